@@ -99,9 +99,11 @@ def plan_once(
     """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless ``forced``."""
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
-    from polish_sim.exchange.viewers import html_text
-    from polish_sim.experiments import time_law
+    from polish_sim.exchange.viewers import path_page
+    from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.report import save_plots
+    from polish_sim.experiments.run_page import plan_page
+    from polish_sim.page.page import page_html
     from polish_sim.planning import plan_part
 
     dual = scenario.experiment == "dual"
@@ -115,13 +117,17 @@ def plan_once(
     if unreached and not forced:
         return result, unreached
     observer.stage("time the motion")
-    result.figures.update(time_law(scenario, result.path, result.mesh.noise, observer.progress, reach))
+    strokes = cycle_strokes(scenario, result.path, result.mesh.noise, observer.progress, reach)
+    result.figures.update(time_figures(strokes))
     result.figures["plan_time_s"] += time.perf_counter() - begin
     write_plan(folder, result)
     setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
     export_plan(folder, result, wanted.formats, setup)
     observer.stage("draw")
-    (folder / PAGE).write_text(html_text(result, setup), encoding="utf-8")
+    page = path_page(result, setup)
+    if reach is not None and strokes:
+        page = plan_page(page, scenario, result, reach, strokes)
+    (folder / PAGE).write_text(page_html(page), encoding="utf-8")
     save_plots(folder, plots)
     return result, unreached
 

@@ -17,20 +17,23 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord, once_more
+from polish_sim.analysis.run_record import RunRecord, once_more, read_json
 from polish_sim.arrays import Array
-from polish_sim.cell import Silent
+from polish_sim.cell import Silent, tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.viewers import html_text
+from polish_sim.experiments.compared_page import seeds_page
 from polish_sim.experiments.registry import default_scenario, run_experiment
 from polish_sim.experiments.report import write_page, write_saved_page
-from polish_sim.experiments.run_page import clock, seeds_page
+from polish_sim.experiments.run_page import clock
 from polish_sim.log import RunLog
+from polish_sim.motion import forward
 from polish_sim.page import PAGE
 from polish_sim.page.page import page_html, read_page, tables_page
 from polish_sim.scenario_file import merge, override
 from polish_sim.scoring import BATTERY, user_entry
+from polish_sim.spatial import apply, inverse
 from tests.planning.shapes import shipped_plan
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -363,6 +366,24 @@ def test_many_seeds_have_bands_from_the_least_to_the_largest(surface: Made, hard
     inside = (force.low - 0.2 <= forces) & (forces <= force.high + 0.2)  # between its own rows
     assert inside.mean() > 0.99
     assert np.median((force.high - force.low)[np.isfinite(page.motion.asked)]) == pytest.approx(6.0, abs=0.5)
+
+
+def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim: Callable[..., Any]) -> None:
+    code, out, err = polish_sim("plan", "sphere_100", "--stepover", "20", "--feed", "40", "--out", "plan")
+    assert code == 0, err
+    assert "to look at in a browser: plan/report.html" in out
+    page, figures = read_page(Path("plan", PAGE)), read_json(Path("plan", "metrics.json"))
+    motion, pressing = page.motion, page.motion.force > 0.0
+    assert motion.time[-1] == pytest.approx(figures["cycle_time_s"], abs=1e-3)
+    assert (np.diff(motion.time) > 0.0).all()
+    # The joints hold the pad where the page says it is, and in contact that is on the path.
+    tips = forward(motion.joints[:, :6]) @ tool_on_flange()
+    pads = tips[:, :3, 3] - motion.joints[:, 6:] * tips[:, :3, 2]
+    assert np.linalg.norm(pads - motion.pad, axis=1).max() < 3e-4
+    on_part = apply(inverse(np.array(figures["T_base_work"])), motion.pad[pressing])
+    assert (
+        np.linalg.norm(on_part[:, None] - page.path[None], axis=2).min(axis=1).max() < 1.5e-3
+    )  # path points lie apart
 
 
 def test_a_run_says_where_its_page_is(polish_sim: Callable[..., Any]) -> None:

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell.stroke import Stroke, cycle_time
+from polish_sim.arrays import Array
+from polish_sim.cell.stroke import (
+    RETRACT_SPEED,
+    TARE_START,
+    TARE_TIME,
+    TOUCH_DOWN_TIME,
+    Stroke,
+    cycle_time,
+    feed_acceleration,
+)
 from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, placed_tool
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.stroke_motion import feed_figures, within_noise
 from polish_sim.geometry.repair.skin import Noise
+from polish_sim.motion.timed_path import TimedPath
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import unit
 
@@ -39,14 +50,31 @@ def time_law(
 
     They are undefined for a path that cannot be smoothed. ``process.max_feed_s`` ends nothing here.
     """
+    return time_figures(cycle_strokes(scenario, path, noise, progress, reach))
+
+
+def cycle_strokes(
+    scenario: Scenario,
+    path: ToolPath,
+    noise: Noise,
+    progress: Callable[[float, float], None],
+    reach: Reach | None = None,
+) -> list[Stroke]:
+    """The strokes of a path as a run does them, arguments of ``time_law``; none if it cannot be smoothed."""
     whole = replace(within_noise(scenario, noise), process=replace(scenario.process, max_feed_s=0.0))
     placed = placed_tool(path, reach) if reach else PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
     try:
-        strokes = placed_strokes(whole, path, placed, 0.0, scenario.plan.clearance_m, progress)
+        return placed_strokes(whole, path, placed, 0.0, scenario.plan.clearance_m, progress)
     except SmoothingError:
+        return []
+
+
+def time_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
+    """The figures of ``time_law`` of some strokes."""
+    if not strokes:
         return dict.fromkeys((*feed_figures(()), *OWN), math.nan)
     off = np.max([(0.0, 0.0), *(_deviations(stroke) for stroke in strokes)], axis=0)
-    own = (cycle_time(strokes), float(off[0]), float(off[1]))
+    own = (cycle_time(tuple(strokes)), float(off[0]), float(off[1]))
     return feed_figures(strokes) | dict(zip(OWN, own, strict=True))
 
 
@@ -64,3 +92,64 @@ def _deviations(stroke: Stroke) -> tuple[float, float]:
 
 def _axes(quaternions: np.ndarray) -> np.ndarray:
     return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).apply([0.0, 0.0, 1.0]))
+
+
+# The whole cycle, row by row: what a picture of the plan in motion plays.
+
+ROWS_S: Final = 0.05  #: Between rows of a motion, about [s]
+
+
+class Cycle(NamedTuple):
+    """The tool over a cycle, base frame."""
+
+    time: Array  #: [s], rising, shape (n,)
+    positions: Array  #: Tool point, in contact pressed in [m], shape (n, 3)
+    quaternions: Array  #: R_base_tool as wxyz, shape (n, 4)
+    force: Array  #: To press with [N], zero in the air, shape (n,)
+    curvature: Array  #: Of the part along the path [1/m], zero in the air, shape (n,)
+
+
+def cycle_of(strokes: Sequence[Stroke]) -> Cycle:
+    """Zeroing of the sensor, ways down, touch-downs, strokes and lifts one after the other, as in ``cycle_time``."""
+    pieces: list[Cycle] = []
+
+    def add(
+        duration: Array, positions: Array, quaternions: Array, force: Array | None = None, bend: Array | None = None
+    ) -> None:
+        begin, none = pieces[-1].time[-1] if pieces else 0.0, np.zeros(len(positions))
+        parts = (force if force is not None else none, bend if bend is not None else none)
+        pieces.append(Cycle(begin + duration, positions, quaternions, *parts))
+
+    for number, stroke in enumerate(strokes):
+        way, table, motion = stroke.travel, stroke.process, stroke.motion
+        if number == 0 or stroke.retare:
+            rest = np.array([0.0, TARE_START + TARE_TIME])
+            add(rest, way.positions[[0, 0]], way.quaternions[[0, 0]])
+        add(*_thinned(_played(way), way.positions, way.quaternions))
+        down, speed = stroke.lead_in, stroke.approach_speed
+        takes = down.length / speed + 0.5 * speed / feed_acceleration.py_func(speed)
+        add(*_thinned(np.linspace(0.0, takes, len(down.positions)), down.positions, down.quaternions))
+        add(np.array([TOUCH_DOWN_TIME]), motion.positions[:1], motion.quaternions[:1], stroke.force[:1])
+        rows = np.arange(len(table.positions)) * table.spacing
+        force, bend = (np.interp(motion.places, rows, values) for values in (stroke.force, table.curvature))
+        add(*_thinned(_played(motion), motion.positions, motion.quaternions, force, bend))
+        lifted = stroke.lift + stroke.depth if stroke.lift > 0.0 else 0.0
+        above = motion.positions[-1] - lifted * _axes(motion.quaternions[-1:])[0]
+        add(np.array([lifted / RETRACT_SPEED]), above[None], motion.quaternions[-1:])
+    whole = [np.concatenate(columns) for columns in zip(*pieces, strict=True)]
+    kept = np.append(np.diff(whole[0]) > 1e-9, True)
+    return Cycle(*(column[kept] for column in whole))
+
+
+def _played(motion: TimedPath) -> Array:
+    """When the rows of a motion are played at its largest rates [s], from 0."""
+    slowness = 1.0 / motion.rates
+    steps = 0.5 * (slowness[1:] + slowness[:-1]) * motion.duration / max(len(slowness) - 1, 1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _thinned(time: Array, *columns: Array) -> tuple[Array, ...]:
+    """Rows about ``ROWS_S`` apart, the last one always."""
+    every = max(1, int(ROWS_S * (len(time) - 1) / time[-1])) if time[-1] > 0.0 else 1
+    kept = np.unique(np.append(np.arange(0, len(time), every), len(time) - 1))
+    return (time[kept], *(column[kept] for column in columns))

@@ -61,7 +61,8 @@ def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str]
 
     A run without a row has no page.
     """
-    from polish_sim.experiments.run_page import cell_model, remade, run_page
+    from polish_sim.experiments.compared_page import cell_model, remade
+    from polish_sim.experiments.run_page import run_page
 
     if model is None and remade(record):
         model = cell_model(record)
@@ -71,7 +72,7 @@ def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str]
 
 def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[RunRecord]) -> None:
     """Write the page of a saved run, or of several of one experiment over each other, if all have something to show."""
-    from polish_sim.experiments.run_page import pages_over, saved_page
+    from polish_sim.experiments.compared_page import pages_over, saved_page
 
     pages = [saved_page(source, record) for source, record in zip(sources, records, strict=True)]
     known = [page for page in pages if page is not None]
@@ -81,7 +82,7 @@ def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[Ru
 
 def write_seeds_page(folder: Path, records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]) -> None:
     """Write the page of many seeds of one scenario with one robot; ``columns`` are figures by heading."""
-    from polish_sim.experiments.run_page import remade, seeds_page
+    from polish_sim.experiments.compared_page import remade, seeds_page
 
     if all(map(remade, records)):
         _save_page(folder, seeds_page(records, columns))

@@ -1,10 +1,8 @@
-"""A run as a page for the browser: the cell it ran in, its log and its figures (record, scene -> Page)."""
+"""A run as a page for the browser: the cell it ran in, its log and its figures (record, scene -> Page); a plan too."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -13,17 +11,20 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.analysis.claim import claim_row
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord, changed_settings, notes_of, setting_rows, stop_mark
+from polish_sim.analysis.run_record import RunRecord, changed_settings, stop_mark
 from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.cell import Stroke, tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
-from polish_sim.errors import PolishSimError
+from polish_sim.config import Scenario
+from polish_sim.exchange.viewers import path_plots
+from polish_sim.experiments.cycle import cycle_of
+from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import claims_shown, experiment
-from polish_sim.geometry import load_part
 from polish_sim.geometry.lighter_mesh import lighter_mesh
 from polish_sim.log import PHASES, RemovalMap, RunLog
-from polish_sim.models import part_path
-from polish_sim.page import PAGE
-from polish_sim.page.page import Body, Line, Motion, Other, Page, Plot, Solid, Wear, box, cylinder, read_page
+from polish_sim.motion import track
+from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, box, cylinder
+from polish_sim.planning import PlanResult
 from polish_sim.spatial import apply, transform
 
 JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -227,10 +228,7 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
         Plot("Error across the tool", "µm", [Line("error", 1e6 * motion.error, "main", 0.0 * worst, 1e6 * worst)]),
         Plot("Tool speed", "mm/s", [
             Line("feed asked", np.full(n, MM * process.feed_m_s), "asked"), Line("speed", MM * motion.speed)]),
-        Plot("Joint speeds", "%", [
-            Line(name.replace("_", " "), 100.0 / limit * speed, str(k))
-            for k, (name, speed) in enumerate(zip(JOINTS, column("qd_rad_s").T, strict=True))
-        ], f"of the limit, {DEG * limit:.0f}°/s"),
+        joint_plot(column("qd_rad_s"), limit),
         Plot("Command", "mm/s", [Line("into the part", MM * along, "0"), Line("along it", MM * across, "1")]),
     ]  # fmt: skip
     if record.scenario.experiment not in ("arc", "surface"):
@@ -241,6 +239,12 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
     if "hand_force_n" in log.names:
         plots[1] = Plot("Hand", "N", [Line("force", np.linalg.norm(column("hand_force_n"), axis=1))])
     return [plot for plot in plots if any(np.nan_to_num(line.values).any() for line in plot.lines)]
+
+
+def joint_plot(rates: Array, limit: float) -> Plot:
+    """Speeds of the six joints (n, 6) beside their limit [rad/s]."""
+    lines = [Line(name.replace("_", " "), 100.0 / limit * rates[:, k], str(k)) for k, name in enumerate(JOINTS)]
+    return Plot("Joint speeds", "%", lines, f"of the limit, {DEG * limit:.0f}°/s")
 
 
 def _wear(record: RunRecord, removal: RemovalMap) -> Wear:
@@ -255,131 +259,43 @@ def _wear(record: RunRecord, removal: RemovalMap) -> Wear:
     return Wear(vertices, faces, value, "removal", unit_, top, record.scenario.pad.radius_m, spin)
 
 
-# Saved runs, and several of them laid over each other.
-
-ON_STAND: Final = ("force", "surface")  #: Experiments with a part on a stand
-ALIKE: Final = ("force", "error", "speed", "distance")  #: Curves of one run each that are put over each other
+# A plan with the robot that does it.
 
 
-def saved_page(folder: Path, record: RunRecord) -> Page | None:
-    """The page of a saved run: its own, or made again as far as one robot goes; None if there is nothing to show."""
-    if (folder / PAGE).exists():
-        return read_page(folder / PAGE)
-    return run_page(record, cell_model(record)) if remade(record) else None
-
-
-def remade(record: RunRecord) -> bool:
-    """Whether the cell of a run can be set up again from what it left."""
-    return record.scenario.experiment in ("arc", "smooth", *ON_STAND) and len(record.log) > 0
-
-
-def cell_model(record: RunRecord) -> Any:
-    """The cell of a run with one robot, the part where it was planned; without the part if its file is gone."""
-    spec, T_base_work = robot_with_tool(record.scenario), record.metrics.get("T_base_work")
-    if T_base_work is not None and record.scenario.experiment in ON_STAND:
-        part = record.scenario.part
-        with suppress(PolishSimError):
-            mesh, below = load_part(part_path(part.file), part.unit, part.up), False
-            if record.path is not None:
-                below = works_below(np.array(T_base_work), record.path.axes_work)
-            lay_part(spec, mesh, np.array(T_base_work), below)
-    return spec.compile()
-
-
-def pages_over(records: Sequence[RunRecord], pages: Sequence[Page]) -> Page:
-    """Several runs of one experiment over each other: the first one's cell, the curves and removal of all."""
-    first, names = pages[0], [record.name for record in records]
-    time = max((page.motion.time for page in pages), key=lambda rows: rows[-1])
-    motions = [_resampled(page.motion, time) for page in pages]
-    columns = [record.metrics for record in records]
-    rows = [claim_row(claim, columns, None) for claim in claims_shown([record.scenario for record in records])]
-    figures = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
-    asked = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in setting_rows(records)]
-    stops = [f"{name}: {page.stop}" for name, page in zip(names, pages, strict=True) if page.stop]
-    others = [
-        Other(name, motion, _same_places(first.wear, page.wear))
-        for name, page, motion in zip(names[1:], pages[1:], motions[1:], strict=True)
-    ]
-    return first._replace(
-        title=f"{records[0].scenario.experiment}: {', '.join(names)}",
-        about="runs over each other: the arm is the first one's, traces and curves are of all",
-        stop="; ".join(stops),
-        motion=motions[0],
-        plots=[
-            _over(plot, names, pages, time) for plot in first.plots if {line.label for line in plot.lines} & set(ALIKE)
-        ],
-        tables={
-            "Asked": [["", *names], *asked],
-            "Figures": [["figure", *names, "paper", "asked"], *figures],
-        },
-        notes=notes_of(records),
-        command="",
-        name=names[0],
-        others=others,
+def plan_page(page: Page, scenario: Scenario, result: PlanResult, reach: Reach, strokes: Sequence[Stroke]) -> Page:
+    """The page of a plan, ``page``, with the robot that does it, as long as the cycle takes."""
+    spec = robot_with_tool(scenario)
+    lay_part(spec, result.mesh, reach.T_base_work, works_below(reach.T_base_work, result.path.axes_work))
+    model, cycle = spec.compile(), cycle_of(strokes)
+    turns = np.asarray(Rotation.from_quat(cycle.quaternions, scalar_first=True).as_matrix())
+    q = track(transform(turns, cycle.positions), tool_on_flange(), reach.q_start).q
+    if not np.isfinite(q).all():
+        return page
+    # The head's spring and the pad, one behind the other, give way.
+    sunk = cycle.force * (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
+    pad = cycle.positions - sunk[:, None] * turns[:, :, 2]
+    bodies, body = scene_bodies(model), part_body(model)
+    steps = np.diff(cycle.time)
+    speed = np.append(np.linalg.norm(np.diff(cycle.positions, axis=0), axis=1) / steps, 0.0)
+    pressing = cycle.force > 0.0
+    motion = Motion(
+        time=cycle.time,
+        joints=np.column_stack([q, sunk]),
+        pad=pad,
+        force=cycle.force,
+        asked=np.where(pressing, cycle.force, np.nan),
+        speed=speed,
+        error=np.zeros(len(pad)),
+        curvature=cycle.curvature,
     )
-
-
-def _resampled(motion: Motion, time: Array) -> Motion:
-    """A motion at other moments (n,) [s]; past its end it stands still."""
-    columns = {}
-    for name, values in motion._asdict().items():
-        table = np.asarray(values)[:, None] if np.ndim(values) == 1 else values
-        rows = np.stack([np.interp(time, motion.time, column) for column in table.T], axis=1)
-        columns[name] = rows[:, 0] if np.ndim(values) == 1 else rows
-    return Motion(**{**columns, "time": time, "force": np.where(time > motion.time[-1], 0.0, columns["force"])})
-
-
-def _over(plot: Plot, names: Sequence[str], pages: Sequence[Page], time: Array) -> Plot:
-    """The same curve of every run that has it."""
-    lines = [line._replace(values=np.interp(time, pages[0].motion.time, line.values)) for line in plot.lines
-             if line.role == "asked"]  # fmt: skip
-    for number, (name, page) in enumerate(zip(names, pages, strict=True)):
-        for line in [line for other in page.plots if other.title == plot.title for line in other.lines]:
-            if line.label in ALIKE:
-                values = np.interp(time, page.motion.time, line.values, right=np.nan)
-                lines.append(Line(name, values, str(number % 6)))
-    return plot._replace(lines=lines)
-
-
-def _same_places(wear: Wear | None, other: Wear | None) -> Array:
-    """The removal of another run at the vertices of the first one's."""
-    if wear is None or other is None:
-        return np.empty(0)
-    return np.asarray(other.value[cKDTree(other.vertices).query(wear.vertices)[1]])
-
-
-def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]) -> Page:
-    """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its curves.
-
-    ``columns`` are the figures to show, by heading.
-    """
-    first, model = records[0], cell_model(records[0])
-    page = run_page(first, model)
-    every = [shown_rows(clock(record.log), numbers(record.log, "q_rad")) for record in records]
-    pages = [
-        run_plots(record, run_motion(record, model, kept), kept) for record, kept in zip(records, every, strict=True)
-    ]
-    times = [clock(record.log)[kept] for record, kept in zip(records, every, strict=True)]
-    plots = []
-    for plot in page.plots:
-        lines = list(plot.lines)
-        for at, line in enumerate(lines):
-            if line.label in ALIKE:
-                same = [
-                    np.interp(page.motion.time, time, other.values, right=np.nan)
-                    for time, drawn in zip(times, pages, strict=True)
-                    for twin in drawn
-                    if twin.title == plot.title
-                    for other in twin.lines
-                    if other.label == line.label
-                ]
-                lines[at] = line._replace(low=np.fmin.reduce(same), high=np.fmax.reduce(same))
-        plots.append(plot._replace(lines=lines))
-    rows = [claim_row(claim, list(columns.values()), None) for claim in claims_shown([first.scenario])]
-    figures = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
+    marks = [solid._replace(body=body) for solid in page.solids if solid.kind not in ("part", "arm")]
+    limit = scenario.robot.joint_speed_limit_rad_s
+    rates = np.append(np.diff(q, axis=0) / steps[:, None], np.zeros((1, 6)), axis=0)
     return page._replace(
-        title=f"{first.scenario.experiment}, {first.scenario.controller.label}, {len(records)} seeds",
-        about="the cell and the curves are the first seed's; bands reach from the least to the largest of all",
-        plots=plots,
-        tables={**page.tables, "Figures": [["figure", *columns, "paper", "asked"], *figures]},
+        about=f"{page.about}; the robot does it as long as the cycle takes",
+        bodies=bodies,
+        solids=[*scene_solids(model), *marks],
+        part_body=body,
+        motion=motion,
+        plots=[*path_plots(motion), joint_plot(rates, limit)],
     )
