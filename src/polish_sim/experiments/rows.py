@@ -45,24 +45,34 @@ FORCE_CLAIMS: Final = (
     Claim("steady_std_n", "steady force, std", "N", 1.0),
     PATH_DONE,
 )
-SURFACE_CLAIMS: Final = (
-    Claim("force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995, more_is_better=True),
-    Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
-    Claim("force_mean_n", "force, mean", "N", 1.0, "20"),
-    Claim("force_rms_error_n", "force error, rms", "N", 1.0),
-    Claim("force_max_deviation_n", "force error, max", "N", 1.0, "4"),
-    Claim("force_error_at_peaks_n", "largest error at a peak, mean of the peaks", "N", 1.0),
-    Claim("force_error_median_n", "force error, median", "N", 1.0),
-    Claim("curvature_peaks", "curvature peaks", "", 1.0, "6"),
-    Claim("contact_lost_s", "contact lost", "s", 1.0, "0"),
-    Claim("tracking_error_max_m", "tangential error, max", "mm", 1e3, "-", high=3e-4),
-    Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "constant"),
-    Claim("cycle_time_s", "cycle time", "s", 1.0),
-    Claim("removal_cv", "removal, std / mean", "%", 100.0),
-    Claim("under_polished_share", "removal below half its mean", "%", 100.0),
-    Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),
-    PATH_DONE,
-)
+
+
+def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
+    """What is asked of polishing a part.
+
+    The tool of an arm with gears strays from its path by what the host does not see of them: as far as the accuracy
+    of arms of its class on a path, 0.65 mm (Slamani 2012, IRB 1600).
+    """
+    strays = 3e-4 if scenario.robot.arm == "ideal" else 6.5e-4
+    return (
+        Claim("force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995, more_is_better=True),
+        Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
+        Claim("force_mean_n", "force, mean", "N", 1.0, "20"),
+        Claim("force_rms_error_n", "force error, rms", "N", 1.0),
+        Claim("force_max_deviation_n", "force error, max", "N", 1.0, "4"),
+        Claim("force_error_at_peaks_n", "largest error at a peak, mean of the peaks", "N", 1.0),
+        Claim("force_error_median_n", "force error, median", "N", 1.0),
+        Claim("curvature_peaks", "curvature peaks", "", 1.0, "6"),
+        Claim("contact_lost_s", "contact lost", "s", 1.0, "0"),
+        Claim("tracking_error_max_m", "tangential error, max", "mm", 1e3, "-", high=strays),
+        Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "constant"),
+        Claim("cycle_time_s", "cycle time", "s", 1.0),
+        Claim("removal_cv", "removal, std / mean", "%", 100.0),
+        Claim("under_polished_share", "removal below half its mean", "%", 100.0),
+        Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),
+        PATH_DONE,
+    )
+
 
 ARC: Final = Experiment(
     "arc",
@@ -98,7 +108,7 @@ SURFACE: Final = Experiment(
     Scenario(experiment="surface"),
     run="polish_sim.experiments.surface:run_surface",
     prepare="polish_sim.experiments.surface:check_surface",
-    claims=always(SURFACE_CLAIMS),
+    claims=surface_claims,
     plots=always(
         {
             "force.png": "polish_sim.analysis.surface_plot:plot_surface_force",
