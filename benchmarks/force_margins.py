@@ -6,7 +6,10 @@ import math
 import sys
 from dataclasses import replace
 
+from polish_sim.cell.real_arm import ARMS, is_real
+from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import override
 from polish_sim.scoring.border import analytic_margins, simulated_margins
 from polish_sim.scoring.force_bench import build_bench
 
@@ -14,7 +17,12 @@ CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "admittance", "impedance-position
 
 
 def main() -> None:
-    scenario = default_scenario("force")
+    for arm in ARMS:
+        print(f"robot.arm = {arm}")
+        margins_on(override(default_scenario("force"), [f"robot.arm={arm}"]))
+
+
+def margins_on(scenario: Scenario) -> None:
     bench = build_bench(scenario)
     print(f"  {'':20s}{'':30s}{'gain':>8s}{'at':>11s}{'phase':>8s}{'delay':>9s}{'at':>11s}")
     for name in sys.argv[1:] or CONTROLLERS:
@@ -22,7 +30,7 @@ def main() -> None:
         model = analytic_margins(named)
         phase = f"{math.degrees(model.phase):.0f} deg"
         _row(name, "linear model", model.gain, model.phase_crossover, phase, model.delay, model.crossover)
-        for friction in (False, True):
+        for friction in (True,) if is_real(scenario) else (False, True):
             what = "cell" if friction else "cell without joint friction"
             cell = simulated_margins(named, bench, friction)
             _row("", what, cell.gain, cell.gain_frequency, "", cell.delay, cell.delay_frequency)

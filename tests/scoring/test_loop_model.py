@@ -15,7 +15,7 @@ from polish_sim.control import CONTROLLERS, Measurement, Target, build_controlle
 from polish_sim.control.loops import PiGains, PiMemory, force_pi
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.loop_model import Arm, Complex, Setup, build_plant, plant_response, setup_of
+from polish_sim.scoring.loop_model import Complex, Setup, build_plant, one_mass, plant_response, setup_of
 from polish_sim.scoring.margins import (
     SLOWEST,
     contour,
@@ -32,7 +32,7 @@ from polish_sim.scoring.margins import (
 )
 from polish_sim.scoring.measured_law import measure_law
 
-FORCE = default_scenario("force")
+FORCE = override(default_scenario("force"), ["robot.arm=ideal"])
 
 
 class PiLaw(NamedTuple):
@@ -170,7 +170,8 @@ def test_delay_counts_the_same_before_and_after_the_law() -> None:
 
 def test_closed_loop_in_time_dies_away_as_its_slowest_eigenvalue_says() -> None:
     setup, law = _loop()
-    plant, s, q = build_plant(setup), np.zeros(7), np.zeros(2)
+    plant, q = build_plant(setup), np.zeros(2)
+    s = np.zeros(len(plant.B))
     samples, commands = [0.0] * (setup.sensor_steps + 1), [0.0] * (setup.command_steps + 1)
     s[:2] = 1e-3, 0.25e-3
     force = []
@@ -189,14 +190,14 @@ def test_the_filter_is_what_keeps_the_tools_inertia_from_chattering() -> None:
     setup, law = _loop()
     bare = pi_law(0.004, 0.012, 500.0, setup.dt)
     assert growth(closed_loop_matrix(setup, law), setup.dt) < 0.0 < growth(closed_loop_matrix(setup, bare), setup.dt)
-    weightless = setup._replace(arm=Arm(mount_mass=0.0))
+    weightless = setup._replace(arm=one_mass(mount_mass=0.0))
     assert growth(closed_loop_matrix(weightless, bare), setup.dt) < 0.0
 
 
 def test_noise_through_the_loop_has_the_rms_of_a_run() -> None:
     setup = setup_of(FORCE)
     law, plant, rng = hybrid_pi_linear(FORCE.controller, setup.dt), build_plant(setup), np.random.default_rng(0)
-    s, q, noisy = np.zeros(7), np.zeros(2), 0.0
+    s, q, noisy = np.zeros(len(plant.B)), np.zeros(2), 0.0
     samples, commands, forces = [0.0] * (setup.sensor_steps + 1), [0.0] * (setup.command_steps + 1), []
     for draw in rng.normal(0.0, 0.5, 60_000):
         noisy += setup.sensor_blend * (draw - noisy)

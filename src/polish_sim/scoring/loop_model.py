@@ -2,50 +2,113 @@
 
 Along the tool axis, small motions about a state of contact::
 
-    command -> latency -> joint servos -> arm x --head spring, damper--> head y --pad--> F
+    command -> latency -> joint servos -> (rotors -> gears ->) arm x --head spring, damper--> head y --pad--> F
     F + mount's and head's inertia -> low-pass -> latency -> reading
 
 The model is discrete at the control cycle and takes the cell's own order of computing (semi-implicit steps, forces
 explicit, damping implicit), so that borders of stability come out of its eigenvalues exactly, delays included.
-Friction of the joints is not linear; ``Arm.drag`` can stand for it at one amplitude.
+Coulomb friction is not linear and left out; the hysteresis of gears is taken at one amplitude.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
+from polish_sim.cell.gears import RealArm, slip
+from polish_sim.cell.real_arm import gear_twists, is_real, joints_about
 from polish_sim.config import Scenario
 
 Complex = NDArray[np.complex128]
 
 
 class Arm(NamedTuple):
-    """The arm along the tool axis, as one mass on its servos; the numbers are those of ``force``'s pose.
+    """The arm along the tool axis: n coordinates whose springs and dampers pull a tool, and a drive that moves them."""
+
+    mass: Array  #: Without the head [kg or kg m^2], shape (n, n)
+    stiffness: Array  #: Of gears and servos, shape (n, n)
+    damping: Array  #: Of gears and servos, shape (n, n)
+    drive: Array  #: Pull of the servos by the commanded place of the tool [N/m or N], shape (n,)
+    drive_damping: Array  #: By its commanded speed, shape (n,)
+    tool: Array  #: Place of the tool along its axis by the coordinates, shape (n,)
+    host: Array  #: The same as the host has it from its encoders, shape (n,)
+    path: Array  #: Coordinates by the place of the tool when all of the arm moves, shape (n,)
+    lag: float = 1.0  #: Share of the way to the command that the servos' set points go in a step [-]
+    mount_mass: float = 1.7  #: What hangs on the sensor before the head's spring [kg]
+
+
+def one_mass(mass: float = 8.26, omega: float = 213.0, damping: float = 0.976, mount_mass: float = 1.7) -> Arm:
+    """The ideal arm as one mass on its servos; the numbers are those of ``force``'s pose.
 
     Reduced from the compiled model's six joints (mass matrix, kp and kv of the servos): velocity and felt inertia
     agree with them within 5% from 1 to 150 Hz (1.5% rms); a chirp in the cell agrees with the six joints within 1%.
+
+    Args:
+        mass: What the arm and the tool mount weigh along the tool axis [kg].
+        omega: Servos: sqrt(kp / inertia) [rad/s].
+        damping: Servos: damping ratio [-].
+        mount_mass: See `Arm`.
     """
+    k, d, unit = mass * omega**2, 2.0 * damping * omega * mass, np.ones(1)
+    return Arm(mass * np.eye(1), k * np.eye(1), d * np.eye(1), k * unit, d * unit, unit, unit, unit, 1.0, mount_mass)
 
-    mass: float = 8.26  #: What the arm and the tool mount weigh along the tool axis [kg]
-    omega: float = 213.0  #: Servos: sqrt(kp / inertia) [rad/s]
-    damping: float = 0.976  #: Servos: damping ratio [-]
-    mount_mass: float = 1.7  #: What hangs on the sensor before the head's spring [kg]
-    drag: float = 0.0  #: Friction of the joints as a damper [N s/m]
 
-    @property
-    def stiffness(self) -> float:
-        """Of the servos at the tool [N/m]."""
-        return self.mass * self.omega**2
+FORCE_POSE: Final = np.array([1.3009, -1.5168, 1.9295, -1.9834, -1.5708, 2.8717])
+"""Joints in the experiment ``force`` [rad], shape (6,)."""
+SWINGS: Final = (0.0, 2e-5, 5e-5, 1e-4, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]
 
-    @property
-    def servo_damping(self) -> float:
-        """Of the servos at the tool [N s/m]."""
-        return 2.0 * self.damping * self.omega * self.mass
+
+def elastic_arm(scenario: Scenario, q: Array = FORCE_POSE, swing: float = 0.0) -> Arm:
+    """The arm with gears and rotors about a pose ``q`` (6,) [rad], loaded by its weight and the contact force.
+
+    Hysteresis is taken at an amplitude of the gears' twist [rad]: a part of its torque is elastic, a part damps (by
+    harmonic balance, about 20 Hz). Coulomb friction of the motors and of the pad is left out; it damps. The host's
+    loops across the tool axis are left out, too, and so is the slow correction of servos on the links' side.
+    """
+    arm, links, J, axis, head, weight = joints_about(scenario, q)
+    tool, nothing = axis @ J[:3], np.zeros(6)
+    way = np.linalg.solve(J, np.concatenate([axis, np.zeros(3)]))
+    gears = _tangents(scenario, weight + scenario.process.contact_force_n * tool), np.array(arm.coupling)
+    slip_stiffness = np.array([_slipping(arm, j, swing) for j in range(6)])
+    mass = np.zeros((12, 12))
+    mass[:6, :6], mass[6:, 6:] = links - head * np.outer(tool, tool), np.diag(arm.inertia)
+    matrices = []
+    for gear, slip_part, servo in (
+        (gears[0], slip_stiffness.real, arm.kp),
+        (gears[1], slip_stiffness.imag / _ABOUT, arm.kv + (1.0 + arm.cold) * np.array(arm.viscous)),
+    ):
+        twisted = np.diag(gear + slip_part)
+        matrices.append(np.block([[twisted, -twisted], [-twisted, twisted + np.diag(servo)]]))
+    at_links, at_rotors = np.concatenate([tool, nothing]), np.concatenate([nothing, tool])
+    pull, drag = np.concatenate([nothing, arm.kp * way]), np.concatenate([nothing, arm.kv * way])
+    host, path = at_links if arm.on_link else at_rotors, np.concatenate([way, way])
+    return Arm(mass, *matrices, pull, drag, at_links, host, path, float(arm.lag))
+
+
+_ABOUT = 2.0 * math.pi * 20.0  # where the damping of the hysteresis is matched [rad/s]
+
+
+def _tangents(scenario: Scenario, torque: Array) -> Array:
+    """Stiffness of the gears under torques (6,) [N m], shape (6,) [N m/rad]."""
+    real = scenario.robot.real
+    more = gear_twists(real, np.stack([torque - 1e-3, torque + 1e-3]))
+    return np.asarray(2e-3 / (more[1] - more[0]))
+
+
+def _slipping(arm: RealArm, j: int, swing: float) -> complex:
+    """Torque of gear ``j``'s hysteresis by its twist swinging at an amplitude [rad], its lead imaginary [N m/rad]."""
+    if swing == 0.0:
+        return complex(arm.lost_torque[j] / arm.rise)
+    phase = np.linspace(0.0, 2.0 * math.pi, 401)
+    twist, torque, torques = swing * np.cos(phase), 0.0, np.empty(400)
+    for _ in range(3):
+        for k in range(400):
+            torque = torques[k] = slip(torque, twist[k + 1] - twist[k], arm.lost_torque[j], arm.rise)
+    return complex(np.mean(2.0 * torques * np.exp(-1j * phase[1:])) / swing)
 
 
 class Setup(NamedTuple):
@@ -71,11 +134,11 @@ class Setup(NamedTuple):
 def setup_of(scenario: Scenario, arm: Arm | None = None) -> Setup:
     """The force loop of a scenario, the whole pad touching a plane; law and sensor at the physics' rate.
 
-    ``arm``: in its pose, that of ``force`` if not given.
+    ``arm``: in its pose; that of ``force`` if not given, elastic joints swinging by next to nothing.
     """
     head, pad, sensor, dt = scenario.head, scenario.pad, scenario.sensor, scenario.simulation.timestep_s
     return Setup(
-        arm or Arm(),
+        arm or (elastic_arm(scenario) if is_real(scenario) else one_mass()),
         head.stiffness_n_m * head.spring_scale,
         head.damping_n_s_m,
         head.mass_kg,
@@ -89,46 +152,56 @@ def setup_of(scenario: Scenario, arm: Arm | None = None) -> Setup:
 
 
 class Plant(NamedTuple):
-    """s' = A s + B a with the command a acting in this step [m/s]; outputs before the step."""
+    """s' = A s + B a with the command a acting in this step [m/s]; outputs before the step. Each row of shape (m,)."""
 
-    A: Array  #: Shape (7, 7)
-    B: Array  #: Shape (7,)
-    reading: Array  #: Row of the sensor's newest low-passed sample [N], shape (7,)
-    velocity: Array  #: Row of the tool's velocity [m/s], shape (7,)
-    position: Array  #: Row of the tool's place along its axis [m], shape (7,)
-    force: Array  #: Row of the exact contact force [N], shape (7,)
+    A: Array  #: Shape (m, m)
+    B: Array  #: Shape (m,)
+    reading: Array  #: Row of the sensor's newest low-passed sample [N]
+    velocity: Array  #: Row of the tool's velocity as the host has it [m/s]
+    position: Array  #: Row of the tool's place along its axis as the host has it [m]
+    force: Array  #: Row of the exact contact force [N]
+    head: Array  #: Row of the head's place [m]
+    moved: Array  #: State when all of the arm stands a metre further along the tool axis
 
 
 def build_plant(setup: Setup) -> Plant:
     """The cell's step along the tool axis as matrices.
 
-    States: arm x, head y [m], their velocities [m/s], commanded place [m], the engine's last force at the sensor [N]
-    and its low-passed value [N].
+    States: coordinates of the arm and place of the head y [m], their velocities, commanded place [m], set points of the
+    servos [m, m/s], the engine's last force at the sensor [N] and its low-passed value [N].
     """
-    arm, h = setup.arm, setup.dt
-    k, c, kp, cp = setup.head_stiffness, setup.head_damping, setup.pad_stiffness, setup.pad_damping
-    K, D = arm.stiffness, arm.servo_damping
-    contact = np.array([0.0, kp, 0.0, cp, 0.0, 0.0, 0.0])
-    # Forces on arm and head from the state; the command moves the servos' goal before they pull.
-    pull = np.array([[-K - k, k, -D - arm.drag - c, c, K, 0.0, 0.0], [k, -k, c, -c, 0.0, 0.0, 0.0] - contact])
-    pull_command = np.array([K * h + D, 0.0])
-    mass = np.diag([arm.mass, setup.head_mass])
-    implicit = mass + h * np.array([[D + arm.drag + c, -c], [-c, c]])
-    step = h * np.linalg.inv(implicit)
+    arm, h, n = setup.arm, setup.dt, len(setup.arm.mass)
+    N, size = n + 1, 2 * n + 7
+    place, set_point, set_speed, sensed, filtered = range(2 * N, size)
+    K, D, mass = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
+    K[:n, :n], D[:n, :n], mass[:n, :n], mass[n, n] = arm.stiffness, arm.damping, arm.mass, setup.head_mass
+    squeezed = np.append(arm.tool, -1.0)  # of the head's spring, by the coordinates
+    K += setup.head_stiffness * np.outer(squeezed, squeezed)
+    D += setup.head_damping * np.outer(squeezed, squeezed)
+    step = h * np.linalg.inv(mass + h * D)
+    # Rows over the states, and the command at the end.
+    move, contact, goal, rate = np.zeros((size, size + 1)), np.zeros(size + 1), np.zeros(size + 1), np.zeros(size + 1)
+    contact[n], contact[N + n] = setup.pad_stiffness, setup.pad_damping
+    # The command moves the servos' goal before they pull.
+    goal[[set_point, place, size]] = 1.0 - arm.lag, arm.lag, arm.lag * h
+    rate[[set_speed, size]] = 1.0 - arm.lag, arm.lag
+    pull = np.outer(np.append(arm.drive, 0.0), goal) + np.outer(np.append(arm.drive_damping, 0.0), rate)
+    pull[:, :N] -= K
+    pull[:, N : 2 * N] -= D
+    pull[n] -= contact
+    move[N : 2 * N] = step @ pull
+    move[N : 2 * N, N : 2 * N] += np.eye(N)
+    move[:N] = h * move[N : 2 * N]
+    move[:N, :N] += np.eye(N)
+    move[place, [place, size]] = 1.0, h
+    move[set_point], move[set_speed] = goal, rate
     # Inertia felt by the sensor, of the motion the forces lead to.
-    felt = np.array([arm.mount_mass, setup.head_mass]) @ step / h
-    A, B = np.eye(7), np.zeros(7)
-    A[2:4] += step @ pull
-    B[2:4] = step @ pull_command
-    A[0:2] += h * A[2:4]
-    A[0, 0], A[1, 1] = 1.0 + h * A[2, 0], 1.0 + h * A[3, 1]
-    B[0:2] = h * B[2:4]
-    B[4] = h
-    A[5] = contact + felt @ pull
-    B[5] = felt @ pull_command
-    A[6, 6], A[6, 5] = 1.0 - setup.sensor_blend, setup.sensor_blend
-    unit = np.eye(7)
-    return Plant(A, B, A[6].copy(), unit[2], unit[0], contact)
+    move[sensed] = contact + np.append(arm.mount_mass * arm.tool, setup.head_mass) @ step @ pull / h
+    move[filtered, [filtered, sensed]] = 1.0 - setup.sensor_blend, setup.sensor_blend
+    velocity, position, head, moved = np.zeros((4, size))
+    velocity[N : N + n], position[:n], head[n] = arm.host, arm.host, 1.0
+    moved[:n], moved[[n, place, set_point]] = arm.path, 1.0
+    return Plant(move[:, :size], move[:, size], move[filtered, :size], velocity, position, contact[:size], head, moved)
 
 
 def plant_response(plant: Plant, row: Array, z: Complex) -> Complex:

@@ -118,8 +118,7 @@ class _Stand:
         self.setup = setup
         self.touching: Plant = build_plant(setup)
         self.free: Plant = build_plant(setup._replace(pad_stiffness=0.0, pad_damping=0.0))
-        self.state = np.zeros(7)
-        self.state[[0, 1, 4]] = START
+        self.state = START * self.touching.moved
         self.samples, self.commands = np.zeros(setup.sensor_steps + 1), np.zeros(setup.command_steps + 1)
         self.depth, self.goal, self.speed = START, force / stiffness, APPROACH
         self.pressed, self.time = 0.0, 0.0
@@ -156,10 +155,11 @@ class _Stand:
         self._show(self.shown[0] + force, self.shown[1] + velocity, self.shown[2] + place)
 
     def _plant(self) -> Plant:
-        return self.touching if self.state[1] > 0.0 else self.free
+        return self.touching if self.touching.head @ self.state > 0.0 else self.free
 
     def _read(self) -> tuple[float, float, float]:
-        return float(self.samples[-1]), float(self.state[2]), float(self.state[0])
+        plant = self.touching
+        return float(self.samples[-1]), float(plant.velocity @ self.state), float(plant.position @ self.state)
 
     def _show(self, reading: float, velocity: float, place: float) -> None:
         m, t = self.measurement, self.target
