@@ -83,6 +83,10 @@ def _hold(name: str, text: str, *settings: str) -> Case:
     return Case(name, text, "force", settings)
 
 
+def _real(name: str, text: str, *settings: str) -> Case:
+    return _hold(f"real-{name}", f"{text}; 20 N, approach 20 mm/s", "robot.arm=ur5e", APPROACH_20, *settings)
+
+
 def _flat(name: str, text: str, feed_mm_s: float, seconds: float, *settings: str) -> Case:
     sets = (*_FLAT, f"process.feed_m_s={feed_mm_s / 1e3}", f"process.max_feed_s={seconds}", *settings)
     return Case(name, text, "surface", sets)
@@ -177,6 +181,25 @@ BATTERY: Final = (
     _freeform(
         "alias-125hz", "freeform at 30 mm/s, sensor at 125 Hz: the spindle's 100 Hz shows as 25 Hz", 30,
         "sensor.rate_hz=125",
+    ),
+    _real(
+        "stretched", "a plate 0.72 m from the robot's axis: the arm stretched, its first mode low",
+        "part.pose=[0.0,-0.72,0.05,0.0,0.0,0.0]",
+    ),
+    _real(
+        "near-base", "a plate 0.35 m from the robot's axis: the arm folded over it",
+        "part.pose=[0.0,-0.35,0.05,0.0,0.0,0.0]",
+    ),
+    _real(
+        "soft-gears", "gears half as stiff: the arm's first mode near the crossover",
+        "robot.real.stiffness_1_nm_rad=[15500.0,15500.0,15500.0,2350.0,2350.0,2350.0]",
+        "robot.real.stiffness_2_nm_rad=[25000.0,25000.0,25000.0,3050.0,3050.0,3050.0]",
+        "robot.real.stiffness_3_nm_rad=[28500.0,28500.0,28500.0,3550.0,3550.0,3550.0]",
+    ),
+    _real("cold-sensor", "the UR5e's built-in sensor, just switched on", "sensor.model=ur5e-built-in"),
+    _real(
+        "hiccup", "4 ms without the host, three times a second", "robot.real.missed_s=0.004",
+        "robot.real.missed_every_s=0.3",
     ),
 )  # fmt: skip
 """All cases, in the order they are shown."""
