@@ -36,8 +36,8 @@ from polish_sim.cell.wrist_sensor import (
     read_at_rest,
 )
 from polish_sim.config import Scenario
+from polish_sim.control.laws import file_of, tell_error
 from polish_sim.control.signals import Answer, CompiledController, Controller, Course
-from polish_sim.control.user_controller import file_of, tell_error
 from polish_sim.errors import InputError, ReachError
 from polish_sim.kernels import memory_of
 from polish_sim.log import RunLog, Trace, from_rows

@@ -17,8 +17,8 @@ from numba import types
 
 from polish_sim.arrays import Array
 from polish_sim.cell.kernel import CellState
+from polish_sim.control.laws import file_of, tell_error
 from polish_sim.control.signals import LAW_SIGNATURE, Controller, measurement_of, target_of
-from polish_sim.control.user_controller import file_of, tell_error
 from polish_sim.kernels import memory_of
 
 

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 from polish_sim.lazy import names_on_use
 
 if TYPE_CHECKING:
-    from polish_sim.control.laws import CONTROLLERS
+    from polish_sim.control.laws import CONTROLLERS, build_controller
     from polish_sim.control.signals import Controller, Course, Measurement, Target
-    from polish_sim.control.user_controller import build_controller
 else:
     __getattr__ = names_on_use(__name__)
 

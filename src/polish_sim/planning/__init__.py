@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         plan_raster,
         plan_spiral,
     )
-    from polish_sim.planning.patterns.registry import PATTERNS
+    from polish_sim.planning.patterns import PATTERNS
     from polish_sim.planning.planner import plan_path
     from polish_sim.planning.toolpath import SEGMENTS, ToolPath, pressed
 else:

@@ -26,7 +26,7 @@ from polish_sim.planning.moves.leads import (
 from polish_sim.planning.moves.stroke import Stroke, give_axes
 from polish_sim.planning.moves.travel import order_blocks, travel
 from polish_sim.planning.moves.uncross import uncross
-from polish_sim.planning.patterns.registry import PATTERNS
+from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.patterns.run import PatternRequest, Report, SurfaceRun
 from polish_sim.planning.quality.leaning import Leaning
 from polish_sim.planning.quality.tool_room import APART, Tool, ground_under, pressed_places

@@ -11,7 +11,7 @@ from polish_sim.geometry.orientation import check_up
 from polish_sim.geometry.regions.region import check_choice
 from polish_sim.models import part_path
 from polish_sim.planning.moves.leads import LEADS
-from polish_sim.planning.patterns.registry import PATTERNS
+from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.quality.access import AVOID
 
 ORDERS: Final = ("inward", "outward")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from polish_sim.control import build_controller
-from polish_sim.control.user_controller import file_of, tell_error
+from polish_sim.control.laws import file_of, tell_error
 from polish_sim.crew import work_off
 from polish_sim.errors import InputError
 from polish_sim.scoring.battery import Case, Entry
