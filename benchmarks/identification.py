@@ -14,8 +14,10 @@ from benchmarks.identification_peers import peer_rows
 from benchmarks.identification_unmatched import SEEDS as SEEDS_UNMATCHED
 from benchmarks.identification_unmatched import Known, unmatched_lines
 from benchmarks.table import Row, print_rows
+from polish_sim.config import RobotConfig
 from polish_sim.identification.arm import believe, build_arm, motion_limits, play_motion
 from polish_sim.identification.estimate import (
+    INTERVAL_95,
     base_of,
     estimate,
     held_out_error,
@@ -33,13 +35,14 @@ from polish_sim.identification.excitation import (
     mean_information,
     use_matrix,
 )
+from polish_sim.identification.identify import run_identification
 from polish_sim.identification.log_file import periodic_states, with_noise
 from polish_sim.identification.physical import fit_consistent, is_consistent
 from polish_sim.identification.regressor import FULL, States, rigid_regressor
 from polish_sim.identification.settings import IdentifySettings
 from polish_sim.models import robot_model_path
 
-SEEDS = 50
+SEEDS, SEEDS_GEARS = 50, 20
 SAMPLES = 10_000
 CHUNK = 2000
 DESIGNS = 5
@@ -224,6 +227,26 @@ def against_figaroh() -> Iterator[Row]:
     yield from peer_rows(task.model, SIGMA, fitted(t), other(t))
 
 
+def gear_rows() -> Iterator[Row]:
+    """Stiffness of the elastic arm's gears, arms and motions of many seeds, two periods each."""
+    robot, errors, held, told = RobotConfig(arm="ur5e"), [], [], np.zeros((6, 3))
+    for seed in range(SEEDS_GEARS):
+        found = run_identification(IdentifySettings(periods=2, iterations=15, robot=robot, seed=seed)).gears
+        assert found is not None
+        K, std, true = (part[:, -3:] for part in found)
+        told += np.isfinite(K)
+        errors.append(np.abs(K - true) / true)
+        held.append(np.where(np.isfinite(K), np.abs(K - true) <= INTERVAL_95 * std, np.nan))
+    held, errors = np.array(held), np.array(errors)
+    for k, name in enumerate(("below knee 1", "between the knees", "above knee 2")):
+        spread = f"{100 * np.nanmedian(errors[:, :, k]):.1f}%, {100 * np.nanmax(errors[:, :, k]):.1f}%"
+        joints = ", ".join(f"{100 * share / SEEDS_GEARS:.0f}%" for share in told[:, k])
+        yield Row(f"{name}: found, joints 1 to 6", joints, "-")
+        yield Row(f"{name}: error, median and largest", spread, "-")
+        yield Row(f"{name}: 95% intervals that hold", f"{100 * np.nanmean(held[:, :, k]):.0f}%", "-")
+    yield Row("all: 95% intervals that hold", f"{100 * np.nanmean(held):.1f}%", "-")
+
+
 PARTS = {
     "--speed": lambda: print_rows("Speed", speed_rows()),
     "--bounds": lambda: print_rows(f"Against the bounds, {SEEDS} draws, 58 parameters", bound_rows(FULL)),
@@ -232,6 +255,7 @@ PARTS = {
     "--design-58": lambda: print_rows("Design of motions", design_rows(FULL, "58 parameters")),
     "--peers": lambda: print_rows("Beside FIGAROH, one tenth of a period's samples", against_figaroh()),
     "--unmatched": unmatched,
+    "--gears": lambda: print_rows(f"Gears of the elastic arm, {SEEDS_GEARS} arms", gear_rows()),
 }
 """What `python -m benchmarks.identification [--PART]...` measures."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -77,7 +76,7 @@ def identify(given: Given) -> int:
     return outcome.finish(folder.final, check=bool(given["--check"]))
 
 
-def _simulated_robot(settings: Sequence[str]) -> RobotConfig:
+def _simulated_robot(settings: list[str]) -> RobotConfig:
     """The cell's robot with what ``--set`` changes of its arm; InputError for keys that would change nothing."""
     from polish_sim.identification.settings import IdentifySettings
     from polish_sim.scenario_file import override
@@ -135,7 +134,7 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
     """Identify the simulated arm, for a task if one is given, and write its folder."""
     from polish_sim.cli.outcome import Outcome
     from polish_sim.identification.identify import run_identification
-    from polish_sim.identification.settings import IDENTIFY
+    from polish_sim.identification.settings import GEARS, IDENTIFY
     from polish_sim.identification.use_motion import use_states
 
     use = None if task is None else use_states(task)
@@ -150,9 +149,9 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
     periods = count_text(settings.periods, "period")
     title = f"identification, {settings.method}, {settings.objective}, {periods}, seed {settings.seed}"
     claims = IDENTIFY[asked_of(settings) if task is None else "task"]
-    if found.elastic:
+    if found.gears is not None:
         # Rigid links with friction of one size are not what it is: no error is asked.
-        claims = tuple(c._replace(high=math.inf) if c.figure == "nrms_heldout_mean" else c for c in claims)
+        claims = tuple(c._replace(high=math.inf) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
     return Outcome(claims, title, {"this arm": found.figures})
 
 
@@ -224,6 +223,7 @@ def _write(folder: Path, found: Identification, source: Path | None = None) -> N
 
     truth = None if found.truth is None else found.model.truth()
     rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
+    rows += [] if found.gears is None else found.gears.rows()
     (folder / "parameters.csv").write_text(parameters_csv(rows), encoding="utf-8")
     write_identified(folder, found.model.chain.joints, _joints(found), source)
     write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
@@ -261,7 +261,8 @@ def _show_parameters(found: Identification) -> None:
 
     truth = None if found.truth is None else found.model.truth()
     rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
-    alone = [row for row in rows if row.identifiable == "alone"]
+    rows += [] if found.gears is None else found.gears.rows()
+    alone = [row for row in rows if row.identifiable in ("alone", "gear")]
     table = [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", _or_dash(r.true_value)] for r in alone]
     console.table("parameters identified alone", ["parameter", "unit", "value", "std", "true"], table)
     console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")

@@ -38,6 +38,7 @@ from polish_sim.identification.excitation import (
     use_matrix,
 )
 from polish_sim.identification.fourier import FourierMotion
+from polish_sim.identification.gear_fit import GearFit, fit_gears
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
 from polish_sim.identification.payload import Weighed, guessed_load, weigh_block
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
@@ -73,7 +74,7 @@ class Identification:
     truth: Array | None = None  #: True base parameters, shape (r,); None for a real robot
     motion: FourierMotion | None = None
     weighed: Weighed | None = None  #: The payload, if one was searched
-    elastic: bool = False  #: Whether the joints are
+    gears: GearFit | None = None  #: Of elastic joints
 
 
 def run_identification(
@@ -126,13 +127,18 @@ def run_identification(
     figures |= _motion_figures(task, excitation, len(log.time))
     figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
     figures |= {"method": settings.method, "objective": settings.objective}
+    gears = None
+    if log.gears is not None:
+        observer.stage("fit the gears")
+        gears = fit_gears(log, settings.robot.real, excitation.motion.period)
+        figures |= gears.figures()
     weighed = None
     if settings.payload:
         observer.stage(f"play {settings.periods} periods with a payload")
         weighed = weigh_block(sums, base, excitation.motion, settings, streams[5])
         figures |= weighed.figures
     return Identification(
-        arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion, weighed, arm.elastic
+        arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion, weighed, gears
     )  # fmt: skip
 
 

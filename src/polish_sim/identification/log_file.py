@@ -29,7 +29,7 @@ class Gears(NamedTuple):
     motor: Array  #: [rad]
     link: Array  #: [rad]
 
-    def rows(self, which: Indices) -> Gears:
+    def rows(self, which: Indices | slice) -> Gears:
         """Some of the samples."""
         return Gears(self.motor[which], self.link[which])
 

@@ -97,6 +97,12 @@ _STEPWISE: Final = (
     Claim("first_step_parameters", "parameters of the first step", "", 1.0),
     Claim("stepwise_over_joint", "error, stepwise / joint", "", 1.0, "-", high=1.01),
 )
+GEARS: Final = (
+    Claim("gear_slopes_found", "slopes of the gears' stiffness found, of 18", "", 1.0),
+    Claim("gear_stiffness_error_max", "  their largest error", "%", 100.0),
+    Claim("gear_interval_coverage", "  95% intervals that hold the truth", "%", 100.0),
+)
+"""More of elastic joints."""
 
 IDENTIFY: Final[Mapping[str, tuple[Claim, ...]]] = {
     "full": _identify(6e-4),

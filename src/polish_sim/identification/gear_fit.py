@@ -1,0 +1,209 @@
+"""Stiffness of elastic joints from encoders on both sides of their gears and the motors' torques.
+
+    torque = J a + fv w + s(w) (fc + load |T|) + (1 + e') (T + D d(twist)/dt),   T = K(twist) + Th h
+    twist = motor - link + e(motor) - offset
+
+K has three slopes, its knees, the periods of the gear's error e and the twist over which hysteresis h builds up are
+the catalogue's. Torques are fitted against twists, not the other way: the encoders' steps are small beside the twist,
+the torques' noise is not beside the torque. Both sides are low-passed alike, which acceleration asks for.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import butter, sosfiltfilt
+
+from polish_sim.arrays import Array, Bools
+from polish_sim.config import RealArmConfig
+from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of
+from polish_sim.identification.log_file import RobotLog
+from polish_sim.identification.physical import ParameterRow
+
+LOW_PASS_HZ: Final = 30.0
+SAMPLED_HZ: Final = 100.0  #: Of what is fitted
+BLOCK_S: Final = 0.2  #: How long residuals may be alike
+FORGOTTEN: Final = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
+SEEN: Final = 0.7  #: A slope is fitted where a first estimate of the torque goes beyond this share of its knee
+KNOWN: Final = 0.1  #: A slope whose standard deviation is a larger share of it is not known
+CONFOUNDED: Final = 1e6  #: Condition of the fit from which its numbers cannot be told apart
+_ENDS_S: Final = 0.2  #: Left out at both ends of the log, where the low-pass has no past or future
+_NAMES: Final = ("Jr", "fvr", "fcr", "ldr", "ldn", "D", "Th", "offset", "es", "ec", "es2", "ec2", "Ka", "Kb", "Kc")
+_UNITS: Final = ("kg m^2", "N m s/rad", "N m", "-", "-", "N m s/rad", "N m", *["rad"] * 5, *["N m/rad"] * 3)
+_TYPICAL: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 10.0, 1.0, *[1e-4] * 5, *[1e4] * 3])
+_FIRST: Final = 12  #: Where the slopes begin in these
+
+
+class GearFit(NamedTuple):
+    """What was found of n gears, in the order rotor, friction, load's share, damping, hysteresis, error, slopes."""
+
+    values: Array  #: Shape (n, 15); NaN where the motion does not tell
+    std: Array  #: Shape (n, 15)
+    truth: Array  #: Of the simulated arm, shape (n, 15); NaN where it is not a setting
+
+    def rows(self) -> list[ParameterRow]:
+        """The numbers for the table of parameters: rotor, friction, damping, hysteresis and slopes of every joint."""
+        chosen = [k for k in range(len(_NAMES)) if not 7 <= k < _FIRST]
+        return [
+            ParameterRow(
+                f"{_NAMES[k]}{j + 1}", float(self.values[j, k]), _UNITS[k], float(self.std[j, k]),
+                "no" if math.isnan(self.values[j, k]) else "gear", float(self.truth[j, k]),
+            )
+            for k in chosen for j in range(len(self.values))
+        ]  # fmt: skip
+
+    def figures(self) -> dict[str, Any]:
+        """Keys of metrics.json, of the slopes."""
+        K, std, true = (part[:, _FIRST:] for part in self)
+        off, found = np.abs(K - true), np.isfinite(K)
+        return {
+            "gear_stiffness_nm_rad": _listed(K),
+            "gear_stiffness_std_nm_rad": _listed(std),
+            "gear_slopes_found": int(found.sum()),
+            "gear_stiffness_error_max": float(np.nanmax(off / true)) if found.any() else math.nan,
+            "gear_interval_coverage": float(np.mean((off <= INTERVAL_95 * std)[found])) if found.any() else math.nan,
+        }
+
+
+def _listed(values: Array) -> list[list[float | None]]:
+    return [[None if math.isnan(x) else x for x in row] for row in values.tolist()]
+
+
+def fit_gears(log: RobotLog, real: RealArmConfig, period: float = 0.0) -> GearFit:
+    """Find the gears of a log with both sides' encoders; of ``real`` what a catalogue says is used, the rest is truth.
+
+    A slope the torques do not reach, and what cannot be told apart, is NaN.
+    """
+    assert log.gears is not None
+    n = log.q.shape[1]
+    values, std = np.full((n, len(_NAMES)), np.nan), np.full((n, len(_NAMES)), np.nan)
+    for j in range(n):
+        gear = _Gear(log, real, period, j)
+        x, deviation = gear.fit()
+        slope = np.arange(len(x)) >= _FIRST
+        known = np.isfinite(deviation) & (~slope | (deviation <= KNOWN * np.abs(x)))
+        values[j, : len(x)][known], std[j, : len(x)][known] = x[known], deviation[known]
+    return GearFit(values, std, _truth(real, float(np.mean(log.time))))
+
+
+def _truth(real: RealArmConfig, t: float) -> Array:
+    """The settings, friction as warm as it is at a time [s]."""
+    warm, n = 1.0 + real.cold_friction * math.exp(-t / real.warming_s), len(real.coulomb_nm)
+    load = warm * np.array([real.coulomb_driving, real.coulomb_driven])
+    slopes = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
+    friction = warm * np.array([real.viscous_nm_s_rad, real.coulomb_nm])
+    lost = 0.5 * np.array(real.lost_motion_rad) * slopes[0]
+    unknown = np.full((n, 5), np.nan)
+    driven = [real.rotor_kg_m2, *friction, np.tile(load, (n, 1)), real.damping_nm_s_rad, lost, unknown]
+    return np.column_stack([*driven, *slopes])
+
+
+class _Gear:
+    """One joint's samples, and its torque as a function of the numbers to be found."""
+
+    def __init__(self, log: RobotLog, real: RealArmConfig, period: float, j: int) -> None:
+        assert log.gears is not None
+        self._dt = float(np.mean(np.diff(log.time)))
+        self._sos = butter(2, 2.0 * LOW_PASS_HZ * self._dt, output="sos")
+        self._rise, self._knees = real.lost_motion_rise_rad, (real.knee_1_nm[j], real.knee_2_nm[j])
+        angle = log.gears.motor[:, j]
+        self._turned = angle - log.gears.link[:, j]
+        self._speed = np.gradient(self._low(angle), self._dt)
+        self._acceleration = np.gradient(self._speed, self._dt)
+        self._torque = self._low(log.torque[:, j])
+        waves = 2.0 * real.gear_ratio
+        s, c = np.sin(waves * angle), np.cos(waves * angle)
+        self._error = np.column_stack([s, c, 2.0 * s * c, c**2 - s**2])
+        self._slope = waves * np.column_stack([c, -s, 2.0 * (c**2 - s**2), -4.0 * s * c])
+        self._every = max(1, round(1.0 / (SAMPLED_HZ * self._dt)))
+        self._counts = self._moving()
+        self._phase = ((log.time % period) if period else log.time - log.time[0])[:: self._every][self._counts]
+
+    def _low(self, signal: Array) -> Array:
+        return np.asarray(sosfiltfilt(self._sos, signal))
+
+    def _moving(self) -> Bools:
+        """Which of the samples that are fitted count: the motor does not reverse within the low-pass's reach."""
+        reach, ends = round(0.5 / LOW_PASS_HZ / self._dt), round(_ENDS_S / self._dt)
+        near = np.convolve(np.abs(self._speed) < TURNING, np.ones(2 * reach + 1), "same") < 0.5
+        near[:ends] = near[-ends:] = False
+        near &= np.cumsum(np.abs(np.diff(self._turned, prepend=self._turned[0]))) > FORGOTTEN * self._rise
+        return np.asarray(near[:: self._every])
+
+    def fit(self) -> tuple[Array, Array]:
+        """Numbers found and their standard deviations, as many as slopes are reached, shape (13,) to (15,)."""
+        start = self._start()
+        least = np.where(np.arange(len(start)) < _FIRST, -np.inf, 1.0)
+        found = least_squares(
+            lambda x: self._left(x)[self._counts], start, bounds=(least, np.inf), x_scale=_TYPICAL[: len(start)],
+            max_nfev=20,
+        )  # fmt: skip
+        return found.x, self._deviations(found.jac, found.fun)
+
+    def _deviations(self, slopes: Array, left: Array) -> Array:
+        """Standard deviations of a fit whose residuals may be alike for ``BLOCK_S`` and from period to period."""
+        deviations, size = np.full(slopes.shape[1], np.inf), np.linalg.norm(slopes, axis=0)
+        seen = size > 0.0
+        if np.linalg.cond(slopes[:, seen] / size[seen]) > CONFOUNDED:
+            return deviations
+        slopes = slopes[:, seen]
+        used, which = np.unique((self._phase / BLOCK_S).astype(np.int64), return_inverse=True)
+        sums = np.zeros((len(used), slopes.shape[1]))
+        np.add.at(sums, which, slopes * left[:, None])
+        H = inverse_of(slopes.T @ slopes)
+        few = len(used) / max(len(used) - slopes.shape[1], 1)
+        deviations[seen] = np.sqrt(few * np.diag(H @ (sums.T @ sums) @ H))
+        return deviations
+
+    def _start(self) -> Array:
+        """Numbers of a linear fit, with as many equal slopes as its torques reach."""
+        parts = (self._acceleration, self._speed, self._low(np.sign(self._speed)), self._low(self._turned))
+        columns = np.column_stack([*parts, np.ones_like(self._torque)])[:: self._every][self._counts]
+        inertia, viscous, dry, K, rest = np.linalg.lstsq(
+            columns, self._torque[:: self._every][self._counts], rcond=None
+        )[0]
+        K = max(K, 1e3)
+        largest = np.abs(K * columns[:, 3] + rest).max()
+        slopes = 1 + sum(largest > SEEN * knee for knee in self._knees)
+        return np.array([inertia, viscous, dry, 0.0, 0.0, 0.0, 0.0, -rest / K, *[0.0] * 4, *[K] * slopes])
+
+    def _left(self, x: Array) -> Array:
+        """Torque less that of the numbers, low-passed [N m], of the samples that are fitted."""
+        twist = self._turned - x[7] + self._error @ x[8:_FIRST]
+        torque = _spring(twist, x[_FIRST:], self._knees) + x[6] * _hysteresis(twist, self._rise)
+        load = np.where(torque * self._speed > 0.0, x[3], x[4]) * np.abs(torque)
+        passed = (1.0 + self._slope @ x[8:_FIRST]) * (torque + x[5] * np.gradient(twist, self._dt))
+        smooth = x[0] * self._acceleration + x[1] * self._speed
+        given = smooth + self._low(np.sign(self._speed) * (x[2] + load) + passed)
+        return np.asarray((self._torque - given)[:: self._every])
+
+
+def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:
+    """Torque of a spring [N m] whose slopes change at two torques; what slopes are not given are the last one's."""
+    first, second, third = (slopes[min(k, len(slopes) - 1)] for k in range(3))
+    bend, size = knees[0] / first, np.abs(twist)
+    width = (knees[1] - knees[0]) / second
+    between, above = np.clip(size - bend, 0.0, width), np.maximum(size - bend - width, 0.0)
+    return np.asarray(np.copysign(first * np.minimum(size, bend) + second * between + third * above, twist))
+
+
+def _hysteresis(twist: Array, rise: float) -> Array:
+    """Share of the largest torque of a hysteresis (Dahl) along a twist [rad] that starts without."""
+    moves = np.diff(twist, prepend=twist[0])
+    ways = np.cumsum(np.abs(moves)) / rise
+    # From turn to turn: where it is at its end follows from where it was at its beginning.
+    turns = np.flatnonzero(np.diff(np.sign(moves), prepend=0.0))
+    sides = np.sign(moves[turns])
+    begun = ways[np.maximum(turns - 1, 0)]
+    held, starts = 0.0, []
+    for side, kept in zip(sides.tolist(), np.exp(-np.diff(begun, append=ways[-1])).tolist(), strict=True):
+        starts.append(held)
+        held = side + (held - side) * kept
+    lengths = np.diff(turns, append=len(twist))
+    side, start, first = (np.repeat(part, lengths) for part in (sides, starts, begun))
+    shares = np.zeros(len(twist))
+    shares[len(twist) - len(side) :] = side + (start - side) * np.exp(first - ways[len(twist) - len(side) :])
+    return shares
