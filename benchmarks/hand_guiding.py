@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.scenario_file import override
 
 GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
 POINT: Mapping[str, float] = {}
@@ -50,7 +51,7 @@ def main() -> None:
 
 
 def _cells(study: Study) -> Iterator[str]:
-    base, stops, drifts = default_scenario("teach"), [], []
+    base, stops, drifts = override(default_scenario("teach"), ["robot.arm=ideal"]), [], []
     for mode in MODES:
         for direction in "xy":
             guide = replace(base.guide, mode=mode, direction=direction, duration_s=0.6, **study.guide)
