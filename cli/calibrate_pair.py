@@ -13,11 +13,14 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
-from polish_sim.errors import InputError, count_text, leave_out
+from polish_sim.errors import InputError, count_text, leave_out, unknown_name
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from polish_sim.analysis.claim import Claim
     from polish_sim.cli.outcome import Outcome
+    from polish_sim.dual.arms import PairArms
     from polish_sim.dual.calibrate_bases import ArmsFound, BasesFound
     from polish_sim.dual.calibrate_tcp import TcpCalibration
 
@@ -31,6 +34,11 @@ DATA: Final = Own(
 PAIR: Final = Own(
     "--pair", PANEL, "NAME", "Name of the two robots; a run refuses the calibration of another pair; default simulated."
 )
+
+ARM: Final = Own(
+    "--arm", PANEL, "NAME", "ideal (default): the instruments' errors alone; ur5e: those of the arms as well, "
+    "docs/how_real.md."
+)  # fmt: skip
 
 
 def noise_option(name: str, of: str, default: str) -> Own:
@@ -56,15 +64,16 @@ class Calibrated(NamedTuple):
     Own("--cone", PANEL, "DEG", "Tilt of the tool in the touches, 3 to 90 (deg); default 45.", float, 3.0, 90.0, DEG),
     Own("--cell-tool", PANEL, "", "Simulate the cell's own tool, which `run dual --calibration` takes, not one "
         "planted by the seed.", bool),
-    *TRIAL_OPTIONS,
+    *(ARM, *TRIAL_OPTIONS),
 )  # fmt: skip
 def tcp(given: Given) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
-    refuse_beside_data(given, "--noise", "--poses", "--cone", "--cell-tool", "--seed", "--seeds")
+    refuse_beside_data(given, "--noise", "--poses", "--cone", "--cell-tool", "--arm", "--seed", "--seeds")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_tcp import TcpTrial, calibrate_tcp_from, run_tcp_calibration
     from polish_sim.dual.calibration.tool import read_tool_measurements
 
+    claims = CALIBRATIONS["tcp-gears" if _elastic(given) else "tcp"]
     trial = TcpTrial(**_chosen(given, "noise", "poses", "cone", "seed"))
     if given["--cell-tool"]:
         from polish_sim.cell import tool_on_flange
@@ -72,16 +81,18 @@ def tcp(given: Given) -> int:
         trial = replace(trial, T_flange_tool=tool_on_flange())
 
     def simulated(seed: int) -> Calibrated:
-        found = run_tcp_calibration(replace(trial, seed=seed))
+        gears = _gears(given, seed)
+        read = gears and gears[0].reading("follower", gears[1])
+        found = run_tcp_calibration(replace(trial, seed=seed, read=read))
         write = partial(_write_tcp, found)
-        return Calibrated(CALIBRATIONS["tcp"], f"tool frame, seed {seed}", found.figures, _tcp_notes(found), write)
+        return Calibrated(claims, f"tool frame, seed {seed}", found.figures, _tcp_notes(found), write)
 
     def measured(file: Path) -> Calibrated:
         found = calibrate_tcp_from(read_tool_measurements(file))
         title, write = f"tool frame from {file.name}", partial(_write_tcp, found)
         return Calibrated(CALIBRATIONS["tcp-data"], title, found.figures, _tcp_notes(found), write)
 
-    return _calibrate("tcp", "tool frame", CALIBRATIONS["tcp"], given, simulated, measured)
+    return _calibrate("tcp", "tool frame", claims, given, simulated, measured)
 
 
 @takes(
@@ -90,12 +101,11 @@ def tcp(given: Given) -> int:
     noise_option("--noise", "a measured point", "0.03"),
     Own("--points", PANEL, "N", "Points of an arc (default 200), poses of each robot (12) or common points (10).", int,
         3, 100_000),
-    PAIR,
-    *TRIAL_OPTIONS,
+    *(ARM, PAIR, *TRIAL_OPTIONS),
 )  # fmt: skip
 def base(given: Given) -> int:
     """Find where the second robot's base stands in the first one's, from a laser tracker or from common touches."""
-    refuse_beside_data(given, "--noise", "--points", "--seed", "--seeds")
+    refuse_beside_data(given, "--noise", "--points", "--arm", "--seed", "--seeds")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import BaseTrial, calibrate_base_from, run_base_calibration
     from polish_sim.dual.calibration.bases import method_named, read_base_measurements
@@ -104,18 +114,22 @@ def base(given: Given) -> int:
     method_named(method)
     trial = BaseTrial(method, **_chosen(given, "noise", "points", "seed"))
     kind = CLAIMS_OF_METHOD[method]
+    if _elastic(given) and method == "handshake":
+        raise InputError("--arm ur5e is for --method circles and poses: 'handshake' simulates no joints.")
+    claims = CALIBRATIONS["base-gears" if _elastic(given) else kind]
 
     def simulated(seed: int) -> Calibrated:
-        found = run_base_calibration(replace(trial, seed=seed))
+        gears = _gears(given, seed)
+        found = run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
         title, write = f"bases by {method}, seed {seed}", partial(_write_base, found, method, pair)
-        return Calibrated(CALIBRATIONS[kind], title, found.figures, _base_notes(found), write)
+        return Calibrated(claims, title, found.figures, _base_notes(found), write)
 
     def measured(file: Path) -> Calibrated:
         found = calibrate_base_from(read_base_measurements(file, method))
         title, write = f"bases from {file.name}", partial(_write_base, found, method, pair)
         return Calibrated(CALIBRATIONS[f"{kind}-data"], title, found.figures, _base_notes(found), write)
 
-    return _calibrate(kind, f"bases by {method}", CALIBRATIONS[kind], given, simulated, measured)
+    return _calibrate(kind, f"bases by {method}", claims, given, simulated, measured)
 
 
 @takes(
@@ -126,12 +140,11 @@ def base(given: Given) -> int:
         float, 0.0, 2.0, MM),
     Own("--angle-error", PANEL, "DEG", "Error of their joint offsets and alpha (deg); default 0.02.", float, 0.0, 0.2,
         DEG),
-    PAIR,
-    *TRIAL_OPTIONS,
+    *(ARM, PAIR, *TRIAL_OPTIONS),
 )  # fmt: skip
 def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
-    refuse_beside_data(given, "--noise", "--poses", "--length-error", "--angle-error", "--seed", "--seeds")
+    refuse_beside_data(given, "--noise", "--poses", "--length-error", "--angle-error", "--arm", "--seed", "--seeds")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import ArmTrial, calibrate_arm_from, run_arm_calibration
     from polish_sim.dual.calibration.arm import Tolerance, read_tracked
@@ -148,12 +161,35 @@ def arm(given: Given) -> int:
         return Calibrated(CALIBRATIONS[kind], title, found.figures, _arm_notes(found), write)
 
     def simulated(seed: int) -> Calibrated:
-        return calibrated(run_arm_calibration(replace(trial, seed=seed)), "arm", f"arms, seed {seed}")
+        gears = _gears(given, seed)
+        rest = gears and partial(gears[0].rest, rng=gears[1])
+        return calibrated(run_arm_calibration(replace(trial, seed=seed, rest=rest)), "arm", f"arms, seed {seed}")
 
     def measured(file: Path) -> Calibrated:
         return calibrated(calibrate_arm_from(read_tracked(file)), "arm-data", f"arms from {file.name}")
 
     return _calibrate("arm", "arms", CALIBRATIONS["arm"], given, simulated, measured)
+
+
+def _elastic(given: Given) -> bool:
+    from polish_sim.cell.real_arm import ARMS
+
+    name = given["--arm"] or "ideal"
+    if name not in ARMS:
+        raise unknown_name("--arm", name, ARMS)
+    return name != "ideal"
+
+
+def _gears(given: Given, seed: int) -> tuple[PairArms, np.random.Generator] | None:
+    """Both arms of a seed with their gears, if they are asked for, and what draws how far those have slipped."""
+    if not _elastic(given):
+        return None
+    import numpy as np
+
+    from polish_sim.dual.arms import lone_arms
+    from polish_sim.dual.calibrate_bases import Q_NEAR
+
+    return lone_arms(seed, Q_NEAR), np.random.default_rng([seed, 18])
 
 
 def refuse_beside_data(given: Given, *simulated: str) -> None:

@@ -9,6 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.dual.arms import lone_arms
+from polish_sim.dual.calibrate_bases import Q_NEAR
+from polish_sim.dual.calibrate_tcp import TcpTrial, run_tcp_calibration
 from polish_sim.dual.calibration.tool import (
     ToolMeasurements,
     fit_tool_frame,
@@ -260,3 +263,12 @@ def test_an_unknown_kind_names_its_line(tmp_path: Path) -> None:
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="line 4: unknown kind 'poke'"):
         read_tool_measurements(file)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_tip_touched_with_an_arm_that_winds_up_is_as_good_as_its_residuals_say(seed: int) -> None:
+    read = lone_arms(seed, Q_NEAR).reading("follower", np.random.default_rng([seed, 18]))
+    figures = run_tcp_calibration(TcpTrial(seed=seed, read=read)).figures
+    assert figures["residual_rms_m"] > 1e-4
+    assert figures["position_error_m"] < 3.0 * figures["position_std_m"]
+    assert figures["bound_share"] < 1.0

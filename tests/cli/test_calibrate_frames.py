@@ -265,6 +265,8 @@ def test_a_touch_off_by_two_millimetres_is_named(files: Any, polish_sim: Tool, t
         (("tcp", "--data", "gone.csv", "--seed", "3"), "--seed would change nothing with --data"),
         (("tcp", "--data", "gone.csv", "--cell-tool"), "--cell-tool would change nothing with --data"),
         (("base", "--method", "gps"), "unknown method 'gps'. Known: circles, handshake, poses."),
+        (("tcp", "--arm", "ur10"), "unknown --arm 'ur10'. Known: ideal, ur5e."),
+        (("base", "--method", "handshake", "--arm", "ur5e"), "--arm ur5e is for --method circles and poses"),
         (("base", "--points", "5"), "5 points are too few for a circle"),
         (("base", "--method", "handshake", "--data", "gone.csv"), "cannot read the measurements 'gone.csv'"),
     ],

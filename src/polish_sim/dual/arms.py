@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.real_arm import RestingArm, built_table, resting_arm
-from polish_sim.config import DualConfig, Scenario
-from polish_sim.dual.calibrate_bases import built_arm, simulate_tracked, wrong_table
+from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
+from polish_sim.cell.scene import robot_with_tool
+from polish_sim.config import DualConfig, RobotConfig, Scenario
+from polish_sim.dual.calibrate_bases import Flanges, built_arm, simulate_tracked, wrong_table
 from polish_sim.dual.calibrate_tcp import Reading
 from polish_sim.dual.calibration.arm import LEAST_POSES, PairTables, Tolerance, fit_pair, read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS
@@ -41,6 +43,10 @@ class PairArms(NamedTuple):
         """Where the links are, (n, 6) [rad], with the arm at rest and its encoders at ``q``; ``rng``: see `links`."""
         return self.gears[robot].links(q, rng) if self.gears else q
 
+    def standing(self, rng: np.random.Generator) -> Flanges:
+        """Where flanges are with the arms at rest and their encoders somewhere."""
+        return lambda robot, q: self.flanges(robot, self.rest(robot, q, rng))
+
     def resting_flange(self, robot: str, q: Array) -> Array:
         """Where the flange is in its base, (4, 4), before anything moves, with the encoders at ``q`` (6,) [rad]."""
         return np.asarray(self.flanges(robot, self.rest(robot, q[None]))[0])
@@ -66,14 +72,28 @@ class PairArms(NamedTuple):
 NOMINAL_ARMS: Final = PairArms()
 
 
-def real_arms(scenario: Scenario, model: mujoco.MjModel, q_work: Mapping[str, Array]) -> PairArms:
+PLACES: Final = MappingProxyType(dict(zip(ROBOTS, (MASTER_ARM, FOLLOWER_ARM), strict=True)))
+
+
+def real_arms(
+    scenario: Scenario,
+    model: mujoco.MjModel,
+    q_work: Mapping[str, Array],
+    places: Mapping[str, ArmPlace] = PLACES,
+) -> PairArms:
     """Both arms with their gears and with what the maker's calibration around the work, at (6,) [rad], has left.
 
     ``model``: the scene of both, which weighs them.
     """
-    places = dict(zip(ROBOTS, (MASTER_ARM, FOLLOWER_ARM), strict=True))
     tables = {robot: built_table(scenario, model, q_work[robot], place) for robot, place in places.items()}
     return PairArms(tables, gears={robot: resting_arm(scenario, model, place) for robot, place in places.items()})
+
+
+def lone_arms(seed: int, q_work: Array) -> PairArms:
+    """The arms of a seed with the cell's tool and no part, calibrated by the maker around ``q_work`` (6,) [rad]."""
+    scenario = Scenario(seed=seed, robot=RobotConfig(arm="ur5e"))
+    places = dict(zip(ROBOTS, (ArmPlace(number=MASTER_ARM.number), ArmPlace()), strict=True))
+    return real_arms(scenario, robot_with_tool(scenario).compile(), dict.fromkeys(ROBOTS, q_work), places)
 
 
 def pair_arms(

@@ -5,6 +5,7 @@ Kinematics and a tracker's noise only; bases, about a metre apart, and arms are 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -42,7 +43,12 @@ ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))  #: Joint angles of the arcs of axe
 LOW, HIGH = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
 """Joint angles of tracked poses, drawn evenly between [rad]."""
 CHECKS: Final = 400  # poses in which calibrated arms are compared with the true ones
+Q_NEAR: Final = np.array([0.3, -1.6, 1.7, -1.6, -1.5, 0.0])  #: Touches are made in this configuration [rad]
 AWAY: Final = 1.0  #: Where a frame's error at a distance is given [m]
+
+
+Flanges = Callable[[str, Array], Array]
+"""Where the flange of a robot really is in its base, (n, 4, 4), with its encoders at (n, 6) [rad]."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,7 @@ class BaseTrial:
     noise: float = 3e-5  #: Of one coordinate of a measured point, rms [m]
     points: int | None = None  #: Points of an arc, poses of a robot, or common points; None: 200, 12, 10
     seed: int = 0
+    flanges: Flanges | None = None  #: Of arms with gears; None: of arms as their table says
 
 
 class TrueBases(NamedTuple):
@@ -91,9 +98,12 @@ def run_base_calibration(trial: BaseTrial) -> BasesFound:
     rng = np.random.default_rng([trial.seed, 12])
     truth = planted_bases(rng)
     simulate, count = SIMULATED[trial.method]
-    measured = simulate(truth, trial.points or count, trial.noise, rng)
-    found = measured.fit(trial.noise if trial.noise > 1e-9 else None)
+    points = trial.points or count
+    measured = simulate(truth, points, trial.noise, rng, trial.flanges)
+    found = measured.fit(trial.noise if trial.noise > 1e-9 and trial.flanges is None else None)
     figures = base_figures(found) | _stated(found) | _errors(found, truth)
+    bound = math.sqrt(points) * figures["relative_origin_std_m"]
+    figures |= {"relative_origin_bound_m": bound, "bound_share": figures["relative_origin_error_m"] / bound}
     return BasesFound(measured, found, figures | {"method": trial.method, "seed": trial.seed})
 
 
@@ -103,10 +113,6 @@ def planted_bases(rng: np.random.Generator) -> TrueBases:
     places = np.array([[2.5, -0.8, -0.4, 0.0, 0.0, 2.0], [-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]])
     T_tracker_master, T_master_follower = (from_pose((p + small * rng.uniform(-1.0, 1.0, 6)).tolist()) for p in places)
     return TrueBases(dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True)))
-
-
-Flanges = Callable[[str, Array], Array]
-"""Where the flange of a robot really is in its base, (n, 4, 4), with its encoders at (n, 6) [rad]."""
 
 
 def simulate_arcs(
@@ -129,16 +135,22 @@ def _target(T: Array) -> Array:
     return np.asarray(T[:, :3, :3] @ TARGET + T[:, :3, 3])
 
 
-def simulate_poses(truth: TrueBases, count: int, noise: float, rng: np.random.Generator) -> BaseMeasurements:
+def simulate_poses(
+    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
+) -> BaseMeasurements:
     """Each robot holds the target still in poses all over its workspace; where it is, its joints say."""
     points = {}
     for robot, T in truth.T_tracker.items():
-        own = _target(forward(rng.uniform(LOW, HIGH, (count, 6))))
-        points[robot] = (apply(T, own) + noise * rng.standard_normal(own.shape), own)
+        q = rng.uniform(LOW, HIGH, (count, 6))
+        said = _target(forward(q))
+        there = said if flanges is None else _target(flanges(robot, q))
+        points[robot] = (apply(T, there) + noise * rng.standard_normal(said.shape), said)
     return TrackedPoses(points)
 
 
-def simulate_handshake(truth: TrueBases, count: int, noise: float, rng: np.random.Generator) -> BaseMeasurements:
+def simulate_handshake(
+    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, _flanges: None = None
+) -> BaseMeasurements:
     """Both tools touch points spread between the bases; each tip misses by the noise."""
     T = truth.T_master_follower
     points = 0.5 * T[:3, 3] + np.array([0.0, 0.0, 0.35]) + rng.uniform(-1.0, 1.0, (count, 3)) * [0.2, 0.4, 0.3]
@@ -191,6 +203,10 @@ def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
     }
 
 
+Rest = Callable[[str, Array], Array]
+"""Joint angles of a robot at rest, (n, 6) [rad], with its encoders at others of that shape."""
+
+
 @dataclass(frozen=True)
 class ArmTrial:
     """Two arms with errors in their tables, measured by a tracker."""
@@ -199,6 +215,7 @@ class ArmTrial:
     noise: float = 3e-5  #: Of one coordinate of the tracker [m]
     poses: int = 60  #: Of each arm
     seed: int = 0
+    rest: Rest | None = None  #: Of arms with gears; None: rigid
 
 
 @dataclass(frozen=True)
@@ -227,13 +244,14 @@ def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
     """
     rng = np.random.default_rng([trial.seed, 13])
     true = planted_arms(trial.tolerance, planted_bases(rng).T_tracker, rng)
-    tracked = simulate_tracked(true, trial.poses, trial.noise, rng)
+    rest = trial.rest or rigid
+    tracked = simulate_tracked(true, trial.poses, trial.noise, rng, rest)
     q = {robot: rng.uniform(LOW, HIGH, (CHECKS, 6)) for robot in ROBOTS}
-    found = fit_pair(tracked, max(trial.noise, 1e-9), trial.tolerance)
+    found = fit_pair(tracked, max(trial.noise, 1e-9) if trial.rest is None else None, trial.tolerance)
     nominal = PairTables({robot: fit_placement(one) for robot, one in tracked.items()})
     figures = pair_figures(tracked, found, trial.tolerance) | {
-        "relative_error_nominal_m": _relative_error(nominal, true, q),
-        "relative_error_m": _relative_error(found, true, q),
+        "relative_error_nominal_m": _relative_error(nominal, true, q, rest),
+        "relative_error_m": _relative_error(found, true, q, rest),
         "seed": trial.seed,
     }
     return ArmsFound(tracked, found, figures, true)
@@ -261,12 +279,9 @@ def rigid(_robot: str, q: Array) -> Array:
 
 
 def simulate_tracked(
-    true: PairTables, poses: int, noise: float, rng: np.random.Generator, rest: Callable[[str, Array], Array] = rigid
+    true: PairTables, poses: int, noise: float, rng: np.random.Generator, rest: Rest = rigid
 ) -> dict[str, TrackedArm]:
-    """Each arm holds its target still in poses all over its workspace before the tracker.
-
-    ``rest``: joint angles of a robot with its encoders at (n, 6) [rad].
-    """
+    """Each arm holds its target still in poses all over its workspace before the tracker."""
     tracked = {}
     for robot, arm in true.arms.items():
         q = rng.uniform(LOW, HIGH, (poses, 6))
@@ -274,6 +289,7 @@ def simulate_tracked(
     return tracked
 
 
-def _relative_error(found: PairTables, true: PairTables, q: Mapping[str, Array]) -> float:
-    off = {robot: found.arms[robot].target_at(q[robot]) - true.arms[robot].target_at(q[robot]) for robot in ROBOTS}
+def _relative_error(found: PairTables, true: PairTables, q: Mapping[str, Array], rest: Rest) -> float:
+    there = {robot: true.arms[robot].target_at(rest(robot, q[robot])) for robot in ROBOTS}
+    off = {robot: found.arms[robot].target_at(q[robot]) - there[robot] for robot in ROBOTS}
     return float(np.sqrt(np.mean(np.sum((off[ROBOTS[1]] - off[ROBOTS[0]]) ** 2, axis=1))))

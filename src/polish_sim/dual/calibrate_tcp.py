@@ -5,6 +5,7 @@ Kinematics only: the accuracy is that with which a tip meets a point, the stated
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -13,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
+from polish_sim.dual.calibrate_bases import Q_NEAR
 from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements, fit_tool_frame, tool_figures
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, ToolTouches, plan_touch_orientations
 from polish_sim.motion import forward, inverse_near
@@ -22,7 +24,6 @@ Reading = Callable[[Array, Array], Array]
 """Flange poses (n, 4, 4) a host reads, from those the flange really has and the nominal arm's joints there (n, 6)."""
 
 POINT: Final = np.array([-0.45, -0.15, 0.3])  #: It is touched, base frame [m]: tilted wrists still reach it
-Q_NEAR: Final = np.array([0.3, -1.6, 1.7, -1.6, -1.5, 0.0])
 LENGTH, SIDEWAYS, LEAN = 0.18, 0.02, 0.15  #: Of a tool to find: length [m], off the axis [m], crooked [rad]
 
 
@@ -36,6 +37,7 @@ class TcpTrial:
     move: float = 0.1  #: Length of the moves along the tool's axes [m]
     seed: int = 0
     T_flange_tool: Array | None = None  #: The tool as it really is, shape (4, 4); None: one is planted by the seed
+    read: Reading | None = None  #: What the host reads of an arm with gears; None: of one as its table says
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,9 @@ def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
     """
     rng = np.random.default_rng([trial.seed, 11])
     T_flange_tool = planted_tool(rng) if trial.T_flange_tool is None else trial.T_flange_tool
-    measured = simulate_touches(trial, T_flange_tool, rng)
-    # Exact touches leave rounding: below a nanometre a stated noise says nothing.
-    found = fit_tool_frame(measured, trial.noise if trial.noise > 1e-9 else None)
+    measured = simulate_touches(trial, T_flange_tool, rng, trial.read)
+    # Exact touches leave rounding: below a nanometre a stated noise says nothing. Gears err by more than the noise.
+    found = fit_tool_frame(measured, trial.noise if trial.noise > 1e-9 and trial.read is None else None)
     figures = tool_figures(measured, found, trial.noise)
     figures |= {
         "position_error_m": float(np.linalg.norm(found.tip.point - T_flange_tool[:3, 3])),
@@ -73,6 +75,8 @@ def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
         "true_position_m": T_flange_tool[:3, 3].tolist(),
         "seed": trial.seed,
     }
+    bound = math.sqrt(trial.poses) * figures["position_std_m"]
+    figures |= {"position_bound_m": bound, "bound_share": figures["position_error_m"] / bound}
     return TcpCalibration(measured, found, figures)
 
 

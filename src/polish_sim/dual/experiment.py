@@ -82,6 +82,15 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("rotation_error_rad", "axes, error, all three", "deg", DEGREES),
         Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3),
     ),
+    # Gears err by place: many readings of one are no better than one, which the bounds say.
+    "tcp-gears": (
+        Claim("position_error_m", "tip error", "mm", 1e3),
+        Claim("position_bound_m", "  bound, by the residual of one touch", "mm", 1e3),
+        Claim("bound_share", "  error over that bound", "-", 1.0, high=1.0),
+        Claim("position_std_m", "  std if touches were independent", "mm", 1e3),
+        Claim("rotation_error_rad", "axes, error, all three", "deg", DEGREES),
+        Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3),
+    ),
     "tcp-data": (
         Claim("position_std_m", "tip, 3D std", "mm", 1e3, high=3.3e-5),
         Claim("rotation_std_max_rad", "axes, std of the worst", "deg", DEGREES),
@@ -93,6 +102,14 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("origin_error_m", "origin, error (three times that)", "mm", 1e3, high=5.1e-5),
         Claim("axis_error_rad", "first axis, error (three times)", "deg", DEGREES, high=0.003 / DEGREES),
         *_RELATIVE_BASE,
+    ),
+    "base-gears": (
+        Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm", 1e3),
+        Claim("relative_origin_bound_m", "  bound, by the residual of one point", "mm", 1e3),
+        Claim("bound_share", "  error over that bound", "-", 1.0, high=1.0),
+        Claim("relative_origin_std_m", "  std if points were independent", "mm", 1e3),
+        Claim("point_error_1m_m", "a metre from the follower's, error", "mm", 1e3),
+        Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
     ),
     "base-poses": (
         Claim("origin_error_m", "origin, error", "mm", 1e3),

@@ -91,9 +91,7 @@ def find_parts(
     """
     tracker, touch = (_noise(noise, arms) for noise in (config.tracker_noise_m, config.touch_noise_m))
     truth = tracker_sees(true.T_master_follower)
-    turned = simulate_arcs(
-        truth, ARC_POINTS, config.tracker_noise_m, rng, lambda robot, q: arms.flanges(robot, arms.rest(robot, q, rng))
-    )
+    turned = simulate_arcs(truth, ARC_POINTS, config.tracker_noise_m, rng, arms.standing(rng))
     circles = turned.fit(tracker)
     T_master_follower, covariance = arms.bases or (circles.T_master_follower, circles.covariance)
     trial = TcpTrial(noise=config.touch_noise_m)
