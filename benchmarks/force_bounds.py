@@ -1,4 +1,7 @@
-"""`python -m benchmarks.force_bounds`: what no controller could better, and what two controllers reach by the model."""
+"""`python -m benchmarks.force_bounds`: what no controller could better, and what two controllers reach by the model.
+
+Both are of an arm with rigid gears.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,7 @@ from benchmarks.table import Row, print_rows
 from polish_sim.cell.real_part import WAVELENGTHS
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import override
 from polish_sim.scoring.border import linear_law_of
 from polish_sim.scoring.loop_model import setup_of
 
@@ -23,7 +27,7 @@ CONTROLLERS = ("hybrid-pi", "hybrid-adaptive")
 
 
 def main() -> None:
-    scenario = default_scenario("force")
+    scenario = override(default_scenario("force"), ["robot.arm=ideal"])
     print_rows("Force step of 20 N from first contact: no controller is faster", _steps(scenario))
     print_rows(
         "Rms of the force error under feed, form error and noise; the bound: no controller is better", _feeds(scenario)
