@@ -24,6 +24,7 @@ CHOSEN: Final = (
     "pad.choice",
     "simulation.log_rate_hz",
     "spindle.speed_rpm",
+    "robot.arm",
 )  #: Of these what the user chooses
 
 
