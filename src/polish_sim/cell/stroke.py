@@ -215,6 +215,7 @@ def _sink(table: PathTable, s: float, state: Sequence, depth: float, speed: floa
 # Transitions use only what the host computer knows: the clock, the path and the *measured* force.
 
 LEAST_SHARE = 0.02  # of the planned feed a controller can slow it to: the run must end
+SWINGS_FOR = 0.15  # after the approach starts an elastic arm swings: the sensor feels its tool, not a part [s]
 
 
 @kernel
@@ -234,7 +235,8 @@ def advance_sequence(
         _enter(state, TARE if stroke.retare else APPROACH if stroke.contact else PROCESS)
         state.s = state.speed = 0.0
     elif stage in (APPROACH, SEEK):
-        if measured_force > max(stroke.threshold, state.floor):
+        swinging = stage == APPROACH and state.time < SWINGS_FOR
+        if measured_force > max(stroke.threshold, state.floor) and not swinging:
             _enter(state, TOUCH_DOWN)
         elif stage == APPROACH and state.s >= stroke.lead_in.length:
             state.depth = 0.0
