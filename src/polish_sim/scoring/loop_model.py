@@ -86,7 +86,8 @@ def elastic_arm(scenario: Scenario, q: Array = FORCE_POSE, swing: float = 0.0) -
     at_links, at_rotors = np.concatenate([tool, nothing]), np.concatenate([nothing, tool])
     pull, drag = np.concatenate([nothing, arm.kp * way]), np.concatenate([nothing, arm.kv * way])
     host, path = at_links if arm.on_link else at_rotors, np.concatenate([way, way])
-    return Arm(mass, *matrices, pull, drag, at_links, host, path, float(arm.lag))
+    stiffness, damping = matrices
+    return Arm(mass, stiffness, damping, pull, drag, at_links, host, path, float(arm.lag))
 
 
 _ABOUT = 2.0 * math.pi * 20.0  # where the damping of the hysteresis is matched [rad/s]
