@@ -9,7 +9,10 @@ import pytest
 
 from polish_sim.analysis.metrics import (
     PAPER_ARC,
+    WINDOW_M,
+    curvature_peaks,
     distance_to_circle,
+    errors_at_peaks,
     first_contact,
     measure_arc,
     measure_force,
@@ -18,7 +21,6 @@ from polish_sim.analysis.metrics import (
     rise_time,
     settling_time,
 )
-from polish_sim.analysis.peaks import WINDOW_M, curvature_peaks, errors_at_peaks
 from polish_sim.hand_guiding.figures import distance_to_line, measure_taught
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace, trace_of

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import CellRun, build_scene, no_part, tool_on_flange
 from polish_sim.cell.faults import check_events, parse_events
+from polish_sim.cell.gears import HostArm, build_host_arm
 from polish_sim.cell.guards import CONTROLLER_NAN
-from polish_sim.cell.host_arm import HostArm, build_host_arm
 from polish_sim.cell.real_arm import built_table, gear_twists, resting_arm, weights
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller

@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import fed, numbers
-from polish_sim.analysis.peaks import FLAT_1_M, SHARP_1_M, WINDOW_M, curvature_peaks
+from polish_sim.analysis.metrics import FLAT_1_M, SHARP_1_M, WINDOW_M, curvature_peaks, fed, numbers
 from polish_sim.analysis.run_record import WHOLE, RunRecord, ending, stop_mark
 from polish_sim.analysis.style import (
     BLUE,

@@ -12,8 +12,7 @@ from polish_sim.arrays import Array, Ints
 from polish_sim.cell import guards
 from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
-from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints, host_hears
-from polish_sim.cell.host_arm import read_encoders
+from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints, host_hears, read_encoders
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Status
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_exact, record_reading, record_state

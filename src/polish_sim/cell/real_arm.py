@@ -13,8 +13,7 @@ import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.gears import RealArm, update_twist
-from polish_sim.cell.host_arm import HostArm, build_host_arm
+from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
 from polish_sim.cell.scene import bend_links, build_scene, tool_on_flange
 from polish_sim.config import RealArmConfig, Scenario
 from polish_sim.errors import ConfigError, unknown_name

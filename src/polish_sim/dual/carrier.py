@@ -15,7 +15,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.host_arm import HostArm, build_host_arm, read_encoders
+from polish_sim.cell.gears import HostArm, build_host_arm, read_encoders
 from polish_sim.cell.kernel import MasterFaults
 from polish_sim.cell.real_arm import ArmPlace, is_real
 from polish_sim.cell.real_part import PartMotion

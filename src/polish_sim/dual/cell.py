@@ -12,9 +12,8 @@ from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews, mj_step1
-from polish_sim.cell.gears import RealArm, hear_joints, host_hears
+from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, hear_joints, host_hears, read_encoders
 from polish_sim.cell.guards import REASONS
-from polish_sim.cell.host_arm import HostArm, build_host_arm, read_encoders
 from polish_sim.cell.kernel import CellKernel, CellState
 from polish_sim.cell.loop import (
     ask_law,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from polish_sim.analysis.metrics import measure_removal, measure_surface
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun, Observer, RealPart, Silent, Stroke, build_real_part
-from polish_sim.cell.host_arm import build_host_arm
+from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.cell import PairCell

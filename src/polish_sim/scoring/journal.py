@@ -18,8 +18,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 
-from polish_sim.analysis.metrics import PROCESS
-from polish_sim.analysis.peaks import curvature_peaks, errors_at_peaks
+from polish_sim.analysis.metrics import PROCESS, curvature_peaks, errors_at_peaks
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
 from polish_sim.config import Scenario
