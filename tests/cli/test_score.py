@@ -13,7 +13,7 @@ import pytest
 from tests.cli.conftest import PROGRAM, Tool
 
 TWO = ["--case", "step-10", "--case", "approach-20", "--seeds", "1", "--workers", "1"]
-FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl"}
+FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl", "report.html"}
 
 
 def read(file: Path) -> dict[str, object]:

@@ -45,7 +45,9 @@ def belief() -> Belief:
     links = link_parameters(MASS, np.array([ARM, 0.0, 0.0]), np.zeros((3, 3)))[None]
     friction = np.array([VISCOUS]), np.array([COULOMB])
     chain = SerialChain(geometry, links, np.array([ROTOR]), *friction, ("shoulder",), ("rod",), np.zeros((1, 3)))
-    return Belief(chain_model(chain), np.array([COULOMB]), np.array([VISCOUS]), np.array([CREEP]), np.array([150.0]))
+    return Belief(
+        chain_model(chain), np.array([COULOMB]), np.array([VISCOUS]), np.array([CREEP]), np.array([150.0]), 0.0, 0.0
+    )
 
 
 def gains(mode: str, **changed: float) -> GuidingGains:
