@@ -125,15 +125,15 @@ def test_without_a_force_loop_the_force_follows_the_part_by_k_times_its_travel()
 def test_under_hybrid_pi_the_error_is_that_of_the_linear_loop(frequency: float) -> None:
     """The tool goes x = C (F0 - F - m x'') / s late, the spring gives F = k (x + d) for the part's travel d.
 
-    C is the PI behind its 5 Hz filter, k head and pad with their dampers, m what the sensor carries; the delay is
+    C is the PI behind a filter of 10 Hz, k head and pad with their dampers, m what the sensor carries; the delay is
     that of command, sensor, the sensor's low-pass and the servos.
     """
     s, travel, mass = 2j * math.pi * frequency, 0.0005, 2.0
     delay = 0.006 + 0.002 + 1.0 / (2.0 * math.pi * 80.0) + 0.004
-    controller = (0.004 + 0.012 / s) / (1.0 + s / (2.0 * math.pi * 5.0)) * cmath.exp(-s * delay)
+    controller = (0.004 + 0.012 / s) / (1.0 + s / (2.0 * math.pi * 10.0)) * cmath.exp(-s * delay)
     spring = 1.0 / (1.0 / (STIFFNESS * 4.0 / 3.0 + 60.0 * s) + 1.0 / (STIFFNESS * 4.0 + 3.0 * 20.0 * s))
     moved = -controller * spring * travel / (s + controller * (spring + mass * s**2))
-    found = phasor(swinging(travel, frequency), frequency, 1 if frequency < 1.0 else 2)
+    found = phasor(swinging(travel, frequency, "controller.force_filter_hz=10"), frequency, 1 if frequency < 1.0 else 2)
     assert abs(found - spring * (moved + travel)) < 0.05 * abs(found)
 
 
