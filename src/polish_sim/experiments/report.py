@@ -61,11 +61,12 @@ def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str]
 
     A run without a row has no page.
     """
-    from polish_sim.experiments.compared_page import cell_model, remade
     from polish_sim.experiments.run_page import run_page
 
-    if model is None and remade(record):
-        model = cell_model(record)
+    if model is None:
+        from polish_sim.experiments.compared_page import cell_model, remade
+
+        model = cell_model(record) if remade(record) else None
     if model is not None and len(record.log):
         _save_page(folder, run_page(record, model, notes))
 

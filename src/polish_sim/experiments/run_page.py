@@ -16,7 +16,6 @@ from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.cell import Stroke, tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.config import Scenario
-from polish_sim.exchange.viewers import path_plots
 from polish_sim.experiments.cycle import cycle_of
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import claims_shown, experiment
@@ -264,6 +263,8 @@ def _wear(record: RunRecord, removal: RemovalMap) -> Wear:
 
 def plan_page(page: Page, scenario: Scenario, result: PlanResult, reach: Reach, strokes: Sequence[Stroke]) -> Page:
     """The page of a plan, ``page``, with the robot that does it, as long as the cycle takes."""
+    from polish_sim.exchange.viewers import path_plots
+
     spec = robot_with_tool(scenario)
     lay_part(spec, result.mesh, reach.T_base_work, works_below(reach.T_base_work, result.path.axes_work))
     model, cycle = spec.compile(), cycle_of(strokes)
@@ -271,7 +272,7 @@ def plan_page(page: Page, scenario: Scenario, result: PlanResult, reach: Reach, 
     q = track(transform(turns, cycle.positions), tool_on_flange(), reach.q_start).q
     if not np.isfinite(q).all():
         return page
-    # The head's spring and the pad, one behind the other, give way.
+    # The head's spring and the pad, in series, are compressed.
     sunk = cycle.force * (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
     pad = cycle.positions - sunk[:, None] * turns[:, :, 2]
     bodies, body = scene_bodies(model), part_body(model)
