@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,9 +82,21 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
             if not isinstance(value, dict):
                 raise ConfigError(f"'{where}' is a section: write [{where}] and its keys below.")
             changes[name] = merge(current, value, f"{where}.")
+        elif isinstance(current, Mapping):
+            changes[name] = {**current, **_plain_values(where, value)}
         else:
             changes[name] = _checked(where, value, current, known[name])
     return replace(base, **changes)  # type: ignore[type-var]
+
+
+def _plain_values(where: str, table: Any) -> dict[str, Any]:
+    """A section of free keys, with numbers, words and switches alone."""
+    if not isinstance(table, dict):
+        raise ConfigError(f"'{where}' is a section: write [{where}] and its keys below, or --set {where}.KEY=VALUE.")
+    for name, value in table.items():
+        if not (isinstance(value, (bool, str)) or _is_number(value)):
+            raise ConfigError(f"'{where}.{name}' must be a number, text, true or false, got {_shown(value)}.")
+    return table
 
 
 def _with_presets(base: T, table: dict[str, Any], place: str, known: dict[str, Field[Any]]) -> T:
@@ -138,6 +150,9 @@ def _table_of(section: Any, place: str, comments: dict[str, str]) -> dict[str, A
             table[f.name] = _table_of(value, f"{name}.", comments)
         else:
             comments[name] = f.metadata["text"]
+            if isinstance(value, Mapping):
+                table[f.name] = dict(value)
+                continue
             table[f.name] = AUTO if value == f.default == () else value
     return table
 

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from polish_sim.config import ControllerConfig
+from polish_sim.analysis.run_record import once_more
+from polish_sim.config import ControllerConfig, Scenario
 from polish_sim.control import CONTROLLERS, build_controller
-from polish_sim.errors import InputError
+from polish_sim.control.laws import own_parameters
+from polish_sim.errors import ConfigError, InputError, PolishSimError
+from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.scenario_file import load_scenario, merge, override, to_toml
 
 GOOD = """
 from __future__ import annotations
@@ -34,6 +41,13 @@ class Deaf:
 class Needs:
     def __init__(self, gain):
         pass
+
+class Tuned(Push):
+    ranges = {"gain": (0.001, 0.1)}
+
+    def __init__(self, gain=0.01, sign=1, mode="press", late=False):
+        super().__init__()
+        self.gain, self.sign, self.mode, self.late = gain, sign, mode, late
 """
 
 
@@ -95,3 +109,72 @@ def test_a_file_that_fails_says_why(tmp_path: Path, source: str, told: str) -> N
     with pytest.raises(InputError, match=r"broken\.py") as caught:
         load(f"{path}:Mine")
     assert told in str(caught.value)
+
+
+def tuned(file: Path, **own: float | str) -> object:
+    return build_controller(ControllerConfig(name=f"{file}:Tuned", own=own))
+
+
+def test_parameters_reach_the_class_and_the_others_keep_their_defaults(file: Path) -> None:
+    made = tuned(file, gain=0.02, mode="glide", late=True)
+    assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)  # type: ignore[attr-defined]
+
+
+def test_a_class_declares_its_parameters_with_their_ranges(file: Path) -> None:
+    known = own_parameters(f"{file}:Tuned")
+    assert list(known) == ["gain", "sign", "mode", "late"]
+    assert known["gain"] == ("gain", 0.01, 0.001, 0.1)
+    assert known["sign"][1:] == (1, -math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("own", "told"),
+    [
+        ({"gian": 0.02}, "Did you mean 'gain'?"),
+        ({"gain": 0.2}, "'controller.own.gain' = 0.2 is outside 0.001 to 0.1"),
+        ({"gain": "high"}, "'controller.own.gain' must be a number"),
+        ({"sign": 0.5}, "'controller.own.sign' must be a whole number"),
+        ({"sign": True}, "'controller.own.sign' must be a whole number"),
+        ({"late": 1}, "'controller.own.late' must be true or false"),
+        ({"mode": 3}, "'controller.own.mode' must be text"),
+    ],
+)
+def test_wrong_parameters_are_refused_by_name(file: Path, own: dict[str, float | str], told: str) -> None:
+    with pytest.raises(PolishSimError, match=re.escape(told)):
+        tuned(file, **own)
+
+
+def test_parameters_are_for_own_controllers_alone() -> None:
+    with pytest.raises(InputError, match=r"controller\.own\.gain is for an own controller"):
+        build_controller(ControllerConfig(own={"gain": 1.0}))
+
+
+def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file: Path, tmp_path: Path) -> None:
+    usual = default_scenario("force")
+    chosen = override(usual, [f"controller.name={file}:Tuned", "controller.own.gain=0.02", "controller.own.late=true"])
+    written = tmp_path / "config.toml"
+    written.write_text(to_toml(chosen), encoding="utf-8")
+    assert load_scenario(written, usual) == chosen
+    assert chosen.controller.own == {"gain": 0.02, "late": True}
+    assert "--set controller.own.gain=0.02" in once_more(chosen, usual)
+    hash(chosen)
+    with pytest.raises(ConfigError, match=r"'controller\.own\.gain' must be a number, text, true or false, got \[1"):
+        override(usual, ["controller.own.gain=[1, 2]"])
+    with pytest.raises(ConfigError, match=r"'controller\.own' is a section"):
+        override(usual, ["controller.own=3"])
+
+
+def test_an_object_is_run_as_it_is_and_the_config_says_how_to_make_it_again(file: Path) -> None:
+    made = tuned(file, gain=0.02)
+    scenario = override(default_scenario("arc"), ["process.feed_m_s=0.4", "process.max_feed_s=0.2"])
+    by_object = run_experiment(scenario, controller=made)  # type: ignore[arg-type]
+    config = by_object.scenario.controller
+    assert (config.name, config.own["gain"]) == (f"{file}:Tuned", 0.02)
+    again = run_experiment(load_text(to_toml(by_object.scenario), scenario))
+    assert again.log["tcp_position_m"].tobytes() == by_object.log["tcp_position_m"].tobytes()
+    with pytest.raises(InputError, match=r"'object' lacks the method reset\(\)"):
+        run_experiment(scenario, controller=object())  # type: ignore[arg-type]
+
+
+def load_text(text: str, base: Scenario) -> Scenario:
+    return merge(base, tomllib.loads(text), "")

@@ -234,7 +234,11 @@ def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
     """
     named = override(usual, [f"sensor.model={scenario.sensor.model}"])
     theirs = dict(_flat(named, "")) | {"sensor.model": usual.sensor.model}
-    return [[name, _text(value), _text(theirs[name])] for name, value in _flat(scenario, "") if value != theirs[name]]
+    return [
+        [name, _text(value), _text(theirs.get(name, ""))]
+        for name, value in _flat(scenario, "")
+        if value != theirs.get(name)
+    ]
 
 
 def once_more(scenario: Scenario, usual: Scenario) -> str:
@@ -243,7 +247,7 @@ def once_more(scenario: Scenario, usual: Scenario) -> str:
     changed = [
         f"{name}={toml_text({'': value}).partition('= ')[2].strip()}"
         for name, value in _flat(scenario, "")
-        if value != theirs[name]
+        if value != theirs.get(name)
     ]
     return " ".join([f"polish-sim run {scenario.experiment}", *(f"--set {shlex.quote(text)}" for text in changed)])
 
@@ -257,5 +261,7 @@ def _flat(section: Any, place: str) -> Iterator[tuple[str, Any]]:
         value = getattr(section, field.name)
         if is_dataclass(value):
             yield from _flat(value, f"{place}{field.name}.")
+        elif isinstance(value, Mapping):
+            yield from ((f"{place}{field.name}.{key}", of_own) for key, of_own in value.items())
         else:
             yield f"{place}{field.name}", value

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from polish_sim.config.key import RUN, Option, key
+from polish_sim.config.key import RUN, Option, free_keys, key
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,7 @@ class ControllerConfig:
     moment_tilt_limit_rad: float = key(
         math.radians(2.0), "how far the moment loop may tilt the tool from the planned axis [rad]", 0.0, 0.5
     )
+    own: Mapping[str, float | str] = free_keys("parameters of an own controller, FILE.py:CLASS, by their names")
     adaptive: AdaptiveConfig = field(default_factory=AdaptiveConfig)
     baselines: BaselinesConfig = field(default_factory=BaselinesConfig)
 

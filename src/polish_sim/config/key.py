@@ -67,3 +67,8 @@ def key(
     line; ``presets``: the words it takes, each with other keys of the section and values that it stands for."""
     metadata = {"text": text, "low": low, "high": high, "length": length, "option": option, "presets": presets}
     return field(default=default, metadata=metadata)
+
+
+def free_keys(text: str) -> Any:
+    """Declare a section whose keys a user names: numbers, words and switches."""
+    return field(default_factory=dict, hash=False, metadata={"text": text, "option": None, "presets": None})

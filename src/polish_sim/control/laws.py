@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
+import math
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType, ModuleType
+from typing import Any, NamedTuple
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control.hybrid import hybrid_pi, hybrid_pi_position, position
 from polish_sim.control.signals import CompiledController, Controller
-from polish_sim.errors import InputError, unknown_name
+from polish_sim.errors import ConfigError, InputError, number_text, unknown_name
 from polish_sim.lazy import FunctionOnUse
 
 CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = MappingProxyType(
@@ -52,33 +56,136 @@ def build_controller(config: ControllerConfig) -> Controller:
     """Make the controller a scenario names, a shipped one or ``FILE.py:CLASS``; it is not yet reset.
 
     Raises:
-        InputError: If the name is unknown, or the file has no such class, or the class lacks a method.
+        InputError: If the name is unknown, or the file has no such class, or the class lacks a method or parameter.
+        ConfigError: If a parameter of the class is of the wrong kind or out of its range.
     """
+    if isinstance(config, GivenController):
+        return config.made
     if config.name in CONTROLLERS:
+        if config.own:
+            raise InputError(
+                f"controller.own.{next(iter(config.own))} is for an own controller, FILE.py:CLASS: '{config.name}' "
+                "has its gains under controller."
+            )
         return CONTROLLERS[config.name](config)
-    file, separator, class_name = config.name.rpartition(":")
-    if config.name.endswith(".py"):
-        raise InputError(f"'{config.name}' does not say which class to use. Give it as {config.name}:CLASS.")
+    made_by = _load_class(config.name)
+    file = config.name.rpartition(":")[0]
+    _check_own(config, _parameters_of(made_by, config.name))
+    try:
+        made = made_by(**config.own)
+    except Exception as error:
+        raise InputError(f"'{config.name}' cannot be made: {tell_error(error, file)}.") from error
+    return _with_methods(made, config.name)
+
+
+# The parameters of a user's class: what its __init__ takes. `ranges` on the class says what each may be.
+
+
+class Parameter(NamedTuple):
+    """A number, word or switch that a user's class takes when it is made."""
+
+    name: str
+    default: Any  #: ``inspect.Parameter.empty`` if it has to be given
+    low: float = -math.inf
+    high: float = math.inf
+
+
+def own_parameters(name: str) -> dict[str, Parameter]:
+    """The parameters of the class ``FILE.py:CLASS``, by name: the arguments of its ``__init__``.
+
+    A class attribute ``ranges``, e.g. ``{"gain": (0.001, 0.1)}``, bounds them.
+
+    Raises:
+        InputError: If there is no such class, or ``ranges`` names what ``__init__`` does not take.
+    """
+    return _parameters_of(_load_class(name), name)
+
+
+def _parameters_of(made_by: Callable[..., Any], name: str) -> dict[str, Parameter]:
+    try:
+        taken = inspect.signature(made_by).parameters.values()
+    except (TypeError, ValueError):  # a class written in C
+        return {}
+    named = {p.name: p.default for p in taken if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
+    ranges = getattr(made_by, "ranges", {})
+    for key, bounds in dict(ranges).items():
+        if key not in named:
+            raise unknown_name(f"parameter in the ranges of '{name}'", key, named)
+        if len(bounds) != 2 or not bounds[0] < bounds[1]:
+            raise InputError(f"the range of '{key}' in '{name}' is {bounds}: write (least, most).")
+    return {key: Parameter(key, default, *ranges.get(key, ())) for key, default in named.items()}
+
+
+def _check_own(config: ControllerConfig, known: Mapping[str, Parameter]) -> None:
+    """Refuse parameters the class does not take, and values of another kind or out of range."""
+    for key, value in config.own.items():
+        if key not in known:
+            raise unknown_name(f"parameter of '{config.label}', controller.own", key, known)
+        _, default, low, high = known[key]
+        kind, number = type(default), not isinstance(value, (bool, str))
+        expected = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}.get(kind)
+        fits = isinstance(value, kind) and isinstance(value, bool) == (kind is bool)
+        if expected and not fits and not (kind is float and number):
+            raise ConfigError(f"'controller.own.{key}' must be {expected}, got {value!r}.")
+        if number and not low <= value <= high:
+            bounds = f"{number_text(low)} to {number_text(high)}"
+            raise ConfigError(
+                f"'controller.own.{key}' = {value!r} is outside {bounds}: the range '{config.label}' declares."
+            )
+    missing = [name for name, parameter in known.items() if parameter.default is inspect.Parameter.empty]
+    missing = [name for name in missing if name not in config.own]
+    if missing:
+        raise InputError(f"'{config.label}' needs a value for '{missing[0]}': --set controller.own.{missing[0]}=...")
+
+
+class GivenController(ControllerConfig):
+    """Settings that stand for a controller made before; its file, class and parameters are named as far as known."""
+
+    made: Controller
+
+    @classmethod
+    def of(cls, controller: Controller, config: ControllerConfig) -> GivenController:
+        """Settings like ``config`` for a controller object.
+
+        Raises:
+            InputError: If the object lacks a method.
+        """
+        kind, file, own = type(controller), file_of(controller), {}
+        _with_methods(controller, kind.__name__)
+        if not isinstance(controller, CompiledController):
+            name = f"{file}:{kind.__name__}" if file else kind.__name__
+            for key in inspect.signature(kind).parameters:
+                value = getattr(controller, key, None)
+                if isinstance(value, (bool, int, float, str)):
+                    own[key] = value
+            config = replace(config, name=name, own=own)
+        given = cls(**vars(config))
+        object.__setattr__(given, "made", controller)
+        return given
+
+
+def _with_methods(made: Any, name: str) -> Controller:
+    for method in ("reset", "step"):
+        if not callable(getattr(made, method, None)):
+            raise InputError(f"the controller '{name}' lacks the method {method}(); see docs/controllers.md.")
+    return made  # type: ignore[no-any-return]
+
+
+def _load_class(name: str) -> Callable[..., Any]:
+    file, separator, class_name = name.rpartition(":")
+    if name.endswith(".py"):
+        raise InputError(f"'{name}' does not say which class to use. Give it as {name}:CLASS.")
     if not separator:
-        raise unknown_name("controller", config.name, [*CONTROLLERS, "FILE.py:CLASS"])
-    return _load_class(Path(file), class_name)
-
-
-def _load_class(path: Path, class_name: str) -> Controller:
+        raise unknown_name("controller", name, [*CONTROLLERS, "FILE.py:CLASS"])
+    path = Path(file)
     if not path.is_file():
         raise InputError(f"controller file '{path}' does not exist. Give it as FILE.py:CLASS.")
     module = _run_file(path, class_name)
-    if not callable(getattr(module, class_name, None)):
+    made_by = getattr(module, class_name, None)
+    if not callable(made_by):
         names = ", ".join(n for n, v in vars(module).items() if isinstance(v, type) and v.__module__ == module.__name__)
         raise InputError(f"no class '{class_name}' in '{path}'. Classes there: {names or 'none'}.")
-    try:
-        made = getattr(module, class_name)()
-    except Exception as error:
-        raise InputError(f"'{path}:{class_name}' cannot be made: {tell_error(error, path)}.") from error
-    for method in ("reset", "step"):
-        if not callable(getattr(made, method, None)):
-            raise InputError(f"class '{class_name}' in '{path}' lacks the method {method}(); see docs/controllers.md.")
-    return made  # type: ignore[no-any-return]
+    return made_by  # type: ignore[no-any-return]
 
 
 def _run_file(path: Path, class_name: str) -> ModuleType:

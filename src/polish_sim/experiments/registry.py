@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from operator import attrgetter
@@ -21,6 +21,7 @@ from polish_sim.errors import InputError, leave_out, unknown_name
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.cell import Observer
+    from polish_sim.control import Controller
     from polish_sim.experiments.placement import Reach
     from polish_sim.experiments.result import RunResult
     from polish_sim.planning import PlanResult, ToolPath
@@ -152,14 +153,24 @@ def check_experiment(
     return CheckedPath(*_call(row, row.prepare, scenario, plan, observer))
 
 
-def run_experiment(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
+def run_experiment(
+    scenario: Scenario,
+    plan: PlanResult | None = None,
+    observer: Observer | None = None,
+    controller: Controller | None = None,
+) -> RunResult:
     """Run the experiment a scenario names, on a ``plan`` made before if one is given.
 
-    A protective stop or an interrupt is noted in the finished run, not raised.
+    ``controller`` is used instead of the one the scenario names: any object with ``reset`` and ``step``. A protective
+    stop or an interrupt is noted in the finished run, not raised.
 
     Raises:
         PolishSimError: If the scenario cannot be run.
     """
+    if controller is not None:
+        from polish_sim.control.laws import GivenController  # the control laws are slow to import
+
+        scenario = replace(scenario, controller=GivenController.of(controller, scenario.controller))
     row = experiment(scenario.experiment)
     result: RunResult = _call(row, row.run, scenario, plan, observer)
     return result
