@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import Field, FrozenInstanceError, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -111,9 +111,9 @@ def test_toml_gives_back_the_very_same_scenario(scenario: Scenario, tmp_path: Pa
 def test_the_file_holds_every_key_with_its_meaning() -> None:
     text = to_toml(BASE)
     for key, value, field in leaves(BASE):
-        name = key.rpartition(".")[2]
+        begin = f"[{key}]" if isinstance(value, Mapping) else f"{key.rpartition('.')[2]} = "
         assert any(
-            line.startswith(f"{name} = ") and line.endswith(f"# {field.metadata['text']}") for line in text.splitlines()
+            line.startswith(begin) and line.endswith(f"# {field.metadata['text']}") for line in text.splitlines()
         ), key
         assert value is not None
 
