@@ -232,7 +232,7 @@ def _hang_links(
     for _ in range(4):
         hanging = gear_twists(real, weights(model, data.qpos[None, place.joints], place))[0]
         for j in range(6):
-            update_twist(arm, j, float(data.qpos[place.first + j]))
+            update_twist.py_func(arm, j, float(data.qpos[place.first + j]))  # compiling it would take longer
         if arm.on_link:
             arm.angle += hanging - arm.twist
         else:
