@@ -27,7 +27,7 @@ from polish_sim.exchange.viewers import (
     path_tube,
     ply_bytes,
 )
-from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.planning.toolpath import SEGMENTS
 from tests.exchange.yaml_subset import load
 from tests.planning.shapes import shipped_plan

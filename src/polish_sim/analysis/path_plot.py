@@ -36,7 +36,7 @@ from polish_sim.analysis.style import (
     view_frame,
 )
 from polish_sim.arrays import Array, Bools, Ints
-from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.motion import link_frames
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, stretches
 from polish_sim.spatial import unit

@@ -27,7 +27,7 @@ from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, heading, new_figure, styled, view_frame
 from polish_sim.arrays import Array
 from polish_sim.errors import number_text
-from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.spatial import unit
 
 if TYPE_CHECKING:

@@ -4,13 +4,13 @@ Lengths in m, angles in rad, forces in N. Each field carries its meaning, its al
 option on the command line: the TOML file, its checks and comments, the options and their help all come from here.
 """
 
-from polish_sim.config.arm import RealArmConfig
 from polish_sim.config.branches import DragConfig, DualConfig, GuideConfig, HandConfig
 from polish_sim.config.cell import (
     FaultsConfig,
     HeadConfig,
     PadConfig,
     PayloadConfig,
+    RealArmConfig,
     RobotConfig,
     SafetyConfig,
     SensorConfig,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.exchange.strokes import ExportSetup, feeds_of, forces_of, needed_rows
-from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, cylinder, free_tool, page_html
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.ground.triangulation import triangulate

@@ -19,7 +19,7 @@ from polish_sim.config import Scenario
 from polish_sim.experiments.cycle import cycle_of
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import claims_shown, experiment
-from polish_sim.geometry.lighter_mesh import lighter_mesh
+from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.log import PHASES, RemovalMap, RunLog
 from polish_sim.motion import track
 from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, box, cylinder
