@@ -122,12 +122,12 @@ def _check_own(config: ControllerConfig, known: Mapping[str, Parameter]) -> None
         if key not in known:
             raise unknown_name(f"parameter of '{config.label}', controller.own", key, known)
         _, default, low, high = known[key]
-        kind, number = type(default), not isinstance(value, (bool, str))
+        kind = type(default)
         expected = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}.get(kind)
         fits = isinstance(value, kind) and isinstance(value, bool) == (kind is bool)
-        if expected and not fits and not (kind is float and number):
+        if expected and not fits and not (kind is float and type(value) is int):
             raise ConfigError(f"'controller.own.{key}' must be {expected}, got {value!r}.")
-        if number and not low <= value <= high:
+        if not isinstance(value, (bool, str)) and not low <= value <= high:
             bounds = f"{number_text(low)} to {number_text(high)}"
             raise ConfigError(
                 f"'controller.own.{key}' = {value!r} is outside {bounds}: the range '{config.label}' declares."
