@@ -47,6 +47,19 @@ def test_no_side_the_part_hides_is_drawn_through_it(tmp_path):
     assert not (strokes.max(axis=0) > 29.9)[1]
 
 
+@pytest.mark.parametrize(("side", "right"), [((30.0, 0.0, 0.0), 1), ((0.0, -30.0, 0.0), 0)])
+def test_a_side_of_the_part_is_seen_along_its_face(tmp_path, side, right):
+    box = tmp_path / "box.stl"
+    trimesh.creation.box((60, 60, 60)).export(box)
+    region = "point:" + ",".join(f"{x:g}" for x in side)
+    result = plan_part(PartConfig(str(box), up="z"), PlanConfig(region=region, stepover_m=0.02))
+    _, flat, _ = plot_plan(result).axes
+    drawn = np.concatenate([line.vertices for piece in flat.collections[1:] for line in piece.get_paths()])
+    process = result.path.positions_work[result.path.process] * 1e3
+    assert np.ptp(drawn, axis=0) == pytest.approx(np.ptp(process[:, [right, 2]], axis=0))
+    assert flat.get_ylabel() == "up (+z) [mm]"
+
+
 def test_landing_and_leaving_are_named(result):
     figure = plot_plan(result)
     names = [text.get_text() for text in figure.legends[0].get_texts()]

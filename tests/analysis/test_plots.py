@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_surface
 from polish_sim.analysis.run_record import RunRecord
+from polish_sim.analysis.style import RED
 from polish_sim.analysis.surface_plot import around_peaks
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
@@ -70,7 +71,7 @@ def test_a_run_stopped_in_its_first_step_still_draws(make: Callable[[Trace], Run
     plots = draw_plots(make(trace_of(np.full(400, 3, np.int8))))
     assert plots
     shown = [text.get_text() for figure in plots.values() for axes in figure.axes for text in axes.texts]
-    shown += [axes.get_title(loc="left") for figure in plots.values() for axes in figure.axes]
+    shown += [head_of(figure) for figure in plots.values()]
     assert not [text for text in shown if "nan" in text]
 
 
@@ -84,7 +85,60 @@ def test_the_drawn_force_is_the_logged_one() -> None:
 
 def test_each_curvature_peak_is_numbered() -> None:
     figure = draw_plots(surface_record())["force.png"]
-    assert [text.get_text() for text in figure.axes[0].texts] == ["1", "2", "3"]
+    assert [text.get_text() for text in figure.axes[0].texts] == [" 1", " 2", " 3"]
+
+
+def stopped(record: RunRecord, time: float, s: float) -> RunRecord:
+    """The same run as if it had stopped itself then and there."""
+    on = np.array(record.log["time_s"] <= time)
+    log = RunLog({name: column[on] for name, column in record.log.columns.items()})
+    at = {"name": "a limit", "time_s": time, "path_s_m": s, "tool_m": [0.0, 0.0, 0.0]}
+    return replace(record, log=log, metrics={**record.metrics, "protective_stop_at": at})
+
+
+def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked() -> None:
+    record = surface_record()
+    fed = record.log["phase"] == 2
+    time, s = (float(record.log[name][fed][len(fed[fed]) // 10]) for name in ("time_s", "path_s_m"))
+    for run, where in ((stopped(record, time, s), s), (stopped(force_record(), 3.0, 0.0), 1.0)):
+        figure = draw_plots(run)["force.png"]
+        assert "a limit" in head_of(figure)
+        for axes in figure.axes:
+            low, high = axes.get_xlim()
+            assert high - where < 0.1 * (high - low)
+            marked = [line for line in axes.lines if line.get_color() == RED]
+            assert marked[0].get_xdata()[0] == pytest.approx(where, abs=0.01)
+
+
+def test_a_surface_run_that_stops_before_the_feed_shows_its_force_over_time() -> None:
+    plots = draw_plots(stopped(surface_record(trace_of(np.zeros(400, np.int8))), 0.3, 0.0))
+    assert set(plots) == {"force.png"}
+    assert plots["force.png"].axes[0].get_xlabel() == "time since the start [s]"
+
+
+@pytest.mark.parametrize("make", RECORDS)
+def test_no_panel_is_empty_and_nothing_sticks_out_of_its_figure(make: Callable[[], RunRecord]) -> None:
+    for figure in [*draw_plots(make()).values(), *draw_seeds([make(), make()]).values()]:
+        figure.draw_without_rendering()
+        for axes in (axes for axes in figure.axes if axes.get_visible()):
+            assert any(len(line.get_xdata()) for line in axes.lines) or axes.collections
+        width, height = figure.bbox.size
+        for piece in [*figure.legends, *figure.texts]:
+            box = piece.get_window_extent()
+            assert 0.0 <= box.x0 < box.x1 <= width
+            assert 0.0 <= box.y0 < box.y1 <= height
+
+
+def test_a_part_without_bends_has_no_picture_of_bends() -> None:
+    record = surface_record()
+    assert record.path is not None
+    assert "peaks.png" in draw_plots(record)
+    round_ = replace(record, path=replace(record.path, curvature=np.full(len(record.path.s), 20.0)))
+    assert "peaks.png" not in draw_plots(round_)
+
+
+def head_of(figure: Figure) -> str:
+    return "\n".join(text.get_text() for text in figure.texts)
 
 
 def test_two_runs_stand_side_by_side_under_their_controllers() -> None:
@@ -112,9 +166,9 @@ def test_every_run_has_the_band_of_its_own_force_on_one_scale() -> None:
 
 def test_force_steps_to_different_forces_have_a_band_each() -> None:
     (axes,) = draw_comparison([force_record(), with_force(force_record(), 10.0)])["force.png"].axes
-    assert axes.get_legend() is not None
-    names = [text.get_text() for text in axes.get_legend().get_texts()]  # type: ignore[union-attr]
-    assert {"10 ± 3 N", "20 ± 3 N"} <= set(names)
+    assert axes.figure is not None
+    names = [text.get_text() for text in axes.figure.legends[0].get_texts()]
+    assert {"10 ± 3 N, the paper's band", "20 ± 3 N, the paper's band"} <= set(names)
     assert any(name.endswith("10 N") for name in names)
 
 
@@ -132,7 +186,7 @@ def test_a_way_without_a_bend_says_so() -> None:
     record = surface_record()
     metrics = {**record.metrics, "curvature_peaks": 0, "force_error_at_peaks_n": np.nan}
     figure = draw_plots(replace(record, metrics=metrics))["force.png"]
-    assert figure.axes[0].get_title(loc="left").endswith("no curvature peak on the way")
+    assert head_of(figure).endswith("no curvature peak on the way")
 
 
 def test_a_bend_too_near_an_end_to_be_drawn_is_told() -> None:
@@ -141,8 +195,8 @@ def test_a_bend_too_near_an_end_to_be_drawn_is_told() -> None:
     cut = record.log["phase"].copy()
     cut[fed[: len(fed) // 8]] = 1
     figure = draw_plots(replace(record, log=RunLog({**record.log.columns, "phase": cut})))["peaks.png"]
-    assert "1 less than 40 mm from an end, not drawn" in figure.axes[0].get_title(loc="left")
-    assert figure.axes[0].get_legend().get_texts()[0].get_text() == "mean of 2 peaks"  # type: ignore[union-attr]
+    assert "1 less than 40 mm from an end, not drawn" in head_of(figure)
+    assert "mean of 2 peaks" in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_runs_of_different_experiments_are_not_put_side_by_side() -> None:
@@ -153,7 +207,16 @@ def test_runs_of_different_experiments_are_not_put_side_by_side() -> None:
 def test_the_seeds_plot_counts_those_that_meet_what_is_asked() -> None:
     slow = force_record(force_trace(tau=0.3), seed=1)
     figure = draw_seeds([force_record(), slow])["seeds.png"]
-    assert "met by 1 of 2" in figure.axes[0].get_title(loc="left")
+    assert figure.axes[0].get_title(loc="left").endswith("asked <= 0.4: 1 of 2")
+
+
+def test_the_worst_seed_is_named_and_drawn() -> None:
+    records = [surface_record(), replace(surface_record(), scenario=replace(Scenario(), seed=7))]
+    records[1] = replace(records[1], metrics={**records[1].metrics, "force_max_deviation_n": 7.0})
+    plots = draw_seeds(records)
+    assert "seed 7, the worst of 2" in head_of(plots["worst_seed.png"])
+    names = {axes.get_title(loc="left"): axes.texts[0].get_text() for axes in plots["seeds.png"].axes}
+    assert names["force error, max [N]"] == "seed 7: 7"
 
 
 def test_drawing_leaves_matplotlibs_settings_alone() -> None:

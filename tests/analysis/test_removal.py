@@ -37,7 +37,7 @@ def test_the_shares_of_the_area_below_half_and_above_one_and_a_half_means_are_co
 def test_what_was_never_touched_is_no_spike_in_the_picture_s_histogram() -> None:
     removal = removal_map(np.concatenate([np.zeros(500), np.linspace(1.0, 1.2, 500)]))
     record = RunRecord("cut", Scenario(), measure_removal(removal), log_of(surface_trace(bumpy_path())), None, removal)
-    shares = draw_plots(record)["removal.png"].axes[2]
+    shares = draw_plots(record)["removal.png"].axes[1]
     # Half of the area lies within 0.4 of its mean: 12.5% of it per tenth on average.
     assert shares.get_ylim()[1] < 25.0
     assert "untouched 50.00% left out" in shares.get_xlabel()

@@ -126,12 +126,12 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     on_part, in_base = (np.array([float(x) for x in found[k].split(",")]) for k in (2, 3))
     np.testing.assert_allclose(T_base_work[:3, :3] @ on_part + 1e3 * T_base_work[:3, 3], in_base, atol=0.02)
     assert float(found[4]) == pytest.approx(20.0, abs=2.0)
-    # The picture has a line at its time after first contact, its name stands below.
+    # The picture has a line at its time after first contact, its name stands in the head.
     picture = draw_plots(read_record(tmp_path / "stopped"))["force.png"]
     (line,) = (line for line in picture.axes[0].lines if line.get_color() == RED and len(line.get_xdata()) == 2)
     assert line.get_xdata()[0] == pytest.approx(0.5, abs=0.02)
-    below = picture.get_supxlabel()
-    assert f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor reading jumped" in below
+    head = picture.texts[-1].get_text()
+    assert f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor reading jumped" in head
 
 
 @pytest.mark.parametrize("out", ["taken", "file", "/proc/polish"])

@@ -134,14 +134,17 @@ def test_each_law_of_the_composed_controller_is_left_out_once() -> None:
         ablations(A)
 
 
-def test_every_run_is_a_dot_and_an_unstable_one_a_cross() -> None:
+def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross() -> None:
     figure = plot_score(
         BOTH.rows, {"approach-20": False, "freeform-60": True}, [Asked("max", "approach-20", "max_error_n", 1.0, "N")]
     )
     settling, _, largest, _ = figure.axes
     markers = [line.get_marker() for line in largest.lines]
-    assert markers.count("o") == 7
+    assert (markers.count("o"), markers.count("^")) == (4, 3)
     assert markers.count("x") == 1
+    figure.draw_without_rendering()
+    low, high = largest.get_xlim()
+    assert sum(bool(tick.label1.get_text()) and low <= tick.get_loc() <= high for tick in largest.xaxis.majorTicks) >= 3
     assert len(settling.lines) == 4  # not along the path
     assert [float(line.get_xdata()[0]) for line in largest.lines if line.get_marker() == "None"] == [1.0]
 

@@ -17,7 +17,7 @@ from matplotlib.patches import Circle, Patch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, heading, new_figure, styled, view_frame
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, Views, head, new_figure, styled, views_of
 from polish_sim.arrays import Array, Bools, Indices
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def write_ply(
 
 MM = 1e3
 DEG_MM = np.degrees(1.0) * 1e-3  #: A rate of turning in rad/m, in deg/mm
-LEAST_RATE = 0.1  #: Least height of its panel [deg/mm]: on a level face there is nothing but rounding to show
+LEAST_RATE = 1e-3  #: A level face shows nothing but rounding below it [deg/mm]
 PIXELS = 420  #: Along the longer side of a map
 LABELLED = 5
 DARK = "#3A0010"
@@ -103,66 +103,71 @@ LEVELS = {"never touched": ORANGE, "under the pad": "#F0D9A0", "and within 0.55 
 
 
 class _View(NamedTuple):
-    """The region seen from above, as pixels."""
+    """The region in a flat picture, as pixels."""
 
-    frame: Array
+    views: Views
     extent: tuple[float, float, float, float]
     vertex: Indices  #: Vertex seen in each pixel, -1 where there is none, shape (rows, columns)
 
 
 @styled
 def plot_maps(found: Inspection) -> Figure:
-    """Draw time under the pad, coverage, and hollows against the pad, seen from above."""
-    view = _look(found)
+    """Draw time under the pad, coverage and, if there are any, hollows too tight for the pad, seen from above.
+
+    A region that looks down is seen from below, a side of the part along its face.
+    """
+    view, hollow = _look(found), bool(found.quality.reach.places)
     wide = (view.extent[1] - view.extent[0]) >= 1.2 * (view.extent[3] - view.extent[2])
-    figure = new_figure(15.0, 4.6 if wide else 5.4)
-    time, cover, reach = figure.subplots(1, 3, sharex=True, sharey=True)
-    _draw_time(figure, time, found, view)
-    _draw_cover(figure, cover, found, view)
-    _draw_reach(figure, reach, found, view)
-    for axes in (time, cover, reach):
+    figure = new_figure(14.0 if hollow else 10.5, 4.6 if wide else 5.4)
+    panels = figure.subplots(1, 3 if hollow else 2, sharex=True, sharey=True)
+    _draw_time(figure, panels[0], found, view)
+    handles = _draw_cover(panels[1], found, view)
+    if hollow:
+        _draw_reach(figure, panels[2], found, view)
+    for axes in panels:
         axes.set_aspect("equal")
         axes.grid(False)
-        axes.set_xlabel("to the right [mm]")
+        axes.set_xlabel(view.views.labels[0])
     # Images stick to their edges, where outlines would be cut flat.
     room = 0.03 * max(view.extent[1] - view.extent[0], view.extent[3] - view.extent[2])
-    time.set_xlim(view.extent[0] - room, view.extent[1] + room)
-    time.set_ylim(view.extent[2] - room, view.extent[3] + room)
-    time.set_ylabel("to the back [mm]")
-    # Maps of equal scale leave the engine no room of their own for the heading.
-    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.95))
-    heading(figure, f"Path on {found.mesh.name}, seen from above")
+    panels[0].set_xlim(view.extent[0] - room, view.extent[1] + room)
+    panels[0].set_ylim(view.extent[2] - room, view.extent[3] + room)
+    panels[0].set_ylabel(view.views.labels[1])
+    facts = [] if hollow else ["no place is too hollow for the pad"]
+    head(figure, f"Path on {found.mesh.name}, seen {view.views.name}", facts)
+    figure.legend(handles=handles, loc="outside lower left", ncols=4)
     return figure
 
 
 @styled
 def plot_distributions(found: Inspection) -> Figure:
-    """Draw distances between turns, time under the pad over the area, and the tool axis' rate along the path."""
-    figure = new_figure(13.0, 4.2)
-    spacing, time, rate = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.5))
-    _draw_spacing(spacing, found)
-    _draw_times(time, found)
-    _draw_rate(rate, found)
-    for axes in (spacing, time, rate):
+    """Draw distances between turns, time under the pad over the area, and the tool axis' rate, if it turns at all."""
+    m = found.figures
+    turns = DEG_MM * m["max_axis_rate_rad_m"] > LEAST_RATE
+    figure = new_figure(13.0 if turns else 9.0, 4.2)
+    panels = figure.subplots(1, 3 if turns else 2, width_ratios=(1.0, 1.0, 1.5)[: 3 if turns else 2])
+    for axes, draw in zip(panels, (_draw_spacing, _draw_times, _draw_rate), strict=False):
+        draw(axes, found)
         if axes.get_legend_handles_labels()[0]:
             # Below, where no line or bar can run through it.
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
-    m = found.figures
     facts = (
         f"sharpest corner {np.degrees(m['sharpest_corner_rad']):.0f} deg over {MM * m['corner_scale_m']:g} mm",
         f"{m['self_crossings']} crossings",
         f"length {m['length_ratio']:.2f} of area / step-over",
         f"exposure cv {m['exposure_cv']:.2f}",
+        *([] if turns else ["the tool axis keeps its direction"]),
     )
-    head(figure, spacing, f"Path on {found.mesh.name}", facts)
+    head(figure, f"How even the path on {found.mesh.name} is", facts)
     return figure
 
 
 def _look(found: Inspection) -> _View:
-    """Find the vertex seen in each pixel: the nearest in the picture that looks up."""
-    mesh, frame = found.ground.mesh, view_frame(found.region.up)
-    seen = mesh.vertices @ frame.T * MM
-    shown = np.flatnonzero(mesh.normals @ frame[2] > 0.02)
+    """Find the vertex seen in each pixel: the nearest in the picture that faces the viewer."""
+    mesh = found.ground.mesh
+    views = views_of(mesh.normals, found.region.up)
+    seen = mesh.vertices @ views.flat.T * MM
+    shown = np.flatnonzero(mesh.normals @ views.flat[2] > 0.02)
     shown = shown if len(shown) else np.arange(len(seen))
     low, high = seen[shown, :2].min(axis=0), seen[shown, :2].max(axis=0)
     pixel = float((high - low).max()) / PIXELS
@@ -174,7 +179,7 @@ def _look(found: Inspection) -> _View:
     near, index = cKDTree(seen[shown, :2]).query(grid, distance_upper_bound=reach)
     vertex = np.where(np.isfinite(near), shown[np.minimum(index, len(shown) - 1)], -1)
     extent = (xs[0] - 0.5 * pixel, xs[-1] + 0.5 * pixel, ys[0] - 0.5 * pixel, ys[-1] + 0.5 * pixel)
-    return _View(frame, extent, vertex)
+    return _View(views, extent, vertex)
 
 
 def _image(view: _View, values: Array) -> Array:
@@ -192,20 +197,20 @@ def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> No
     axes.set_title(f"Exposure: cv {m['exposure_cv']:.2f}, {over:.3g} cm² over 2 medians", fontsize=9.0)
 
 
-def _draw_cover(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
+def _draw_cover(axes: Axes, found: Inspection, view: _View) -> list[Artist]:
     m, quality = found.figures, found.quality
     level = np.where(quality.exposure.times > 0.0, np.where(found.strict, 2.0, 1.0), 0.0)
     colors = ListedColormap(list(LEVELS.values()))
     axes.imshow(_image(view, level), extent=view.extent, origin="lower", cmap=colors, vmin=-0.5, vmax=2.5)
     for run in found.quality.runs:
-        line = (run.positions @ view.frame.T * MM)[:, :2]
+        line = (run.positions @ view.views.flat.T * MM)[:, :2]
         axes.add_collection(LineCollection([line], colors=[GREY], lw=0.5))
     if len(quality.crossings):
-        at = quality.crossings @ view.frame.T * MM
+        at = quality.crossings @ view.views.flat.T * MM
         axes.plot(at[:, 0], at[:, 1], "x", color=PINK, ms=6, mew=1.6, label="crossing")
     inside = quality.pad_in_part
     if len(inside.depths):
-        at = inside.positions @ view.frame.T * MM
+        at = inside.positions @ view.views.flat.T * MM
         label = f"pad up to {MM * inside.max_m:.3g} mm in the part"
         axes.plot(at[:, 0], at[:, 1], "o", color=DARK, ms=3.0, label=label)
         worst = at[inside.depths.argmax(), :2]
@@ -214,8 +219,7 @@ def _draw_cover(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
         f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad", fontsize=9.0
     )
     handles: list[Artist] = [Patch(color=color, label=name) for name, color in LEVELS.items()]
-    handles += axes.get_legend_handles_labels()[0]
-    figure.legend(handles=handles, loc="outside upper right", ncols=4)
+    return handles + axes.get_legend_handles_labels()[0]
 
 
 def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
@@ -229,7 +233,7 @@ def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
     hollow = np.where(hollow_vertices(found), 1.0, np.nan)
     axes.imshow(_image(view, hollow), extent=view.extent, origin="lower", cmap=ListedColormap([DARK]))
     for number, place in enumerate(reach.places[:LABELLED], start=1):
-        at = view.frame @ place.position * MM
+        at = view.views.flat @ place.position * MM
         axes.annotate(
             f"{number}: {1e6 * place.area_m2:.4g} mm²",
             (float(at[0]), float(at[1])),
@@ -241,7 +245,7 @@ def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> N
         )
     label = "pad radius / smallest radius of curvature, hollow < 0"
     figure.colorbar(drawn, ax=axes, label=label, shrink=0.85, pad=0.02, extend="both")
-    out = f"{1e6 * m['unreachable_area_m2']:.4g} mm² in {m['unreachable_places']} places" if reach.places else "none"
+    out = f"{1e6 * m['unreachable_area_m2']:.4g} mm² in {m['unreachable_places']} places"
     axes.set_title(f"Too hollow for the pad (dark): {out}", fontsize=9.0)
 
 
@@ -270,14 +274,13 @@ def _draw_rate(axes: Axes, found: Inspection) -> None:
     axes.plot(along.s, DEG_MM * along.rate, color=BLUE, lw=0.8)
     axes.axhline(largest, color=ORANGE, lw=0.9, ls="--", label=f"largest {largest:.3g} deg/mm")
     axes.set(xlabel="along the path in contact [m]", ylabel="turn of the tool axis [deg/mm]")
-    top = max(1.15 * largest, LEAST_RATE)
-    axes.set_ylim(-0.02 * top, top)
+    axes.set_ylim(-0.02 * largest, 1.15 * largest)
 
 
 def _draw_times(axes: Axes, found: Inspection) -> None:
     times, m = found.quality.exposure.times, found.figures
     areas = found.ground.mesh.part_areas(found.ground.part_facets)
-    axes.hist(times, bins=60, weights=100.0 * areas / areas.sum(), color=GREEN)
+    axes.hist(times, bins=60, weights=100.0 * areas / areas.sum(), color=BLUE)
     axes.axvline(m["exposure_median_s"], color=GREY, lw=1.0, ls="--", label=f"median {m['exposure_median_s']:.3g} s")
     axes.axvline(2.0 * m["exposure_median_s"], color=ORANGE, lw=1.0, label="twice the median")
     axes.set(xlabel="time under the pad [s]", ylabel="share of the area [%]")

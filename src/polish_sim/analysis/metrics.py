@@ -36,14 +36,15 @@ def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
     """Ascending indices of the path's points where its normal curvature rises from gentle to sharp.
 
     A bend is a stretch of process points whose curvature's magnitude stays at ``FLAT_1_M`` or above; its largest value
-    is a peak if it exceeds ``SHARP_1_M``. Ripples on a bend are one peak, and humps and hollows count alike.
+    is a peak if it exceeds ``SHARP_1_M``. Ripples on a bend are one peak, and humps and hollows count alike. A path
+    that is never flat, as on a small sphere, has none.
     """
     process = np.flatnonzero(path.process)
     magnitude = np.abs(path.curvature[process])
     bent = np.concatenate([[False], magnitude >= FLAT_1_M, [False]])
     edges = np.flatnonzero(np.diff(bent))
     tops = [first + int(np.argmax(magnitude[first:last])) for first, last in edges.reshape(-1, 2)]
-    return process[[top for top in tops if magnitude[top] > SHARP_1_M]]
+    return process[[top for top in tops if magnitude[top] > SHARP_1_M and not bent[1:-1].all()]]
 
 
 def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakErrors:

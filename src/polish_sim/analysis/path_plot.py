@@ -20,20 +20,22 @@ from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import (
     BLUE,
+    EDGE_ON,
     GREY,
     ORANGE,
     PINK,
     RED,
     YELLOW,
     DepthPicture,
-    axis_name,
+    Views,
     depth_picture,
-    heading,
+    head,
+    legend_below,
     new_figure,
     say_stop,
     seen_in,
     styled,
-    view_frame,
+    views_of,
 )
 from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.mesh import lighter_mesh
@@ -53,7 +55,6 @@ LANDING, LEAVING = ORANGE, PINK
 MOST_FACETS = 8_000  #: Finer parts are drawn by a lighter copy: matplotlib takes 20 us for each, twice
 MOST_CHORDS = 3_000  #: So many draw the path in contact, for the same reason
 AXES_SHOWN = 90
-EDGE_ON = 0.05  #: Cosine of tool axis and viewer below which strokes of a wall, seen from above, lie over each other
 LEAD_POINTS = 120  #: At least so many along a lead: each is seen or hidden by itself
 ELEVATION, AZIMUTH = 38.0, -62.0
 TOWARDS_VIEWER = np.array(
@@ -68,23 +69,27 @@ AMBIENT = 0.42
 TICKS = 6
 LONGEST_EDGE = 0.1  #: Of a facet that is drawn, as a share of the part's size
 LEAST_HEIGHT = 0.02  #: Of what is drawn in 3D, over its width
-FACTS_AT = 0.935  #: Height of the line of figures, under the heading
 TINT, FIXTURE_TINT = np.array([0.93, 0.95, 1.0]), np.array([0.55, 0.62, 0.72])
 
 
 class _Seen(NamedTuple):
-    """What of a path a viewer sees, in space and from above."""
+    """What of a path a viewer sees, in space and in the flat picture."""
 
     space: DepthPicture
     above: DepthPicture
-    towards: Array  #: Tool axes in the picture's frame, shape (n, 3)
+    turn: Array  #: From the frame in space to the flat one, shape (3, 3)
+    towards: Array  #: Tool axes in the frame in space, shape (n, 3)
     in_space: Bools  #: Points that can be seen, shape (n,)
-    from_above: Bools
+    from_above: Bools  #: The same in the flat picture
+
+    def flat(self, points: Array) -> Array:
+        """Points or directions (..., 3) of the frame in space in the flat one."""
+        return points @ self.turn.T
 
 
 @styled
 def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) -> Figure:
-    """Draw a plan in 3D and from above, or below if the whole path looks down.
+    """Draw a plan in 3D and from above; from below if it looks down, along its face if that is a side of the part.
 
     ``name``: of the path, else its own; ``stop``: where a run along it stopped itself.
     """
@@ -92,8 +97,8 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     flat = figure.add_subplot(1, 2, 2)
     path, mesh, fixture = result.path, result.mesh, result.tool.fixture
-    looks_down = (path.axes_work[path.process] @ mesh.up).max() < -EDGE_ON
-    frame = view_frame(-mesh.up if looks_down else mesh.up)
+    views = views_of(path.axes_work[path.process], mesh.up)
+    frame = views.space
     shown = path.positions_work @ frame.T * MM
     vertices = result.standing[0].vertices @ frame.T * MM
     drawn = [(mesh, TINT), *([] if fixture is None else [(fixture.mesh, FIXTURE_TINT)])]
@@ -102,18 +107,21 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
     corners = np.concatenate(bodies)
     if fixture is not None:
         flat.plot([], [], "s", color=FIXTURE_TINT, label="fixture")
-    _draw_part(solid, flat, corners, np.repeat([tint for _, tint in drawn], [len(body) for body in bodies], axis=0))
     fill_view(solid, np.concatenate([vertices, shown]))
+    seen = _look(solid, corners, path, shown, views)
+    tints = np.repeat([tint for _, tint in drawn], [len(body) for body in bodies], axis=0)
+    _draw_part(solid, flat, corners, seen.flat(corners), tints)
     scale = Normalize(0.0, float(path.s[-1]))
-    seen = _look(solid, corners, path, shown, frame)
     _draw_reach(solid, flat, result, frame, seen)
     _draw_contact(solid, flat, path, shown, seen, scale)
     _draw_leads(solid, flat, path, shown, seen)
     _draw_axes(solid, path, shown, seen)
     if stop:
-        cross_out(solid, flat, stop.on_path(path) @ frame.T * MM, stop.text)
-    _finish(figure, flat, result, scale, frame)
-    _head(figure, result, name or _what(result.plan))
+        cross_out(solid, flat, stop.on_path(path) * MM, views)
+    _finish(figure, flat, scale, views)
+    _head(figure, result, name or _what(result.plan), views)
+    if stop:
+        say_stop(figure, stop.text)
     return figure
 
 
@@ -128,20 +136,20 @@ def _in_small_facets(vertices: Array, faces: Ints) -> Array:
     return np.asarray(vertices[faces])
 
 
-def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, frame: Array) -> _Seen:
-    """Find what the part hides, in the view in space and from above."""
-    projection, towards = solid.get_proj(), path.axes_work @ frame.T
+def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, views: Views) -> _Seen:
+    """Find what the part hides, in the view in space and in the flat one."""
+    projection, towards, turn = solid.get_proj(), path.axes_work @ views.space.T, views.flat @ views.space.T
 
     def in_space(points: Array) -> Array:
         across, up, away = proj3d.proj_transform(*points.T, projection)
         return np.column_stack([across, up, -np.asarray(away)])
 
-    space, above = depth_picture(corners, in_space), depth_picture(corners, np.asarray)
+    space, above = depth_picture(corners, in_space), depth_picture(corners, lambda points: points @ turn.T)
     from_above = seen_in(above, shown, towards)
-    facing = from_above & (towards[:, 2] > EDGE_ON)
+    facing = from_above & (towards @ turn[2] > EDGE_ON)
     # A path on walls alone is better seen edge-on than not at all.
     from_above = facing if (facing & path.process).any() else from_above
-    return _Seen(space, above, towards, seen_in(space, shown, towards), from_above)
+    return _Seen(space, above, turn, towards, seen_in(space, shown, towards), from_above)
 
 
 def _shaded(corners: Array, towards: Array, tints: Array) -> tuple[Array, Array]:
@@ -154,10 +162,10 @@ def _shaded(corners: Array, towards: Array, tints: Array) -> tuple[Array, Array]
     return corners[front], colors
 
 
-def _draw_part(solid: Any, flat: Axes, corners: Array, tints: Array) -> None:
+def _draw_part(solid: Any, flat: Axes, corners: Array, flat_corners: Array, tints: Array) -> None:
     near, colors = _shaded(corners, TOWARDS_VIEWER, tints)
     solid.add_collection3d(Poly3DCollection(near, facecolors=colors, edgecolors=colors, lw=0.3, zorder=1))
-    near, colors = _shaded(corners, np.array([0.0, 0.0, 1.0]), tints)
+    near, colors = _shaded(flat_corners, np.array([0.0, 0.0, 1.0]), tints)
     flat.add_collection(PolyCollection(list(near[..., :2]), facecolors=colors, edgecolors=colors, lw=0.7))
 
 
@@ -168,12 +176,12 @@ def _draw_reach(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: 
         normals = unit(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]))
         near = out[seen_in(seen.space, out.mean(axis=1), normals)]
         solid.add_collection3d(Poly3DCollection(near, facecolors=YELLOW, edgecolors=YELLOW, lw=0.3, zorder=2))
-        flat.add_collection(PolyCollection(list(out[..., :2]), facecolors=YELLOW, edgecolors=YELLOW, lw=0.3))
+        flat.add_collection(PolyCollection(list(seen.flat(out)[..., :2]), facecolors=YELLOW, edgecolors=YELLOW, lw=0.3))
         flat.plot([], [], "s", color=YELLOW, label="out of the tool's reach")
     if len(result.in_part):
         at = result.in_part @ frame.T * MM
         solid.plot(*at.T, ".", color=RED, ms=5.0, zorder=30)
-        flat.plot(*at.T[:2], ".", color=RED, ms=5.0, zorder=30, label="tool in the part")
+        flat.plot(*seen.flat(at).T[:2], ".", color=RED, ms=5.0, zorder=30, label="tool in the part")
 
 
 def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen, scale: Normalize) -> None:
@@ -182,7 +190,7 @@ def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _S
     for lines, at in _chords(path.process & seen.in_space, shown, path.s):
         solid.add_collection3d(Line3DCollection(lines, array=at, lw=1.4, zorder=5, **style))
     for lines, at in _chords(path.process & seen.from_above, shown, path.s):
-        flat.add_collection(LineCollection(list(lines[..., :2]), array=at, lw=1.5, **style))
+        flat.add_collection(LineCollection(list(seen.flat(lines)[..., :2]), array=at, lw=1.5, **style))
 
 
 def _chords(rows: Bools, shown: Array, s: Array) -> Iterator[tuple[Array, Array]]:
@@ -210,10 +218,10 @@ def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _See
             for a, b in stretches(seen_in(seen.space, line, off)):
                 solid.plot(*line[a : b + 1].T, color=color, lw=1.8, zorder=20)
             for a, b in stretches(seen_in(seen.above, line, off)):
-                flat.plot(*line[a : b + 1, :2].T, color=color, lw=1.4)
+                flat.plot(*seen.flat(line[a : b + 1]).T[:2], color=color, lw=1.4)
             touch = rows[-1] if at_end else rows[0]
             if seen.from_above[touch]:
-                flat.plot(*shown[touch, :2], marker, color=color, **style, zorder=20 + at_end)
+                flat.plot(*seen.flat(shown[touch])[:2], marker, color=color, **style, zorder=20 + at_end)
 
 
 def _finer(line: Array, off: Array) -> tuple[Array, Array]:
@@ -243,11 +251,12 @@ def _what(plan: PlanConfig) -> str:
     return Path(plan.file).name if plan.file else plan.pattern.capitalize()
 
 
-def cross_out(solid: Any, flat: Axes, place: Array, text: str | None = None) -> None:
-    """Mark a protective stop's place, shape (3,), in the picture's frame, in space and from above; for the legend."""
+def cross_out(solid: Any, flat: Axes, place: Array, views: Views) -> None:
+    """Mark a protective stop's place, work frame [mm], shape (3,), in space and in the flat picture."""
     cross: dict[str, Any] = {"color": RED, "ms": 12, "mec": "white", "mew": 1.0, "zorder": 40}
-    solid.plot(*place[:, None], "X", **cross)
-    flat.plot(*place[:2, None], "X", **cross, label=text)
+    if solid is not None:
+        solid.plot(*(views.space @ place)[:, None], "X", **cross)
+    flat.plot(*(views.flat @ place)[:2, None], "X", **cross, label="protective stop")
 
 
 def fill_view(solid: Any, points: Array) -> None:
@@ -266,17 +275,16 @@ def fill_view(solid: Any, points: Array) -> None:
         setattr(solid.viewLim, axis, (place - half, place + half))
 
 
-def _finish(figure: Figure, flat: Axes, result: PlanResult, scale: Normalize, frame: Array) -> None:
+def _finish(figure: Figure, flat: Axes, scale: Normalize, views: Views) -> None:
     flat.set_aspect("equal")
     flat.autoscale_view()
-    right, back, _ = (axis_name(direction) for direction in frame)
-    flat.set(xlabel=f"to the right ({right}) [mm]", ylabel=f"to the back ({back}) [mm]")
+    flat.set(xlabel=views.labels[0], ylabel=views.labels[1])
     flat.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
-    figure.legend(*flat.get_legend_handles_labels(), loc="outside lower left", ncols=2)
+    legend_below(figure, flat)
     figure.colorbar(ScalarMappable(scale, COLORS), ax=flat, label="along the path [m]", shrink=0.85, pad=0.02)
 
 
-def _head(figure: Figure, result: PlanResult, name: str) -> None:
+def _head(figure: Figure, result: PlanResult, name: str, views: Views) -> None:
     """The heading, and under it how long and how dense the path is."""
     m = result.figures
     near, far = MM * m["stepover_p5_m"], MM * m["stepover_p95_m"]
@@ -286,10 +294,9 @@ def _head(figure: Figure, result: PlanResult, name: str) -> None:
         f"{m['path_length_m']:.2f} m in {m['retracts']} run{'s' if m['retracts'] != 1 else ''}",
         *([f"step-over {MM * result.plan.stepover_m:g} mm, p5-p95 {near:.2f}-{far:.2f} mm"] if beside else []),
         f"{100.0 * m['coverage']:.1f}% covered",
+        f"right: {views.name}",
     )
-    # Over a narrow map the facts would be cut off: they have a line of their own.
-    heading(figure, f"{name} on {result.mesh.name}\n")
-    figure.text(0.01, FACTS_AT, "     ".join(facts), fontsize=9.0, color="#444444", va="top")
+    head(figure, f"{name} on {result.mesh.name}", facts)
 
 
 # The arm over its path, drawn from joint positions: the cell where nothing can render one.
@@ -316,9 +323,9 @@ def plot_cell(record: RunRecord) -> Figure:
     axes.set_box_aspect((1.0, 1.0, 0.8))
     axes.set(xlim=(-0.6, 0.6), ylim=(-0.95, 0.25), zlim=(min(-0.1, way[:, 2].min()), 0.86))
     axes.view_init(elev=22.0, azim=-55.0)
-    axes.legend(loc="upper left")
+    legend_below(figure, axes)
     moment = "at the protective stop" if stop else "in the middle of the run"
-    heading(figure, f"The cell {moment}, {record.scenario.experiment}")
+    head(figure, f"The cell {moment}, {record.scenario.experiment}")
     if stop:
         say_stop(figure, stop.text)
     return figure

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, head, new_figure, styled
+from polish_sim.analysis.style import AXIS_COLORS, DASHES, GREEN, GREY, MARKS, head, legend_below, new_figure, styled
 from polish_sim.arrays import Array, Bools
 
-AXES, _COLOURS = "xyz", (BLUE, ORANGE, PINK)
+AXES = "xyz"
 
 
 class ResidualData(NamedTuple):
@@ -37,8 +37,10 @@ def plot_residuals(data: ResidualData, title: str, facts: Sequence[str]) -> Figu
         for axes in (bars, over_time):
             _noise_band(axes, noise)
         for axis in range(3):
-            bars.bar(number + 0.25 * (axis - 1), values[:, axis], 0.22, color=_COLOURS[axis], label=AXES[axis])
-            over_time.plot(data.time, values[:, axis], ".-", color=_COLOURS[axis], ms=5, lw=0.9, label=AXES[axis])
+            bars.bar(number + 0.25 * (axis - 1), values[:, axis], 0.22, color=AXIS_COLORS[axis], label=AXES[axis])
+            over_time.plot(
+                data.time, values[:, axis], MARKS[axis] + "-", color=AXIS_COLORS[axis], ms=4, lw=0.9, label=AXES[axis]
+            )
         for k in np.flatnonzero(~data.used):
             bars.axvspan(k + 0.55, k + 1.45, color=GREY, alpha=0.35, lw=0)
             over_time.axvline(data.time[k], color=GREY, alpha=0.5, lw=4)
@@ -47,16 +49,17 @@ def plot_residuals(data: ResidualData, title: str, facts: Sequence[str]) -> Figu
         # An outlier would flatten everything else.
         reach = max(4.0 * noise, 1.1 * float(np.abs(values[data.used]).max(initial=0.0)), 1e-9)
         bars.set_ylim(-reach, reach)
-    grid[0, 0].legend(loc="upper right", ncols=3)
     grid[1, 0].set_xlabel("reading" + (" (the last is in the first one's pose)" if data.returned else ""))
     grid[1, 1].set_xlabel("time [s]; a slope would be drift")
-    head(figure, grid[0, 0], title, facts)
+    head(figure, title, facts)
+    legend_below(figure, grid[0, 1])
     return figure
 
 
 def _noise_band(axes: Axes, noise: float) -> None:
-    for times, alpha in ((2.0, 0.10), (1.0, 0.14)):
-        axes.axhspan(-times * noise, times * noise, color=GREEN, alpha=alpha, lw=0, zorder=0)
+    for times, alpha, name in ((2.0, 0.10, "two"), (1.0, 0.14, "one")):
+        label = f"{name} standard deviation{'s' if times > 1.0 else ''} of noise"
+        axes.axhspan(-times * noise, times * noise, color=GREEN, alpha=alpha, lw=0, zorder=0, label=label)
     axes.axhline(0.0, color=GREEN, lw=0.9, ls="--", zorder=1)
 
 
@@ -87,14 +90,13 @@ def plot_drift(data: DriftData) -> Figure:
         spread = data.walk * np.sqrt(age)
         axes.fill_between(moments, -2.0 * spread, 2.0 * spread, color=GREY, alpha=0.18, lw=0, label="drift, 2 sigma")
         for axis in range(3):
-            axes.plot(data.time, values[:, axis], color=_COLOURS[axis], lw=1.0, label=f"{AXES[axis]}, 5 s mean")
+            look = {"color": AXIS_COLORS[axis], "ls": DASHES[axis], "label": f"{AXES[axis]}, 5 s mean"}
+            axes.plot(data.time, values[:, axis], lw=1.0, **look)
         axes.set_xlabel("time [s]")
         axes.set_title(title, fontsize=9.0, fontweight="normal", color="#444444")
     once.set_ylabel("force read while nothing touches [N]")
-    once.legend(loc="upper left", ncols=2)
-    figure.suptitle(
-        f"Drift of the wrist sensor, {data.walk:g} N/sqrt(s): {data.walk * np.sqrt(total):.2g} N rms after "
-        f"{total:.0f} s, {data.walk * np.sqrt(data.retare):.2g} N between tares",
-        x=0.01, ha="left", fontsize=11.0, fontweight="bold",
-    )  # fmt: skip
+    facts = [f"{data.walk * np.sqrt(total):.2g} N rms after {total:.0f} s",
+             f"{data.walk * np.sqrt(data.retare):.2g} N between tares"]  # fmt: skip
+    head(figure, f"Drift of the wrist sensor, {data.walk:g} N/sqrt(s)", facts)
+    legend_below(figure, once)
     return figure

@@ -22,9 +22,21 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER
-from polish_sim.analysis.path_plot import AMBIENT, FACTS_AT, LIGHT, TICKS, TOWARDS_VIEWER, cross_out, fill_view
+from polish_sim.analysis.path_plot import AMBIENT, LIGHT, TICKS, TOWARDS_VIEWER, cross_out, fill_view
 from polish_sim.analysis.run_record import stop_mark
-from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, axis_name, heading, new_figure, styled, view_frame
+from polish_sim.analysis.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    SERIES,
+    Views,
+    head,
+    legend_below,
+    line_look,
+    new_figure,
+    styled,
+    views_of,
+)
 from polish_sim.arrays import Array
 from polish_sim.errors import number_text
 from polish_sim.geometry.mesh import lighter_mesh
@@ -42,6 +54,7 @@ BARE = "#3A0010"
 SCALE: Final = Normalize(0.0, TOP)
 SHADED = 0.35  #: How much of a facet's brightness is light and shade; the rest is its colour's own
 BINS = 80
+SEEN = 0.17  #: Cosine of normal and viewer below which a place of the part does not show in the flat picture
 RELATIVE, PER_TENTH = "removal / its mean", "share of the area per 0.1 [%]"
 
 
@@ -52,21 +65,28 @@ def removal_colors() -> Colormap:
 
 @styled
 def plot_removal(record: RunRecord) -> Figure:
-    """Draw a run's removal over the part, in 3D and from above, and how the area is shared out."""
+    """Draw a run's removal over the part, flat and, where that does not show all of it, in 3D, and its distribution."""
     removal = _of(record)
-    figure = new_figure(15.0, 5.4)
-    solid: Any = figure.add_subplot(1, 3, 1, projection="3d", computed_zorder=False)
-    flat, share = figure.add_subplot(1, 3, 2), figure.add_subplot(1, 3, 3)
-    frame = view_frame(removal.up)
-    _draw_solid(solid, removal, frame)
-    _draw_flat(flat, removal, frame)
+    views = views_of(removal.normals, removal.up)
+    hidden = (removal.normals @ views.flat[2] < SEEN).any()
+    figure = new_figure(14.0 if hidden else 10.5, 5.0)
+    kinds: list[Any] = [{"projection": "3d", "computed_zorder": False}] * int(hidden) + [{}, {}]
+    panels = [figure.add_subplot(1, len(kinds), k + 1, **kind) for k, kind in enumerate(kinds)]
+    *solids, flat, share = panels
+    for solid in solids:
+        _draw_solid(solid, removal, views.space)
+    _draw_flat(flat, removal, views)
     stop = stop_mark(record.metrics)
     if stop and record.path is not None:
-        cross_out(solid, flat, stop.on_path(record.path) @ frame.T * MM)
+        cross_out(solids[0] if solids else None, flat, stop.on_path(record.path) * MM, views)
     _color_bar(figure, flat, removal)
     _draw_shares(share, record)
-    heading(figure, f"Removal, {record.scenario.controller.label}, {_pattern(record)}\n")
-    figure.text(0.01, FACTS_AT, "     ".join(_facts(record)), fontsize=9.0, color="#444444", va="top")
+    head(
+        figure,
+        f"Removal, {record.scenario.controller.label}, {_pattern(record)}",
+        [*_facts(record), f"seen {views.name}"],
+    )
+    legend_below(figure, flat)
     return figure
 
 
@@ -82,9 +102,9 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
     share = side.subplots()
     for index, (record, flat) in enumerate(zip(records, grid, strict=False)):
         removal, color = _of(record), SERIES[index % len(SERIES)]
-        _draw_flat(flat, removal, view_frame(removal.up))
+        _draw_flat(flat, removal, views_of(removal.normals, removal.up))
         flat.set_title(f"{_name(record)}\n{_spread(record)}", fontsize=9.0, color=color)
-        share.plot(*_outline(removal), color=color)
+        share.plot(*_outline(removal), **line_look(index))
         if index % columns:
             flat.set_ylabel("")
     for flat in grid[len(records) :]:
@@ -94,7 +114,7 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
     _mark_bands(share)
     share.set_title("colours as over the maps", fontsize=9.0, fontweight="normal")
     share.set(xlabel=RELATIVE, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.5), ylim=(0.0, None))
-    heading(figure, "Removal, side by side")
+    head(figure, "Removal, side by side")
     return figure
 
 
@@ -140,16 +160,20 @@ def _draw_solid(solid: Any, removal: RemovalMap, frame: Array) -> None:
     fill_view(solid, vertices)
 
 
-def _draw_flat(flat: Axes, removal: RemovalMap, frame: Array) -> None:
-    vertices = removal.vertices @ frame.T * MM
-    above = (removal.normals[removal.triangles] @ frame[2]).min(axis=1) > 0.0
-    seen = Triangulation(vertices[:, 0], vertices[:, 1], removal.triangles[above])
+def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
+    """The map from the front, with outlines of what is under and over polished: both ends of the colours are dark."""
+    vertices = removal.vertices @ views.flat.T * MM
+    facing = (removal.normals[removal.triangles] @ views.flat[2]).min(axis=1) > 0.0
+    seen = Triangulation(vertices[:, 0], vertices[:, 1], removal.triangles[facing])
     flat.tripcolor(seen, _shown(removal), norm=SCALE, cmap=removal_colors(), shading="gouraud", rasterized=True)
+    for level, dashes in ((UNDER, ":"), (OVER, "-")):
+        if removal.relative.min() < level < removal.relative.max():
+            flat.tricontour(seen, removal.relative, levels=[level], colors="black", linewidths=0.7, linestyles=dashes)
+            flat.plot([], [], color="black", lw=0.7, ls=dashes, label=f"{level:g} times the mean")
     flat.add_collection(LineCollection(list(vertices[removal.border][..., :2]), colors="black", lw=0.8))
     flat.set_aspect("equal")
     flat.grid(False)
-    right, back, _ = (axis_name(direction) for direction in frame)
-    flat.set(xlabel=f"to the right ({right}) [mm]", ylabel=f"to the back ({back}) [mm]")
+    flat.set(xlabel=views.labels[0], ylabel=views.labels[1])
     flat.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
 
 

@@ -1,20 +1,26 @@
-"""How every figure looks: one set of colours and sizes, safe for colour-blind eyes."""
+"""How every figure looks: colours, head, legend, marks; readable for colour-blind eyes and in black and white.
+
+Everywhere blue is what was measured or run, green what was asked of it (band, target, limit), grey what it was made of
+or compared with, orange an event or a second series, red a protective stop.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import wraps
-from typing import Any, Final, NamedTuple, ParamSpec
+from typing import Any, Final, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 
 from polish_sim.arrays import Array, Bools
 from polish_sim.spatial import unit
 
 P = ParamSpec("P")
+Drawn = TypeVar("Drawn", Figure, Figure | None)
 
 # Colours of Okabe and Ito: distinguishable with every common kind of colour blindness.
 BLUE: Final = "#0072B2"
@@ -26,6 +32,10 @@ PINK: Final = "#CC79A7"
 GREY: Final = "#6E6E6E"
 RED: Final = "#E00020"
 SERIES: Final = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY)
+DASHES: Final[Any] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (6, 1.5, 1.5, 1.5)), (0, (3, 3)))
+MARKS: Final = ("o", "^", "s", "D", "v", "P")
+AXIS_COLORS: Final = (BLUE, ORANGE, PINK)  #: Of x, y and z, of force and place alike
+GAP: Final = " " * 5  #: Between the figures of a head
 
 _RC: Final[Any] = {
     "font.family": "DejaVu Sans",
@@ -55,11 +65,11 @@ _RC: Final[Any] = {
 }
 
 
-def styled(plot: Callable[P, Figure]) -> Callable[P, Figure]:
+def styled(plot: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Draw a figure in the house style; matplotlib's own settings are back as they were afterwards."""
 
     @wraps(plot)
-    def draw(*args: P.args, **kwargs: P.kwargs) -> Figure:
+    def draw(*args: P.args, **kwargs: P.kwargs) -> Drawn:
         with matplotlib.rc_context(_RC):
             return plot(*args, **kwargs)
 
@@ -71,37 +81,81 @@ def new_figure(width: float = 8.0, height: float = 4.5) -> Figure:
     return Figure(figsize=(width, height), dpi=150, layout="constrained")
 
 
-def heading(figure: Figure, text: str) -> None:
-    """Head a figure with what it shows."""
-    figure.suptitle(text, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+def line_look(number: int) -> dict[str, Any]:
+    """Colour and dashes of the line of a series: told apart without colours too."""
+    return {"color": SERIES[number % len(SERIES)], "ls": DASHES[number % len(DASHES)]}
 
 
-def head(figure: Figure, axes: Axes, text: str, facts: Sequence[str]) -> None:
-    """Head a figure with what it shows and, over its first axes in small print, its figures."""
-    heading(figure, text)
-    axes.set_title("     ".join(facts), loc="left", fontsize=9.0, fontweight="normal", color="#444444")
+# The head of a figure: its title, under it what it comes to in figures, and why the run stopped; the legend is below.
+
+TITLE_SIZE: Final = 11.5
+LINE: Final = 1.2 * TITLE_SIZE / 72.0  #: Height of a line of the head [inch]
+TOP: Final = 5.5 / 72.0  #: From the figure's border to the top of its first line [inch]
+LETTERS_PER_INCH: Final = 13.5  #: Of small print
+MARGIN: Final = 0.03  #: Beside the data of a panel, share of their width
+HANDLE: Final = 9  #: Width of the mark before a name in a legend, in letters
 
 
-def mark_stop(panels: Sequence[Axes], where: float) -> None:
-    """Draw a line at a protective stop's place on the first axis of finished panels, behind their legends."""
-    for axes in panels:
-        axes.axvline(where, color=RED, lw=1.3, zorder=4)
-        legend = axes.get_legend()
-        if legend is not None:
-            legend.set_frame_on(True)
-            legend.get_frame().set(facecolor="white", edgecolor="none", alpha=1.0)
-    panels[0].plot(where, 1.0, "X", color=RED, ms=8, transform=panels[0].get_xaxis_transform(), clip_on=False, zorder=9)
+def head(figure: Figure, title: str, facts: Sequence[str] = ()) -> None:
+    """Head a figure with what it shows and, below it in small print, its figures in as many lines as they need."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize=TITLE_SIZE, fontweight="bold")
+    lines: list[str] = []
+    for fact in facts:
+        if lines and len(lines[-1]) + len(GAP) + len(fact) <= LETTERS_PER_INCH * figure.get_figwidth():
+            lines[-1] += GAP + fact
+        else:
+            lines.append(fact)
+    for line in lines:
+        add_line(figure, line)
 
 
 def say_stop(figure: Figure, text: str) -> None:
-    """Say below a figure why the run it shows stopped."""
-    figure.supxlabel(f"\u2715 {text}", x=0.01, ha="left", color=RED, fontsize=9.0)
+    """Say in the head of a figure why the run it shows stopped."""
+    add_line(figure, f"\u2715 {text}", RED)
+
+
+def add_line(figure: Figure, text: str, color: str = "#444444") -> None:
+    """Add a line in small print to the head of a figure."""
+    title = figure.get_suptitle()
+    # A blank line of the title, so that the layout leaves room.
+    figure.suptitle(f"{title}\n ", x=0.01, ha="left", fontsize=TITLE_SIZE, fontweight="bold")
+    down = ScaledTranslation(0.0, -TOP - LINE * (1 + title.count("\n")), figure.dpi_scale_trans)
+    figure.text(0.01, 1.0, text, color=color, fontsize=9.0, va="top", transform=figure.transFigure + down)
+
+
+def legend_below(figure: Figure, *panels: Axes) -> None:
+    """Name what the panels show below the figure, off the data; what several of them show is named once."""
+    named = {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    longest = max(map(len, named), default=1) + HANDLE
+    columns = int(LETTERS_PER_INCH * figure.get_figwidth() / longest)
+    figure.legend(named.values(), named.keys(), loc="outside lower left", ncols=max(min(columns, len(named)), 1))
+
+
+def mark_stop(panels: Sequence[Axes], where: float) -> None:
+    """Draw a line at a protective stop's place on the first axis of finished panels, which end there."""
+    for axes in panels:
+        data = [np.asarray(line.get_xdata(), dtype=float) for line in axes.lines]
+        low = min([float(np.nanmin(x)) for x in data if len(x) > 2], default=where)
+        low = max(low, axes.get_xlim()[0])
+        # Where a run stops as it starts, what came after is all there is.
+        high = where if where > low else axes.get_xlim()[1]
+        axes.set_xlim(low - MARGIN * (high - low), high + MARGIN * (high - low))
+        axes.axvline(where, color=RED, lw=1.6, zorder=4, label="protective stop" if axes is panels[0] else None)
+    panels[0].plot(where, 1.0, "X", color=RED, ms=8, transform=panels[0].get_xaxis_transform(), clip_on=False, zorder=9)
 
 
 def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None:
     """Shade a tolerance band around a target and draw the target as a line."""
     axes.axhspan(center - half_width, center + half_width, color=GREEN, alpha=0.13, lw=0, label=label, zorder=0)
+    for edge in (center - half_width, center + half_width):
+        axes.axhline(edge, color=GREEN, lw=0.6, zorder=0)
     axes.axhline(center, color=GREEN, lw=0.9, ls="--", zorder=1)
+
+
+def facts_of(metrics: Mapping[str, Any], *rows: tuple[str, str, float]) -> list[str]:
+    """Figures of a run as text, those it does not have left out; a row: text with a place, name and scale."""
+    known = [(text, metrics.get(name), scale) for text, name, scale in rows]
+    return [text.format(scale * value) for text, value, scale in known if value is not None and not np.isnan(value)]
 
 
 # The frame pictures of a part are drawn in: to the right, to the back, up (up -> rotation).
@@ -114,6 +168,35 @@ def view_frame(up: Array) -> Array:
     right = np.cross([0.0, 1.0, 0.0], up) if abs(up[1]) < 0.9 else np.cross([0.0, 0.0, -1.0], up)
     right = unit(right)
     return np.stack([right, np.cross(up, right), up])
+
+
+STEEP = 0.6  #: Least part of a region's mean normal that is level for it to be a side of the part
+EDGE_ON = 0.05  #: Cosine of normal and viewer below which a surface is seen edge-on
+
+
+class Views(NamedTuple):
+    """How a region is looked at; rows: a picture's right, its up or back, and its third axis, work frame, (3, 3)."""
+
+    space: Array  #: R of the picture in space, its third row up, a side of the part turned to the front
+    flat: Array  #: R of the flat one: from above, from below, or, of a side, along its face
+    name: str  #: From where the flat one looks
+    labels: tuple[str, str]  #: Of its axes
+
+
+def views_of(normals: Array, up: Array) -> Views:
+    """How to look at a region by its outer normals (n, 3); ``up``: away from the table, (3,)."""
+    below = bool((normals @ up).max(initial=-1.0) < -EDGE_ON)
+    facing = normals.mean(axis=0)
+    level = facing - (facing @ up) * up
+    if np.linalg.norm(level) < max(STEEP, 1.5 * abs(facing @ up)):
+        frame = view_frame(-up if below else up)
+        name, flat, upwards = "from below" if below else "from above", frame, "to the back"
+    else:
+        frame = np.stack([np.cross(-unit(level), up), -unit(level), up])
+        flat = np.stack([frame[0], np.cross(unit(facing), frame[0]), unit(facing)])
+        name, upwards = f"along its face, from {axis_name(flat[2])}", "up"
+    labels = f"to the right ({axis_name(flat[0])}) [mm]", f"{upwards} ({axis_name(flat[1])}) [mm]"
+    return Views(frame, flat, name, labels)
 
 
 def axis_name(direction: Array) -> str:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import FLAT_1_M, SHARP_1_M, WINDOW_M, curvature_peaks, fed, numbers
+from polish_sim.analysis.run_plots import plot_force
 from polish_sim.analysis.run_record import WHOLE, RunRecord, ending, stop_mark
 from polish_sim.analysis.style import (
     BLUE,
@@ -18,14 +19,16 @@ from polish_sim.analysis.style import (
     GREY,
     ORANGE,
     SERIES,
+    facts_of,
     head,
-    heading,
+    legend_below,
     mark_stop,
     new_figure,
     shade_band,
     styled,
 )
 from polish_sim.arrays import Array
+from polish_sim.errors import count_text
 from polish_sim.planning.toolpath import ToolPath
 
 BAND_N = 4.0
@@ -34,8 +37,13 @@ NUMBERED_PEAKS = 24  #: More curvature peaks than this are marked without their 
 
 @styled
 def plot_surface_force(record: RunRecord) -> Figure:
-    """Draw the force along the path over the path's curvature, the strong bends marked in both."""
-    figure = new_figure(10.0, 5.4)
+    """Draw the force along the path over the path's curvature, the strong bends marked in both.
+
+    Of a run that stopped before the feed there is the force over time instead.
+    """
+    if not fed(record.log).any():
+        return plot_force(record)
+    figure = new_figure(10.0, 5.6)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
     _draw_force(force, record, BLUE, "exact contact force")
     _draw_wanted(force, record, "force of the path" if _names_force(record) else f"{_set_force(record):g}")
@@ -45,19 +53,20 @@ def plot_surface_force(record: RunRecord) -> Figure:
     if record.path is not None:
         _draw_curvature(bend, record.path)
         _mark_peaks((force, bend), record.path)
-    force.legend(loc="lower right", ncols=3)
-    stop = stop_mark(record.metrics)
+    bend.set(xlabel="along the path [m]", ylabel="curvature [1/m]")
+    stop, m = stop_mark(record.metrics), record.metrics
     if stop:
         mark_stop((force, bend), stop.s)
-    bend.set(xlabel="along the path [m]", ylabel="curvature [1/m]")
-    m = record.metrics
-    facts = (
-        f"in ±{BAND_N:g} N: {_percent(m.get('force_within_4n'))}",
-        f"rms {_newton(m.get('force_rms_error_n'))}",
-        f"median error {_newton(m.get('force_error_median_n'))}",
-        _at_peaks(m),
+    facts = facts_of(
+        m,
+        (f"in ±{BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0),
+        ("error rms {:.2f} N", "force_rms_error_n", 1.0),
+        ("median {:.2f} N", "force_error_median_n", 1.0),
+        ("largest {:.2f} N", "force_max_deviation_n", 1.0),
+        *([("{:.1f}% of the path", "path_done", 100.0)] if stop else []),
     )
-    head(figure, force, f"Force along the path, {record.scenario.controller.label}", facts)
+    head(figure, f"Force along the path, {record.scenario.controller.label}", [*facts, _at_peaks(m)])
+    legend_below(figure, force, bend)
     return figure
 
 
@@ -83,7 +92,7 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
         share.set_xticks([])
     grid[-1, 0].set(xlabel="along the path [m]")
     grid[-1, 1].set(xlabel="share of the time")
-    heading(figure, "Force along the path, side by side")
+    head(figure, "Force along the path, side by side", [f"shaded: set force ± {BAND_N:g} N, the paper's band"])
     return figure
 
 
@@ -112,7 +121,7 @@ def _names_force(record: RunRecord) -> bool:
 
 def _draw_wanted(axes: Axes, record: RunRecord, name: str) -> None:
     """The force asked for, of the path where that names one, and the band around it."""
-    label = f"{name} ± {BAND_N:g} N" if name else ""
+    label = f"{name} ± {BAND_N:g} N, the paper's band" if name else ""
     if record.path is None or record.path.force is None:
         shade_band(axes, _set_force(record), BAND_N, label)
         return
@@ -124,7 +133,7 @@ def _draw_wanted(axes: Axes, record: RunRecord, name: str) -> None:
 
 def _draw_curvature(axes: Axes, path: ToolPath) -> None:
     process = path.process
-    axes.plot(path.s[process], path.curvature[process], color=GREY, lw=0.9)
+    axes.plot(path.s[process], path.curvature[process], color=GREY, lw=0.9, label="curvature of the path")
     # From flat on, so that the fit's noise on a plane, a sphere or a cylinder stays as small as it is.
     low, high = min(axes.get_ylim()[0], -FLAT_1_M), max(axes.get_ylim()[1], FLAT_1_M)
     axes.set_ylim(1.2 * low, 1.2 * high)
@@ -133,7 +142,7 @@ def _draw_curvature(axes: Axes, path: ToolPath) -> None:
             if low <= line <= high:
                 axes.axhline(line, color=color, lw=0.8, ls=style)
                 axes.annotate(
-                    f" {1e3 / line:.0f} mm", (1.0, line), xycoords=("axes fraction", "data"), color=color, va="center"
+                    f" R {1e3 / line:.0f} mm", (1.0, line), xycoords=("axes fraction", "data"), color=color, va="center"
                 )
 
 
@@ -141,13 +150,14 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
     """Mark each peak on the curvature and draw its place through the other panels, when there are few enough."""
     force, bend = panels
     peaks = curvature_peaks(path)
-    bend.plot(path.s[peaks], path.curvature[peaks], "v", color=ORANGE, ms=5)
+    if len(peaks):
+        bend.plot(path.s[peaks], path.curvature[peaks], "v", color=ORANGE, ms=5, label="strong bend")
     few = len(peaks) <= NUMBERED_PEAKS
     for number, place in enumerate(path.s[peaks], 1):
         force.axvline(place, color=ORANGE, lw=0.9, alpha=0.7 if few else 0.25, zorder=0)
         if few:
             force.text(
-                place, 1.0, str(number), transform=force.get_xaxis_transform(), color=ORANGE, ha="center", va="top"
+                place, 0.99, f" {number}", transform=force.get_xaxis_transform(), color=ORANGE, va="top", clip_on=True
             )
 
 
@@ -160,25 +170,22 @@ def _error_limits(records: Sequence[RunRecord]) -> tuple[float, float]:
 
 def _title(record: RunRecord) -> str:
     """Who ran, and what was asked; how it ended if it is not whole."""
+    label, end = record.scenario.controller.label, ending(record)
+    name = label if record.name == label else f"{label} ({record.name})"
     asked = f"{_set_force(record):g} N at {1e3 * record.scenario.process.feed_m_s:g} mm/s"
-    end = ending(record)
-    return f"{record.scenario.controller.label} ({record.name}), {asked}{'' if end == WHOLE else f', {end}'}"
+    return f"{name}, {asked}{'' if end == WHOLE else f', {end}'}"
 
 
 def _at_peaks(m: Mapping[str, Any]) -> str:
     count = m.get("curvature_peaks", 0)
     if not count:
         return "no curvature peak on the way"
-    error = _newton(m.get("force_error_at_peaks_n"))
-    return f"{count} curvature peaks: largest error within {1e3 * WINDOW_M:.0f} mm {error} on average"
+    text = f"{count_text(count, 'curvature peak')}: largest error within {1e3 * WINDOW_M:.0f} mm {{:.2f}} N on average"
+    return "".join(facts_of(m, (text, "force_error_at_peaks_n", 1.0)))
 
 
 def _percent(value: float | None) -> str:
     return "-" if value is None or math.isnan(value) else f"{100.0 * value:.1f}%"
-
-
-def _newton(value: float | None) -> str:
-    return "-" if value is None or math.isnan(value) else f"{value:.2f} N"
 
 
 # What the force does where the path bends strongly: all bends laid over each other (paper 1, fig. 15).
@@ -188,38 +195,34 @@ _POINTS = 401
 
 
 @styled
-def plot_peaks(record: RunRecord) -> Figure:
-    """Draw force error and curvature around every curvature peak, and their means; or that there is none."""
-    figure = new_figure(9.0, 5.2)
-    force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
+def plot_peaks(record: RunRecord) -> Figure | None:
+    """Draw force error and curvature around every curvature peak, their means and the worst; None if there is none."""
     offset = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, _POINTS)
     errors, bends = around_peaks(record, offset)
+    if not len(errors):
+        return None
+    figure = new_figure(9.0, 5.4)
+    force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
+    worst = int(np.abs(errors[:, np.abs(offset) <= WINDOW_M]).max(axis=1).argmax())
     for rows, axes in ((errors, force), (bends, bend)):
-        axes.plot(offset * 1e3, rows.T, color=GREY, lw=0.5, alpha=0.5)
-        if len(rows):
-            axes.plot(offset * 1e3, rows.mean(axis=0), color=BLUE, lw=2.0, label=f"mean of {len(rows)} peaks")
-        axes.axvline(0.0, color=ORANGE, lw=0.9)
+        axes.plot(offset * 1e3, rows.T, color=GREY, lw=0.4, alpha=0.4)
+        axes.lines[0].set_label("every peak")
+        axes.plot(offset * 1e3, rows[worst], color=ORANGE, lw=1.1, label="the one with the largest error")
+        axes.plot(offset * 1e3, rows.mean(axis=0), color=BLUE, lw=2.2, label=f"mean of {count_text(len(rows), 'peak')}")
     force.set(ylabel="force - set force [N]")
     bend.set(xlabel="along the path, from the curvature peak [mm]", ylabel="curvature [1/m]")
     bend.set_xlim(1e3 * offset[0], 1e3 * offset[-1])
-    if len(errors):
-        force.legend(loc="upper left")
-    else:
-        force.set_yticks([])
-        bend.set_yticks([])
-    title = f"Force where the path bends strongly, {record.scenario.controller.label}"
-    head(figure, force, title, _facts(record, errors))
+    head(figure, f"Force where the path bends strongly, {record.scenario.controller.label}", _facts(record, errors))
+    legend_below(figure, force)
     return figure
 
 
 def _facts(record: RunRecord, errors: Array) -> list[str]:
     """The largest of the mean, and beside it the figure of the table, which is of all peaks that were passed."""
-    if not len(errors):
-        return ["no bend with its surroundings on the way"]
+    count = record.metrics.get("curvature_peaks", 0)
+    text = f"largest within {1e3 * WINDOW_M:.0f} mm of each: {{:.2f}} N, mean of {count}"
     facts = [f"largest of the mean {np.abs(errors.mean(axis=0)).max():.2f} N"]
-    own, count = record.metrics.get("force_error_at_peaks_n"), record.metrics.get("curvature_peaks", 0)
-    if own is not None:
-        facts.append(f"largest within {1e3 * WINDOW_M:.0f} mm of each: {own:.2f} N, mean of {count}")
+    facts += facts_of(record.metrics, (text, "force_error_at_peaks_n", 1.0))
     if count > len(errors):
         facts.append(f"{count - len(errors)} less than {1e3 * HALF_WIDTH_M:.0f} mm from an end, not drawn")
     return facts

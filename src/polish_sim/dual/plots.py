@@ -12,13 +12,18 @@ from matplotlib.figure import Figure
 from polish_sim.analysis.metrics import fed, numbers
 from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import (
+    AXIS_COLORS,
     BLUE,
+    DASHES,
     GREEN,
     GREY,
     ORANGE,
     PINK,
     SERIES,
+    facts_of,
     head,
+    legend_below,
+    line_look,
     mark_stop,
     new_figure,
     shade_band,
@@ -37,42 +42,37 @@ if TYPE_CHECKING:
 
 BAND_MM = 0.1
 BAND_N = 1.5
-WRIST_3 = 5
-LEGEND_SHARE = 0.3  #: Of the errors' range, kept free for their legend
 DARK = "#222222"
-_FRAME_COLOURS = (ORANGE, GREEN, BLUE)
 _MANY, _BINS = 100, 50
 CURVE = 300  #: Steps of a predicted density
 
 
 @styled
-def plot_dual(record: RunRecord) -> Figure:
-    """Draw a run over time: errors of the tool on the part, force if there is one, and the way of all joints."""
+def plot_dual(record: RunRecord) -> Figure | None:
+    """Draw the errors of the tool on the part over time, and the force if there is one; None before the feed."""
     pressing = record.scenario.dual.standoff_m == 0.0
-    figure = new_figure(10.0, 7.4 if pressing else 6.2)
-    panels = figure.subplots(4 if pressing else 3, 1, sharex=True)
-    rows = _from_first_feed_to_last(record)
+    rows, m = _from_first_feed_to_last(record), record.metrics
+    if rows.stop - rows.start < 2:
+        return None
+    figure = new_figure(10.0, 5.8 if pressing else 3.8)
+    panels = list(figure.subplots(2 if pressing else 1, 1, sharex=True, squeeze=False)[:, 0])
     time = numbers(record.log, "time_s")[rows]
-    start = time[0] if len(time) else 0.0
-    time = time - start
-    _draw_error(panels[0], time, _while_fed(record, "relative_error_m"))
+    _draw_error(panels[0], time - time[0], _while_fed(record, "relative_error_m"))
     if pressing:
-        _draw_force(panels[1], time, record)
-    for axes, column, name in ((panels[-2], "master_q_rad", "master"), (panels[-1], "q_rad", "follower")):
-        _draw_joints(axes, time, numbers(record.log, column)[rows], name)
-    stop = stop_mark(record.metrics)
-    if stop and len(time):
-        mark_stop(panels, stop.time - start)
+        _draw_force(panels[1], time - time[0], record)
+    stop = stop_mark(m)
+    if stop:
+        mark_stop(panels, stop.time - time[0])
     panels[-1].set_xlabel("time since the start of the feed [s]")
-    panels[-1].legend([f"joint {k}" for k in range(1, 7)], ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.3))
-    m = record.metrics
-    facts = [
-        f"tracking, worst axis {_mm(m, 'tracking_error_worst_m')} mm",
-        f"tool on the part, rms {_mm(m, 'relative_error_rms_m')} mm, 95% below {_mm(m, 'relative_error_p95_m')} mm",
-    ]
-    if pressing:
-        facts.append(f"force error, max {m.get('force_max_deviation_n') or float('nan'):.2f} N")
-    head(figure, panels[0], "Two robots: the master moves the part, the follower works on it", facts)
+    facts = facts_of(
+        m,
+        ("tracking, worst axis {:.3f} mm", "tracking_error_worst_m", 1e3),
+        ("tool on the part, rms {:.3f} mm", "relative_error_rms_m", 1e3),
+        ("95% below {:.3f} mm", "relative_error_p95_m", 1e3),
+        *([("force error at most {:.2f} N", "force_max_deviation_n", 1.0)] if pressing else []),
+    )
+    head(figure, "Two robots: how far the tool is from its place on the moving part", facts)
+    legend_below(figure, *panels)
     return figure
 
 
@@ -83,12 +83,12 @@ def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
     axes = figure.subplots()
     for index, record in enumerate(records):
         error = 1e3 * np.linalg.norm(_while_fed(record, "relative_error_m"), axis=1)
-        label = f"{record.name}: rms {_mm(record.metrics, 'relative_error_rms_m')} mm"
-        axes.plot(_while_fed(record, "path_s_m"), error, color=SERIES[index % len(SERIES)], label=label)
-    axes.axhline(BAND_MM, color=GREEN, ls="--", lw=0.9)
+        label = "".join(facts_of(record.metrics, (f"{record.name}: rms {{:.3f}} mm", "relative_error_rms_m", 1e3)))
+        axes.plot(_while_fed(record, "path_s_m"), error, label=label or record.name, **line_look(index))
+    axes.axhline(BAND_MM, color=GREEN, ls="--", lw=0.9, label=f"{BAND_MM:g} mm")
     axes.set(xlabel="along the path [m]", ylabel="error [mm]", ylim=(0.0, None))
-    axes.legend()
-    head(figure, axes, "Tool on the part, as it is against as wanted", ())
+    legend_below(figure, axes)
+    head(figure, "How far the tool is from its place on the moving part")
     return figure
 
 
@@ -106,38 +106,20 @@ def _while_fed(record: RunRecord, name: str) -> Array:
 
 
 def _draw_error(axes: Axes, time: Array, error: Array) -> None:
-    relative = 1e3 * error
-    for k, color in enumerate((BLUE, ORANGE, GREY)):
-        axes.plot(time, relative[:, k], color=color, lw=0.9, label=f"{'xyz'[k]} of the part")
+    for k, color in enumerate(AXIS_COLORS):
+        axes.plot(time, 1e3 * error[:, k], color=color, ls=DASHES[k], lw=1.0, label=f"{'xyz'[k]} of the part")
     shade_band(axes, 0.0, BAND_MM, f"± {BAND_MM:g} mm")
-    axes.set_ylabel("tool on the part [mm]")
-    # Below the errors, wherever they run.
-    low, high = axes.get_ylim()
-    axes.set_ylim(low - LEGEND_SHARE * (high - low), high)
-    axes.legend(ncols=4, loc="lower right")
+    axes.set_ylabel("tool off its place [mm]")
 
 
 def _draw_force(axes: Axes, time: Array, record: RunRecord) -> None:
     target = record.scenario.process.contact_force_n
     low, high = (_while_fed(record, f"normal_force_{end}_n") for end in ("min", "max"))
     axes.fill_between(time, low, high, color=BLUE, alpha=0.25, lw=0)
-    axes.plot(time, _while_fed(record, "normal_force_n"), color=BLUE, lw=0.7, label="exact contact force")
+    axes.plot(time, _while_fed(record, "normal_force_n"), color=BLUE, lw=0.7)
     shade_band(axes, target, BAND_N, f"{target:g} ± {BAND_N:g} N")
-    axes.set_ylabel("force [N]")
-    axes.legend(ncols=2, loc="lower right")
-
-
-def _draw_joints(axes: Axes, time: Array, q: Array, name: str) -> None:
-    turned = np.degrees(q - q[:1])
-    for k in range(6):
-        # Wrist 3 often undoes what joint 1 does: dashed, so that both are seen.
-        axes.plot(time, turned[:, k], color=SERIES[k % len(SERIES)], ls="--" if k == WRIST_3 else "-")
-    axes.set_ylabel(f"{name}: joints\nfrom the start [deg]")
-
-
-def _mm(metrics: Mapping[str, Any], name: str) -> str:
-    value = metrics.get(name)
-    return "-" if value is None else f"{1e3 * value:.3f}"
+    reach = max(1.6 * BAND_N, 1.1 * float(np.nanmax(np.abs([low - target, high - target]), initial=0.0)))
+    axes.set(ylabel="exact contact force [N]", ylim=(target - reach, target + reach))
 
 
 @styled
@@ -163,7 +145,7 @@ def plot_tool(done: TcpCalibration) -> Figure:
     bars.set_xlabel("touch")
     x, y, z = 1e3 * tip.point
     facts = [f"tip ({x:.3f}, {y:.3f}, {z:.3f}) ± {1e3 * done.figures['position_std_m']:.3f} mm"]
-    head(figure, bars, "Calibration of the tool frame", facts)
+    head(figure, "Calibration of the tool frame", facts)
     return figure
 
 
@@ -183,7 +165,7 @@ def plot_bases(done: BasesFound) -> Figure:
     _draw_bases(space, found.groups, frames, "tracker" if found.bases else "master's base")
     _residual_bars(bars, found.groups)
     facts = [f"{len(m['outliers'])} left out", f"residual {1e3 * m['residual_rms_m']:.3f} mm rms"]
-    head(figure, bars, "Calibration of the bases", facts)
+    head(figure, "Calibration of the bases", facts)
     return figure
 
 
@@ -202,7 +184,7 @@ def plot_arms(done: ArmsFound) -> Figure:
     _residual_bars(bars, groups)
     nominal, found = (1e3 * done.figures[name] for name in ("nominal_rms_m", "heldout_rms_m"))
     facts = [f"nominal: {nominal:.3f} mm rms", f"found, in poses left out: {found:.3f} mm rms"]
-    head(figure, bars, "Calibration of the arms", facts)
+    head(figure, "Calibration of the arms", facts)
     return figure
 
 
@@ -224,7 +206,8 @@ def plot_budget(
         f"tracker {1e3 * dual.tracker_noise_m:g} mm, touches {1e3 * dual.touch_noise_m:g} mm",
         f"{dual.marks} marks, {dual.closing_touches} closing touches, {len(errors)} calibrations",
     ]
-    head(figure, left, "Error budget of the tool on the part", facts)
+    head(figure, "Error budget of the tool on the part", facts)
+    legend_below(figure, left, right)
     return figure
 
 
@@ -245,8 +228,7 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
     axes.set_xticks(place, [f"{name}\n({INSTRUMENTS.get(name, 'all')})" for name in shares])
     axes.set_ylabel("tool on the part, error, rms [mm]")
     axes.grid(visible=False, axis="x")
-    axes.set_ylim(0.0, 1.35 * columns.max())
-    axes.legend(loc="upper left", ncols=2)
+    axes.set_ylim(0.0, 1.1 * columns.max())
 
 
 def _draw_lengths(axes: Axes, lengths: Array, covariances: Array, asked: tuple[float, float]) -> None:
@@ -262,7 +244,6 @@ def _draw_lengths(axes: Axes, lengths: Array, covariances: Array, asked: tuple[f
         axes.axvline(1e3 * limit, color=GREEN, ls=style, label=f"{name} asked: {1e3 * limit:.2f} mm")
     axes.set_xlabel("size of the error, over calibrations and places on the rim [mm]")
     axes.set_ylabel("density [1/mm]")
-    axes.legend(loc="upper right", frameon=True, framealpha=1.0, edgecolor="none")
 
 
 def _canvas() -> tuple[Figure, Any, Axes]:
@@ -273,7 +254,7 @@ def _canvas() -> tuple[Figure, Any, Axes]:
 
 def _draw_frame(space: Any, T: Array, size: float, names: str = "") -> None:
     """Axes of a frame, with their names at the ends if there are any; unnamed ones by colour."""
-    for axis, colour in enumerate(_FRAME_COLOURS):
+    for axis, colour in enumerate(AXIS_COLORS):
         end = T[:3, 3] + size * T[:3, axis]
         space.plot(*np.stack([T[:3, 3], end], axis=1), color=DARK if names else colour, lw=1.6)
         if names:

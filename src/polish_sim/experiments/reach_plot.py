@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from scipy.spatial import ConvexHull
 
-from polish_sim.analysis.style import ORANGE, new_figure, styled
+from polish_sim.analysis.style import ORANGE, head, legend_below, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import TABLE
 from polish_sim.experiments.reach_map import DISTANCES, HEIGHTS, TURNS, ReachMap
@@ -47,13 +47,11 @@ def plot_reach_map(found: ReachMap, mesh: PartMesh, T_base_work: Array | None) -
         middle = T_base_work[:3, 3] + turn @ found.middle
         angle = np.degrees(np.arctan2(turn[1, 0], turn[0, 0]) + np.arctan2(middle[0], -middle[1])) % 360.0
         turns.plot(angle, MM * np.hypot(*middle[:2]), "o", color=ORANGE, ms=9, mec="white", label="as placed")
-        turns.legend(loc="upper right", frameon=True)
     above.set(xlabel="x of the base [mm]", ylabel="y of the base [mm]", aspect="equal")
     above.set_title("middle of the path, best turn of the part", fontsize=9.0)
-    above.legend(loc="upper right", frameon=True)
     turns.set(xlabel="turn of the part about the vertical [deg]", ylabel="middle of the path from the base axis [mm]")
     turns.set_title("in front of the robot", fontsize=9.0)
     figure.colorbar(drawn, ax=turns, label="least manipulability along the path [m$^3$]")
-    text = f"Reach map of {mesh.name}, part {MM * HEIGHTS[height]:.0f} mm above the table"
-    figure.suptitle(text, x=0.01, ha="left", fontsize=11.5, fontweight="bold")
+    head(figure, f"Reach map of {mesh.name}, part {MM * HEIGHTS[height]:.0f} mm above the table")
+    legend_below(figure, above, turns)
     return figure

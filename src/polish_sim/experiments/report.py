@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
+from polish_sim.analysis.claim import Claim, shortfalls
 from polish_sim.analysis.run_record import RunRecord, stop_mark
-from polish_sim.analysis.style import say_stop
+from polish_sim.analysis.style import add_line, say_stop
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import experiment, load
 from polish_sim.page import PAGE
@@ -47,13 +50,30 @@ def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
     return plots | _removal("plot_removal_runs", records) if all(map(removed_something, records)) else plots
 
 
+WORST_BY: Final = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")  #: What tells the worst seed
+
+
 def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
-    """Draw the pictures of many seeds of one scenario, by file name."""
+    """Draw the pictures of many seeds of one scenario, by file name: their figures, all of them or the worst one."""
     from polish_sim.analysis.run_plots import plot_seeds
 
     scenario = records[0].scenario
     row = experiment(scenario.experiment)
-    return {"seeds.png": plot_seeds(records, row.claims(scenario)), **_drawn(row.seeds_plots, records)}
+    claims = row.claims(scenario)
+    plots = {"seeds.png": plot_seeds(records, claims), **_drawn(row.seeds_plots, records)}
+    if row.seeds_plots:
+        return plots
+    worst = max(records, key=lambda record: _badness(record, claims))
+    for figure in list(draw_plots(worst).values())[:1]:
+        add_line(figure, f"seed {worst.scenario.seed}, the worst of {len(records)}")
+        plots["worst_seed.png"] = figure
+    return plots
+
+
+def _badness(record: RunRecord, claims: Sequence[Claim]) -> tuple[float, ...]:
+    """How many figures fall short of what is asked, then the errors by size."""
+    errors = [np.max(record.metrics.get(name) or 0.0) for name in WORST_BY]
+    return len(shortfalls(claims, record.metrics)), *map(float, errors)
 
 
 def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str] = ()) -> None:
@@ -114,7 +134,8 @@ def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
 
 
 def _drawn(plots: Mapping[str, str], runs: Any) -> dict[str, Figure]:
-    return {name: load(plot)(runs) for name, plot in plots.items()}
+    """The pictures that have something to show."""
+    return {name: figure for name, plot in plots.items() if (figure := load(plot)(runs)) is not None}
 
 
 def _removal(plot: str, runs: Any) -> dict[str, Figure]:

@@ -12,12 +12,25 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import PROCESS, fed, numbers
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, SERIES, head, heading, new_figure, styled
+from polish_sim.analysis.style import (
+    BLUE,
+    DASHES,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    SKY,
+    head,
+    legend_below,
+    line_look,
+    new_figure,
+    styled,
+)
 from polish_sim.arrays import Array
 from polish_sim.hand_guiding.figures import distance_to_line
 from polish_sim.planning.toolpath import arc_length
 
-COLORS: Final = {"none": GREY, "gravity": PINK, "classical": ORANGE, "inertia": GREEN, "assist": BLUE}
+COLORS: Final = {"assist": BLUE, "classical": ORANGE, "inertia": SKY, "gravity": PINK, "none": GREY}
 PAPER_N: Final = {"none": 100.0, "classical": 30.0, "inertia": 0.714 * 30.0}  #: Peaks of paper 3 [N]
 _BEFORE_S, _AFTER_S = 0.1, 0.2
 
@@ -39,18 +52,15 @@ def plot_guiding(record: RunRecord) -> Figure:
             _say_why(axes, record)
             continue
         _draw_paper(axes, {mode for mode, *_ in names})
-        axes.legend(loc="upper right", ncols=3, columnspacing=1.0, handlelength=1.2, frameon=True, framealpha=0.9)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
         axes.set(xlabel="time from the move's start [s]", ylabel=f"{_words(direction, pace)}\nforce of the hand [N]")
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
-    peaks = [record.metrics[f"{name}_hand_force_peak_n"] for name in record.metrics["moves"]]
-    known = [peak for peak in peaks if peak is not None and not np.isnan(peak)]
-    if known:
-        grid[0, 0].set_ylim(0.0, 1.45 * max(known))
-    title = "Force of a hand that guides the arm, and its peaks while it moves"
+    highest = max([float(np.max(line.get_ydata())) for axes in grid.flat for line in axes.lines], default=1.0)
+    grid[0, 0].set_ylim(0.0, 1.05 * highest)
     dashed = any(axes.lines for axes in grid.flat) and not PAPER_N.keys().isdisjoint(mode for mode, *_ in names)
-    title += "\n(dashed: paper 3, another robot)" if dashed else ""
-    heading(figure, title)
+    facts = ["numbers: largest while it moves", *(["thin dotted: peaks of paper 3, another robot"] if dashed else [])]
+    head(figure, "Force of a hand that guides the arm, by mode", facts)
     return figure
 
 
@@ -63,11 +73,11 @@ def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
     for axes, name in zip(grid[:, 0], common, strict=False):
         for number, record in enumerate(records):
             time, force = _curve(record, list(record.metrics["moves"]).index(name))
-            axes.plot(time, force, color=SERIES[number % len(SERIES)], label=record.name)
+            axes.plot(time, force, label=record.name, **line_look(number))
         axes.set(ylabel=f"{name.replace('_', ' ')}\nforce [N]")
-    grid[0, 0].legend(loc="upper right")
     grid[-1, 0].set(xlabel="time from the move's start [s]")
-    head(figure, grid[0, 0], "Force of a hand that guides the arm", [] if common else ["no move in common"])
+    head(figure, "Force of a hand that guides the arm", [] if common else ["no move in common"])
+    legend_below(figure, grid[0, 0])
     return figure
 
 
@@ -76,7 +86,7 @@ def _draw_case(axes: Axes, record: RunRecord, case: int, mode: str) -> None:
     if len(time):
         peak = record.metrics[f"{record.metrics['moves'][case]}_hand_force_peak_n"]
         label = f"{mode}: cut short" if peak is None or np.isnan(peak) else f"{mode}: {peak:.3g} N"
-        axes.plot(time, force, color=COLORS[mode], lw=1.3, label=label)
+        axes.plot(time, force, color=COLORS[mode], ls=DASHES[list(COLORS).index(mode)], lw=1.3, label=label)
 
 
 def _say_why(axes: Axes, record: RunRecord) -> None:
@@ -90,7 +100,7 @@ def _say_why(axes: Axes, record: RunRecord) -> None:
 def _draw_paper(axes: Axes, modes: set[str]) -> None:
     for mode, level in PAPER_N.items():
         if mode in modes:
-            axes.axhline(level, color=COLORS[mode], lw=0.8, ls="--", alpha=0.7)
+            axes.axhline(level, color=COLORS[mode], lw=1.0, ls=":", alpha=0.8)
 
 
 def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
@@ -132,17 +142,16 @@ def plot_taught(record: RunRecord) -> Figure:
     above.plot(*(1e3 * meant[:, :2].T), color=GREEN, lw=1.0, ls="--", label="meant")
     above.plot(*(1e3 * taught[:, :2].T), color=BLUE, lw=1.3, label="taught")
     above.set(xlabel="x of the part [mm]", ylabel="y of the part [mm]", aspect="equal")
-    above.legend(loc="center")
     for line, off, color, label in ((meant, recorded, GREY, "recorded"), (taught, taught, BLUE, "taught")):
         s = arc_length(line)
         along.plot(100.0 * s / s[-1], 1e3 * distance_to_line(off, meant), color=color, lw=1.0, label=label)
     along.axhline(1e3 * record.metrics["taught_deviation_rms_m"], color=ORANGE, lw=0.9, ls="--", label="taught, rms")
     along.set(xlabel="share of the way [%]", ylabel="distance from what was meant [mm]", ylim=(0.0, None))
-    along.legend(loc="upper right", ncols=3)
     m = record.metrics
     facts = [
         f"{m['points_recorded']} points recorded, {m['knots']} knots, {m['points_taught']} points taught",
         f"off by at most {1e3 * m['taught_deviation_max_m']:.2f} mm",
     ]
-    head(figure, above, f"Taught on {record.scenario.part.file}", facts)
+    head(figure, f"Taught on {record.scenario.part.file}", facts)
+    legend_below(figure, above, along)
     return figure

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, head, new_figure, styled
+from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, legend_below, line_look, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.identification.fourier import FourierMotion
 
@@ -26,17 +26,18 @@ def plot_torques(found: Identification, title: str, facts: Sequence[str]) -> Fig
     grid = figure.subplots((n + 1) // 2, 2, sharex=True, squeeze=False).ravel()
     time = _broken(held.time, held.time)
     for joint, axes in enumerate(grid[:n]):
-        for values, colour, width, label in (
-            (held.measured, GREY, 0.5, "measured"),
-            (drawing, ORANGE, 1.0, "drawing"),
-            (predicted, BLUE, 1.2, "identified"),
+        for values, colour, dashes, width, label in (
+            (held.measured, GREY, "-", 0.5, "measured"),
+            (drawing, ORANGE, DASHES[1], 1.0, "drawing"),
+            (predicted, BLUE, "-", 1.2, "identified"),
         ):
-            axes.plot(time, _broken(values[:, joint], held.time), color=colour, lw=width, label=label)
+            line = _broken(values[:, joint], held.time)
+            axes.plot(time, line, color=colour, ls=dashes, lw=width, label=label)
         axes.set_ylabel(f"joint {joint + 1} [N m]\nerror {100 * found.figures['nrms_heldout'][joint]:.3f}%")
     for axes in grid[-2:]:
         axes.set_xlabel("time [s]; gaps: a joint reverses")
-    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    head(figure, grid[0], title, facts)
+    head(figure, title, facts)
+    legend_below(figure, grid[0])
     return figure
 
 
@@ -48,13 +49,13 @@ def plot_motion(motion: FourierMotion, title: str, facts: Sequence[str]) -> Figu
     time = np.linspace(0.0, motion.period, 1001)
     states = motion(time)
     for joint in range(states.q.shape[1]):
-        above.plot(time, np.degrees(states.q[:, joint]), color=SERIES[joint % 6], label=f"{joint + 1}")
-        below.plot(time, np.degrees(states.qd[:, joint]), color=SERIES[joint % 6])
+        above.plot(time, np.degrees(states.q[:, joint]), label=f"joint {joint + 1}", **line_look(joint))
+        below.plot(time, np.degrees(states.qd[:, joint]), **line_look(joint))
     above.set_ylabel("joint position [deg]")
     below.set_ylabel("joint speed [deg/s]")
     below.set_xlabel("time [s]")
-    figure.legend(*above.get_legend_handles_labels(), loc="outside upper right", ncols=6, title="joint")
-    head(figure, above, title, facts)
+    head(figure, title, facts)
+    legend_below(figure, above)
     return figure
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, heading, new_figure, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, legend_below, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
 from polish_sim.cell.real_arm import is_real
@@ -200,9 +200,8 @@ def plot_border(border: Border) -> Figure:
         axes.set_xlabel("latency, sensor and command [ms]")
     panels[0].set_ylabel("springs by what the plan takes them for [-]")
     _scale(panels[0], border)
-    heading(figure, "Where the force loop breaks, nothing retuned")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3 if len(panels) < 3 else 6)
+    head(figure, "Where the force loop breaks, nothing retuned")
+    legend_below(figure, *panels)
     return figure
 
 

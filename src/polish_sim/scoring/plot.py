@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from polish_sim.analysis.style import GREEN, GREY, SERIES, heading, new_figure, styled
+from polish_sim.analysis.style import GREEN, GREY, MARKS, SERIES, head, new_figure, styled
 from polish_sim.scoring.reach import Asked
 
 
@@ -27,6 +27,7 @@ PANELS: Final = (
     _Panel("max_error_n", "largest error [N]", 0.1),
     _Panel("overshoot_n", "overshoot [N]", 0.02),
 )
+FAR: Final = 100.0  #: Span of an axis beyond which only every other number fits
 _ROW_INCH: Final = 0.27
 _WORTH_A_NAME: Final = 1.2
 _FAR: Final = 4.0
@@ -50,7 +51,7 @@ def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], ask
         _draw_limits(axes, panel, list(cases), asked)
     panels[0].set_yticks(range(len(cases)), list(cases))
     panels[0].set_ylim(len(cases) - 0.4, -0.6)
-    heading(figure, f"Score: {' and '.join(labels)}")
+    head(figure, f"Score: {' and '.join(labels)}", ["a mark a run, a line a case; further left is better"])
     figure.legend(
         handles=_legend(labels, any(one.applies(case) for one in asked for case in cases)),
         loc="outside lower center",
@@ -69,17 +70,14 @@ def plot_ablation(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Fi
     figure = new_figure(12.0, 1.4 + 0.5 * len(laws))
     panels = figure.subplots(1, len(PANELS), sharey=True)
     for axes, panel in zip(panels, PANELS, strict=True):
-        axes.set_xscale("log")
+        _scale(axes, 0.0)
         axes.axvline(1.0, color=GREEN, lw=1.2, zorder=1)
         for y, law in enumerate(laws):
             _draw_ratios(axes, y, ratios[law].get(panel.figure, {}))
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(f"{panel.label.partition(' [')[0]}, without / with")
     panels[0].set_yticks(range(len(laws)), laws)
     panels[0].set_ylim(len(laws) - 0.4, -0.6)
-    heading(figure, "What each law is worth: it is left out")
+    head(figure, "What each law is worth: it is left out", ["a dot a case, right of 1 where the law helps"])
     return figure
 
 
@@ -99,9 +97,8 @@ def _draw_panel(
 ) -> None:
     known = [float(row[panel.figure]) for row in rows if row[panel.figure] is not None]
     right = 1.6 * max([*known, 10.0 * panel.least])
-    axes.set_xscale("log")
     axes.set_xlim(0.8 * panel.least, 1.4 * right)
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    _scale(axes, right / panel.least)
     axes.set_xlabel(panel.label)
     axes.grid(axis="y", visible=False)
     for index in range(0, len(cases), 2):
@@ -112,8 +109,16 @@ def _draw_panel(
         place = labels.index(row["controller"])
         y = cases.index(row["case"]) + offsets[place]
         x = right if value is None else max(float(value), panel.least)
-        marker = "o" if row["stable"] else "x"
-        axes.plot(x, y, marker, ms=3.6, color=SERIES[place % len(SERIES)], alpha=0.75, mew=1.1)
+        marker = MARKS[place % len(MARKS)] if row["stable"] else "x"
+        axes.plot(x, y, marker, ms=4.0, color=SERIES[place % len(SERIES)], alpha=0.75, mew=1.1)
+
+
+def _scale(axes: Axes, span: float) -> None:
+    """A logarithmic axis with several numbers on it, however many decades it spans, each written out."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if span > FAR else (1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], asked: Sequence[Asked]) -> None:
@@ -125,7 +130,7 @@ def _draw_limits(axes: Axes, panel: _Panel, cases: Sequence[str], asked: Sequenc
 
 def _legend(labels: Sequence[str], limits: bool) -> list[Line2D]:
     marks = [
-        Line2D([], [], marker="o", ls="", ms=4, color=SERIES[i % len(SERIES)], label=label)
+        Line2D([], [], marker=MARKS[i % len(MARKS)], ls="", ms=5, color=SERIES[i % len(SERIES)], label=label)
         for i, label in enumerate(labels)
     ]
     marks.append(Line2D([], [], marker="x", ls="", ms=4, color=GREY, label="not stable (right border: no figure)"))

@@ -48,12 +48,7 @@ SMOOTH: Final = Experiment(
     run="polish_sim.smoothing.smooth:run_smooth",
     prepare="polish_sim.smoothing.smooth:check_smooth",
     claims=always(CLAIMS),
-    plots=always(
-        {
-            "tracking.png": "polish_sim.smoothing.tracking:plot_tracking",
-            "tracking_by_joint.png": "polish_sim.smoothing.tracking:plot_tracking_bars",
-        }
-    ),
+    plots=always({"tracking.png": "polish_sim.smoothing.tracking:plot_tracking"}),
     comparisons={"tracking.png": "polish_sim.smoothing.tracking:plot_tracking_runs"},
     options=("--part-pose", "--path", "--dry-run", "--log-rate"),
     paper={"plan.file": "", "smoothing.limits_file": ""},

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, heading, new_figure, styled
+from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, ORANGE, head, legend_below, new_figure, styled
 from polish_sim.arrays import Array, Indices
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
@@ -21,10 +21,9 @@ from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.smoothing.figures import ORDERS, axis_limits, tip_limits
 
 SUFFIX: Final = ("/s", "/s²", "/s³")
-COLOURS: Final = (BLUE, ORANGE)
+LOOKS: Final = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))
 DEGREES: Final = 180.0 / np.pi
 MICRO: Final = 1e6
-NARROW: Final = 11.0  #: A figure less wide has no room for facts and legend in one line [inch]
 NEAR: Final = 0.4  #: A limit is drawn to scale if the curve reaches this share of it; others are only labelled
 SHOWN: Final = 6  #: Corners in the figure
 LEAST_VIEW_M: Final = 5e-6  #: Half the width of a view is this at least
@@ -52,10 +51,10 @@ def plot_tool(curves: Sequence[Curves], limits: LimitValues, title: str, facts: 
     grid = figure.subplots(3, 2, sharex=True)
     for order, (left, right) in enumerate(grid):
         top = _draw(left, curves, [1e3 * curve.tip[order] for curve in curves], 0.9)
-        _draw_limit(left, 1e3 * tip_limits(limits)[order], top, both_signs=False)
+        _draw_limit(left, 1e3 * tip_limits(limits)[order], top)
         left.set_ylabel(f"{ORDERS[order]} of the tip [mm{SUFFIX[order]}]")
         top = _draw(right, curves, [DEGREES * curve.axis[order] for curve in curves], 0.9)
-        _draw_limit(right, DEGREES * axis_limits(limits)[order], top, both_signs=False)
+        _draw_limit(right, DEGREES * axis_limits(limits)[order], top)
         right.set_ylabel(f"{ORDERS[order]} of the axis [deg{SUFFIX[order]}]")
     _finish(figure, grid, curves, title, facts)
     return figure
@@ -80,60 +79,47 @@ def plot_deviation(
 
 @styled
 def plot_joints(curves: Sequence[Curves], limits: LimitValues, title: str, facts: Sequence[str]) -> Figure:
-    """Speed, acceleration and jerk of the six joints over time, with limits; one curve a rule."""
-    figure = new_figure(12.0, 11.0)
-    grid = figure.subplots(6, 3, sharex=True)
-    for joint, row in enumerate(grid):
-        for order, axes in enumerate(row):
-            top = _draw(axes, curves, [DEGREES * curve.joints[order, :, joint] for curve in curves], 0.8)
-            _draw_limit(axes, DEGREES * limits.joint[order, joint], top, both_signs=True)
-            if joint == 0:
-                axes.set_title(f"{ORDERS[order]} [deg{SUFFIX[order]}]", fontsize=9.0, fontweight="normal")
-        row[0].set_ylabel(f"joint {joint + 1}")
-    _finish(figure, grid, curves, title, facts)
+    """Share of their limits the joints use over time, of the one that uses most, and each one's largest; by rule."""
+    figure = new_figure(11.0, 7.0)
+    grid = figure.subplots(3, 2, sharex="col", sharey="row", width_ratios=(3.0, 1.0))
+    for order, (over_time, by_joint) in enumerate(grid):
+        shares = [100.0 * np.abs(curve.joints[order]) / limits.joint[order] for curve in curves]
+        _draw(over_time, curves, [share.max(axis=1) for share in shares], 0.8)
+        for k, (share, (colour, _)) in enumerate(zip(shares, LOOKS, strict=False)):
+            by_joint.bar(np.arange(1, 7) + 0.38 * (k - 0.5 * (len(shares) - 1)), share.max(axis=0), 0.36, color=colour)
+        for axes in (over_time, by_joint):
+            axes.axhline(100.0, color=GREEN, lw=1.0, ls="--", label="limit")
+        over_time.set(ylabel=f"{ORDERS[order]} [% of limit]", ylim=(0.0, None))
+    grid[0, 0].set_title("the joint that is nearest to its limit", fontsize=9.0, fontweight="normal")
+    grid[0, 1].set_title("largest, joint by joint", fontsize=9.0, fontweight="normal")
+    _finish(figure, grid[:, :1], curves, title, facts)
+    grid[-1, 1].set(xlabel="joint", xticks=range(1, 7))
     return figure
 
 
 def _draw(axes: Axes, curves: Sequence[Curves], values: Sequence[Array], width: float) -> float:
     """Draw one value of every rule, the first rule's on top; returns the largest absolute value."""
-    for curve, value, colour in list(zip(curves, values, COLOURS, strict=False))[::-1]:
-        axes.plot(curve.times, value, color=colour, lw=width, label=curve.label)
+    for curve, value, (colour, dashes) in list(zip(curves, values, LOOKS, strict=False))[::-1]:
+        axes.plot(curve.times, value, color=colour, ls=dashes, lw=width, label=curve.label)
     return max(float(np.abs(value).max(initial=0.0)) for value in values)
 
 
-def _draw_limit(axes: Axes, limit: float, top: float, both_signs: bool) -> None:
+def _draw_limit(axes: Axes, limit: float, top: float) -> None:
     if top < NEAR * limit:
-        reach = 1.15 * top if top > 0.0 else 1.0
-        axes.set_ylim(-reach if both_signs else 0.0, 1.25 * reach)
+        axes.set_ylim(0.0, 1.4 * top if top > 0.0 else 1.0)
         text = f"limit {limit:.4g}" if np.isfinite(limit) else "no limit"
         axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", color=GREEN, fontsize=8.0)
         return
-    for sign in (1.0, -1.0) if both_signs else (1.0,):
-        axes.axhline(sign * limit, color=GREEN, lw=1.0, ls="--", label="limit")
-    reach = 1.12 * max(limit, top)
-    axes.set_ylim(-reach if both_signs else 0.0, reach)
+    axes.axhline(limit, color=GREEN, lw=1.0, ls="--", label="limit")
+    axes.set_ylim(0.0, 1.12 * max(limit, top))
 
 
 def _finish(figure: Figure, grid: Any, curves: Sequence[Curves], title: str, facts: Sequence[str]) -> None:
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
         axes.set_xlim(0.0, max(float(curve.times[-1]) for curve in curves))
-    named = {
-        label: handle for axes in grid.flat for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    order = [curve.label for curve in curves] + [label for label in ("limit", "tolerance") if label in named]
-    _close(figure, title, facts, [named[label] for label in order], order)
-
-
-def _close(figure: Figure, title: str, facts: Sequence[str], handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """Title above; at the foot facts in small print and the legend, beside the figure if that is narrow."""
-    heading(figure, title)
-    if figure.get_figwidth() < NARROW:
-        figure.legend(handles, labels, loc="outside right upper")
-        figure.supxlabel("     ".join(facts), x=0.01, ha="left", fontsize=9.0, color="#444444")
-    else:
-        figure.legend(handles, labels, loc="outside lower right", ncols=len(labels))
-        figure.text(0.01, 0.008, "     ".join(facts), fontsize=9.0, color="#444444")
+    head(figure, title, facts)
+    legend_below(figure, *grid.flat)
 
 
 # Corners: which are worth a look, and how they are seen from near.
@@ -260,7 +246,8 @@ def plot_corners(views: Sequence[CornerView], labels: Sequence[str], title: str,
         )
     for axes in list(grid.flat)[len(views) :]:
         axes.set_visible(False)
-    _close(figure, title, facts, *grid[0, 0].get_legend_handles_labels())
+    head(figure, title, facts)
+    legend_below(figure, grid[0, 0])
     return figure
 
 
@@ -278,8 +265,8 @@ def _draw_corner(axes: Axes, view: CornerView, labels: Sequence[str]) -> None:
         tube = PathPatch(Outline.make_compound_path(*tubes), color=GREEN, alpha=0.13, lw=0, label="tolerance")
         axes.add_patch(tube)
     axes.plot(path[:, 0], path[:, 1], ".-", color=GREY, lw=1.0, ms=5, label="path")
-    for way, label, colour in list(zip(view.ways, labels, COLOURS, strict=False))[::-1]:
-        axes.plot(MICRO * way[:, 0], MICRO * way[:, 1], color=colour, lw=1.4, label=label)
+    for way, label, (colour, dashes) in list(zip(view.ways, labels, LOOKS, strict=False))[::-1]:
+        axes.plot(MICRO * way[:, 0], MICRO * way[:, 1], color=colour, ls=dashes, lw=1.4, label=label)
     axes.set_aspect("equal")
     axes.set(xlim=(-half, half), ylim=(-half, half), xlabel="along the old segment [µm]", ylabel="across [µm]")
 

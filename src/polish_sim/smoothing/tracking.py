@@ -7,20 +7,33 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks
 
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, SERIES, head, heading, new_figure, styled
+from polish_sim.analysis.style import (
+    BLUE,
+    DASHES,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    SERIES,
+    facts_of,
+    head,
+    legend_below,
+    new_figure,
+    styled,
+)
 from polish_sim.arrays import Array, Indices
 
 REFERENCE = "joint-acceleration"  #: The rule the others are compared with
+NEAR_M = 0.006  #: Of the path on either side of the jerk peak that is drawn
 AROUND_S = 0.03  #: Time before and after a jerk peak that belongs to it [s]
 APART_S = 0.05  #: Between two peaks, at least [s]
 HIGH = 0.8  #: Share of the largest jerk that counts as a peak where none breaks the limit
-RULES: Final = {"joint-acceleration": ORANGE, "joint-jerk": GREEN, "certified": BLUE}  #: Names and colours
+RULES: Final = {"joint-acceleration": ORANGE, "joint-jerk": PINK, "certified": BLUE}  #: Names and colours
 JOINT_NAMES: Final = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
 TICKS: Final = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
 
@@ -60,9 +73,9 @@ def measure_tracking(play: PlayedRule) -> dict[str, Any]:
 def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array) -> dict[str, Any]:
     """Compare a rule's tracking errors with the reference rule's on the same path; ``jerk_limits`` (6,) [rad/s^3].
 
-    jerk_peaks: how many of the reference there are; reduction_largest, reduction_largest_joint (1 to 6) and
-    reduction_median over them; rise_largest: 0 if no error rises; reduction_max and reduction_rms: of the whole path's
-    errors, one value a joint.
+    jerk_peaks: how many of the reference there are; at_peaks: their ``AtPeak``; reduction_largest,
+    reduction_largest_joint (1 to 6) and reduction_median over them; rise_largest: 0 if no error rises; reduction_max
+    and reduction_rms: of the whole path's errors, one value a joint.
     """
     found = list(at_peaks(play, reference, jerk_limits))
     shares = np.array([peak.reduction for peak in found])
@@ -74,6 +87,7 @@ def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array
         "reduction_largest_joint": best.joint + 1 if best else None,
         "reduction_median": float(np.median(shares)) if found else math.nan,
         "rise_largest": max(0.0, -float(shares.min())) if found else math.nan,
+        "at_peaks": [list(peak) for peak in found],
         "peaks_reduced": float(np.mean(shares > 0.0)) if found else math.nan,
         **{
             f"reduction_{kind}": [
@@ -113,52 +127,41 @@ def _step(time: Array) -> float:
 
 
 @styled
-def plot_tracking(record: RunRecord) -> Figure:
-    """Draw each joint's tracking error over time and its largest values, and the jerk of its targets, of a run."""
-    figure = new_figure(12.0, 11.0)
-    grid = figure.subplots(6, 2, sharex=True)
-    known = _rules_of(record)
-    for joint, (error, jerk) in enumerate(grid):
-        for rule, colour in RULES.items():
-            rows = known[rule]
-            if not len(rows):
-                continue
-            time = numbers(record.log, "time_s")[rows]
-            read = "encoder_q_rad" if "encoder_q_rad" in record.log.columns else "q_rad"
-            lag = (numbers(record.log, "target_q_rad") - numbers(record.log, read))[rows, joint]
-            asked = numbers(record.log, "target_qddd_rad_s3")[rows, joint]
-            error.plot(time, lag * 1e6, color=colour, lw=0.8, alpha=0.85, label=rule)
-            jerk.plot(time, asked, color=colour, lw=0.7, alpha=0.85, label=rule)
-        _limit(jerk, record, joint)
-        error.set(ylabel=f"{JOINT_NAMES[joint]}\nerror [µrad]")
-        jerk.set(ylabel="jerk [rad/s³]")
-    for axes in grid[-1]:
-        axes.set(xlabel="time [s]")
-    grid[0, 1].legend(*grid[0, 1].get_legend_handles_labels(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4)
-    m = record.metrics
-    facts = [f"{rule}: {_number(m.get(f'{_key(rule)}_cycle_time_s'), 1.0)} s" for rule in RULES]
-    facts.append(f"certified at the jerk peaks: at most {_number(m.get('certified_reduction_largest'), 100.0)}% less")
-    head(figure, grid[0, 0], "Tracking error of the joints, one path with three rules", facts)
-    return figure
+def plot_tracking(record: RunRecord) -> Figure | None:
+    """Draw what rules make of the tracking error where the reference's joint jerk peaks; None without such a peak.
 
-
-@styled
-def plot_tracking_bars(record: RunRecord) -> Figure:
-    """Draw largest and root mean square tracking errors joint by joint, at own and at equal cycle times, of a run."""
-    figure = new_figure(10.0, 6.0)
-    grid = figure.subplots(2, 2, sharex=True, sharey="row")
-    for row, (kind, text) in enumerate((("max", "largest"), ("rms", "root mean square"))):
-        for column, (when, title) in enumerate((("", "own cycle times"), ("_at_equal_time", "equal cycle times"))):
-            axes = grid[row, column]
-            for k, (rule, colour) in enumerate(RULES.items()):
-                values = record.metrics.get(f"{_key(rule)}_tracking_error_{kind}_rad{when}")
-                if values is not None:
-                    axes.bar(np.arange(6) + 0.27 * (k - 1), np.array(values) * 1e6, 0.25, color=colour, label=rule)
-            axes.set_title(f"{text}, {title}", fontsize=9.0, fontweight="normal")
-            axes.set(ylabel="error [µrad]" if column == 0 else None)
-            axes.set_xticks(range(6), TICKS)
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    heading(figure, "Tracking error by joint and rule")
+    On the left the peak at which ``certified`` gains most, on the right all of them.
+    """
+    played, limits = _played(record), record.metrics.get("joint_jerk_limits_rad_s3")
+    peaks = {rule: [AtPeak(*row) for row in record.metrics.get(f"{_key(rule)}_at_peaks") or []] for rule in RULES}
+    if limits is None or not all(rule == REFERENCE or (peaks[rule] and rule in played) for rule in RULES):
+        return None
+    figure = new_figure(11.0, 5.2)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.15))
+    jerk, error, share = (figure.add_subplot(place) for place in (grid[0, 0], grid[1, 0], grid[:, 1]))
+    best = max(peaks["certified"], key=lambda peak: peak.reduction)
+    for (rule, color), dashes in zip(RULES.items(), DASHES[2::-1], strict=True):
+        near = np.abs(played[rule].place - best.place) < NEAR_M
+        at = 1e3 * (played[rule].place[near] - best.place)
+        jerk.plot(at, played[rule].jerk[near, best.joint], color=color, ls=dashes, label=rule)
+        error.plot(at, 1e6 * played[rule].error[near, best.joint], color=color, ls=dashes)
+    for sign in (-1.0, 1.0):
+        jerk.axhline(sign * limits[best.joint], color=GREEN, lw=0.8, ls="--", label="limit")
+    jerk.set(ylabel="jerk asked [rad/s³]")
+    jerk.set_title(f"{JOINT_NAMES[best.joint]}, {best.place:.3f} m along the path", fontsize=9.0, fontweight="normal")
+    error.set(xlabel="along the path, from the jerk peak [mm]", ylabel="tracking error [µrad]")
+    for side, (rule, mark) in enumerate((("joint-jerk", "o"), ("certified", "^"))):
+        joints = [peak.joint + 0.24 * (side - 0.5) for peak in peaks[rule]]
+        gains = [100.0 * peak.reduction for peak in peaks[rule]]
+        share.plot(joints, gains, mark, color=RULES[rule], ms=5, alpha=0.7, label=f"{rule}, every jerk peak")
+    share.axhline(0.0, color=RULES[REFERENCE], lw=1.0, ls=":", label=f"as {REFERENCE}")
+    share.set_xticks(range(6), TICKS)
+    share.set(ylabel=f"error less than with {REFERENCE} [%]")
+    rows = [(f"{rule}: {{:.2f}} s", f"{_key(rule)}_cycle_time_s", 1.0) for rule in RULES]
+    less = ("{:.1f}% less error at most with certified", "certified_reduction_largest", 100.0)
+    half = ("{:.1f}% in the median", "certified_reduction_median", 100.0)
+    head(figure, f"Tracking error where the jerk of {REFERENCE} peaks", facts_of(record.metrics, *rows, less, half))
+    legend_below(figure, jerk, share)
     return figure
 
 
@@ -176,28 +179,20 @@ def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_xticks(range(6), TICKS)
     axes.set(ylabel="reduction of the largest error [%]")
-    axes.legend(loc="upper right")
-    head(figure, axes, "Certified against joint-acceleration, joint by joint", ())
+    legend_below(figure, axes)
+    head(figure, "Certified against joint-acceleration, joint by joint")
     return figure
 
 
-def _rules_of(record: RunRecord) -> dict[str, Indices]:
-    """Rows of the log by rule; the log counts the rules in the order the run names them."""
-    names = list(record.metrics.get("rules", RULES))
-    column = numbers(record.log, "rule")
-    return {rule: np.flatnonzero(column == names.index(rule)) if rule in names else np.zeros(0, int) for rule in RULES}
-
-
-def _limit(axes: Axes, record: RunRecord, joint: int) -> None:
-    limits = record.metrics.get("joint_jerk_limits_rad_s3")
-    if limits is not None:
-        for sign in (-1.0, 1.0):
-            axes.axhline(sign * limits[joint], color=GREY, lw=0.8, ls="--", label="limit" if sign > 0.0 else None)
+def _played(record: RunRecord) -> dict[str, PlayedRule]:
+    """The rules a run has played, from its log, which counts them in the order the run names them."""
+    log, names = record.log, list(record.metrics.get("rules", RULES))
+    read = numbers(log, "encoder_q_rad" if "encoder_q_rad" in log.columns else "q_rad")
+    columns = [numbers(log, "time_s"), numbers(log, "path_s_m"), numbers(log, "target_q_rad") - read,
+               numbers(log, "target_qddd_rad_s3")]  # fmt: skip
+    rows = {rule: numbers(log, "rule") == names.index(rule) for rule in RULES if rule in names}
+    return {rule: PlayedRule(rule, *(column[at] for column in columns)) for rule, at in rows.items() if at.any()}
 
 
 def _key(rule: str) -> str:
     return rule.replace("-", "_")
-
-
-def _number(value: float | None, scale: float) -> str:
-    return "-" if value is None or np.isnan(value) else f"{value * scale:.4g}"
