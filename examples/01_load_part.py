@@ -1,4 +1,8 @@
-"""A part from a file, and one from arrays. Prints sizes and what was assumed."""
+"""Load a part
+===========
+
+A part from a file, and one from arrays. Prints sizes and what was assumed.
+"""
 
 import numpy as np
 

@@ -1,4 +1,8 @@
-"""The smooth surface of a part, beside the true sphere it was made from. Prints its errors."""
+"""Fit the smooth surface
+======================
+
+The smooth surface of a part, beside the true sphere it was made from. Prints its errors.
+"""
 
 import numpy as np
 

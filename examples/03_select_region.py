@@ -1,4 +1,8 @@
-"""What is to be polished: chosen automatically, by a point, by a box, with a margin. Prints areas and borders."""
+"""Select the region to polish
+===========================
+
+What is to be polished: chosen automatically, by a point, by a box, with a margin. Prints areas and borders.
+"""
 
 from polish_sim import fit_surface, load_part, select_region, workpiece_path
 

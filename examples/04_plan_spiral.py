@@ -1,4 +1,8 @@
-"""A spiral on a freeform part. Prints its arrays and figures, writes results/examples/04_spiral.png."""
+"""Plan a spiral
+=============
+
+A spiral on a freeform part. Prints its arrays and figures, writes results/examples/04_spiral.png.
+"""
 
 from pathlib import Path
 

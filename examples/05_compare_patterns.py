@@ -1,4 +1,9 @@
-"""Four patterns on a plate with two holes. Prints a table: which one lifts, which one is long, which one is even."""
+"""Compare patterns
+================
+
+Four patterns on a plate with two holes. Prints a table: which one lifts, which one is long, which one is
+even.
+"""
 
 from polish_sim import (
     fit_surface,

@@ -1,4 +1,8 @@
-"""A path made elsewhere, here rings in numpy, read from a plain CSV and measured. Prints its figures and notes."""
+"""Inspect a path made elsewhere
+=============================
+
+A path made elsewhere, here rings in numpy, read from a plain CSV and measured. Prints its figures and notes.
+"""
 
 from pathlib import Path
 

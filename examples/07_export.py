@@ -1,6 +1,8 @@
-"""A plan as files for CAM, robots, ROS and browsers, with a force of its own at each waypoint.
+"""Export for robots, CAM and browsers
+===================================
 
-Prints the files it writes into results/examples/07_export/; open path.html in a browser.
+A plan as files for CAM, robots, ROS and browsers, with a force of its own at each waypoint. Prints the files
+it writes into results/examples/07_export/; open path.html in a browser.
 """
 
 from dataclasses import replace

@@ -69,6 +69,10 @@ PRINTS = {
     "06_inspect_path": r"stepover_mean_m +0\.0060",
     "07_export": r"APT read back: [45]\.\de-10 m off",
     "08_run_surface": r"contact force: 1[45]\.\d\d N on average, 15 N asked for",
+    "09_own_controller": r"Damper +within 3 N after 0\.[23]\d s, overshoot 0\.\d\d N\nhybrid-pi ",
+    "10_two_robots": r"tool on the part: 0\.0\d\d mm rms\n",
+    "11_identify": r"error / range: 0\.\d+ %, by the drawing 2\.\d+ %\nclassical .* 2\d\.\d N.*\ninertia .* 1\d\.\d N",
+    "12_smooth": r"certified +2\.0\d+ s, off the path by (20\.0|19\.\d) um",
 }
 
 

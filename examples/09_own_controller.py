@@ -1,0 +1,48 @@
+"""Your own controller
+===================
+
+A controller is a class with two methods; it needs only numpy. Here the tool yields like a damper: it moves
+into the part at a speed proportional to the force that is missing. Runs a step to 20 N with it and with
+``hybrid-pi``; prints settling time and overshoot.
+"""
+
+import sys
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from polish_sim import default_scenario, override, run_experiment
+
+
+class Damper:
+    """Follow the path across the tool axis; along it, move at a speed proportional to the missing force."""
+
+    def reset(self, cycle_s):
+        """Begin a run; ``cycle_s`` is the time between two calls of step [s]."""
+
+    def step(self, measurement, target):
+        """Answer with the tool's twist: linear [m/s], angular [rad/s], base frame."""
+        linear = target.twist[:3] + (target.position - measurement.position) / 0.1
+        z = measurement.rotation[:, 2]  # the tool axis, into the part
+        if target.contact[0]:
+            missing = target.force[0] - measurement.wrench[2]  # [N]
+            linear += (np.clip(0.002 * missing, -0.02, 0.02) - linear @ z) * z
+        angular = target.twist[3:] + np.cross(z, target.rotation[:, 2]) / 0.1
+        return np.concatenate([linear, angular])
+
+
+# %%
+# The scenario names the file and the class, as ``--controller mine.py:Damper`` does on the command line. The
+# file is imported for it, so what follows must not run then.
+if __name__ == "__main__":
+    figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
+    for name in (f"{sys.argv[0]}:Damper", "hybrid-pi"):
+        scenario = override(default_scenario("force"), [f"controller.name={name}", "process.hold_s=1.5"])
+        result = run_experiment(scenario)
+        label = name.rpartition(":")[2]
+        settling, overshoot = result.figures["settling_time_3n_s"], result.figures["overshoot_n"]
+        print(f"{label:10s} within 3 N after {settling:.2f} s, overshoot {overshoot:.2f} N")
+        axes.plot(result.log["time_s"], result.log["normal_force_n"], label=label)
+    axes.set(xlabel="time [s]", ylabel="normal force [N]")
+    axes.legend(loc="lower right")
+    plt.show()
