@@ -2,6 +2,7 @@
 # make test   the test suite
 # make check  lint, format, layers, types
 # make bench  speeds as ratios
+# make docs   the site in build/docs: every example and code block runs
 # make wheel  a wheel with its kernels compiled, for this Python and platform
 # make clean  remove what the other targets made (run folders in results/ stay)
 
@@ -12,7 +13,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 TREE := build/tree
 
-.PHONY: demo test check bench wheel clean
+.PHONY: demo test check bench docs site wheel clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.installed
@@ -21,21 +22,32 @@ demo: $(VENV)/.installed
 test: $(VENV)/.installed
 	$(BIN)/python -m pytest
 
-check: $(VENV)/.installed
+check: $(VENV)/.installed $(VENV)/.docs
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/python .ci/assemble.py $(TREE)
 	PYTHONPATH=$(TREE) $(BIN)/lint-imports
 	MYPYPATH=$(TREE) $(BIN)/mypy --package polish_sim
+	DOCS_QUICK=1 $(MAKE) --no-print-directory site
 
 bench: $(VENV)/.installed
 	$(BIN)/python -m benchmarks
+
+docs: $(VENV)/.docs
+	$(MAKE) --no-print-directory site
+	$(BIN)/python docs/run_blocks.py
+
+# The pages alone; with DOCS_QUICK=1 without running the examples.
+site:
+	rm -rf build/docs docs/tutorials
+	$(BIN)/python -m sphinx -W --keep-going -q docs build/docs
+	$(BIN)/python docs/check_links.py build/docs
 
 wheel: $(VENV)/.installed
 	$(BIN)/python .ci/build_wheel.py
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache
+	rm -rf $(VENV) build dist docs/tutorials *.egg-info .pytest_cache .ruff_cache .mypy_cache .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.installed: pyproject.toml
@@ -45,4 +57,10 @@ $(VENV)/.installed: pyproject.toml
 	echo "$$python -m venv $(VENV)"; $$python -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	$(BIN)/python -m compileall -q src cli models
+	touch $@
+
+# What the site is made with: an extra that only its targets install.
+$(VENV)/.docs: $(VENV)/.installed
+	$(BIN)/python -c 'import sphinx, furo, myst_parser, sphinx_gallery, ziamath' 2>/dev/null || \
+		$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	touch $@

@@ -6,8 +6,6 @@ into the part at a speed proportional to the force that is missing. Runs a step 
 ``hybrid-pi``; prints settling time and overshoot.
 """
 
-import sys
-
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -32,17 +30,14 @@ class Damper:
 
 
 # %%
-# The scenario names the file and the class, as ``--controller mine.py:Damper`` does on the command line. The
-# file is imported for it, so what follows must not run then.
-if __name__ == "__main__":
-    figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
-    for name in (f"{sys.argv[0]}:Damper", "hybrid-pi"):
-        scenario = override(default_scenario("force"), [f"controller.name={name}", "process.hold_s=1.5"])
-        result = run_experiment(scenario)
-        label = name.rpartition(":")[2]
-        settling, overshoot = result.figures["settling_time_3n_s"], result.figures["overshoot_n"]
-        print(f"{label:10s} within 3 N after {settling:.2f} s, overshoot {overshoot:.2f} N")
-        axes.plot(result.log["time_s"], result.log["normal_force_n"], label=label)
-    axes.set(xlabel="time [s]", ylabel="normal force [N]")
-    axes.legend(loc="lower right")
-    plt.show()
+# On the command line the same class is named by its file, ``--controller mine.py:Damper``.
+figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
+scenario = override(default_scenario("force"), ["process.hold_s=1.5"])
+for label, controller in (("Damper", Damper()), ("hybrid-pi", None)):
+    result = run_experiment(scenario, controller=controller)
+    settling, overshoot = result.figures["settling_time_3n_s"], result.figures["overshoot_n"]
+    print(f"{label:10s} within 3 N after {settling:.2f} s, overshoot {overshoot:.2f} N")
+    axes.plot(result.log["time_s"], result.log["normal_force_n"], label=label)
+axes.set(xlabel="time [s]", ylabel="normal force [N]")
+axes.legend(loc="lower right")
+plt.show()

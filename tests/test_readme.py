@@ -17,8 +17,34 @@ from polish_sim.cli.main import commands
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-TYPED = sorted(set(re.findall(r"polish-sim ((?:plan|run|report|config|list|demo|[a-z]+ )[^`#\n]*)", README)))
+RUN_BLOCKS = runpy.run_path(str(ROOT / "docs" / "run_blocks.py"))
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), *RUN_BLOCKS["MIRRORED"]]
+
+
+def typed(text: str) -> set[str]:
+    """The command lines of a page, in its blocks and in its sentences, without `polish-sim` and comments."""
+    return set(
+        re.findall(
+            r"polish-sim ((?:plan|run|report|config|list|demo|[a-z]+ )(?! ?EXPERIMENT)[^`#\n|]*)",
+            text.replace("\\\n", " "),
+        )
+    )
+
+
+TYPED = sorted({line for file in (ROOT / "README.md", *PAGES) for line in typed(file.read_text(encoding="utf-8"))})
 PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_blocks_of_a_page_are_of_a_kind_that_runs_or_cannot(page: Path) -> None:
+    assert {block.kind for block in RUN_BLOCKS["blocks"](page)} <= set(RUN_BLOCKS["KINDS"])
+
+
+def test_a_command_is_shortened_only_where_it_would_take_long() -> None:
+    shortened, many = RUN_BLOCKS["shortened"], ["run", "surface", "--seeds", "20", "--check"]
+    assert shortened(["run", "force", "--out", "a"]) == ["run", "force", "--out", "a"]
+    assert shortened(many) == ["run", "surface", "--seeds", "1", *RUN_BLOCKS["FEED"]]
+    assert shortened(["score", "--case", "a", "--case", "b"]) == ["score", "--case", "a", "--seeds", "1"]
 
 
 @pytest.mark.parametrize("line", TYPED)

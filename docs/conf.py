@@ -1,0 +1,133 @@
+"""The site: ``make docs`` builds it from these pages, the examples and the docstrings.
+
+The pages are plain Markdown for GitHub; what Sphinx needs beyond that is put in here as the pages are read.
+"""
+
+from __future__ import annotations
+
+import html
+import os
+import re
+import shutil
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import Any
+
+import ziamath
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "build" / "examples"  # run there: they write files
+shutil.copytree(ROOT / "examples", EXAMPLES, dirs_exist_ok=True)
+project = "polish-sim"
+copyright = "polish-sim contributors, MIT licence"
+version = release = version_of("polish-sim")
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["tutorials/README.md"]
+default_role = "literal"
+nitpicky = False
+highlight_language = "text"
+ziamath.config.precision = 2
+
+# Markdown: headings are link targets, ```math is an equation, as on GitHub.
+myst_enable_extensions = ["dollarmath"]
+myst_fence_as_directive = ["math"]
+myst_heading_anchors = 4
+myst_links_external_new_tab = False
+
+html_theme = "furo"
+html_title = "polish-sim"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_math_renderer = "drawn"  # as curves in the page: no script, no font, no network
+html_copy_source = False
+html_show_sphinx = False
+pygments_style = "friendly"
+pygments_dark_style = "monokai"
+
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": str(EXAMPLES),
+    "gallery_dirs": "tutorials",
+    "filename_pattern": r"/\d\d_",
+    "plot_gallery": os.environ.get("DOCS_QUICK", "") == "",  # a quick build runs no example
+    "abort_on_example_error": True,
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "default_thumb_file": str(ROOT / "results" / "gallery" / "plan_freeform.png"),
+    "min_reported_time": 1e9,
+    "remove_config_comments": True,
+    "reset_modules": (),
+    "write_computation_times": False,
+    "capture_repr": (),
+}
+
+MIRRORS = {"changelog": "CHANGELOG.md", "run_folder": "results/README.md", "model_sources": "models/README.md"}
+"""Pages that are another file of the repository; what lies in docs/ under their name is one line for GitHub."""
+LINKS = {
+    r"(?:\.\./)?docs/": "",
+    r"(?:\.\./)?results/README\.md": "run_folder.md",
+    r"(?:\.\./)?models/README\.md": "model_sources.md",
+    r"(?:\.\./)?CHANGELOG\.md": "changelog.md",
+    r"(?:\.\./)?README\.md": "index.md",
+    r"(?:\.\./)?examples/README\.md": "tutorials/index.rst",
+    r"(?:\.\./)?examples/(\d\d_\w+)\.py": r"tutorials/\1.rst",
+    r"(?:\.\./)?(?:results/)?gallery/": "../results/gallery/",
+}
+"""Links as GitHub follows them, and as the site does."""
+
+
+def read_page(app: Sphinx, name: str, source: list[str]) -> None:
+    """Put a mirrored file in its page's place, point links into the site, and make the glossary's table a glossary."""
+    if Path(app.env.doc2path(name)).suffix != ".md":
+        return
+    if name in MIRRORS:
+        source[0] = (ROOT / MIRRORS[name]).read_text(encoding="utf-8")
+    for pattern, replacement in LINKS.items():
+        source[0] = re.sub(r"(\]\()" + pattern, r"\g<1>" + replacement, source[0])
+    if name == "glossary":
+        rows = re.findall(r"^\| (?!term \|)([^|]+) \| ([^|]+) \|$", source[0], flags=re.MULTILINE)
+        head = source[0].partition("\n|")[0]
+        entries = "\n".join("\n".join(term.split(", ")) + f"\n  {meaning}\n" for term, meaning in rows)
+        source[0] = f"{head}\n```{{glossary}}\n{entries}```\n"
+
+
+def write_math(translator: Any, node: Any, display: str) -> None:
+    """Draw an equation into the page, in the colour of its text, with its source as the alternative text."""
+    text = node.astext().strip()
+    try:
+        equation = ziamath.Latex(text, size=18.0, color="currentColor", inline=display == "inline")
+        drawn = equation.svg().replace("<svg ", f'<svg role="img" aria-label="{html.escape(text)}" ', 1)
+    except Exception as error:
+        raise ExtensionError(f"an equation cannot be drawn: {text}") from error
+    translator.body.append(f'<div class="math">{drawn}</div>' if display == "block" else drawn)
+
+
+def setup(app: Sphinx) -> None:
+    """Register what turns the pages for GitHub into those of the site."""
+    from docutils.nodes import SkipNode
+
+    def visit(display: str) -> Any:
+        def write(translator: Any, node: Any) -> None:
+            write_math(translator, node, display)
+            raise SkipNode
+
+        return write
+
+    app.connect("source-read", read_page)
+    app.add_html_math_renderer("drawn", (visit("inline"), None), (visit("block"), None))
