@@ -7,14 +7,11 @@ time, is written to a folder as the command does it, and judged by what is read 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,8 +21,8 @@ from polish_sim.analysis.run_record import RunRecord, read_record, write_record
 from polish_sim.cell import FAULTS
 from polish_sim.control import CONTROLLERS
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
-from polish_sim.planning import PlanResult, plan_part
 from polish_sim.scenario_file import override
+from polish_sim.workers import open_workers
 
 MOST_N = 60.0  # exact contact force
 SOONEST_S, LATEST_S = 0.5, 5.0  # of the fault, from the start of the run
@@ -88,7 +85,7 @@ def inject(injection: Injection) -> Judged:
          f"faults.events={injection.fault}@{injection.time}"],
     )  # fmt: skip
     scenario = replace(scenario, seed=injection.seed)
-    result = run_experiment(scenario, _plan(injection.experiment))
+    result = run_experiment(scenario)
     with tempfile.TemporaryDirectory() as folder:
         write_record(
             Path(folder), RunRecord("run", result.scenario, result.figures, result.log, result.path, result.removal)
@@ -99,14 +96,6 @@ def inject(injection: Injection) -> Judged:
         injection, figures["peak_force_n"], figures["protective_stop"], figures["fault_to_stop_s"],
         figures["stop_delay_s"], tuple(_wrongs(result, record)),
     )  # fmt: skip
-
-
-@cache
-def _plan(experiment: str) -> PlanResult | None:
-    if experiment != "surface":
-        return None
-    scenario = override(default_scenario(experiment), list(RUNS[experiment]))
-    return plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
 
 
 def _wrongs(result: RunResult, record: RunRecord) -> Iterator[str]:
@@ -148,9 +137,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2, help="processes; default 2")
     given = parser.parse_args(arguments)
     begun, judged = time.perf_counter(), []
-    with ProcessPoolExecutor(given.workers, multiprocessing.get_context("spawn")) as pool:
-        for done in as_completed([pool.submit(inject, one) for one in draw(given.count, given.seed)]):
-            judged.append(done.result())
+    with open_workers(count=given.workers) as workers:
+        for one, judgement, trouble in workers.results(draw(given.count, given.seed), inject, lambda one: one.fault):
+            if judgement is None:
+                print(f"WRONG {one}: {trouble}", flush=True)
+                continue
+            judged.append(judgement)
             if judged[-1].wrong:
                 print(f"WRONG {judged[-1].injection}: {'; '.join(judged[-1].wrong)} ({judged[-1].reason})", flush=True)
     _print_table(judged)

@@ -9,7 +9,6 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,6 +26,7 @@ from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.quality.coverage import STRICT, strictly_covered
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import ground_under, pressed_places
+from polish_sim.workers import open_workers
 
 Array = NDArray[np.float64]
 
@@ -227,10 +227,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     seeds = range(given.first_seed, given.first_seed + given.count)
     work = partial(examine, pattern=given.pattern, region=given.region, limit_s=given.limit)
     outcomes = []
-    with ProcessPoolExecutor(given.jobs) as pool:
-        for done in as_completed([pool.submit(work, seed) for seed in seeds]):
-            outcomes.append(done.result())
-            print_outcome(outcomes[-1])
+    with open_workers(count=given.jobs) as workers:
+        for seed, outcome, trouble in workers.results(seeds, work, lambda seed: seed):
+            if outcome is None:
+                print(f"seed {seed}: {trouble}", flush=True)
+                continue
+            outcomes.append(outcome)
+            print_outcome(outcome)
     print_summary(outcomes)
 
 

@@ -77,6 +77,9 @@ OWN: Final = {
             "compensated; in dual also of 'calibrate arm', 'base' and 'tcp', one of each; default: calibrated before "
             "the run.", list),
         Own("--seeds", RUN, "N", "Run this many seeds, counting up from --seed.", int, low=1, high=1e6),
+        Own("--workers", RUN, "N", "Processes to share the runs out to; default: all.", int, 1, 1e4),
+        Own("--on", RUN, "ENGINE", "Where: local (default), dask (a cluster on this machine, with a dashboard), "
+            "tcp://HOST:PORT or tls://HOST:PORT (a Dask scheduler)."),
         Own("--dry-run", RUN, "", "Plan and check the reach, do not simulate.", bool),
         Own("--allow-contact", RUN, "", "Run a path on which the tool runs into the part; default: it is refused.",
             bool),

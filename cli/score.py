@@ -19,6 +19,7 @@ from polish_sim.cli.output_folder import RESULTS, unused
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 from polish_sim.page import PAGE
+from polish_sim.row_file import ROWS, locked
 
 if TYPE_CHECKING:
     from polish_sim.scoring import Case, Entry, Score, Verdict
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 SEEDS: Final = 5
 SEEDS_OF_REACH: Final = 20
 ASKED: Final = "asked.json"  #: What the score in the folder is of
-ROWS: Final = "rows.jsonl"
 
 
 @takes(
@@ -40,7 +40,8 @@ ROWS: Final = "rows.jsonl"
     Own("--list", RUN, "", "List the cases and what is run in each.", bool),
     OWN["--check"],
     Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config for --controller; may be repeated.", list),
-    Own("--workers", RUN, "N", "Processes to share the runs out to; default: all.", int, 1, 1e4),
+    OWN["--workers"],
+    OWN["--on"],
     Own("--out", OUTPUT, "DIR", "Folder; the same score begun there is continued. Default results/score/...", Path),
     Own("--overwrite", OUTPUT, "", "Replace another score in --out; runs that both have are kept.", bool),
 )
@@ -68,7 +69,7 @@ def score(given: Given) -> int:
         with open_folder(out, {"of": "border", "controllers": [entry.label for entry in entries]}, overwrite) as folder:
             return search_border(entries, folder)
     seeds = given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)
-    request = Request(cases, tuple(entries), seeds, reach, ablate, given["--workers"])
+    request = Request(cases, tuple(entries), seeds, reach, ablate, given["--workers"], given["--on"] or "local")
     with open_folder(out, asked_for(cases, entries, seeds), overwrite) as folder:
         return run_and_show(request, folder, bool(given["--check"]))
 
@@ -83,6 +84,7 @@ class Request:
     reach: bool
     ablate: bool
     workers: int | None
+    on: str = "local"
 
 
 def run_and_show(request: Request, folder: Path, check: bool) -> int:
@@ -109,6 +111,7 @@ def _run(request: Request, folder: Path) -> Score:
     from polish_sim.cli.progress import QUIET_S
     from polish_sim.kernel_cache import is_warm
     from polish_sim.scoring import run_score
+    from polish_sim.workers import open_workers
 
     if not is_warm():
         console.note(FIRST_START)
@@ -126,7 +129,9 @@ def _run(request: Request, folder: Path) -> Score:
                 console.note(f"{done} of {total} runs")
                 told_at = time.monotonic()
 
-        return run_score(request.cases, request.entries, request.seeds, folder, heard, request.workers)
+        files = [file for entry in request.entries if (file := Path(entry.name.rpartition(":")[0])).is_file()]
+        with open_workers(request.on, request.workers, files) as workers:
+            return run_score(request.cases, request.entries, request.seeds, folder, heard, workers)
 
 
 def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> None:
@@ -255,8 +260,6 @@ def open_folder(out: Path | None, asked: Mapping[str, Any], overwrite: bool = Fa
     same one is continued, unless ``overwrite``. Raises InputError if the folder holds something else, is in use, or not
     writable.
     """
-    from polish_sim.scoring import locked
-
     folder = out if out is not None else unused(RESULTS / "score")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"'{folder}' exists and is not a folder. Choose another with --out.")

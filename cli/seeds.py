@@ -86,8 +86,8 @@ def _run_all(
     """Figures by seed of all runs that ended, in the order of the seeds, and whether the user broke off."""
     from polish_sim.cli.compiling import FIRST_START
     from polish_sim.cli.run import plan_to_run
-    from polish_sim.crew import work_off
     from polish_sim.kernel_cache import is_warm
+    from polish_sim.workers import open_workers
 
     workers = min(len(seeds), os.cpu_count() or 1)
     runs: dict[int, Figures] = {}
@@ -98,7 +98,9 @@ def _run_all(
         if not is_warm():
             console.note(FIRST_START)
         try:
-            with closing(work_off(seeds, partial(_run_one, scenario, way, draft), lambda _: 0, workers)) as results:
+            # A path planned here is planned again by each process, once: that is faster than sending it with each seed.
+            doing = partial(_run_one, scenario, None if plan is None else way, draft)
+            with open_workers(count=workers) as crew, closing(crew.results(seeds, doing, lambda _: 0)) as results:
                 for seed, figures, trouble in results:
                     if trouble is not None:
                         console.note(f"warning: {trouble} (seed {seed}).")

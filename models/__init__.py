@@ -7,6 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from polish_sim.errors import InputError, did_you_mean, unknown_name
+from polish_sim.workers import local_copy
 
 _FOLDER = Path(__file__).resolve().parent
 
@@ -69,7 +70,7 @@ def part_path(name: str) -> Path:
     """
     if name in workpiece_names():
         return workpiece_path(name)
-    path = Path(name)
+    path = Path(local_copy(name))
     if path.suffix or path.name != name or path.exists():
         return path
     meant = did_you_mean(name, workpiece_names())

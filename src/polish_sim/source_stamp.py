@@ -17,6 +17,21 @@ _NAME: Final = rf"({_PACKAGE}[\w.]*)"
 _IMPORT = re.compile(rf"^(    )?(?:from {_NAME} import (\([^)]*\)|.*)|import {_NAME})", re.MULTILINE)
 
 
+_NO_PART_IN_RESULTS: Final = ("cli/", "studies/", "page/", "workers", "row_file", "scoring/journal", "scoring/score")
+
+
+@cache
+def package_hash() -> str:
+    """Hash of the source of this package, but of what decides only which runs there are and where."""
+    digest, root = hashlib.sha256(), Path(__file__).resolve().parent
+    for path in sorted(root.rglob("*.py")):
+        name = path.relative_to(root).as_posix()
+        if not name.startswith(_NO_PART_IN_RESULTS):
+            digest.update(name.encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 @cache
 def source_stamp(module: str, compiler: str) -> str:
     """Hash (16 hex digits) of the files a module's kernels are compiled from, and of the compiler's versions."""

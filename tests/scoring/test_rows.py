@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 from polish_sim.errors import InputError
-from polish_sim.scoring import Entry, Score, Task, choose_cases, locked, measure_row, run_score, user_entry
+from polish_sim.row_file import ROWS, locked
+from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, run_score, user_entry
 from polish_sim.scoring.battery import BATTERY, Case
-from polish_sim.scoring.journal import ROWS, Journal, row_key
+from polish_sim.scoring.journal import Journal, row_key
+from polish_sim.workers import open_workers
 
 PI = Entry("hybrid-pi", "hybrid-pi")
 SHORT = Case("short", "a short hold", "force", ("process.hold_s=1.5",))
@@ -33,9 +35,11 @@ class Press:
 
 def scored(folder: Path, seeds: int = 1, workers: int = 1, *cases: Case) -> tuple[Score, list[int]]:
     measured: list[int] = []
-    return run_score(
-        cases or (SHORT, OTHER), [PI], seeds, folder, lambda done, _all, _told: measured.append(done), workers
-    ), measured
+    with open_workers(count=workers) as crew:
+        score = run_score(
+            cases or (SHORT, OTHER), [PI], seeds, folder, lambda done, _all, _told: measured.append(done), crew
+        )
+    return score, measured
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from polish_sim.control.hybrid import hybrid_pi, hybrid_pi_position, position
 from polish_sim.control.signals import CompiledController, Controller
 from polish_sim.errors import ConfigError, InputError, number_text, unknown_name
 from polish_sim.lazy import FunctionOnUse
+from polish_sim.workers import local_copy
 
 CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = MappingProxyType(
     {
@@ -69,7 +70,7 @@ def build_controller(config: ControllerConfig) -> Controller:
             )
         return CONTROLLERS[config.name](config)
     made_by = _load_class(config.name)
-    file = config.name.rpartition(":")[0]
+    file = local_copy(config.name.rpartition(":")[0])
     _check_own(config, _parameters_of(made_by, config.name))
     try:
         made = made_by(**config.own)
@@ -177,7 +178,7 @@ def _load_class(name: str) -> Callable[..., Any]:
         raise InputError(f"'{name}' does not say which class to use. Give it as {name}:CLASS.")
     if not separator:
         raise unknown_name("controller", name, [*CONTROLLERS, "FILE.py:CLASS"])
-    path = Path(file)
+    path = Path(local_copy(file))
     if not path.is_file():
         raise InputError(f"controller file '{path}' does not exist. Give it as FILE.py:CLASS.")
     module = _run_file(path, class_name)

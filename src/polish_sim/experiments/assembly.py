@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
@@ -70,11 +70,66 @@ class Workplace:
 
 
 def build_part(scenario: Scenario, place: Workplace) -> RealPart:
-    """The part as it really is, displaced and bent as the scenario's seed draws it."""
-    return build_real_part(
-        place.actual(scenario), scenario.part, place.reach.T_base_work, place.region.surface, place.mesh.up,
-        random_streams(scenario.seed)[PART_STREAM],
+    """The part as it really is, displaced and bent as the scenario's seed draws it; kept for the next run with it."""
+    part, fields = scenario.part, place.actual(scenario)
+    drawn = part.displacement_m, part.rotation_rad, part.form_error_m, scenario.seed
+    return PARTS.get(
+        (drawn, Same(place), Same(fields)),
+        lambda: build_real_part(
+            fields, part, place.reach.T_base_work, place.region.surface, place.mesh.up,
+            random_streams(scenario.seed)[PART_STREAM],
+        ),
     )  # fmt: skip
+
+
+# What is not random (plan, placement) and what only the seed decides (the real part) is kept between runs of a process:
+# a freeform part's distance field takes longer than polishing it.
+
+T = TypeVar("T")
+_KEPT: Final = 3  #: Places and parts a process remembers; a freeform part takes tens of megabytes
+
+
+class Memory:
+    """The last few things made, by key."""
+
+    def __init__(self) -> None:
+        self._made: dict[Hashable, Any] = {}
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What was made for a key before, or made now."""
+        made: T = self._made.pop(key) if key in self._made else make()
+        self._made[key] = made
+        while len(self._made) > _KEPT:
+            self._made.pop(next(iter(self._made)))
+        return made
+
+
+class Same:
+    """An object as part of a key: equal to itself alone, and alive as long as the key is kept."""
+
+    def __init__(self, thing: object) -> None:
+        self.thing = thing
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Same) and self.thing is other.thing
+
+    def __hash__(self) -> int:
+        return id(self.thing)
+
+
+PLACES, PARTS = Memory(), Memory()
+
+
+def place_key(scenario: Scenario) -> Hashable:
+    """What plan and reach depend on, with the files' dates; feed, approach and what a seed draws do not change them."""
+    part = replace(
+        scenario.part, displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0, motion_hz=0.0
+    )  # fmt: skip
+    files = [part_path(name) for name in (part.file, part.real_file, part.fixture_file) if name]
+    files.append(Path(scenario.plan.region.partition(":")[2]))
+    dates = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
+    forces = scenario.process.contact_force_n, scenario.head.stiffness_n_m, scenario.safety.singular_value_limit
+    return scenario.experiment, part, scenario.plan, scenario.pad, scenario.smoothing.rule, forces, dates
 
 
 def modelled_depth(scenario: Scenario, force: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from polish_sim.analysis.metrics import measure_force
 from polish_sim.cell import Cell, CellRun, Observer, Silent
 from polish_sim.control import build_controller
-from polish_sim.experiments.assembly import Workplace, build_cell, build_part
+from polish_sim.experiments.assembly import PLACES, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import part_file, real_shape
 from polish_sim.experiments.registry import CheckedPath
@@ -52,11 +52,16 @@ class ForceTask(NamedTuple):
 def place_force(scenario: Scenario, observer: Observer | None = None) -> Workplace:
     """Load the part, choose the point to press on and check the reach; the path is one point with the way down to it.
 
+    The last few places are kept: the next run on the same point has it at once.
+
     Raises:
         PolishSimError: If the part cannot be used or the point not reached.
     """
-    observer = observer or Silent()
     build_controller(scenario.controller)
+    return PLACES.get(place_key(scenario), lambda: _place(scenario, observer or Silent()))
+
+
+def _place(scenario: Scenario, observer: Observer) -> Workplace:
     observer.stage("fit the surface")
     mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
     angle = scenario.plan.feature_angle_rad

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import PlanError, unknown_name
-from polish_sim.experiments.assembly import Workplace, build_cell, build_part
+from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import (
     RealShape,
@@ -86,14 +87,15 @@ def _running(log: RunLog, motion: PadMotion, removed: Removed) -> Array:
     return np.interp(rows, moments, np.stack([total - removed.gained, total], axis=1).ravel())
 
 
-class SurfaceTask(NamedTuple):
+@dataclass(frozen=True)
+class SurfaceTask:
     """A part, the path on it and the way the arm does it, all checked before anything moves."""
 
     plan: PlanResult
     reach: Reach
     shape: RealShape
 
-    @property
+    @cached_property
     def place(self) -> Workplace:
         """Part, path and reach, as the cell is set up from them."""
         plan = self.plan
@@ -105,14 +107,20 @@ def prepare_surface(
 ) -> SurfaceTask:
     """Plan the part's path, unless a ``plan`` was made before, and check that the arm can do all of it.
 
-    See ``plan_part`` and ``measure_given_path`` for plans.
+    See ``plan_part`` and ``measure_given_path`` for plans. The last few tasks are kept: the next run of the same plan
+    has it at once.
 
     Raises:
         PolishSimError: If the part cannot be used, planned or reached.
     """
-    observer = observer or Silent()
     build_controller(scenario.controller)
     check_stroke_rule(scenario)
+    task = PLACES.get((place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer or Silent()))
+    refuse_collision(scenario, task.plan)
+    return task
+
+
+def _prepare(scenario: Scenario, plan: PlanResult | None, observer: Observer) -> SurfaceTask:
     if plan is None:
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     check_set_points(plan.path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -12,10 +11,10 @@ from typing import Any
 
 from polish_sim.control import build_controller
 from polish_sim.control.laws import file_of, tell_error
-from polish_sim.crew import work_off
 from polish_sim.errors import InputError
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.journal import Journal, Row, Task, measure_row, row_key, setup_key
+from polish_sim.workers import Workers
 
 Heard = Callable[[int, int, str | None], None]  #: Called with the rows there are, those wanted, and a problem, if any
 
@@ -78,12 +77,17 @@ def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
 
 
 def run_score(
-    cases: Sequence[Case], entries: Sequence[Entry], seeds: int, folder: Path, heard: Heard, workers: int | None = None
+    cases: Sequence[Case],
+    entries: Sequence[Entry],
+    seeds: int,
+    folder: Path,
+    heard: Heard,
+    workers: Workers,
 ) -> Score:
     """Measure all rows that are not there yet; Ctrl-C ends it early with what is there.
 
-    Rows do not depend on the number of ``workers``, by default one per core; those of the same scenarios that are in
-    the folder already are taken over. Seeds count up from 0.
+    Rows do not depend on the ``workers`` or their number; those of the same scenarios that are in the folder already
+    are taken over. Seeds count up from 0.
     """
     tasks = list_tasks(cases, entries, seeds)
     journal = Journal(folder)
@@ -96,7 +100,7 @@ def run_score(
 
     heard(len(rows), len(tasks), None)
     try:
-        with closing(work_off(missing, measure_row, group_of, workers or os.cpu_count() or 1)) as results:
+        with closing(workers.results(missing, measure_row, group_of)) as results:
             for result in results:
                 if result.value is not None:
                     journal.add(result.task, result.value)

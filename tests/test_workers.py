@@ -7,13 +7,22 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from polish_sim.crew import CrewError, work_off
+from polish_sim.errors import InputError
+from polish_sim.workers import Result, WorkersError, local_copy, open_workers
+
+
+def work_off(
+    tasks: Sequence[Any], work: Callable[[Any], Any], group_of: Callable[[Any], Any], count: int
+) -> Generator[Result]:
+    with open_workers(count=count) as workers:
+        yield from workers.results(tasks, work, group_of)
 
 
 def double(task: int) -> int:
@@ -39,6 +48,11 @@ def die(task: int) -> int:
 def perish(_task: int) -> int:
     os.kill(os.getpid(), signal.SIGKILL)
     return 0
+
+
+def read_shipped(name: str) -> tuple[bool, str]:
+    """Whether a file came as a copy, and what it says."""
+    return local_copy(name) != name, Path(local_copy(name)).read_text()
 
 
 def fail(task: int) -> int:
@@ -75,8 +89,8 @@ def test_a_task_that_kills_twice_is_left_out_and_the_others_are_done() -> None:
     assert "left out" in troubles[1]
 
 
-def test_where_everything_dies_the_crew_gives_up_and_says_what_to_do() -> None:
-    with pytest.raises(CrewError, match=r"4 worker processes in a row died.*memory.*--workers 1"):
+def test_where_everything_dies_all_is_given_up_and_says_what_to_do() -> None:
+    with pytest.raises(WorkersError, match=r"4 worker processes in a row died.*memory.*--workers 1"):
         list(work_off(range(9), perish, lambda task: task, 2))
 
 
@@ -94,10 +108,36 @@ def test_breaking_off_leaves_no_process_behind() -> None:
     assert len(after) <= max(0, len(before) - 1)
 
 
+def test_an_engine_that_is_none_is_refused() -> None:
+    with pytest.raises(InputError, match=r"unknown engine 'locall'. Did you mean 'local'\?"), open_workers("locall"):
+        pass
+
+
+def test_a_cluster_of_dask_does_every_task_and_leaves_out_the_one_that_kills_twice(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    mine = tmp_path / "mine.txt"
+    mine.write_text("gain 3")
+    tasks = [(str(tmp_path), number) for number in range(4)]
+    with open_workers("dask", 2, [mine]) as workers:
+        assert "http://127.0.0.1:" in workers.where
+        killed = list(workers.results(tasks, die_once, lambda task: task[1]))
+        assert sorted(r.value for r in killed if r.trouble is None) == [0, 1, 2, 3]
+        left = {r.task: (r.value, r.trouble) for r in workers.results(range(4), die, lambda task: 0)}
+        assert [left[n] for n in (0, 2, 3)] == [(n, None) for n in (0, 2, 3)]
+        assert left[1] == (None, "worker processes died at a task, again; it is left out")
+        (read,) = workers.results([str(mine)], read_shipped, lambda task: 0)
+        assert read.value == (True, "gain 3")
+        with pytest.raises(RuntimeError, match=r"(?s)Traceback.*ValueError: no 5"):
+            list(workers.results([5], fail, lambda task: 0))
+
+
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
-def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("engine", ["local", "dask"])
+def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path, engine: str) -> None:
+    if engine == "dask":
+        pytest.importorskip("distributed")
     script = tmp_path / "parent.py"
-    script.write_text(PARENT)
+    script.write_text(PARENT.replace("ENGINE", engine))
     with subprocess.Popen([sys.executable, str(script)], cwd=tmp_path) as parent:
         until(lambda: (tmp_path / "worker").exists() and (tmp_path / "worker").read_text() != "")
         worker = int((tmp_path / "worker").read_text())
@@ -108,14 +148,15 @@ def test_workers_do_not_outlive_a_parent_that_is_killed(tmp_path: Path) -> None:
 
 PARENT = """
 import os, pathlib, time
-from polish_sim.crew import work_off
+from polish_sim.workers import open_workers
 
 def sleep(task):
     pathlib.Path("worker").write_text(str(os.getpid()))
     time.sleep(600)
 
 if __name__ == "__main__":
-    list(work_off([1], sleep, lambda task: 0, 1))
+    with open_workers("ENGINE", 1) as workers:
+        list(workers.results([1], sleep, lambda task: 0))
 """
 
 

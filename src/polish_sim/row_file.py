@@ -1,0 +1,85 @@
+"""Rows on disk, one line each as they come, so that work that was broken off goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from polish_sim.errors import InputError
+
+ROWS: Final = "rows.jsonl"
+Row = dict[str, Any]
+
+
+class RowFile:
+    """The file of rows of one folder, each with a key that says what it depends on."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / ROWS
+        _cut_torn_line(self.path)
+
+    def read(self) -> Iterator[tuple[str, Row]]:
+        """Keys and rows; a damaged line is passed over."""
+        if not self.path.exists():
+            return
+        with self.path.open("rb") as lines:
+            for line in lines:
+                try:
+                    entry = json.loads(line)
+                    yield str(entry["key"]), dict(entry["row"])
+                except (ValueError, KeyError, TypeError):
+                    continue
+
+    def add(self, key: str, row: Mapping[str, Any]) -> None:
+        """Append a row; the line is whole or, when next read, it is not there."""
+        line = json.dumps({"key": key, "row": plain(row)}, allow_nan=False) + "\n"
+        with self.path.open("ab") as file:
+            file.write(line.encode())
+
+
+def plain(row: Mapping[str, Any]) -> Row:
+    """A row as JSON has it: what is not a finite number becomes null."""
+    return {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in row.items()}
+
+
+@contextmanager
+def locked(folder: Path, what: str = "score") -> Iterator[None]:
+    """Keep a second command out of a folder while the block runs (InputError), where the system has file locks."""
+    with (folder / ROWS).open("ab") as file:
+        if not _lock(file.fileno()):
+            raise InputError(f"another {what} is at work in '{folder}'. Wait for it, or choose another --out.")
+        yield
+
+
+def _cut_torn_line(file: Path) -> None:
+    """Cut off what a killed command left of a line."""
+    if not file.exists():
+        return
+    with file.open("r+b") as opened:
+        end = opened.seek(0, os.SEEK_END)
+        while end > 0:
+            begin = max(0, end - 65536)
+            opened.seek(begin)
+            found = opened.read(end - begin).rfind(b"\n")
+            if found >= 0:
+                end = begin + found + 1
+                break
+            end = begin
+        opened.truncate(end)
+
+
+def _lock(descriptor: int) -> bool:
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,412 @@
+"""Tasks shared out to other processes, here or on a cluster; each task's result as it comes.
+
+``local`` gives every worker a loky executor of its own: where a process is killed, its task alone is lost, and it is
+tried once more. ``dask`` starts a cluster of Dask on this machine, ``tcp://`` and ``tls://`` use one that runs.
+"""
+
+from __future__ import annotations
+
+import getpass
+import hashlib
+import logging
+import os
+import re
+import signal
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Generator, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass, field
+from functools import cache, partial
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final, NamedTuple, Protocol
+
+from polish_sim.errors import InputError, PolishSimError, did_you_mean
+from polish_sim.source_stamp import package_hash
+
+TRIES: Final = 2  #: A task at which this many processes died is left out
+MOST_DEATHS: Final = 4  #: Deaths in a row, without a result between them, after which all is given up
+AHEAD: Final = 2  #: Tasks a Dask scheduler is given, per thread: none of them waits for the way here and back
+JOIN_S: Final = 20.0  #: How long a scheduler is waited for, and a worker of it [s]
+ENGINES: Final = ("local", "dask", "tcp://HOST:PORT", "tls://HOST:PORT")
+
+Work = Callable[[Any], Any]
+GroupOf = Callable[[Any], Hashable]
+
+
+class Result(NamedTuple):
+    """The end of a task, or of a process at work on it."""
+
+    task: Any
+    value: Any  #: What the work returned; None where a process died
+    trouble: str | None  #: What went wrong, in one line
+
+
+class WorkersError(PolishSimError):
+    """Processes die one after the other, or the cluster is gone: the machine, not a task, is at fault."""
+
+
+class Workers(Protocol):
+    """Processes that do tasks; `open_workers` starts and stops them."""
+
+    count: int  #: Processes, or threads of a cluster, at the start
+    where: str  #: For people
+
+    def results(self, tasks: Sequence[Any], work: Work, group_of: GroupOf) -> Generator[Result]:
+        """Do hashable tasks; results come in the order they are done, one without a value where a process died.
+
+        ``work`` is called with one task; tasks of the same ``group_of`` are done by the same process where that costs
+        no waiting.
+
+        Raises:
+            WorkersError: If processes die one after the other, or the cluster is gone.
+            RuntimeError: If the work itself raised, with its traceback.
+        """
+        ...
+
+
+@contextmanager
+def open_workers(on: str = "local", count: int | None = None, files: Sequence[Path] = ()) -> Iterator[Workers]:
+    """Start ``count`` processes (by default one a processor) on an engine of `ENGINES`; they end with the block.
+
+    ``files`` of the user's are shipped to other machines, by content; `local_copy` finds them there.
+
+    Raises:
+        InputError: If there is no such engine, or its versions are not those here.
+    """
+    count = count or _processors()
+    if on == "local":
+        local = _Local(count)
+        try:
+            yield local
+        finally:
+            local.stop()
+    elif on == "dask" or re.fullmatch(r"(tcp|tls)://\S+:\d+", on):
+        shipped = {str(file): file.read_bytes() for file in files}
+        with _client(on, count) as client:
+            yield _Cluster(client, shipped, f"{count} processes" if on == "dask" else on)
+    else:
+        raise InputError(f"unknown engine '{on}'.{did_you_mean(on, ENGINES)} Known: {', '.join(ENGINES)}.")
+
+
+def _processors() -> int:
+    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+# Processes of this machine.
+
+
+@dataclass
+class _Worker:
+    """One process, started with its first task."""
+
+    executor: Any = None
+    group: Hashable = None
+    task: Any = None
+    future: Future[Any] | None = None
+
+    def start(self, work: Work, group: Hashable, task: Any) -> None:
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        self.group, self.task = group, task
+        with _interrupts_blocked():
+            if self.executor is None:
+                # More threads would mostly wait for each other: the systems solved here are small.
+                self.executor = ProcessPoolExecutor(
+                    1, timeout=None, initializer=_prepare, initargs=(os.getpid(),), env={"OPENBLAS_NUM_THREADS": "1"}
+                )
+            self.future = self.executor.submit(work, task)
+
+    def stop(self) -> None:
+        if self.executor is not None:
+            self.executor.shutdown(wait=True, kill_workers=True)
+        self.executor, self.future = None, None
+
+
+@dataclass
+class _Waiting:
+    """Tasks by group; a group that is begun stays with its process while there are others."""
+
+    groups: dict[Hashable, deque[Any]] = field(default_factory=dict)
+    begun: set[Hashable] = field(default_factory=set)
+
+    def add(self, group: Hashable, task: Any) -> None:
+        self.groups.setdefault(group, deque()).append(task)
+
+    def take(self, group: Hashable) -> tuple[Hashable, Any]:
+        """A task of the worker's own group, else of one no other has begun, else of the longest."""
+        if group not in self.groups:
+            fresh = next((name for name in self.groups if name not in self.begun), None)
+            group = fresh if fresh is not None else max(self.groups, key=lambda name: len(self.groups[name]))
+        self.begun.add(group)
+        task = self.groups[group].popleft()
+        if not self.groups[group]:
+            del self.groups[group]
+        return group, task
+
+
+class _Local:
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.where = "one process" if count == 1 else f"{count} processes"
+        self._crew = [_Worker() for _ in range(count)]
+
+    def results(self, tasks: Sequence[Any], work: Work, group_of: GroupOf) -> Generator[Result]:
+        waiting = _Waiting()
+        for task in tasks:
+            waiting.add(group_of(task), task)
+        tries, deaths = dict.fromkeys(tasks, 0), 0
+        try:
+            while waiting.groups or any(worker.future for worker in self._crew):
+                for worker in self._crew:
+                    if waiting.groups and worker.future is None:
+                        worker.start(work, *waiting.take(worker.group))
+                done, _ = wait([worker.future for worker in self._crew if worker.future], return_when=FIRST_COMPLETED)
+                for worker in self._crew:
+                    future, task = worker.future, worker.task
+                    if future is None or future not in done:
+                        continue
+                    worker.future, error = None, future.exception()
+                    if error is None:
+                        deaths = 0
+                        yield Result(task, future.result(), None)
+                    elif isinstance(error, BrokenExecutor):
+                        worker.stop()
+                        deaths, tries[task] = deaths + 1, tries[task] + 1
+                        again = tries[task] < TRIES
+                        if again:
+                            waiting.add(worker.group, task)
+                        yield Result(task, None, _death(error, deaths, again))
+                    else:
+                        raise RuntimeError(_in_task(task, error))
+        finally:  # what is still at work when all is broken off
+            for worker in self._crew:
+                if worker.future is not None:
+                    worker.stop()
+
+    def stop(self) -> None:
+        for worker in self._crew:
+            worker.stop()
+
+
+def _in_task(task: Any, error: BaseException) -> str:
+    return f"in {task}: {''.join(traceback.format_exception(error))}"
+
+
+def _death(error: BaseException, deaths: int, again: bool) -> str:
+    """A line on a process that died; WorkersError if too many have in a row."""
+    code = re.search(r"(?:SIG\w+|EXIT)\((-?\d+)\)", str(error))  # as loky writes exit codes
+    number = int(code[1]) if code else 0
+    cause = f"was killed (signal {-number})" if number < 0 else f"ended with code {number}"
+    if not code:
+        cause = f"failed ({' '.join(str(error.__cause__ or error).split())[-200:]})"
+    if deaths >= MOST_DEATHS:
+        raise WorkersError(
+            f"{deaths} worker processes in a row died, the last one {cause}. Is there enough memory? Try --workers 1."
+        )
+    if again:
+        return f"a worker process {cause}; its task is tried again"
+    return f"a worker process {cause} for the second time at the same task; it is left out"
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes started in the block never hear Ctrl-C; this one hears it afterwards and decides for all."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    from multiprocessing.resource_tracker import ensure_running
+
+    ensure_running()  # started inside the block, it would lift it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _prepare(parent: int) -> None:
+    """Set a process up: what a user's controller prints goes to stderr, and it ends with its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.stdout = sys.stderr
+    threading.Thread(target=_leave_with_parent, args=(parent,), daemon=True).start()
+
+
+def _leave_with_parent(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
+
+
+# A cluster of Dask.
+
+
+@contextmanager
+def _client(on: str, count: int) -> Iterator[Any]:
+    """A client of a cluster started here, on loopback, or of the scheduler at an address."""
+    try:
+        dask, distributed = import_module("dask"), import_module("distributed")
+    except ImportError as error:
+        raise InputError(f"'--on {on}' needs Dask: pip install 'polish-sim[cluster]'.") from error
+    quiet = {"distributed.scheduler.worker-saturation": 1.0, "distributed.scheduler.allowed-failures": TRIES - 1}
+    with dask.config.set(quiet), _interrupts_blocked():
+        if on == "dask":
+            cluster = distributed.LocalCluster(
+                count, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+            client = distributed.Client(cluster)
+        else:
+            cluster, client = None, _reach(distributed, on)
+    try:
+        yield client
+    finally:
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        with _interrupts_blocked():
+            client.close(timeout=5)
+            if cluster is not None:
+                cluster.close(timeout=10)
+
+
+def _reach(distributed: Any, address: str) -> Any:
+    try:
+        client = distributed.Client(address, timeout=JOIN_S)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(
+            f"no Dask scheduler answers at {address}: {_first_line(error)}. Start one with 'dask scheduler'."
+        ) from error
+    try:
+        client.wait_for_workers(1, timeout=JOIN_S)
+        theirs = client.run(versions_here)
+    except TimeoutError as error:
+        raise InputError(f"the scheduler at {address} has no workers: start one, 'dask worker {address}'.") from error
+    except Exception as error:
+        reason = f"cannot run polish-sim: {_first_line(error)}"
+        raise InputError(f"the workers at {address} {reason}. Install the same there.") from error
+    for worker, known in theirs.items():
+        if known != versions_here():
+            client.close()
+            raise InputError(f"the worker {worker} has {_differing(known)} this command. Install the same there.")
+    return client
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+def _differing(theirs: Mapping[str, str]) -> str:
+    return ", ".join(f"{k} {theirs.get(k)}, not {v} as" for k, v in versions_here().items() if theirs.get(k) != v)
+
+
+@cache
+def versions_here() -> dict[str, str]:
+    """What results depend on: this package's source, Python, and the libraries that compute; and Dask's own."""
+    names = ("numpy", "scipy", "numba", "mujoco", "trimesh", "dask", "distributed")
+    python = ".".join(map(str, sys.version_info[:2]))
+    return {"polish-sim": f"source {package_hash()[:12]}", "python": python} | {name: version(name) for name in names}
+
+
+class _Cluster:
+    def __init__(self, client: Any, shipped: Mapping[str, bytes], where: str) -> None:
+        self._client, self._shipped = client, shipped
+        self.count, self.where = sum(client.nthreads().values()), f"{where}, dashboard {client.dashboard_link}"
+        self._hashes = {name: hashlib.sha256(content).hexdigest() for name, content in shipped.items()}
+        client.run(_store, shipped)
+
+    def results(self, tasks: Sequence[Any], work: Work, group_of: GroupOf) -> Generator[Result]:
+        distributed = import_module("distributed")
+        # Neighbours share a group: a worker keeps what it has prepared for it.
+        waiting = deque(sorted(tasks, key=lambda task: hash(group_of(task))))
+        running: dict[Any, Any] = {}
+        tries = dict.fromkeys(tasks, 0)
+        doing = partial(_with_files, work, versions_here(), self._hashes)
+        done = distributed.as_completed()
+
+        def submit() -> None:
+            task = waiting.popleft()
+            future = self._client.submit(doing, task, pure=False)
+            running[future] = task
+            done.add(future)
+
+        try:
+            for _ in range(min(AHEAD * self.count, len(waiting))):
+                submit()
+            while running:
+                future = next(done)
+                task = running.pop(future)
+                result = self._end_of(future, task, distributed)
+                if result.value == _FILES_MISSING:  # the worker came later
+                    self._client.run(_store, self._shipped)
+                    waiting.append(task)
+                    submit()
+                    continue
+                if result.trouble is not None:
+                    tries[task] += 1
+                    if tries[task] < TRIES:
+                        # Dask blames all tasks of a worker that dies: this one may not be what killed it.
+                        waiting.append(task)
+                        result = Result(task, None, f"{result.trouble}; it is tried again")
+                    else:
+                        result = Result(task, None, f"{result.trouble}, again; it is left out")
+                if waiting:
+                    submit()
+                yield result
+        finally:
+            if running and self._client.status == "running":
+                self._client.cancel(list(running), force=True)
+
+    def _end_of(self, future: Any, task: Any, distributed: Any) -> Result:
+        if future.status == "finished":
+            return Result(task, future.result(), None)
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, distributed.scheduler.KilledWorker):
+            return Result(task, None, "worker processes died at a task")
+        if isinstance(error, PolishSimError):
+            raise error
+        if error is not None:
+            raise RuntimeError(_in_task(task, error))
+        raise WorkersError(f"the scheduler is gone ({self.where}). The same command goes on when it is back.")
+
+
+_FILES_MISSING: Final = "a worker lacks the user's files"
+_copies: dict[str, str] = {}  #: Of shipped files, by their names on the machine they come from
+
+
+def local_copy(name: str) -> str:
+    """Where a user's file is on this machine: shipped to a worker, or its own name."""
+    return _copies.get(name, name)
+
+
+def _copy_of(name: str, digest: str) -> Path:
+    return Path(tempfile.gettempdir()) / f"polish-sim-{getpass.getuser()}" / digest[:24] / Path(name).name
+
+
+def _store(shipped: Mapping[str, bytes]) -> None:
+    """Keep the user's files on this machine, each in a folder named by its content."""
+    for name, content in shipped.items():
+        copy = _copy_of(name, hashlib.sha256(content).hexdigest())
+        copy.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        draft = copy.with_name(f".{copy.name}.{os.getpid()}")
+        draft.write_bytes(content)
+        draft.replace(copy)
+
+
+def _with_files(work: Work, versions: Mapping[str, str], hashes: Mapping[str, str], task: Any) -> Any:
+    """One task on a worker of a cluster, with the user's files beside it; what they print goes to stderr."""
+    if versions != versions_here():
+        raise WorkersError(f"the command has {_differing(versions)} a worker. Install the same on both ends.")
+    for name, digest in hashes.items():
+        copy = _copy_of(name, digest)
+        if not copy.is_file() or hashlib.sha256(copy.read_bytes()).hexdigest() != digest:
+            return _FILES_MISSING
+        _copies[name] = str(copy)
+    with redirect_stdout(sys.stderr):
+        return work(task)
