@@ -43,8 +43,8 @@ REASONS: Mapping[int, str] = MappingProxyType(
         "gone (--edge-margin, --hole-margin)",
         FROZEN: "wrist sensor reading frozen: no new value within safety.sensor_timeout_s. Check sensor and line",
         NO_READING: "wrist sensor reading missing: check sensor and line",
-        JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n: a shock, a rigid place under the pad or a "
-        "fault of the sensor (process.approach_speed_m_s, --feed, or another limit)",
+        JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n: a shock, a rigid place under the pad, "
+        "gears that shake the arm or a fault of the sensor (process.approach_speed_m_s, --feed, or another limit)",
         OVERLOAD: "wrist sensor overloaded: force and torque on it, the tool's weight included, take more than "
         "sensor.overload of its range (sensor.model with a larger one, a lighter tool, --contact-force)",
         SINGULAR: "near a singularity of the arm (safety.singular_value_limit): place the part elsewhere (--part-pose)",

@@ -14,7 +14,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
-from polish_sim.cell.scene import bend_links, build_scene, tool_on_flange
+from polish_sim.cell.scene import bend_links
 from polish_sim.config import RealArmConfig, Scenario
 from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
@@ -264,30 +264,3 @@ def _coupling(arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: Re
     light = 0.25 * stiffest * dt**2 > _LIGHT * alone
     damping = np.array(real.damping_nm_s_rad)
     return np.where(light, np.maximum(damping, stiffest * dt), damping)
-
-
-class JointsAbout(NamedTuple):
-    """What the linear motion of an arm about a pose consists of."""
-
-    arm: RealArm
-    inertia: Array  #: Of the links and all they carry [kg m^2], shape (6, 6)
-    jacobian: Array  #: Of the tool point (linear; angular), shape (6, 6)
-    axis: Array  #: Tool z in the base frame, shape (3,)
-    head: float  #: Mass of the head, which the inertia includes [kg]
-    weight: Array  #: Torques that hold the weight [N m], shape (6,)
-
-
-def joints_about(scenario: Scenario, q: Array) -> JointsAbout:
-    """The elastic arm of a scenario at rest with its encoders at ``q`` (6,) [rad], nothing around it."""
-    model = build_scene(scenario, None, None)
-    data = mujoco.MjData(model)
-    data.qpos[:6] = q
-    arm = build_real_arm(scenario, model, data, q, tool_on_flange())
-    mujoco.mj_forward(model, data)
-    inertia, J = np.zeros((model.nv, model.nv)), np.zeros((6, model.nv))
-    mujoco.mj_fullM(model, data, inertia)
-    tool = model.site("tool").id
-    mujoco.mj_jacSite(model, data, J[:3], J[3:], tool)
-    axis, head = data.site_xmat[tool].reshape(3, 3)[:, 2].copy(), float(model.body("head").mass[0])
-    weight = weights(model, data.qpos[None, :6])[0]
-    return JointsAbout(arm, inertia[:6, :6], J[:, :6], axis, head, weight)

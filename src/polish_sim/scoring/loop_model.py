@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.cell.gears import RealArm, slip
-from polish_sim.cell.real_arm import gear_twists, is_real, joints_about
+from polish_sim.cell.linear_arm import gears_about, joints_about, motion_matrices, slipping_gears
+from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 
 Complex = NDArray[np.complex128]
@@ -69,47 +69,16 @@ def elastic_arm(scenario: Scenario, q: Array = FORCE_POSE, swing: float = 0.0) -
     harmonic balance, about 20 Hz). Coulomb friction of the motors and of the pad is left out; it damps. The host's
     loops across the tool axis are left out, too, and so is the slow correction of servos on the links' side.
     """
-    arm, links, J, axis, head, weight = joints_about(scenario, q)
+    about = joints_about(scenario, q[None])[0]
+    arm, J, axis = about.arm, about.jacobian, about.axis
     tool, nothing = axis @ J[:3], np.zeros(6)
     way = np.linalg.solve(J, np.concatenate([axis, np.zeros(3)]))
-    gears = _tangents(scenario, weight + scenario.process.contact_force_n * tool), np.array(arm.coupling)
-    slip_stiffness = np.array([_slipping(arm, j, swing) for j in range(6)])
-    mass = np.zeros((12, 12))
-    mass[:6, :6], mass[6:, 6:] = links - head * np.outer(tool, tool), np.diag(arm.inertia)
-    matrices = []
-    for gear, slip_part, servo in (
-        (gears[0], slip_stiffness.real, arm.kp),
-        (gears[1], slip_stiffness.imag / _ABOUT, arm.kv + (1.0 + arm.cold) * np.array(arm.viscous)),
-    ):
-        twisted = np.diag(gear + slip_part)
-        matrices.append(np.block([[twisted, -twisted], [-twisted, twisted + np.diag(servo)]]))
+    gears = gears_about(scenario, about, slipping_gears(arm, swing))
+    mass, stiffness, damping = motion_matrices(about, gears)
     at_links, at_rotors = np.concatenate([tool, nothing]), np.concatenate([nothing, tool])
     pull, drag = np.concatenate([nothing, arm.kp * way]), np.concatenate([nothing, arm.kv * way])
     host, path = at_links if arm.on_link else at_rotors, np.concatenate([way, way])
-    stiffness, damping = matrices
     return Arm(mass, stiffness, damping, pull, drag, at_links, host, path, float(arm.lag))
-
-
-_ABOUT = 2.0 * math.pi * 20.0  # where the damping of the hysteresis is matched [rad/s]
-
-
-def _tangents(scenario: Scenario, torque: Array) -> Array:
-    """Stiffness of the gears under torques (6,) [N m], shape (6,) [N m/rad]."""
-    real = scenario.robot.real
-    more = gear_twists(real, np.stack([torque - 1e-3, torque + 1e-3]))
-    return np.asarray(2e-3 / (more[1] - more[0]))
-
-
-def _slipping(arm: RealArm, j: int, swing: float) -> complex:
-    """Torque of gear ``j``'s hysteresis by its twist swinging at an amplitude [rad], its lead imaginary [N m/rad]."""
-    if swing == 0.0:
-        return complex(arm.lost_torque[j] / arm.rise)
-    phase = np.linspace(0.0, 2.0 * math.pi, 401)
-    twist, torque, torques = swing * np.cos(phase), 0.0, np.empty(400)
-    for _ in range(3):
-        for k in range(400):
-            torque = torques[k] = slip(torque, twist[k + 1] - twist[k], arm.lost_torque[j], arm.rise)
-    return complex(np.mean(2.0 * torques * np.exp(-1j * phase[1:])) / swing)
 
 
 class Setup(NamedTuple):
