@@ -26,6 +26,7 @@ from polish_sim.cli.report import report
 from polish_sim.cli.run import RunGroup, demo
 from polish_sim.cli.score import score
 from polish_sim.cli.smooth import smooth
+from polish_sim.cli.sweep import sweep
 
 commands = typer.Typer(
     name="polish-sim",
@@ -68,6 +69,7 @@ commands.command("inspect", cls=PanelledCommand, short_help="The quality of any 
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
 commands.add_typer(runs, name="run", short_help="Simulate arc, force, surface, smooth, teach or dual.")
 commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(score)
+commands.command("sweep", cls=PanelledCommand, short_help="Many runs over settings and seeds, in one table.")(sweep)
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget.")
 commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)
 commands.command("report", cls=PanelledCommand, short_help="Plots and tables again from saved runs.")(report)

@@ -110,7 +110,7 @@ def run(row: Experiment, given: Given) -> int:
         raise InputError("--view and --video show one run: leave --seeds out.")
     refuse_taken(given["--out"], given["--overwrite"])
     scenario = build_scenario(row.defaults, given)
-    plan, scenario = _checked(scenario, given)
+    plan, scenario = checked(scenario, given)
     if given.get("--dry-run"):
         check_reach(scenario, plan)
         return DONE
@@ -135,7 +135,7 @@ def demo(given: Given) -> int:
     return outcome.finish(folder.final, check=False, more=more)
 
 
-def _checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario]:
+def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario]:
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
     from polish_sim.experiments.assembly import check_force, check_settings
     from polish_sim.planning import PATTERNS

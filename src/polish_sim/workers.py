@@ -81,22 +81,32 @@ def open_workers(on: str = "local", count: int | None = None, files: Sequence[Pa
     Raises:
         InputError: If there is no such engine, or its versions are not those here.
     """
-    count = count or _processors()
+    count = count or processors()
+    check_engine(on)
     if on == "local":
         local = _Local(count)
         try:
             yield local
         finally:
             local.stop()
-    elif on == "dask" or re.fullmatch(r"(tcp|tls)://\S+:\d+", on):
+    else:
         shipped = {str(file): file.read_bytes() for file in files}
         with _client(on, count) as client:
             yield _Cluster(client, shipped, f"{count} processes" if on == "dask" else on)
-    else:
+
+
+def check_engine(on: str) -> None:
+    """Refuse what is no engine.
+
+    Raises:
+        InputError: Listing them.
+    """
+    if on not in ENGINES[:2] and not re.fullmatch(r"(tcp|tls)://\S+:\d+", on):
         raise InputError(f"unknown engine '{on}'.{did_you_mean(on, ENGINES)} Known: {', '.join(ENGINES)}.")
 
 
-def _processors() -> int:
+def processors() -> int:
+    """How many processors this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 

@@ -243,13 +243,18 @@ def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
 
 def once_more(scenario: Scenario, usual: Scenario) -> str:
     """The command that runs a scenario, with every setting in which it differs from its experiment's usual one."""
+    changed = (f"--set {shlex.quote(text)}" for text in changed_words(scenario, usual))
+    return " ".join([f"polish-sim run {scenario.experiment}", *changed])
+
+
+def changed_words(scenario: Scenario, usual: Scenario) -> list[str]:
+    """``KEY=VALUE`` of every setting in which a scenario differs from another."""
     theirs = dict(_flat(usual, ""))
-    changed = [
+    return [
         f"{name}={toml_text({'': value}).partition('= ')[2].strip()}"
         for name, value in _flat(scenario, "")
         if value != theirs.get(name)
     ]
-    return " ".join([f"polish-sim run {scenario.experiment}", *(f"--set {shlex.quote(text)}" for text in changed)])
 
 
 def _text(value: Any) -> str:

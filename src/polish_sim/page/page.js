@@ -153,6 +153,7 @@ function showFacts(page) {
     box.append(make("h2", title), ...content);
     byId("facts").append(box);
   };
+  for (const [title, drawing] of Object.entries(page.charts)) card(title, make("figure", "", { innerHTML: drawing }));
   for (const [title, rows] of Object.entries(page.tables)) {
     const table = make("table");
     rows.forEach((row, index) => {

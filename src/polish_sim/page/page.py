@@ -123,6 +123,7 @@ class Page(NamedTuple):
     view: str = "cell"  #: What is looked at first: cell, part or tool
     name: str = ""  #: What the run is called beside ``others``
     others: Sequence[Other] = ()
+    charts: Mapping[str, str] = {}  #: Drawings that do not move, by heading: SVG in the page's own colours
 
 
 # Simple shapes, and a tool without an arm.
@@ -163,13 +164,19 @@ def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[Body], A
     return [*along, *hinges, over], np.column_stack([positions, turn, tilt])
 
 
-def tables_page(title: str, about: str, tables: Mapping[str, Sequence[Sequence[str]]], notes: Sequence[str]) -> Page:
-    """A page of tables and notes alone: nothing moves on it."""
+def tables_page(
+    title: str,
+    about: str,
+    tables: Mapping[str, Sequence[Sequence[str]]],
+    notes: Sequence[str],
+    charts: Mapping[str, str] | None = None,
+) -> Page:
+    """A page of charts, tables and notes alone: nothing moves on it."""
     none = np.empty(0)
     still = Motion(none, np.empty((0, 1)), np.empty((0, 3)), none, none, none, none, none)
     return Page(
         title, about, "", None, bodies=[], solids=[], part_body=-1, motion=still, path=np.empty((0, 3)), contact=none,
-        wear=None, plots=[], tables=tables, notes=notes, command="", made="",
+        wear=None, plots=[], tables=tables, notes=notes, command="", made="", charts=charts or {},
     )  # fmt: skip
 
 

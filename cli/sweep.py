@@ -1,0 +1,287 @@
+"""`polish-sim sweep`: many runs over settings and seeds, on this machine or a cluster; the same folder goes on."""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from polish_sim.cli import console
+from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
+from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, build_scenario, takes
+from polish_sim.cli.output_folder import RESULTS, unused
+from polish_sim.cli.score import put
+from polish_sim.config.key import OUTPUT, RUN
+from polish_sim.errors import InputError, count_text, number_text, unknown_name
+from polish_sim.experiments.registry import ROWS as EXPERIMENTS
+from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
+from polish_sim.page import PAGE
+from polish_sim.row_file import ROWS, locked
+
+if TYPE_CHECKING:
+    from polish_sim.config import Scenario
+    from polish_sim.studies.study import Study
+    from polish_sim.studies.table import RunTable
+
+QUIET_S: Final = 10.0  #: Between two lines of progress where no bar can be shown [s]
+MOST_CHECKED: Final = 100  #: Values of an axis that are tried before the start
+OF_RUNS: Final = ("--controller", "--part", "--path", "--fault")
+OF_STUDY: Final = ("--vary", "--seeds", "--seed", "--sample", "--count", *OF_RUNS, *CONFIG_OPTIONS)
+What = Annotated[
+    str,
+    typer.Argument(metavar="EXPERIMENT|STUDY.toml", help="arc, force, surface, ..., or a study.", show_default=False),
+]
+
+
+@takes(
+    Own("--vary", RUN, "KEY=VALUES", "A setting to vary, its values a,b,c or low:high:lin5 or low:high:log5; with a "
+        "sample also low:high; may be repeated. Any key of the config: controller.name and part.file too.", list),
+    Own("--sample", RUN, "NAME", "grid (default: every combination), random, sobol or lhs (Latin hypercube)."),
+    Own("--count", RUN, "N", "Points of a sample.", int, 1, 1e7),
+    Own("--seeds", RUN, "N", "Seeds per point, counting up from --seed; default 1.", int, 1, 1e6),
+    Own("--dry-run", RUN, "", "Show how many runs and about how long, write nothing.", bool),
+    Own("--logs", OUTPUT, "", "Keep each run's folder with its log, in runs/<hash of its config>.", bool),
+    Own("--out", OUTPUT, "DIR", "Folder; a sweep begun there is continued and added to. Default results/sweep-.../...",
+        Path),
+    "--seed", OWN["--workers"], OWN["--on"], *OF_RUNS, *CONFIG_OPTIONS,
+)  # fmt: skip
+def sweep(what: What, given: Given) -> int:
+    """Run an experiment over many settings and seeds: one folder with runs.parquet, study.toml and a page."""
+    if find_spec("pyarrow") is None:
+        raise InputError("'sweep' keeps its table in Parquet: pip install 'polish-sim[sweep]'.")
+    # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.studies.table import RunTable
+    from polish_sim.workers import check_engine
+
+    check_engine(given["--on"] or "local")
+    study, out = asked_study(what, given)
+    check_values(study)
+    if given["--dry-run"]:
+        begun = RunTable(out) if out is not None and (out / ROWS).is_file() else None
+        announce(study, begun, given, keep=False)
+        return DONE
+    with open_sweep(out, study) as folder:
+        return run_and_show(study, RunTable(folder), given)
+
+
+def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
+    """The study a command line names, checked, and the folder it goes on in, if it is one of a sweep.
+
+    Raises:
+        PolishSimError: Naming what is wrong with it.
+    """
+    from polish_sim.cli.run import checked
+    from polish_sim.studies.study import STUDY, Study, read_axis, read_study
+
+    file = Path(what) / STUDY if Path(what).is_dir() else Path(what)
+    if file.suffix == ".toml" or file.is_file():
+        study = read_study(file)
+        told = [option for option in OF_STUDY if given[option] is not None]
+        if told:
+            raise InputError(f"a study says what is varied: write {', '.join(told)} into '{file}', or leave it out.")
+        out = given["--out"] or (file.parent if file.name == STUDY and (file.parent / ROWS).is_file() else None)
+    elif what in EXPERIMENTS:
+        refuse_idle_options(experiment(what), [option for option in OF_RUNS if given[option] is not None])
+        base = build_scenario(default_scenario(what), given)
+        axes = tuple(read_axis(text) for text in given["--vary"] or [])
+        study = Study(base, axes, given["--seeds"] or 1, given["--sample"] or "grid", given["--count"] or 0)
+        out = given["--out"]
+    else:
+        raise unknown_name("experiment", what, [*EXPERIMENTS, "STUDY.toml"])
+    study.check()
+    _, base = checked(study.base, given if what in EXPERIMENTS else {})
+    plan = Path(base.plan.file)
+    if base.plan.file and plan.is_dir():
+        base = replace(base, plan=replace(base.plan, file=str(plan / "path.json")))
+    return replace(study, base=base), out
+
+
+def check_values(study: Study) -> None:
+    """Refuse values no run could be made with, one axis after the other, before anything runs.
+
+    Raises:
+        PolishSimError: Naming what is wrong.
+    """
+    from polish_sim.experiments.assembly import check_settings
+    from polish_sim.scenario_file import override
+    from polish_sim.studies.study import written
+
+    for axis in study.axes:
+        for value in axis.values[:MOST_CHECKED]:
+            scenario = override(study.base, [f"{axis.key}={written(value)}"])
+            check_settings(scenario, plans=experiment(scenario.experiment).plans and not scenario.plan.file)
+
+
+@contextmanager
+def open_sweep(out: Path | None, study: Study) -> Iterator[Path]:
+    """Make the folder of a sweep, or take up that of one, and keep others out while it is filled.
+
+    Raises:
+        InputError: If it holds something else, is in use, or cannot be written.
+    """
+    from polish_sim.studies.study import STUDY, read_study, to_text
+
+    folder = out if out is not None else unused(RESULTS / f"sweep-{study.base.experiment}")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"'{folder}' exists and is not a folder. Choose another with --out.")
+    if folder.is_dir() and any(folder.iterdir()) and not ((folder / ROWS).exists() and (folder / STUDY).exists()):
+        raise InputError(f"'{folder}' holds something that is not a sweep. Choose another folder with --out.")
+    if (folder / STUDY).exists() and (held := read_study(folder / STUDY).base.experiment) != study.base.experiment:
+        raise InputError(f"'{folder}' holds a sweep of '{held}'. Choose another folder with --out.")
+    made = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ROWS).touch()
+    except OSError as error:
+        raise InputError(f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out.") from error
+    with locked(folder, "sweep"):
+        put(folder, STUDY, to_text(study))
+        try:
+            yield folder
+        finally:
+            if made and not (folder / ROWS).stat().st_size:  # nothing was recorded
+                for file in (folder / ROWS, folder / STUDY):
+                    file.unlink(missing_ok=True)
+                folder.rmdir()
+
+
+def announce(study: Study, table: RunTable | None, given: Given, keep: bool) -> None:
+    """Show how many runs there are and about how long they take; without earlier runs the first one is timed.
+
+    It is kept in the table with ``keep``.
+    """
+    from polish_sim.kernel_cache import is_warm
+    from polish_sim.studies.table import missing_runs, run_row
+    from polish_sim.workers import processors
+
+    missing, total = missing_runs(study, table)
+    walls, workers = list(table.walls) if table else [], given["--workers"] or processors()
+    once_s = 0.0
+    if missing and not walls:
+        warm = is_warm()
+        with console.progress() as observer:
+            observer.stage("time the first run")
+            with redirect_stdout(sys.stderr):  # what an own controller prints
+                row = run_row(study, None, missing[0])
+        loop = row.get("loop_wall_s") or row["wall_s"]
+        walls = [min(row["wall_s"], 1.4 * loop + 0.05)]
+        once_s = row["wall_s"] - walls[0] if warm else 0.0  # planning; compiling is over
+        if keep and table is not None and not given["--logs"]:
+            table.add(row)
+            missing = missing[1:]
+    on = given["--on"] or "local"
+    share = workers if on in ("local", "dask") else 1
+    seconds = once_s + statistics.median(walls) * len(missing) / share if walls else 0.0
+    points = study.count or len(study.points())
+    rows = [["points", f"{points} ({study.sample})"], ["seeds", str(study.seeds)], ["runs", str(total)]]
+    rows += [["already there", str(total - len(missing))]] if total > len(missing) else []
+    rows += [["on", f"{on}, on {count_text(share, 'processor')}" if on in ("local", "dask") else on]]
+    rows += [["about", f"{duration(seconds)}{' on one processor' if on not in ('local', 'dask') else ''}"]]
+    axes = [[f"vary {axis.key}", axis.text] for axis in study.axes]
+    console.table(f"sweep {study.base.experiment}, {study.base.controller.label}", ["", ""], [*axes, *rows], left=2)
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{number_text(seconds / size, 2)} {unit}"
+    return f"{max(1, round(seconds))} s"
+
+
+def run_and_show(study: Study, table: RunTable, given: Given) -> int:
+    """Do the runs, write table, summary and page, print what came of them; 130 if it was interrupted."""
+    from polish_sim.source_stamp import package_hash
+    from polish_sim.studies.study import user_files
+    from polish_sim.studies.table import run_study, write_summary
+    from polish_sim.workers import open_workers
+
+    if table.sources - {package_hash()[:12]}:
+        console.note("note: rows of another version of polish-sim are in the folder and kept; see the column 'source'.")
+    console.note(f"folder: {table.folder} (the same command with --out {table.folder} goes on where it stops)")
+    interrupted, total = False, study.seeds * (study.count or len(study.points()))
+    try:
+        announce(study, table, given, keep=True)
+        files = sorted({file for point in _corners(study) for file in user_files(point)})
+        with open_workers(given["--on"] or "local", given["--workers"], files) as workers:
+            console.note(f"at work: {workers.where}")
+            with _progress() as heard:
+                run_study(study, table, workers, heard, bool(given["--logs"]))
+    except KeyboardInterrupt:
+        interrupted = True
+        if not table.outcomes:
+            raise
+    finally:
+        if table.outcomes:
+            table.write()
+            facts = write_summary(table, study, total)
+    _show(study, table, facts)
+    if interrupted:
+        console.note("interrupted: the runs that are done are kept; the same command with --out goes on.")
+        return INTERRUPTED
+    return DONE if facts["done"] else STOPPED
+
+
+def _corners(study: Study) -> Iterator[Scenario]:
+    """The base, and it with each value of each axis: all files a study names are in one of them."""
+    from polish_sim.scenario_file import override
+    from polish_sim.studies.study import written
+
+    yield study.base
+    for axis in study.axes:
+        if any(isinstance(value, str) for value in axis.values):
+            yield from (override(study.base, [f"{axis.key}={written(value)}"]) for value in axis.values)
+
+
+@contextmanager
+def _progress() -> Iterator[Any]:
+    begun, first, told = time.monotonic(), -1, time.monotonic()
+    with console.progress() as observer:
+        observer.stage("simulate")
+
+        def heard(done: int, total: int, trouble: str | None) -> None:
+            nonlocal first, told
+            if trouble is not None:
+                console.note(f"warning: {trouble}.")
+            first = done if first < 0 else first
+            if sys.stderr.isatty():
+                observer.progress(done, total)
+            elif done == total or (done > first and time.monotonic() - told >= QUIET_S):
+                told = time.monotonic()
+                left = (told - begun) / max(1, done - first) * (total - done)
+                console.note(f"{done} of {total} runs" + (f", about {duration(left)} left" if done < total else ""))
+
+        yield heard
+
+
+def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
+    from polish_sim.analysis.claim import value_text
+    from polish_sim.experiments.registry import claims_shown
+    from polish_sim.studies.page import sweep_page
+    from polish_sim.studies.table import DONE as ENDED
+    from polish_sim.studies.table import read_rows
+
+    columns = read_rows(table.folder)
+    put(table.folder, PAGE, sweep_page(study, columns))
+    rows = []
+    for claim in claims_shown([study.base]):
+        every = zip(columns.get(claim.figure, []), columns["outcome"], strict=False)
+        values = [float(v) for v, outcome in every if v is not None and outcome == ENDED]
+        if values:
+            shown = (value_text(claim, of(values)) for of in (min, statistics.median, max))
+            rows.append([claim.label, claim.unit, *shown])
+    if rows:
+        console.table("runs that came to their end", ["figure", "unit", "least", "median", "largest"], rows, left=2)
+    ended = ", ".join(f"{facts[name]} {name}" for name in ("done", "stopped", "failed", "lost") if facts[name])
+    console.say(f"{count_text(facts['runs'], 'run')} in the folder: {ended}")
+    if facts["lost"]:
+        console.note("runs whose processes died are lost; the same command does them again.")
+    console.say_folder(table.folder)

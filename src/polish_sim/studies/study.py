@@ -1,0 +1,289 @@
+"""A study: what is varied, how it is sampled, and the runs that makes (words or study.toml -> Study -> runs)."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from polish_sim.analysis.run_record import changed_words
+from polish_sim.config import Scenario
+from polish_sim.errors import ConfigError, InputError, near_file, unknown_name
+from polish_sim.experiments.registry import ROWS, default_scenario
+from polish_sim.models import part_path
+from polish_sim.scenario_file import override
+from polish_sim.toml_text import toml_text
+
+STUDY: Final = "study.toml"
+SAMPLES: Final = ("grid", "random", "sobol", "lhs")
+MOST_RUNS: Final = 10_000_000
+_RANGE = re.compile(r"([^:,\s]+):([^:,\s]+)(?::(lin|log)(\d*))?")
+_KEYS: Final = ("experiment", "seeds", "first_seed", "sample", "count", "settings", "vary")
+
+
+class Axis(NamedTuple):
+    """One setting that is varied: over values, or over a range."""
+
+    key: str  #: Dotted, as in ``--set``
+    text: str  #: As it was written behind the key
+    values: tuple[Any, ...]  #: Of a grid; of a range without a count empty
+    low: float = math.nan  #: Ends of a range, else NaN
+    high: float = math.nan
+    log: bool = False
+
+    def at(self, share: float) -> Any:
+        """The value at a share of the axis, 0 to below 1."""
+        if math.isnan(self.low):
+            return self.values[int(share * len(self.values))]
+        if self.log:
+            return float(self.low * (self.high / self.low) ** share)
+        return float(self.low + (self.high - self.low) * share)
+
+
+class Run(NamedTuple):
+    """One run of a study."""
+
+    values: tuple[Any, ...]  #: In the order of the axes
+    seed: int
+
+
+@dataclass(frozen=True)
+class Study:
+    """An experiment, its settings, and what is varied."""
+
+    base: Scenario
+    axes: tuple[Axis, ...]
+    seeds: int = 1
+    sample: str = "grid"
+    count: int = 0  #: Points of a sample; of a grid 0
+
+    def points(self) -> list[tuple[Any, ...]]:
+        """The values of each point, in the order of the axes."""
+        if self.sample == "grid":
+            return list(itertools.product(*(axis.values for axis in self.axes)))
+        return [tuple(axis.at(u) for axis, u in zip(self.axes, row, strict=True)) for row in self._shares()]
+
+    def runs(self) -> Iterator[Run]:
+        """Every point with every seed; neighbours share a seed, and so the part it draws."""
+        points = self.points()
+        for seed in range(self.base.seed, self.base.seed + self.seeds):
+            yield from (Run(values, seed) for values in points)
+
+    def scenario(self, run: Run) -> Scenario:
+        """The complete scenario of a run.
+
+        Raises:
+            ConfigError: If a value does not fit its key.
+        """
+        sets = [f"{axis.key}={written(value)}" for axis, value in zip(self.axes, run.values, strict=True)]
+        return replace(override(self.base, sets), seed=run.seed)
+
+    def check(self) -> None:
+        """Refuse what no run could be made of, before any is.
+
+        Raises:
+            PolishSimError: Naming the axis, the value or the option.
+        """
+        if self.sample not in SAMPLES:
+            raise unknown_name("sample", self.sample, SAMPLES)
+        keys = [axis.key for axis in self.axes]
+        if len(set(keys)) < len(keys):
+            raise InputError(f"'{next(key for key in keys if keys.count(key) > 1)}' is varied twice: give one --vary.")
+        if {"seed", "experiment"} & set(keys):
+            raise InputError("a study is of one experiment and counts seeds with --seeds: vary something else.")
+        if self.sample == "grid" and self.count:
+            raise InputError(
+                "--count is for --sample random, sobol or lhs: a grid has as many points as its axes make."
+            )
+        if self.sample != "grid" and not self.count:
+            raise InputError(f"--sample {self.sample} needs --count N, the number of points.")
+        for axis in self.axes:
+            if self.sample == "grid" and not axis.values:
+                ends = ":".join(axis.text.split(":")[:2])
+                raise InputError(f"--vary {axis.key}={axis.text}: a grid needs steps, e.g. {axis.key}={ends}:lin5.")
+            for value in axis.values or (axis.low, axis.high):
+                override(self.base, [f"{axis.key}={written(value)}"])
+        count = self.seeds * (self.count or math.prod(len(axis.values) for axis in self.axes))
+        if count > MOST_RUNS:
+            raise InputError(f"that makes {count} runs, more than {MOST_RUNS}. Give fewer values or seeds.")
+
+    def _shares(self) -> Any:
+        """Points of the unit cube, shape (count, axes); the same again for the same first seed."""
+        import numpy as np
+        from scipy.stats import qmc
+
+        rng, dims = np.random.default_rng(self.base.seed), len(self.axes)
+        if self.sample == "random":
+            return rng.random((self.count, dims))
+        if self.sample == "lhs":
+            return qmc.LatinHypercube(dims, rng=rng).random(self.count)
+        # Drawn to the next power of two, which is what makes them even, and cut.
+        return qmc.Sobol(dims, rng=rng).random_base2(max(0, math.ceil(math.log2(self.count))))[: self.count]
+
+
+def read_axis(text: str) -> Axis:
+    """``KEY=a,b,c``, ``KEY=[a, b]`` (TOML), ``KEY=low:high:lin5``, ``:log5``; ``KEY=low:high`` of samples only.
+
+    Raises:
+        InputError: If it is none of that.
+    """
+    key, equals, values = text.partition("=")
+    key, values = key.strip(), values.strip()
+    if not equals or not key or not values.strip(", []"):
+        raise InputError(
+            f"'--vary {text}' is not KEY=VALUES, e.g. sensor.force_noise_n=0.1,0.5 or "
+            "controller.force_p_m_sn=0.001:0.01:log5."
+        )
+    found = _RANGE.fullmatch(values)
+    if found and (ends := _ends(found)) is not None:
+        return _range_of(key, values, *ends, found[3] == "log", int(found[4] or 0))
+    if values.startswith("["):
+        try:
+            listed = tomllib.loads(f"v = {values}")["v"]
+        except ValueError as error:
+            raise InputError(f"'--vary {text}' is no list: {error}.") from error
+        return Axis(key, values, _frozen(listed))
+    words = [word.strip() for word in values.split(",")]
+    if not all(words):
+        raise InputError(f"'--vary {text}' has an empty value: leave the comma out.")
+    return Axis(key, values, tuple(_plain(word) for word in words))
+
+
+def _ends(found: re.Match[str]) -> tuple[float, float] | None:
+    """The ends of a range; None of words that only look like one, e.g. ``mine.py:Mine``."""
+    try:
+        return float(found[1]), float(found[2])
+    except ValueError:
+        return None
+
+
+def _range_of(key: str, text: str, low: float, high: float, log: bool, count: int) -> Axis:
+    if not low < high or not math.isfinite(high - low):
+        raise InputError(f"--vary {key}={text}: the first number must be less than the second.")
+    if log and low <= 0.0:
+        raise InputError(f"--vary {key}={text}: a range by log begins above 0.")
+    if count == 1 or count > 1e6:
+        raise InputError(f"--vary {key}={text}: {count} steps; write 2 or more.")
+    axis = Axis(key, text, (), low, high, log)
+    # A last share of 1 gives the end itself, whatever the roundings.
+    steps = tuple(axis.at(k / (count - 1)) if k < count - 1 else high for k in range(count)) if count > 1 else ()
+    return axis._replace(values=tuple(float(f"{value:.12g}") for value in steps))
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+
+
+def _plain(word: str) -> Any:
+    try:
+        return tomllib.loads(f"v = {word}")["v"]
+    except ValueError:
+        return word
+
+
+def written(value: Any) -> str:
+    """A value as ``--set`` takes it."""
+    return toml_text({"v": value}).partition("= ")[2].strip()
+
+
+# A study as a file.
+
+
+def to_text(study: Study) -> str:
+    """The study as study.toml."""
+    usual = default_scenario(study.base.experiment)
+    words = changed_words(replace(study.base, seed=0), replace(usual, seed=0))
+    settings = {key: tomllib.loads(f"v = {value}")["v"] for key, _, value in (word.partition("=") for word in words)}
+    return toml_text(
+        {
+            "experiment": study.base.experiment, "seeds": study.seeds, "first_seed": study.base.seed,
+            "sample": study.sample, "count": study.count, "settings": settings,
+            "vary": {axis.key: axis.text if not math.isnan(axis.low) else list(axis.values) for axis in study.axes},
+        },
+        {
+            "sample": "grid, random, sobol or lhs", "count": "points of a sample; 0 for a grid",
+            "settings": "what differs from the experiment's defaults",
+            "vary": 'lists, or "low:high:log5", "low:high:lin5"',
+        },
+        ["A sweep: polish-sim sweep study.toml continues it, adds what was added here, and repeats nothing."],
+    )  # fmt: skip
+
+
+def read_study(file: Path) -> Study:
+    """Read a study.toml, strict on its keys.
+
+    Raises:
+        PolishSimError: If it cannot be read, or names what is not known.
+    """
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read the study '{file}': {error.strerror}.{near_file(file)}") from error
+    except ValueError as error:
+        raise InputError(f"'{file}' is not valid TOML: {error}.") from error
+    for key in table:
+        if key not in _KEYS:
+            raise unknown_name(f"key in '{file}'", key, _KEYS)
+    if table.get("experiment") not in ROWS:
+        raise unknown_name(f"experiment in '{file}'", str(table.get("experiment", "")), ROWS)
+    counts = {name: table.get(name, usual) for name, usual in (("seeds", 1), ("first_seed", 0), ("count", 0))}
+    for name, value in counts.items():
+        if type(value) is not int or value < (name == "seeds"):
+            raise ConfigError(f"'{name}' in '{file}' must be a whole number, got {value!r}.")
+    for name in ("settings", "vary"):
+        if not isinstance(table.get(name, {}), dict):
+            raise ConfigError(f"'{name}' in '{file}' must be a section: write [{name}] and keys below.")
+    settings = [f"{key}={written(value)}" for key, value in _flat(table.get("settings", {}))]
+    base = override(default_scenario(table["experiment"]), settings)
+    axes = tuple(_axis_of(key, value, file) for key, value in _flat(table.get("vary", {})))
+    return Study(
+        replace(base, seed=counts["first_seed"]), axes, counts["seeds"], table.get("sample", "grid"), counts["count"]
+    )
+
+
+def _axis_of(key: str, value: Any, file: Path) -> Axis:
+    if isinstance(value, str):
+        return read_axis(f"{key}={value}")
+    if not isinstance(value, list) or not value:
+        raise ConfigError(f"'{key}' under [vary] in '{file}' must be a list of values or a text such as '0.1:1:log5'.")
+    return Axis(key, written(value), _frozen(value))
+
+
+def _flat(table: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{place}{key}.")
+        else:
+            yield f"{place}{key}", value
+
+
+# What a run depends on.
+
+
+def user_files(scenario: Scenario) -> list[Path]:
+    """Files a scenario names, of its controller first."""
+    words = [scenario.controller.name.rpartition(":")[0], scenario.plan.region.partition(":")[2], scenario.plan.file]
+    parts = [scenario.part.file, scenario.part.real_file, scenario.part.fixture_file]
+    more = [scenario.payload.file, scenario.smoothing.limits_file, scenario.dual.bases_file, scenario.dual.tool_file]
+    named = [Path(word) for word in (*words, *more, scenario.dual.arms_file) if word]
+    return [file for file in (*named, *(part_path(name) for name in parts if name)) if file.is_file()]
+
+
+def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
+    """What identifies a run: its full config, with the contents of the files it names (kept in ``hashes``)."""
+    files = user_files(scenario)
+    for file in files:
+        if file not in hashes:
+            hashes[file] = hashlib.sha256(file.read_bytes()).hexdigest()
+    text = json.dumps(asdict(scenario), sort_keys=True)
+    for file in files:
+        # A file moved elsewhere is still the same.
+        text = text.replace(json.dumps(str(file))[1:-1], f"{file.name}#{hashes[file]}")
+    return hashlib.sha256(text.encode()).hexdigest()[:24]

@@ -1,0 +1,214 @@
+"""Runs of a study as rows on disk: each is appended as it comes, and the table of all is written anew now and then."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from polish_sim.analysis.run_record import RunRecord, package_versions, write_json, write_record
+from polish_sim.errors import InputError, PolishSimError
+from polish_sim.exchange import read_path
+from polish_sim.experiments.assembly import Memory, place_key
+from polish_sim.experiments.registry import experiment, run_experiment
+from polish_sim.planning import PlanResult, measure_given_path
+from polish_sim.row_file import Row, RowFile
+from polish_sim.source_stamp import package_hash
+from polish_sim.studies.study import Run, Study, config_hash
+from polish_sim.workers import Workers, local_copy
+
+RUNS: Final = "runs.parquet"
+RUN_FOLDERS: Final = "runs"  #: Of logs, where they are wanted
+DONE, STOPPED, FAILED, LOST = "done", "stopped", "failed", "lost"
+UNLIKE: Final = ("wall_s", "loop_wall_s", "host")  #: Columns in which equal runs differ
+_NOT_FIGURES: Final = ("protective_stop", "protective_stop_at", "T_base_work", "wall_s", "real_time_factor", "seed")
+_PAUSE_S: Final = 60.0  #: Between two writings of the table, at least
+_SHARE: Final = 50.0  #: Pause over the time one takes, at least
+
+Heard = Callable[[int, int, str | None], None]  #: Called with runs done, all of them, and a trouble, if any
+_PLANS = Memory()
+
+
+def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
+    """Simulate one run and give its row; a run that cannot be done says why. ``logs``: where its folder goes."""
+    key, run = task
+    begun = time.perf_counter()
+    values = {axis.key: _cell(value) for axis, value in zip(study.axes, run.values, strict=True)}
+    row: Row = {"config_hash": key, "seed": run.seed, **values, "outcome": FAILED, "reason": None}
+    try:
+        scenario = study.scenario(run)
+        plan = _given_plan(scenario) if scenario.plan.file and experiment(scenario.experiment).along_plan else None
+        result = run_experiment(scenario, plan)
+    except PolishSimError as error:
+        row["reason"] = str(error)
+    except Exception as error:  # one run must not end the others
+        row["reason"] = f"a bug in polish-sim or in an own controller: {type(error).__name__}: {error}"
+    else:
+        if result.interrupted:
+            raise KeyboardInterrupt
+        if logs is not None:
+            figures = {**result.figures, "versions": package_versions()}
+            folder = logs / key
+            folder.mkdir(parents=True, exist_ok=True)
+            write_record(folder, RunRecord(scenario.experiment, result.scenario, figures, result.log, result.path,
+                                           result.removal))  # fmt: skip
+        row |= {"outcome": STOPPED if result.stop_reason else DONE, "reason": result.figures["protective_stop"]}
+        row |= {name: v for name, v in result.figures.items() if name not in _NOT_FIGURES and _is_cell(v)}
+        row["loop_wall_s"] = result.figures["wall_s"]
+    wall = time.perf_counter() - begun
+    return row | {"wall_s": wall, "host": platform.node(), "versions": _versions(), "source": package_hash()[:12]}
+
+
+def _given_plan(scenario: Any) -> PlanResult:
+    """The plan of a path's file, measured once a process."""
+
+    def measured() -> PlanResult:
+        path = read_path(Path(local_copy(scenario.plan.file)))
+        return measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad)
+
+    return _PLANS.get(place_key(scenario), measured)
+
+
+def _versions() -> str:
+    return ", ".join(f"{name} {number}" for name, number in package_versions().items())
+
+
+def _is_cell(value: Any) -> bool:
+    return value is None or isinstance(value, (bool, int, float, str))
+
+
+def _cell(value: Any) -> Any:
+    return value if _is_cell(value) else json.dumps(value)
+
+
+@dataclass
+class RunTable:
+    """The rows of one folder: those there are, and those that come."""
+
+    folder: Path
+    outcomes: dict[str, str] = field(default_factory=dict)  #: By the hash of the run's config
+
+    def __post_init__(self) -> None:
+        self._file = RowFile(self.folder)
+        self._written_at, self._took_s = time.monotonic(), 0.0
+        self.walls: list[float] = []  #: Of the last runs [s]
+        self.sources: set[str] = set()  #: Versions of this package that rows are of
+        for key, row in self._file.read():
+            self._note(key, row)
+
+    def has(self, key: str) -> bool:
+        """Whether a run needs not be done again; one that was lost does."""
+        return self.outcomes.get(key, LOST) != LOST
+
+    def add(self, row: Row) -> None:
+        """Append a row, and write the table if that was long ago."""
+        self._file.add(row["config_hash"], row)
+        self._note(row["config_hash"], row)
+        if time.monotonic() - self._written_at > max(_PAUSE_S, _SHARE * self._took_s):
+            self.write()
+
+    def count(self, outcome: str) -> int:
+        """How many runs ended so."""
+        return sum(one == outcome for one in self.outcomes.values())
+
+    def write(self) -> None:
+        """Write `RUNS` from all rows; the file is replaced when it is whole."""
+        begun = time.monotonic()
+        write_table(self._file.path, self.folder / RUNS)
+        self._written_at, self._took_s = time.monotonic(), time.monotonic() - begun
+
+    def _note(self, key: str, row: Row) -> None:
+        self.outcomes[key] = str(row.get("outcome"))
+        self.sources.add(str(row.get("source")))
+        if row.get("wall_s"):
+            self.walls = [*self.walls[-99:], row["wall_s"]]
+
+
+def write_table(rows: Path, table: Path) -> None:
+    """Turn lines of rows into a Parquet file, one row a key, the last one."""
+    import pyarrow as pa
+    import pyarrow.json as lines
+    import pyarrow.parquet as parquet
+
+    if not rows.stat().st_size:
+        return
+    read = lines.read_json(rows, lines.ReadOptions(block_size=16 << 20))
+    # A key is there twice where a run was lost and done again later.
+    last = {key: place for place, key in enumerate(read["key"].to_pylist())}
+    read = read.take(pa.array(sorted(last.values()))) if len(last) < len(read) else read
+    flat = read.select(["row"]).flatten()
+    flat = flat.rename_columns([name.removeprefix("row.") for name in flat.column_names])
+    draft = table.with_name(f".{table.name}.part")
+    try:
+        parquet.write_table(flat, draft, compression="zstd")
+        draft.replace(table)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def read_rows(folder: Path) -> dict[str, Any]:
+    """The columns of a sweep's `RUNS`, as lists.
+
+    Raises:
+        InputError: If there is none.
+    """
+    import pyarrow.parquet as parquet
+
+    file = folder / RUNS
+    if not file.is_file():
+        raise InputError(f"'{folder}' holds no {RUNS}: it is not the folder of a sweep.")
+    return dict(parquet.read_table(file).to_pydict())
+
+
+def run_study(study: Study, table: RunTable, workers: Workers, heard: Heard, logs: bool = False) -> None:
+    """Do all runs of a study that the table does not have; KeyboardInterrupt leaves what is there.
+
+    Raises:
+        WorkersError: If processes die one after the other, or the cluster is gone.
+    """
+    missing, total = missing_runs(study, table)
+    place = table.folder.resolve() / RUN_FOLDERS if logs else None
+    done = total - len(missing)
+    heard(done, total, None)
+    keys: dict[tuple[Any, ...], int] = {}
+
+    def group_of(task: tuple[str, Run]) -> int:
+        """Runs with one plan; found once for each point."""
+        values = task[1].values
+        if values not in keys:
+            keys[values] = hash(place_key(study.scenario(task[1])))
+        return keys[values]
+
+    with closing(workers.results(missing, partial(run_row, study, place), group_of)) as results:
+        for (key, run), row, trouble in results:
+            if row is not None:
+                table.add(row)
+            elif trouble is not None and trouble.endswith("left out"):
+                values = {axis.key: _cell(value) for axis, value in zip(study.axes, run.values, strict=True)}
+                table.add({"config_hash": key, "seed": run.seed, **values, "outcome": LOST, "reason": trouble})
+            done += row is not None
+            heard(done, total, trouble)
+
+
+def missing_runs(study: Study, table: RunTable | None) -> tuple[list[tuple[str, Run]], int]:
+    """The runs the table does not have, with their hashes, and how many there are in all."""
+    hashes: dict[Path, str] = {}
+    wanted = {config_hash(study.scenario(run), hashes): run for run in study.runs()}
+    return [(key, run) for key, run in wanted.items() if table is None or not table.has(key)], len(wanted)
+
+
+def write_summary(table: RunTable, study: Study, total: int) -> Mapping[str, Any]:
+    """Write metrics.json: how many runs ended how."""
+    facts = {
+        "experiment": study.base.experiment, "runs": len(table.outcomes), "done": table.count(DONE),
+        "stopped": table.count(STOPPED), "failed": table.count(FAILED), "lost": table.count(LOST),
+        "wanted": total, "vary": {axis.key: axis.text for axis in study.axes}, "versions": package_versions(),
+    }  # fmt: skip
+    write_json(table.folder / "metrics.json", facts)
+    return facts

@@ -1,0 +1,100 @@
+"""`polish-sim sweep`: one folder, which goes on whatever ended the command."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import PROGRAM, Tool, metrics_of
+
+pytest.importorskip("pyarrow")
+SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1", "--workers", "1")
+MINE = """
+class Mine:
+    ranges = {"gain": (0.0, 1.0)}
+    def __init__(self, gain=0.5):
+        self.gain = gain
+    def reset(self, cycle_s):
+        print("hello")
+    def step(self, measurement, target):
+        return target.twist
+"""
+
+
+def rows_of(folder: Path) -> dict[str, dict[str, object]]:
+    lines = [json.loads(line) for line in (folder / "rows.jsonl").read_text().splitlines()]
+    rows = {line["key"]: line["row"] for line in lines}
+    assert len(rows) == len(lines), "a row is there twice"
+    for row in rows.values():
+        for name in ("wall_s", "loop_wall_s"):
+            row.pop(name)
+    return rows
+
+
+def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(MINE)
+    vary = ("sweep", "arc", "--controller", "mine.py:Mine", "--vary", "controller.own.gain=0:1:lin2", *SHORT)
+    dry = polish_sim(*vary, "--out", "s", "--dry-run")
+    assert dry.code == 0
+    assert not (tmp_path / "s").exists()
+    assert "about" in dry.out
+    done = polish_sim(*vary, "--out", "s")
+    assert done.code == 0, done.err
+    assert {"runs.parquet", "study.toml", "metrics.json", "report.html"} <= {f.name for f in (tmp_path / "s").iterdir()}
+    assert (metrics_of(tmp_path / "s")["runs"], metrics_of(tmp_path / "s")["failed"]) == (2, 0)
+    before = rows_of(tmp_path / "s")
+    study = tmp_path / "s" / "study.toml"
+    study.write_text(study.read_text().replace("seeds = 1", "seeds = 2"))
+    more = polish_sim("sweep", "s", "--workers", "1")
+    assert more.code == 0, more.err
+    after = rows_of(tmp_path / "s")
+    assert len(after) == 4
+    assert {key: after[key] for key in before} == before
+    assert "hello" not in done.out + more.out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("sweep", "ark"), "Did you mean 'arc'?"),
+        (("sweep", "arc", "--vary", "controller.own.gain=0.1"), "is for an own controller"),
+        (("sweep", "arc", "--vary", "controller.name=hybrid-pi,hybrid-p"), "Did you mean 'hybrid-pi'?"),
+        (("sweep", "arc", "--part", "plate"), "--part would change nothing"),
+        (("sweep", "arc", "--on", "locl"), "unknown engine 'locl'"),
+        (("sweep", "nowhere/study.toml"), "cannot read the study"),
+        (("sweep", "arc", "--out", "other"), "holds something that is not a sweep"),
+    ],
+)
+def test_what_is_no_sweep_is_one_line_and_writes_nothing(
+    polish_sim: Tool, tmp_path: Path, words: tuple[str, ...], told: str
+) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes.txt").touch()
+    call = polish_sim(*words, *SHORT)
+    assert (call.code, call.err.count("\n")) == (2, 1)
+    assert told in call.err
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["notes.txt", "other"]
+
+
+def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(polish_sim: Tool, tmp_path: Path) -> None:
+    asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin20", *SHORT]
+    for ended_by in (signal.SIGKILL, signal.SIGINT):
+        with subprocess.Popen([*PROGRAM, *asked, "--out", "s"], cwd=tmp_path, start_new_session=True) as command:
+            rows = tmp_path / "s" / "rows.jsonl"
+            begun = len(rows.read_bytes().splitlines()) if rows.exists() else 0
+            until = time.monotonic() + 120.0
+            while time.monotonic() < until and (not rows.exists() or rows.read_bytes().count(b"\n") < begun + 3):
+                time.sleep(0.05)
+            os.kill(command.pid, ended_by)
+            assert command.wait(60) == (130 if ended_by == signal.SIGINT else -9)
+    assert metrics_of(tmp_path / "s")["runs"] < 20
+    assert polish_sim(*asked, "--out", "s").code == 0
+    assert polish_sim(*asked, "--out", "t").code == 0
+    assert rows_of(tmp_path / "s") == rows_of(tmp_path / "t")
+    assert len(rows_of(tmp_path / "s")) == 20

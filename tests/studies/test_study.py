@@ -1,0 +1,188 @@
+"""Studies: what is varied makes the runs it should, and rows stay whole whatever happens to the command."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from polish_sim.analysis.claim import Claim
+from polish_sim.errors import PolishSimError
+from polish_sim.experiments.registry import default_scenario
+from polish_sim.scenario_file import override
+from polish_sim.studies.page import pareto, sweep_page
+from polish_sim.studies.study import Axis, Run, Study, config_hash, read_axis, read_study, to_text
+from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, missing_runs, read_rows, run_row, run_study
+from polish_sim.workers import Result
+
+pytest.importorskip("pyarrow")
+ARC = override(default_scenario("arc"), ["process.max_feed_s=0.05", "process.feed_m_s=0.1"])
+NOISE = "sensor.force_noise_n"
+
+
+def study(*axes: str, **more: Any) -> Study:
+    return Study(ARC, tuple(map(read_axis, axes)), **more)
+
+
+class Here:
+    """Workers in this process; the first ``deaths`` tasks die."""
+
+    count, where = 1, "here"
+
+    def __init__(self, deaths: int = 0) -> None:
+        self.deaths = deaths
+
+    def results(self, tasks: Sequence[Any], work: Callable[[Any], Any], _group: Any) -> Generator[Result]:
+        for number, task in enumerate(tasks):
+            if number < self.deaths:
+                yield Result(task, None, "a worker process was killed; it is left out")
+            else:
+                yield Result(task, work(task), None)
+
+
+def silent(_done: int, _all: int, _trouble: str | None) -> None:
+    pass
+
+
+def test_a_range_by_log_has_equal_ratios_and_its_own_ends() -> None:
+    assert read_axis("a.b=0.001:10:log5").values == (0.001, 0.01, 0.1, 1.0, 10.0)
+    assert read_axis("a.b=0:1:lin5").values == (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+def test_values_are_numbers_words_and_lists() -> None:
+    assert read_axis("a=1, 2.5,true,word").values == (1, 2.5, True, "word")
+    assert read_axis("a=mine.py:Mine,other.py:Mine").values == ("mine.py:Mine", "other.py:Mine")
+    assert read_axis("a=mine.py:Mine").values == ("mine.py:Mine",)
+    assert read_axis("a=[[1, 2], [3, 4]]").values == ((1, 2), (3, 4))
+
+
+def test_a_grid_is_every_combination_with_every_seed() -> None:
+    made = list(study(f"{NOISE}=0.1,0.5", "process.feed_m_s=0.1:0.3:lin3", seeds=4).runs())
+    assert len(made) == len(set(made)) == 2 * 3 * 4
+    assert {run.seed for run in made} == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("sample", ["random", "sobol", "lhs"])
+def test_samples_stay_in_their_ranges_and_come_again(sample: str) -> None:
+    asked = study(f"{NOISE}=0.1:0.5", "process.feed_m_s=0.001:0.1:log", "controller.name=a,b", sample=sample, count=24)
+    points = asked.points()
+    assert points == asked.points()
+    assert len(set(points)) == 24
+    assert all(0.1 <= a < 0.5 and 0.001 <= b < 0.1 and c in "ab" for a, b, c in points)
+    if sample == "lhs":  # one point in each twenty-fourth of every axis
+        assert sorted(int(24 * np.log10(b / 0.001) / 2) for _, b, _ in points) == list(range(24))
+
+
+@pytest.mark.parametrize(
+    ("axes", "more", "told"),
+    [
+        ([f"{NOISE}=0.1,0.2", f"{NOISE}=0.3"], {}, "varied twice"),
+        ([f"{NOISE}=0.1:0.2"], {}, "a grid needs steps"),
+        ([f"{NOISE}=0.1:0.2"], {"sample": "sobol"}, "--count"),
+        ([f"{NOISE}=0.1"], {"count": 3}, "--count is for"),
+        ([f"{NOISE}=0.1"], {"sample": "sobl", "count": 3}, "Did you mean 'sobol'?"),
+        (["sensor.force_nose_n=0.1"], {}, "Did you mean 'sensor.force_noise_n'?"),
+        ([f"{NOISE}=0.1,-3"], {}, "outside"),
+        (["seed=1,2"], {}, "--seeds"),
+        ([f"{NOISE}=0:1:lin100000"], {"seeds": 1000}, "more than"),
+    ],
+)
+def test_a_study_no_run_can_be_made_of_is_refused(axes: list[str], more: dict[str, Any], told: str) -> None:
+    with pytest.raises(PolishSimError, match=told.replace("?", r"\?")):
+        study(*axes, **more).check()
+
+
+@pytest.mark.parametrize("text", ["a", "a=", "a=1,,2", "=1", "a=2:1:lin3", "a=0:1:log3", "a=1:2:lin1", "a=[1,", "a=[]"])
+def test_what_is_no_axis_is_refused(text: str) -> None:
+    with pytest.raises(PolishSimError, match="--vary"):
+        read_axis(text)
+
+
+def test_a_study_s_file_gives_back_the_same_runs(tmp_path: Path) -> None:
+    asked = study(f"{NOISE}=0.1:0.5:log3", "controller.name=hybrid-pi,position", "part.pose=[[0,0,0,0,0,0]]", seeds=2)
+    asked = replace(asked, base=replace(asked.base, seed=7))
+    (tmp_path / "study.toml").write_text(to_text(asked))
+    again = read_study(tmp_path / "study.toml")
+    assert list(again.runs()) == list(asked.runs())
+    assert again.base == asked.base
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("experiment = 'arc'\nsed = 3", "Did you mean 'seeds'?"),
+        ("experiment = 'ark'", "Did you mean 'arc'?"),
+        ("experiment = 'arc'\nseeds = 'many'", "'seeds' in .* must be a whole number"),
+        ("experiment = 'arc'\nvary = 3", "'vary' in .* must be a section"),
+        ("experiment = 'arc'\n[vary]\nsensor.force_noise_n = []", "must be a list"),
+        ("experiment = 'arc'\n[settings]\nsensor.force_nose_n = 1", "Did you mean 'sensor.force_noise_n'?"),
+        ("experiment = ", "not valid TOML"),
+    ],
+)
+def test_a_study_s_file_edited_wrongly_is_refused(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "study.toml").write_text(text)
+    with pytest.raises(PolishSimError, match=told.replace("?", r"\?")):
+        read_study(tmp_path / "study.toml").check()
+
+
+def test_a_run_is_known_by_its_config_and_the_contents_of_its_files(tmp_path: Path) -> None:
+    def hashed(folder: str, text: str, gain: float = 0.1) -> str:
+        (tmp_path / folder).mkdir(exist_ok=True)
+        file = tmp_path / folder / "mine.py"
+        file.write_text(text)
+        return config_hash(override(ARC, [f"controller.name={file}:Mine", f"controller.own.gain={gain}"]), {})
+
+    one = hashed("a", "class Mine: pass")
+    assert hashed("b", "class Mine: pass") == one
+    assert len({one, hashed("a", "class Mine: 1"), hashed("a", "class Mine: pass", 0.2)}) == 3
+
+
+def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path: Path) -> None:
+    asked = study(f"{NOISE}=0.1,0.5", "controller.name=hybrid-pi,nobody", seeds=1)
+    run_study(asked, RunTable(tmp_path), Here(deaths=1), silent)
+    first = RunTable(tmp_path)
+    assert sorted(first.outcomes.values()) == [DONE, FAILED, FAILED, LOST]
+    with (tmp_path / "rows.jsonl").open("a") as file:
+        file.write('{"key": "torn')
+    again = RunTable(tmp_path)
+    assert len(missing_runs(asked, again)[0]) == 1
+    run_study(asked, again, Here(), silent)
+    again.write()
+    columns = read_rows(tmp_path)
+    assert sorted(columns["outcome"]) == [DONE, DONE, FAILED, FAILED]
+    assert len(set(columns["config_hash"])) == 4
+    assert all(("nobody" in str(reason)) == (outcome == FAILED)
+               for reason, outcome in zip(columns["reason"], columns["outcome"], strict=True))  # fmt: skip
+    page = sweep_page(asked, columns)
+    assert page.startswith("<!DOCTYPE html>")
+
+
+def test_a_row_depends_on_its_run_alone() -> None:
+    asked = study(f"{NOISE}=0.1,0.5")
+    task = ("key", Run((0.5,), 3))
+    rows = [run_row(asked, None, task) for _ in range(2)]
+    for row in rows:
+        for column in ("wall_s", "loop_wall_s"):
+            assert row.pop(column) > 0.0
+    assert json.dumps(rows[0]) == json.dumps(rows[1])
+    assert rows[0][NOISE] == 0.5
+    assert rows[0]["seed"] == 3
+
+
+def test_the_front_is_the_points_none_beats_in_both() -> None:
+    x, y = [1, 2, 3, 2, 1, 4], [3, 2, 1, 3, 4, 0]
+    columns = {"a": list(range(6)), "x": x, "y": y, "outcome": [DONE] * 5 + [FAILED]}
+    goals = [Claim("x", "x", "", 1.0), Claim("y", "y", "", 1.0)]
+    assert [point[0] for point, _, best in pareto(columns, ["a"], goals) if best] == [0, 1, 2]
+    worst_first = [goals[0]._replace(more_is_better=True), goals[1]]
+    assert [point[0] for point, _, best in pareto(columns, ["a"], worst_first) if best] == [2]
+
+
+def test_an_axis_of_a_sample_takes_each_value_of_a_list_as_often() -> None:
+    axis = Axis("a", "", ("x", "y", "z"))
+    assert [axis.at(u) for u in (0.0, 0.33, 0.34, 0.66, 0.67, 0.999)] == ["x", "x", "y", "y", "z", "z"]
