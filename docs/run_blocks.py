@@ -24,7 +24,7 @@ DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 MIRRORED = [ROOT / "results" / "README.md", ROOT / "models" / "README.md", ROOT / "CHANGELOG.md"]
 KINDS = ("bash", "python", "toml", "text", "math", "{toctree}", "{eval-rst}")
-PAGE_SECONDS = 400.0  #: What the blocks of one page may take together
+PAGE_SECONDS = 900.0  #: What the blocks of one page may take together, on a busy machine
 
 FEED = ("--set", "process.max_feed_s=0.5")
 SHORT: dict[str, tuple[str, ...]] = {
@@ -203,7 +203,9 @@ def main(names: list[str]) -> int:
         f"{sum(one.count for one in ran)} blocks with {len(commands)} commands ran, {shorter} of these shortened, ",
         end="",
     )
-    print(f"in {time.monotonic() - started:.0f} s; {failed} pages failed")
+    used = os.times()
+    cpu = used.children_user + used.children_system
+    print(f"in {time.monotonic() - started:.0f} s, {cpu:.0f} s of processor time; {failed} pages failed")
     return int(any(one.error for one in ran))
 
 
