@@ -133,6 +133,7 @@ def run_page(page: Path, scratch: Path) -> Ran:
         "PATH": f"{scratch / 'bin'}{os.pathsep}{os.environ['PATH']}",
         "DOCS_COMMANDS": str(notes),
         "MPLBACKEND": "agg",
+        "OPENBLAS_NUM_THREADS": "1",  # two pages run at a time
     }
     started, error = time.monotonic(), ""
     for block in todo:
