@@ -9,6 +9,7 @@ import html
 import os
 import re
 import shutil
+from dataclasses import fields, is_dataclass
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from typing import Any
 import ziamath
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
+
+from polish_sim import Scenario
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "build" / "examples"  # run there: they write files
@@ -35,7 +38,9 @@ exclude_patterns = ["tutorials/README.md"]
 default_role = "literal"
 nitpicky = False
 highlight_language = "text"
+autodoc_type_aliases = {name: name for name in ("Array", "Ints", "Indices", "Bools")}
 ziamath.config.precision = 2
+COLON = "\ue000"  #: Stands for a colon while napoleon reads
 
 # Markdown: headings are link targets, ```math is an equation, as on GitHub.
 myst_enable_extensions = ["dollarmath"]
@@ -100,11 +105,43 @@ def read_page(app: Sphinx, name: str, source: list[str]) -> None:
         source[0] = (ROOT / MIRRORS[name]).read_text(encoding="utf-8")
     for pattern, replacement in LINKS.items():
         source[0] = re.sub(r"(\]\()" + pattern, r"\g<1>" + replacement, source[0])
+    if name == "settings":
+        source[0] += settings_text()
     if name == "glossary":
         rows = re.findall(r"^\| (?!term \|)([^|]+) \| ([^|]+) \|$", source[0], flags=re.MULTILINE)
         head = source[0].partition("\n|")[0]
         entries = "\n".join("\n".join(term.split(", ")) + f"\n  {meaning}\n" for term, meaning in rows)
         source[0] = f"{head}\n```{{glossary}}\n{entries}```\n"
+
+
+def settings_text(section: Any = None, name: str = "") -> str:
+    """Tables of all keys of the scenario: default, meaning with its unit, option of the command line."""
+    section = section or Scenario()
+    rows, deeper = [], ""
+    for field in fields(section):
+        value, about = getattr(section, field.name), field.metadata
+        place = f"{name}.{field.name}" if name else field.name
+        if is_dataclass(value):
+            deeper += f"\n## {place}\n\n{(type(value).__doc__ or '').splitlines()[0]}\n" + settings_text(value, place)
+        elif "text" in about:
+            option = f"`{about['option'].name}`" if about.get("option") else ""
+            shown = str(list(value) if isinstance(value, tuple) else value).replace("|", "\\|")
+            rows.append(
+                f"| `{field.name}` | {option} | `{shown or ' '}` | {about['text'].replace('|', chr(92) + '|')} |"
+            )
+    head = "\n| key | option | default | meaning |\n|---|---|---|---|\n"
+    return (head + "\n".join(rows) + "\n" if rows else "") + deeper
+
+
+def keep_colons(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Hide the colons of a field's sentence from napoleon, which would take what stands before them for a type."""
+    if what == "attribute":
+        lines[:] = [line.replace(":", COLON) for line in lines]
+
+
+def show_colons(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Put them back."""
+    lines[:] = [line.replace(COLON, "\\:") for line in lines]
 
 
 def write_math(translator: Any, node: Any, display: str) -> None:
@@ -130,4 +167,6 @@ def setup(app: Sphinx) -> None:
         return write
 
     app.connect("source-read", read_page)
+    app.connect("autodoc-process-docstring", keep_colons, priority=100)  # napoleon has 500
+    app.connect("autodoc-process-docstring", show_colons, priority=900)
     app.add_html_math_renderer("drawn", (visit("inline"), None), (visit("block"), None))

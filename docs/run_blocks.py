@@ -76,6 +76,8 @@ def shortened(words: list[str]) -> list[str]:
         asked = words[: len(name.split())] == name.split()
         if asked and not set(words) & {*COMPLETE, less[0]} - {"--set"}:
             short += less
+    if "--reach" in words and "--case" not in words:
+        short[short.index("--case") + 1] = "reach-step"
     while words[0] == "score" and short.count("--case") > 1:
         last = len(short) - 1 - short[::-1].index("--case")
         del short[last : last + 2]

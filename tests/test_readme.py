@@ -45,6 +45,7 @@ def test_a_command_is_shortened_only_where_it_would_take_long() -> None:
     assert shortened(["run", "force", "--out", "a"]) == ["run", "force", "--out", "a"]
     assert shortened(many) == ["run", "surface", "--seeds", "1", *RUN_BLOCKS["FEED"]]
     assert shortened(["score", "--case", "a", "--case", "b"]) == ["score", "--case", "a", "--seeds", "1"]
+    assert shortened(["score", "--reach"]) == ["score", "--reach", "--case", "reach-step", "--seeds", "1"]
 
 
 @pytest.mark.parametrize("line", TYPED)
