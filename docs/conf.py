@@ -125,10 +125,11 @@ def settings_text(section: Any = None, name: str = "") -> str:
             deeper += f"\n## {place}\n\n{(type(value).__doc__ or '').splitlines()[0]}\n" + settings_text(value, place)
         elif "text" in about:
             option = f"`{about['option'].name}`" if about.get("option") else ""
-            shown = str(list(value) if isinstance(value, tuple) else value).replace("|", "\\|")
-            rows.append(
-                f"| `{field.name}` | {option} | `{shown or ' '}` | {about['text'].replace('|', chr(92) + '|')} |"
-            )
+            listed = [
+                f"{v:.6g}" if isinstance(v, float) else str(v) for v in (value if isinstance(value, tuple) else [value])
+            ]
+            shown = f"`{', '.join(listed)}`" if any(listed) else ""
+            rows.append(f"| `{field.name}` | {option} | {shown} | {about['text'].replace('|', chr(92) + '|')} |")
     head = "\n| key | option | default | meaning |\n|---|---|---|---|\n"
     return (head + "\n".join(rows) + "\n" if rows else "") + deeper
 
