@@ -90,7 +90,7 @@ OWN: Final = {
             "checked.", bool),
         Own("--config", CONFIG, "FILE.toml", "TOML file; see 'polish-sim config'.", Path),
         Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config; may be repeated.", list),
-        Own("--video", OUTPUT, "", "Write a video of the run (mp4, or GIF without ffmpeg).", bool),
+        Own("--video", OUTPUT, "", "Write a film of the run, cell, pad and force (video.mp4).", bool),
         Own("--export", OUTPUT, "NAME", "Also write the plan as apt, urscript, ros, ply, glb, html, or all of them; "
             "may be repeated.", list),
         Own("--out", OUTPUT, "DIR", "Output folder; default results/<command>[-<experiment>]/<date-time>.", Path),

@@ -1,11 +1,9 @@
-"""Frames of a run: the viewer, the video, the picture of the cell; all rendered without a display but the viewer."""
+"""Frames of a run: the viewer, and the picture of the cell, which is rendered without a display."""
 
 from __future__ import annotations
 
 import ctypes
 import os
-import shutil
-import subprocess
 import sys
 import time
 import warnings
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from polish_sim.analysis.run_record import StopMark
+    from polish_sim.analysis.run_record import RunRecord
 
     Image = NDArray[np.uint8]
 
@@ -45,67 +43,66 @@ class Quality(NamedTuple):
     shadow: int  #: Resolution of the shadows
 
 
-CAPTION: Final = 34  #: Height of a line below a picture [pixels]
+LIBRARIES: Final = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}  #: Of what MUJOCO_GL may name
 CROSS: Final = 11.0  #: Half the size of the cross at a protective stop [pixels]
 STOP_COLOR: Final = "#E00020"
-STILL: Final = Quality(960, 720, 4, 2048)
-FILM: Final = Quality(640, 480, 0, 1024)
+CELL: Final = Quality(720, 640, 4, 2048)
+PAD: Final = Quality(560, 640, 4, 2048)
 LOOK_AT: Final = (0.0, -0.32, 0.28)
-DISTANCE: Final = 1.65
+DISTANCE: Final = 1.5
 AZIMUTH, ELEVATION = 125.0, -22.0
 PAIR_DISTANCE: Final = 2.0
 PAIR_AZIMUTH, PAIR_ELEVATION = 70.0, -18.0  #: Of two robots, seen from the side
+NEAR: Final = 0.4  #: Distance from the pad in the picture of pad and part
 
 
 def prepare_headless() -> None:
-    """Ask MuJoCo for rendering without a window, where it can; has to happen before it is imported."""
-    chosen = "MUJOCO_GL" in os.environ or bool(os.environ.get("DISPLAY"))
-    if sys.platform == "linux" and not chosen and _egl_exists():
+    """Ask MuJoCo for rendering without a window, where it can; has to happen before it is imported.
+
+    MuJoCo cannot be imported at all when it is asked for a library that does not load: it is asked for none then.
+    """
+    if sys.platform != "linux":
+        return
+    asked = os.environ.get("MUJOCO_GL", "").lower()
+    if not asked and not os.environ.get("DISPLAY") and _loads("egl"):
         os.environ["MUJOCO_GL"] = "egl"
+    elif asked in LIBRARIES and not _loads(asked):
+        console.note(f"MUJOCO_GL={asked} is not installed ({LIBRARIES[asked]} does not load): nothing is rendered.")
+        os.environ["MUJOCO_GL"] = "disable"
 
 
-def _egl_exists() -> bool:
-    """Whether the library loads: MuJoCo cannot be imported at all when it is asked for one that does not."""
+def _loads(name: str) -> bool:
     try:
-        ctypes.CDLL("libEGL.so.1")
+        ctypes.CDLL(LIBRARIES[name])
     except OSError:
         return False
     return True
 
 
 class Picture:
-    """Renders a model's moments from one camera."""
+    """Renders a model's moments from one camera: the whole cell, or the pad on the part from near."""
 
-    def __init__(self, renderer: Any, camera: Any) -> None:
-        self._renderer = renderer
-        self._camera = camera
-
-    @classmethod
-    def opened(cls, model: Any, quality: Quality) -> Picture | None:
-        """Open a renderer, or say in one message why there is none and return None."""
+    def __init__(self, model: Any, quality: Quality, near: bool = False) -> None:
+        """Open a renderer; what a missing OpenGL raises depends on the platform."""
         import mujoco
 
-        try:
-            model.vis.global_.offwidth, model.vis.global_.offheight = quality.width, quality.height
-            model.vis.quality.offsamples, model.vis.quality.shadowsize = quality.samples, quality.shadow
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # a missing display is reported once, below
-                renderer = mujoco.Renderer(model, quality.height, quality.width)
-        except Exception as error:  # what a missing OpenGL raises depends on the platform
-            console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no rendered picture or video.")
-            return None
-        camera = mujoco.MjvCamera()
-        camera.lookat[:] = LOOK_AT
-        camera.distance, camera.azimuth, camera.elevation = DISTANCE, AZIMUTH, ELEVATION
-        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "master_base") >= 0:
-            camera.lookat[:] = model.stat.center
-            camera.distance, camera.azimuth, camera.elevation = PAIR_DISTANCE, PAIR_AZIMUTH, PAIR_ELEVATION
-        return cls(renderer, camera)
+        model.vis.global_.offwidth, model.vis.global_.offheight = quality.width, quality.height
+        model.vis.quality.offsamples, model.vis.quality.shadowsize = quality.samples, quality.shadow
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a missing display is reported by who catches the error
+            self._renderer = mujoco.Renderer(model, quality.height, quality.width)
+        pair = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "master_base") >= 0
+        self._camera, self._near = mujoco.MjvCamera(), near
+        self._camera.lookat[:] = model.stat.center if pair else LOOK_AT
+        self._camera.distance = NEAR if near else PAIR_DISTANCE if pair else DISTANCE
+        self._camera.azimuth, self._camera.elevation = (PAIR_AZIMUTH, PAIR_ELEVATION) if pair else (AZIMUTH, ELEVATION)
 
-    def render(self, data: Any) -> Image:
-        """Render one moment, shape (height, width, 3)."""
+    def render(self, data: Any, pad: NDArray[np.float64]) -> Image:
+        """Render one moment with the pad there (3,) [m], shape (height, width, 3)."""
         import numpy as np
 
+        if self._near:
+            self._camera.lookat[:] = pad
         self._renderer.update_scene(data, self._camera)
         return np.array(self._renderer.render(), dtype=np.uint8)
 
@@ -127,141 +124,71 @@ class Picture:
         self._renderer.close()
 
 
-def save_image(file: Path, image: Image) -> None:
-    """Write an image, shape (height, width, 3), as PNG."""
-    from PIL import Image as Pillow
-
-    Pillow.fromarray(image).save(file)
-
-
-def crossed_out(image: Image, place: tuple[float, float], text: str) -> Image:
-    """An image with a cross at a place, column and row, and a line of text below it."""
+def crossed_out(image: Image, place: tuple[float, float]) -> Image:
+    """An image with a cross at a place, column and row."""
     import numpy as np
     from PIL import Image as Pillow
     from PIL import ImageDraw
 
-    height, width, _ = image.shape
-    whole = Pillow.new("RGB", (width, height + CAPTION), "white")
-    whole.paste(Pillow.fromarray(image))
-    draw, (x, y) = ImageDraw.Draw(whole), place
+    whole, (x, y) = Pillow.fromarray(image), place
+    draw = ImageDraw.Draw(whole)
     for color, line in (("white", 9), (STOP_COLOR, 5)):
         for way in (-1.0, 1.0):
             draw.line((x - CROSS, y - way * CROSS, x + CROSS, y + way * CROSS), fill=color, width=line)
-    draw.text((10, height + 8), text, fill=STOP_COLOR, font_size=16)
     return np.array(whole, dtype=np.uint8)
 
 
-class Snapshot:
-    """Remembers the joint positions on the way; renders the middle one, or a protective stop's, when the run ends."""
+class Snapshot(FrameSink):
+    """Keeps the model of the cell; when the run is over, its picture is rendered from it and the log."""
 
     every_s = 0.5
 
-    def __init__(self, file: Path) -> None:
-        self._file = file
+    def __init__(self) -> None:
         self.model: Any = None  #: Of the cell, once it runs
-        self._positions: list[Any] = []
-        self._times: list[float] = []
-        self.stop: StopMark | None = None  #: Of the run, set before the picture is rendered
-
-    def __enter__(self) -> Snapshot:
-        return self
 
     def take(self, model: Any, data: Any) -> None:
-        """Remember one moment."""
+        """Remember the model."""
         self.model = model
-        self._positions.append(data.qpos.copy())
-        self._times.append(float(data.time))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        picture = Picture.opened(self.model, STILL) if self._positions and error is None else None
-        if picture is None:
-            return
-        import mujoco
-
-        data, stop = mujoco.MjData(self.model), self.stop
-        moment = len(self._positions) // 2
-        if stop:
-            moment = min(range(len(self._times)), key=lambda k: abs(self._times[k] - stop.time))
-        data.qpos[:] = self._positions[moment]
-        mujoco.mj_forward(self.model, data)
-        image = picture.render(data)
-        save_image(self._file, crossed_out(image, picture.pixel_of(stop.tool), stop.text) if stop else image)
-        picture.close()
+        """Nothing is left open."""
 
 
-FILM_FRAMES_PER_S: Final = 16
-SPEED_UP: Final = 4.0  #: Simulated seconds per second of film
-GIF_FRAMES: Final = 600  #: A GIF holds all its frames in memory; longer films are thinned to this many
-
-
-class Video:
-    """Renders a frame per interval and writes the film when the run ends."""
-
-    every_s = SPEED_UP / FILM_FRAMES_PER_S
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._picture: Picture | None = None
-        self._encoder: subprocess.Popen[bytes] | None = None
-        self._frames: list[Image] = []
-        self._next = 0.0
-        self._failed = False
-
-    def __enter__(self) -> Video:
-        return self
-
-    def take(self, model: Any, data: Any) -> None:
-        """Render one moment, when it is due."""
-        if self._failed or data.time < self._next - 1e-9:
-            return
-        self._next = data.time + self.every_s
-        if self._picture is None:
-            self._picture = Picture.opened(model, FILM)
-            self._failed = self._picture is None
-            if self._picture is None:
-                return
-        self._keep(self._picture.render(data))
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._picture is not None:
-            self._picture.close()
-        if self._encoder is not None and self._encoder.stdin is not None:
-            self._encoder.stdin.close()
-            self._encoder.wait()
-        elif self._frames:
-            write_gif(self._folder / "video.gif", self._frames)
-
-    def _keep(self, image: Image) -> None:
-        if self._encoder is None and shutil.which("ffmpeg"):
-            self._encoder = _start_ffmpeg(self._folder / "video.mp4", image.shape[1], image.shape[0])
-        if self._encoder is not None and self._encoder.stdin is not None:
-            self._encoder.stdin.write(image.tobytes())
-        else:
-            self._frames.append(image)
-
-
-def write_gif(file: Path, frames: list[Image]) -> None:
-    """Write a GIF that plays at ``SPEED_UP``; a long one loses frames, not speed."""
+def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
+    """Render the cell and the pad on the part, in the middle of a run or at its stop; whether there is an OpenGL to."""
+    import mujoco
+    import numpy as np
     from PIL import Image as Pillow
+    from PIL import ImageDraw
 
-    keep = -(-len(frames) // GIF_FRAMES)
-    images = [Pillow.fromarray(frame).quantize(256, Pillow.Quantize.FASTOCTREE) for frame in frames[::keep]]
-    duration = round(1000.0 * keep / FILM_FRAMES_PER_S)
-    images[0].save(file, save_all=True, append_images=images[1:], duration=duration, loop=0, optimize=True)
+    from polish_sim.analysis.metrics import numbers
+    from polish_sim.analysis.run_record import stop_mark
+    from polish_sim.experiments.run_page import clock, joint_columns
+
+    stop, data = stop_mark(record.metrics), mujoco.MjData(model)
+    row = min(int(np.searchsorted(clock(record.log), stop.time)) if stop else len(record.log) // 2, len(record.log) - 1)
+    data.qpos[:] = joint_columns(record, model)[row]
+    mujoco.mj_forward(model, data)
+    pad, images = numbers(record.log, "tcp_position_m")[row], []
+    for quality, near in ((CELL, False), (PAD, True)):
+        try:
+            picture = Picture(model, quality, near)
+        except Exception as error:
+            console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no rendered picture.")
+            return False
+        image = picture.render(data, pad)
+        images.append(crossed_out(image, picture.pixel_of(stop.tool)) if stop else image)
+        picture.close()
+    whole = Pillow.fromarray(np.hstack(images))
+    if stop:
+        ImageDraw.Draw(whole).text((10, 8), stop.text, fill=STOP_COLOR, font_size=18)
+    whole.save(file, optimize=True)
+    return True
 
 
-def _start_ffmpeg(file: Path, width: int, height: int) -> subprocess.Popen[bytes]:
-    console.note("video: mp4 with ffmpeg")
-    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(FILM_FRAMES_PER_S), "-i", "-"]
-    target = ["-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(file)]
-    return subprocess.Popen(["ffmpeg", "-loglevel", "error", "-y", *source, *target], stdin=subprocess.PIPE)
-
-
-class Viewer:
+class Viewer(FrameSink):
     """Opens the viewer at the first moment and keeps the run no faster than real time."""
 
     every_s = 1.0 / 50.0
@@ -317,11 +244,6 @@ def _has_display() -> bool:
         return bool(glfw.init())
 
 
-def open_sinks(draft: Path, view: bool, video: bool) -> list[FrameSink]:
-    """The sinks of one run; ``draft`` is where pictures and films go."""
-    sinks: list[FrameSink] = [Snapshot(draft / CELL_PICTURE)]
-    if view:
-        sinks.append(Viewer())
-    if video:
-        sinks.append(Video(draft))
-    return sinks
+def open_sinks(view: bool) -> list[FrameSink]:
+    """The sinks of one run."""
+    return [Snapshot(), *([Viewer()] if view else [])]

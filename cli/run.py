@@ -17,7 +17,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, Snapshot, open_sinks
+from polish_sim.cli.pictures import CELL_PICTURE, Snapshot, open_sinks, save_cell
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, place_in_mm
 from polish_sim.experiments.registry import (
@@ -109,6 +109,10 @@ def run(row: Experiment, given: Given) -> int:
     if seeds is not None and (view or video):
         raise InputError("--view and --video show one run: leave --seeds out.")
     refuse_taken(given["--out"], given["--overwrite"])
+    if video:
+        from polish_sim.cli.film import check_film
+
+        check_film()
     scenario = build_scenario(row.defaults, given)
     plan, scenario = checked(scenario, given)
     if given.get("--dry-run"):
@@ -116,7 +120,7 @@ def run(row: Experiment, given: Given) -> int:
         return DONE
     with claimed(given["--out"], f"run-{row.name}", given["--overwrite"]) as folder:
         if seeds is None:
-            outcome = run_once(scenario, plan, folder.draft, open_sinks(folder.draft, bool(view), bool(video)))
+            outcome = run_once(scenario, plan, folder.draft, open_sinks(bool(view)), bool(video))
         else:
             from polish_sim.cli.seeds import run_seeds
 
@@ -130,7 +134,7 @@ def demo(given: Given) -> int:
     scenario = merge(default_scenario("surface"), DEMO, "")
     console.note(f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N")
     with claimed(given["--out"], "demo", given["--overwrite"]) as folder:
-        outcome = run_once(scenario, None, folder.draft, open_sinks(folder.draft, view=False, video=False))
+        outcome = run_once(scenario, None, folder.draft, open_sinks(view=False))
     more = "pictures and figures are in the folder; for more: polish-sim run --help"
     return outcome.finish(folder.final, check=False, more=more)
 
@@ -159,12 +163,14 @@ def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario
     return path, scenario
 
 
-def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequence[FrameSink] = ()) -> Outcome:
+def run_once(
+    scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequence[FrameSink] = (), video: bool = False
+) -> Outcome:
     """Run a scenario, on a ``plan`` if one is given, and write its run folder into ``draft``; how it ended.
 
-    ``sinks`` get the frames: viewer, video, picture.
+    ``sinks`` get the frames; with ``video`` a film is made.
     """
-    from polish_sim.analysis.path_plot import plot_plan
+    from polish_sim.analysis.path_plot import plot_cell, plot_plan
     from polish_sim.analysis.run_record import METRICS, stop_mark, write_json
     from polish_sim.cli.outcome import Outcome, other_conditions
     from polish_sim.experiments.report import save_plots, write_page
@@ -180,23 +186,24 @@ def run_once(scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequ
             record = simulate(scenario, planned, draft, observer)
             observer.stage("draw")
             stop = stop_mark(record.metrics)
-            model = None
-            for sink in sinks:
-                if isinstance(sink, Snapshot):
-                    sink.stop, model = stop, sink.model
+            model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
             draw_run(record, draft)
             write_page(draft, record, model, planned.notes if planned else ())
             if stop and planned is not None:
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
-        if not (draft / CELL_PICTURE).exists() and len(record.log):
-            from polish_sim.analysis.path_plot import plot_cell
+            rendered = bool(len(record.log)) and model is not None and save_cell(draft / CELL_PICTURE, record, model)
+            if len(record.log) and not rendered:
+                save_plots(draft, {CELL_PICTURE: plot_cell(record)})
+            if video and rendered:
+                from polish_sim.cli.film import write_film
 
-            save_plots(draft, {CELL_PICTURE: plot_cell(record)})
+                observer.stage("film")
+                write_film(draft, record, model, observer)
     except KeyboardInterrupt:
         if record is None:
             raise
         # The run itself is on disk by now and stays; only pictures are missing.
-        undrawn = "'polish-sim report' with the folder of the run draws them."
+        undrawn = f"'polish-sim report' with the folder of the run draws them{', but no film' if video else ''}."
         write_json(draft / METRICS, {**record.metrics, PICTURES_MISSING: True})
     figures = record.metrics
     missed = [

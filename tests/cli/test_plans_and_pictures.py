@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
+import imageio_ffmpeg
+import numpy as np
 import pytest
-from PIL import Image
 
+from polish_sim.cli import film, run
+from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
+from polish_sim.log import read_log
 from polish_sim.models import workpiece_path
-from tests.cli.conftest import Tool
+from tests.cli.conftest import PROGRAM, Tool
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
 CONTROLLER = '''
@@ -88,9 +94,7 @@ def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_ch
 ) -> None:
     code, _, err = polish_sim("run", "surface", "--part", "sphere_50", *QUICK, "--check", "--out", "run")
     assert code == 1, err
-    assert {"path.csv", "path.json", "path.png", "force.png", "peaks.png"} <= {
-        f.name for f in (tmp_path / "run").iterdir()
-    }
+    assert {"path.csv", "path.json", "path.png", "force.png"} <= {f.name for f in (tmp_path / "run").iterdir()}
     figures = json.loads((tmp_path / "run/metrics.json").read_text())
     assert 0.0 < figures["coverage"] <= 1.0
     assert figures["path_done"] < 1.0
@@ -114,15 +118,62 @@ def test_a_user_s_controller_that_does_not_work_is_told_what_is_wrong(
     assert "Traceback" not in err
 
 
-def test_a_video_moves_or_its_absence_is_told(polish_sim: Tool, tmp_path: Path) -> None:
-    code, _, err = polish_sim("run", "arc", "--set", "process.max_feed_s=2", "--video", "--out", "run")
-    assert code == 0, err
-    films = list((tmp_path / "run").glob("video.*"))
-    assert films or "no OpenGL" in err
-    for film in films:
-        assert film.stat().st_size > 5_000
-        if film.suffix == ".gif":
-            assert Image.open(film).n_frames >= 5  # type: ignore[attr-defined]
+def frames_of(film: Path) -> np.ndarray:
+    """Every fourth frame of a film, shape (n, height, width, 3)."""
+    reader = imageio_ffmpeg.read_frames(str(film))
+    width, height = next(reader)["size"]
+    frames = [np.frombuffer(frame, np.uint8).reshape(height, width, 3) for frame in reader]
+    return np.stack(frames[::4]).astype(float)
+
+
+def test_the_film_of_a_stopped_run_goes_on_to_its_end_beside_a_curve_that_grows(tmp_path: Path) -> None:
+    # In a process of its own, because MuJoCo takes its OpenGL when it is imported.
+    words = ["run", "arc", "--fault", "controller-nan@1.5", "--video", "--out", "run"]
+    call = subprocess.run([*PROGRAM, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+    if "--video needs OpenGL" in call.stderr:
+        pytest.skip(call.stderr.splitlines()[-1])
+    assert call.returncode == 3, call.stderr
+    frames = frames_of(tmp_path / "run/video.mp4")
+    time = read_log(tmp_path / "run/log.npz")["time_s"]
+    assert 4 * len(frames) == pytest.approx(FRAMES_PER_S * (time[-1] - time[0]), abs=8)
+    height, width = CELL.height, CELL.width
+    cell, curve = frames[:, :, :width], frames[:, height // 2 :, width:]
+    assert np.abs(cell[-1] - cell[0]).max() > 50.0
+    blue = (curve[..., 2] - curve[..., 0] > 60.0).sum(axis=(1, 2))
+    assert blue[0] < blue[len(blue) // 2] < blue[-1]
+    assert not [file.name for file in (tmp_path / "run").iterdir() if file.name.startswith(".")]
+
+
+def test_an_interrupt_while_the_film_is_made_leaves_no_half_of_one(
+    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> Iterator[tuple[int, int, np.ndarray]]:
+        yield 1, 9, np.zeros((CELL.height, CELL.width + PAD.width, 3), np.uint8)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(film, "check_film", lambda: None)
+    monkeypatch.setattr(run, "save_cell", lambda *_: True)
+    monkeypatch.setattr(film, "_frames", interrupted)
+    code, _, err = polish_sim("run", "arc", *QUICK, "--video", "--out", "run")
+    assert code == 130
+    assert "but no film" in err
+    assert {"log.npz", "arc.png"} <= {file.name for file in (tmp_path / "run").iterdir()}
+    assert not list((tmp_path / "run").glob("*video*"))
+
+
+@pytest.mark.parametrize(("missing", "said"), [("ffmpeg", "polish-sim[video]"), ("OpenGL", "MUJOCO_GL")])
+def test_a_film_that_cannot_be_made_is_refused_before_the_run(
+    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: str, said: str
+) -> None:
+    def no_renderer(*_: object) -> None:
+        raise RuntimeError("no display")
+
+    monkeypatch.setattr(film, "find_spec", lambda _: None if missing == "ffmpeg" else True)
+    monkeypatch.setattr("mujoco.Renderer", no_renderer)
+    code, _, err = polish_sim("run", "arc", "--video", "--out", "run")
+    assert (code, err.count("\n")) == (2, 1)
+    assert said in err
+    assert not (tmp_path / "run").exists()
 
 
 def test_without_a_display_view_is_told_so_and_the_run_goes_on(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 FLAT_1_M = 1.0 / 0.300  #: Below this normal curvature the path counts as gentle [1/m]
 SHARP_1_M = 1.0 / 0.120  #: A peak of the normal curvature rises above this [1/m]
+FORCE_BANDS_N: Final = {"force": 3.0, "surface": 4.0, "dual": 1.5}  #: Band about the set force, by experiment
 WINDOW_M = 0.015  #: Half-width of a peak's window along the path [m]: the curvature rises within 15 mm
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import Claim, bound_text, value_text
 from polish_sim.analysis.metrics import (
+    FORCE_BANDS_N,
     PAPER_ARC,
     Circle,
     before_retract,
@@ -153,7 +154,7 @@ def _exaggeration(largest: float, radius: float) -> float:
     return 10.0 ** math.floor(math.log10(SHOWN_SHARE * radius / largest)) if largest > 0.0 else 1.0
 
 
-BAND_N = 3.0
+BAND_N = FORCE_BANDS_N["force"]
 _BEFORE_S, _LONGEST_S = 0.5, 6.0
 
 

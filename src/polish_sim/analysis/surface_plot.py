@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import FLAT_1_M, SHARP_1_M, WINDOW_M, curvature_peaks, fed, numbers
+from polish_sim.analysis.metrics import FLAT_1_M, FORCE_BANDS_N, SHARP_1_M, WINDOW_M, curvature_peaks, fed, numbers
 from polish_sim.analysis.run_plots import plot_force
 from polish_sim.analysis.run_record import WHOLE, RunRecord, ending, stop_mark
 from polish_sim.analysis.style import (
@@ -31,7 +31,7 @@ from polish_sim.arrays import Array
 from polish_sim.errors import count_text
 from polish_sim.planning.toolpath import ToolPath
 
-BAND_N = 4.0
+BAND_N = FORCE_BANDS_N["surface"]
 NUMBERED_PEAKS = 24  #: More curvature peaks than this are marked without their number
 
 

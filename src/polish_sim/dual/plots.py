@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import fed, numbers
+from polish_sim.analysis.metrics import FORCE_BANDS_N, fed, numbers
 from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import (
     AXIS_COLORS,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from polish_sim.dual.calibrate_tcp import TcpCalibration
 
 BAND_MM = 0.1
-BAND_N = 1.5
+BAND_N = FORCE_BANDS_N["dual"]
 DARK = "#222222"
 _MANY, _BINS = 100, 50
 CURVE = 300  #: Steps of a predicted density

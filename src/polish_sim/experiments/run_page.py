@@ -160,7 +160,7 @@ def run_motion(record: RunRecord, model: Any, kept: Indices) -> Motion:
     axes, none = _tool_axis(record, "tcp_quaternion_wxyz"), np.full(len(kept), np.nan)
     return Motion(
         time=clock(log)[kept],
-        joints=_joint_columns(record, model)[kept],
+        joints=joint_columns(record, model)[kept],
         pad=(numbers(log, "tcp_position_m") - sunk[:, None] * axes)[kept],
         force=numbers(log, "normal_force_n")[kept],
         asked=_asked_force(record)[kept],
@@ -170,7 +170,7 @@ def run_motion(record: RunRecord, model: Any, kept: Indices) -> Motion:
     )
 
 
-def _joint_columns(record: RunRecord, model: Any) -> Array:
+def joint_columns(record: RunRecord, model: Any) -> Array:
     """The columns of the log that move a model, in the order of ``qpos``; what is not in the log stays at zero."""
     log, columns = record.log, np.zeros((len(record.log), model.nq))
     for number in range(model.njnt):
