@@ -110,8 +110,8 @@ def plot_curve(record: RunRecord, model: Any) -> Figure:
 
 def _pixels(figure: Figure) -> Image:
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    canvas.draw()  # type: ignore[no-untyped-call]
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
 
 
 def write_film(folder: Path, record: RunRecord, model: Any, observer: Observer) -> None:
