@@ -64,6 +64,17 @@ class PayloadErrors(NamedTuple):
     payload_center_error_m: float  #: Distance of the believed from the true centre of mass
 
 
+class _Start(NamedTuple):
+    """A cell before its run."""
+
+    q: Array  #: Joints as the encoders read them [rad], shape (6,)
+    force: float  #: The largest it is to hold [N]
+    mass: float  #: See ``Cell._tangential_mass`` [kg]
+    qpos: Array  #: Of the engine
+    arm: RealArm | None
+    damping: Array  #: Of the engine's joints
+
+
 class Cell:
     """A scenario's cell, ready to run: ``strokes`` in order on ``part`` (`no_part` for motion in free space).
 
@@ -100,23 +111,47 @@ class Cell:
                 f"the robot cannot start here: {pair} touch. Move the part with --part-pose X,Y,Z,RX,RY,RZ."
             )
         forces = [float(stroke.force.max()) for stroke in strokes if stroke.contact]
-        force = max(forces, default=scenario.process.contact_force_n)
-        mass = self._tangential_mass()
-        if self.real_arm is not None:
-            self.scenario = scenario = with_implicit_friction(scenario, force, mass)
-        check_step_limits(scenario, force, mass, part.field.band)
-        check_rates(scenario)
         self.carried: Payload = carried_payload(model, self.data, self.arm)
-        events = parse_events(scenario.faults.events)
-        check_events(events, on_part=any(stroke.contact for stroke in strokes), two_robots=bool(self.arm))
-        self.faults = FaultClock(events)
-        self._touched: str | None = None
-        self.strokes = tuple(strokes)
-        self.kernel = self._build_kernel(part, fixture or no_part(), self.strokes[0], q_start)
+        self.strokes, self._fixture = tuple(strokes), fixture or no_part()
+        self._crash_points = crash_points(model, self.arm)
+        self._start = _Start(
+            q_start, max(forces, default=scenario.process.contact_force_n), self._tangential_mass(),
+            self.data.qpos.copy(), None if self.real_arm is None else self.real_arm.copy(), model.dof_damping.copy(),
+        )  # fmt: skip
+        self._prepare(scenario, part)
         self.compensate(self.carried.mass, self.carried.center)
         self.use_controller(controller)
         rate = scenario.simulation.log_rate_hz
         self._every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+
+    def begin_again(self, scenario: Scenario, part: RealPart, rng: np.random.Generator) -> None:
+        """Go back to the start, for a run of another ``scenario``, part and sensor.
+
+        The scenario may differ in what neither scene, arm, strokes nor controller depend on. The host goes on believing
+        the payload it believes.
+        """
+        start, self.rng = self._start, rng
+        mujoco.mj_resetData(self.model, self.data)
+        self._set_joints(start.q)
+        self.data.qpos[:], self.model.dof_damping[:] = start.qpos, start.damping
+        if self.real_arm is not None:
+            memory_of(self.real_arm)[:] = memory_of(start.arm)
+        mujoco.mj_forward(self.model, self.data)
+        self._prepare(scenario, part)
+        self.compensate(*self._believed)
+        self.use_controller(self.controller)
+
+    def _prepare(self, scenario: Scenario, part: RealPart) -> None:
+        """Check a scenario against the cell, and build what changes in its run."""
+        force, mass = self._start.force, self._start.mass
+        if self.real_arm is not None:
+            scenario = with_implicit_friction(scenario, force, mass)
+        check_step_limits(scenario, force, mass, part.field.band)
+        check_rates(scenario)
+        events = parse_events(scenario.faults.events)
+        check_events(events, on_part=any(stroke.contact for stroke in self.strokes), two_robots=bool(self.arm))
+        self.scenario, self.faults, self._touched = scenario, FaultClock(events), None
+        self.kernel = self._build_kernel(part)
 
     def use_controller(self, controller: Controller) -> None:
         """Reset a controller and let it drive the cell from now on."""
@@ -158,7 +193,7 @@ class Cell:
 
         The scenario's ``sensor.payload_mass_error`` comes on top of ``mass`` [kg].
         """
-        payload = self.state.payload
+        payload, self._believed = self.state.payload, (mass, center)
         payload.mass, payload.center = mass * (1.0 + self.scenario.sensor.payload_mass_error), center
 
     @property
@@ -270,12 +305,12 @@ class Cell:
         mobility = across @ np.linalg.solve(inertia, across.T)
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
-    def _build_kernel(self, part: RealPart, fixture: RealPart, stroke: Stroke, q_start: Array) -> CellKernel:
-        scenario = self.scenario
+    def _build_kernel(self, part: RealPart) -> CellKernel:
+        scenario, stroke = self.scenario, self.strokes[0]
         state = CellState(
             motion=build_part_motion(scenario.part, part), spindle=build_spindle(scenario.spindle),
             sensor=build_sensor(scenario.sensor, self.rng), payload=self.carried,
-            speedl=build_speedl(scenario, q_start), sequence=build_sequence(), guards=build_guards(scenario),
+            speedl=build_speedl(scenario, self._start.q), sequence=build_sequence(), guards=build_guards(scenario),
             stop=build_stop_motion(scenario, scenario.plan.clearance_m if stroke.contact else 0.0),
             answer=Answer(feed=1.0),
         )  # fmt: skip
@@ -285,9 +320,9 @@ class Cell:
             build_pad(scenario.pad, scenario.head.spring_scale),
             # It may move; the caller's part must not.
             part._replace(position=part.position.copy(), rotation=part.rotation.copy()),
-            fixture,
+            self._fixture,
             stroke,
-            crash_points(self.model, self.arm),
+            self._crash_points,
             build_sample_line(state.sensor),
             build_request_line(state.speedl),
             LawMemory(nothing, nothing, *map(memory_of, (state.measurement, state.target, state.answer))),

@@ -32,6 +32,8 @@ class Status(Record):
     arrived: bool  #: The stroke is done
     ended: bool  #: The run is over
     pause_at_contact: bool  #: Return at the run's first contact
+    wait_from: int  #: Return before the first call of the law after so many steps; 0: never
+    waiting: bool  #: Returned so: the next step begins with the law
     python_error: bool  #: A controller in Python raised an error
     mute: bool  #: A fault: the host no longer sends
     poisoned: bool  #: A fault: the controller's answer is not a number

@@ -53,28 +53,36 @@ def advance(  # type: ignore[no-untyped-def]
 ) -> None:
     """Run the cell for at most ``steps`` physics steps, or until the caller is needed.
 
-    That is when the stroke is done, a guard has tripped, the robot stands after a stop, or at first contact if it is
-    waited for. ``arm``: its joints if they are elastic; None compiles nothing of that. The recorder holds at least
-    ``steps`` steps; ``law`` is a compiled law, see ``LAW_SIGNATURE``; ``draws`` are standard normal numbers, shape
-    (steps, 12).
+    That is when the stroke is done, a guard has tripped, the robot stands after a stop, at first contact if it is
+    waited for, or, between measurement and law, from ``status.wait_from`` steps on. ``arm``: its joints if they are
+    elastic; None compiles nothing of that. The recorder holds at least ``steps`` steps; ``law`` is a compiled law, see
+    ``LAW_SIGNATURE``; ``draws`` are standard normal numbers, shape (steps, 12).
     """
     e, state = cell.engine, cell.state
+    status = state.status
     recorder.filled.rows = recorder.filled.steps = 0
     for k in range(steps):
-        t = state.status.steps * e.dt
-        mj_step1(e.model, e.data)
-        if cell.stroke.contact:
-            move_part(state.motion, t, e.dt, cell.part.position)
-            press_on_part(e, state, cell.pad, cell.part)
-        see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
-        if arm is not None:
-            see_as_host(arm, state, e)
-        read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
-        due, cycle = host_is_due(state.status, cell.control_every), e.dt * cell.control_every
-        if arm is not None:
-            due, cycle = host_hears(arm, due, state.status.steps), e.dt * arm.waited
+        t = status.steps * e.dt
+        due = status.waiting
+        if not status.waiting:
+            mj_step1(e.model, e.data)
+            if cell.stroke.contact:
+                move_part(state.motion, t, e.dt, cell.part.position)
+                press_on_part(e, state, cell.pad, cell.part)
+            see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
+            if arm is not None:
+                see_as_host(arm, state, e)
+            read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
+            due, cycle = host_is_due(status, cell.control_every), e.dt * cell.control_every
+            if arm is not None:
+                due, cycle = host_hears(arm, due, status.steps), e.dt * arm.waited
+            if due:
+                move_target(state, cell.stroke, cycle, t)
+                status.waiting = 0 < status.wait_from <= status.steps
+                if status.waiting:
+                    return
+        status.waiting = False
         if due:
-            move_target(state, cell.stroke, cycle, t)
             ask_law(state, cell.law, law, t)
         command(state, cell.requests, e.ctrl, e.dt, t)
         finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)

@@ -115,13 +115,16 @@ def build_real_part(
     normal = (region.facet_areas[:, None] * region.closest(points).normals).sum(axis=0)
     size = float(np.linalg.norm(normal)) / float(region.facet_areas.sum())
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
-    bend = bend_of(config, points, rng)
-    T_work_real = displacement_of(config, normal, points.mean(axis=0), rng)
+    bent = fields._replace(near=bend_field(fields.near, bend_of(config, points, rng)))
+    return place_part(bent, displacement_of(config, normal, points.mean(axis=0), rng), T_base_work, normal)
+
+
+def place_part(fields: PartFields, T_work_real: Array, T_base_work: Array, normal: Array) -> RealPart:
+    """A part displaced by ``T_work_real``, both (4, 4); its mean outward ``normal`` (3,) in its work frame."""
     T_base_real = T_base_work @ T_work_real
     rotation, position = np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3])
     x, y, z = rotation @ normal
-    field = bend_field(fields.near, bend)
-    return RealPart(field, fields.coarse, rotation, position, (float(x), float(y), float(z)))
+    return RealPart(fields.near, fields.coarse, rotation, position, (float(x), float(y), float(z)))
 
 
 def pressed_side(surface: Surface, touch: Touch) -> Surface:

@@ -142,8 +142,17 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
 
     The tool stays ``hold`` [s] at the end of a stroke and is lifted by ``lift`` [m]; 0 for no retract.
     """
+    return cell_for(scenario, place, part, strokes_for(scenario, place, hold, lift))
+
+
+def strokes_for(scenario: Scenario, place: Workplace, hold: float, lift: float) -> list[Stroke]:
+    """The strokes of a cell on the nominal part; arguments as of `build_cell`."""
+    return polishing_strokes(within_noise(scenario, place.mesh.noise), place.path, place.reach, hold, lift)
+
+
+def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequence[Stroke]) -> Cell:
+    """`build_cell` with strokes made before."""
     streams = random_streams(scenario.seed)
-    strokes = polishing_strokes(within_noise(scenario, place.mesh.noise), place.path, place.reach, hold, lift)
     controller = build_controller(scenario.controller)
     held_behind, fixture = works_below(place.reach.T_base_work, place.path.axes_work), standing_fixture(scenario, place)
     cell = Cell(
