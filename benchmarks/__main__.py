@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks import control_loop, identification, planning, smoothing_peers, start_up
+from benchmarks import control_loop, environments, identification, planning, smoothing_peers, start_up
 from benchmarks.table import print_rows
 
 
@@ -12,6 +12,7 @@ def main() -> None:
     print_rows("From a large STL to the path on disk", planning.measure())
     print_rows("Smooth motion beside ruckig and toppra", smoothing_peers.measure())
     print_rows("Identification, pinocchio beside it", identification.speed_rows())
+    print_rows("Environments of Gymnasium", environments.measure())
     print_rows("Starting", start_up.measure())
 
 

@@ -73,7 +73,11 @@ def _known() -> Mapping[str, Mapping[str, str]]:
 
     return {
         "parts": WORKPIECES,
-        "controllers": {**_first_lines(CONTROLLERS), "FILE.py:CLASS": "your own, see docs/controllers.md"},
+        "controllers": {
+            **_first_lines(CONTROLLERS),
+            "FILE.py:CLASS": "your own, see docs/controllers.md",
+            "FILE.npz:linear": "a policy, see docs/learning.md",
+        },
         "experiments": {name: row.text for name, row in experiments().items()},
         "patterns": _first_lines({name: pattern.plan for name, pattern in PATTERNS.items()}),
         "faults": {name: fault.text for name, fault in FAULTS.items()},

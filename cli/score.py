@@ -26,11 +26,15 @@ if TYPE_CHECKING:
 
 SEEDS: Final = 5
 SEEDS_OF_REACH: Final = 20
+CONTROLLER_TEXT: Final = (
+    "A shipped controller (see 'list'; default hybrid-pi), FILE.py:CLASS, or a policy: FILE.npz:linear, FILE.zip:sb3. "
+    "A .py or .zip file runs code."
+)
 ASKED: Final = "asked.json"  #: What the score in the folder is of
 
 
 @takes(
-    Own("--controller", RUN, "NAME", "A shipped controller (see 'list') or FILE.py:CLASS; default hybrid-pi."),
+    Own("--controller", RUN, "NAME", CONTROLLER_TEXT),
     Own("--against", RUN, "NAME", "A second controller, to put beside it."),
     Own("--seeds", RUN, "N", "Seeds per case, counting up from 0; default 5, with --reach 20.", int, 1, 1e6),
     Own("--case", RUN, "NAME", "Only this case, or pattern such as 'latency-*'; may be repeated.", list),

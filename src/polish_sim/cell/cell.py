@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import NamedTuple
 
 import mujoco
@@ -112,11 +113,12 @@ class Cell:
             )
         forces = [float(stroke.force.max()) for stroke in strokes if stroke.contact]
         self.carried: Payload = carried_payload(model, self.data, self.arm)
+        self._touched: str | None = None
         self.strokes, self._fixture = tuple(strokes), fixture or no_part()
         self._crash_points = crash_points(model, self.arm)
         self._start = _Start(
             q_start, max(forces, default=scenario.process.contact_force_n), self._tangential_mass(),
-            self.data.qpos.copy(), None if self.real_arm is None else self.real_arm.copy(), model.dof_damping.copy(),
+            self.data.qpos.copy(), copy(self.real_arm), model.dof_damping.copy(),
         )  # fmt: skip
         self._prepare(scenario, part)
         self.compensate(self.carried.mass, self.carried.center)

@@ -75,8 +75,8 @@ class ControllerConfig:
 
     name: str = key(
         "hybrid-pi",
-        "hybrid-pi, hybrid-adaptive, hybrid-pi-position, position, admittance, impedance-position, force-mode or "
-        "FILE.py:CLASS",
+        "hybrid-pi, hybrid-adaptive, hybrid-pi-position, position, admittance, impedance-position, force-mode, "
+        "FILE.py:CLASS, or a policy: FILE.npz:linear or FILE.zip:sb3, which runs code it contains",
         option=Option("--controller", RUN, "NAME"),
     )
     look_ahead_s: float = key(0.1, "T_a: time in which a position or angle error is taken back [s]", 0.01, 10.0)

@@ -32,6 +32,10 @@ CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = Ma
     }
 )
 
+POLICIES: Mapping[str, str] = MappingProxyType({"linear": ".npz", "sb3": ".zip"})
+"""Kinds of policy files, ``FILE:KIND``, with their suffix."""
+_load_policy: Callable[[ControllerConfig], Controller] = FunctionOnUse("polish_sim.envs.policy", "load_policy")
+
 # What went wrong in a user's own code, with the line of it.
 
 
@@ -54,7 +58,7 @@ def file_of(thing: object) -> str | None:
 
 
 def build_controller(config: ControllerConfig) -> Controller:
-    """Make the controller a scenario names, a shipped one or ``FILE.py:CLASS``; it is not yet reset.
+    """Make the controller a scenario names, a shipped one, ``FILE.py:CLASS`` or a policy; it is not yet reset.
 
     Raises:
         InputError: If the name is unknown, or the file has no such class, or the class lacks a method or parameter.
@@ -69,8 +73,11 @@ def build_controller(config: ControllerConfig) -> Controller:
                 "has its gains under controller."
             )
         return CONTROLLERS[config.name](config)
+    given, _, kind = config.name.rpartition(":")
+    file = local_copy(given)
+    if kind in POLICIES and file.endswith(POLICIES[kind]):
+        return _load_policy(config)
     made_by = _load_class(config.name)
-    file = local_copy(config.name.rpartition(":")[0])
     _check_own(config, _parameters_of(made_by, config.name))
     try:
         made = made_by(**config.own)

@@ -137,7 +137,7 @@ def row_key(task: Task) -> str:
     digest = hashlib.sha256(package_hash().encode())
     name = scenario.controller.name
     file = Path(name.rpartition(":")[0])
-    if file.suffix == ".py" and file.is_file():
+    if file.is_file():
         # A file moved elsewhere is still the same controller.
         digest.update(file.read_bytes())
         name = f"{file.name}:{name.rpartition(':')[2]}"

@@ -1,0 +1,453 @@
+"""The environments: episodes drawn from ranges, one step of Gymnasium, and many at once on threads."""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from polish_sim.arrays import Array
+from polish_sim.cell.cell import DRAWS, Cell
+from polish_sim.cell.contact import RealPart
+from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.real_part import PartFields, displacement_of, place_part
+from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
+from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, Stroke, begin_next_stroke, cycle_time
+from polish_sim.config import Scenario
+from polish_sim.control.signals import Course, Measurement, Target, measurement_of, target_of
+from polish_sim.envs.stepping import ACTIONS, LARGEST, SEEN, SPARE, Bench, Turn
+from polish_sim.errors import ConfigError, InputError, unknown_name
+from polish_sim.experiments.assembly import Workplace, build_part, cell_for, course_for, strokes_for
+from polish_sim.experiments.force import place_force
+from polish_sim.experiments.registry import default_scenario
+from polish_sim.experiments.surface import prepare_surface
+from polish_sim.scenario_file import load_scenario, override
+from polish_sim.scoring.figures import measure_score
+from polish_sim.scoring.reach import REACH, Asked
+
+USUAL: Final = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safety.contact_lost_s=0.5")
+"""What an environment sets of the experiment's default scenario: a host at 500 Hz that waits less for lost contact."""
+REWARDS: Final = ("dense", "sparse")
+ASKED: Final = {
+    "force": tuple(row for row in REACH if row.cases == "reach-springs-*"),
+    "surface": (Asked("stable", "*", "stable", 1.0, ""), *(row for row in REACH if row.cases == "reach-freeform-30")),
+}
+"""Bands of the scorecard that are success: stable; ``force`` settled to ±1 N within 0.6 s, ``surface`` within 3 N."""
+TRUTH: Final = TraceStep.dtype.names
+Numbers = NDArray[np.float32]
+_LIVE: Final = (
+    *("sensor.", "spindle.", "safety.", "robot.command", "robot.linear", "robot.angular", "pad.stiffness_n_m"),
+    *("pad.damping_s_m", "pad.friction", "part.displacement_m", "part.rotation_rad", "part.motion"),
+)
+_LATER: Final = ("robot.", "head.", "process.", "payload.", "part.form_error_m")  # a new cell for every episode
+_BLOCK: Final = 1024  # steps whose noise is drawn at once
+
+Ranges = Mapping[str, tuple[float, float]]
+Info = dict[str, Any]
+
+
+class Episode(NamedTuple):
+    """What was drawn for an episode; ``cell.begin_again`` with the last three, the noise as seed, repeats it."""
+
+    drawn: dict[str, float]  #: Values of the ranges
+    scenario: Scenario
+    part: RealPart
+    noise: int
+
+
+class Stage:
+    """A part with its path, planned once, and the arms and bent parts episodes choose from; nothing of an episode."""
+
+    def __init__(self, scenario: Scenario, ranges: Ranges, bodies: int) -> None:
+        self.scenario, self.ranges = scenario, ranges
+        self._forms: dict[int, RealPart] = {}
+        self.bodies = bodies
+        for key, (low, high) in ranges.items():
+            if not key.startswith((*_LIVE, *_LATER)):
+                raise ConfigError(f"'{key}' cannot change from episode to episode: make an environment for each value.")
+            for value in (low, high):
+                override(scenario, [f"{key}={value!r}"])
+        self.rebuilds = any(not key.startswith(_LIVE) for key in ranges)
+        self.moving = scenario.experiment == "surface"
+        self.place: Workplace = prepare_surface(scenario).place if self.moving else place_force(scenario)
+        self.strokes = self.strokes_for(scenario)
+        surface = self.place.region.surface
+        self.middle: Array = surface.vertices[surface.faces].mean(axis=(0, 1))
+
+    def strokes_for(self, scenario: Scenario) -> list[Stroke]:
+        """The strokes on the nominal part."""
+        hold, lift = (0.0, scenario.plan.clearance_m) if self.moving else (scenario.process.hold_s, 0.0)
+        return strokes_for(scenario, self.place, hold, lift)
+
+    def form(self, scenario: Scenario) -> RealPart:
+        """The part as bent by a scenario's seed, where it should be."""
+        if scenario.seed not in self._forms or "part.form_error_m" in self.ranges:
+            straight = replace(scenario.part, displacement_m=0.0, rotation_rad=0.0)
+            self._forms[scenario.seed] = build_part(replace(scenario, part=straight), self.place)
+        return self._forms[scenario.seed]
+
+    def build(self, scenario: Scenario, part: RealPart) -> Cell:
+        """A cell with strokes of its own, whose forces may be changed."""
+        strokes = self.strokes_for(scenario) if self.rebuilds else self.strokes
+        own = [stroke._replace(force=stroke.force.copy()) for stroke in strokes]
+        return cell_for(scenario, self.place, part, own)
+
+    def displaced(self, form: RealPart, config: Any, rng: np.random.Generator) -> RealPart:
+        """A bent part where an episode finds it."""
+        normal = form.rotation.T @ np.array(form.normal)
+        shift = displacement_of(config, normal, self.middle, rng)
+        return place_part(PartFields(form.field, form.coarse), shift, self.place.reach.T_base_work, normal)
+
+
+def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Sequence[str]) -> Scenario:
+    """The scenario of an environment: the experiment's default with `USUAL`, a file or a scenario; and settings."""
+    usual = override(default_scenario(task), USUAL)
+    if scenario is not None and not isinstance(scenario, Scenario):
+        scenario = load_scenario(Path(scenario), usual)
+    chosen = override(scenario or usual, list(settings))
+    if chosen.experiment != task:
+        raise ConfigError(f"the scenario is one of '{chosen.experiment}', the environment of '{task}'.")
+    return chosen
+
+
+def ranges_of(ranges: Ranges | str | Path | None) -> Ranges:
+    """Ranges as given, or read from a TOML file of ``"key" = [low, high]``."""
+    if isinstance(ranges, (str, Path)):
+        try:
+            ranges = tomllib.loads(Path(ranges).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"cannot read the ranges in '{ranges}': {error}.") from error
+    known = dict(ranges or {})
+    for key, bounds in known.items():
+        if np.shape(bounds) != (2,) or not bounds[0] <= bounds[1]:
+            raise ConfigError(f"the range of '{key}' is {bounds!r}: write (least, most).")
+    return {key: (float(low), float(high)) for key, (low, high) in known.items()}
+
+
+class PolishEnv(gym.Env[Numbers, Numbers]):
+    """Land the tool and hold or follow; what is seen and done is in docs/learning.md.
+
+    Args:
+        task: ``force`` or ``surface``.
+        scenario: Scenario or its TOML file; by default the experiment's own with `USUAL`.
+        settings: ``KEY=VALUE`` on top of it.
+        ranges: Settings drawn evenly for every episode, ``{key: (low, high)}`` or a TOML file of them.
+        action: A name of `ACTIONS`.
+        rate_hz: Of the actions; a whole number of the host's cycles.
+        reward: ``dense`` or ``sparse``.
+        force_steps: ``force`` only: so often the set force changes during the hold, drawn from ``force_range_n`` [N].
+        bodies: So many arms and bent parts episodes choose from, by the seeds from the scenario's on.
+        time_limit_s: Longest episode [s]; by default half as long again as the strokes take.
+        render_mode: ``rgb_array`` or None.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
+
+    def __init__(
+        self,
+        task: str = "force",
+        scenario: Scenario | str | Path | None = None,
+        settings: Sequence[str] = (),
+        ranges: Ranges | str | Path | None = None,
+        action: str = "twist",
+        rate_hz: int = 125,
+        reward: str = "dense",
+        force_steps: int = 0,
+        force_range_n: tuple[float, float] = (15.0, 25.0),
+        bodies: int = 1,
+        time_limit_s: float | None = None,
+        render_mode: str | None = None,
+        shared: tuple[Stage, Bench, int] | None = None,
+    ) -> None:
+        for kind, name, known in (("action", action, ACTIONS), ("reward", reward, REWARDS)):
+            if name not in known:
+                raise unknown_name(kind, name, known)
+        if task not in ASKED:
+            raise unknown_name("task", task, ASKED)
+        if force_steps and task == "surface":
+            raise InputError("force_steps is for PolishForce-v1: the path of PolishSurface-v1 names its forces.")
+        chosen = scenario_of(task, scenario, settings) if shared is None else shared[0].scenario
+        self._every = steps_per_action(chosen, rate_hz)
+        self.task, self.action, self.rate_hz, self.sparse = task, action, rate_hz, reward == "sparse"
+        self._force_steps, self._force_range = force_steps, force_range_n
+        if shared is None:
+            stage = Stage(chosen, ranges_of(ranges), bodies)
+            shared = stage, Bench(1, ACTIONS[action], stage.moving), 0
+        self._stage, self._bench, self._number = shared
+        self.moving = self._stage.moving
+        dt, limit = chosen.simulation.timestep_s, time_limit_s or 1.5 * cycle_time(self._stage.strokes) + 1.0
+        self._dt, self._longest = dt, round(limit / dt)
+        self._recorder = build_recorder(self._longest + self._every + _BLOCK, 1 << 40)
+        self._draws = np.zeros((_BLOCK, DRAWS))
+        self._cells: dict[int, Cell] = {}
+        bench, rows = self._bench, slice(self._number, self._number + 1)
+        self._turns, self._truth = bench.turns[rows], bench.truth[rows]
+        self._rewards, self._asks, self._needs = (self._turns[name] for name in ("reward", "asks", "needs"))
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (bench.sizes,), np.float32)
+        self.observation_space = gym.spaces.Box(-LARGEST, LARGEST, (SEEN + bench.sizes,), np.float32)
+        self.render_mode = render_mode
+        self._renderer: Any = None
+
+    def share(self, count: int) -> tuple[Stage, Bench]:
+        """Part and path of this environment, and room for so many like it."""
+        return self._stage, Bench(count, ACTIONS[self.action], self.moving)
+
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Numbers, Info]:
+        """Draw an episode and zero the sensor; the first action is asked for when the tool starts to come down.
+
+        ``options={"start": "tare"}``: it is asked for before the sensor is zeroed.
+        """
+        super().reset(seed=seed)
+        self._draw(np.random.default_rng(self.np_random.integers(2**63)))
+        cell = self.cell
+        cell.rng.standard_normal(out=self._draws)
+        wait = 1 if (options or {}).get("start") == "tare" else round((TARE_START + TARE_TIME) / self._dt)
+        turn = Turn(every=self._every, due=wait - self._every, last_stroke=len(cell.strokes) == 1)
+        turn.longest, turn.force_after = self._longest, self._to_come[0][0] if self._to_come else math.inf
+        self._bench.put(self._number, cell, self._recorder, self._draws, turn)
+        self._steps = np.asarray(cell.state).reshape(1)["status"]["steps"]
+        self.measurement: Measurement = measurement_of(cell.state.measurement)
+        self.target: Target = target_of(cell.state.target)
+        self._bench.step(self._number, self._number + 1)
+        return self._bench.seen[self._number].copy(), {**self.truth(), "drawn": self.episode.drawn}
+
+    def _draw(self, rng: np.random.Generator) -> None:
+        stage = self._stage
+        drawn = {key: float(rng.uniform(*bounds)) for key, bounds in stage.ranges.items()}
+        body, noise = int(rng.integers(stage.bodies)), int(rng.integers(2**63))
+        scenario = override(stage.scenario, [f"{key}={value!r}" for key, value in drawn.items()])
+        scenario = replace(scenario, seed=scenario.seed + body)
+        part = stage.displaced(stage.form(scenario), scenario.part, rng)
+        if stage.rebuilds or body not in self._cells:
+            self._cells[body] = stage.build(scenario, part)
+        self.cell = cell = self._cells[body]
+        cell.begin_again(scenario, part, np.random.default_rng(noise))
+        self.episode = Episode(drawn, scenario, part, noise)
+        if self._force_steps:
+            cell.strokes[0].force[:] = scenario.process.contact_force_n
+        forces = rng.uniform(*self._force_range, self._force_steps).tolist()
+        hold = scenario.process.hold_s / (self._force_steps + 1)
+        self._to_come = [(hold * (k + 1), force) for k, force in enumerate(forces)]
+        self._set = [(0, scenario.process.contact_force_n)]
+
+    def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, Info]:
+        """Command an action until the next one is due."""
+        bench, number = self._bench, self._number
+        bench.actions[number] = action
+        if self._needs[0]:
+            self.prepare()
+        bench.step(number, number + 1)
+        terminated = truncated = False
+        info = self.truth()
+        if not self._asks[0] and not self.next_stroke():
+            terminated, truncated, end = self.end()
+            info |= end
+        reward = float(info.get("success", False)) if self.sparse else float(self._rewards[0])
+        return bench.seen[number].copy(), reward, terminated, truncated, info
+
+    def prepare(self) -> None:
+        """Draw the noise of the steps to come; change the set force when it is time."""
+        turn, steps = self._turns[0], int(self._steps[0])
+        used = steps - turn.drawn_from
+        if len(self._draws) - used < self._every + SPARE:
+            kept = self._draws[used:].copy()
+            self._draws[: len(kept)] = kept
+            self.cell.rng.standard_normal(out=self._draws[len(kept) :])
+            turn.drawn_from = steps
+        sequence = self.cell.state.sequence
+        if self._to_come and sequence.stage == PROCESS and sequence.time >= self._to_come[0][0]:
+            force = self._to_come.pop(0)[1]
+            self.cell.strokes[0].force[:] = self.cell.state.target.force[0] = force
+            self._set.append((steps, force))
+            turn.force_after = self._to_come[0][0] if self._to_come else math.inf
+
+    def next_stroke(self) -> bool:
+        """Go on to the next stroke if one is done and there is another."""
+        cell, status = self.cell, self.cell.state.status
+        left = [stroke for stroke in cell.strokes if stroke.start_s > cell.kernel.stroke.start_s]
+        if not (status.arrived and left) or self._steps[0] >= self._longest:
+            return False
+        status.arrived = False
+        begin_next_stroke(cell.state.sequence)
+        cell.kernel = cell.kernel._replace(stroke=left[0])
+        self._turns["last_stroke"] = len(left) == 1
+        self._bench.go_on(self._number, cell)
+        return True
+
+    def course(self, controller: Any) -> Course | None:
+        """What lies ahead on the path, for a controller that prepares for it."""
+        return course_for(controller, self.episode.scenario, self._stage.place, self.cell.strokes)
+
+    def truth(self) -> Info:
+        """What the host does not know: the exact quantities of the last physics step, see `log.Trace`."""
+        return {"privileged": dict(zip(TRUTH, self._truth[0].copy().item(), strict=True))}
+
+    def end(self) -> tuple[bool, bool, Info]:
+        """Whether the episode has ended by itself, or by its time; its rows of the scorecard; if that is success."""
+        cell, sequence = self.cell, self.cell.state.sequence
+        stop = int(cell.state.status.stop)
+        reason = None if stop == NO_STOP else cell.reasons[stop]
+        done, length = sequence.stage >= RETRACT, cell.kernel.stroke.process.length
+        rows = self.figures(reason is None and done)
+        success = all(row.met_by(row.worst([figures])) for figures in rows for row in ASKED[self.task])
+        terminated = reason is not None or bool(self.moving and done and sequence.s > length - 1e-6)
+        return terminated, not terminated, {"stop_reason": reason or "", "figures": rows, "success": success}
+
+    def figures(self, whole: bool) -> list[dict[str, Any]]:
+        """Rows of the scorecard of the episode so far, one for every set force; ``whole``: it went to its end."""
+        steps = self._recorder.trace[: self._steps[0]]
+        if self.moving:
+            trace = trace_from(steps)
+            wanted = self._stage.place.path.force_at(trace.path_s_m, self._set[0][1])
+            return [measure_score(trace, wanted, True, whole)]
+        edges = [*(first for first, _ in self._set), len(steps)]
+        return [
+            measure_score(trace_from(steps[a:b]), np.full(b - a, force), False, whole)
+            for (a, b), (_, force) in zip(pairwise(edges), self._set, strict=True)
+        ]
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture of the cell, (480, 640, 3), with ``render_mode="rgb_array"``."""
+        if self.render_mode != "rgb_array":
+            return None
+        if self._renderer is None or self._renderer.model is not self.cell.model:
+            self.close()
+            self._renderer = mujoco.Renderer(self.cell.model, 480, 640)
+        camera = mujoco.MjvCamera()
+        camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (0.0, -0.4, 0.15), 1.3, 125.0, -22.0
+        self._renderer.update_scene(self.cell.data, camera)
+        return np.asarray(self._renderer.render())
+
+    def close(self) -> None:
+        """Give the renderer back."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def steps_per_action(scenario: Scenario, rate_hz: float) -> int:
+    """Physics steps an action holds; a whole number of the host's cycles."""
+    simulation = scenario.simulation
+    cycle = simulation.timestep_s * simulation.control_every
+    cycles = round(1.0 / (rate_hz * cycle)) if rate_hz > 0.0 else 0
+    if cycles < 1 or abs(cycles * cycle * rate_hz - 1.0) > 1e-6:
+        raise ConfigError(
+            f"rate_hz = {rate_hz:g} is not the host's {1.0 / cycle:g} Hz (1 / simulation.timestep_s / "
+            "simulation.control_every) or that divided by a whole number."
+        )
+    return cycles * simulation.control_every
+
+
+class PolishVectorEnv(VectorEnv[Numbers, Numbers, NDArray[Any]]):
+    """Environments stepped side by side on threads; arguments as of `PolishEnv`.
+
+    Args:
+        num_envs: How many.
+        autoreset_mode: Of Gymnasium, all three.
+        workers: Threads; by default one per processor this process may use.
+        kwargs: Of every environment.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        workers: int | None = None,
+        **kwargs: Any,
+    ) -> None:
+        first = PolishEnv(**kwargs)
+        shared = first.share(num_envs)
+        self.envs = [PolishEnv(**kwargs, shared=(*shared, number)) for number in range(num_envs)]
+        self.num_envs, self._bench, self._sparse = num_envs, shared[1], first.sparse
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**first.metadata, "autoreset_mode": self._mode}
+        self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        count = min(workers or len(os.sched_getaffinity(0)), num_envs)
+        edges = np.linspace(0, num_envs, count + 1).round().astype(int).tolist()
+        self._shares, self._pool = list(pairwise(edges)), ThreadPoolExecutor(max(count - 1, 1))
+        self._ended = np.zeros(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Info | None = None
+    ) -> tuple[Numbers, Info]:
+        """Reset all, or those of ``options["reset_mask"]``; a whole number as seed counts up from one to the next."""
+        options = dict(options or {})
+        mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, bool)))
+        seeds = [None] * self.num_envs if seed is None else seed
+        if isinstance(seeds, int):
+            seeds = [seeds + number for number in range(self.num_envs)]
+        infos = self._reset(np.flatnonzero(mask), seeds, options)
+        return self._bench.seen.copy(), infos
+
+    def _reset(self, numbers: NDArray[np.intp], seeds: Sequence[int | None], options: Info) -> Info:
+        infos: Info = {}
+        made = self._pool.map(lambda number: self.envs[number].reset(seed=seeds[number], options=options), numbers)
+        for number, (_, info) in zip(numbers, made, strict=True):
+            infos = self._add_info(infos, info, int(number))
+        self._ended[numbers] = False
+        return infos
+
+    def step(self, actions: Numbers) -> tuple[Numbers, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
+        """Step all; what has ended is reset as the autoreset mode says."""
+        bench, turns, infos = self._bench, self._bench.turns, {}
+        fresh = np.flatnonzero(self._ended)
+        if len(fresh):
+            if self._mode is AutoresetMode.DISABLED:
+                raise gym.error.ResetNeeded(f"environments {fresh.tolist()} have ended: reset them with reset_mask.")
+            infos = self._reset(fresh, [None] * self.num_envs, {})
+            turns["idle"][fresh] = True
+        kept = bench.actions[fresh].copy()
+        bench.actions[:] = actions
+        bench.actions[fresh] = kept
+        for number in np.flatnonzero(turns["needs"] & ~turns["idle"]):
+            self.envs[number].prepare()
+        self._step_all()
+        turns["idle"] = False
+        rewards = np.zeros(self.num_envs) if self._sparse else turns["reward"].copy()
+        rewards[fresh] = 0.0
+        terminated, truncated = np.zeros((2, self.num_envs), bool)
+        infos["privileged"] = {name: bench.truth[name].copy() for name in TRUTH}
+        infos["_privileged"] = np.ones(self.num_envs, bool)
+        for number in np.flatnonzero(~turns["asks"]):
+            env = self.envs[number]
+            if not env.next_stroke():
+                terminated[number], truncated[number], info = env.end()
+                rewards[number] = info["success"] if self._sparse else rewards[number]
+                infos = self._close(infos, info, int(number))
+        self._ended = terminated | truncated
+        if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
+            self._reset(np.flatnonzero(self._ended), [None] * self.num_envs, {})
+        return bench.seen.copy(), rewards, terminated, truncated, infos
+
+    def _close(self, infos: Info, info: Info, number: int) -> Info:
+        """Add how an environment has ended."""
+        if self._mode is AutoresetMode.SAME_STEP:
+            info = {"final_obs": self._bench.seen[number].copy(), "final_info": info}
+        return self._add_info(infos, info, number)
+
+    def _step_all(self) -> None:
+        """Step every share on a thread of its own."""
+        own, *others = self._shares
+        waiting = [self._pool.submit(self._bench.step, *share) for share in others]
+        self._bench.step(*own)
+        for future in waiting:
+            future.result()
+
+    def close_extras(self, **_kwargs: Any) -> None:
+        """End the threads."""
+        self._pool.shutdown()

@@ -1,0 +1,385 @@
+"""Cells stepped from outside: actions as commands of compiled laws, what the host sees, how well it went.
+
+A call of the loop with all that a cell is made of costs Python as much as four steps: every array is looked at. Here
+the arguments are kept in memory as compiled code has them, and a step is a call with their address. Python's lock is
+free meanwhile: threads step cells at the same time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
+
+import numpy as np
+from numba import carray, typeof, types
+from numba.core.registry import cpu_target
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from polish_sim.arrays import Array
+from polish_sim.cell.gears import RealArm
+from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.kernel import CellKernel
+from polish_sim.cell.loop import advance
+from polish_sim.cell.recorder import Recorder, TraceStep
+from polish_sim.cell.stroke import PROCESS, RETRACT
+from polish_sim.control import signals
+from polish_sim.control.hybrid import (
+    HybridGains,
+    HybridMemory,
+    hybrid_gains,
+    position_by_velocity,
+    press,
+    turn_to_target,
+)
+from polish_sim.control.loops import rotation_error
+from polish_sim.kernel_cache import cfunc, njit
+from polish_sim.kernels import Record, Vector3, Vector6, kernel
+
+if TYPE_CHECKING:
+    from polish_sim.cell import Cell
+
+# Observations: what the host knows. Vectors are in tool axes, everything is divided by a scale.
+
+OBSERVATION: Final[Mapping[str, tuple[int, float]]] = MappingProxyType(
+    {
+        "force": (3, 20.0),
+        "torque": (3, 1.0),
+        "force_error": (1, 20.0),
+        "set_force": (1, 20.0),
+        "contact": (1, 1.0),
+        "position_error": (3, 0.001),
+        "rotation_error": (3, 0.01),
+        "velocity": (3, 0.05),
+        "turning": (3, 0.5),
+        "planned_velocity": (3, 0.05),
+        "planned_turning": (3, 0.5),
+        "curvature": (1, 10.0),
+    }
+)
+"""Width and scale [SI] of each part, in order: wrench as the sensor gives it, set force less measured force, planned
+pose less the encoders', velocities. The last action follows."""
+SEEN: Final = sum(width for width, _ in OBSERVATION.values())
+LARGEST: Final = 1000.0  #: A number of an observation is cut off here
+_SCALES: Final = np.repeat([scale for _, scale in OBSERVATION.values()], [width for width, _ in OBSERVATION.values()])
+
+
+# Actions: what a policy commands, and the compiled law that passes it on at every cycle of the host.
+
+
+class ActionContext(Record):
+    """What the laws of this file read and write."""
+
+    gains: HybridGains
+    memory: HybridMemory
+    command: Vector6  #: The action in SI
+    feed: float  #: Share of the planned feed that is granted [-]
+    turn: Vector3  #: Work array
+    seen: Annotated[Array, (SEEN,)]  #: What was observed last
+
+
+_CONTEXT = ActionContext.dtype
+
+
+@kernel
+def _to_base(R: Array, vector: Array, out: Array) -> None:
+    for i in range(3):
+        out[i] = R[i, 0] * vector[0] + R[i, 1] * vector[1] + R[i, 2] * vector[2]
+
+
+@kernel
+def _to_tool(R: Array, vector: Array, out: Array) -> None:
+    for i in range(3):
+        out[i] = R[0, i] * vector[0] + R[1, i] * vector[1] + R[2, i] * vector[2]
+
+
+@kernel
+def _offset_plan(c: ActionContext, t: signals.Target, offset: Array, planned: Array) -> None:
+    """Add to a planned velocity what keeps the loops of eq. 6 and 7 an ``offset`` in tool axes off the planned pose."""
+    _to_base(t.rotation, offset, c.turn)
+    for i in range(3):
+        planned[i] += c.turn[i] / c.gains.orientation.look_ahead
+
+
+@cfunc(signals.LAW_SIGNATURE)
+def _twist_law(context, _course, measurement, _target, answer):  # type: ignore[no-untyped-def]
+    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, signals.ANSWER)[0]
+    m = carray(measurement, 1, signals.MEASUREMENT)[0]
+    _to_base(m.rotation, c.command[0:3], out.twist[0:3])
+    _to_base(m.rotation, c.command[3:6], out.twist[3:6])
+    out.feed = c.feed
+
+
+@cfunc(signals.LAW_SIGNATURE)
+def _servo_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
+    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, signals.ANSWER)[0]
+    m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
+    _offset_plan(c, t, c.command[0:3], t.twist[0:3])
+    _offset_plan(c, t, c.command[3:6], t.twist[3:6])
+    position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
+    turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.clock[1], False, c.memory, out.twist)
+    out.feed = c.feed
+
+
+@cfunc(signals.LAW_SIGNATURE)
+def _force_and_feed_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
+    c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, signals.ANSWER)[0]
+    m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
+    planned = t.force[0]
+    _offset_plan(c, t, c.command[1:4], t.twist[3:6])
+    t.force[0] = max(planned + c.command[0], 0.0)
+    position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
+    press(m, t, c, out.twist)
+    out.feed, t.force[0] = c.feed, planned  # the guards go by the plan
+
+
+class ActionKind(NamedTuple):
+    """What an action means."""
+
+    law: Any
+    text: str
+    scale: Mapping[str, float]  #: What 1 stands for [SI], by the names of its numbers
+
+
+ACTIONS: Final[Mapping[str, ActionKind]] = MappingProxyType(
+    {
+        "twist": ActionKind(
+            _twist_law, "velocity of the tool, tool axes",
+            {"v_x": 0.1, "v_y": 0.1, "v_z": 0.1, "w_x": 1.0, "w_y": 1.0, "w_z": 1.0},
+        ),
+        "servo": ActionKind(
+            _servo_law, "offset of the tool's pose from the planned one, tool axes, for hybrid-pi's position loops",
+            {"x": 0.005, "y": 0.005, "z": 0.005, "r_x": 0.05, "r_y": 0.05, "r_z": 0.05},
+        ),
+        "force-and-feed": ActionKind(
+            _force_and_feed_law, "change of the set force and tilt about tool x and y, for the loops of hybrid-pi",
+            {"force": 10.0, "tilt_x": 0.05, "tilt_y": 0.05},
+        ),
+    }
+)  # fmt: skip
+"""Where the tool is fed along a path, each has one more number: -1 grants none of the planned feed, 1 all of it."""
+
+
+@kernel
+def observe(m: signals.Measurement, t: signals.Target, c: ActionContext) -> None:
+    """Write ``c.seen``, what `OBSERVATION` lists."""
+    seen = c.seen
+    for i in range(6):
+        seen[i] = m.wrench[i]
+    seen[6], seen[7], seen[8] = t.force[0] - m.wrench[2], t.force[0], t.contact[0]
+    for i in range(3):
+        c.turn[i] = t.position[i] - m.position[i]
+    _to_tool(m.rotation, c.turn, seen[9:12])
+    rotation_error(m.rotation, t.rotation, c.turn)
+    _to_tool(m.rotation, c.turn, seen[12:15])
+    _to_tool(m.rotation, m.twist[0:3], seen[15:18])
+    _to_tool(m.rotation, m.twist[3:6], seen[18:21])
+    _to_tool(m.rotation, t.twist[0:3], seen[21:24])
+    _to_tool(m.rotation, t.twist[3:6], seen[24:27])
+    seen[27] = t.path[1]
+    for i in range(SEEN):
+        value = seen[i] / _SCALES[i]
+        seen[i] = min(max(value, -LARGEST), LARGEST) if math.isfinite(value) else 0.0
+
+
+@cfunc(signals.LAW_SIGNATURE)
+def observe_law(context, _course, measurement, target, _answer):  # type: ignore[no-untyped-def]
+    """`observe` for a controller: it answers nothing."""
+    m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
+    observe(m, t, carray(context, 1, _CONTEXT)[0])
+
+
+# A step of an environment: the loop from one action to the next.
+
+BAND_N: Final = 1.0  #: The force is held where its error is within this, as in the scorecard's settling time [N]
+SPARE: Final = 64  #: Steps a host may be late by
+ON_THE_WAY: Final = 0.1  #: Largest dense reward of a step before contact
+_ASTRAY_M, _ASKEW_RAD = 0.01, 0.2  # errors of pose at which a step is worth nothing
+
+
+class Turn(Record):
+    """How an environment stands."""
+
+    every: int  #: Physics steps an action holds
+    due: int  #: Steps from which on the next action is asked for
+    drawn_from: int  #: Step of the first row of the drawn numbers
+    moving: bool  #: The tool is fed along a path
+    feed: float  #: Planned speed of that [m/s]
+    scale: Vector6  #: What 1 of an action stands for [SI]
+    last_stroke: bool
+    longest: int  #: Steps of the longest episode
+    force_after: float  #: Time in contact from which another force is set [s]; infinite for none
+    reward: float  #: Of the last step, dense
+    asks: bool  #: The next action is asked for; else the stroke or the episode is over
+    needs: bool  #: Noise is to be drawn or another force to be set before the next step
+    idle: bool  #: To be left out
+
+
+class Kept(NamedTuple):
+    """Everything a step works on but the law."""
+
+    cell: CellKernel
+    arm: RealArm | None
+    recorder: Recorder  #: Its trace holds the whole episode
+    draws: Array  #: Standard normal numbers, shape (k, 12)
+    turn: Turn
+    context: ActionContext
+    action: NDArray[np.float32]  #: Each number within -1 to 1
+    seen: NDArray[np.float32]  #: The observation
+    truth: NDArray[np.void]  #: The last step of the trace, shape (1,)
+
+
+@kernel
+def _reward(trace: NDArray[np.void], steps: int, force: float, turn: Turn, share: float) -> float:
+    """Mean over the steps of how well the ``force`` [N] was held, 0 to 1; see docs/learning.md."""
+    total = 0.0
+    for k in range(steps):
+        step = trace[k]
+        if step.phase == 0:
+            total += ON_THE_WAY * max(0.0, 1.0 - step.position_error_m / _ASTRAY_M)
+        elif step.phase < 3:
+            error = abs(step.normal_force_n - force)
+            worth = 0.5 * max(0.0, 1.0 - error / force) + 0.5 * max(0.0, 1.0 - error / BAND_N)
+            if turn.moving:
+                worth *= max(0.0, 1.0 - step.orientation_error_rad / _ASKEW_RAD)
+            total += worth * share if step.phase == 2 else worth
+    return total / max(steps, 1)
+
+
+@kernel
+def _take_step(k: Kept, law) -> None:  # type: ignore[no-untyped-def]
+    state, turn, status, sizes = k.cell.state, k.turn, k.cell.state.status, k.action.shape[0]
+    for i in range(sizes):
+        value = min(max(float(k.action[i]), -1.0), 1.0)
+        if turn.moving and i == sizes - 1:
+            k.context.feed = 0.5 * (value + 1.0)
+        else:
+            k.context.command[i] = turn.scale[i] * value
+    start, force = status.steps, state.target.force[0]
+    turn.due += turn.every
+    status.wait_from = turn.due
+    recorder = Recorder(k.recorder.rows, k.recorder.trace[start:], k.recorder.every, k.recorder.filled)
+    draws = k.draws[start - turn.drawn_from :]
+    advance(k.cell, k.arm, recorder, law, draws, min(len(draws), len(recorder.trace)))
+    done, share = status.steps - start, 1.0
+    if turn.moving:
+        share = min(state.target.path[2] / turn.feed, 1.0)
+    turn.reward = _reward(recorder.trace, done, force, turn, share)
+    lifted = turn.last_stroke and state.sequence.stage >= RETRACT
+    turn.asks = status.waiting and status.stop == NO_STOP and not lifted and status.steps < turn.longest
+    left = len(k.draws) - (status.steps - turn.drawn_from)
+    held = state.sequence.time if state.sequence.stage == PROCESS else 0.0
+    turn.needs = left < turn.every + SPARE or held >= turn.force_after
+    if done > 0:
+        k.truth[0] = recorder.trace[done - 1]
+    observe(state.measurement, state.target, k.context)
+    for i in range(SEEN):
+        k.seen[i] = k.context.seen[i]
+    for i in range(sizes):
+        k.seen[SEEN + i] = k.action[i]
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _packed(_typing: Any, value: Any, address: Any) -> Any:
+    """Write a value to an address as compiled code has it: of arrays and records it has their addresses."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = context.get_value_type(signature.args[0])
+        builder.store(arguments[0], builder.inttoptr(arguments[1], kind.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(value, address), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _unpacked(_typing: Any, kept: Any, number: Any) -> Any:
+    """The value at a place of an array of packed ones."""
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        kind = context.get_value_type(kept.dtype)
+        values = builder.bitcast(arguments[0], kind.as_pointer())
+        return builder.load(builder.gep(values, [arguments[1]]))
+
+    return kept.dtype(kept, number), generate
+
+
+@njit(cache=True, _nrt=False)
+def _pack(kept, law, address):  # type: ignore[no-untyped-def]
+    _packed((kept, law), address)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True)
+def _step_cells(kept, first, last):  # type: ignore[no-untyped-def]
+    for number in range(first, last):
+        one, law = _unpacked(kept, number)
+        if not one.turn.idle:
+            _take_step(one, law)
+
+
+class Bench:
+    """Cells side by side, each stepped from one action to the next."""
+
+    def __init__(self, count: int, action: ActionKind, moving: bool) -> None:
+        self.sizes = len(action.scale) + moving
+        self.contexts, self.turns = np.zeros(count, _CONTEXT), np.zeros(count, Turn.dtype)
+        self.actions = np.zeros((count, self.sizes), np.float32)
+        self.seen = np.zeros((count, SEEN + self.sizes), np.float32)
+        self.truth = np.zeros(count, TraceStep.dtype)
+        self._action, self._moving = action, moving
+        self._kept: list[Kept | None] = [None] * count
+        self._memory = np.zeros(0, np.uint8)
+        self._call: Any = None
+
+    def put(self, number: int, cell: Cell, recorder: Recorder, draws: Array, turn: Turn) -> None:
+        """Let a cell at its start take a place."""
+        context = self.contexts[number]
+        context.gains, context.feed = hybrid_gains(cell.scenario.controller), 1.0
+        context.command[:] = 0.0
+        cell.use_controller(signals.CompiledController(context, self._action.law))
+        turn.scale[: len(self._action.scale)] = list(self._action.scale.values())
+        turn.moving, turn.feed = self._moving, cell.scenario.process.feed_m_s
+        self.turns[number] = turn
+        self.actions[number] = 0.0
+        if self._moving:
+            self.actions[number, -1] = 1.0
+        rows = slice(number, number + 1)
+        self._kept[number] = Kept(
+            cell.kernel, cell.real_arm, recorder, draws, self.turns[number], context, self.actions[number],
+            self.seen[number], self.truth[rows],
+        )  # fmt: skip
+        self._pack(number, cell)
+
+    def go_on(self, number: int, cell: Cell) -> None:
+        """Take up what has changed of the cell: its next stroke."""
+        kept = self._kept[number]
+        assert kept is not None
+        self._kept[number] = kept._replace(cell=cell.kernel)
+        self._pack(number, cell)
+
+    def step(self, first: int, last: int) -> None:
+        """Step the cells of some places that are not idle; Python's lock is free meanwhile."""
+        self._call(self._memory.ctypes.data, first, last)
+
+    def _pack(self, number: int, cell: Cell) -> None:
+        kept = self._kept[number]
+        if self._call is None:
+            kind = typeof((kept, cell.law))
+            context = cpu_target.target_context
+            self._size = context.get_abi_sizeof(context.get_value_type(kind))
+            self._memory = np.zeros(len(self._kept) * self._size, np.uint8)
+            self._call = _entry(kind)
+        _pack(kept, cell.law, self._memory.ctypes.data + number * self._size)
+
+
+@cache
+def _entry(kind: Any) -> Any:
+    """The compiled step for cells of a kind, as a C function."""
+    signature = types.void(types.CPointer(kind), types.intp, types.intp)
+    _step_cells.compile(signature)
+    compiled = _step_cells.overloads[signature.args]
+    address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name)
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_ssize_t)(address)
