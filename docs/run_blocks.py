@@ -38,7 +38,7 @@ SHORT: dict[str, tuple[str, ...]] = {
 }
 """What a command gets in addition, unless it says so itself or one of `COMPLETE` is there."""
 COMPLETE = ("--data", "--payload-data", "--list", "--report", "--help", "--dry-run", "--follow", "--mode")
-SEEDS = "1"  #: For every ``--seeds``
+FEWER = {"--seeds": "1", "--draws": "30", "--count": "2"}  #: Instead of what is said
 SCORE_SEEDS = ("--seeds", "1")
 
 
@@ -70,8 +70,8 @@ def shortened(words: list[str]) -> list[str]:
     """A command with less to do; the same words where nothing had to be changed."""
     short = list(words)
     for k, word in enumerate(short[:-1]):
-        if word in ("--seeds", "--draws"):
-            short[k + 1] = {"--seeds": SEEDS, "--draws": "30"}[word]
+        if word in FEWER:
+            short[k + 1] = FEWER[word]
     for name, less in SHORT.items():
         asked = words[: len(name.split())] == name.split()
         if asked and not set(words) & {*COMPLETE, less[0]} - {"--set"}:
