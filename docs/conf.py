@@ -21,8 +21,9 @@ from sphinx.errors import ExtensionError
 from polish_sim import Scenario
 
 ROOT = Path(__file__).resolve().parent.parent
-EXAMPLES = ROOT / "build" / "examples"  # run there: they write files
-shutil.copytree(ROOT / "examples", EXAMPLES, dirs_exist_ok=True)
+EXAMPLES = ROOT / "build" / "examples"  # run there: they write files; trainings, which take long, are left out
+shutil.rmtree(EXAMPLES, ignore_errors=True)
+shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("train_*.py", "results"))
 project = "polish-sim"
 copyright = "polish-sim contributors, MIT licence"
 version = release = version_of("polish-sim")
@@ -92,6 +93,7 @@ LINKS = {
     r"(?:\.\./)?README\.md": "index.md",
     r"(?:\.\./)?examples/README\.md": "tutorials/index.rst",
     r"(?:\.\./)?examples/(\d\d_\w+)\.py": r"tutorials/\1.rst",
+    r"(?:\.\./)?examples/train_\w+\.py": "tutorials/13_environment.rst",
     r"(?:\.\./)?(?:results/)?gallery/": "../results/gallery/",
 }
 """Links as GitHub follows them, and as the site does."""
