@@ -27,6 +27,7 @@ from polish_sim.cli.run import RunGroup, demo
 from polish_sim.cli.score import score
 from polish_sim.cli.smooth import smooth
 from polish_sim.cli.sweep import sweep
+from polish_sim.cli.tune import tune
 
 commands = typer.Typer(
     name="polish-sim",
@@ -70,6 +71,7 @@ commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion 
 commands.add_typer(runs, name="run", short_help="Simulate arc, force, surface, smooth, teach or dual.")
 commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(score)
 commands.command("sweep", cls=PanelledCommand, short_help="Many runs over settings and seeds, in one table.")(sweep)
+commands.command("tune", cls=PanelledCommand, short_help="Search a controller's parameters.")(tune)
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget.")
 commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)
 commands.command("report", cls=PanelledCommand, short_help="Plots and tables again from saved runs.")(report)

@@ -257,14 +257,16 @@ def _ablation_page(request: Request, score: Score) -> str:
 
 
 @contextmanager
-def open_folder(out: Path | None, asked: Mapping[str, Any], overwrite: bool = False) -> Iterator[Path]:
+def open_folder(
+    out: Path | None, asked: Mapping[str, Any], overwrite: bool = False, kind: str = "score"
+) -> Iterator[Path]:
     """Make the folder of a score, or take up one that the same score has begun, and keep others out while it is filled.
 
     ``out`` None means a new ``results/score/<yyyymmdd-hhmmss>``; ``asked``: what the score is of, by name: only the
     same one is continued, unless ``overwrite``. Raises InputError if the folder holds something else, is in use, or not
     writable.
     """
-    folder = out if out is not None else unused(RESULTS / "score")
+    folder = out if out is not None else unused(RESULTS / kind)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"'{folder}' exists and is not a folder. Choose another with --out.")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / ROWS).exists():
@@ -274,7 +276,7 @@ def open_folder(out: Path | None, asked: Mapping[str, Any], overwrite: bool = Fa
         (folder / ROWS).touch()
     except OSError as error:
         raise InputError(f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out.") from error
-    with locked(folder):
+    with locked(folder, kind):
         if not overwrite:
             _refuse_another(folder, asked)
         put(folder, ASKED, json.dumps(asked, indent=1) + "\n")
@@ -294,8 +296,8 @@ def _refuse_another(folder: Path, asked: Mapping[str, Any]) -> None:
     if begun is None or begun == asked:
         return
     raise InputError(
-        f"'{folder}' holds another score: {_difference(begun, asked)}. Choose another folder with --out, or add "
-        "--overwrite to replace it; runs that both have are kept."
+        f"'{folder}' holds another {asked['of']}: {_difference(begun, asked)}. Choose another folder with --out"
+        + (", or add --overwrite to replace it; runs that both have are kept." if asked["of"] == "score" else ".")
     )
 
 
@@ -314,7 +316,7 @@ def _difference(begun: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
     """The first thing in which two scores differ, in words."""
     if begun.get("of") != asked["of"]:
         return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else "what it is of is not known"
-    for name in ("controllers", "cases", "seeds"):
+    for name in (name for name in asked if name not in ("of", "rows")):
         if begun.get(name) != asked.get(name):
             return f"its {name} are {_listed(begun.get(name))}, not {_listed(asked.get(name))}"
     return "a controller's file or settings, or this program, have changed since it was begun"

@@ -1,0 +1,189 @@
+"""`polish-sim tune`: search a controller's parameters, judge them on seeds and cases the search never saw."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from polish_sim.cli import console
+from polish_sim.cli.boundary import DONE, INTERRUPTED
+from polish_sim.cli.options import OWN, Given, Own, takes
+from polish_sim.cli.score import open_folder, put
+from polish_sim.config.key import CONFIG, OUTPUT, RUN
+from polish_sim.errors import InputError, number_text, unknown_name
+from polish_sim.page import PAGE
+
+if TYPE_CHECKING:
+    from polish_sim.studies.tune import Scorer, Search, Verdict
+
+TUNED: Final = "tuned.toml"
+TRIALS, SEEDS, HELD_OUT_SEEDS = 100, 2, 5
+Controller = Annotated[
+    str, typer.Argument(metavar="CONTROLLER", help="A shipped controller or FILE.py:CLASS.", show_default=False)
+]
+
+
+@takes(
+    Own("--over", RUN, "NAMES", "Parameters to search, with commas: names or beginnings of keys under controller, or "
+        "of an own class, each with =low:high if its range is not to be a quarter to four times the shipped value."),
+    Own("--goal", RUN, "HOW:FIGURE", "What is made small: worst or mean of a score's figure; default "
+        "worst:rms_error_n."),
+    Own("--subject-to", RUN, "CONDITIONS", "What every run must keep, with commas: stable, or FIGURE<=VALUE; default "
+        "stable."),
+    Own("--trials", RUN, "N", f"Trials in all; default {TRIALS}.", int, 1, 1e5),
+    Own("--sampler", RUN, "NAME", "tpe (default) or cmaes."),
+    Own("--case", RUN, "NAME", "Cases of the score the search sees, names or patterns, may be repeated; the others are "
+        "held out. Default: seven of them.", list),
+    Own("--seeds", RUN, "N", f"Seeds per case in the search; default {SEEDS}.", int, 1, 1e3),
+    Own("--held-out-seeds", RUN, "N", f"Seeds per case of the final table; default {HELD_OUT_SEEDS}.", int, 1, 1e3),
+    OWN["--workers"],
+    OWN["--on"],
+    Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config that stays as it is; may be repeated.", list),
+    Own("--out", OUTPUT, "DIR", "Folder; the same search begun there is continued. Default results/tune/...", Path),
+)  # fmt: skip
+def tune(controller: Controller, given: Given) -> int:
+    """Search the parameters that make a figure of the score small, and write them as tuned.toml.
+
+    Shipped and found values are compared in the end on seeds and cases the search did not see.
+    """
+    for module in ("optuna", "cmaes"):
+        if find_spec(module) is None:
+            raise InputError("'tune' searches with Optuna: pip install 'polish-sim[tune]'.")
+    # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.scoring import check_entries
+    from polish_sim.studies.tune import Scorer
+    from polish_sim.workers import check_engine, open_workers
+
+    check_engine(given["--on"] or "local")
+    search = asked_search(controller, given)
+    check_entries((*search.cases, *search.held_out), [search.entry({p.key: p.low for p in search.over})])
+    check_entries((*search.cases, *search.held_out), [search.entry(None)])
+    asked = _facts(search)
+    file = Path(search.controller.rpartition(":")[0])
+    with open_folder(given["--out"], asked, kind="tune") as folder:
+        console.note(f"folder: {folder} (the same command with --out {folder} continues it)")
+        with open_workers(given["--on"] or "local", given["--workers"], [file] if file.is_file() else []) as workers:
+            scorer = Scorer(folder, workers)
+            return search_and_show(search, given, folder, scorer)
+
+
+def asked_search(controller: str, given: Given) -> Search:
+    """What a command line asks to search, checked.
+
+    Raises:
+        PolishSimError: Naming what is wrong with it.
+    """
+    from polish_sim.scoring import user_entry
+    from polish_sim.studies.tune import SAMPLERS, Search, read_condition, read_goal, read_over, training_cases
+
+    if not given["--over"]:
+        raise InputError("what shall be tuned? Name it, e.g. --over force_p,force_i.")
+    name = user_entry(controller).name
+    sampler = given["--sampler"] or "tpe"
+    if sampler not in SAMPLERS:
+        raise unknown_name("sampler", sampler, SAMPLERS)
+    over = read_over(name, [word.strip() for word in given["--over"].split(",")])
+    keys = [searched.key for searched in over]
+    if len(set(keys)) < len(keys):
+        raise InputError(f"--over names {next(key for key in keys if keys.count(key) > 1)} twice.")
+    conditions = tuple(read_condition(word.strip()) for word in (given["--subject-to"] or "stable").split(","))
+    seen, held_out = training_cases(given["--case"] or [])
+    return Search(
+        name, over, read_goal(given["--goal"] or "worst:rms_error_n"), conditions, seen, held_out,
+        given["--seeds"] or SEEDS, tuple(given["--set"] or ()), sampler,
+    )  # fmt: skip
+
+
+def _facts(search: Search) -> dict[str, Any]:
+    """What a search is of, to compare it with another."""
+    return {
+        "of": "tune",
+        "controllers": [search.controller],
+        "over": [list(searched[:3]) for searched in search.over],
+        "goal": ":".join(search.goal),
+        "subject_to": [f"{c.figure}" if c.most != c.most else f"{c.figure}<={c.most:g}" for c in search.conditions],
+        "cases": [case.name for case in search.cases],
+        "seeds": search.seeds,
+        "settings": list(search.settings),
+        "sampler": search.sampler,
+    }
+
+
+def search_and_show(search: Search, given: Given, folder: Path, scorer: Scorer) -> int:
+    """Search, judge what was found, write and show it; 130 if it was interrupted."""
+    from polish_sim.studies.tune import judge_tuned, search_best
+
+    trials = given["--trials"] or TRIALS
+    try:
+        with console.progress() as observer:
+            observer.stage(f"search {', '.join(p.key for p in search.over)}: {trials} trials")
+
+            def heard(number: int, text: str) -> None:
+                if sys.stderr.isatty():
+                    observer.progress(number, trials)
+                else:
+                    console.note(f"trial {number} of {trials}: {text}")
+
+            best = search_best(search, trials, folder, scorer, heard)
+            observer.stage("shipped and tuned, on held-out seeds and cases")
+            verdicts = judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, scorer)
+    except KeyboardInterrupt:
+        console.note(f"interrupted: trials are kept; the same command with --out {folder} goes on.")
+        return INTERRUPTED
+    put(folder, TUNED, tuned_toml(search, best))
+    show(search, best, verdicts, folder)
+    return DONE
+
+
+def tuned_toml(search: Search, best: Mapping[str, float]) -> str:
+    """The values found as a file for ``run --config``."""
+    from polish_sim.experiments.registry import default_scenario
+    from polish_sim.scenario_file import override
+    from polish_sim.toml_text import toml_text
+
+    entry = search.entry(best)
+    chosen = override(default_scenario("force"), [f"controller.name={json.dumps(entry.name)}", *entry.settings])
+    table: dict[str, Any] = {"controller": {"name": entry.name}}
+    for word in entry.settings:
+        *parents, last = word.partition("=")[0].split(".")
+        value, leaf = chosen, table
+        for name in parents:
+            value, leaf = getattr(value, name), leaf.setdefault(name, {})
+        leaf[last] = value[last] if isinstance(value, Mapping) else getattr(value, last)
+    return toml_text(table, {}, ["polish-sim run force --config tuned.toml, or run surface"])
+
+
+def show(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict], folder: Path) -> None:
+    """Write metrics.json and the page, print the tables."""
+    from polish_sim.analysis.run_record import package_versions, write_json
+    from polish_sim.page.page import page_html, tables_page
+
+    goal, conditions = ":".join(search.goal), ", ".join(_facts(search)["subject_to"])
+    values = [["parameter", "shipped", "tuned", "searched"]]
+    values += [[p.key, number_text(p.shipped, 4), number_text(best[p.key], 4),
+                f"{number_text(p.low, 4)} to {number_text(p.high, 4)}"] for p in search.over]  # fmt: skip
+    rows = [["where", "rows", f"shipped {goal}", "tuned", f"shipped not {conditions}", "tuned not", "better"]]
+    rows += [[v.what, str(v.rows), number_text(v.shipped, 4), number_text(v.tuned, 4), str(v.shipped_broken),
+              str(v.tuned_broken), "yes" if v.better else "NO"] for v in verdicts]  # fmt: skip
+    facts = _facts(search) | {"best": dict(best), "judged": [v._asdict() | {"better": v.better} for v in verdicts]}
+    write_json(folder / "metrics.json", facts | {"versions": package_versions()})
+    tables = {"Parameters": values, "Shipped and tuned": rows}
+    put(
+        folder,
+        PAGE,
+        page_html(tables_page(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables, [])),
+    )
+    console.table(f"tune {search.controller}", values[0], values[1:])
+    console.table("shipped and tuned; goals of the runs in which both keep the conditions", rows[0], rows[1:])
+    held = verdicts[1]
+    if not held.better:
+        console.say("on held-out seeds the tuned values are NOT better than the shipped ones: keep those.")
+    console.say(f"to run: polish-sim run force --config {shlex.quote(str(folder / TUNED))}")
+    console.say_folder(folder)

@@ -1,0 +1,338 @@
+"""Search of a controller's parameters on cases of the score, judged on seeds and cases the search never saw.
+
+A trial is scored on its cheap cases first, the holds; it is given up where they already break a condition, or, of a
+goal that is the worst of all rows, where they are worse than the best trial.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from polish_sim.config import ControllerConfig
+from polish_sim.control import CONTROLLERS
+from polish_sim.control.laws import own_parameters
+from polish_sim.errors import InputError, number_text, unknown_name
+from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
+from polish_sim.scoring.figures import FIGURES
+from polish_sim.scoring.journal import Journal, Row, Task, measure_row, setup_key
+from polish_sim.workers import Workers
+
+STORAGE: Final = "trials.sqlite3"
+STUDY_NAME: Final = "tune"
+SAMPLERS: Final = ("tpe", "cmaes")
+TRAINING: Final = ("step-20", "approach-20", "stiffness-0.5", "stiffness-2", "latency-12", "noise-1", "flat-30")
+"""The cases the search sees unless others are named; the rest of the battery is held out."""
+HELD_OUT_SEED: Final = 1000  #: The first seed the search does not see
+BROKEN: Final = 1e6  #: Added to the goal of a trial that breaks a condition, beside the share of its rows that do
+WIDE: Final = 4.0  #: A range that is not given goes from the shipped value by this to the shipped value times this
+BY_LOG: Final = 8.0  #: Ratio of a range's ends from which it is searched by logarithm
+
+Heard = Callable[[int, str], None]  #: Called after each trial with its number and how it went
+
+
+class Searched(NamedTuple):
+    """A parameter that is searched."""
+
+    key: str  #: Dotted, of the config
+    low: float
+    high: float
+    shipped: float
+
+    @property
+    def log(self) -> bool:
+        """Whether it is searched by logarithm."""
+        return self.low > 0.0 and self.high / self.low >= BY_LOG
+
+
+class Goal(NamedTuple):
+    """What is made small: the worst or the mean of a figure over all rows."""
+
+    how: str
+    figure: str
+
+    def of(self, rows: Sequence[Row]) -> float:
+        """Its value; infinite where a run that should have the figure has none, NaN where none should."""
+        known = [row[self.figure] for row in rows if _has(self.figure, row["case"])]
+        values = [math.inf if value is None else float(value) for value in known]
+        if not values:
+            return math.nan
+        return max(values) if self.how == "worst" else sum(values) / len(values)
+
+
+class Condition(NamedTuple):
+    """What every row must keep."""
+
+    figure: str
+    most: float  #: Of ``stable`` no meaning
+
+    def broken_by(self, row: Row) -> bool:
+        """Whether a row does not keep it."""
+        value = row[self.figure]
+        if self.figure == "stable":
+            return not value
+        return _has(self.figure, row["case"]) and (value is None or value > self.most)
+
+
+_MOVING: Final = {case.name: case.moving for case in BATTERY}
+_OF_HOLDS, _OF_PATHS = ("settling_1n_s",), ("peaks_error_n", "slowed")
+
+
+def _has(figure: str, case: str) -> bool:
+    return figure not in (_OF_HOLDS if _MOVING[case] else _OF_PATHS)
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched, on what, and what is asked of it."""
+
+    controller: str  #: Name, or ``FILE.py:CLASS`` with an absolute path
+    over: tuple[Searched, ...]
+    goal: Goal
+    conditions: tuple[Condition, ...]
+    cases: tuple[Case, ...]  #: The search sees these
+    held_out: tuple[Case, ...]
+    seeds: int
+    settings: tuple[str, ...] = ()
+    sampler: str = "tpe"
+
+    def entry(self, values: Mapping[str, float] | None) -> Entry:
+        """The controller with some values; None: as it ships."""
+        sets = [f"{key}={value!r}" for key, value in (values or {}).items()]
+        return Entry("shipped" if values is None else "tuned", self.controller, (*self.settings, *sets))
+
+    def stages(self) -> list[list[Case]]:
+        """The cases, cheap ones first."""
+        holds, paths = [c for c in self.cases if not c.moving], [c for c in self.cases if c.moving]
+        return [stage for stage in (holds, paths) if stage]
+
+    def breaks(self, row: Row) -> bool:
+        """Whether a row breaks a condition."""
+        return any(condition.broken_by(row) for condition in self.conditions)
+
+    def judge(self, rows: Sequence[Row]) -> float:
+        """The goal of some rows, or far more where they break a condition."""
+        broken = sum(map(self.breaks, rows))
+        value = self.goal.of(rows)
+        return BROKEN * (1.0 + broken / len(rows)) if broken or not math.isfinite(value) else value
+
+
+def read_over(controller: str, words: Sequence[str]) -> tuple[Searched, ...]:
+    """The parameters that ``NAME`` or ``NAME=low:high`` name: those of an own class, else keys under ``controller``.
+
+    A key is named by its beginning, as ``force_p`` for ``force_p_m_sn``.
+
+    Raises:
+        InputError: If a name is unknown or not a number's, or its range is missing or wrong.
+    """
+    shipped = controller in CONTROLLERS
+    usual = dict(_numbers(ControllerConfig(), "")) if shipped else {
+        name: (p.default, p.low, p.high) for name, p in own_parameters(controller).items() if _is_number(p.default)
+    }  # fmt: skip
+    found = []
+    for word in words:
+        name, _, span = word.partition("=")
+        near = [key for key in usual if key == name] or [key for key in usual if key.startswith(name + "_")]
+        if len(near) != 1:
+            raise unknown_name("parameter to tune", name, usual)
+        value, low, high = usual[near[0]]
+        least, most = _span(word, span) if span else _around(name, float(value), low, high, declared=not shipped)
+        if not low <= least < most <= high:
+            raise InputError(f"--over {word}: its range must be within {number_text(low)} to {number_text(high)}.")
+        found.append(Searched(f"controller.{'' if shipped else 'own.'}{near[0]}", least, most, float(value)))
+    return tuple(found)
+
+
+def _numbers(section: Any, place: str) -> Iterator[tuple[str, tuple[float, float, float]]]:
+    for f in fields(section):
+        value = getattr(section, f.name)
+        if _is_number(value):
+            yield f"{place}{f.name}", (value, f.metadata["low"], f.metadata["high"])
+        elif f.name in ("adaptive", "baselines"):
+            yield from _numbers(value, f"{place}{f.name}.")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _span(word: str, text: str) -> tuple[float, float]:
+    try:
+        low, high = map(float, text.split(":"))
+    except ValueError:
+        raise InputError(f"--over {word} is not NAME or NAME=low:high, e.g. force_p=0.001:0.02.") from None
+    return low, high
+
+
+def _around(name: str, value: float, low: float, high: float, declared: bool) -> tuple[float, float]:
+    if declared and math.isfinite(low) and math.isfinite(high):
+        return low, high
+    if declared or value <= 0.0:
+        raise InputError(f"--over {name} needs a range, {name}=low:high: nothing says what it may be.")
+    return max(low, value / WIDE), min(high, value * WIDE)
+
+
+def read_goal(text: str) -> Goal:
+    """``worst:FIGURE`` or ``mean:FIGURE``.
+
+    Raises:
+        InputError: If it is neither, or no figure of a score.
+    """
+    how, colon, figure = text.partition(":")
+    if how not in ("worst", "mean") or not colon:
+        raise InputError(f"--goal '{text}' is not worst:FIGURE or mean:FIGURE, e.g. worst:rms_error_n.")
+    return Goal(how, _figure(figure, "goal"))
+
+
+def read_condition(text: str) -> Condition:
+    """``stable`` or ``FIGURE<=VALUE``.
+
+    Raises:
+        InputError: If it is neither, or no figure of a score.
+    """
+    if text == "stable":
+        return Condition(text, math.nan)
+    found = re.fullmatch(r"(\w+)\s*<=?\s*([-+.\deE]+)", text)
+    try:
+        most = float(found[2]) if found else math.nan
+    except ValueError:
+        most = math.nan
+    if not found or math.isnan(most):
+        raise InputError(f"--subject-to '{text}' is not stable or FIGURE<=VALUE, e.g. overshoot_n<=5.")
+    return Condition(_figure(found[1], "condition"), most)
+
+
+def _figure(name: str, what: str) -> str:
+    known = [figure for figure in (*FIGURES, "peaks_error_n", "slowed") if figure != "stable"]
+    if name not in known:
+        raise unknown_name(f"figure of a {what}", name, known)
+    return name
+
+
+def training_cases(wanted: Sequence[str]) -> tuple[tuple[Case, ...], tuple[Case, ...]]:
+    """The cases the search sees, by name or pattern (`TRAINING` if none is named), and those it does not."""
+    seen = choose_cases(BATTERY, wanted or TRAINING)
+    return seen, tuple(case for case in BATTERY if case not in seen)
+
+
+class Scorer:
+    """Rows of the score, measured by workers or found in the folder's journal."""
+
+    def __init__(self, folder: Path, workers: Workers) -> None:
+        self._journal, self._workers = Journal(folder), workers
+
+    def rows(self, tasks: Sequence[Task]) -> list[Row]:
+        """The rows of tasks; one whose process died is left out."""
+        known = {task: row for task in tasks if (row := self._journal.row(task)) is not None}
+        missing = [task for task in tasks if task not in known]
+        if missing:
+            with closing(self._workers.results(missing, measure_row, _group)) as results:
+                for task, row, _ in results:
+                    if row is not None:
+                        self._journal.add(task, row)
+                        known[task] = row
+        return [known[task] for task in tasks if task in known]
+
+
+def _group(task: Task) -> Any:
+    return setup_key(task.scenario)
+
+
+def search_best(search: Search, trials: int, folder: Path, scorer: Scorer, heard: Heard) -> dict[str, float]:
+    """Search until there are so many trials in the folder's storage; the best values by key.
+
+    The first trial is the shipped one. What a killed command had begun is done again.
+
+    Raises:
+        InputError: If no trial keeps the conditions.
+    """
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    storage = f"sqlite:///{(folder / STORAGE).resolve()}"
+    study = optuna.create_study(storage=storage, study_name=STUDY_NAME, load_if_exists=True)
+    for begun in [trial for trial in study.trials if trial.state == optuna.trial.TrialState.RUNNING]:
+        study.enqueue_trial(begun.params)
+        study.tell(begun.number, state=optuna.trial.TrialState.FAIL)
+    if not study.trials:
+        study.enqueue_trial({p.key: min(max(p.shipped, p.low), p.high) for p in search.over})
+    ended = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.PRUNED)
+    while (done := sum(trial.state in ended for trial in study.trials)) < trials:
+        # Seeded by the number of the trial: a search that was killed goes on as if it had not been.
+        study.sampler = optuna.samplers.TPESampler(seed=done, n_startup_trials=10) if search.sampler == "tpe" else (
+            optuna.samplers.CmaEsSampler(seed=done)
+        )  # fmt: skip
+        trial = study.ask()
+        values = {p.key: trial.suggest_float(p.key, p.low, p.high, log=p.log) for p in search.over}
+        value, whole = score_trial(search, values, _best_of(study), scorer)
+        state = optuna.trial.TrialState.COMPLETE if whole else optuna.trial.TrialState.PRUNED
+        trial.report(value, 0)
+        study.tell(trial, value if whole else None, state=state)
+        how = "" if whole else "given up early: "
+        heard(done + 1, f"{how}{_value_text(value)}; best {_value_text(_best_of(study))}")
+    if not _best_of(study) < BROKEN:
+        names = ", ".join(condition.figure for condition in search.conditions)
+        raise InputError(f"no trial keeps what it is subject to ({names}) in all cases. Search wider, or ask less.")
+    return dict(study.best_params)
+
+
+def _best_of(study: Any) -> float:
+    values = [trial.value for trial in study.trials if trial.state.name == "COMPLETE"]
+    return min(values, default=math.inf)
+
+
+def _value_text(value: float) -> str:
+    return "not kept" if value >= BROKEN else number_text(value, 4)
+
+
+def score_trial(search: Search, values: Mapping[str, float], best: float, scorer: Scorer) -> tuple[float, bool]:
+    """The goal of some values, and whether all cases were run for it."""
+    rows: list[Row] = []
+    stages, entry = search.stages(), search.entry(values)
+    for number, cases in enumerate(stages):
+        rows += scorer.rows([Task(case, entry, seed) for case in cases for seed in range(search.seeds)])
+        value = search.judge(rows) if rows else math.inf
+        lost = value >= BROKEN or (search.goal.how == "worst" and value > best)
+        if lost and number + 1 < len(stages):
+            return value, False
+    return value, True
+
+
+class Verdict(NamedTuple):
+    """Shipped and tuned values on some cases and seeds."""
+
+    what: str
+    rows: int
+    shipped: float  #: The goal, of the rows in which both keep the conditions
+    tuned: float
+    shipped_broken: int  #: Rows that break a condition
+    tuned_broken: int
+
+    @property
+    def better(self) -> bool:
+        """Whether the tuned values are better in the goal and break no more conditions."""
+        return self.tuned_broken <= self.shipped_broken and self.tuned < self.shipped
+
+
+def judge_tuned(search: Search, best: Mapping[str, float], seeds: int, scorer: Scorer) -> list[Verdict]:
+    """Shipped and tuned values side by side: where the search looked, on other seeds, and in other cases."""
+    fresh = range(HELD_OUT_SEED, HELD_OUT_SEED + seeds)
+    places = [("seen by the search", search.cases, range(search.seeds)), ("held-out seeds", search.cases, fresh)]
+    if search.held_out:
+        places.append(("held-out cases and seeds", search.held_out, fresh))
+    verdicts = []
+    for what, cases, chosen in places:
+        tasks = {entry.label: [Task(case, entry, seed) for case in cases for seed in chosen]
+                 for entry in (search.entry(None), search.entry(best))}  # fmt: skip
+        shipped, tuned = (scorer.rows(tasks[label]) for label in ("shipped", "tuned"))
+        pairs = [(a, b) for a, b in zip(shipped, tuned, strict=True)]
+        kept = [pair for pair in pairs if not any(map(search.breaks, pair))]
+        before, after = (search.goal.of([pair[k] for pair in kept]) for k in (0, 1))
+        broken = (sum(map(search.breaks, rows)) for rows in (shipped, tuned))
+        verdicts.append(Verdict(what, len(pairs), before, after, *broken))
+    return verdicts

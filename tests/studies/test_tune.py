@@ -1,0 +1,162 @@
+"""Tuning finds what is there to be found, and says on unseen seeds whether it helps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from polish_sim.cli.tune import tuned_toml
+from polish_sim.config import ControllerConfig
+from polish_sim.errors import PolishSimError
+from polish_sim.experiments.registry import default_scenario
+from polish_sim.scenario_file import load_scenario
+from polish_sim.scoring.figures import FIGURES
+from polish_sim.scoring.journal import Row, Task
+from polish_sim.studies.tune import (
+    BROKEN,
+    HELD_OUT_SEED,
+    Goal,
+    Search,
+    judge_tuned,
+    read_condition,
+    read_goal,
+    read_over,
+    search_best,
+    training_cases,
+)
+
+BEST_P, BEST_I = 0.008, 0.02  #: Where the planted figure is least
+MINE = """
+class Mine:
+    ranges = {"gain": (0.1, 10.0)}
+    def __init__(self, gain=1.0, name="x", free=1.0): pass
+    def reset(self, cycle_s): pass
+    def step(self, measurement, target): pass
+"""
+
+
+class Planted:
+    """Rows whose figure grows with the distance from known gains; unstable above a known one."""
+
+    def __init__(self, lucky_seeds: bool = False) -> None:
+        self.asked: list[Task] = []
+        self.lucky_seeds = lucky_seeds
+
+    def rows(self, tasks: Sequence[Task]) -> list[Row]:
+        self.asked += tasks
+        return [self._row(task) for task in tasks]
+
+    def _row(self, task: Task) -> Row:
+        gains = task.scenario.controller
+        p, i = math.log(gains.force_p_m_sn / BEST_P), math.log(gains.force_i_m_s2n / BEST_I)
+        seen = task.seed < HELD_OUT_SEED
+        error = 0.1 + p * p + i * i if seen or not self.lucky_seeds else 0.1 - p * p - i * i
+        return {**dict.fromkeys((*FIGURES, "peaks_error_n", "slowed"), 0.0), "case": task.case.name,
+                "rms_error_n": error, "stable": gains.force_p_m_sn < 0.012}  # fmt: skip
+
+
+def search(**more: Any) -> Search:
+    seen, held_out = training_cases(["step-20", "flat-30"])
+    over = read_over("hybrid-pi", ["force_p", "force_i"])
+    usual = Search("hybrid-pi", over, read_goal("worst:rms_error_n"), (read_condition("stable"),), seen, held_out, 2)
+    return replace(usual, **more)
+
+
+def silent(_number: int, _text: str) -> None:
+    pass
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "cmaes"])
+def test_the_search_finds_planted_gains_within_a_condition(tmp_path: Path, sampler: str) -> None:
+    pytest.importorskip("optuna")
+    scorer = Planted()
+    best = search_best(search(sampler=sampler), 60, tmp_path, scorer, silent)  # type: ignore[arg-type]
+    assert best["controller.force_p_m_sn"] == pytest.approx(BEST_P, rel=0.3)
+    assert best["controller.force_i_m_s2n"] == pytest.approx(BEST_I, rel=0.5)
+    first = scorer.asked[0].scenario.controller
+    assert (first.force_p_m_sn, first.force_i_m_s2n) == (0.004, 0.012)
+    seen, seeds, cases = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
+    assert seen.better
+    assert seeds.better
+    assert cases.better
+    assert cases.rows == 3 * len(search().held_out)
+
+
+def test_paths_are_run_only_where_the_holds_are_no_worse_than_the_best(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    scorer = Planted()
+    search_best(search(), 30, tmp_path, scorer, silent)  # type: ignore[arg-type]
+    holds, paths = (sum(task.case.moving == moving for task in scorer.asked) for moving in (False, True))
+    assert holds == 2 * 30
+    assert 0 < paths < holds
+
+
+def test_a_search_that_was_broken_off_goes_on_to_the_same_end(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    whole, parts = Planted(), Planted()
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    best = search_best(search(), 24, tmp_path / "a", whole, silent)  # type: ignore[arg-type]
+    for trials in (10, 24):
+        again = search_best(search(), trials, tmp_path / "b", parts, silent)  # type: ignore[arg-type]
+    assert again == best
+    assert [t.entry.settings for t in whole.asked] == [t.entry.settings for t in parts.asked]
+
+
+def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse(tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    scorer = Planted(lucky_seeds=True)
+    best = search_best(search(), 20, tmp_path, scorer, silent)  # type: ignore[arg-type]
+    seen, seeds, _ = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
+    assert (seen.better, seeds.better) == (True, False)  # on other seeds the planted figure falls with the distance
+
+
+def test_a_condition_counts_more_than_any_goal() -> None:
+    rows = [{"case": "step-20", "rms_error_n": 9.0, "stable": True, "settling_1n_s": None},
+            {"case": "flat-30", "rms_error_n": 1.0, "stable": False, "settling_1n_s": None}]  # fmt: skip
+    assert search().judge(rows) == BROKEN * 1.5
+    assert search(conditions=()).judge(rows) == 9.0
+    assert search(conditions=(), goal=Goal("mean", "rms_error_n")).judge(rows) == 5.0
+    assert search(conditions=(), goal=Goal("worst", "settling_1n_s")).judge(rows[1:]) != 0.0
+    assert Goal("worst", "settling_1n_s").of(rows) == math.inf  # a hold that never settles; a path has no such figure
+
+
+def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path: Path) -> None:
+    p, i = read_over("hybrid-pi", ["force_p=0.001:0.02", "force_i"])
+    assert (p.key, p.low, p.high, p.log) == ("controller.force_p_m_sn", 0.001, 0.02, True)
+    shipped = ControllerConfig().force_i_m_s2n
+    assert (i.low, i.high, i.shipped) == (shipped / 4, shipped * 4, shipped)
+    (tmp_path / "mine.py").write_text(MINE)
+    (gain,) = read_over(f"{tmp_path / 'mine.py'}:Mine", ["gain"])
+    assert gain[:4] == ("controller.own.gain", 0.1, 10.0, 1.0)
+
+
+@pytest.mark.parametrize("word", ["force", "forse_p", "name", "force_p=1:2", "force_p=0.02:0.01", "force_p=a"])
+def test_what_cannot_be_tuned_is_refused(word: str) -> None:
+    with pytest.raises(PolishSimError, match=r"tune|--over"):
+        read_over("hybrid-pi", [word])
+
+
+@pytest.mark.parametrize("text", ["rms_error_n", "best:rms_error_n", "worst:rms", "worst:stable"])
+def test_what_is_no_goal_is_refused(text: str) -> None:
+    with pytest.raises(PolishSimError, match="goal"):
+        read_goal(text)
+
+
+@pytest.mark.parametrize("text", ["calm", "overshoot_n", "overshot_n<=3", "overshoot_n<=x"])
+def test_what_is_no_condition_is_refused(text: str) -> None:
+    with pytest.raises(PolishSimError, match=r"subject-to|condition"):
+        read_condition(text)
+
+
+def test_the_file_of_tuned_values_runs_them(tmp_path: Path) -> None:
+    (tmp_path / "tuned.toml").write_text(tuned_toml(search(), {"controller.force_p_m_sn": 0.005}))
+    for name in ("force", "surface"):
+        usual = default_scenario(name)
+        run = load_scenario(tmp_path / "tuned.toml", usual)
+        assert run == replace(usual, controller=replace(usual.controller, force_p_m_sn=0.005))
