@@ -12,6 +12,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 FETCHED = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src", "video": "src"}
+CODE = ("code", "pre", "script", "style")
 
 
 class Page(HTMLParser):
@@ -22,6 +23,8 @@ class Page(HTMLParser):
         self.ids: set[str] = set()
         self.links: list[str] = []
         self.loads: list[str] = []
+        self.unread: list[str] = []  #: Markdown that was left as text
+        self.code = 0
         self.feed(file.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -32,6 +35,16 @@ class Page(HTMLParser):
             self.links.append(given["href"])
         if tag in FETCHED and FETCHED[tag] in given:
             self.loads.append(given[FETCHED[tag]])
+        self.code += tag in CODE
+
+    def handle_endtag(self, tag: str) -> None:
+        """Leave one element."""
+        self.code -= tag in CODE
+
+    def handle_data(self, data: str) -> None:
+        """Look for links that are text."""
+        if "](" in data and not self.code:
+            self.unread.append(data.strip()[:80])
 
 
 def faults(folder: Path) -> tuple[list[str], int, int]:
@@ -40,6 +53,7 @@ def faults(folder: Path) -> tuple[list[str], int, int]:
     wrong, inside, outside = [], 0, 0
     for file, page in pages.items():
         where = file.relative_to(folder.resolve())
+        wrong += [f"{where}: not read as a link: {text}" for text in page.unread]
         for link in [*page.loads, *page.links]:
             parts = urlsplit(link)
             if parts.scheme == "data":

@@ -92,7 +92,7 @@ LINKS = {
     r"(?:\.\./)?CHANGELOG\.md": "changelog.md",
     r"(?:\.\./)?README\.md": "index.md",
     r"(?:\.\./)?examples/README\.md": "tutorials/index.rst",
-    r"(?:\.\./)?examples/(\d\d_\w+)\.py": r"tutorials/\1.rst",
+    r"(?:\.\./)?examples/(?P<name>\d\d_\w+)\.py": r"tutorials/\g<name>.rst",
     r"(?:\.\./)?examples/train_\w+\.py": "tutorials/13_environment.rst",
     r"(?:\.\./)?(?:results/)?gallery/": "../results/gallery/",
 }
