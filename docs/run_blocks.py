@@ -33,12 +33,13 @@ SHORT: dict[str, tuple[str, ...]] = {
     "run teach": ("--set", "hand.off_s=0.5"),
     "identify": ("--periods", "1"),
     "score": ("--case", "approach-20"),
+    "tune": ("--case", "approach-20", "--seeds", "1", "--held-out-seeds", "1"),
     "calibrate budget": ("--draws", "30"),
     "calibrate arm": ("--poses", "20"),
 }
 """What a command gets in addition, unless it says so itself or one of `COMPLETE` is there."""
 COMPLETE = ("--data", "--payload-data", "--list", "--report", "--help", "--dry-run", "--follow", "--mode")
-FEWER = {"--seeds": "1", "--draws": "30", "--count": "2"}  #: Instead of what is said
+FEWER = {"--seeds": "1", "--draws": "30", "--count": "2", "--trials": "2"}  #: Instead of what is said
 SCORE_SEEDS = ("--seeds", "1")
 
 
