@@ -28,6 +28,7 @@ from polish_sim.cli.score import score
 from polish_sim.cli.smooth import smooth
 from polish_sim.cli.sweep import sweep
 from polish_sim.cli.tune import tune
+from polish_sim.cli.view import view
 
 commands = typer.Typer(
     name="polish-sim",
@@ -75,6 +76,7 @@ commands.command("tune", cls=PanelledCommand, short_help="Search a controller's 
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget.")
 commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)
 commands.command("report", cls=PanelledCommand, short_help="Plots and tables again from saved runs.")(report)
+commands.command("view", cls=PanelledCommand, short_help="A saved run in the browser, in 3D and over time.")(view)
 commands.command("config", cls=PanelledCommand, short_help="The full default config as TOML.")(config)
 commands.command("list", cls=PanelledCommand, short_help="What ships with the package.")(list_names)
 

@@ -85,6 +85,12 @@ OWN: Final = {
             bool),
         Own("--check", RUN, "", "Exit with 1 when a figure falls short of what is asked of it.", bool),
         Own("--view", RUN, "", "Watch the run in the MuJoCo viewer.", bool),
+        Own("--live", RUN, "", "Watch the run in a browser, and change force, feed and faults there (needs viser).",
+            bool),
+        Own("--live-port", RUN, "N", "Port of the page; default: the first free one from 8080 on.", int, low=1,
+            high=65535),
+        Own("--live-host", RUN, "ADDRESS", "Serve the page at this address of the computer; default: 127.0.0.1, for "
+            "nobody else. It has no password: whoever reaches the address can watch and change the run."),
         Own("--reach-map", OUTPUT, "", "Draw where the part may stand for the arm to do the path.", bool),
         Own("--dual", PAIR, "", "For two robots: once around the rim; reach, limits and collisions of both arms are "
             "checked.", bool),

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.config import Scenario
 
     Image = NDArray[np.uint8]
 
@@ -32,6 +33,16 @@ class FrameSink(AbstractContextManager[Any], Protocol):
 
     def take(self, model: Any, data: Any) -> None:
         """Take one moment; model and data are not to be changed."""
+
+    def stage(self, text: str) -> None:
+        """A stage of the run begins."""
+
+    def start(self, cell: Any) -> None:
+        """The cell that is about to run."""
+
+    def as_run(self, scenario: Scenario) -> Scenario:
+        """The scenario with what was changed by hand during the run."""
+        return scenario
 
 
 class Quality(NamedTuple):

@@ -55,6 +55,8 @@ class ProgressObserver:
         self._say(text)
         self._stage, self._told_at = text, time.monotonic()
         self._bar.reset(self._task, total=None, description=text)
+        for sink in self._sinks:
+            sink.stage(text)
 
     def compiled(self, count: str) -> None:
         """Say how many kernels are compiled, in the stage's line."""
@@ -66,6 +68,11 @@ class ProgressObserver:
             self._told_at = time.monotonic()
             self._say(f"{self._stage}: {done / total:.0%}")
         self._bar.update(self._task, description=self._stage, completed=done, total=total)
+
+    def start(self, cell: Any) -> None:
+        """Show the cell that is about to run to those who want to see it."""
+        for sink in self._sinks:
+            sink.start(cell)
 
     def frame(self, model: Any, data: Any) -> None:
         """Hand a moment of the simulation on to those who want to see it."""

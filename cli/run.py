@@ -18,6 +18,7 @@ from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, Snapshot, open_sinks, save_cell
+from polish_sim.cli.view import Address, asked_address
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, place_in_mm
 from polish_sim.experiments.registry import (
@@ -106,8 +107,9 @@ def _command_of(row: Experiment) -> Callable[..., int]:
 def run(row: Experiment, given: Given) -> int:
     """Simulate an experiment with the options given."""
     view, video, seeds = given.get("--view"), given.get("--video"), given.get("--seeds")
-    if seeds is not None and (view or video):
-        raise InputError("--view and --video show one run: leave --seeds out.")
+    if seeds is not None and (view or video or given.get("--live")):
+        raise InputError("--view, --live and --video show one run: leave --seeds out.")
+    live = _live_address(given)
     refuse_taken(given["--out"], given["--overwrite"])
     if video:
         from polish_sim.cli.film import check_film
@@ -120,12 +122,31 @@ def run(row: Experiment, given: Given) -> int:
         return DONE
     with claimed(given["--out"], f"run-{row.name}", given["--overwrite"]) as folder:
         if seeds is None:
-            outcome = run_once(scenario, plan, folder.draft, open_sinks(bool(view)), bool(video))
+            sinks = open_sinks(bool(view))
+            if live is not None:
+                from polish_sim.cli.live_page import LiveView
+
+                sinks.append(LiveView(live, row.title(scenario)))
+            outcome = run_once(scenario, plan, folder.draft, sinks, bool(video))
         else:
             from polish_sim.cli.seeds import run_seeds
 
             outcome = run_seeds(scenario, plan, range(scenario.seed, scenario.seed + seeds), folder.draft)
     return outcome.finish(folder.final, check=bool(given["--check"]))
+
+
+def _live_address(given: Given) -> Address | None:
+    """Where a live view is asked for; None if none is.
+
+    Raises:
+        InputError: It cannot be shown, or only its address is given.
+    """
+    if not given.get("--live"):
+        where = [option for option in ("--live-port", "--live-host") if given.get(option) is not None]
+        if where:
+            raise InputError(f"{' and '.join(where)}: where the page of --live is; give --live as well.")
+        return None
+    return asked_address(given)
 
 
 @takes(*OUTPUT_OPTIONS)
@@ -183,7 +204,7 @@ def run_once(
                 stack.enter_context(sink)
             stack.enter_context(observer.compiling.ahead(scenario))
             planned = plan_to_run(scenario, plan, observer, draft)
-            record = simulate(scenario, planned, draft, observer)
+            record = simulate(scenario, planned, draft, observer, sinks)
             observer.stage("draw")
             stop = stop_mark(record.metrics)
             model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
@@ -207,9 +228,14 @@ def run_once(
         write_json(draft / METRICS, {**record.metrics, PICTURES_MISSING: True})
     figures = record.metrics
     missed = [
-        f"the fault {event} did not happen: the run was over after {figures['simulated_s']:.1f} s."
+        f"{event} did not happen: the run was over after {figures['simulated_s']:.1f} s."
         for event in figures["faults_missed"]
     ]
+    if record.scenario.process.changes:
+        missed.append(
+            f"set points were changed during the run ({record.scenario.process.changes}): "
+            "figures of force and feed compare it with what was planned before."
+        )
     return Outcome(
         claims_shown([scenario]),
         row.title(scenario),
@@ -222,13 +248,24 @@ def run_once(
     )
 
 
-def simulate(scenario: Scenario, plan: PlanResult | None, folder: Path, observer: Observer | None = None) -> RunRecord:
-    """Run a scenario along its path and write config, figures, log and path into a folder."""
+def simulate(
+    scenario: Scenario,
+    plan: PlanResult | None,
+    folder: Path,
+    observer: Observer | None = None,
+    sinks: Sequence[FrameSink] = (),
+) -> RunRecord:
+    """Run a scenario along its path and write config, figures, log and path into a folder.
+
+    What was changed by hand in one of the ``sinks`` is in the config as if it had been planned.
+    """
     from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
 
     result = run_experiment(scenario, plan, observer)
-    figures = {**result.figures, "versions": package_versions()}
-    record = RunRecord(scenario.experiment, result.scenario, figures, result.log, result.path, result.removal)
+    figures, ran = {**result.figures, "versions": package_versions()}, result.scenario
+    for sink in sinks:
+        ran = sink.as_run(ran)
+    record = RunRecord(scenario.experiment, ran, figures, result.log, result.path, result.removal)
     write_record(folder, record)
     for name, text in result.files.items():
         (folder / name).write_text(text, encoding="utf-8")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 from polish_sim.cell import Cell, CellRun, Silent
-from polish_sim.cell.faults import FAULTS, FaultEvent, parse_events
+from polish_sim.cell.faults import FAULTS, FaultEvent, as_planned, parse_events
 from polish_sim.cell.guards import (
     CONTROLLER_NAN,
     FALLEN,
@@ -187,3 +188,74 @@ def test_a_fault_that_needs_a_part_is_refused_where_there_is_none(event: str) ->
     scenario = override(default_scenario("arc"), [f"faults.events={event}"])
     with pytest.raises(ConfigError, match=r"would change nothing"):
         cell_for(scenario, free_stroke(tool_pose(0.0, -0.5, 0.2)))
+
+
+# Set points that change while the run goes.
+
+
+def test_a_force_set_anew_is_held_and_no_guard_takes_the_springs_way_for_the_surface() -> None:
+    run = faulty("", "process.changes='force_n=45@contact+1, force_n=5@contact+2'", hold=3.0, slide=0.005).run()
+    assert run.stop_reason is None
+    start = run.trace.time_s[np.argmax(run.trace.normal_force_n > 0.5)]
+    for wanted, since in ((20.0, 0.7), (45.0, 1.7), (5.0, 2.7)):
+        held = run.trace.normal_force_n[np.abs(run.trace.time_s - start - since) < 0.2]
+        assert np.abs(held - wanted).max() < 1.0
+
+
+def test_a_feed_set_anew_is_that_of_the_tool_from_then_on() -> None:
+    run = faulty("", "process.changes='feed_m_s=0.004@contact+1.5'", hold=0.0, slide=0.02).run()
+    start = run.trace.time_s[np.argmax(run.trace.normal_force_n > 0.5)]
+    for wanted, since in ((0.01, 1.2), (0.004, 2.5)):
+        s = np.interp([start + since - 0.1, start + since + 0.1], run.trace.time_s, run.trace.path_s_m)
+        assert (s[1] - s[0]) / 0.2 == pytest.approx(wanted, rel=0.01)
+
+
+class ByHand(Silent):
+    """Lets things happen at moments it finds by itself."""
+
+    frame_every_s = 0.013
+
+    def start(self, cell: Cell) -> None:
+        self.cell = cell
+
+    def frame(self, model: object, data: object) -> None:
+        steps = int(self.cell.state.status.steps)
+        for what, at in (("force_n=24.5", 1504), ("feed_m_s=0.003", 1704), ("sensor-drift", 1904)):
+            if at - 13 <= steps < at:
+                self.cell.let_happen(what)
+
+
+def test_what_happens_by_hand_happens_again_when_it_is_planned() -> None:
+    cell, hand = faulty("", hold=2.0, slide=0.02), ByHand()
+    first = cell.run(hand)
+    planned = as_planned(cell.scenario, cell.asked)
+    assert [entry.partition("@")[0] for entry in planned.process.changes.split(", ")] == [
+        "force_n=24.5",
+        "feed_m_s=0.003",
+    ]
+    again = faulty(planned.faults.events, f"process.changes='{planned.process.changes}'", hold=2.0, slide=0.02).run()
+    assert all(first.log[name].tobytes() == again.log[name].tobytes() for name in first.log.names)
+    plain = faulty("", hold=2.0, slide=0.02).run()
+    assert first.log["normal_force_n"].tobytes() != plain.log["normal_force_n"].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ("force_n=25", "is not NAME=VALUE@TIME"),
+        ("force_n@3", "has no number for force_n"),
+        ("force=25@3", "unknown set point 'force'. Did you mean 'force_n'"),
+        ("feed_m_s=0.02@3", "at most the planned 0.01"),
+        ("force_n=-3@3", "out of range"),
+    ],
+)
+def test_changes_that_cannot_be_made_are_refused(changes: str, said: str) -> None:
+    with pytest.raises((ConfigError, InputError), match=re.escape(said)):
+        faulty("", f"process.changes='{changes}'")
+
+
+def test_a_force_set_where_there_is_nothing_to_press_on_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no part to press on"):
+        cell_for(
+            override(default_scenario("arc"), ["process.changes='force_n=10@1'"]), free_stroke(tool_pose(0, -0.5, 0.2))
+        )

@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart, build_pad, build_spindle
 from polish_sim.cell.engine import engine_views, register_engine
-from polish_sim.cell.faults import FaultClock, SafetyRecord, check_events, parse_events, record_safety
+from polish_sim.cell.faults import (
+    FaultClock,
+    FaultEvent,
+    SafetyRecord,
+    check_changes,
+    check_events,
+    parse_changes,
+    parse_events,
+    record_safety,
+)
 from polish_sim.cell.gears import RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory
@@ -26,6 +35,7 @@ from polish_sim.cell.real_part import build_part_motion, no_part
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
 from polish_sim.cell.scene import tool_on_flange, touching
+from polish_sim.cell.set_points import SetPoints
 from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, cycle_time
 from polish_sim.cell.wrist_sensor import (
     Payload,
@@ -150,9 +160,12 @@ class Cell:
             scenario = with_implicit_friction(scenario, force, mass)
         check_step_limits(scenario, force, mass, part.field.band)
         check_rates(scenario)
-        events = parse_events(scenario.faults.events)
-        check_events(events, on_part=any(stroke.contact for stroke in self.strokes), two_robots=bool(self.arm))
-        self.scenario, self.faults, self._touched = scenario, FaultClock(events), None
+        events, self.on_part = parse_events(scenario.faults.events), any(stroke.contact for stroke in self.strokes)
+        check_events(events, self.on_part, two_robots=bool(self.arm))
+        check_changes(scenario, self.on_part)
+        self.scenario, self.set_points, self._touched = scenario, SetPoints(scenario.process), None
+        self.faults = FaultClock((*events, *parse_changes(scenario.process.changes)), self.set_points)
+        self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
         self.kernel = self._build_kernel(part)
 
     def use_controller(self, controller: Controller) -> None:
@@ -221,6 +234,17 @@ class Cell:
             line = build_sample_line(sensor)
         return read_at_rest(sensor, line, loads, travel, settle, average, rng)
 
+    def let_happen(self, what: str) -> None:
+        """Let a fault, or a change of a set point as ``NAME=VALUE`` [SI], happen before the next step.
+
+        Raises:
+            PolishSimError: There is no such thing.
+        """
+        parse = parse_changes if "=" in what else parse_events
+        (event,) = parse(f"{what}@{self.state.status.steps * self.kernel.engine.dt:.12g}")
+        self.faults.waiting.append(event)
+        self.asked.append(event)
+
     def run(self, observer: Observer | None = None) -> CellRun:
         """Run the strokes to their end, to a protective stop, or to an interrupt; what was recorded is returned."""
         watcher = observer or Silent()
@@ -233,12 +257,13 @@ class Cell:
         total = cycle_time(self.strokes)
         started = time.perf_counter()
         draws = np.empty((0, DRAWS))
+        watcher.start(self)
         with interrupts_noted(watcher) as interrupt:
             for stroke in self.strokes:
                 if status.arrived:
                     status.arrived = False
                     begin_next_stroke(self.state.sequence)
-                self.kernel = self.kernel._replace(stroke=stroke)
+                self.kernel = self.kernel._replace(stroke=self.set_points.begin(stroke))
                 while not (status.ended or status.arrived or interrupt.seen):
                     self.faults.inject_due(self.kernel)
                     steps = self.faults.steps_to_next(self.kernel, chunk)

@@ -1,13 +1,15 @@
 """Faults to inject into a run: each a small change of the running cell, at its time.
 
 A fault is planned as ``NAME@TIME``, the time in seconds from the start of the run, or ``NAME@contact+TIME`` from the
-exact first contact. It happens before the first physics step at or after its time.
+exact first contact. It happens before the first physics step at or after its time. Changes of a set point
+(`set_points`) are planned as ``NAME=VALUE@TIME`` and happen on the same clock.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from operator import attrgetter
 from types import MappingProxyType
 from typing import NamedTuple
@@ -17,7 +19,9 @@ import numpy as np
 from polish_sim.cell.guards import MEASURED, NO_STOP
 from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.robot import SENT, SHORT, STANDING
-from polish_sim.errors import ConfigError, unknown_name
+from polish_sim.cell.set_points import FORCE, SET_POINTS, SetPoints
+from polish_sim.config import Scenario
+from polish_sim.errors import ConfigError, number_text, unknown_name
 
 JUMP_N = 20.0
 DRIFT_N_S = 3.0
@@ -26,6 +30,7 @@ SHAKE_M, SHAKE_HZ = 0.001, 5.0
 LATENCY_S = 0.040
 SLOW = 0.5
 NOISE_TIMES, FRICTION_TIMES = 10.0, 2.0
+NO_PART = "no part to press on"
 _AWAY_M = 10.0  # where a missing part goes: out of reach
 Inject = Callable[[CellKernel], None]
 
@@ -144,14 +149,16 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
 
 
 class FaultEvent(NamedTuple):
-    """A fault planned for a run."""
+    """A fault, or a change of a set point, planned for a run."""
 
     name: str
     time: float  #: [s] from the start of the run, or from first contact
     after_contact: bool = False
+    value: float | None = None  #: Of a set point [SI]; None: a fault
 
     def __str__(self) -> str:
-        return f"{self.name}@{'contact+' if self.after_contact else ''}{self.time:g}"
+        what = self.name if self.value is None else f"{self.name}={number_text(self.value)}"
+        return f"{what}@{'contact+' if self.after_contact else ''}{self.time:.12g}"
 
 
 def parse_events(text: str) -> tuple[FaultEvent, ...]:
@@ -171,18 +178,35 @@ def check_events(events: tuple[FaultEvent, ...], on_part: bool, two_robots: bool
         ConfigError: Naming the first such fault.
     """
     for event in events:
-        lacking = ""
-        if not on_part and (FAULTS[event.name].on_part or event.after_contact):
-            lacking = "no part to press on"
-        if not two_robots and FAULTS[event.name].on_master:
-            lacking = "no second robot: it is one of 'run dual'"
+        lacking = lacking_for(event.name, on_part, two_robots)
+        if event.after_contact and not on_part:
+            lacking = NO_PART
         if lacking:
             raise ConfigError(f"the fault '{event}' would change nothing: there is {lacking}. Leave it out.")
 
 
+def lacking_for(name: str, on_part: bool, two_robots: bool) -> str:
+    """What a fault needs that a cell does not have; empty if nothing."""
+    if FAULTS[name].on_part and not on_part:
+        return NO_PART
+    return "no second robot: it is one of 'run dual'" if FAULTS[name].on_master and not two_robots else ""
+
+
 def _parse_event(entry: str) -> FaultEvent:
+    name, time, after_contact = parse_time(entry, "fault", "NAME", "sensor-frozen")
+    if name not in FAULTS:
+        raise unknown_name("fault", name, FAULTS)
+    return FaultEvent(name, time, after_contact)
+
+
+def parse_time(entry: str, kind: str, form: str, example: str) -> tuple[str, float, bool]:
+    """What stands before the @ of ``entry``, its time [s], and whether that counts from first contact.
+
+    Raises:
+        ConfigError: There is no time; the other arguments say how to write the entry.
+    """
     name, at, when = entry.partition("@")
-    name, when = name.strip(), when.replace(" ", "")
+    when = when.replace(" ", "")
     after_contact = when.startswith("contact+")
     try:
         time = float(when.removeprefix("contact+"))
@@ -190,28 +214,79 @@ def _parse_event(entry: str) -> FaultEvent:
         time = math.nan
     if not at or not (math.isfinite(time) and time >= 0.0):
         raise ConfigError(
-            f"the fault '{entry}' is not NAME@TIME: seconds from the start of the run, e.g. sensor-frozen@3.5, or from "
-            "first contact, e.g. sensor-frozen@contact+0.5."
+            f"the {kind} '{entry}' is not {form}@TIME: seconds from the start of the run, e.g. {example}@3.5, or from "
+            f"first contact, e.g. {example}@contact+0.5."
         )
-    if name not in FAULTS:
-        raise unknown_name("fault", name, FAULTS)
-    return FaultEvent(name, time, after_contact)
+    return name.strip(), time, after_contact
+
+
+def parse_changes(text: str) -> tuple[FaultEvent, ...]:
+    """Read ``NAME=VALUE@TIME, NAME=VALUE@contact+TIME, ...``.
+
+    Raises:
+        InputError: A set point is not known; lists the known ones.
+        ConfigError: An entry is not NAME=VALUE@TIME.
+    """
+    return tuple(_parse_change(entry.strip()) for entry in text.split(",") if entry.strip())
+
+
+def _parse_change(entry: str) -> FaultEvent:
+    what, time, after_contact = parse_time(entry, "change", "NAME=VALUE", "force_n=25")
+    name, _, number = (word.strip() for word in what.partition("="))
+    if name not in SET_POINTS:
+        raise unknown_name("set point", name, SET_POINTS)
+    try:
+        return FaultEvent(name, time, after_contact, float(number))
+    except ValueError:
+        raise ConfigError(f"the change '{entry}' has no number for {name}, e.g. force_n=25@3.5.") from None
+
+
+def check_changes(scenario: Scenario, on_part: bool) -> None:
+    """Refuse changes of a set point that are out of range, or that change nothing without a part to press on.
+
+    Raises:
+        ConfigError: Naming the first such change.
+    """
+    process = scenario.process
+    for change in parse_changes(process.changes):
+        name, most = SET_POINTS[change.name], math.inf if change.name == FORCE else process.feed_m_s
+        if not on_part and (change.name == FORCE or change.after_contact):
+            raise ConfigError(f"the change '{change}' would change nothing: there is {NO_PART}. Leave it out.")
+        if not 0.0 < (change.value or 0.0) <= most:
+            raise ConfigError(
+                f"the change '{change}' is out of range: {name}, above 0"
+                + (f", at most the planned {number_text(most)}." if math.isfinite(most) else ".")
+            )
+
+
+def as_planned(scenario: Scenario, events: Sequence[FaultEvent]) -> Scenario:
+    """The scenario in which what somebody let happen during a run is planned: run again, it gives the same bytes."""
+    faults, changes = ([str(e) for e in events if (e.value is None) == fault] for fault in (True, False))
+    process, planned = scenario.process, scenario.faults
+    return replace(
+        scenario,
+        faults=replace(planned, events=", ".join([*filter(None, [planned.events]), *faults])),
+        process=replace(process, changes=", ".join([*filter(None, [process.changes]), *changes])),
+    )
 
 
 class FaultClock:
-    """Injects the planned faults into a running cell, each at its step."""
+    """Injects the planned faults into a running cell and changes its set points, each at its step."""
 
-    def __init__(self, events: tuple[FaultEvent, ...]) -> None:
-        self.waiting = list(events)
+    def __init__(self, events: tuple[FaultEvent, ...], set_points: SetPoints) -> None:
+        self.waiting, self._set_points = list(events), set_points
         self.first_time: float | None = None
         """When the first fault happened [s]."""
 
     def inject_due(self, cell: CellKernel) -> None:
-        """Inject every fault that is due now."""
+        """Let everything happen that is due now."""
         dt, status = cell.engine.dt, cell.state.status
         now = float(status.steps) * dt
         for event in [e for e in self.waiting if self._time_of(e, cell) <= now + 0.5 * dt]:
             self.waiting.remove(event)
+            if event.value is not None:
+                self._set_points.change(event.name, event.value, cell)
+                continue
             FAULTS[event.name].inject(cell)
             self.first_time = now if self.first_time is None else self.first_time
         status.pause_at_contact = any(e.after_contact for e in self.waiting) and status.contact_time == 0.0

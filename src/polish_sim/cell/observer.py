@@ -33,6 +33,9 @@ class Observer(Protocol):
     def progress(self, done: float, total: float) -> None:
         """How far the present stage is."""
 
+    def start(self, cell: Any) -> None:
+        """The cell that is about to run; between frames it can be asked to ``let_happen`` something."""
+
     def frame(self, model: Any, data: Any) -> None:
         """The cell's model and data at this instant; not to be changed."""
 
@@ -46,6 +49,9 @@ class Silent:
         """Ignore."""
 
     def progress(self, done: float, total: float) -> None:
+        """Ignore."""
+
+    def start(self, cell: Any) -> None:
         """Ignore."""
 
     def frame(self, model: Any, data: Any) -> None:

@@ -176,6 +176,11 @@ class ProcessConfig:
         0.0, "wear coefficient of Preston's law, removal = this x pressure x way; 0 = unknown, removal relative [1/Pa]",
         0.0, 1.0
     )  # fmt: skip
+    changes: str = key(
+        "",
+        "set points changed during the run, with commas: force_n=N@TIME or feed_m_s=M_S@TIME, seconds from the start, "
+        "or @contact+TIME; empty = none",
+    )
     max_feed_s: float = key(0.0, "stop the feed after this long, 0 = the whole path [s]", 0.0, 1e6)
 
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
-from polish_sim.cell.faults import check_events
+from polish_sim.cell.faults import check_changes, check_events, parse_changes
 from polish_sim.cell.limits import check_contact_settings, check_rates
 from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields, depth_for
 from polish_sim.cell.scene import Drawn, works_below
+from polish_sim.cell.set_points import FORCE
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.part_setup import (
@@ -210,6 +211,7 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
         _check_file(scenario.part.fixture_file, "fixture", "--fixture")
     check_rates(scenario)
     check_events(events, scenario.experiment in ON_PART, two_robots=scenario.experiment == "dual")
+    check_changes(scenario, scenario.experiment in ON_PART)
     build_controller(scenario.controller)
 
 
@@ -220,8 +222,10 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
         ConfigError: Naming the limit that is broken.
     """
     if scenario.experiment in CONTROLLED:
-        force = scenario.process.contact_force_n if path is None else largest_force(scenario, path)
-        check_contact_settings(scenario, force)
+        usual = scenario.process.contact_force_n
+        force = usual if path is None else largest_force(scenario, path)
+        raised = [change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE]
+        check_contact_settings(scenario, force / usual * max([usual, *raised]))
 
 
 def _check_file(name: str, what: str, option: str) -> None:

@@ -47,7 +47,7 @@ PATH_OPTIONS: Final = (
 FINISHED: Final = "is a finished plan"
 TOOL_OPTIONS: Final = ("--pad-diameter", "--contact-force", "--spindle-rpm")
 TRIAL_OPTIONS: Final = ("--controller", "--calibration", "--seed", "--seeds", "--fault", "--dry-run")
-WATCH_OPTIONS: Final = ("--view", "--video", "--log-rate")
+WATCH_OPTIONS: Final = ("--view", "--live", "--live-port", "--live-host", "--video", "--log-rate")
 
 
 def _usual_title(scenario: Scenario) -> str:

@@ -118,6 +118,10 @@ class PartOf:
         """Share of the whole."""
         self.observer.progress(self.number + done / total, self.count)
 
+    def start(self, cell: Any) -> None:
+        """Passed on."""
+        self.observer.start(cell)
+
     def frame(self, model: Any, data: Any) -> None:
         """Passed on."""
         self.observer.frame(model, data)

@@ -1,0 +1,479 @@
+"""The page of a cell in the browser: scene, force and time, of a run while it goes or again from its folder.
+
+Texts that may name a user's files go to the page as escaped HTML.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+import queue
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from polish_sim.arrays import Array
+from polish_sim.cell.faults import FAULTS, as_planned, lacking_for
+from polish_sim.cell.observer import STOPPING
+from polish_sim.cell.set_points import FEED, FORCE
+from polish_sim.cell.stroke import cycle_time
+from polish_sim.cli.pictures import FrameSink
+from polish_sim.cli.view import Address, close_server, open_server, say_address
+from polish_sim.experiments.run_page import part_body, scene_solids
+from polish_sim.spatial import apply, inverse, transform
+
+if TYPE_CHECKING:
+    from polish_sim.cell import Stroke
+    from polish_sim.config import Scenario
+    from polish_sim.page.page import Body
+    from polish_sim.page.page import Page as SavedPage
+
+SHOWN_HZ: Final = 30.0  #: Moments sent to the page per second, at most
+GAUGES_HZ: Final = 10.0  #: As often numbers, plot, trace and colours
+PLOT_S: Final = 12.0  #: Length of the plot [s]
+SETTLED_S: Final = 0.25  #: A slider counts when it has rested this long [s]
+PAUSE, GO_ON, STEP = "pause", "go on", "step"
+SPEEDS: Final = {"¼ x": 0.25, "1 x": 1.0, "4 x": 4.0, "fastest": math.inf}
+PART, TOOL, CELL = "part", "tool", "cell"
+FROM: Final = np.array([0.62, -0.66, 0.42])  #: Where the camera is, seen from what it looks at
+FORCE_COLOR, ASKED_COLOR = "#0072b2", "#009e73"
+DOTS: Final = 20_000  #: Spread over the part; those the pad comes to show where it has worked
+MARKS: Final = np.array([(200, 204, 210), (38, 70, 140), (0, 140, 140), (110, 190, 90), (250, 225, 60)])
+APART: Final = 1e-3  #: Places of a trace, at least [m]
+PATH_M, TRACE_M = 0.0006, 0.0012  #: Width of their lines [m]
+ABOVE: Final = 3e-4  #: Lines and dots are drawn so far above the part [m]
+FASTEST, STEP_S = 30.0, 0.02  #: Of a playback: speed, and one step [s]
+STAGES: Final = ("zero the sensor", "travel", "approach", "seek contact", "touch down", "process", "retract", "done")
+
+
+class Moment(NamedTuple):
+    """One instant of a cell."""
+
+    time: float  #: [s]
+    total: float  #: Of the whole run [s]
+    stage: str
+    places: Array  #: Of the bodies, world [m], shape (k, 3)
+    turns: Array  #: Quaternions wxyz, shape (k, 4)
+    pad: Array  #: Middle of its face, world [m], shape (3,)
+    force: float  #: [N]
+    asked: float  #: [N]; NaN: none
+    speed: float  #: Of the tool [m/s]
+
+
+class Worked:
+    """Dots on a part, coloured by how long and how hard the pad has been over them, and the pad's trace."""
+
+    def __init__(self, server: Any, node: str, solids: Sequence[Any], path: Array, radius: float) -> None:
+        self._radius, self._trace = radius, list[Array]()
+        self._line = server.scene.add_line_segments(
+            f"{node}/trace", segments(np.empty((0, 3))), (20, 24, 30), thickness=TRACE_M
+        )
+        part = next(solid for solid in solids if solid.kind == "part")
+        mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+        dots, facets = trimesh.sample.sample_surface(mesh, DOTS, seed=0)
+        near = cKDTree(path).query(dots)[0] < 1.5 * radius
+        self._tree, self._done = cKDTree(dots[near]), np.zeros(int(near.sum()))
+        self._cloud = server.scene.add_point_cloud(
+            f"{node}/worked", dots[near] + ABOVE * mesh.face_normals[facets[near]], self._colors(),
+            point_size=1.3 * math.sqrt(mesh.area / DOTS), point_shape="circle", precision="float32",
+        )  # fmt: skip
+
+    def clear(self) -> None:
+        """Nothing has been worked on."""
+        self._trace, self._done[:] = [], 0.0
+
+    def add(self, pads: Array, impulses: Array) -> None:
+        """Let the pad have been at ``pads`` (m, 3), frame of the part [m], pressing with ``impulses`` (m,) [N s]."""
+        pressing = impulses > 0.0
+        if pressing.any():
+            for place in pads[pressing]:
+                if not self._trace or np.linalg.norm(place - self._trace[-1]) > APART:
+                    self._trace.append(place)
+            touched = self._tree.query_ball_point(pads[pressing], self._radius)
+            weights = np.repeat(impulses[pressing], [len(dots) for dots in touched])
+            dots = np.concatenate([np.asarray(dots, dtype=np.int64) for dots in touched])
+            self._done += np.bincount(dots, weights, minlength=len(self._done))
+
+    def draw(self) -> None:
+        """Show it."""
+        self._line.points = segments(np.array(self._trace), self._radius)
+        self._cloud.colors = self._colors()
+
+    def _colors(self) -> Any:
+        """From grey over blue to yellow at twice the mean of what was worked on, shape (n, 3)."""
+        worked = self._done[self._done > 0.0]
+        share = self._done / (2.0 * worked.mean()) if len(worked) else self._done
+        at = np.linspace(0.0, 1.0, len(MARKS))
+        return np.stack([np.interp(share, at, column) for column in MARKS.T], axis=1).astype(np.uint8)
+
+
+class Page:
+    """A page with a scene, its numbers and plot, and buttons for time and camera."""
+
+    def __init__(self, asked: Address, title: str) -> None:
+        self.server, self.address = open_server(asked)
+        say_address(asked, self.address)
+        self.paused, self.speed, self.steps = False, 1.0, 0
+        self.built, self.part, self.worked = False, -1, None
+        self.shown = 0  #: Moments sent
+        self._title, self._looks = title, dict[str, tuple[Array, float]]()
+        self._shown_at = self._drawn_at = 0.0
+        gui = self.server.gui
+        self.text = gui.add_html("")
+        times = gui.add_button_group("Time", (PAUSE, GO_ON, STEP))
+        speeds = gui.add_button_group("Speed", tuple(SPEEDS))
+        looks = gui.add_button_group("Look at", (PART, TOOL, CELL))
+        lines = [{}, *({"label": name, "stroke": color, "width": 2}
+                       for name, color in (("force", FORCE_COLOR), ("asked", ASKED_COLOR)))]  # fmt: skip
+        axes = ({"label": "s", "size": 30, "labelSize": 16}, {"label": "N", "size": 40, "labelSize": 16})
+        none = (np.zeros(1), np.zeros(1), np.zeros(1))
+        self.plot = gui.add_uplot(none, tuple(lines), scales={"x": {"time": False}}, axes=axes, height=170,
+                                  legend={"show": False})  # fmt: skip
+        times.on_click(lambda event: self._press(event.target.value))
+        speeds.on_click(lambda event: setattr(self, "speed", SPEEDS[event.target.value]))
+        looks.on_click(lambda event: self._look(event.client, event.target.value))
+        self.say("starting")
+
+    def _press(self, button: str) -> None:
+        self.paused, self.steps = button != GO_ON, self.steps + (button == STEP)
+
+    def _look(self, client: Any, what: str) -> None:
+        if what in self._looks and client is not None:
+            at, far = self._looks[what]
+            client.camera.look_at, client.camera.position = at, at + far * FROM
+
+    def say(self, what: str) -> None:
+        """Show what is going on where there are no numbers yet, or any more."""
+        self.text.content = block(f"<b>{html.escape(self._title)}</b><br>{html.escape(what)}")
+
+    def build(self, bodies: int, solids: Sequence[Any], part: int, path: Array, radius: float) -> None:
+        """Draw ``bodies`` and what is on them; ``path`` (n, 3) [m] lies on body ``part``, -1: the world."""
+        add, self.part, self._solids = self.server.scene, part, solids
+        # Shadows and reflections take a browser without a graphics card down to a frame in several seconds.
+        add.configure_default_lights(cast_shadow=False)
+        add.configure_environment_map(hdri=None)
+        add.add_light_ambient("/light", intensity=1.2)
+        self._frames = [add.add_frame(f"/body{k}", show_axes=False) for k in range(bodies)]
+        for number, solid in enumerate(solids):
+            node = f"/body{solid.body}" if solid.body >= 0 else ""
+            color = tuple(round(255 * share) for share in solid.color)
+            add.add_mesh_simple(f"{node}/solid{number}", solid.vertices, solid.faces, color=color, flat_shading=True)
+        node = f"/body{part}" if part >= 0 else ""
+        if len(path) > 1:
+            add.add_line_segments(f"{node}/path", segments(path), (0, 158, 115), thickness=PATH_M)
+        if len(path) and any(solid.kind == "part" for solid in solids):
+            self.worked = Worked(self.server, node, solids, path, radius)
+            self._middle, self._size = path.mean(axis=0), float(np.ptp(path, axis=0).max()) + 2.0 * radius
+        self.built = True
+
+    def scale(self, top: float) -> None:
+        """Let the plot reach from 0 to a force [N]."""
+        self.plot.scales = {"x": {"time": False}, "y": {"auto": False, "min": 0.0, "max": top}}
+
+    def on_part(self, moment: Moment) -> Array:
+        """Where the pad is on the part, in its frame [m], shape (1, 3)."""
+        if self.part < 0:
+            return moment.pad[None]
+        turn = Rotation.from_quat(moment.turns[self.part], scalar_first=True)
+        return np.asarray(turn.inv().apply(moment.pad - moment.places[self.part]))[None]
+
+    def show(self, moment: Moment, rows: Array) -> None:
+        """Send a moment if it is time to, now and then its numbers and the plot; ``rows`` are times, forces and set
+        forces, shape (n, 3).
+        """
+        now = time.monotonic()
+        if now - self._shown_at < 1.0 / SHOWN_HZ:
+            return
+        if not self.shown:
+            self._enter(moment)
+        self._shown_at, self.shown = now, self.shown + 1
+        if self.worked is not None:
+            place = self._middle
+            if self.part >= 0:
+                turn = Rotation.from_quat(moment.turns[self.part], scalar_first=True)
+                place = moment.places[self.part] + turn.apply(place)
+            self._looks[PART] = place, 1.7 * self._size
+        self._looks[TOOL] = moment.pad, 0.45
+        with self.server.atomic():
+            for frame, place, turn in zip(self._frames, moment.places, moment.turns, strict=True):
+                frame.position, frame.wxyz = place, turn
+        if now - self._drawn_at >= 1.0 / GAUGES_HZ:
+            self._drawn_at = now
+            self.text.content = block(numbers_text(self._title, moment, self.paused))
+            if len(rows) > 1:
+                self.plot.data = tuple(np.nan_to_num(rows.T))  # an undefined number stops the browser
+            if self.worked is not None:
+                self.worked.draw()
+
+    def _enter(self, moment: Moment) -> None:
+        """Lay the floor and turn every camera to the whole cell, now that it is known where its bodies are."""
+        turns, low = Rotation.from_quat(moment.turns, scalar_first=True), math.inf
+        for solid in self._solids:
+            points = solid.vertices
+            if solid.body >= 0:
+                points = turns[solid.body].apply(points) + moment.places[solid.body]
+            low = min(low, float(points[:, 2].min()))
+        self.server.scene.add_grid("/floor", 3.0, 3.0, cell_size=0.1, section_size=0.5, cell_color=(225, 229, 234),
+                                   section_color=(205, 211, 218), position=(0.0, 0.0, low))  # fmt: skip
+        least, most = moment.places.min(axis=0), moment.places.max(axis=0)
+        at, far = self._looks[CELL] = 0.5 * (least + most), 1.2 * max(1.0, float(np.linalg.norm(most - least)))
+        start = self.server.initial_camera
+        start.look_at, start.position = at, at + far * FROM
+        for client in self.server.get_clients().values():
+            self._look(client, CELL)
+
+    def close(self, last: str) -> None:
+        """Say why, and close the page, its threads and its port."""
+        self.say(last)
+        self.server.flush()
+        time.sleep(0.1)
+        close_server(self.server)
+
+
+def segments(points: Array, longest: float = math.inf) -> Array:
+    """Points (n, 3) as lines from one to the next, shape (m, 2, 3), where they are not further apart.
+
+    Lines of no length have no direction to be drawn in.
+    """
+    lines = np.stack([points[:-1], points[1:]], axis=1) if len(points) > 1 else np.empty((0, 2, 3))
+    length = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
+    lines = lines[(length > 1e-6) & (length < longest)]
+    return lines if len(lines) else np.array([[[0.0, 0.0, -9.0], [0.0, 0.0, -9.1]]])
+
+
+def block(content: str) -> str:
+    """HTML as the page shows it."""
+    style = "font:13px/1.5 system-ui,sans-serif;padding:0 12px;font-variant-numeric:tabular-nums"
+    return f"<div style='{style}'>{content}</div>"
+
+
+def numbers_text(title: str, moment: Moment, paused: bool) -> str:
+    """What the page says of a moment, as HTML; the force also as a bar, full at twice the set force."""
+    known = math.isfinite(moment.asked)
+    wide = 50.0 * min(max(moment.force, 0.0) / (moment.asked if known else 20.0), 2.0)
+    mark = f"<div style='position:absolute;left:50%;top:-2px;bottom:-2px;width:2px;background:{ASKED_COLOR}'></div>"
+    bar = f"<div style='width:{wide:.1f}%;height:100%;background:{FORCE_COLOR};border-radius:4px'></div>"
+    return (
+        f"<b>{html.escape(title)}</b><br>{moment.time:.2f} s of {moment.total:.1f} s: {html.escape(moment.stage)}"
+        f"{' <b>(paused)</b>' if paused else ''}<br>tool {1e3 * moment.speed:.1f} mm/s<br>"
+        f"force <b>{moment.force:.1f} N</b>{f' of {moment.asked:g} N' if known else ''}"
+        f"<div style='position:relative;height:12px;background:#8883;border-radius:4px;margin:3px 0'>"
+        f"{bar}{mark if known else ''}</div>"
+    )
+
+
+# A run while it goes.
+
+
+class LiveView(FrameSink):
+    """Shows a run in the browser, lets it wait, and hands on what somebody changes there."""
+
+    every_s = 0.01
+
+    def __init__(self, asked: Address, title: str) -> None:
+        self._asked, self._title = asked, title
+        self._cell: Any = None
+        self._stopping = False
+        self._wanted: dict[str, tuple[float, float]] = {}  # set points under a hand: value and when it was moved
+        self._faults: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._rows: list[tuple[float, float, float]] = []  # time, force and set force
+        self._next = 0.0  # when the next moment is due
+
+    def __enter__(self) -> LiveView:
+        self.page = Page(self._asked, self._title)
+        return self
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        end = "The run is over" if error is None else "The run was broken off"
+        self.page.close(f"{end}. 'polish-sim view' with its folder shows it again.")
+
+    def stage(self, text: str) -> None:
+        """Say what is going on; in the handler of Ctrl-C, which may have come anywhere, the page is left alone."""
+        self._stopping = text == STOPPING
+        if not self._stopping:
+            self.page.say(text)
+
+    def start(self, cell: Any) -> None:
+        """Offer what can be changed in the cell that is about to run."""
+        self._cell, gui, process = cell, self.page.server.gui, cell.scenario.process
+        self._total, force, feed = cycle_time(cell.strokes), process.contact_force_n, 1e3 * process.feed_m_s
+        if cell.on_part:
+            top = max(force, min(2.0 * force, 0.8 * cell.scenario.safety.force_limit_n))
+            self._slider(gui, "Force [N]", FORCE, (min(1.0, force), top, 0.5, force), 1.0)
+            self.page.scale(2.0 * force)
+        self._slider(gui, "Feed [mm/s]", FEED, (0.05 * feed, feed, 0.05 * feed, feed), 1e-3)
+        with gui.add_folder("Faults", expand_by_default=False):
+            for name in FAULTS:
+                if not lacking_for(name, cell.on_part, bool(cell.arm)):
+                    button = gui.add_button(name, hint=FAULTS[name].text, color="gray")
+                    button.on_click(lambda _, name=name: self._faults.put(name))
+        self._changed = gui.add_html("")
+
+    def _slider(self, gui: Any, label: str, name: str, scale: tuple[float, ...], si: float) -> None:
+        def moved(event: Any) -> None:
+            self._wanted[name] = si * event.target.value, time.monotonic()
+
+        gui.add_slider(label, *scale).on_update(moved)
+
+    def take(self, model: Any, data: Any) -> None:
+        """Show one moment; wait as long as it lasts, or until somebody lets the run go on."""
+        page = self.page
+        if not page.built:
+            self._build(model, data)
+        moment = self._moment(data)
+        self._rows = [*self._rows[-round(PLOT_S / self.every_s) :], (moment.time, moment.force, moment.asked)]
+        if page.worked is not None:
+            page.worked.add(page.on_part(moment), np.array([moment.force * self.every_s]))
+        self._next = max(self._next + self.every_s / page.speed, time.monotonic() - 0.1)
+        while True:
+            self._attend()
+            page.show(moment, np.array(self._rows))
+            if self._stopping or not (page.paused or time.monotonic() < self._next):
+                return
+            if page.paused and page.steps:
+                page.steps -= 1
+                return
+            time.sleep(0.01 if page.paused else min(0.01, max(0.0, self._next - time.monotonic())))
+
+    def _attend(self) -> None:
+        """Hand on what was changed in the page: a fault at once, a set point when its slider rests."""
+        happened = [self._faults.get() for _ in range(self._faults.qsize())]
+        for name, (value, at) in list(self._wanted.items()):
+            if time.monotonic() - at >= SETTLED_S:
+                del self._wanted[name]
+                happened.append(f"{name}={value:.6g}")
+        for what in happened:
+            self._cell.let_happen(what)
+        if happened:
+            said = "<br>".join(map(str, self._cell.asked[-8:]))
+            self._changed.content = block(f"<b>changed by hand</b>, kept in config.toml<br>{said}")
+
+    def _build(self, model: Any, data: Any) -> None:
+        part, path, cell, radius = part_body(model), np.empty((0, 3)), self._cell, 0.0
+        if cell is not None and cell.on_part:
+            path, radius = np.concatenate([on_surface(each) for each in cell.strokes]), cell.scenario.pad.radius_m
+            if part >= 0:
+                turn = Rotation.from_quat(data.xquat[part + 1], scalar_first=True).as_matrix()
+                path = apply(inverse(transform(turn, data.xpos[part + 1])), path)
+        self.page.build(model.nbody - 1, scene_solids(model), part, path, radius)
+
+    def _moment(self, data: Any) -> Moment:
+        cell, places, none = self._cell, data.xpos[1:].copy(), math.nan
+        if cell is None:
+            return Moment(data.time, none, "", places, data.xquat[1:], data.site("tool").xpos, 0.0, none, 0.0)
+        state, e, part = cell.state, cell.kernel.engine, self.page.part
+        if part >= 0 and not cell.arm:
+            places[part] += cell.kernel.part.position - state.motion.rest
+        force, stop = float(state.wrench[2]), int(state.status.stop)
+        sunk = e.qpos[6] + force / cell.scenario.pad.stiffness_n_m
+        return Moment(
+            time=float(state.status.steps) * e.dt,
+            total=self._total,
+            stage=f"protective stop: {cell.reasons[stop]}" if stop else STAGES[state.sequence.stage],
+            places=places,
+            turns=data.xquat[1:],
+            pad=data.site_xpos[e.tool_site] - sunk * data.site_xmat[e.tool_site].reshape(3, 3)[:, 2],
+            force=force,
+            asked=float(state.target.force[0]) if state.target.contact[0] > 0.0 else none,
+            speed=float(np.linalg.norm(state.measurement.twist[:3])),
+        )
+
+    def as_run(self, scenario: Scenario) -> Scenario:
+        """The scenario with what was changed by hand, so that it gives this run again."""
+        return scenario if self._cell is None else as_planned(scenario, self._cell.asked)
+
+
+def on_surface(stroke: Stroke) -> Array:
+    """Points of a stroke just above the unpressed surface, base frame [m], shape (n, 3)."""
+    table = stroke.process
+    axes = Rotation.from_quat(table.quaternions, scalar_first=True).as_matrix()[:, :, 2]
+    depth = stroke.depth * stroke.force / stroke.force[0]
+    return np.asarray(table.positions - (depth[:, None] + ABOVE) * axes)
+
+
+# A saved run again.
+
+
+class Replay:
+    """Plays the rows of a saved run."""
+
+    def __init__(self, asked: Address, saved: SavedPage, radius: float) -> None:
+        self._asked, self._saved, self._radius = asked, saved, radius
+        self._time, self._end = 0.0, max(round(float(saved.motion.time[-1]), 2), 0.01)
+
+    def __enter__(self) -> Replay:
+        saved = self._saved
+        self._page = page = Page(self._asked, saved.title)
+        page.build(len(saved.bodies), saved.solids, saved.part_body, saved.path, self._radius)
+        page.scale(1.1 * max(1.0, float(np.nanmax(saved.motion.force))))
+        self._moment = page.server.gui.add_slider("Moment [s]", 0.0, self._end, 0.01, 0.0)
+        self._moment.on_update(self._seek)
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._page.close("Closed.")
+
+    def _seek(self, event: Any) -> None:
+        if event.client is not None:
+            self._time = float(event.target.value)
+
+    def play(self) -> None:
+        """Show moment after moment until Ctrl-C."""
+        page, saved, shown, before = self._page, self._saved, 0, time.monotonic()
+        motion, poses = saved.motion, body_poses(saved.bodies, saved.motion.joints)
+        turns = np.roll(Rotation.from_matrix(poses[:, :, :3, :3].reshape(-1, 3, 3)).as_quat(), 1, axis=1)
+        turns, places = turns.reshape(*poses.shape[:2], 4), poses[:, :, :3, 3]
+        pads = motion.pad
+        if page.part >= 0:
+            pads = np.einsum("nji,nj->ni", poses[:, page.part, :3, :3], pads - places[:, page.part])
+        impulses = np.nan_to_num(motion.force) * np.diff(motion.time, prepend=motion.time[0])
+        while True:
+            now, step = time.monotonic(), 0.0
+            if not page.paused:
+                step = (now - before) * min(page.speed, FASTEST)
+            elif page.steps:
+                page.steps, step = page.steps - 1, STEP_S
+            before, self._time = now, min(self._time + step, self._end)
+            row = max(int(np.searchsorted(motion.time, self._time + 1e-9)), 1)
+            if page.worked is not None and row != shown:
+                if row < shown:
+                    page.worked.clear()
+                new = slice(shown if row > shown else 0, row)
+                page.worked.add(pads[new], impulses[new])
+            shown, k = row, row - 1
+            stage = "the end" if self._time >= self._end else "playback"
+            page.show(
+                Moment(self._time, self._end, stage, places[k], turns[k], motion.pad[k], float(motion.force[k]),
+                       float(motion.asked[k]), float(motion.speed[k])),
+                self._rows(k),
+            )  # fmt: skip
+            self._moment.value = round(self._time, 2)
+            time.sleep(0.5 / SHOWN_HZ)
+
+    def _rows(self, k: int) -> Array:
+        motion = self._saved.motion
+        some = slice(int(np.searchsorted(motion.time, motion.time[k] - PLOT_S)), k + 1)
+        return np.stack([motion.time[some], motion.force[some], motion.asked[some]], axis=1)
+
+
+def body_poses(bodies: Sequence[Body], joints: Array) -> Array:
+    """Where bodies are in the world at rows of joints (n, k) [rad, m], shape (n, len(bodies), 4, 4)."""
+    poses = np.tile(np.eye(4), (len(joints), len(bodies), 1, 1))
+    for number, body in enumerate(bodies):
+        own = np.tile(np.asarray(body.rest, dtype=float), (len(joints), 1, 1))
+        if body.joint >= 0:
+            axis, moved = np.asarray(body.axis), np.tile(np.eye(4), (len(joints), 1, 1))
+            by = joints[:, body.joint, None] * axis
+            if body.slide:
+                moved[:, :3, 3] = by
+            else:
+                moved[:, :3, :3] = Rotation.from_rotvec(by).as_matrix()
+                moved[:, :3, 3] = np.asarray(body.anchor) - moved[:, :3, :3] @ np.asarray(body.anchor)
+            own = own @ moved
+        poses[:, number] = own if body.parent < 0 else poses[:, body.parent] @ own
+    return poses
