@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import shutil
+import signal
 import socket
+import subprocess
 import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from polish_sim.analysis.run_record import read_record
 from polish_sim.cli.view import PORT, Address, allowed, asked_address, free_address
+from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.log import RunLog
-from polish_sim.scenario_file import override
-from tests.cli.conftest import Tool
+from polish_sim.scenario_file import load_scenario, override
+from tests.cli.conftest import PROGRAM, Tool
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 WITH_VISER = importlib.util.find_spec("viser") is not None
@@ -123,3 +131,173 @@ def test_what_cannot_be_shown_is_said_before_anything_starts(
         assert (call.code, call.err.count("\n")) == (2, 1)
         assert "pip install 'polish-sim[view]'" in call.err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    words = ["--enable-unsafe-swiftshader", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
+    with sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=BROWSER, args=words)
+        yield started
+        started.close()
+
+
+class Tab:
+    """A page in the browser, and what it asked for and complained of."""
+
+    def __init__(self, browser: Any, url: str) -> None:
+        self.requests, self.errors = list[str](), list[str]()
+        self.tab = browser.new_context(viewport={"width": 700, "height": 600}).new_page()
+        self.tab.set_default_timeout(60_000)
+        self.tab.on("request", lambda request: self.requests.append(request.url))
+        self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.tab.goto(url)
+        self.tab.get_by_text("go on").wait_for()
+
+    def press(self, button: str) -> None:
+        self.tab.get_by_role("button", name=button, exact=True).click()
+
+    def wait_for(self, text: str) -> None:
+        self.tab.get_by_text(text).first.wait_for()
+
+    def clock(self) -> float:
+        """Simulated time the page shows [s]."""
+        return float(self.tab.get_by_text(" s of ").first.inner_text().partition(" s of ")[0].split("\n")[-1])
+
+    def picture(self) -> np.ndarray[Any, np.dtype[np.uint8]]:
+        from io import BytesIO
+
+        from PIL import Image
+
+        return np.asarray(Image.open(BytesIO(self.tab.screenshot())).convert("RGB"))[:, :350].copy()
+
+    def close(self) -> None:
+        """As somebody closes a tab; it asked nobody else for anything, and nothing went wrong in it."""
+        assert {url.partition("://")[2].partition("/")[0] for url in self.requests if url.startswith("http")} == {
+            self.requests[0].partition("://")[2].partition("/")[0]
+        }
+        assert self.errors == []
+        self.tab.context.close()
+
+
+class Running:
+    """A command that serves a page."""
+
+    def __init__(self, folder: Path, *words: str) -> None:
+        self.url = f"http://127.0.0.1:{(port := free_port())}"
+        self._said = folder / "said"
+        environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+        with self._said.open("w") as stream:
+            self.process = subprocess.Popen(
+                [*PROGRAM, *words, "--live-port", str(port)], cwd=folder, env=environment, stdout=stream, stderr=stream
+            )
+        self.until(lambda: f"open {self.url} in a browser" in self.said)
+
+    @property
+    def said(self) -> str:
+        return self._said.read_text()
+
+    def until(self, done: Callable[[], bool]) -> None:
+        for _ in range(900):
+            if done():
+                return
+            assert self.process.poll() is None, self.said
+            time.sleep(0.1)
+        raise AssertionError(self.said)
+
+    def interrupted(self) -> int:
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(60)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
+    """Start a command in an empty folder; it does not outlive the test."""
+    started = []
+
+    def begin(*words: str) -> Running:
+        started.append(Running(tmp_path, *words))
+        return started[-1]
+
+    yield begin
+    for run in started:
+        run.process.kill()
+        run.process.wait()
+
+
+@in_browser
+def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(
+    browser: Any, start: Callable[..., Running], tmp_path: Path
+) -> None:
+    run = start("run", "force", "--live", "--set", "process.hold_s=30", "--out", "out")
+    run.until(lambda: "\nsimulate" in run.said)
+    tab = Tab(browser, run.url)
+    tab.wait_for("of 20 N")
+    tab.press("pause")
+    tab.wait_for("(paused)")
+    stood = tab.clock()
+    tab.press("step")
+    time.sleep(1.0)
+    stepped = tab.clock()
+    assert stepped == pytest.approx(stood + 0.012, abs=0.01)
+    force = tab.tab.get_by_role("textbox").first
+    force.fill("26")
+    force.press("Enter")
+    tab.wait_for("force_n=26")
+    # Who comes later sees the same page.
+    tab.close()
+    tab = Tab(browser, run.url)
+    tab.press("go on")
+    tab.wait_for("of 26 N")
+    tab.tab.get_by_text("Faults").click()
+    tab.press("friction-jump")
+    tab.wait_for("friction-jump@")
+    first = tab.picture()
+    tab.press("tool")
+    time.sleep(2.0)
+    assert np.mean(first != tab.picture()) > 0.02
+    tab.press("fastest")
+    tab.wait_for("The run is over")
+    assert run.process.wait(60) == 0
+    tab.close()
+    record = read_record(tmp_path / "out")
+    change, _, at = record.scenario.process.changes.partition("@")
+    assert (change, float(at)) == ("force_n=26", pytest.approx(stepped, abs=0.0051))
+    assert record.scenario.faults.events.startswith("friction-jump@")
+    assert same(record.log, run_experiment(load_scenario(tmp_path / "out/config.toml", Scenario())).log)
+
+    again = start("view", "out")
+    tab = Tab(browser, again.url)
+    tab.press("pause")
+    tab.wait_for("(paused)")
+    moments = tab.tab.get_by_role("textbox").first
+    for moment in ("30", "4"):
+        moments.fill(moment)
+        moments.press("Enter")
+        tab.wait_for(f"{moment}.00 s of ")
+        forces = np.interp(float(moment), record.log["time_s"], record.log["normal_force_n"].astype(float))
+        tab.wait_for(f"{forces:.1f} N")
+    assert again.interrupted() == 0
+    tab.wait_for("Closed.")
+    tab.close()
+    assert "Traceback" not in again.said
+
+
+@in_browser
+def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(
+    browser: Any, start: Callable[..., Running], tmp_path: Path
+) -> None:
+    run = start("run", "force", "--live", "--set", "process.hold_s=600", "--out", "out")
+    run.until(lambda: "\nsimulate" in run.said)
+    tab = Tab(browser, run.url)
+    tab.wait_for("of 20 N")
+    tab.press("pause")
+    tab.wait_for("(paused)")
+    stood = tab.clock()
+    assert run.interrupted() == 130
+    assert "Traceback" not in run.said
+    tab.wait_for("The run is over")
+    assert read_record(tmp_path / "out").metrics["simulated_s"] == pytest.approx(stood, abs=0.02)
+    assert free_address(Address("127.0.0.1", int(run.url.rpartition(":")[2])))
