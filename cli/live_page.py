@@ -119,7 +119,8 @@ class Page:
         self.server, self.address = open_server(asked)
         say_address(asked, self.address)
         self.paused, self.speed, self.steps = False, 1.0, 0
-        self.built, self.part, self.worked = False, -1, None
+        self.built, self.part = False, -1
+        self.worked: Worked | None = None
         self.shown = 0  #: Moments sent
         self._title, self._looks = title, dict[str, tuple[Array, float]]()
         self._shown_at = self._drawn_at = 0.0
@@ -182,13 +183,14 @@ class Page:
         turn = Rotation.from_quat(moment.turns[self.part], scalar_first=True)
         return np.asarray(turn.inv().apply(moment.pad - moment.places[self.part]))[None]
 
-    def show(self, moment: Moment, rows: Array) -> None:
-        """Send a moment if it is time to, now and then its numbers and the plot; ``rows`` are times, forces and set
-        forces, shape (n, 3).
+    def show(self, moment: Moment, rows: Array) -> bool:
+        """Send a moment if it is time to, now and then its numbers and the plot, and say whether these were sent.
+
+        ``rows`` are times, forces and set forces, shape (n, 3).
         """
         now = time.monotonic()
         if now - self._shown_at < 1.0 / SHOWN_HZ:
-            return
+            return False
         if not self.shown:
             self._enter(moment)
         self._shown_at, self.shown = now, self.shown + 1
@@ -202,13 +204,15 @@ class Page:
         with self.server.atomic():
             for frame, place, turn in zip(self._frames, moment.places, moment.turns, strict=True):
                 frame.position, frame.wxyz = place, turn
-        if now - self._drawn_at >= 1.0 / GAUGES_HZ:
-            self._drawn_at = now
-            self.text.content = block(numbers_text(self._title, moment, self.paused))
-            if len(rows) > 1:
-                self.plot.data = tuple(np.nan_to_num(rows.T))  # an undefined number stops the browser
-            if self.worked is not None:
-                self.worked.draw()
+        if now - self._drawn_at < 1.0 / GAUGES_HZ:
+            return False
+        self._drawn_at = now
+        self.text.content = block(numbers_text(self._title, moment, self.paused))
+        if len(rows) > 1:
+            self.plot.data = tuple(np.nan_to_num(rows.T))
+        if self.worked is not None:
+            self.worked.draw()
+        return True
 
     def _enter(self, moment: Moment) -> None:
         """Lay the floor and turn every camera to the whole cell, now that it is known where its bodies are."""
@@ -447,12 +451,13 @@ class Replay:
                 page.worked.add(pads[new], impulses[new])
             shown, k = row, row - 1
             stage = "the end" if self._time >= self._end else "playback"
-            page.show(
+            told = page.show(
                 Moment(self._time, self._end, stage, places[k], turns[k], motion.pad[k], float(motion.force[k]),
                        float(motion.asked[k]), float(motion.speed[k])),
                 self._rows(k),
             )  # fmt: skip
-            self._moment.value = round(self._time, 2)
+            if told:
+                self._moment.value = round(self._time, 2)
             time.sleep(0.5 / SHOWN_HZ)
 
     def _rows(self, k: int) -> Array:

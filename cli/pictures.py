@@ -36,9 +36,11 @@ class FrameSink(AbstractContextManager[Any], Protocol):
 
     def stage(self, text: str) -> None:
         """A stage of the run begins."""
+        return
 
     def start(self, cell: Any) -> None:
         """The cell that is about to run."""
+        return
 
     def as_run(self, scenario: Scenario) -> Scenario:
         """The scenario with what was changed by hand during the run."""

@@ -30,7 +30,7 @@ class Address(NamedTuple):
     """Where a page is served."""
 
     host: str
-    port: int | None  #: None: the first free one
+    port: int = 0  #: 0: the first free one
 
     @property
     def url(self) -> str:
@@ -49,7 +49,7 @@ def asked_address(given: Given) -> Address:
             "the live view needs viser, which is not installed: pip install 'polish-sim[view]', "
             "or pip install 'viser>=1.1' 'rich<15'."
         )
-    return Address(given.get("--live-host") or LOOPBACK, given.get("--live-port"))
+    return Address(given.get("--live-host") or LOOPBACK, given.get("--live-port") or 0)
 
 
 def free_address(asked: Address) -> Address:
@@ -58,7 +58,7 @@ def free_address(asked: Address) -> Address:
     Raises:
         InputError: There is none.
     """
-    ports, problem = [asked.port] if asked.port is not None else list(range(PORT, PORT + PORTS)), ""
+    ports, problem = [asked.port] if asked.port else list(range(PORT, PORT + PORTS)), ""
     for port in ports:
         try:
             family = socket.getaddrinfo(asked.host, port, type=socket.SOCK_STREAM)[0][0]
@@ -136,7 +136,7 @@ def close_server(server: Any) -> None:
 
 def say_address(asked: Address, address: Address) -> None:
     """Print where the page is, and whom that lets in."""
-    if asked.port is None and address.port != PORT:
+    if not asked.port and address.port != PORT:
         console.note(f"port {PORT} is in use: the page is at {address.port}")
     console.note(f"live view: open {address.url} in a browser")
     if not _is_loopback(address.host):

@@ -103,7 +103,7 @@ def test_only_the_servers_own_pages_may_use_it(origin: str | None, host: str, ma
 
 def test_this_computer_alone_is_served_unless_an_address_is_named(polish_sim: Tool) -> None:
     if WITH_VISER:
-        assert asked_address({}) == Address("127.0.0.1", None)
+        assert asked_address({}) == Address("127.0.0.1")
     assert "whoever reaches the address" in " ".join(polish_sim("run", "force", "--help").out.split())
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -112,11 +112,11 @@ def test_this_computer_alone_is_served_unless_an_address_is_named(polish_sim: To
             taken.listen()
         except OSError:
             pass  # somebody else has it
-        assert free_address(Address("127.0.0.1", None)).port != PORT
+        assert free_address(Address("127.0.0.1")).port != PORT
         with pytest.raises(InputError, match=f"port {PORT}: Address already in use"):
             free_address(Address("127.0.0.1", PORT))
     with pytest.raises(InputError, match=r"no page can be served at '192\.0\.2\.1'"):
-        free_address(Address("192.0.2.1", None))
+        free_address(Address("192.0.2.1"))
 
 
 def test_what_cannot_be_shown_is_said_before_anything_starts(
