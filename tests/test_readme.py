@@ -81,7 +81,7 @@ def test_every_picture_of_the_gallery_says_how_it_is_made() -> None:
     assert set(re.findall(r"`([a-z_]+\.(?:png|gif))`", first_column)) == pictures
 
 
-@pytest.mark.parametrize("target", ["demo", "test", "check", "bench", "clean"])
+@pytest.mark.parametrize("target", ["demo", "test", "check", "bench", "docs", "clean"])
 def test_the_makefile_has_the_promised_targets(target: str) -> None:
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
 
