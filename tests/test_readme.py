@@ -25,7 +25,7 @@ def typed(text: str) -> set[str]:
     """The command lines of a page, in its blocks and in its sentences, without `polish-sim` and comments."""
     return set(
         re.findall(
-            r"polish-sim ((?:plan|run|report|config|list|demo|[a-z]+ )(?! ?EXPERIMENT)[^`#\n|]*)",
+            r"polish-sim ((?:plan|run|report|config|list|demo|[a-z]+ )(?! ?(?:EXPERIMENT|\.\.\.))[^`#\n|]*)",
             text.replace("\\\n", " "),
         )
     )
