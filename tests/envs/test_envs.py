@@ -184,6 +184,13 @@ def test_set_forces_change_during_the_hold_and_each_is_scored() -> None:
     assert all(16.0 <= force <= 24.0 for force in forces[1:])
 
 
+def test_a_planned_fault_happens_and_the_robot_stops_itself(env: Any) -> None:
+    steps, info = play(make(settings=(*SHORT, "faults.events=sensor-frozen@contact+0.3")), np.zeros((1, 3), np.float32))
+    assert steps[-1][2]
+    assert "frozen" in info["stop_reason"]
+    assert len(steps) < len(play(env, np.zeros((1, 3), np.float32))[0])
+
+
 def test_ranges_are_drawn_anew_and_reach_the_cell(tmp_path: Path) -> None:
     file = tmp_path / "ranges.toml"
     file.write_text('"sensor.force_noise_n" = [0.1, 0.2]\n"robot.real.cold_friction" = [0.0, 0.3]\n', encoding="utf-8")
@@ -234,7 +241,7 @@ def test_a_path_is_followed_to_its_time_and_its_feed_is_the_actions() -> None:
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
 def test_side_by_side_gives_what_each_gives_alone(env: Any, mode: str) -> None:
-    many = gym.make_vec("PolishForce-v1", 3, settings=SHORT, action="force-and-feed", autoreset_mode=mode, workers=2)
+    many = gym.make_vec("PolishForce-v1", 3, settings=SHORT, action="force-and-feed", autoreset_mode=mode, workers=3)
     seen, _ = many.reset(seed=[4, 5, 6])
     action = np.full((3, 3), 0.02, np.float32)
     alone, _ = play(env, action[:1], 5)

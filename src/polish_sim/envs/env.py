@@ -25,6 +25,7 @@ from polish_sim.cell.contact import RealPart
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
+from polish_sim.cell.set_points import FORCE
 from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, Stroke, begin_next_stroke, cycle_time
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course, Measurement, Target, measurement_of, target_of
@@ -100,10 +101,8 @@ class Stage:
         return self._forms[scenario.seed]
 
     def build(self, scenario: Scenario, part: RealPart) -> Cell:
-        """A cell with strokes of its own, whose forces may be changed."""
-        strokes = self.strokes_for(scenario) if self.rebuilds else self.strokes
-        own = [stroke._replace(force=stroke.force.copy()) for stroke in strokes]
-        return cell_for(scenario, self.place, part, own)
+        """A cell that follows the path on a part."""
+        return cell_for(scenario, self.place, part, self.strokes_for(scenario) if self.rebuilds else self.strokes)
 
     def displaced(self, form: RealPart, config: Any, rng: np.random.Generator) -> RealPart:
         """A bent part where an episode finds it."""
@@ -118,6 +117,8 @@ def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Seq
     if scenario is not None and not isinstance(scenario, Scenario):
         scenario = load_scenario(Path(scenario), usual)
     chosen = override(scenario or usual, list(settings))
+    if chosen.process.changes:
+        raise ConfigError("process.changes is for runs: an environment changes the set force with force_steps.")
     if chosen.experiment != task:
         raise ConfigError(f"the scenario is one of '{chosen.experiment}', the environment of '{task}'.")
     return chosen
@@ -138,20 +139,9 @@ def ranges_of(ranges: Ranges | str | Path | None) -> Ranges:
 
 
 class PolishEnv(gym.Env[Numbers, Numbers]):
-    """Land the tool and hold or follow; what is seen and done is in docs/learning.md.
+    """Land the tool and hold or follow. Arguments, what is seen, done and rewarded: docs/learning.md.
 
-    Args:
-        task: ``force`` or ``surface``.
-        scenario: Scenario or its TOML file; by default the experiment's own with `USUAL`.
-        settings: ``KEY=VALUE`` on top of it.
-        ranges: Settings drawn evenly for every episode, ``{key: (low, high)}`` or a TOML file of them.
-        action: A name of `ACTIONS`.
-        rate_hz: Of the actions; a whole number of the host's cycles.
-        reward: ``dense`` or ``sparse``.
-        force_steps: ``force`` only: so often the set force changes during the hold, drawn from ``force_range_n`` [N].
-        bodies: So many arms and bent parts episodes choose from, by the seeds from the scenario's on.
-        time_limit_s: Longest episode [s]; by default half as long again as the strokes take.
-        render_mode: ``rgb_array`` or None.
+    ``shared`` is for `PolishVectorEnv`: a place on a bench with others.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
@@ -216,6 +206,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         cell.rng.standard_normal(out=self._draws)
         wait = 1 if (options or {}).get("start") == "tare" else round((TARE_START + TARE_TIME) / self._dt)
         turn = Turn(every=self._every, due=wait - self._every, last_stroke=len(cell.strokes) == 1)
+        turn.eventful = bool(cell.faults.waiting)
         turn.longest, turn.force_after = self._longest, self._to_come[0][0] if self._to_come else math.inf
         self._bench.put(self._number, cell, self._recorder, self._draws, turn)
         self._steps = np.asarray(cell.state).reshape(1)["status"]["steps"]
@@ -235,9 +226,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             self._cells[body] = stage.build(scenario, part)
         self.cell = cell = self._cells[body]
         cell.begin_again(scenario, part, np.random.default_rng(noise))
+        cell.kernel = cell.kernel._replace(stroke=cell.set_points.begin(cell.strokes[0]))
         self.episode = Episode(drawn, scenario, part, noise)
-        if self._force_steps:
-            cell.strokes[0].force[:] = scenario.process.contact_force_n
         forces = rng.uniform(*self._force_range, self._force_steps).tolist()
         hold = scenario.process.hold_s / (self._force_steps + 1)
         self._to_come = [(hold * (k + 1), force) for k, force in enumerate(forces)]
@@ -259,7 +249,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         return bench.seen[number].copy(), reward, terminated, truncated, info
 
     def prepare(self) -> None:
-        """Draw the noise of the steps to come; change the set force when it is time."""
+        """Draw the noise of the steps to come, let faults happen, change the set force when it is time."""
         turn, steps = self._turns[0], int(self._steps[0])
         used = steps - turn.drawn_from
         if len(self._draws) - used < self._every + SPARE:
@@ -267,10 +257,14 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             self._draws[: len(kept)] = kept
             self.cell.rng.standard_normal(out=self._draws[len(kept) :])
             turn.drawn_from = steps
+        if self.cell.faults.waiting:
+            self.cell.faults.inject_due(self.cell.kernel)
+            self.cell.state.status.pause_at_contact = False
         sequence = self.cell.state.sequence
         if self._to_come and sequence.stage == PROCESS and sequence.time >= self._to_come[0][0]:
             force = self._to_come.pop(0)[1]
-            self.cell.strokes[0].force[:] = self.cell.state.target.force[0] = force
+            self.cell.set_points.change(FORCE, force, self.cell.kernel)
+            self.cell.state.target.force[0] = force
             self._set.append((steps, force))
             turn.force_after = self._to_come[0][0] if self._to_come else math.inf
 
@@ -282,7 +276,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             return False
         status.arrived = False
         begin_next_stroke(cell.state.sequence)
-        cell.kernel = cell.kernel._replace(stroke=left[0])
+        cell.kernel = cell.kernel._replace(stroke=cell.set_points.begin(left[0]))
         self._turns["last_stroke"] = len(left) == 1
         self._bench.go_on(self._number, cell)
         return True
@@ -352,14 +346,7 @@ def steps_per_action(scenario: Scenario, rate_hz: float) -> int:
 
 
 class PolishVectorEnv(VectorEnv[Numbers, Numbers, NDArray[Any]]):
-    """Environments stepped side by side on threads; arguments as of `PolishEnv`.
-
-    Args:
-        num_envs: How many.
-        autoreset_mode: Of Gymnasium, all three.
-        workers: Threads; by default one per processor this process may use.
-        kwargs: Of every environment.
-    """
+    """Environments stepped side by side on ``workers`` threads, by default one a processor; see `PolishEnv`."""
 
     def __init__(
         self,
@@ -379,7 +366,7 @@ class PolishVectorEnv(VectorEnv[Numbers, Numbers, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         count = min(workers or len(os.sched_getaffinity(0)), num_envs)
         edges = np.linspace(0, num_envs, count + 1).round().astype(int).tolist()
-        self._shares, self._pool = list(pairwise(edges)), ThreadPoolExecutor(max(count - 1, 1))
+        self._shares, self._pool = list(pairwise(edges)), ThreadPoolExecutor(count)
         self._ended = np.zeros(num_envs, bool)
 
     def reset(
@@ -391,29 +378,34 @@ class PolishVectorEnv(VectorEnv[Numbers, Numbers, NDArray[Any]]):
         seeds = [None] * self.num_envs if seed is None else seed
         if isinstance(seeds, int):
             seeds = [seeds + number for number in range(self.num_envs)]
-        infos = self._reset(np.flatnonzero(mask), seeds, options)
-        return self._bench.seen.copy(), infos
+        infos = self._reset(np.flatnonzero(mask), {}, seeds, options)
+        return self._bench.seen.copy(), self._told(infos)
 
-    def _reset(self, numbers: NDArray[np.intp], seeds: Sequence[int | None], options: Info) -> Info:
-        infos: Info = {}
-        made = self._pool.map(lambda number: self.envs[number].reset(seed=seeds[number], options=options), numbers)
-        for number, (_, info) in zip(numbers, made, strict=True):
-            infos = self._add_info(infos, info, int(number))
+    def _reset(
+        self, numbers: NDArray[np.intp], infos: Info, seeds: Sequence[int | None] = (), options: Info | None = None
+    ) -> Info:
+        def reset(number: int) -> Info:
+            return self.envs[number].reset(seed=seeds[number] if seeds else None, options=options)[1]
+
+        # The first alone: it may have to compile, and to say how much room a cell takes.
+        made = [reset(number) for number in numbers[:1]]
+        made += self._pool.map(reset, numbers[1:])
+        for number, info in zip(numbers, made, strict=True):
+            infos = self._add_info(infos, {"drawn": info["drawn"]}, int(number))
         self._ended[numbers] = False
         return infos
 
     def step(self, actions: Numbers) -> tuple[Numbers, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Step all; what has ended is reset as the autoreset mode says."""
-        bench, turns, infos = self._bench, self._bench.turns, {}
+        bench, turns = self._bench, self._bench.turns
+        infos: Info = {}
         fresh = np.flatnonzero(self._ended)
         if len(fresh):
             if self._mode is AutoresetMode.DISABLED:
                 raise gym.error.ResetNeeded(f"environments {fresh.tolist()} have ended: reset them with reset_mask.")
-            infos = self._reset(fresh, [None] * self.num_envs, {})
+            infos = self._reset(fresh, infos)
             turns["idle"][fresh] = True
-        kept = bench.actions[fresh].copy()
-        bench.actions[:] = actions
-        bench.actions[fresh] = kept
+        bench.actions[~turns["idle"]] = actions[~turns["idle"]]
         for number in np.flatnonzero(turns["needs"] & ~turns["idle"]):
             self.envs[number].prepare()
         self._step_all()
@@ -421,24 +413,23 @@ class PolishVectorEnv(VectorEnv[Numbers, Numbers, NDArray[Any]]):
         rewards = np.zeros(self.num_envs) if self._sparse else turns["reward"].copy()
         rewards[fresh] = 0.0
         terminated, truncated = np.zeros((2, self.num_envs), bool)
-        infos["privileged"] = {name: bench.truth[name].copy() for name in TRUTH}
-        infos["_privileged"] = np.ones(self.num_envs, bool)
         for number in np.flatnonzero(~turns["asks"]):
             env = self.envs[number]
             if not env.next_stroke():
                 terminated[number], truncated[number], info = env.end()
                 rewards[number] = info["success"] if self._sparse else rewards[number]
-                infos = self._close(infos, info, int(number))
+                if self._mode is AutoresetMode.SAME_STEP:
+                    info = {"final_obs": bench.seen[number].copy(), "final_info": {**env.truth(), **info}}
+                infos = self._add_info(infos, info, int(number))
         self._ended = terminated | truncated
-        if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
-            self._reset(np.flatnonzero(self._ended), [None] * self.num_envs, {})
-        return bench.seen.copy(), rewards, terminated, truncated, infos
-
-    def _close(self, infos: Info, info: Info, number: int) -> Info:
-        """Add how an environment has ended."""
         if self._mode is AutoresetMode.SAME_STEP:
-            info = {"final_obs": self._bench.seen[number].copy(), "final_info": info}
-        return self._add_info(infos, info, number)
+            infos = self._reset(np.flatnonzero(self._ended), infos)
+        return bench.seen.copy(), rewards, terminated, truncated, self._told(infos)
+
+    def _told(self, infos: Info) -> Info:
+        """Add the truth of all."""
+        truth = {name: self._bench.truth[name].copy() for name in TRUTH}
+        return {**infos, "privileged": truth, "_privileged": np.ones(self.num_envs, bool)}
 
     def _step_all(self) -> None:
         """Step every share on a thread of its own."""

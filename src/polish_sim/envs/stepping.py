@@ -11,7 +11,6 @@ import ctypes
 import math
 from collections.abc import Mapping
 from functools import cache
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import numpy as np
@@ -27,15 +26,7 @@ from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import Recorder, TraceStep
 from polish_sim.cell.stroke import PROCESS, RETRACT
-from polish_sim.control import signals
-from polish_sim.control.hybrid import (
-    HybridGains,
-    HybridMemory,
-    hybrid_gains,
-    position_by_velocity,
-    press,
-    turn_to_target,
-)
+from polish_sim.control import hybrid, signals
 from polish_sim.control.loops import rotation_error
 from polish_sim.kernel_cache import cfunc, njit
 from polish_sim.kernels import Record, Vector3, Vector6, kernel
@@ -45,22 +36,11 @@ if TYPE_CHECKING:
 
 # Observations: what the host knows. Vectors are in tool axes, everything is divided by a scale.
 
-OBSERVATION: Final[Mapping[str, tuple[int, float]]] = MappingProxyType(
-    {
-        "force": (3, 20.0),
-        "torque": (3, 1.0),
-        "force_error": (1, 20.0),
-        "set_force": (1, 20.0),
-        "contact": (1, 1.0),
-        "position_error": (3, 0.001),
-        "rotation_error": (3, 0.01),
-        "velocity": (3, 0.05),
-        "turning": (3, 0.5),
-        "planned_velocity": (3, 0.05),
-        "planned_turning": (3, 0.5),
-        "curvature": (1, 10.0),
-    }
-)
+OBSERVATION: Final = {
+    "force": (3, 20.0), "torque": (3, 1.0), "force_error": (1, 20.0), "set_force": (1, 20.0), "contact": (1, 1.0),
+    "position_error": (3, 0.001), "rotation_error": (3, 0.01), "velocity": (3, 0.05), "turning": (3, 0.5),
+    "planned_velocity": (3, 0.05), "planned_turning": (3, 0.5), "curvature": (1, 10.0),
+}  # fmt: skip
 """Width and scale [SI] of each part, in order: wrench as the sensor gives it, set force less measured force, planned
 pose less the encoders', velocities. The last action follows."""
 SEEN: Final = sum(width for width, _ in OBSERVATION.values())
@@ -74,8 +54,8 @@ _SCALES: Final = np.repeat([scale for _, scale in OBSERVATION.values()], [width 
 class ActionContext(Record):
     """What the laws of this file read and write."""
 
-    gains: HybridGains
-    memory: HybridMemory
+    gains: hybrid.HybridGains
+    memory: hybrid.HybridMemory
     command: Vector6  #: The action in SI
     feed: float  #: Share of the planned feed that is granted [-]
     turn: Vector3  #: Work array
@@ -120,8 +100,8 @@ def _servo_law(context, _course, measurement, target, answer):  # type: ignore[n
     m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
     _offset_plan(c, t, c.command[0:3], t.twist[0:3])
     _offset_plan(c, t, c.command[3:6], t.twist[3:6])
-    position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
-    turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.clock[1], False, c.memory, out.twist)
+    hybrid.position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
+    hybrid.turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.clock[1], False, c.memory, out.twist)
     out.feed = c.feed
 
 
@@ -132,8 +112,8 @@ def _force_and_feed_law(context, _course, measurement, target, answer):  # type:
     planned = t.force[0]
     _offset_plan(c, t, c.command[1:4], t.twist[3:6])
     t.force[0] = max(planned + c.command[0], 0.0)
-    position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
-    press(m, t, c, out.twist)
+    hybrid.position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
+    hybrid.press(m, t, c, out.twist)
     out.feed, t.force[0] = c.feed, planned  # the guards go by the plan
 
 
@@ -145,22 +125,20 @@ class ActionKind(NamedTuple):
     scale: Mapping[str, float]  #: What 1 stands for [SI], by the names of its numbers
 
 
-ACTIONS: Final[Mapping[str, ActionKind]] = MappingProxyType(
-    {
-        "twist": ActionKind(
-            _twist_law, "velocity of the tool, tool axes",
-            {"v_x": 0.1, "v_y": 0.1, "v_z": 0.1, "w_x": 1.0, "w_y": 1.0, "w_z": 1.0},
-        ),
-        "servo": ActionKind(
-            _servo_law, "offset of the tool's pose from the planned one, tool axes, for hybrid-pi's position loops",
-            {"x": 0.005, "y": 0.005, "z": 0.005, "r_x": 0.05, "r_y": 0.05, "r_z": 0.05},
-        ),
-        "force-and-feed": ActionKind(
-            _force_and_feed_law, "change of the set force and tilt about tool x and y, for the loops of hybrid-pi",
-            {"force": 10.0, "tilt_x": 0.05, "tilt_y": 0.05},
-        ),
-    }
-)  # fmt: skip
+ACTIONS: Final = {
+    "twist": ActionKind(
+        _twist_law, "velocity of the tool, tool axes",
+        {"v_x": 0.1, "v_y": 0.1, "v_z": 0.1, "w_x": 1.0, "w_y": 1.0, "w_z": 1.0},
+    ),
+    "servo": ActionKind(
+        _servo_law, "offset of the tool's pose from the planned one, tool axes, for hybrid-pi's position loops",
+        {"x": 0.005, "y": 0.005, "z": 0.005, "r_x": 0.05, "r_y": 0.05, "r_z": 0.05},
+    ),
+    "force-and-feed": ActionKind(
+        _force_and_feed_law, "change of the set force and tilt about tool x and y, for the loops of hybrid-pi",
+        {"force": 10.0, "tilt_x": 0.05, "tilt_y": 0.05},
+    ),
+}  # fmt: skip
 """Where the tool is fed along a path, each has one more number: -1 grants none of the planned feed, 1 all of it."""
 
 
@@ -215,7 +193,8 @@ class Turn(Record):
     force_after: float  #: Time in contact from which another force is set [s]; infinite for none
     reward: float  #: Of the last step, dense
     asks: bool  #: The next action is asked for; else the stroke or the episode is over
-    needs: bool  #: Noise is to be drawn or another force to be set before the next step
+    eventful: bool  #: Faults are planned
+    needs: bool  #: Something is to be done before the next step: noise to be drawn, another force to be set
     idle: bool  #: To be left out
 
 
@@ -273,7 +252,7 @@ def _take_step(k: Kept, law) -> None:  # type: ignore[no-untyped-def]
     turn.asks = status.waiting and status.stop == NO_STOP and not lifted and status.steps < turn.longest
     left = len(k.draws) - (status.steps - turn.drawn_from)
     held = state.sequence.time if state.sequence.stage == PROCESS else 0.0
-    turn.needs = left < turn.every + SPARE or held >= turn.force_after
+    turn.needs = turn.eventful or left < turn.every + SPARE or held >= turn.force_after
     if done > 0:
         k.truth[0] = recorder.trace[done - 1]
     observe(state.measurement, state.target, k.context)
@@ -312,7 +291,7 @@ def _pack(kept, law, address):  # type: ignore[no-untyped-def]
     _packed((kept, law), address)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def _step_cells(kept, first, last):  # type: ignore[no-untyped-def]
     for number in range(first, last):
         one, law = _unpacked(kept, number)
@@ -337,7 +316,7 @@ class Bench:
     def put(self, number: int, cell: Cell, recorder: Recorder, draws: Array, turn: Turn) -> None:
         """Let a cell at its start take a place."""
         context = self.contexts[number]
-        context.gains, context.feed = hybrid_gains(cell.scenario.controller), 1.0
+        context.gains, context.feed = hybrid.hybrid_gains(cell.scenario.controller), 1.0
         context.command[:] = 0.0
         cell.use_controller(signals.CompiledController(context, self._action.law))
         turn.scale[: len(self._action.scale)] = list(self._action.scale.values())
