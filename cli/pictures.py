@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+import threading
 import time
 import warnings
 from contextlib import AbstractContextManager
@@ -201,13 +202,20 @@ def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
     return True
 
 
+CLOSING_S: Final = 5.0  #: A window is waited for, at most [s]
+
+
 class Viewer(FrameSink):
-    """Opens the viewer at the first moment and keeps the run no faster than real time."""
+    """Opens the viewer at the first moment and keeps the run no faster than real time.
+
+    It shows a copy of the cell's data: opening the window computes the forces in it anew, and hands pull at the bodies.
+    """
 
     every_s = 1.0 / 50.0
 
     def __init__(self) -> None:
         self._window: Any = None
+        self._shown: Any = None
         self._failed = False
         self._ahead_of: float | None = None
 
@@ -223,6 +231,10 @@ class Viewer(FrameSink):
             return
         if not self._window.is_running():
             return
+        import mujoco
+
+        with self._window.lock():
+            mujoco.mj_copyData(self._shown, model, data)
         self._window.sync()
         self._wait(data.time)
 
@@ -231,6 +243,8 @@ class Viewer(FrameSink):
     ) -> None:
         if self._window is not None:
             self._window.close()
+            for thread in self._threads:
+                thread.join(CLOSING_S)  # what the window draws with is gone when the program ends
 
     def _open(self, model: Any, data: Any) -> None:
         if not _has_display():
@@ -239,7 +253,10 @@ class Viewer(FrameSink):
             return
         import mujoco.viewer
 
-        self._window = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+        before, self._shown = set(threading.enumerate()), mujoco.MjData(model)
+        mujoco.mj_copyData(self._shown, model, data)
+        self._window = mujoco.viewer.launch_passive(model, self._shown, show_left_ui=False, show_right_ui=False)
+        self._threads = set(threading.enumerate()) - before
 
     def _wait(self, simulated: float) -> None:
         now = time.monotonic()

@@ -301,3 +301,32 @@ def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(
     tab.wait_for("The run is over")
     assert read_record(tmp_path / "out").metrics["simulated_s"] == pytest.approx(stood, abs=0.02)
     assert free_address(Address("127.0.0.1", int(run.url.rpartition(":")[2])))
+
+
+@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no display to try --view on: apt install xvfb")
+def test_mujocos_own_window_shows_the_run_and_ctrl_c_closes_it(tmp_path: Path) -> None:
+    screen, colors = ["-screen", "0", "640x480x24", "-fbdir", str(tmp_path)], 0
+    display = subprocess.Popen(["Xvfb", "-displayfd", "1", *screen], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert display.stdout is not None
+    environment = os.environ | {"DISPLAY": f":{display.stdout.readline().decode().strip()}", "MUJOCO_GL": "glfw"}
+    words = ["run", "force", "--view", "--set", "process.hold_s=600", "--out", "out"]
+    run = subprocess.Popen([*PROGRAM, *words], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True)
+    try:
+        for _ in range(600):
+            pixels = np.fromfile(tmp_path / "Xvfb_screen0", np.uint8)[-640 * 480 * 4 :].reshape(480, 640, 4)
+            colors = len(np.unique(pixels[::4, ::4].reshape(-1, 4), axis=0))
+            if colors > 200 or run.poll() is not None:
+                break
+            time.sleep(0.1)
+        run.send_signal(signal.SIGINT)
+        said = run.communicate(timeout=60)[1]
+    finally:
+        for process in (run, display):
+            process.kill()
+            process.wait()
+    assert (run.returncode, "Traceback" in said) == (130, False), said
+    assert colors > 200
+    log, alone = read_record(tmp_path / "out").log, run_experiment(override(default_scenario("force"), SHORT)).log
+    rows = min(len(log), len(alone))
+    assert rows > 1
+    assert all(log[name][:rows].tobytes() == alone[name][:rows].tobytes() for name in ("q_rad", "torque_nm"))
