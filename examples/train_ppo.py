@@ -21,7 +21,7 @@ if __name__ == "__main__":
     model = PPO(
         "MlpPolicy", envs, n_steps=512, batch_size=256, gamma=0.98, policy_kwargs={"log_std_init": -2.0}, seed=0
     )
-    model.learn(400_000)
+    model.learn(100_000)
     model.save("policy.zip")
     env = gymnasium.make("PolishForce-v1", **KIND)
     policies = {
