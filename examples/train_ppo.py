@@ -1,7 +1,7 @@
 """Train a policy by PPO (stable-baselines3)
 =========================================
 
-A quarter of an hour on two cores; needs the extra ``rl``, which brings torch. Writes ``policy.zip``, prints its
+Minutes on two cores; needs the extra ``rl``, which brings torch. Writes ``policy.zip``, prints its
 scorecard beside that of ``hybrid-pi``.
 """
 

@@ -213,6 +213,8 @@ def test_ranges_are_drawn_anew_and_reach_the_cell(tmp_path: Path) -> None:
         ({"ranges": {"sensor.force_noise_n": (0.1, 50.0)}}, "sensor.force_noise_n"),
         ({"ranges": {"sensor.force_noise_n": 0.1}}, "least, most"),
         ({"settings": ("experiment=surface",)}, "surface"),
+        ({"bodies": 0}, "at least one"),
+        ({"force_steps": 1, "force_range_n": (10.0, 60.0)}, "safety.force_limit_n"),
     ],
 )
 def test_what_cannot_be_is_refused(kwargs: dict[str, Any], words: str) -> None:

@@ -23,6 +23,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.cell import DRAWS, Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.guards import NO_STOP
+from polish_sim.cell.limits import check_contact_settings
 from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
 from polish_sim.cell.set_points import FORCE
@@ -169,7 +170,11 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             raise unknown_name("task", task, ASKED)
         if force_steps and task == "surface":
             raise InputError("force_steps is for PolishForce-v1: the path of PolishSurface-v1 names its forces.")
+        if bodies < 1:
+            raise InputError(f"bodies = {bodies}: there is at least one arm and part to choose from.")
         chosen = scenario_of(task, scenario, settings) if shared is None else shared[0].scenario
+        if force_steps:
+            check_contact_settings(chosen, max(force_range_n))
         self._every = steps_per_action(chosen, rate_hz)
         self.task, self.action, self.rate_hz, self.sparse = task, action, rate_hz, reward == "sparse"
         self._force_steps, self._force_range = force_steps, force_range_n
