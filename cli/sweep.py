@@ -248,10 +248,12 @@ def _progress() -> Iterator[Any]:
         observer.stage("simulate")
 
         def heard(done: int, total: int, trouble: str | None) -> None:
-            nonlocal first, told
+            nonlocal first, told, begun
             if trouble is not None:
                 console.note(f"warning: {trouble}.")
-            first = done if first < 0 else first
+            first = done + 1 if first < 0 else first
+            if done <= first:  # what comes before the first result is no measure
+                begun = time.monotonic()
             if sys.stderr.isatty():
                 observer.progress(done, total)
             elif done == total or (done > first and time.monotonic() - told >= QUIET_S):

@@ -38,8 +38,12 @@ class RowFile:
     def add(self, key: str, row: Mapping[str, Any]) -> None:
         """Append a row; the line is whole or, when next read, it is not there."""
         line = json.dumps({"key": key, "row": plain(row)}, allow_nan=False) + "\n"
-        with self.path.open("ab") as file:
-            file.write(line.encode())
+        try:
+            with self.path.open("ab") as file:
+                file.write(line.encode())
+        except OSError:  # no room
+            _cut_torn_line(self.path)
+            raise
 
 
 def plain(row: Mapping[str, Any]) -> Row:

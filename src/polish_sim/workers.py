@@ -267,6 +267,7 @@ def _client(on: str, count: int) -> Iterator[Any]:
     except ImportError as error:
         raise InputError(f"'--on {on}' needs Dask: pip install 'polish-sim[cluster]'.") from error
     quiet = {"distributed.scheduler.worker-saturation": 1.0, "distributed.scheduler.allowed-failures": TRIES - 1}
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is said here
     with dask.config.set(quiet), _interrupts_blocked():
         if on == "dask":
             cluster = distributed.LocalCluster(
@@ -327,7 +328,9 @@ def versions_here() -> dict[str, str]:
 class _Cluster:
     def __init__(self, client: Any, shipped: Mapping[str, bytes], where: str) -> None:
         self._client, self._shipped = client, shipped
-        self.count, self.where = sum(client.nthreads().values()), f"{where}, dashboard {client.dashboard_link}"
+        shown = "dashboard" in client.scheduler_info()["services"]
+        self.count = sum(client.nthreads().values())
+        self.where = f"{where}, dashboard {client.dashboard_link}" if shown else where
         self._hashes = {name: hashlib.sha256(content).hexdigest() for name, content in shipped.items()}
         client.run(_store, shipped)
 

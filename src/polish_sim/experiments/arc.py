@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,6 +50,11 @@ def prepare_arc(scenario: Scenario | None = None, observer: Observer | None = No
     Raises:
         ReachError: If it cannot; names the first bad point.
     """
+    return _circle()
+
+
+@cache
+def _circle() -> CheckedPath:
     path, T_flange_tool = arc_path(), tool_on_flange()
     reach = find_reach(path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False)
     check_whole_path(reach, path.positions_work, path.axes_work, T_flange_tool)
