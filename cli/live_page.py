@@ -60,7 +60,7 @@ class Moment(NamedTuple):
     places: Array  #: Of the bodies, world [m], shape (k, 3)
     turns: Array  #: Quaternions wxyz, shape (k, 4)
     pad: Array  #: Middle of its face, world [m], shape (3,)
-    force: float  #: [N]
+    force: float  #: [N]; NaN where none is known
     asked: float  #: [N]; NaN: none
     speed: float  #: Of the tool [m/s]
 
@@ -258,13 +258,17 @@ def block(content: str) -> str:
 
 def numbers_text(title: str, moment: Moment, paused: bool) -> str:
     """What the page says of a moment, as HTML; the force also as a bar, full at twice the set force."""
+    said = f"<b>{html.escape(title)}</b><br>{moment.time:.2f} s"
+    said += f" of {moment.total:.1f} s: {html.escape(moment.stage)}" if moment.stage else ""
+    said += " <b>(paused)</b>" if paused else ""
+    if not math.isfinite(moment.force):
+        return said
     known = math.isfinite(moment.asked)
     wide = 50.0 * min(max(moment.force, 0.0) / (moment.asked if known else 20.0), 2.0)
     mark = f"<div style='position:absolute;left:50%;top:-2px;bottom:-2px;width:2px;background:{ASKED_COLOR}'></div>"
     bar = f"<div style='width:{wide:.1f}%;height:100%;background:{FORCE_COLOR};border-radius:4px'></div>"
     return (
-        f"<b>{html.escape(title)}</b><br>{moment.time:.2f} s of {moment.total:.1f} s: {html.escape(moment.stage)}"
-        f"{' <b>(paused)</b>' if paused else ''}<br>tool {1e3 * moment.speed:.1f} mm/s<br>"
+        f"{said}<br>tool {1e3 * moment.speed:.1f} mm/s<br>"
         f"force <b>{moment.force:.1f} N</b>{f' of {moment.asked:g} N' if known else ''}"
         f"<div style='position:relative;height:12px;background:#8883;border-radius:4px;margin:3px 0'>"
         f"{bar}{mark if known else ''}</div>"
@@ -306,10 +310,10 @@ class LiveView(FrameSink):
         """Offer what can be changed in the cell that is about to run."""
         self._cell, gui, process = cell, self.page.server.gui, cell.scenario.process
         self._total, force, feed = cycle_time(cell.strokes), process.contact_force_n, 1e3 * process.feed_m_s
-        if cell.on_part:
+        if cell.on_part and cell.scenario.controller.name != "position":
             top = max(force, min(2.0 * force, 0.8 * cell.scenario.safety.force_limit_n))
             self._slider(gui, "Force [N]", FORCE, (min(1.0, force), top, 0.5, force), 1.0)
-            self.page.scale(2.0 * force)
+        self.page.scale(2.0 * force)
         self._slider(gui, "Feed [mm/s]", FEED, (0.05 * feed, feed, 0.05 * feed, feed), 1e-3)
         with gui.add_folder("Faults", expand_by_default=False):
             for name in FAULTS:
@@ -330,10 +334,11 @@ class LiveView(FrameSink):
         if not page.built:
             self._build(model, data)
         moment = self._moment(data)
+        passed = max(0.0, moment.time - self._rows[-1][0]) if self._rows else 0.0
         self._rows = [*self._rows[-round(PLOT_S / self.every_s) :], (moment.time, moment.force, moment.asked)]
         if page.worked is not None:
-            page.worked.add(page.on_part(moment), np.array([moment.force * self.every_s]))
-        self._next = max(self._next + self.every_s / page.speed, time.monotonic() - 0.1)
+            page.worked.add(page.on_part(moment), np.array([moment.force * passed]))
+        self._next = max(self._next + passed / page.speed, time.monotonic() - 0.1)
         while True:
             self._attend()
             page.show(moment, np.array(self._rows))
@@ -365,11 +370,12 @@ class LiveView(FrameSink):
                 turn = Rotation.from_quat(data.xquat[part + 1], scalar_first=True).as_matrix()
                 path = apply(inverse(transform(turn, data.xpos[part + 1])), path)
         self.page.build(model.nbody - 1, scene_solids(model), part, path, radius)
+        self.page.plot.visible = cell is not None and cell.on_part
 
     def _moment(self, data: Any) -> Moment:
         cell, places, none = self._cell, data.xpos[1:].copy(), math.nan
         if cell is None:
-            return Moment(data.time, none, "", places, data.xquat[1:], data.site("tool").xpos, 0.0, none, 0.0)
+            return Moment(data.time, none, "", places, data.xquat[1:], data.site("tool").xpos, none, none, none)
         state, e, part = cell.state, cell.kernel.engine, self.page.part
         if part >= 0 and not cell.arm:
             places[part] += cell.kernel.part.position - state.motion.rest

@@ -227,6 +227,25 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
         run.process.wait()
 
 
+@served
+def test_at_least_20_moments_a_second_reach_who_looks_on(start: Callable[..., Running]) -> None:
+    import viser
+    from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
+
+    run = start("run", "force", "--live", "--set", "process.hold_s=60", "--out", "out")
+    run.until(lambda: "\nsimulate" in run.said)
+    protocol = [Subprotocol(f"viser-v{viser.__version__}")]
+    with connect(run.url.replace("http", "ws"), subprotocols=protocol, max_size=None, compression=None) as page:
+        begun, arrived = time.monotonic(), list[float]()
+        while time.monotonic() - begun < 6.0:
+            page.recv(timeout=10.0)
+            arrived.append(time.monotonic() - begun)
+    # The first second brings the scene; other tests may hold the computer up for a while.
+    assert np.histogram(arrived, bins=np.arange(1.0, 6.1))[0].max() >= 20
+    assert run.interrupted() == 130
+
+
 @in_browser
 def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(
     browser: Any, start: Callable[..., Running], tmp_path: Path
