@@ -46,7 +46,7 @@ DOTS: Final = 20_000  #: Spread over the part; those the pad comes to show where
 MARKS: Final = np.array([(200, 204, 210), (38, 70, 140), (0, 140, 140), (110, 190, 90), (250, 225, 60)])
 APART: Final = 1e-3  #: Places of a trace, at least [m]
 PATH_M, TRACE_M = 0.0006, 0.0012  #: Width of their lines [m]
-ABOVE: Final = 3e-4  #: Lines and dots are drawn so far above the part [m]
+DOTS_M: Final = 3e-4  #: Dots are drawn so far above the part [m]
 FASTEST, STEP_S = 30.0, 0.02  #: Of a playback: speed, and one step [s]
 STAGES: Final = ("zero the sensor", "travel", "approach", "seek contact", "touch down", "process", "retract", "done")
 
@@ -70,18 +70,31 @@ class Worked:
 
     def __init__(self, server: Any, node: str, solids: Sequence[Any], path: Array, radius: float) -> None:
         self._radius, self._trace = radius, list[Array]()
-        self._line = server.scene.add_line_segments(
-            f"{node}/trace", segments(np.empty((0, 3))), (20, 24, 30), thickness=TRACE_M
-        )
         part = next(solid for solid in solids if solid.kind == "part")
         mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
         dots, facets = trimesh.sample.sample_surface(mesh, DOTS, seed=0)
         near = cKDTree(path).query(dots)[0] < 1.5 * radius
-        self._tree, self._done = cKDTree(dots[near]), np.zeros(int(near.sum()))
-        self._cloud = server.scene.add_point_cloud(
-            f"{node}/worked", dots[near] + ABOVE * mesh.face_normals[facets[near]], self._colors(),
-            point_size=1.3 * math.sqrt(mesh.area / DOTS), point_shape="circle", precision="float32",
+        self._tree, self._normals, self._done = (
+            cKDTree(dots[near]),
+            mesh.face_normals[facets[near]],
+            np.zeros(near.sum()),
+        )
+        add, size = server.scene, 1.3 * math.sqrt(mesh.area / DOTS)
+        self._above = DOTS_M + 0.7 * size  # of lines: dots always face the camera
+        self._cloud = add.add_point_cloud(
+            f"{node}/worked", dots[near] + DOTS_M * self._normals, self._colors(),
+            point_size=size, point_shape="circle", precision="float32",
         )  # fmt: skip
+        add.add_line_segments(f"{node}/path", self._lines(path), (0, 158, 115), thickness=PATH_M)
+        self._line = add.add_line_segments(f"{node}/trace", self._lines(path[:1]), (20, 24, 30), thickness=TRACE_M)
+
+    def _lines(self, points: Array) -> Array:
+        """Points (n, 3) as lines from one to the next just above the part, shape (m, 2, 3), but not over a gap."""
+        over = points + self._above * self._normals[self._tree.query(points)[1]]
+        lines = np.stack([over[:-1], over[1:]], axis=1)
+        length = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
+        lines = lines[(length > 1e-6) & (length < self._radius)]
+        return lines if len(lines) else np.array([[over[0], over[0] + 1e-6]])
 
     def clear(self) -> None:
         """Nothing has been worked on."""
@@ -101,7 +114,8 @@ class Worked:
 
     def draw(self) -> None:
         """Show it."""
-        self._line.points = segments(np.array(self._trace), self._radius)
+        if self._trace:
+            self._line.points = self._lines(np.array(self._trace))
         self._cloud.colors = self._colors()
 
     def _colors(self) -> Any:
@@ -165,8 +179,6 @@ class Page:
             color = tuple(round(255 * share) for share in solid.color)
             add.add_mesh_simple(f"{node}/solid{number}", solid.vertices, solid.faces, color=color, flat_shading=True)
         node = f"/body{part}" if part >= 0 else ""
-        if len(path) > 1:
-            add.add_line_segments(f"{node}/path", segments(path), (0, 158, 115), thickness=PATH_M)
         if len(path) and any(solid.kind == "part" for solid in solids):
             self.worked = Worked(self.server, node, solids, path, radius)
             self._middle, self._size = path.mean(axis=0), float(np.ptp(path, axis=0).max()) + 2.0 * radius
@@ -237,17 +249,6 @@ class Page:
         self.server.flush()
         time.sleep(0.1)
         close_server(self.server)
-
-
-def segments(points: Array, longest: float = math.inf) -> Array:
-    """Points (n, 3) as lines from one to the next, shape (m, 2, 3), where they are not further apart.
-
-    Lines of no length have no direction to be drawn in.
-    """
-    lines = np.stack([points[:-1], points[1:]], axis=1) if len(points) > 1 else np.empty((0, 2, 3))
-    length = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
-    lines = lines[(length > 1e-6) & (length < longest)]
-    return lines if len(lines) else np.array([[[0.0, 0.0, -9.0], [0.0, 0.0, -9.1]]])
 
 
 def block(content: str) -> str:
@@ -399,11 +400,11 @@ class LiveView(FrameSink):
 
 
 def on_surface(stroke: Stroke) -> Array:
-    """Points of a stroke just above the unpressed surface, base frame [m], shape (n, 3)."""
+    """Points of a stroke on the unpressed surface, base frame [m], shape (n, 3)."""
     table = stroke.process
     axes = Rotation.from_quat(table.quaternions, scalar_first=True).as_matrix()[:, :, 2]
     depth = stroke.depth * stroke.force / stroke.force[0]
-    return np.asarray(table.positions - (depth[:, None] + ABOVE) * axes)
+    return np.asarray(table.positions - depth[:, None] * axes)
 
 
 # A saved run again.
