@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numba import njit
 from numpy.typing import NDArray
 
-from polish_sim.analysis.style import BLUE, GREY, SERIES, new_figure, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, head, line_look, new_figure, styled
 from polish_sim.motion.certified.connector import Peaks
 from polish_sim.motion.certified.corner import CornerShapes, corner_kernel, corner_shapes, time_lost
 from polish_sim.motion.certified.kernel import FAR, Corner, Figures, Kernel, new_kernel, side_of
@@ -64,9 +64,6 @@ def _derivatives(pieces: Array, t: Array) -> Array:
 def plot_kernels(shapes: CornerShapes) -> Figure:
     """Paths in the corner, speed, acceleration and jerk of four turns."""
     figure = new_figure(12.0, 7.6)
-    figure.suptitle(
-        f"Corners rounded within {TOLERANCE * _MM:g} mm", x=0.01, ha="left", fontsize=11.5, fontweight="bold"
-    )
     axes = figure.subplots(3, len(TURNS), squeeze=False, sharey="row")
     for column, degrees in enumerate(TURNS):
         turn = float(np.radians(degrees))
@@ -77,8 +74,7 @@ def plot_kernels(shapes: CornerShapes) -> Figure:
         _plot_shares(axes[2, column], kernel, turn)
     for row, meaning in enumerate(("y [mm]", "distance to the line,\ninside + [mm]", "share of the limit")):
         axes[row, 0].set_ylabel(meaning)
-    axes[0, 0].legend(loc="upper left")
-    axes[2, 0].legend(loc="upper left", ncols=3, handlelength=1.0, columnspacing=1.0)
+    head(figure, f"Corners rounded within {TOLERANCE * _MM:g} mm", legend=(axes[0, 0], axes[1, 0], axes[2, 0]))
     return figure
 
 
@@ -103,7 +99,7 @@ def _plot_distance(axes: Axes, kernel: Sampled, turn: float) -> None:
     distance = np.where(np.abs(kernel.remaining[0]) > np.abs(kernel.gone[0]), kernel.gone[0], kernel.remaining[0])
     axes.plot(kernel.times * 1e3, distance * np.sin(turn) * _MM, color=BLUE)
     for side in (-1, 1):
-        axes.axhline(side * TOLERANCE * _MM, color=GREY, linestyle="--")
+        axes.axhline(side * TOLERANCE * _MM, color=GREEN, linestyle="--", label="tolerance")
     axes.set(xlabel="time [ms]")
 
 
@@ -111,7 +107,7 @@ def _plot_shares(axes: Axes, kernel: Sampled, turn: float) -> None:
     """Norms of speed, acceleration and jerk as shares of their limits."""
     for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
         share = np.hypot(*_along(kernel, turn, order)) / LINE[order - 1]
-        axes.plot(kernel.times * 1e3, share, color=SERIES[order - 1], label=name)
+        axes.plot(kernel.times * 1e3, share, label=name, **line_look(order - 1))
     axes.set(xlabel="time [ms]", ylim=(0, 1.25))
 
 

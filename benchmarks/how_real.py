@@ -19,10 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from benchmarks.table import Row, print_rows
 from polish_sim.analysis.metrics import PAPER_ARC, PROCESS, steady_feed
-from polish_sim.analysis.style import BLUE, GREY, ORANGE, new_figure, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, head, new_figure, styled
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
 from tests.cell.cells import EVERY_STEP, TOUCH, Array, cell_for, free_stroke, ideal
@@ -235,18 +236,18 @@ _MM = 1e3
 def plot_arcs(arcs: dict[str, Arc]) -> Figure:
     """The circle with its error magnified, and the spectrum of the error."""
     figure = new_figure(11.0, 5.0)
-    figure.suptitle("One circle of 0.1 m at 10 mm/s, seed 0", x=0.01, ha="left", fontsize=11.5, fontweight="bold")
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
-    looks = dict(zip(arcs, ((BLUE, "--", 1.6), (ORANGE, "-", 1.2), (GREY, ":", 1.6)), strict=True))
+    looks = dict(zip(arcs, ((ORANGE, "--", 1.6), (BLUE, "-", 1.2), (GREY, ":", 1.6)), strict=True))
     _plot_circles(left, arcs, looks)
     _plot_spectra(right, arcs, looks)
+    head(figure, "What the gears of an arm do to a circle", ["radius 0.1 m, 10 mm/s, seed 0"], legend=(left, right))
     return figure
 
 
 def _plot_circles(axes: Axes, arcs: dict[str, Arc], looks: dict[str, Any]) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 361)
     radius = PAPER_ARC.radius * _MM
-    axes.plot(radius * np.cos(turn), radius * np.sin(turn), color="#BBBBBB", linewidth=4.0, label="circle as planned")
+    axes.plot(radius * np.cos(turn), radius * np.sin(turn), color=GREEN, ls="--", linewidth=1.0, label="circle asked")
     for name, arc in list(arcs.items())[:2]:
         away = radius + MAGNIFIED * _MM * arc.off[:, 0]
         color, style, width = looks[name]
@@ -255,9 +256,8 @@ def _plot_circles(axes: Axes, arcs: dict[str, Arc], looks: dict[str, Any]) -> No
             (away * np.cos(arc.angle))[shown], (away * np.sin(arc.angle))[shown], color=color, linestyle=style,
             linewidth=width, label=name,
         )  # fmt: skip
-    axes.set(title=f"error in the circle's plane, {MAGNIFIED:g} times", xlabel="[mm]", ylabel="[mm]")
+    axes.set(title=f"error in the circle's plane, {MAGNIFIED:g} times", xlabel="across [mm]", ylabel="up [mm]")
     axes.set_aspect("equal")
-    axes.legend(loc="center")
 
 
 def _plot_spectra(axes: Axes, arcs: dict[str, Arc], looks: dict[str, Any]) -> None:
@@ -268,7 +268,6 @@ def _plot_spectra(axes: Axes, arcs: dict[str, Arc], looks: dict[str, Any]) -> No
             frequency,
             color="#222222",
             linewidth=0.9,
-            ymax=0.79,
             label=None if k else "gears' periods, mean of each joint",
         )
     for name, arc in arcs.items():
@@ -277,7 +276,8 @@ def _plot_spectra(axes: Axes, arcs: dict[str, Arc], looks: dict[str, Any]) -> No
         axes.loglog(frequency[1:], _MM * amplitude[1:], color=color, linestyle=style, linewidth=width, label=name)
     axes.set(title="spectrum of the distance from it", xlabel="frequency [Hz]", ylabel="amplitude [mm]")
     axes.set(xlim=(0.016, 4.0), ylim=(1e-6, 1.0))
-    axes.legend(loc="upper right")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from benchmarks.random_outline import PlaneShape, draw_outline, place_discs, triangulate_shape
-from polish_sim.analysis.style import new_figure, styled
+from polish_sim.analysis.style import head, new_figure, styled
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PolishSimError
 from polish_sim.models import workpiece_names
@@ -29,6 +29,7 @@ from polish_sim.planning import PATTERNS, PlanResult, plan_part
 SHEET = Path(__file__).resolve().parent.parent / "results" / "gallery" / "patterns.png"
 FIGURES = ("coverage_stepover", "self_crossings", "retracts", "stepover_p5_m", "stepover_p95_m", "length_ratio")
 OUTLINES_WITH_HOLES = ("rectangle", "round", "L", "blob", "star", "rectangle")
+PARTS_IN_A_ROW = 2
 HEADER = (
     f"{'part':18s}{'pattern':9s}{'within 0.55':>12s}{'crossings':>10s}{'strokes':>8s}"
     f"{'p5':>7s}{'p95':>7s}{'length':>8s}{'s':>6s}"
@@ -75,10 +76,13 @@ def plan_all(parts: Sequence[PartConfig], plan: PlanConfig, pad: PadConfig) -> l
 
 @styled
 def sheet(cells: Sequence[Cell]) -> Figure:
-    """Every path seen from above, a row per part."""
-    columns = len(PATTERNS)
-    rows = len(cells) // columns
-    figure = new_figure(2.6 * columns, 2.75 * rows)
+    """Every path seen from above, two parts in a row."""
+    columns = PARTS_IN_A_ROW * len(PATTERNS)
+    rows = -(-len(cells) // columns)
+    figure = new_figure(1.9 * columns, 0.5 + 2.3 * rows)
+    head(figure, "Every pattern on every part", [
+        "within 0.55 step-overs of the path, strokes, crossings", "dark to light along the path",
+        "dot: contact begins, square: ends"])  # fmt: skip
     for place, cell in enumerate(cells):
         axes = figure.add_subplot(rows, columns, place + 1)
         axes.set_axis_off()
@@ -87,12 +91,8 @@ def sheet(cells: Sequence[Cell]) -> Figure:
             continue
         _draw(axes, cell.plan)
         figures = cell.plan.figures
-        axes.set_title(
-            f"{cell.part}, {cell.pattern}\n{100 * figures['coverage_stepover']:.1f}%, {figures['retracts']} "
-            f"stroke{'s' if figures['retracts'] != 1 else ''}, {figures['self_crossings']} crossings",
-            fontsize=7.5,
-            fontweight="normal",
-        )
+        facts = f"{100 * figures['coverage_stepover']:.1f}%, {figures['retracts']}, {figures['self_crossings']}"
+        axes.set_title(f"{cell.part}, {cell.pattern}\n{facts}", fontsize=8.0, fontweight="normal")
     return figure
 
 

@@ -6,12 +6,13 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from benchmarks.plan_timing import FACET_SIZES, STAGES, Timing, sampled_freeform, time_plan
 from benchmarks.table import Row
+from polish_sim.analysis.style import MARKS, head, line_look, new_figure, styled
 
 PICTURE = Path(__file__).resolve().parents[1] / "results" / "gallery" / "planning_growth.png"
 STEPOVERS = (0.016, 0.008, 0.004, 0.002)
@@ -37,21 +38,22 @@ def measure() -> Iterator[Row]:
     large = [timing for timing in by_size if timing.facets > 50_000]
     yield Row("growth with triangles, power of 100,000 and up", f"{_power(large, 'facets'):.2f}", "near 1")
     yield Row("growth with the path's length, power", f"{_length_power(by_length):.2f}", "near 1")
-    plot_growth(by_size, by_length).savefig(PICTURE, dpi=110)
-    plt.close("all")
+    plot_growth(by_size, by_length).savefig(PICTURE)
 
 
+@styled
 def plot_growth(by_size: list[Timing], by_length: list[Timing]) -> Figure:
     """Time against triangles, stacked by stage, and against the path's length, with lines of linear growth."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(12.0, 4.8), layout="constrained")
+    figure = new_figure(12.0, 5.0)
+    left, right = figure.subplots(1, 2)
     facets = np.array([timing.facets for timing in by_size])
-    for name in STAGES:
-        left.loglog(facets, [max(timing.stages[name], 1e-3) for timing in by_size], "o-", ms=3, lw=1, label=name)
+    for number, name in enumerate(STAGES):
+        stage = [max(timing.stages[name], 1e-3) for timing in by_size]
+        left.loglog(facets, stage, MARKS[number % len(MARKS)], ms=4, lw=1, label=name, **line_look(number))
     total = np.array([timing.cpu for timing in by_size])
     left.loglog(facets, total, "ko-", lw=2, label="all, with writing")
     left.loglog(facets, total[-1] * facets / facets[-1], "k:", label="linear growth")
     left.set(xlabel="triangles of the STL", ylabel="CPU time [s]", title="freeform, step-over 8 mm")
-    left.legend(fontsize=8)
     length = np.array([timing.length for timing in by_length])
     time = np.array([_path_time(timing) for timing in by_length])
     right.loglog(length, time, "ko-", lw=2, label="plan and measure the path")
@@ -59,12 +61,10 @@ def plot_growth(by_size: list[Timing], by_length: list[Timing]) -> Figure:
     for timing, seconds in zip(by_length, time, strict=True):
         right.annotate(f"{1e3 * timing.stepover:g} mm", (timing.length, seconds), (-34, 2), textcoords="offset points")
     right.set_xticks([2.0, 4.0, 8.0, 16.0], ["2", "4", "8", "16"])
-    right.xaxis.set_minor_locator(plt.NullLocator())
+    right.xaxis.set_minor_locator(NullLocator())
     right.set_xlim(1.6, 20.0)
     right.set(xlabel="length of the path [m]", ylabel="CPU time [s]", title="10,000 triangles, step-over 16 to 2 mm")
-    right.legend(fontsize=8)
-    for axes in (left, right):
-        axes.grid(which="both", alpha=0.25)
+    head(figure, "What planning costs as parts and paths grow", legend=(left, right))
     return figure
 
 

@@ -16,7 +16,7 @@ from PIL import ImageDraw
 
 from polish_sim.analysis.metrics import FORCE_BANDS_N, numbers
 from polish_sim.analysis.run_record import stop_mark
-from polish_sim.analysis.style import BLUE, GREEN, legend_below, line_look, new_figure, shade_band, styled
+from polish_sim.analysis.style import BLUE, GREEN, head, line_look, new_figure, shade_band, styled
 from polish_sim.cli.pictures import STOP_COLOR, Picture, Quality
 from polish_sim.errors import InputError
 from polish_sim.experiments.run_page import clock, joint_columns, run_motion, run_plots, shown_rows
@@ -103,8 +103,8 @@ def plot_curve(record: RunRecord, model: Any) -> Figure:
         low, high = np.quantile(force[held], (0.01, 0.99))
         low = min(asked[held].min() - 2.5 * band, low - 1.0) if low > band else -1.0
         axes.set_ylim(low, max(asked[held].max() + 2.5 * band, high + 1.0))
-    axes.set(xlabel="time [s]", ylabel=f"{plot.title.lower()} [{plot.unit}]", xlim=(time[0], time[-1]))
-    legend_below(figure, axes)
+    axes.set(xlabel="time [s]", ylabel=f"[{plot.unit}]", xlim=(time[0], time[-1]))
+    head(figure, plot.title, legend=(axes,))
     return figure
 
 

@@ -120,36 +120,9 @@ class Picture:
         self._renderer.update_scene(data, self._camera)
         return np.array(self._renderer.render(), dtype=np.uint8)
 
-    def pixel_of(self, place: NDArray[np.float64]) -> tuple[float, float]:
-        """Where a place (3,) [m] is in the image rendered last: column, row."""
-        import numpy as np
-
-        eyes = self._renderer.scene.camera
-        away = place - np.mean([eye.pos for eye in eyes], axis=0)
-        ahead, up = np.array(eyes[0].forward), np.array(eyes[0].up)
-        # The frustum's half height at its near plane is the image's.
-        scale = 0.5 * self._renderer.height * eyes[0].frustum_near / eyes[0].frustum_top / (away @ ahead)
-        right = np.cross(ahead, up)
-        column, row = 0.5 * self._renderer.width + scale * away @ right, 0.5 * self._renderer.height - scale * away @ up
-        return float(column), float(row)
-
     def close(self) -> None:
         """Give the renderer's memory back."""
         self._renderer.close()
-
-
-def crossed_out(image: Image, place: tuple[float, float]) -> Image:
-    """An image with a cross at a place, column and row."""
-    import numpy as np
-    from PIL import Image as Pillow
-    from PIL import ImageDraw
-
-    whole, (x, y) = Pillow.fromarray(image), place
-    draw = ImageDraw.Draw(whole)
-    for color, line in (("white", 9), (STOP_COLOR, 5)):
-        for way in (-1.0, 1.0):
-            draw.line((x - CROSS, y - way * CROSS, x + CROSS, y + way * CROSS), fill=color, width=line)
-    return np.array(whole, dtype=np.uint8)
 
 
 class Snapshot(FrameSink):
@@ -171,7 +144,7 @@ class Snapshot(FrameSink):
 
 
 def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
-    """Render the cell and the pad on the part, in the middle of a run or at its stop; whether there is an OpenGL to."""
+    """Render the cell and the pad from near, in the middle of a run or at its stop; whether there is OpenGL for it."""
     import mujoco
     import numpy as np
     from PIL import Image as Pillow
@@ -190,14 +163,17 @@ def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
         try:
             picture = Picture(model, quality, near)
         except Exception as error:
-            console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no rendered picture.")
+            console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no {file.name}.")
             return False
-        image = picture.render(data, pad)
-        images.append(crossed_out(image, picture.pixel_of(stop.tool)) if stop else image)
+        images.append(picture.render(data, pad))
         picture.close()
     whole = Pillow.fromarray(np.hstack(images))
     if stop:
-        ImageDraw.Draw(whole).text((10, 8), stop.text, fill=STOP_COLOR, font_size=18)
+        draw, x, y = ImageDraw.Draw(whole), CELL.width + PAD.width // 2, PAD.height // 2
+        for color, line in (("white", 9), (STOP_COLOR, 5)):
+            for way in (-CROSS, CROSS):
+                draw.line((x - CROSS, y - way, x + CROSS, y + way), fill=color, width=line)
+        draw.text((10, 8), stop.text, fill=STOP_COLOR, font_size=18)
     whole.save(file, optimize=True)
     return True
 

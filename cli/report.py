@@ -10,7 +10,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE
+from polish_sim.cli.pictures import CELL_PICTURE, save_cell
 from polish_sim.errors import count_text
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)]
@@ -21,10 +21,10 @@ def report(runs: Runs, given: Given) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     refuse_taken(given["--out"], given["--overwrite"])
     # Lazy: --help must not wait for matplotlib.
-    from polish_sim.analysis.path_plot import plot_cell
     from polish_sim.analysis.run_record import notes_of, read_records, setting_rows, write_json
     from polish_sim.cli.outcome import show_figures
     from polish_sim.cli.run import draw_run
+    from polish_sim.experiments.compared_page import cell_model, remade
     from polish_sim.experiments.registry import claims_shown
     from polish_sim.experiments.report import draw_comparison, save_plots, write_saved_page
 
@@ -34,8 +34,8 @@ def report(runs: Runs, given: Given) -> None:
     with claimed(given["--out"], f"report-{name}", given["--overwrite"]) as folder:
         if alone:
             draw_run(first, folder.draft)
-            if len(first.log) and not (runs[0] / CELL_PICTURE).exists():
-                save_plots(folder.draft, {CELL_PICTURE: plot_cell(first)})
+            if remade(first) and not (runs[0] / CELL_PICTURE).exists():
+                save_cell(folder.draft / CELL_PICTURE, first, cell_model(first))
         else:
             save_plots(folder.draft, draw_comparison(records))
         write_saved_page(folder.draft, runs, records)

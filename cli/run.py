@@ -191,7 +191,7 @@ def run_once(
 
     ``sinks`` get the frames; with ``video`` a film is made.
     """
-    from polish_sim.analysis.path_plot import plot_cell, plot_plan
+    from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.run_record import METRICS, stop_mark, write_json
     from polish_sim.cli.outcome import Outcome, other_conditions
     from polish_sim.experiments.report import save_plots, write_page
@@ -213,8 +213,6 @@ def run_once(
             if stop and planned is not None:
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
             rendered = bool(len(record.log)) and model is not None and save_cell(draft / CELL_PICTURE, record, model)
-            if len(record.log) and not rendered:
-                save_plots(draft, {CELL_PICTURE: plot_cell(record)})
             if video and rendered:
                 from polish_sim.cli.film import write_film
 

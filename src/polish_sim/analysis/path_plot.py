@@ -13,13 +13,10 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d import Axes3D, proj3d
+from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import (
-    BLUE,
     EDGE_ON,
     GREY,
     ORANGE,
@@ -30,7 +27,6 @@ from polish_sim.analysis.style import (
     Views,
     depth_picture,
     head,
-    legend_below,
     new_figure,
     say_stop,
     seen_in,
@@ -39,12 +35,11 @@ from polish_sim.analysis.style import (
 )
 from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.mesh import lighter_mesh
-from polish_sim.motion import link_frames
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, stretches
 from polish_sim.spatial import unit
 
 if TYPE_CHECKING:
-    from polish_sim.analysis.run_record import RunRecord, StopMark
+    from polish_sim.analysis.run_record import StopMark
     from polish_sim.config import PlanConfig
     from polish_sim.planning import PlanResult
 
@@ -117,9 +112,10 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
     _draw_leads(solid, flat, path, shown, seen)
     _draw_axes(solid, path, shown, seen)
     if stop:
-        cross_out(solid, flat, stop.on_path(path) * MM, views)
+        cross_out(solid, frame @ stop.on_path(path) * MM)
+        cross_out(flat, (views.flat @ stop.on_path(path))[:2] * MM)
     _finish(figure, flat, scale, views)
-    _head(figure, result, name or _what(result.plan), views)
+    _head(figure, flat, result, name or _what(result.plan), views)
     if stop:
         say_stop(figure, stop.text)
     return figure
@@ -251,12 +247,9 @@ def _what(plan: PlanConfig) -> str:
     return Path(plan.file).name if plan.file else plan.pattern.capitalize()
 
 
-def cross_out(solid: Any, flat: Axes, place: Array, views: Views) -> None:
-    """Mark a protective stop's place, work frame [mm], shape (3,), in space and in the flat picture."""
-    cross: dict[str, Any] = {"color": RED, "ms": 12, "mec": "white", "mew": 1.0, "zorder": 40}
-    if solid is not None:
-        solid.plot(*(views.space @ place)[:, None], "X", **cross)
-    flat.plot(*(views.flat @ place)[:2, None], "X", **cross, label="protective stop")
+def cross_out(axes: Any, place: Array) -> None:
+    """Mark a protective stop's place in a picture's own frame [mm], shape (2,) or (3,)."""
+    axes.plot(*place[:, None], "X", color=RED, ms=12, mec="white", mew=1.0, zorder=40, label="protective stop")
 
 
 def fill_view(solid: Any, points: Array) -> None:
@@ -280,11 +273,10 @@ def _finish(figure: Figure, flat: Axes, scale: Normalize, views: Views) -> None:
     flat.autoscale_view()
     flat.set(xlabel=views.labels[0], ylabel=views.labels[1])
     flat.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
-    legend_below(figure, flat)
     figure.colorbar(ScalarMappable(scale, COLORS), ax=flat, label="along the path [m]", shrink=0.85, pad=0.02)
 
 
-def _head(figure: Figure, result: PlanResult, name: str, views: Views) -> None:
+def _head(figure: Figure, flat: Axes, result: PlanResult, name: str, views: Views) -> None:
     """The heading, and under it how long and how dense the path is."""
     m = result.figures
     near, far = MM * m["stepover_p5_m"], MM * m["stepover_p95_m"]
@@ -296,44 +288,4 @@ def _head(figure: Figure, result: PlanResult, name: str, views: Views) -> None:
         f"{100.0 * m['coverage']:.1f}% covered",
         f"right: {views.name}",
     )
-    head(figure, f"{name} on {result.mesh.name}", facts)
-
-
-# The arm over its path, drawn from joint positions: the cell where nothing can render one.
-
-
-@styled
-def plot_cell(record: RunRecord) -> Figure:
-    """Draw base, links and tool in the middle of a run with at least one row, and the way of the tool point."""
-    figure = new_figure(7.5, 6.0)
-    axes = figure.add_subplot(projection="3d")
-    assert isinstance(axes, Axes3D)
-    way = numbers(record.log, "tcp_position_m")
-    stop = stop_mark(record.metrics)
-    middle = int(np.searchsorted(numbers(record.log, "time_s"), stop.time)) if stop else len(way) // 2
-    middle = min(middle, len(way) - 1)
-    arm = link_frames(numbers(record.log, "q_rad")[middle])[:, :3, 3]
-    tool = np.array([arm[-1], way[middle]])
-    axes.plot(*arm.T, "-o", color=GREY, lw=7.0, ms=9.0, solid_capstyle="round", alpha=0.85, label="arm")
-    axes.plot(*tool.T, "-", color="#222222", lw=4.0, label="spindle and head")
-    axes.plot(*way.T, color=BLUE, lw=0.8, label="way of the tool point")
-    axes.plot(*way[middle], "X" if stop else "o", color=RED if stop else ORANGE, ms=9.0 if stop else 6.0)
-    _draw_table(axes, float(way[:, 2].min()))
-    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    axes.set_box_aspect((1.0, 1.0, 0.8))
-    axes.set(xlim=(-0.6, 0.6), ylim=(-0.95, 0.25), zlim=(min(-0.1, way[:, 2].min()), 0.86))
-    axes.view_init(elev=22.0, azim=-55.0)
-    legend_below(figure, axes)
-    moment = "at the protective stop" if stop else "in the middle of the run"
-    head(figure, f"The cell {moment}, {record.scenario.experiment}")
-    if stop:
-        say_stop(figure, stop.text)
-    return figure
-
-
-def _draw_table(axes: Axes3D, lowest: float) -> None:
-    """The table's plane z = 0, where the tool stays above it."""
-    if lowest < 0.0:
-        return
-    x, y = np.meshgrid([-0.5, 0.5], [-0.9, 0.2])
-    axes.plot_surface(x, y, np.zeros_like(x), color="#CCCCCC", alpha=0.35, shade=False)
+    head(figure, f"{name} on {result.mesh.name}", facts, legend=(flat,))

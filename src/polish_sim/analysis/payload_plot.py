@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.style import AXIS_COLORS, DASHES, GREEN, GREY, MARKS, head, legend_below, new_figure, styled
+from polish_sim.analysis.style import AXIS_COLORS, DASHES, GREEN, GREY, MARKS, head, new_figure, styled
 from polish_sim.arrays import Array, Bools
 
 AXES = "xyz"
@@ -51,8 +51,7 @@ def plot_residuals(data: ResidualData, title: str, facts: Sequence[str]) -> Figu
         bars.set_ylim(-reach, reach)
     grid[1, 0].set_xlabel("reading" + (" (the last is in the first one's pose)" if data.returned else ""))
     grid[1, 1].set_xlabel("time [s]; a slope would be drift")
-    head(figure, title, facts)
-    legend_below(figure, grid[0, 1])
+    head(figure, title, facts, legend=grid[0, 1:])
     return figure
 
 
@@ -97,6 +96,5 @@ def plot_drift(data: DriftData) -> Figure:
     once.set_ylabel("force read while nothing touches [N]")
     facts = [f"{data.walk * np.sqrt(total):.2g} N rms after {total:.0f} s",
              f"{data.walk * np.sqrt(data.retare):.2g} N between tares"]  # fmt: skip
-    head(figure, f"Drift of the wrist sensor, {data.walk:g} N/sqrt(s)", facts)
-    legend_below(figure, once)
+    head(figure, f"Drift of the wrist sensor, {data.walk:g} N/sqrt(s)", facts, legend=(once,))
     return figure

@@ -1,4 +1,4 @@
-"""What a run took off the part, as a picture: in 3D, from above, as a distribution; runs side by side."""
+"""What a run took off the part, as a picture: a map and its distribution; runs side by side."""
 
 from __future__ import annotations
 
@@ -16,45 +16,26 @@ from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-from scipy.spatial import cKDTree
 
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER
-from polish_sim.analysis.path_plot import AMBIENT, LIGHT, TICKS, TOWARDS_VIEWER, cross_out, fill_view
+from polish_sim.analysis.path_plot import TICKS, cross_out
 from polish_sim.analysis.run_record import stop_mark
-from polish_sim.analysis.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    SERIES,
-    Views,
-    head,
-    legend_below,
-    line_look,
-    new_figure,
-    styled,
-    views_of,
-)
+from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, Views, head, line_look, new_figure, styled, views_of
 from polish_sim.arrays import Array
 from polish_sim.errors import number_text
-from polish_sim.geometry.mesh import lighter_mesh
-from polish_sim.spatial import unit
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.log import RemovalMap
 
 MM, MICRO = 1e3, 1e6
-MOST_FACETS = 20_000
 TOP = 2.0  #: Removal over its mean at which the colours end
 BARE = "#3A0010"
 """Where nothing was removed."""
 SCALE: Final = Normalize(0.0, TOP)
-SHADED = 0.35  #: How much of a facet's brightness is light and shade; the rest is its colour's own
 BINS = 80
-SEEN = 0.17  #: Cosine of normal and viewer below which a place of the part does not show in the flat picture
 RELATIVE, PER_TENTH = "removal / its mean", "share of the area per 0.1 [%]"
 
 
@@ -65,28 +46,19 @@ def removal_colors() -> Colormap:
 
 @styled
 def plot_removal(record: RunRecord) -> Figure:
-    """Draw a run's removal over the part, flat and, where that does not show all of it, in 3D, and its distribution."""
+    """Draw a run's removal over the part, seen from above or along its face, and how the area is shared out."""
     removal = _of(record)
     views = views_of(removal.normals, removal.up)
-    hidden = (removal.normals @ views.flat[2] < SEEN).any()
-    figure = new_figure(14.0 if hidden else 10.5, 5.0)
-    kinds: list[Any] = [{"projection": "3d", "computed_zorder": False}] * int(hidden) + [{}, {}]
-    panels = [figure.add_subplot(1, len(kinds), k + 1, **kind) for k, kind in enumerate(kinds)]
-    *solids, flat, share = panels
-    for solid in solids:
-        _draw_solid(solid, removal, views.space)
+    figure = new_figure(10.5, 5.0)
+    flat, share = figure.subplots(1, 2)
     _draw_flat(flat, removal, views)
     stop = stop_mark(record.metrics)
     if stop and record.path is not None:
-        cross_out(solids[0] if solids else None, flat, stop.on_path(record.path) * MM, views)
+        cross_out(flat, (views.flat @ stop.on_path(record.path))[:2] * MM)
     _color_bar(figure, flat, removal)
     _draw_shares(share, record)
-    head(
-        figure,
-        f"Removal, {record.scenario.controller.label}, {_pattern(record)}",
-        [*_facts(record), f"seen {views.name}"],
-    )
-    legend_below(figure, flat)
+    title = f"Removal, {record.scenario.controller.label}, {_pattern(record)}"
+    head(figure, title, [*_facts(record), f"seen {views.name}"], legend=(flat,))
     return figure
 
 
@@ -136,28 +108,6 @@ def _pattern(record: RunRecord) -> str:
 def _shown(removal: RemovalMap) -> Array:
     """Removal over its mean; what was not touched at all lies below the scale."""
     return np.where(removal.exposure > 0.0, removal.relative, -1.0)
-
-
-def _draw_solid(solid: Any, removal: RemovalMap, frame: Array) -> None:
-    vertices = removal.vertices @ frame.T * MM
-    light = lighter_mesh(vertices, removal.triangles.astype(np.int32), MOST_FACETS)
-    values = _shown(removal)
-    if len(light.vertices) < len(vertices):
-        values = values[cKDTree(vertices).query(light.vertices)[1]]
-    corners = light.vertices[light.faces]
-    normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    seen = np.flatnonzero(normals @ TOWARDS_VIEWER > 0.0)
-    seen = seen[np.argsort(corners[seen].mean(axis=1) @ TOWARDS_VIEWER)]
-    # A facet with a bare corner is bare: a mean would give it a colour of its own.
-    of_facet = np.where((values[light.faces] < 0.0).any(axis=1), -1.0, values[light.faces].mean(axis=1))[seen]
-    colors = np.asarray(removal_colors()(SCALE(of_facet)))
-    bright = AMBIENT + (1.0 - AMBIENT) * np.clip(normals[seen] @ LIGHT, 0.0, 1.0)
-    colors[:, :3] *= (1.0 - SHADED + SHADED * bright)[:, None]
-    solid.add_collection3d(Poly3DCollection(corners[seen], facecolors=colors, edgecolors=colors, lw=0.3, zorder=1))
-    border = vertices[removal.border]
-    near = (removal.normals[removal.border].mean(axis=1) @ frame.T) @ TOWARDS_VIEWER > 0.0
-    solid.add_collection3d(Line3DCollection(border[near], colors="black", lw=0.8, zorder=2))
-    fill_view(solid, vertices)
 
 
 def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:

@@ -33,7 +33,6 @@ from polish_sim.analysis.style import (
     SERIES,
     facts_of,
     head,
-    legend_below,
     line_look,
     mark_stop,
     new_figure,
@@ -77,8 +76,7 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
         ("speed {:.3g} mm/s", "speed_mean_m_s", 1e3),
         ("off by at most {:.3g} mm/s", "speed_max_deviation_m_s", 1e3),
     )
-    head(figure, f"Circle at constant feed, {record.scenario.controller.label}", facts)
-    legend_below(figure, speed, error, plane)
+    head(figure, f"Circle at constant feed, {record.scenario.controller.label}", facts, legend=(speed, error, plane))
     return figure
 
 
@@ -95,8 +93,7 @@ def plot_arc_runs(records: Sequence[RunRecord], circle: Circle = PAPER_ARC) -> F
         axes.plot(numbers(record.log, "path_s_m")[process], error * 1e6, label=label, **line_look(index))
     axes.axhline(PAPER_LIMIT_M * 1e6, color=GREEN, ls="--", lw=1.0, label="paper: < 0.3 mm")
     axes.set(xlabel="way round the circle [m]", ylabel="distance from the circle [µm]", ylim=(0.0, None))
-    legend_below(figure, axes)
-    head(figure, "Distance from the circle, side by side")
+    head(figure, "Distance from the circle, side by side", legend=(axes,))
     return figure
 
 
@@ -177,8 +174,9 @@ def plot_force(record: RunRecord) -> Figure:
     stop = stop_mark(record.metrics)
     if stop and stop.time - _origin(record.log) <= _LONGEST_S:
         mark_stop((axes,), stop.time - _origin(record.log))
-    legend_below(figure, axes)
-    head(figure, f"Force from first contact, {record.scenario.controller.label}", _facts(record, touched))
+    head(
+        figure, f"Force from first contact, {record.scenario.controller.label}", _facts(record, touched), legend=(axes,)
+    )
     return figure
 
 
@@ -203,13 +201,12 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
         axes.plot(*responses[worst], color=ORANGE, lw=1.6, label=label)
     axes.axvline(0.0, color=GREY, lw=1.0, ls="-.", label="first contact")
     _frame(axes, max((time for time, _ in responses), key=_end), [f for _, f in responses], targets[-1], touched=True)
-    legend_below(figure, axes)
     figures = ("settling_time_3n_s", "overshoot_n")
     largest = {name: max(_number(record.metrics.get(name), 0.0) for record in records) for name in figures}
     facts = facts_of(
         largest, ("slowest settling to ±3 N {:.3f} s", figures[0], 1.0), ("overshoot {:.1f} N", figures[1], 1.0)
     )
-    head(figure, "Force from first contact", [f"{len(records)} runs", *facts])
+    head(figure, "Force from first contact", [f"{len(records)} runs", *facts], legend=(axes,))
     return figure
 
 
@@ -301,7 +298,6 @@ def plot_seeds(records: Sequence[RunRecord], claims: Sequence[Claim]) -> Figure:
     head(
         figure, f"{records[0].scenario.experiment}, {records[0].scenario.controller.label}: {len(records)} seeds", same
     )
-    legend_below(figure, *panels)
     return figure
 
 

@@ -96,8 +96,11 @@ MARGIN: Final = 0.03  #: Beside the data of a panel, share of their width
 HANDLE: Final = 9  #: Width of the mark before a name in a legend, in letters
 
 
-def head(figure: Figure, title: str, facts: Sequence[str] = ()) -> None:
-    """Head a figure with what it shows and, below it in small print, its figures in as many lines as they need."""
+def head(figure: Figure, title: str, facts: Sequence[str] = (), legend: Sequence[Axes] = ()) -> None:
+    """Head a figure with what it shows and, in small print, its figures; name what the panels of a legend show.
+
+    The legend stands below the figure, off the data; what several panels show is named once.
+    """
     figure.suptitle(title, x=0.01, ha="left", fontsize=TITLE_SIZE, fontweight="bold")
     lines: list[str] = []
     for fact in facts:
@@ -107,6 +110,10 @@ def head(figure: Figure, title: str, facts: Sequence[str] = ()) -> None:
             lines.append(fact)
     for line in lines:
         add_line(figure, line)
+    named = {label: handle for axes in legend for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    if named:
+        columns = int(LETTERS_PER_INCH * figure.get_figwidth() / (max(map(len, named)) + HANDLE))
+        figure.legend(named.values(), named.keys(), loc="outside lower left", ncols=max(min(columns, len(named)), 1))
 
 
 def say_stop(figure: Figure, text: str) -> None:
@@ -121,14 +128,6 @@ def add_line(figure: Figure, text: str, color: str = "#444444") -> None:
     figure.suptitle(f"{title}\n ", x=0.01, ha="left", fontsize=TITLE_SIZE, fontweight="bold")
     down = ScaledTranslation(0.0, -TOP - LINE * (1 + title.count("\n")), figure.dpi_scale_trans)
     figure.text(0.01, 1.0, text, color=color, fontsize=9.0, va="top", transform=figure.transFigure + down)
-
-
-def legend_below(figure: Figure, *panels: Axes) -> None:
-    """Name what the panels show below the figure, off the data; what several of them show is named once."""
-    named = {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    longest = max(map(len, named), default=1) + HANDLE
-    columns = int(LETTERS_PER_INCH * figure.get_figwidth() / longest)
-    figure.legend(named.values(), named.keys(), loc="outside lower left", ncols=max(min(columns, len(named)), 1))
 
 
 def mark_stop(panels: Sequence[Axes], where: float) -> None:

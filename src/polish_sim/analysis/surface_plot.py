@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -21,7 +20,6 @@ from polish_sim.analysis.style import (
     SERIES,
     facts_of,
     head,
-    legend_below,
     mark_stop,
     new_figure,
     shade_band,
@@ -65,8 +63,12 @@ def plot_surface_force(record: RunRecord) -> Figure:
         ("largest {:.2f} N", "force_max_deviation_n", 1.0),
         *([("{:.1f}% of the path", "path_done", 100.0)] if stop else []),
     )
-    head(figure, f"Force along the path, {record.scenario.controller.label}", [*facts, _at_peaks(m)])
-    legend_below(figure, force, bend)
+    head(
+        figure,
+        f"Force along the path, {record.scenario.controller.label}",
+        [*facts, _at_peaks(m)],
+        legend=(force, bend),
+    )
     return figure
 
 
@@ -87,7 +89,8 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
         _, force = process_force(record)
         share.hist(force, bins=np.linspace(low, high, 60), orientation="horizontal", color=color, density=True)
         shade_band(share, target, BAND_N, "")
-        share.set_title(f"in ±{BAND_N:g} N: {_percent(record.metrics.get('force_within_4n'))}", fontsize=9.0)
+        within = facts_of(record.metrics, (f"in ±{BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0))
+        share.set_title("".join(within), fontsize=9.0)
         share.grid(visible=False)
         share.set_xticks([])
     grid[-1, 0].set(xlabel="along the path [m]")
@@ -184,10 +187,6 @@ def _at_peaks(m: Mapping[str, Any]) -> str:
     return "".join(facts_of(m, (text, "force_error_at_peaks_n", 1.0)))
 
 
-def _percent(value: float | None) -> str:
-    return "-" if value is None or math.isnan(value) else f"{100.0 * value:.1f}%"
-
-
 # What the force does where the path bends strongly: all bends laid over each other (paper 1, fig. 15).
 
 HALF_WIDTH_M = 0.04
@@ -212,8 +211,12 @@ def plot_peaks(record: RunRecord) -> Figure | None:
     force.set(ylabel="force - set force [N]")
     bend.set(xlabel="along the path, from the curvature peak [mm]", ylabel="curvature [1/m]")
     bend.set_xlim(1e3 * offset[0], 1e3 * offset[-1])
-    head(figure, f"Force where the path bends strongly, {record.scenario.controller.label}", _facts(record, errors))
-    legend_below(figure, force)
+    head(
+        figure,
+        f"Force where the path bends strongly, {record.scenario.controller.label}",
+        _facts(record, errors),
+        legend=(force,),
+    )
     return figure
 
 

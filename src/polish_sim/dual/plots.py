@@ -22,7 +22,6 @@ from polish_sim.analysis.style import (
     SERIES,
     facts_of,
     head,
-    legend_below,
     line_look,
     mark_stop,
     new_figure,
@@ -71,8 +70,7 @@ def plot_dual(record: RunRecord) -> Figure | None:
         ("95% below {:.3f} mm", "relative_error_p95_m", 1e3),
         *([("force error at most {:.2f} N", "force_max_deviation_n", 1.0)] if pressing else []),
     )
-    head(figure, "Two robots: how far the tool is from its place on the moving part", facts)
-    legend_below(figure, *panels)
+    head(figure, "Two robots: how far the tool is from its place on the moving part", facts, legend=panels)
     return figure
 
 
@@ -87,8 +85,7 @@ def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
         axes.plot(_while_fed(record, "path_s_m"), error, label=label or record.name, **line_look(index))
     axes.axhline(BAND_MM, color=GREEN, ls="--", lw=0.9, label=f"{BAND_MM:g} mm")
     axes.set(xlabel="along the path [m]", ylabel="error [mm]", ylim=(0.0, None))
-    legend_below(figure, axes)
-    head(figure, "How far the tool is from its place on the moving part")
+    head(figure, "How far the tool is from its place on the moving part", legend=(axes,))
     return figure
 
 
@@ -206,8 +203,7 @@ def plot_budget(
         f"tracker {1e3 * dual.tracker_noise_m:g} mm, touches {1e3 * dual.touch_noise_m:g} mm",
         f"{dual.marks} marks, {dual.closing_touches} closing touches, {len(errors)} calibrations",
     ]
-    head(figure, "Error budget of the tool on the part", facts)
-    legend_below(figure, left, right)
+    head(figure, "Error budget of the tool on the part", facts, legend=(left, right))
     return figure
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from scipy.spatial import ConvexHull
 
-from polish_sim.analysis.style import ORANGE, head, legend_below, new_figure, styled
+from polish_sim.analysis.style import ORANGE, head, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import TABLE
 from polish_sim.experiments.reach_map import DISTANCES, HEIGHTS, TURNS, ReachMap
@@ -52,6 +52,5 @@ def plot_reach_map(found: ReachMap, mesh: PartMesh, T_base_work: Array | None) -
     turns.set(xlabel="turn of the part about the vertical [deg]", ylabel="middle of the path from the base axis [mm]")
     turns.set_title("in front of the robot", fontsize=9.0)
     figure.colorbar(drawn, ax=turns, label="least manipulability along the path [m$^3$]")
-    head(figure, f"Reach map of {mesh.name}, part {MM * HEIGHTS[height]:.0f} mm above the table")
-    legend_below(figure, above, turns)
+    head(figure, f"Reach map of {mesh.name}, part {MM * HEIGHTS[height]:.0f} mm above the table", legend=(above, turns))
     return figure

@@ -20,14 +20,7 @@ from polish_sim.control import build_controller
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.part_pose import reach_path
-from polish_sim.experiments.part_setup import (
-    RealShape,
-    check_set_points,
-    path_done,
-    real_shape,
-    shape_figures,
-    touched,
-)
+from polish_sim.experiments.part_setup import RealShape, check_set_points, path_done, real_shape, shape_figures, touched
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures

@@ -12,20 +12,7 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import PROCESS, fed, numbers
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import (
-    BLUE,
-    DASHES,
-    GREEN,
-    GREY,
-    ORANGE,
-    PINK,
-    SKY,
-    head,
-    legend_below,
-    line_look,
-    new_figure,
-    styled,
-)
+from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, ORANGE, PINK, SKY, head, line_look, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.hand_guiding.figures import distance_to_line
 from polish_sim.planning.toolpath import arc_length
@@ -76,8 +63,7 @@ def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
             axes.plot(time, force, label=record.name, **line_look(number))
         axes.set(ylabel=f"{name.replace('_', ' ')}\nforce [N]")
     grid[-1, 0].set(xlabel="time from the move's start [s]")
-    head(figure, "Force of a hand that guides the arm", [] if common else ["no move in common"])
-    legend_below(figure, grid[0, 0])
+    head(figure, "Force of a hand that guides the arm", [] if common else ["no move in common"], legend=grid[0])
     return figure
 
 
@@ -152,6 +138,5 @@ def plot_taught(record: RunRecord) -> Figure:
         f"{m['points_recorded']} points recorded, {m['knots']} knots, {m['points_taught']} points taught",
         f"off by at most {1e3 * m['taught_deviation_max_m']:.2f} mm",
     ]
-    head(figure, f"Taught on {record.scenario.part.file}", facts)
-    legend_below(figure, above, along)
+    head(figure, f"Taught on {record.scenario.part.file}", facts, legend=(above, along))
     return figure

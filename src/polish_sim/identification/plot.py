@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, legend_below, line_look, new_figure, styled
+from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, line_look, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.identification.fourier import FourierMotion
 
@@ -36,8 +36,7 @@ def plot_torques(found: Identification, title: str, facts: Sequence[str]) -> Fig
         axes.set_ylabel(f"joint {joint + 1} [N m]\nerror {100 * found.figures['nrms_heldout'][joint]:.3f}%")
     for axes in grid[-2:]:
         axes.set_xlabel("time [s]; gaps: a joint reverses")
-    head(figure, title, facts)
-    legend_below(figure, grid[0])
+    head(figure, title, facts, legend=(grid[0],))
     return figure
 
 
@@ -54,8 +53,7 @@ def plot_motion(motion: FourierMotion, title: str, facts: Sequence[str]) -> Figu
     above.set_ylabel("joint position [deg]")
     below.set_ylabel("joint speed [deg/s]")
     below.set_xlabel("time [s]")
-    head(figure, title, facts)
-    legend_below(figure, above)
+    head(figure, title, facts, legend=(above,))
     return figure
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, legend_below, new_figure, styled
+from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
 from polish_sim.cell.real_arm import is_real
@@ -200,8 +200,7 @@ def plot_border(border: Border) -> Figure:
         axes.set_xlabel("latency, sensor and command [ms]")
     panels[0].set_ylabel("springs by what the plan takes them for [-]")
     _scale(panels[0], border)
-    head(figure, "Where the force loop breaks, nothing retuned")
-    legend_below(figure, *panels)
+    head(figure, "Where the force loop breaks, nothing retuned", legend=panels)
     return figure
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, ORANGE, head, legend_below, new_figure, styled
+from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, ORANGE, head, new_figure, styled
 from polish_sim.arrays import Array, Indices
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
@@ -118,8 +118,7 @@ def _finish(figure: Figure, grid: Any, curves: Sequence[Curves], title: str, fac
     for axes in grid[-1]:
         axes.set_xlabel("time [s]")
         axes.set_xlim(0.0, max(float(curve.times[-1]) for curve in curves))
-    head(figure, title, facts)
-    legend_below(figure, *grid.flat)
+    head(figure, title, facts, legend=grid.flat)
 
 
 # Corners: which are worth a look, and how they are seen from near.
@@ -246,8 +245,7 @@ def plot_corners(views: Sequence[CornerView], labels: Sequence[str], title: str,
         )
     for axes in list(grid.flat)[len(views) :]:
         axes.set_visible(False)
-    head(figure, title, facts)
-    legend_below(figure, grid[0, 0])
+    head(figure, title, facts, legend=grid[0, :1])
     return figure
 
 

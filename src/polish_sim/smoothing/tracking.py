@@ -22,7 +22,6 @@ from polish_sim.analysis.style import (
     SERIES,
     facts_of,
     head,
-    legend_below,
     new_figure,
     styled,
 )
@@ -160,8 +159,12 @@ def plot_tracking(record: RunRecord) -> Figure | None:
     rows = [(f"{rule}: {{:.2f}} s", f"{_key(rule)}_cycle_time_s", 1.0) for rule in RULES]
     less = ("{:.1f}% less error at most with certified", "certified_reduction_largest", 100.0)
     half = ("{:.1f}% in the median", "certified_reduction_median", 100.0)
-    head(figure, f"Tracking error where the jerk of {REFERENCE} peaks", facts_of(record.metrics, *rows, less, half))
-    legend_below(figure, jerk, share)
+    head(
+        figure,
+        f"Tracking error where the jerk of {REFERENCE} peaks",
+        facts_of(record.metrics, *rows, less, half),
+        legend=(jerk, share),
+    )
     return figure
 
 
@@ -179,8 +182,7 @@ def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_xticks(range(6), TICKS)
     axes.set(ylabel="reduction of the largest error [%]")
-    legend_below(figure, axes)
-    head(figure, "Certified against joint-acceleration, joint by joint")
+    head(figure, "Certified against joint-acceleration, joint by joint", legend=(axes,))
     return figure
 
 
