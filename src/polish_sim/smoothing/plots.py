@@ -245,7 +245,7 @@ def plot_corners(views: Sequence[CornerView], labels: Sequence[str], title: str,
         )
     for axes in list(grid.flat)[len(views) :]:
         axes.set_visible(False)
-    head(figure, title, facts, legend=grid[0, :1])
+    head(figure, title, facts, legend=(grid[0, 0],))
     return figure
 
 
