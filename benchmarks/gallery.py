@@ -6,6 +6,8 @@ copied to results/gallery, and a sheet of all pictures the commands draw, those 
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -30,7 +32,7 @@ RUNS: Final = {
     "budget": "calibrate budget --draws 1000",
     "plan": "plan freeform --reach-map",
     "inspect": "inspect plan",
-    "score": "score --controller hybrid-adaptive --against hybrid-pi --seeds 2",
+    "score": "score --controller hybrid-adaptive --against hybrid-pi --seeds 1",
     "border": "score --controller hybrid-adaptive --against hybrid-pi --border",
     # Not in the docs: on the sheet alone.
     "plan-holes": "plan plate_two_holes",
@@ -80,9 +82,13 @@ DRAWN: Final = {
     "patterns.png": "benchmarks.patterns --out",
 }
 """Pictures of the gallery that benchmarks draw, and what the name of the file follows."""
-COLORS: Final = 256  #: Of a picture of the gallery: a third of the file, and nobody sees it
+MOST_BYTES: Final = 300_000  #: Of a picture of the gallery
+COLORS: Final = (256, 128, 64)  #: Of those that would be larger
 COLUMNS, WIDTH, CAPTION = 6, 330, 16  #: Of the sheet [pixels]
-GIF: Final = "fps=5,scale=720:-1:flags=lanczos,split[a][b];[a]palettegen=max_colors=48[p];[b][p]paletteuse=dither=none"
+GIF: Final = (
+    "setpts=PTS/3,fps=4,scale=600:-1:flags=lanczos,"
+    "split[a][b];[a]palettegen=max_colors=64[p];[b][p]paletteuse=dither=none"
+)
 
 
 def make(folder: Path) -> None:
@@ -102,9 +108,28 @@ def make(folder: Path) -> None:
 
 
 def keep(source: Path, target: Path) -> None:
-    """Copy a picture with fewer colours."""
-    image = Image.open(source).convert("RGB").quantize(COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-    image.save(target, optimize=True)
+    """Copy a picture, with fewer colours if its file is large."""
+    shutil.copyfile(source, target)
+    for colors in COLORS:
+        if target.stat().st_size > MOST_BYTES:
+            image = Image.open(source).convert("RGB")
+            image.quantize(colors, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(target, optimize=True)
+
+
+def shoot_page(page: Path, target: Path) -> None:
+    """The page of a run in Chromium, the part at 200 s."""
+    from playwright.sync_api import sync_playwright
+
+    words = ["--enable-unsafe-swiftshader", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=words)
+        tab = browser.new_page(viewport={"width": 1300, "height": 960})
+        tab.goto(page.as_uri())
+        tab.click("[data-view=part]")
+        tab.evaluate("s => { s.value = 200; s.dispatchEvent(new Event('input')); }", tab.query_selector("#scrubber"))
+        tab.wait_for_timeout(3000)
+        tab.screenshot(path=target)
+        browser.close()
 
 
 def sheet(folder: Path) -> Image.Image:
@@ -132,6 +157,8 @@ def main() -> None:
     make(folder)
     for name, source in {**SHOWN, **{name: name for name in DRAWN}}.items():
         keep(folder / source, GALLERY / name)
+    shoot_page(folder / "surface" / "report.html", folder / "page.png")
+    keep(folder / "page.png", GALLERY / "report_page.png")
     ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-y", "-i", str(folder / "dual" / "video.mp4")]
     subprocess.run([*ffmpeg, "-vf", GIF, str(GALLERY / "dual.gif")], check=True)
     sheet(folder).save(folder / "sheet.png")

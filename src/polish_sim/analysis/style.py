@@ -34,6 +34,7 @@ RED: Final = "#E00020"
 SERIES: Final = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY)
 DASHES: Final[Any] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (6, 1.5, 1.5, 1.5)), (0, (3, 3)))
 MARKS: Final = ("o", "^", "s", "D", "v", "P")
+HATCHES: Final = ("", "//")  #: Of bars of two series
 AXIS_COLORS: Final = (BLUE, ORANGE, PINK)  #: Of x, y and z, of force and place alike
 GAP: Final = " " * 5  #: Between the figures of a head
 

@@ -17,6 +17,7 @@ from polish_sim.analysis.style import (
     DASHES,
     GREEN,
     GREY,
+    HATCHES,
     ORANGE,
     PINK,
     SERIES,
@@ -215,10 +216,11 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
             for s in shares.values()
         ]
     )
-    for shift, colour, name, first in ((-0.5, BLUE, "analysis", 0), (0.5, ORANGE, "drawn", 2)):
-        at, across = place + shift * width, f"{name}, across the tool axis"
-        axes.bar(at, columns[:, first], width, color=colour, alpha=0.4, label=name)
-        axes.bar(at, columns[:, first + 1], width, color=colour, label=across)
+    for k, (colour, name) in enumerate(((BLUE, "analysis"), (ORANGE, "drawn"))):
+        at, across = place + (k - 0.5) * width, f"{name}, across the tool axis"
+        look: dict[str, Any] = {"color": colour, "hatch": HATCHES[k], "edgecolor": "white"}
+        axes.bar(at, columns[:, 2 * k], width, alpha=0.4, label=name, **look)
+        axes.bar(at, columns[:, 2 * k + 1], width, label=across, **look)
     spread: dict[str, Any] = {"fmt": "none", "ecolor": GREY, "capsize": 3, "label": "±2 std"}
     axes.errorbar(place + 0.5 * width, columns[:, 2], columns[:, 4], **spread)
     axes.set_xticks(place, [f"{name}\n({INSTRUMENTS.get(name, 'all')})" for name in shares])

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, ORANGE, head, new_figure, styled
+from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, HATCHES, ORANGE, head, new_figure, styled
 from polish_sim.arrays import Array, Indices
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
@@ -86,7 +86,8 @@ def plot_joints(curves: Sequence[Curves], limits: LimitValues, title: str, facts
         shares = [100.0 * np.abs(curve.joints[order]) / limits.joint[order] for curve in curves]
         _draw(over_time, curves, [share.max(axis=1) for share in shares], 0.8)
         for k, (share, (colour, _)) in enumerate(zip(shares, LOOKS, strict=False)):
-            by_joint.bar(np.arange(1, 7) + 0.38 * (k - 0.5 * (len(shares) - 1)), share.max(axis=0), 0.36, color=colour)
+            place = np.arange(1, 7) + 0.38 * (k - 0.5 * (len(shares) - 1))
+            by_joint.bar(place, share.max(axis=0), 0.36, color=colour, hatch=HATCHES[k], edgecolor="white")
         for axes in (over_time, by_joint):
             axes.axhline(100.0, color=GREEN, lw=1.0, ls="--", label="limit")
         over_time.set(ylabel=f"{ORDERS[order]} [% of limit]", ylim=(0.0, None))
