@@ -24,7 +24,7 @@ DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 MIRRORED = [ROOT / "results" / "README.md", ROOT / "models" / "README.md", ROOT / "CHANGELOG.md"]
 KINDS = ("bash", "python", "toml", "text", "math", "{toctree}", "{eval-rst}")
-PAGE_SECONDS = 900.0  #: What the blocks of one page may take together, on a busy machine
+PAGE_SECONDS = 1800.0  #: When the blocks of a page are given up, on however busy a machine
 
 FEED = ("--set", "process.max_feed_s=0.5")
 SHORT: dict[str, tuple[str, ...]] = {
