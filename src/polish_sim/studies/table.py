@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -97,7 +98,7 @@ class RunTable:
     def __post_init__(self) -> None:
         self._file = RowFile(self.folder)
         self._written_at, self._took_s = time.monotonic(), 0.0
-        self.walls: list[float] = []  #: Of the last runs [s]
+        self.walls: deque[float] = deque(maxlen=100)  #: Of the last runs [s]
         self.sources: set[str] = set()  #: Versions of this package that rows are of
         for key, row in self._file.read():
             self._note(key, row)
@@ -127,7 +128,7 @@ class RunTable:
         self.outcomes[key] = str(row.get("outcome"))
         self.sources.add(str(row.get("source")))
         if row.get("wall_s"):
-            self.walls = [*self.walls[-99:], row["wall_s"]]
+            self.walls.append(row["wall_s"])
 
 
 def write_table(rows: Path, table: Path) -> None:
