@@ -1,7 +1,7 @@
 """Train a policy by PPO (stable-baselines3)
 =========================================
 
-Minutes on two cores; needs the extra ``rl``, which brings torch. Writes ``policy.zip``, prints its
+More than five minutes of processor; needs the extra ``rl``, which brings torch. Writes ``policy.zip``, prints its
 scorecard beside that of ``hybrid-pi``.
 """
 
