@@ -27,6 +27,7 @@ async function unpack(text) {
 // ---- what the part has seen up to a moment, at each vertex of its map
 const QUANTITIES = {
   removal: { name: "removal", unit: null, map: AROUND },
+  coverage: { name: "coverage, 1 = was under the pad", unit: "", map: VIRIDIS },
   dwell: { name: "time under the pad", unit: "s", map: VIRIDIS },
   pressure: { name: "mean pressure", unit: "kPa", map: VIRIDIS },
   error: { name: "force error, mean", unit: "N", map: VIRIDIS },
@@ -49,6 +50,7 @@ function makeGrowth({ wear, motion, padOnPart }) {
   const rows = motion.time.length;
   const gain = {
     removal: (r, d2, p) => p * Math.sqrt(motion.speed[r] ** 2 + spin * spin * d2),
+    coverage: () => 1,
     dwell: () => 1,
     pressure: (r, d2, p) => p / 1000,
     error: (r) => Math.abs(motion.force[r] - motion.asked[r]) || 0,
