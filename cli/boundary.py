@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import _thread
 import ctypes
 import errno
 import gc
 import os
 import sys
+import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -53,7 +55,7 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     except BrokenPipeError:
         return console.close_broken_pipe()
     except Exception as error:
-        if swallowed:
+        if swallowed or _is_interrupt(error):
             return console.fail(NOTHING_RECORDED, INTERRUPTED)
         if isinstance(error, OSError) and error.errno in NO_ROOM:
             return console.fail(f"cannot write: {error.strerror}. Make room, or write elsewhere.", USAGE)
@@ -63,12 +65,18 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
 
 @contextmanager
 def _interrupts_kept(swallowed: list[object]) -> Iterator[None]:
-    """Collect interrupts that arrive where C calls Python, as while kernels are compiled: Python drops them there."""
+    """Collect interrupts that arrive where C calls Python, as while kernels are compiled: Python drops them there.
+
+    Mostly what was called goes on as if nothing had happened: a moment later each is raised again.
+    """
     before = sys.unraisablehook
+    again: list[threading.Timer] = []
 
     def hook(lost: sys.UnraisableHookArgs) -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
             swallowed.append(lost.exc_type)
+            again.append(threading.Timer(0.05, _thread.interrupt_main))
+            again[-1].start()
         else:
             before(lost)
 
@@ -77,6 +85,17 @@ def _interrupts_kept(swallowed: list[object]) -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = before
+        for timer in again:
+            timer.cancel()
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is what an error comes from: of a C++ module broken off while it is loaded, an `ImportError`."""
+    seen: list[BaseException] = []
+    while error is not None and error not in seen:
+        seen.append(error)
+        error = error.__cause__ or error.__context__
+    return any(isinstance(cause, KeyboardInterrupt) for cause in seen)
 
 
 def _keep_memory() -> None:

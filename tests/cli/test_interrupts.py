@@ -17,7 +17,7 @@ import pytest
 import typer
 
 from polish_sim.cli.boundary import execute
-from tests.cli.conftest import PROGRAM
+from tests.cli.conftest import PROGRAM, Tool
 
 
 def write_long_path(file: Path) -> None:
@@ -89,8 +89,41 @@ def test_ctrl_c_that_python_drops_where_c_calls_it_is_no_bug_of_ours(capsys: pyt
     assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
 
 
+def test_ctrl_c_that_python_drops_without_a_trace_comes_again(capsys: pytest.CaptureFixture[str]) -> None:
+    app = typer.Typer()
+
+    @app.command()
+    def go_on_for_ever() -> None:
+        def interrupted() -> None:
+            raise KeyboardInterrupt
+
+        ctypes.CFUNCTYPE(None)(interrupted)()
+        deadline = time.monotonic() + 30.0
+        while time.monotonic() < deadline:
+            time.sleep(0.01)
+
+    assert execute(app, ["--"]) == 130
+    assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
+
+
+def test_ctrl_c_while_a_c_module_is_loaded_is_no_bug_of_ours(capsys: pytest.CaptureFixture[str]) -> None:
+    """Modules built with pybind11 turn it into an ImportError."""
+    app = typer.Typer()
+
+    @app.command()
+    def load() -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise ImportError("initialization failed") from interrupt
+
+    assert execute(app, ["--"]) == 130
+    assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
+
+
 @pytest.mark.parametrize("what", ["tcp", "base", "payload"])
-def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(what: str, tmp_path: Path) -> None:
+def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(what: str, polish_sim: Tool, tmp_path: Path) -> None:
+    assert polish_sim("calibrate", what, "--out", "compiled").code == 0
     words = ["calibrate", what, "--seeds", "100000"]
     if what == "payload":
         err = broken_off(words, tmp_path, lambda draft: (draft / "seed-0001").exists(), 0.05)

@@ -143,9 +143,8 @@ def _forget(memory: loops.PiMemory) -> None:
 
 
 @kernel
-def press(m: Measurement, t: Target, context: HybridContext, out: Array) -> None:
+def press(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, out: Array) -> None:
     """In contact, replace the twist's part along tool z by the force loop: v' = v_xy + v_Fz z (fig. 10)."""
-    gains, memory = context.gains, context.memory
     turn_and_level(m, t, gains, m.clock[1], memory, out)
     if t.contact[0] > 0.0:
         replace_along_z(m, loops.force_pi(t.force[0], m.wrench[2], gains.force, m.clock[1], memory.force), out)
@@ -164,7 +163,7 @@ def _hybrid_pi_law(context, _course, measurement, target, answer):  # type: igno
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
     position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
-    press(m, t, c, out.twist)
+    press(m, t, c.gains, c.memory, out.twist)
 
 
 @cfunc(LAW_SIGNATURE)
@@ -173,7 +172,7 @@ def _hybrid_pi_position_law(context, _course, measurement, target, answer):  # t
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
     loops.position_pd(m.position, t.position, m.twist[0:3], t.twist[0:3], c.gains.position_rate, out.twist[0:3])
-    press(m, t, c, out.twist)
+    press(m, t, c.gains, c.memory, out.twist)
 
 
 @cfunc(LAW_SIGNATURE)

@@ -113,7 +113,7 @@ def _force_and_feed_law(context, _course, measurement, target, answer):  # type:
     _offset_plan(c, t, c.command[1:4], t.twist[3:6])
     t.force[0] = max(planned + c.command[0], 0.0)
     hybrid.position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
-    hybrid.press(m, t, c, out.twist)
+    hybrid.press(m, t, c.gains, c.memory, out.twist)
     out.feed, t.force[0] = c.feed, planned  # the guards go by the plan
 
 
