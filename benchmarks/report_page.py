@@ -1,0 +1,46 @@
+"""Pages of runs in a real browser: size, requests, errors, first drawing.
+
+``python -m benchmarks.report_page FOLDER...``; needs playwright and Chromium, as the tests of the page do.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import statistics
+import sys
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+ROUNDS = 3
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+
+def main(folders: list[str]) -> None:
+    """Print a line a page."""
+    words = ["--enable-unsafe-swiftshader", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=BROWSER, args=words)
+        for page in (Path(folder).resolve() / "report.html" for folder in folders):
+            requests, errors, drawn = list[str](), list[str](), list[float]()
+            for _ in range(ROUNDS):
+                tab = browser.new_page(viewport={"width": 1280, "height": 800})
+                tab.on("request", lambda request, seen=requests: seen.append(request.url))
+                tab.on("pageerror", lambda error, seen=errors: seen.append(str(error)))
+                tab.on("console", lambda said, seen=errors: seen.append(said.text) if said.type == "error" else None)
+                tab.goto(page.as_uri())
+                tab.wait_for_function("window.page && window.page.data.firstDrawing > 0")
+                drawn.append(tab.evaluate("window.page.data.firstDrawing"))
+                tab.close()
+            others = sum(not url.startswith("file:") for url in requests)
+            print(
+                f"{page.parent.name}: {page.stat().st_size / 1e6:.2f} MB, {others} requests, {len(errors)} errors, "
+                f"first drawing {statistics.median(drawn):.0f} ms",
+                flush=True,
+            )
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
