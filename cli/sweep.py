@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib.util import find_spec
@@ -28,6 +28,7 @@ from polish_sim.row_file import ROWS, locked
 
 if TYPE_CHECKING:
     from polish_sim.config import Scenario
+    from polish_sim.row_file import Row
     from polish_sim.studies.study import Study
     from polish_sim.studies.table import RunTable
 
@@ -58,7 +59,7 @@ def sweep(what: What, given: Given) -> int:
     if find_spec("pyarrow") is None:
         raise InputError("'sweep' keeps its table in Parquet: pip install 'polish-sim[sweep]'.")
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.studies.table import RunTable
+    from polish_sim.studies.table import RunTable, run_time
     from polish_sim.workers import check_engine
 
     check_engine(given["--on"] or "local")
@@ -66,7 +67,9 @@ def sweep(what: What, given: Given) -> int:
     check_values(study)
     if given["--dry-run"]:
         begun = RunTable(out) if out is not None and (out / ROWS).is_file() else None
-        announce(study, begun, given, keep=False)
+        known = begun.run_s if begun else None
+        first = time_first(study, begun) if known is None else None
+        announce(study, begun, given, known if first is None else run_time(first))
         return DONE
     with open_sweep(out, study) as folder:
         return run_and_show(study, RunTable(folder), given)
@@ -153,40 +156,36 @@ def open_sweep(out: Path | None, study: Study) -> Iterator[Path]:
                 folder.rmdir()
 
 
-def announce(study: Study, table: RunTable | None, given: Given, keep: bool) -> None:
-    """Show how many runs there are and about how long they take; without earlier runs the first one is timed.
-
-    It is kept in the table with ``keep``.
-    """
-    from polish_sim.kernel_cache import is_warm
-    from polish_sim.studies.table import missing_runs, run_row
+def announce(study: Study, table: RunTable | None, given: Given, run_s: float | None) -> None:
+    """Show how many runs there are and about how long they take, if one takes ``run_s``."""
+    from polish_sim.studies.table import missing_runs
     from polish_sim.workers import processors
 
     missing, total = missing_runs(study, table)
-    walls, workers = list(table.walls) if table else [], given["--workers"] or processors()
-    once_s = 0.0
-    if missing and not walls:
-        warm = is_warm()
-        with console.progress() as observer:
-            observer.stage("time the first run")
-            with redirect_stdout(sys.stderr):  # what an own controller prints
-                row = run_row(study, None, missing[0])
-        loop = row.get("loop_wall_s") or row["wall_s"]
-        walls = [min(row["wall_s"], 1.4 * loop + 0.05)]
-        once_s = row["wall_s"] - walls[0] if warm else 0.0  # planning; compiling is over
-        if keep and table is not None and not given["--logs"]:
-            table.add(row)
-            missing = missing[1:]
-    on = given["--on"] or "local"
+    workers, on = given["--workers"] or processors(), given["--on"] or "local"
     share = workers if on in ("local", "dask") else 1
-    seconds = once_s + statistics.median(walls) * len(missing) / share if walls else 0.0
     points = study.count or len(study.points())
     rows = [["points", f"{points} ({study.sample})"], ["seeds", str(study.seeds)], ["runs", str(total)]]
-    rows += [["already there", str(total - len(missing))]] if total > len(missing) else []
+    rows += [["done", str(total - len(missing))]] if total > len(missing) else []
     rows += [["on", f"{on}, on {count_text(share, 'processor')}" if on in ("local", "dask") else on]]
-    rows += [["about", f"{duration(seconds)}{' on one processor' if on not in ('local', 'dask') else ''}"]]
+    if run_s is not None:
+        about = duration(run_s * len(missing) / share)
+        rows += [["about", f"{about}{' on one processor' if on not in ('local', 'dask') else ''}"]]
     axes = [[f"vary {axis.key}", axis.text] for axis in study.axes]
     console.table(f"sweep {study.base.experiment}, {study.base.controller.label}", ["", ""], [*axes, *rows], left=2)
+
+
+def time_first(study: Study, table: RunTable | None) -> Row | None:
+    """Do the first run that is missing here: its row; None if there is none."""
+    from polish_sim.studies.table import missing_runs, run_row
+
+    missing, _ = missing_runs(study, table)
+    if not missing:
+        return None
+    with console.progress() as observer:
+        observer.stage("time the first run")
+        with redirect_stdout(sys.stderr):  # what an own controller prints
+            return run_row(study, None, missing[0])
 
 
 def duration(seconds: float) -> str:
@@ -199,6 +198,7 @@ def duration(seconds: float) -> str:
 
 def run_and_show(study: Study, table: RunTable, given: Given) -> int:
     """Do the runs, write table, summary and page, print what came of them; 130 if it was interrupted."""
+    from polish_sim.kernel_cache import is_warm
     from polish_sim.source_stamp import package_hash
     from polish_sim.studies.study import user_files
     from polish_sim.studies.table import run_study, write_summary
@@ -209,11 +209,15 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
     console.note(f"folder: {table.folder} (the same command with --out {table.folder} goes on where it stops)")
     interrupted, total = False, study.seeds * (study.count or len(study.points()))
     try:
-        announce(study, table, given, keep=True)
+        # All kernels are compiled once, not in every process; once they are, the processes start at once.
+        if not is_warm() and not given["--logs"] and (row := time_first(study, table)):
+            table.add(row)
+        if known := table.run_s is not None:
+            announce(study, table, given, table.run_s)
         files = sorted({file for point in _corners(study) for file in user_files(point)})
         with open_workers(given["--on"] or "local", given["--workers"], files) as workers:
             console.note(f"at work: {workers.where}")
-            with _progress() as heard:
+            with _progress(None if known else lambda: announce(study, table, given, table.run_s)) as heard:
                 run_study(study, table, workers, heard, bool(given["--logs"]))
     except KeyboardInterrupt:
         interrupted = True
@@ -242,15 +246,19 @@ def _corners(study: Study) -> Iterator[Scenario]:
 
 
 @contextmanager
-def _progress() -> Iterator[Any]:
+def _progress(announced: Callable[[], None] | None) -> Iterator[Any]:
+    """Show how far a sweep is; call ``announced`` once a run is done."""
     begun, first, told = time.monotonic(), -1, time.monotonic()
     with console.progress() as observer:
         observer.stage("simulate")
 
         def heard(done: int, total: int, trouble: str | None) -> None:
-            nonlocal first, told, begun
+            nonlocal first, told, begun, announced
             if trouble is not None:
                 console.note(f"warning: {trouble}.")
+            if announced and done >= first >= 0:
+                announced()
+                announced = None
             first = done + 1 if first < 0 else first
             if done <= first:  # what comes before the first result is no measure
                 begun = time.monotonic()

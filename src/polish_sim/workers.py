@@ -33,7 +33,7 @@ from polish_sim.source_stamp import package_hash
 
 TRIES: Final = 2  #: A task at which this many processes died is left out
 MOST_DEATHS: Final = 4  #: Deaths in a row, without a result between them, after which all is given up
-AHEAD: Final = 2  #: Tasks a Dask scheduler is given, per thread: none of them waits for the way here and back
+AHEAD: Final = 2  #: Tasks a process is given: it does not wait for the way here and back
 JOIN_S: Final = 20.0  #: How long a scheduler is waited for, and a worker of it [s]
 ENGINES: Final = ("local", "dask", "tcp://HOST:PORT", "tls://HOST:PORT")
 
@@ -120,25 +120,25 @@ class _Worker:
 
     executor: Any = None
     group: Hashable = None
-    task: Any = None
-    future: Future[Any] | None = None
+    tasks: deque[tuple[Any, Future[Any]]] = field(default_factory=deque)  #: At work on the first
 
     def start(self, work: Work, group: Hashable, task: Any) -> None:
         from joblib.externals.loky import ProcessPoolExecutor
 
-        self.group, self.task = group, task
+        self.group = group
         with _interrupts_blocked():
             if self.executor is None:
                 # More threads would mostly wait for each other: the systems solved here are small.
                 self.executor = ProcessPoolExecutor(
                     1, timeout=None, initializer=_prepare, initargs=(os.getpid(),), env={"OPENBLAS_NUM_THREADS": "1"}
                 )
-            self.future = self.executor.submit(work, task)
+            self.tasks.append((task, self.executor.submit(work, task)))
 
     def stop(self) -> None:
         if self.executor is not None:
             self.executor.shutdown(wait=True, kill_workers=True)
-        self.executor, self.future = None, None
+        self.executor = None
+        self.tasks.clear()
 
 
 @dataclass
@@ -162,6 +162,9 @@ class _Waiting:
             del self.groups[group]
         return group, task
 
+    def __len__(self) -> int:
+        return sum(map(len, self.groups.values()))
+
 
 class _Local:
     def __init__(self, count: int) -> None:
@@ -175,20 +178,23 @@ class _Local:
             waiting.add(group_of(task), task)
         tries, deaths = dict.fromkeys(tasks, 0), 0
         try:
-            while waiting.groups or any(worker.future for worker in self._crew):
+            while waiting or any(worker.tasks for worker in self._crew):
+                for ahead in range(AHEAD):
+                    for worker in self._crew:
+                        if len(worker.tasks) == ahead and len(waiting) > ahead * self.count:
+                            worker.start(work, *waiting.take(worker.group))
+                wait([worker.tasks[0][1] for worker in self._crew if worker.tasks], return_when=FIRST_COMPLETED)
                 for worker in self._crew:
-                    if waiting.groups and worker.future is None:
-                        worker.start(work, *waiting.take(worker.group))
-                done, _ = wait([worker.future for worker in self._crew if worker.future], return_when=FIRST_COMPLETED)
-                for worker in self._crew:
-                    future, task = worker.future, worker.task
-                    if future is None or future not in done:
+                    if not worker.tasks or not worker.tasks[0][1].done():
                         continue
-                    worker.future, error = None, future.exception()
+                    task, future = worker.tasks.popleft()
+                    error = future.exception()
                     if error is None:
                         deaths = 0
                         yield Result(task, future.result(), None)
                     elif isinstance(error, BrokenExecutor):
+                        for innocent, _ in worker.tasks:
+                            waiting.add(worker.group, innocent)
                         worker.stop()
                         deaths, tries[task] = deaths + 1, tries[task] + 1
                         again = tries[task] < TRIES
@@ -199,7 +205,7 @@ class _Local:
                         raise RuntimeError(_in_task(task, error))
         finally:  # what is still at work when all is broken off
             for worker in self._crew:
-                if worker.future is not None:
+                if worker.tasks:
                     worker.stop()
 
     def stop(self) -> None:

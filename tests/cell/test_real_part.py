@@ -63,6 +63,8 @@ def test_the_form_error_has_its_size_peak_to_peak_and_bends_no_sharper_than_its_
         assert np.ptp(values) == pytest.approx(0.0003)
         assert values.max() == pytest.approx(-values.min())
         h = 1e-4
+        np.testing.assert_allclose(bend.on_grid(points[:5], points[5:9]).ravel(),
+                                   bend((points[:5, None] + points[5:9]).reshape(-1, 3)), atol=1e-17)  # fmt: skip
         curvature = (bend(points + [h, 0, 0]) - 2.0 * values + bend(points - [h, 0, 0])) / h**2
         assert np.abs(curvature).max() < 0.00015 * 8 * (2.0 * np.pi / 0.04) ** 2
 

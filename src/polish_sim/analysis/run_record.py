@@ -8,6 +8,7 @@ import platform
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -114,6 +115,7 @@ def read_json(file: Path) -> dict[str, Any]:
     return figures
 
 
+@cache
 def package_versions() -> dict[str, str]:
     """Versions of Python and of the packages a run's numbers depend on."""
     return {"python": platform.python_version()} | {name: version(name) for name in VERSIONED}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Ints
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.stroke import TARE, TOUCH_DOWN
@@ -289,12 +289,18 @@ def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
             mesh = int(model.geom_dataid[geom])
             start = model.mesh_vertadr[mesh]
             spread = R.apply(model.mesh_vert[start : start + model.mesh_vertnum[mesh]]) + model.geom_pos[geom]
-            _, kept = np.unique(np.round(spread / _SPACING).astype(int), axis=0, return_index=True)
-            points.append(spread[kept])
-            bodies.append(np.full(len(kept), body))
+            points.append(spread[_one_a_cube(spread.tobytes())])
+            bodies.append(np.full(len(points[-1]), body))
     rim = _on_cylinder(model, model.geom(f"{arm}{_PAD}").id, _AROUND_PAD)
     points, bodies = [*points, rim], [*bodies, np.full(len(rim), model.body(f"{arm}head").id)]
     return CrashPoints(np.concatenate(points), np.concatenate(bodies).astype(np.int64), len(rim))
+
+
+@cache
+def _one_a_cube(points: bytes) -> Ints:
+    """Which of some points (n, 3) are kept; the robot's are the same in every cell."""
+    cubes = np.round(np.frombuffer(points).reshape(-1, 3) / _SPACING).astype(int)
+    return np.asarray(np.unique(cubes, axis=0, return_index=True)[1])
 
 
 @cache

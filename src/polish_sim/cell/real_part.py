@@ -6,7 +6,6 @@ Plans are made on the drawing; force control earns its keep on the difference.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -54,25 +53,35 @@ def depth_for(force: float, pad_stiffness: float) -> float:
     return min(max(FIELD_BAND, needed), DEEPEST_BAND)
 
 
-def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Callable[[Array], Array]:
-    """Draw a smooth form error: a sum of plane waves, scaled to its peak-to-peak size on some ``points`` (n, 3) [m].
+class FormError(NamedTuple):
+    """A smooth bend: a sum of plane waves, its points in the work frame."""
 
-    Returns the outward shift of the surface [m], (n,), as a function of points (n, 3), all in the work frame.
-    """
+    numbers: Array  #: Wave vectors [rad/m], shape (k, 3)
+    phases: Array  #: [rad], shape (k,)
+    scale: float = 1.0  #: [m]
+    middle: float = 0.0  #: Of the sum
+
+    def __call__(self, at: Array) -> Array:
+        """Outward shift of the surface at points (n, 3): [m], (n,)."""
+        return np.asarray(self.scale * (np.sin(at @ self.numbers.T + self.phases).sum(axis=1) - self.middle))
+
+    def on_grid(self, corners: Array, steps: Array) -> Array:
+        """The same at each of some steps (n, 3) from each of some corners (k, 3): [m], (k, n)."""
+        start, on = corners @ self.numbers.T + self.phases, steps @ self.numbers.T
+        waves = np.sin(start) @ np.cos(on).T + np.cos(start) @ np.sin(on).T
+        return np.asarray(self.scale * (waves - self.middle))
+
+
+def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> FormError:
+    """Draw a form error, scaled to its peak-to-peak size on some ``points`` (n, 3) [m], work frame."""
     lengths = rng.uniform(*WAVELENGTHS, _WAVES)
     directions = rng.normal(size=(_WAVES, 3))
     numbers = 2.0 * np.pi * directions / np.linalg.norm(directions, axis=1, keepdims=True) / lengths[:, None]
-    phases = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
-
-    def waves(at: Array) -> Array:
-        total: Array = np.sin(at @ numbers.T + phases).sum(axis=1)
-        return total
-
+    waves = FormError(numbers, rng.uniform(0.0, 2.0 * np.pi, _WAVES))
     values = waves(points)
     span = float(np.ptp(values))
     scale = config.form_error_m / span if span > 0.0 else 0.0
-    middle = 0.5 * float(values.max() + values.min())
-    return lambda at: scale * (waves(at) - middle)
+    return waves._replace(scale=scale, middle=0.5 * float(values.max() + values.min()))
 
 
 def displacement_of(config: PartConfig, normal: Array, center: Array, rng: np.random.Generator) -> Array:
@@ -111,11 +120,10 @@ def build_real_part(
     The errors are sized on the polished ``region``; where its normals cancel out, the displacement is along ``up``,
     work frame, shape (3,).
     """
-    points = region.vertices[region.faces].mean(axis=1)
-    normal = (region.facet_areas[:, None] * region.closest(points).normals).sum(axis=0)
+    points, normal = region.vertices[region.faces].mean(axis=1), region.normal_sum
     size = float(np.linalg.norm(normal)) / float(region.facet_areas.sum())
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
-    bent = fields._replace(near=bend_field(fields.near, bend_of(config, points, rng)))
+    bent = fields._replace(near=bend_field(fields.near, bend_of(config, points, rng).on_grid))
     return place_part(bent, displacement_of(config, normal, points.mean(axis=0), rng), T_base_work, normal)
 
 

@@ -141,13 +141,11 @@ def build_distance_field(
     spacing: float,
     band: float,
     bounds: Array | None = None,
-    offset: Callable[[Array], Array] | None = None,
 ) -> DistanceField:
     """Sample the signed distance of a part's whole surface in a band of half width ``band`` [m], every ``spacing`` [m].
 
     On an open surface the sign follows the closest point's normal; beyond the border, and beyond the box ``bounds`` (2,
-    3) [m], everything is outside. ``offset`` bends the part by a form error: an outward shift [m], (n,), at points (n,
-    3).
+    3) [m], everything is outside.
 
     Raises:
         ConfigError: The band is narrower than two spacings, or the field would take too much memory.
@@ -176,19 +174,23 @@ def build_distance_field(
         batch = slice(begin, begin + _BATCH)
         corners = origin + side * near[batch]
         bricks[batch] = _sample_bricks(skin, corners, hints[batch], spacing, band)
-    field = DistanceField(origin, float(spacing), float(band), table, bricks)
-    return field if offset is None else bend_field(field, offset)
+    return DistanceField(origin, float(spacing), float(band), table, bricks)
 
 
-def bend_field(field: DistanceField, offset: Callable[[Array], Array]) -> DistanceField:
-    """The field of the same part bent by a form error: outward shift of the surface [m], (n,), at points (n, 3)."""
+def bend_field(field: DistanceField, shift_at: Callable[[Array, Array], Array]) -> DistanceField:
+    """The field of the same part bent by a form error.
+
+    ``shift_at`` gives the outward shift of the surface [m], (k, n), at each of some steps (n, 3) from each of some
+    corners (k, 3).
+    """
     places = np.argwhere(field.table >= 0)
     corners = np.empty((len(field.bricks), 3))
     corners[field.table[tuple(places.T)]] = field.origin + CELLS * field.spacing * places
     bricks = np.empty_like(field.bricks)
+    steps = field.spacing * np.indices((NODES, NODES, NODES)).reshape(3, -1).T.astype(np.float64)
     for begin in range(0, len(bricks), _BATCH):
         batch = slice(begin, begin + _BATCH)
-        shift = offset(_nodes(corners[batch], field.spacing).reshape(-1, 3)).reshape(bricks[batch].shape)
+        shift = shift_at(corners[batch], steps).reshape(bricks[batch].shape)
         bricks[batch] = np.clip(field.bricks[batch] - shift, -field.band, field.band)
     return field._replace(bricks=bricks)
 
@@ -225,13 +227,6 @@ def _sign_empty_bricks(skin: Skin, table: Ints, origin: Array, side: float) -> N
         x, y, z = origin + side * (np.array(place) + 0.5)
         if signed_distance(skin, x, y, z, -1, np.inf)[0] < 0.0:
             table[groups == group] = INSIDE
-
-
-def _nodes(corners: Array, spacing: float) -> Array:
-    """Positions of the bricks' nodes [m], shape (k, 9, 9, 9, 3)."""
-    steps = spacing * np.arange(NODES)
-    grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
-    return corners[:, None, None, None, :] + grid
 
 
 @njit(cache=True)

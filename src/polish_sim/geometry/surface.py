@@ -75,6 +75,12 @@ class Surface:
         return np.asarray(patch_areas(self.control))
 
     @cached_property
+    def normal_sum(self) -> Array:
+        """Sum of the normals at the facets' middles, weighted by the patches' areas [m^2], shape (3,)."""
+        normals = self.closest(self.vertices[self.faces].mean(axis=1)).normals
+        return np.asarray((self.facet_areas[:, None] * normals).sum(axis=0))
+
+    @cached_property
     def vertex_normal_sums(self) -> Array:
         """Sums of the patches' normals weighted by their angles at each vertex, zero at borders, shape (n, 3)."""
         corners = self.control[:, :3]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import statistics
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -66,6 +67,11 @@ def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
     return row | {"wall_s": wall, "host": platform.node(), "versions": _versions(), "source": package_hash()[:12]}
 
 
+def run_time(row: Row) -> float:
+    """How long a run takes where plan and place are known [s]."""
+    return min(row["wall_s"], 1.4 * (row.get("loop_wall_s") or row["wall_s"]) + 0.05)
+
+
 def _given_plan(scenario: Any) -> PlanResult:
     """The plan of a path's file, measured once a process."""
 
@@ -98,7 +104,7 @@ class RunTable:
     def __post_init__(self) -> None:
         self._file = RowFile(self.folder)
         self._written_at, self._took_s = time.monotonic(), 0.0
-        self.walls: deque[float] = deque(maxlen=100)  #: Of the last runs [s]
+        self._times: deque[float] = deque(maxlen=100)  #: Of the last runs [s]
         self.sources: set[str] = set()  #: Versions of this package that rows are of
         for key, row in self._file.read():
             self._note(key, row)
@@ -128,7 +134,12 @@ class RunTable:
         self.outcomes[key] = str(row.get("outcome"))
         self.sources.add(str(row.get("source")))
         if row.get("wall_s"):
-            self.walls.append(row["wall_s"])
+            self._times.append(run_time(row))
+
+    @property
+    def run_s(self) -> float | None:
+        """How long a run takes [s]; None before there is one."""
+        return statistics.median(self._times) if self._times else None
 
 
 def write_table(rows: Path, table: Path) -> None:
