@@ -113,7 +113,7 @@ def engines(folder: Path, runs: int) -> None:
 def kills(folder: Path, count: int) -> None:
     """Kill a worker, the scheduler or the command at a random moment of a sweep, and let it go on, ``count`` times."""
     draw = random.Random(0)
-    words = ("arc", "--vary", "sensor.force_noise_n=0:1:lin100", "--seeds", str(max(1, count // 5)), *SHORT)
+    words = ("arc", "--vary", "sensor.force_noise_n=0:1:lin100", "--seeds", str(max(1, count // 3)), *SHORT)
     sweep(folder / "whole", *words)
     total = len(rows_of(folder / "whole"))
     victims = {"worker": 0, "scheduler": 0, "command": 0}
