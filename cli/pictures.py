@@ -61,7 +61,7 @@ LIBRARIES: Final = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}  #: Of wha
 CROSS: Final = 11.0  #: Half the size of the cross at a protective stop [pixels]
 STOP_COLOR: Final = "#E00020"
 CELL: Final = Quality(720, 640, 4, 2048)
-PAD: Final = Quality(560, 640, 4, 2048)
+PAD_WIDTH: Final = 560  #: Of the picture of the pad on the part, from near
 LOOK_AT: Final = (0.0, -0.32, 0.28)
 DISTANCE: Final = 1.5
 AZIMUTH, ELEVATION = 125.0, -22.0
@@ -105,19 +105,18 @@ class Picture:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a missing display is reported by who catches the error
             self._renderer = mujoco.Renderer(model, quality.height, quality.width)
-        pair = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "master_base") >= 0
-        self._camera, self._near = mujoco.MjvCamera(), near
-        self._camera.lookat[:] = model.stat.center if pair else LOOK_AT
-        self._camera.distance = NEAR if near else PAIR_DISTANCE if pair else DISTANCE
-        self._camera.azimuth, self._camera.elevation = (PAIR_AZIMUTH, PAIR_ELEVATION) if pair else (AZIMUTH, ELEVATION)
+        self._camera, self._model, self._near = mujoco.MjvCamera(), model, near
+        self._pair = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "master_base") >= 0
 
-    def render(self, data: Any, pad: NDArray[np.float64]) -> Image:
-        """Render one moment with the pad there (3,) [m], shape (height, width, 3)."""
+    def render(self, data: Any, pad: NDArray[np.float64], near: bool = False) -> Image:
+        """Render one moment with the pad there (3,) [m], from ``near`` or as it was opened: (height, width, 3)."""
         import numpy as np
 
-        if self._near:
-            self._camera.lookat[:] = pad
-        self._renderer.update_scene(data, self._camera)
+        camera, pair, near = self._camera, self._pair, near or self._near
+        camera.lookat[:] = pad if near else self._model.stat.center if pair else LOOK_AT
+        camera.distance = NEAR if near else PAIR_DISTANCE if pair else DISTANCE
+        camera.azimuth, camera.elevation = (PAIR_AZIMUTH, PAIR_ELEVATION) if pair else (AZIMUTH, ELEVATION)
+        self._renderer.update_scene(data, camera)
         return np.array(self._renderer.render(), dtype=np.uint8)
 
     def close(self) -> None:
@@ -158,23 +157,23 @@ def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
     row = min(int(np.searchsorted(clock(record.log), stop.time)) if stop else len(record.log) // 2, len(record.log) - 1)
     data.qpos[:] = joint_columns(record, model)[row]
     mujoco.mj_forward(model, data)
-    pad, images = numbers(record.log, "tcp_position_m")[row], []
-    for quality, near in ((CELL, False), (PAD, True)):
-        try:
-            picture = Picture(model, quality, near)
-        except Exception as error:
-            console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no {file.name}.")
-            return False
-        images.append(picture.render(data, pad))
-        picture.close()
+    pad = numbers(record.log, "tcp_position_m")[row]
+    try:
+        picture = Picture(model, CELL)
+    except Exception as error:
+        console.note(f"no OpenGL on this machine ({type(error).__name__}: {error}): no {file.name}.")
+        return False
+    cut = (CELL.width - PAD_WIDTH) // 2
+    images = [picture.render(data, pad), picture.render(data, pad, near=True)[:, cut : cut + PAD_WIDTH]]
+    picture.close()
     whole = Pillow.fromarray(np.hstack(images))
     if stop:
-        draw, x, y = ImageDraw.Draw(whole), CELL.width + PAD.width // 2, PAD.height // 2
+        draw, x, y = ImageDraw.Draw(whole), CELL.width + PAD_WIDTH // 2, CELL.height // 2
         for color, line in (("white", 9), (STOP_COLOR, 5)):
             for way in (-CROSS, CROSS):
                 draw.line((x - CROSS, y - way, x + CROSS, y + way), fill=color, width=line)
         draw.text((10, 8), stop.text, fill=STOP_COLOR, font_size=18)
-    whole.save(file, optimize=True)
+    whole.save(file)
     return True
 
 
