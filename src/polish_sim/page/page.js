@@ -27,7 +27,7 @@ async function unpack(text) {
 // ---- what the part has seen up to a moment, at each vertex of its map
 const QUANTITIES = {
   removal: { name: "removal", unit: null, map: AROUND },
-  coverage: { name: "coverage, 1 = was under the pad", unit: "", map: VIRIDIS },
+  coverage: { name: "coverage", unit: "1 = pad was here", map: VIRIDIS },
   dwell: { name: "time under the pad", unit: "s", map: VIRIDIS },
   pressure: { name: "mean pressure", unit: "kPa", map: VIRIDIS },
   error: { name: "force error, mean", unit: "N", map: VIRIDIS },
