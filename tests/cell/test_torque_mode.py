@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.config import GuideConfig, RobotConfig, Scenario
 from polish_sim.errors import InputError, ReachError
@@ -17,13 +18,11 @@ from polish_sim.geometry import load_part
 from polish_sim.hand_guiding.arm import HOME, LaidPart, believe, chain_of_file, guided_arm, home_pose, torque_arm
 from polish_sim.hand_guiding.cell import BRAKED_S, GuidingRun, Hand, HandMotion, run_guided
 from polish_sim.hand_guiding.law import MODES
-from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.models import workpiece_path
 from polish_sim.scenario_file import override
 from polish_sim.spatial import transform
 from tests.cell.cells import TOUCH, joints_at
 
-Array = NDArray[np.float64]
 IDEAL = Scenario(robot=RobotConfig(arm="ideal"))
 POINT_HAND = Hand(4000.0, 200.0, 0.0, 0.0)
 
@@ -127,19 +126,18 @@ def test_links_that_touch_stop_the_arm_and_are_named() -> None:
     assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)
 
 
-def test_a_file_that_is_no_model_is_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]
+PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("rest", "said"),
+    [("", "is not a robot's MJCF"), (PENDULUM, "is not this arm's: the model has no joint")],
+)
+def test_a_file_that_is_no_model_of_this_arm_is_refused(rest: str, said: str, tmp_path: Path) -> None:
     file = tmp_path / "identified.xml"
-    file.write_text("<mujoco>")
-    with pytest.raises(InputError, match=r"identified.xml' is not a robot's MJCF"):
-        chain_of_file(file, ARM_JOINTS)
-
-
-def test_a_model_of_another_arm_is_refused_by_its_file(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    file = tmp_path / "pendulum.xml"
-    body = '<body><joint name="hinge" type="hinge"/><geom size="0.1"/></body>'
-    file.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
-    with pytest.raises(InputError, match=r"pendulum.xml' is not this arm's: the model has no joint"):
-        chain_of_file(file, ARM_JOINTS)
+    file.write_text("<mujoco>" + rest)
+    with pytest.raises(InputError, match=f"identified.xml' {said}"):
+        chain_of_file(file)
 
 
 SCENARIO = override(default_scenario("arc"), ["robot.arm=ideal"])

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from polish_sim.exchange import read_path
-from tests.cli.conftest import Tool
+from tests.cli.conftest import Tool, metrics_of
 
 SHORT = ("--set", "hand.off_s=2")
 
@@ -20,7 +19,7 @@ def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Tool) -> N
     )
     assert code == 0
     assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= {file.name for file in Path("out").iterdir()}
-    metrics = json.loads(Path("out/metrics.json").read_text())
+    metrics = metrics_of(Path("out"))
     assert {"hand_force_peak_n", "hand_force_rms_n", "drift_rad"} <= set(metrics)
     assert metrics["moves"] == ["assist_x_0p8s"]
     log = np.load("out/log.npz")
@@ -35,7 +34,7 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: T
     code, _, err = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
     assert code == 3
     assert "protective stop: classical x fast: " in err
-    assert json.loads(Path("out/metrics.json").read_text())["protective_stop"]
+    assert metrics_of(Path("out"))["protective_stop"]
     assert len(np.load("out/log.npz")["time_s"]) > 100
 
 
@@ -63,10 +62,10 @@ def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
     assert "taught path off what was meant" in out
     assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}
     path = read_path("taught/taught.csv")
-    assert path.length_m == json.loads(Path("taught/metrics.json").read_text())["taught_length_m"]
+    assert path.length_m == metrics_of(Path("taught"))["taught_length_m"]
     words = ("--part", "freeform", "--path", "taught/taught.csv", "--set", "process.max_feed_s=4", "--out", "polished")
     assert polish_sim("run", "surface", *words)[0] == 0
-    assert json.loads(Path("polished/metrics.json").read_text())["force_within_4n"] >= 0.995
+    assert metrics_of(Path("polished"))["force_within_4n"] >= 0.995
 
 
 def test_a_path_to_follow_is_checked_before_anything_moves(polish_sim: Tool) -> None:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from polish_sim.config import GuideConfig
-from polish_sim.errors import InputError
 from polish_sim.hand_guiding.law import (
     ENERGY,
     JOINT_SPEED,
-    MODES,
     TOOL_SPEED,
     Belief,
     GuidingGains,
@@ -29,11 +27,11 @@ from polish_sim.hand_guiding.law import (
 )
 from polish_sim.motion.serial_chain import HINGE, ChainGeometry, SerialChain, chain_model, link_parameters
 
-Array = NDArray[np.float64]
 DT = 0.001
 MASS, ARM, ROTOR = 3.0, 0.4, 1.0
 INERTIA = MASS * ARM**2 + ROTOR
 COULOMB, VISCOUS, CREEP = 5.0, 8.0, 0.003
+Pushed = tuple[GuidingMemory, list[float]]
 
 
 @pytest.fixture
@@ -87,32 +85,33 @@ def test_motors_are_never_asked_for_more_than_they_have(belief: Belief) -> None:
     assert torque_at(belief, "inertia", 0.0, 1.0, 1e4) == 150.0
 
 
+def pushed(belief: Belief, law: GuidingGains, hand: float, steps: int, rubbing: Callable[[float], float]) -> Pushed:
+    """A joint under the law and a hand's constant torque [N m], with friction by its speed."""
+    memory, q, qd, reached = build_memory(1), 0.0, 0.0, []
+    for step in range(steps):
+        read_encoders(law, memory, np.array([q]), DT, step == 0)
+        guide_by_hand(belief, law, memory, 1.0, DT)
+        weight = MASS * 9.81 * ARM * math.cos(q)
+        qd += DT * (memory.torque[0] + hand - weight - rubbing(qd)) / INERTIA
+        q += DT * qd
+        reached.append(qd)
+    return memory, reached
+
+
 @pytest.mark.parametrize("over", [0.0, 0.2])
 def test_a_held_share_of_inertia_is_what_the_hand_feels_less(belief: Belief, over: float) -> None:
     """A hand's constant torque speeds the joint up as if it had (1 - alpha (1 + over)) of its inertia, and stably."""
-    law, memory, q, qd, reached = gains("inertia", inertia_share=0.8 * (1.0 + over)), build_memory(1), 0.0, 0.0, []
-    for step in range(1500):
-        read_encoders(law, memory, np.array([q]), DT, step == 0)
-        guide_by_hand(belief, law, memory, 1.0, DT)
-        friction = (COULOMB * math.tanh(qd / law.sign_speed) + VISCOUS * qd) * 0.95
-        weight = MASS * 9.81 * ARM * math.cos(q)
-        qd += DT * (memory.torque[0] + 0.5 - weight - friction) / INERTIA
-        q += DT * qd
-        reached.append(qd)
+    law = gains("inertia", inertia_share=0.8 * (1.0 + over))
+    _, reached = pushed(
+        belief, law, 0.5, 1500, lambda qd: (COULOMB * math.tanh(qd / law.sign_speed) + VISCOUS * qd) * 0.95
+    )
     felt = 0.5 * 500 * DT / (reached[1499] - reached[999])
     assert felt == pytest.approx((1.0 - 0.8 * (1.0 + over)) * INERTIA, rel=0.05)
 
 
 def test_the_observer_finds_the_torque_of_the_hand(belief: Belief) -> None:
-    memory, q, qd = build_memory(1), 0.0, 0.0
     law = gains("assist", hand_felt=0.0)
-    for step in range(400):
-        read_encoders(law, memory, np.array([q]), DT, step == 0)
-        guide_by_hand(belief, law, memory, 1.0, DT)
-        friction = COULOMB * min(max(qd / CREEP, -1.0), 1.0) + VISCOUS * qd
-        weight = MASS * 9.81 * ARM * math.cos(q)
-        qd += DT * (memory.torque[0] + 2.0 - weight - friction) / INERTIA
-        q += DT * qd
+    memory, _ = pushed(belief, law, 2.0, 400, lambda qd: COULOMB * min(max(qd / CREEP, -1.0), 1.0) + VISCOUS * qd)
     assert memory.external[0] == pytest.approx(2.0, rel=0.05)
 
 
@@ -170,9 +169,3 @@ def test_compensation_fades_towards_a_speed_limit() -> None:
     assert fade_out(limits(), np.array([1.0]), 0.5) == 1.0
     assert fade_out(limits(), np.array([2.85]), 0.5) == pytest.approx(0.5)
     assert fade_out(limits(), np.array([1.0]), 1.5) == 0.0
-
-
-def test_an_unknown_mode_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r"unknown mode 'float'. Known: assist, classical, gravity, inertia, none"):
-        gains_of("float", GuideConfig(), DT)
-    assert list(MODES) == ["none", "gravity", "classical", "inertia", "assist"]

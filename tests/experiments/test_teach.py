@@ -152,15 +152,6 @@ def test_an_identified_model_is_as_good_as_the_true_one(tmp_path: Path) -> None:
         assert identified.figures[figure] == pytest.approx(true.figures[figure], rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [({"mode": "float"}, "unknown mode 'float'"), ({"direction": "z"}, r"unknown direction 'z'. Known: x, y")],
-)
-def test_unknown_names_list_the_known_ones(wrong: dict[str, str], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        run_experiment(scenario(**wrong))
-
-
 STEADY = {"wander_m": 0.0, "tremor_m": 0.0, "wobble_rad": 0.0}
 
 

@@ -6,14 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import PlanError
 from polish_sim.geometry import fit_surface, load_part
 from polish_sim.hand_guiding.teaching import Recording, simplified, teach_path
 from polish_sim.models import workpiece_path
 
-Array = NDArray[np.float64]
 RADIUS, SPEED = 0.08, 0.05
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -36,8 +36,8 @@ class LaidPart(NamedTuple):
     T_base_part: Array  #: Shape (4, 4)
 
 
-def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart | None = None) -> mujoco.MjModel:
-    """Compile the arm with one motor for each of the named joints, the scenario's joint friction and unknown payload.
+def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjModel:
+    """Compile the arm with one motor for each joint, the scenario's joint friction and unknown payload.
 
     Elastic joints have the friction of their own motors, their rotors for armature and rigid gears here.
     Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``: what lies
@@ -47,20 +47,20 @@ def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart |
     friction = guide.coulomb_nm, guide.viscous_nm_s_rad
     if is_real(scenario):
         friction = real.coulomb_nm, real.viscous_nm_s_rad
-        for name, rotor in zip(joints, real.rotor_kg_m2, strict=True):
+        for name, rotor in zip(ARM_JOINTS, real.rotor_kg_m2, strict=True):
             spec.joint(name).armature = rotor
     for body in spec.bodies:
         body.gravcomp = 0.0
     limits = {actuator.target: float(actuator.forcerange[1]) for actuator in spec.actuators}
     for actuator in list(spec.actuators):
         spec.delete(actuator)
-    for name, coulomb, viscous in zip(joints, *friction, strict=True):
+    for name, coulomb, viscous in zip(ARM_JOINTS, *friction, strict=True):
         joint, limit = spec.joint(name), limits[name]
         joint.frictionloss, joint.damping[0] = coulomb, viscous
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-limit, limit])
         motor.set_to_motor()
     for home in spec.keys:
-        home.ctrl = [0.0] * len(joints)
+        home.ctrl = [0.0] * len(ARM_JOINTS)
     spec.joint("head_slide").frictionloss = CLAMP_N
     if guide.payload_kg > 0.0:
         tool = spec.site("tool")
@@ -74,8 +74,8 @@ def build_torque_arm(scenario: Scenario, joints: Sequence[str], part: LaidPart |
     return spec.compile()
 
 
-def chain_of_file(file: Path, joints: Sequence[str]) -> SerialChain:
-    """The chain of an identified MJCF, e.g. identified.xml; InputError if it is no model, or has not these joints."""
+def chain_of_file(file: Path) -> SerialChain:
+    """The chain of an identified MJCF, e.g. identified.xml; InputError if it is none, or has not the arm's joints."""
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
     except (ValueError, OSError) as error:
@@ -84,7 +84,7 @@ def chain_of_file(file: Path, joints: Sequence[str]) -> SerialChain:
             f"guide.model_file '{file}' is not a robot's MJCF: {reason}. Give an identified.xml."
         ) from error
     try:
-        return read_chain(model, joints)
+        return read_chain(model, ARM_JOINTS)
     except InputError as error:
         raise InputError(f"guide.model_file '{file}' is not this arm's: {error}") from error
 
@@ -97,11 +97,6 @@ DIRECTIONS: Final[Mapping[str, tuple[float, float, float]]] = MappingProxyType(
 """Unit vectors in the base frame."""
 
 
-def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> Any:
-    """The compiled arm in torque mode, with a part before it or alone; see ``cell.torque_mode``."""
-    return build_torque_arm(scenario, ARM_JOINTS, part)
-
-
 def believe(scenario: Scenario) -> Belief:
     """The model the arm's controller uses: without the payload, or a file's, scaled by the scenario's errors.
 
@@ -111,7 +106,7 @@ def believe(scenario: Scenario) -> Belief:
     # The controller does not know the payload.
     unloaded = torque_arm(replace(scenario, guide=replace(guide, payload_kg=0.0)))
     own = read_chain(unloaded, ARM_JOINTS)
-    chain = chain_of_file(Path(guide.model_file), ARM_JOINTS) if guide.model_file else own
+    chain = chain_of_file(Path(guide.model_file)) if guide.model_file else own
     rubbing = chain if is_real(scenario) else own
     # Friction that grows with load is in no identified file.
     exact, real = is_real(scenario) and not guide.model_file, scenario.robot.real

@@ -196,7 +196,7 @@ def run_guided(
                 touching = _links_that_touch(arm.model, data)
             watcher.progress(float(kernel.status.step), float(steps))
             watcher.frame(arm.model, data)
-            if _is_over(kernel):
+            if kernel.status.stop and (kernel.status.step - kernel.status.stop_step) * kernel.engine.dt >= BRAKED_S:
                 break
     done, code = int(kernel.status.step), int(kernel.status.stop)
     reason = GUARDS[code] + touching if code else None
@@ -219,11 +219,6 @@ def _links_that_touch(model: mujoco.MjModel, data: mujoco.MjData) -> str:
     return ": " + " and ".join(model.geom(int(shape)).name for shape in deepest.geom)
 
 
-def _is_over(kernel: _Kernel) -> bool:
-    step, stopped = kernel.status.step, kernel.status.stop_step
-    return bool(kernel.status.stop) and (step - stopped) * kernel.engine.dt >= BRAKED_S
-
-
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _advance(k: _Kernel, arm: RealArm | None, rows: NDArray[Any], last: int) -> None:
     """Run up to step ``last``; returns earlier when the arm stands after a stop or the simulation broke.
@@ -244,7 +239,7 @@ def _advance(k: _Kernel, arm: RealArm | None, rows: NDArray[Any], last: int) -> 
         guide_by_hand(k.belief, k.gains, memory, granted, e.dt)
         if status.stop == 0:
             code = watch_guiding(k.limits, k.belief, k.gains, memory, speed, e.dt)
-            if code == 0 and not _moves_finitely(e):
+            if code == 0 and not math.isfinite(np.sum(e.qvel[:6])):
                 code = UNSTABLE
             if code:
                 status.stop, status.stop_step = code, step
@@ -276,15 +271,6 @@ def _advance(k: _Kernel, arm: RealArm | None, rows: NDArray[Any], last: int) -> 
                 return
         if status.stop == UNSTABLE or (status.stop and (step - status.stop_step) * e.dt >= BRAKED_S):
             return
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _moves_finitely(e: EngineViews) -> bool:
-    """Whether every joint has a speed."""
-    total = 0.0
-    for j in range(6):
-        total += e.qvel[j]
-    return math.isfinite(total)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

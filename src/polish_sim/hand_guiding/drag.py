@@ -17,6 +17,7 @@ from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
+from polish_sim.experiments.free_space import log_every
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import part_file
 from polish_sim.experiments.placement import Reach, tool_rotations
@@ -38,7 +39,7 @@ from polish_sim.hand_guiding.teach import (
     run_teach,
     trace_of_move,
 )
-from polish_sim.hand_guiding.teaching import Recording, Taught, teach_path
+from polish_sim.hand_guiding.teaching import Recording, Taught, path_through, teach_path
 from polish_sim.motion import forward
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import apply, inverse
@@ -154,14 +155,7 @@ def _rim(surface: Surface, loop: Array) -> ToolPath:
     """A closed border as a path with the surface's normals, a point every millimetre."""
     s = arc_length(loop)
     at = np.linspace(0.0, s[-1], max(4, round(s[-1] / SPACING_M)) + 1)
-    found = surface.closest(np.stack([np.interp(at, s, loop[:, k]) for k in range(3)], axis=1))
-    along = np.gradient(found.positions, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    n = len(at)
-    return ToolPath(
-        found.positions.copy(), found.normals.copy(), arc_length(found.positions), np.zeros(n, np.int64),
-        np.full(n, PROCESS, np.int8), surface.normal_curvature(found.facets, found.barycentric, along),
-    )  # fmt: skip
+    return path_through(surface, surface.closest(np.stack([np.interp(at, s, column) for column in loop.T], axis=1)))
 
 
 MODE = "assist"  #: The mode a path is taught in, unless another is asked for
@@ -212,12 +206,11 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
 
 def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, read: Array) -> tuple[Taught, dict[str, Any]]:
     """The recording at the log's rate as a path, and how near it came."""
-    drag, sim = scenario.drag, scenario.simulation
-    every = max(1, round(1.0 / (sim.log_rate_hz * sim.timestep_s))) if sim.log_rate_hz else 1
+    drag, every = scenario.drag, log_every(scenario)
     # What the encoders say is all that is known of the tool.
     read = np.ascontiguousarray(read[::every])
     T_work_tool = inverse(task.reach.T_base_work) @ forward(read) @ tool_on_flange()
-    clock: Array = np.arange(len(read)) * np.float64(every * sim.timestep_s)
+    clock: Array = np.arange(len(read)) * np.float64(every * scenario.simulation.timestep_s)
     record = Recording(clock, T_work_tool[:, :3, 3], -T_work_tool[:, :3, 2])
     taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)
     moving = dragged.table.phase[::every] == MOVING

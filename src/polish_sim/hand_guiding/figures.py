@@ -81,11 +81,16 @@ def distance_to_line(points: Array, line: Array) -> Array:
     near = np.asarray(cKDTree(line).query(points)[1])
     best = np.full(len(points), np.inf)
     for first in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):
-        chord = line[first + 1] - line[first]
-        share = np.sum((points - line[first]) * chord, axis=1) / np.maximum(np.sum(chord**2, axis=1), 1e-300)
-        foot = line[first] + np.clip(share, 0.0, 1.0)[:, None] * chord
-        best = np.minimum(best, np.linalg.norm(points - foot, axis=1))
+        best = np.minimum(best, distance_to_chord(points, line[first], line[first + 1]))
     return best
+
+
+def distance_to_chord(points: Array, first: Array, last: Array) -> Array:
+    """Distances (n,) [m] of points (n, 3) to the lines from one point to another, (3,) or (n, 3), ends included."""
+    chord = last - first
+    share = np.sum((points - first) * chord, axis=1) / np.maximum(np.sum(chord**2, axis=-1), 1e-300)
+    foot = first + np.clip(share, 0.0, 1.0)[:, None] * chord
+    return np.asarray(np.linalg.norm(points - foot, axis=1))
 
 
 def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[str, float]:

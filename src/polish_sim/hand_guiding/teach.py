@@ -16,6 +16,7 @@ from polish_sim.cell import Observer, Silent
 from polish_sim.cell.real_arm import is_real
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.errors import unknown_name
+from polish_sim.experiments.free_space import free_figures, free_log, log_every
 from polish_sim.experiments.result import PartOf, RunResult
 from polish_sim.hand_guiding.arm import (
     DIRECTIONS,
@@ -30,7 +31,7 @@ from polish_sim.hand_guiding.arm import (
 from polish_sim.hand_guiding.cell import GuidingRun, HandMotion, run_guided
 from polish_sim.hand_guiding.figures import compare_modes, measure_drift, measure_move
 from polish_sim.hand_guiding.law import MODES
-from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
+from polish_sim.log import RunLog, Trace
 
 # What the hand does in `run teach`: holds, moves, holds, lets go.
 
@@ -113,15 +114,8 @@ class PlayedMove(NamedTuple):
 
 def log_of_moves(played: Sequence[PlayedMove], scenario: Scenario) -> RunLog:
     """One log of all moves, each at its own time from 0; column ``case`` counts them."""
-    rate = scenario.simulation.log_rate_hz
-    every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
-    log = from_rows(np.concatenate([_rows(play, every) for play in played]))
-    parts = [play.run.rows[::every] for play in played]
-    log = with_column(log, "hand_force_n", np.concatenate([part["force"] for part in parts]))
-    if is_real(scenario):
-        log = with_column(log, "encoder_q_rad", np.concatenate([part["read"] for part in parts]))
-    log = with_column(log, "lent_j", np.concatenate([part["lent"] for part in parts]))
-    return with_column(log, "case", np.concatenate([np.full(len(part), float(k)) for k, part in enumerate(parts)]))
+    every, real = log_every(scenario), is_real(scenario)
+    return free_log([_columns(play, case, every, real) for case, play in enumerate(played)])
 
 
 def trace_of_move(play: PlayedMove) -> Trace:
@@ -138,11 +132,12 @@ def trace_of_move(play: PlayedMove) -> Trace:
     )  # fmt: skip
 
 
-def _rows(play: PlayedMove, every: int) -> Array:
-    """Packed rows of the log; what an arm in free space does not have is zero."""
+def _columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[str, Array]:
+    """Columns of the log."""
     n = len(play.run.rows)
     part, motion = play.run.rows[::every], play.table.motion
-    known = {
+    read = {"encoder_q_rad": part["read"]} if real else {}
+    return {
         "time_s": part["time"],
         "q_rad": part["q"],
         "qd_rad_s": part["qd"],
@@ -154,12 +149,11 @@ def _rows(play: PlayedMove, every: int) -> Array:
         "tcp_speed_m_s": part["speed"],
         "wrench_raw_sensor": part["raw"],
         "phase": play.table.phase[:n:every].astype(float),
+        "hand_force_n": part["force"],
+        **read,
+        "lent_j": part["lent"],
+        "case": np.full(len(part), float(case)),
     }
-    rows = np.zeros((len(part), row_width()))
-    for name, (start, width) in row_layout().items():
-        if name in known:
-            rows[:, start : start + max(width, 1)] = known[name].reshape(len(part), -1)
-    return rows
 
 
 def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
@@ -176,7 +170,15 @@ def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: in
     figures |= measure_drift(let_go["time"], let_go["q"])
     forces = {_name(play.move): values for play, values in zip(played, measured, strict=True)}
     figures |= compare_modes(forces) | {"moves": list(forces), "model": scenario.guide.model_file or "exact"}
-    return figures | _of_run(scenario, played, asked, wall)
+    steps = sum(len(play.run.rows) for play in played)
+    stops = [f"{_name(play.move).replace('_', ' ')}: {play.run.stop_reason}" for play in played if play.run.stop_reason]
+    whole = [play.run.stop_reason is None and len(play.run.rows) == len(play.table.servos) for play in played]
+    figures |= free_figures(scenario, None, steps, steps * scenario.simulation.timestep_s, wall)
+    return figures | {
+        "path_done": sum(whole) / asked,
+        "protective_stop": "; ".join(stops) or None,
+        "interrupted": any(play.run.interrupted for play in played),
+    }
 
 
 def _rows_in(play: PlayedMove, phase: int) -> NDArray[Any]:
@@ -192,26 +194,6 @@ def _is_whole(play: PlayedMove) -> bool:
 
 def _name(move: Move) -> str:
     return f"{move.mode}_{move.direction}_{move.pace}"
-
-
-def _of_run(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
-    """The figures every experiment reports."""
-    steps = sum(len(play.run.rows) for play in played)
-    simulated = steps * scenario.simulation.timestep_s
-    stops = [f"{_name(play.move).replace('_', ' ')}: {play.run.stop_reason}" for play in played if play.run.stop_reason]
-    whole = [play.run.stop_reason is None and len(play.run.rows) == len(play.table.servos) for play in played]
-    return {
-        "path_done": sum(whole) / asked,
-        "protective_stop": "; ".join(stops) or None,
-        "interrupted": any(play.run.interrupted for play in played),
-        "faults_missed": [],
-        "T_base_work": None,
-        "simulated_s": simulated,
-        "wall_s": wall,
-        "real_time_factor": simulated / wall if wall else 0.0,
-        "steps": steps,
-        "seed": scenario.seed,
-    }
 
 
 def run_teach(scenario: Scenario, observer: Observer | None = None) -> RunResult:

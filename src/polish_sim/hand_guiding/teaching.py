@@ -12,6 +12,8 @@ from scipy.signal import butter, sosfiltfilt
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
+from polish_sim.geometry.surface import ClosestPoints
+from polish_sim.hand_guiding.figures import distance_to_chord
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import unit
 
@@ -62,9 +64,13 @@ def teach_path(
         return Taught(_path(points, axes, np.zeros(len(points))), len(corners), 0.0)
     found = surface.closest(points)
     off = float(np.linalg.norm(points - found.positions, axis=1).max())
+    return Taught(path_through(surface, found), len(corners), off)
+
+
+def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
+    """A path through points of a part, all of it process; the part's normals are the tool axes."""
     along = unit(np.gradient(found.positions, axis=0))
-    curvature = surface.normal_curvature(found.facets, found.barycentric, along)
-    return Taught(_path(found.positions, found.normals, curvature), len(corners), off)
+    return _path(found.positions, found.normals, surface.normal_curvature(found.facets, found.barycentric, along))
 
 
 def simplified(points: Array, tolerance: float) -> Indices:
@@ -74,20 +80,13 @@ def simplified(points: Array, tolerance: float) -> Indices:
         first, last = stack.pop()
         if last - first < 2:
             continue
-        off = _distance_to_chord(points[first + 1 : last], points[first], points[last])
+        off = distance_to_chord(points[first + 1 : last], points[first], points[last])
         furthest = int(off.argmax())
         if off[furthest] > tolerance:
             middle = first + 1 + furthest
             kept.add(middle)
             stack += [(first, middle), (middle, last)]
     return np.array(sorted(kept))
-
-
-def _distance_to_chord(points: Array, first: Array, last: Array) -> Array:
-    """Distances of points (n, 3) to the line from one point to another, ends included, (n,)."""
-    chord = last - first
-    share = np.clip((points - first) @ chord / max(float(chord @ chord), 1e-300), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(points - first - share[:, None] * chord, axis=1))
 
 
 def _low_passed(record: Recording, filter_hz: float) -> Recording:

@@ -16,10 +16,11 @@ from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.exchange import read_way_points
+from polish_sim.experiments.free_space import free_figures, free_log, log_every
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
-from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
+from polish_sim.log import RunLog, Trace
 from polish_sim.motion import forward, inverse_near, track
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.rules.chain import Chain, build_chain
@@ -103,21 +104,8 @@ class RulePlay(NamedTuple):
 
 def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
     """One log of all rules, one after the other, each at its own time from 0; column ``rule`` counts them."""
-    rate = scenario.simulation.log_rate_hz
-    every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
-    log = from_rows(np.concatenate([_rows(play, every) for play in plays]))
-    added = {
-        "rule": [np.full(len(play.time), k, dtype=float) for k, play in enumerate(plays)],
-        "target_q_rad": [play.targets.q for play in plays],
-        "target_qd_rad_s": [play.targets.first for play in plays],
-        "target_qdd_rad_s2": [play.targets.second for play in plays],
-        "target_qddd_rad_s3": [play.targets.third for play in plays],
-    }
-    if is_real(scenario):
-        added["encoder_q_rad"] = [play.played.read for play in plays]
-    for name, columns in added.items():
-        log = with_column(log, name, np.concatenate([column[::every] for column in columns]))
-    return log
+    every, real = log_every(scenario), is_real(scenario)
+    return free_log([_columns(play, number, every, real) for number, play in enumerate(plays)])
 
 
 def trace_of_rule(play: RulePlay) -> Trace:
@@ -135,18 +123,16 @@ def trace_of_rule(play: RulePlay) -> Trace:
     )  # fmt: skip
 
 
-def _rows(play: RulePlay, every: int) -> Array:
-    """Packed rows of the log; what a path in free space does not have is zero."""
-    time = play.time[::every]
-    (tips, frames), (wanted, wanted_frames) = (
-        _tool(play.played.q[::every], play.played.table),
-        _tool(play.targets.q[::every]),
-    )
-    known = {
+def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, Array]:
+    """Columns of the log."""
+    time, played, targets = play.time[::every], play.played, play.targets
+    (tips, frames), (wanted, wanted_frames) = _tool(played.q[::every], played.table), _tool(targets.q[::every])
+    read = {"encoder_q_rad": played.read[::every]} if real else {}
+    return {
         "time_s": time,
-        "q_rad": play.played.q[::every],
-        "qd_rad_s": play.played.qd[::every],
-        "torque_nm": play.played.torque[::every],
+        "q_rad": played.q[::every],
+        "qd_rad_s": played.qd[::every],
+        "torque_nm": played.torque[::every],
         "tcp_position_m": tips,
         "tcp_quaternion_wxyz": Rotation.from_matrix(frames).as_quat(scalar_first=True),
         "target_position_m": wanted,
@@ -154,12 +140,13 @@ def _rows(play: RulePlay, every: int) -> Array:
         "tcp_speed_m_s": _speed(tips, time),
         "path_s_m": play.place[::every],
         "phase": np.full(len(time), float(PLAYED)),
+        "rule": np.full(len(time), float(number)),
+        "target_q_rad": targets.q[::every],
+        "target_qd_rad_s": targets.first[::every],
+        "target_qdd_rad_s2": targets.second[::every],
+        "target_qddd_rad_s3": targets.third[::every],
+        **read,
     }
-    rows = np.zeros((len(time), row_width()))
-    for name, (start, width) in row_layout().items():
-        if name in known:
-            rows[:, start : start + max(width, 1)] = known[name].reshape(len(time), -1)
-    return rows
 
 
 def _tool(q: Array, table: Array = NOMINAL) -> tuple[Array, Array]:
@@ -200,7 +187,9 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
         figures |= _named(name, "", {"cycle_time_s": smoothed.schedule.end} | _peaks_over_limits(play, task.limits))
     figures |= _compared(own, task.limits, "") | _compared(even, task.limits, "_at_equal_time")
     figures |= {"rules": list(made), "joint_jerk_limits_rad_s3": list(task.limits.joint_jerk), "equal_time_s": slowest}
-    figures |= _of_run(own + even, scenario, task, time.perf_counter() - started)
+    plays, wall = own + even, time.perf_counter() - started
+    simulated, steps = sum(float(play.time[-1]) for play in plays), sum(len(play.time) for play in plays)
+    figures |= free_figures(scenario, task.arm.T_base_work, steps, simulated, wall)
     return RunResult(scenario, log_of_rules(own, scenario), trace_of_rule(own[-1]), figures, None, False)
 
 
@@ -236,23 +225,6 @@ def _compared(plays: list[RulePlay], limits: SmoothingLimits, when: str) -> dict
         if rule != REFERENCE:
             figures |= _named(rule, when, compare_tracking(play, known[REFERENCE], np.array(limits.joint_jerk)))
     return figures
-
-
-def _of_run(plays: list[RulePlay], scenario: Scenario, task: SmoothTask, wall: float) -> dict[str, Any]:
-    """The figures every experiment reports."""
-    simulated = sum(float(play.time[-1]) for play in plays)
-    return {
-        "path_done": 1.0,
-        "interrupted": False,
-        "protective_stop": None,
-        "faults_missed": [],
-        "T_base_work": task.arm.T_base_work.tolist(),
-        "simulated_s": simulated,
-        "wall_s": wall,
-        "real_time_factor": simulated / wall,
-        "steps": sum(len(play.time) for play in plays),
-        "seed": scenario.seed,
-    }
 
 
 def _named(rule: str, when: str, figures: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,52 @@
+"""Log and common figures of an arm in free space, whose runs the cell's loop does not record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.config import Scenario
+from polish_sim.log import RunLog, from_rows, row_layout, row_width, with_column
+
+
+def log_every(scenario: Scenario) -> int:
+    """Steps of the simulation from one row of the log to the next."""
+    rate = scenario.simulation.log_rate_hz
+    return max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+
+
+def free_log(parts: Sequence[Mapping[str, Array]]) -> RunLog:
+    """One log of several parts of a run, one after the other, each with its own time.
+
+    A part holds columns of the log by name, (n,) or (n, k), those of ``log.LATER`` last; what is not there is zero.
+    """
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    rows = np.zeros((len(columns["time_s"]), row_width()))
+    for name, (start, width) in row_layout().items():
+        if name in columns:
+            rows[:, start : start + max(width, 1)] = columns.pop(name).reshape(len(rows), -1)
+    log = from_rows(rows)
+    for name, values in columns.items():
+        log = with_column(log, name, values)
+    return log
+
+
+def free_figures(
+    scenario: Scenario, T_base_work: Array | None, steps: int, simulated: float, wall: float
+) -> dict[str, Any]:
+    """The figures every experiment reports, of a run that went to its end; times in s."""
+    return {
+        "path_done": 1.0,
+        "protective_stop": None,
+        "interrupted": False,
+        "faults_missed": [],
+        "T_base_work": None if T_base_work is None else T_base_work.tolist(),
+        "simulated_s": simulated,
+        "wall_s": wall,
+        "real_time_factor": simulated / wall if wall else 0.0,
+        "steps": steps,
+        "seed": scenario.seed,
+    }
