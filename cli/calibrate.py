@@ -12,9 +12,19 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.calibrate_budget import budget
-from polish_sim.cli.calibrate_pair import arm, base, refuse_beside_data, tcp
+from polish_sim.cli.calibrate_pair import (
+    CALIBRATION,
+    arm,
+    base,
+    each_seed,
+    refuse_beside_data,
+    tcp,
+    write_found,
+    write_seeds,
+)
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
+from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config import Scenario
 from polish_sim.config.key import SENSOR
@@ -22,7 +32,6 @@ from polish_sim.errors import count_text
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS, PAYLOAD_SCENARIO
 
 if TYPE_CHECKING:
-    from polish_sim.cli.outcome import Outcome
     from polish_sim.experiments import PayloadCalibration
 
 UNFINISHED: Final = ".seed"
@@ -70,7 +79,6 @@ calibrate.command("budget", cls=PanelledCommand, short_help="Where the error of 
 
 def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
     """Calibrate one simulated robot and write its folder."""
-    from polish_sim.cli.outcome import Outcome
     from polish_sim.experiments import run_payload_calibration
 
     with console.progress() as observer:
@@ -83,33 +91,23 @@ def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
 
 def many_seeds(scenario: Scenario, drift: bool, seeds: Sequence[int], draft: Path) -> Outcome:
     """Calibrate with each seed, a folder each; what is checked is the worst seed of each figure."""
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.cli.outcome import Outcome
     from polish_sim.cli.seeds import aggregate
     from polish_sim.experiments import run_payload_calibration
 
-    runs: dict[int, Mapping[str, Any]] = {}
-    interrupted = False
-    with console.progress() as observer:
-        observer.stage(f"calibrate {count_text(len(seeds), 'seed')}")
-        try:
-            for seed in seeds:
-                found = run_payload_calibration(replace(scenario, seed=seed), drift)
-                # Renamed when whole, so that breaking off leaves no folder with half of its files.
-                unfinished = draft / UNFINISHED
-                unfinished.mkdir()
-                _write(unfinished, found)
-                unfinished.rename(draft / f"seed-{seed:04d}")
-                runs[seed] = found.figures
-                observer.progress(len(runs), len(seeds))
-        except KeyboardInterrupt:
-            if not runs:
-                raise
-            interrupted = True
-            shutil.rmtree(draft / UNFINISHED, ignore_errors=True)
+    unfinished = draft / UNFINISHED
+
+    def calibrated(seed: int) -> Mapping[str, Any]:
+        found = run_payload_calibration(replace(scenario, seed=seed), drift)
+        # Renamed when whole, so that breaking off leaves no folder with half of its files.
+        unfinished.mkdir()
+        _write(unfinished, found)
+        unfinished.rename(draft / f"seed-{seed:04d}")
+        return found.figures
+
+    runs, interrupted = each_seed(seeds, calibrated)
+    shutil.rmtree(unfinished, ignore_errors=True)
     mean, worst = aggregate(PAYLOAD_CLAIMS, list(runs.values()))
-    table = {"experiment": "calibrate-payload", "seeds": list(runs), "mean": mean, "worst": worst}
-    write_json(draft / METRICS, table | {"runs": runs, "versions": package_versions()})
+    write_seeds(draft, "calibrate-payload", runs, {"mean": mean, "worst": worst})
     columns = {"mean": mean, "worst seed": worst}
     return Outcome(PAYLOAD_CLAIMS, f"payload, {count_text(len(runs), 'seed')}", columns, interrupted=interrupted)
 
@@ -117,7 +115,6 @@ def many_seeds(scenario: Scenario, drift: bool, seeds: Sequence[int], draft: Pat
 def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
     """Calibrate from a file of a real robot's poses and readings and write its folder."""
     from polish_sim.calibration import read_readings
-    from polish_sim.cli.outcome import Outcome
     from polish_sim.experiments import calibrate_from
 
     found = calibrate_from(read_readings(file), drift)
@@ -128,15 +125,12 @@ def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
 
 def _write(folder: Path, found: PayloadCalibration) -> None:
     from polish_sim.analysis.payload_plot import DriftData, ResidualData, plot_drift, plot_residuals
-    from polish_sim.analysis.run_record import CONFIG, METRICS, package_versions, write_json
+    from polish_sim.analysis.run_record import CONFIG
     from polish_sim.calibration import residual_table, write_calibration
-    from polish_sim.experiments.report import save_plots
     from polish_sim.scenario_file import to_toml
 
     estimate, readings = found.estimate, found.readings
-    write_calibration(folder / "calibration.toml", estimate)
-    (folder / "residuals.csv").write_text(residual_table(readings, estimate, found.q), encoding="utf-8")
-    write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
+    write_calibration(folder / CALIBRATION, estimate)
     if found.scenario is not None:
         (folder / CONFIG).write_text(to_toml(found.scenario), encoding="utf-8")
     data = ResidualData(
@@ -145,7 +139,7 @@ def _write(folder: Path, found: PayloadCalibration) -> None:
     plots = {"residuals.png": plot_residuals(data, "Calibration of the payload", _facts(found))}
     if found.long_run is not None:
         plots["drift.png"] = plot_drift(DriftData(*found.long_run))
-    save_plots(folder, plots)
+    write_found(folder, found.figures, residual_table(readings, estimate, found.q), plots)
 
 
 def _facts(found: PayloadCalibration) -> list[str]:

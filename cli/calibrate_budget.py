@@ -8,17 +8,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from polish_sim.cli import console
-from polish_sim.cli.calibrate_pair import PANEL, noise_option
+from polish_sim.cli.calibrate_pair import PANEL, chosen, noise_option
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
 
 if TYPE_CHECKING:
-    from polish_sim.cli.outcome import Outcome
     from polish_sim.dual.budget import PairBudgetTrial, Share
 
 LEAST_DRAWS: Final = 30
+SETTINGS: Final = {
+    "--tracker-noise": "tracker_noise_m", "--touch-noise": "touch_noise_m", "--marks": "marks",
+    "--closing": "closing_touches",
+}  # fmt: skip
+"""Options that set a key of section dual."""
 
 
 @takes(
@@ -37,26 +42,18 @@ def budget(given: Given) -> int:
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.budget import PairBudgetTrial
 
-    settings = {
-        "tracker_noise_m": given["--tracker-noise"],
-        "touch_noise_m": given["--touch-noise"],
-        "marks": given["--marks"],
-        "closing_touches": given["--closing"],
-    }
-    trial = PairBudgetTrial()
-    chosen = {name: value for name, value in settings.items() if value is not None}
-    own = {name: given[f"--{name}"] for name in ("draws", "seed") if given[f"--{name}"] is not None}
-    trial = replace(trial, dual=replace(trial.dual, **chosen), **own)
+    trial = PairBudgetTrial(**chosen(given, "draws", "seed"))
+    settings = {key: given[name] for name, key in SETTINGS.items() if given[name] is not None}
+    trial = replace(trial, dual=replace(trial.dual, **settings))
     with claimed(given["--out"], "calibrate-budget", given["--overwrite"]) as folder:
-        outcome = budget_once(trial, LEAST_DRAWS, folder.draft)
+        outcome = budget_once(trial, folder.draft)
     return outcome.finish(folder.final, check=bool(given["--check"]))
 
 
-def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
-    """Predict, draw, compare and write; broken off, what was drawn is kept if it is ``least`` draws or more."""
+def budget_once(trial: PairBudgetTrial, draft: Path) -> Outcome:
+    """Predict, draw, compare and write; broken off, what was drawn is kept if it is `LEAST_DRAWS` or more."""
     import numpy as np
 
-    from polish_sim.cli.outcome import Outcome
     from polish_sim.dual.budget import TOGETHER, budget_figures, compare_shares, draw_errors, predict
     from polish_sim.dual.plots import plot_budget
     from polish_sim.experiments.report import save_plots
@@ -72,7 +69,7 @@ def budget_once(trial: PairBudgetTrial, least: int, draft: Path) -> Outcome:
                 drawn.append(errors)
                 observer.progress(len(drawn), trial.draws)
         except KeyboardInterrupt:
-            if len(drawn) < least:
+            if len(drawn) < LEAST_DRAWS:
                 raise
             interrupted = True
     covariances = prediction.covariances
@@ -95,9 +92,7 @@ def _write(draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], fig
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 
     sources = {name: share._asdict() for name, share in shares.items()}
-    settings = {
-        name: getattr(trial.dual, name) for name in ("tracker_noise_m", "touch_noise_m", "marks", "closing_touches")
-    }
+    settings = {name: getattr(trial.dual, name) for name in SETTINGS.values()}
     settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
     record = {"experiment": "calibrate-budget", "settings": settings, **figures, "sources": sources}
     write_json(draft / METRICS, record | {"versions": package_versions()})

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
@@ -17,13 +18,15 @@ from polish_sim.errors import InputError, count_text, leave_out, unknown_name
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.figure import Figure
 
-    from polish_sim.analysis.claim import Claim
-    from polish_sim.cli.outcome import Outcome
     from polish_sim.dual.arms import PairArms
     from polish_sim.dual.calibrate_bases import ArmsFound, BasesFound
     from polish_sim.dual.calibrate_tcp import TcpCalibration
 
+Figures = Mapping[str, Any]
+
+CALIBRATION: Final = "calibration.toml"
 PANEL: Final = "Instrument and measurements"
 LARGEST_NOISE: Final = 10.0  #: [mm]
 CLAIMS_OF_METHOD: Final = {"circles": "base", "poses": "base-poses", "handshake": "base-poses"}
@@ -47,14 +50,18 @@ def noise_option(name: str, of: str, default: str) -> Own:
     return Own(name, PANEL, "MM", text, float, 0.0, LARGEST_NOISE, MM)
 
 
-class Calibrated(NamedTuple):
-    """A calibration and how it is written and shown."""
+class Means(NamedTuple):
+    """One of the three calibrations, as its options ask for it: how it is done, written and shown."""
 
-    claims: Sequence[Claim]
-    title: str
-    figures: Mapping[str, Any]
-    notes: tuple[str, ...]
-    write: Callable[[Path], None]
+    kind: str  #: Of the table of many seeds; its claims, unless others are named
+    what: str  #: What is found, for titles
+    how: str  #: From simulated measurements, for titles
+    claims: str  #: Those of simulated measurements
+    data_claims: str  #: Those of a file
+    run: Callable[[int], Any]  #: Simulates and calibrates with a seed
+    read: Callable[[Path], Any]  #: Calibrates from a file
+    notes: Callable[[Any], tuple[str, ...]]
+    write: Callable[[Any, Path], None]
 
 
 @takes(
@@ -73,26 +80,22 @@ def tcp(given: Given) -> int:
     from polish_sim.dual.calibrate_tcp import TcpTrial, calibrate_tcp_from, run_tcp_calibration
     from polish_sim.dual.calibration.tool import read_tool_measurements
 
-    claims = CALIBRATIONS["tcp-gears" if _elastic(given) else "tcp"]
-    trial = TcpTrial(**_chosen(given, "noise", "poses", "cone", "seed"))
+    trial = TcpTrial(**chosen(given, "noise", "poses", "cone"))
     if given["--cell-tool"]:
         from polish_sim.cell import tool_on_flange
 
         trial = replace(trial, T_flange_tool=tool_on_flange())
 
-    def simulated(seed: int) -> Calibrated:
+    def run(seed: int) -> TcpCalibration:
         gears = _gears(given, seed)
         read = gears and gears[0].reading("follower", gears[1])
-        found = run_tcp_calibration(replace(trial, seed=seed, read=read))
-        write = partial(_write_tcp, found)
-        return Calibrated(claims, f"tool frame, seed {seed}", found.figures, _tcp_notes(found), write)
+        return run_tcp_calibration(replace(trial, seed=seed, read=read))
 
-    def measured(file: Path) -> Calibrated:
-        found = calibrate_tcp_from(read_tool_measurements(file))
-        title, write = f"tool frame from {file.name}", partial(_write_tcp, found)
-        return Calibrated(CALIBRATIONS["tcp-data"], title, found.figures, _tcp_notes(found), write)
+    def measured(file: Path) -> TcpCalibration:
+        return calibrate_tcp_from(read_tool_measurements(file))
 
-    return _calibrate("tcp", "tool frame", claims, given, simulated, measured)
+    claims = "tcp-gears" if _elastic(given) else "tcp"
+    return _calibrate(given, Means("tcp", "tool frame", "", claims, "tcp-data", run, measured, _tcp_notes, _write_tcp))
 
 
 @takes(
@@ -110,26 +113,23 @@ def base(given: Given) -> int:
     from polish_sim.dual.calibrate_bases import BaseTrial, calibrate_base_from, run_base_calibration
     from polish_sim.dual.calibration.bases import method_named, read_base_measurements
 
-    method, pair = given["--method"] or "circles", given["--pair"] or "simulated"
+    method = given["--method"] or "circles"
     method_named(method)
-    trial = BaseTrial(method, **_chosen(given, "noise", "points", "seed"))
+    trial = BaseTrial(method, **chosen(given, "noise", "points"))
     kind = CLAIMS_OF_METHOD[method]
     if _elastic(given) and method == "handshake":
         raise InputError("--arm ur5e is for --method circles and poses: 'handshake' simulates no joints.")
-    claims = CALIBRATIONS["base-gears" if _elastic(given) else kind]
 
-    def simulated(seed: int) -> Calibrated:
+    def run(seed: int) -> BasesFound:
         gears = _gears(given, seed)
-        found = run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
-        title, write = f"bases by {method}, seed {seed}", partial(_write_base, found, method, pair)
-        return Calibrated(claims, title, found.figures, _base_notes(found), write)
+        return run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
 
-    def measured(file: Path) -> Calibrated:
-        found = calibrate_base_from(read_base_measurements(file, method))
-        title, write = f"bases from {file.name}", partial(_write_base, found, method, pair)
-        return Calibrated(CALIBRATIONS[f"{kind}-data"], title, found.figures, _base_notes(found), write)
+    def measured(file: Path) -> BasesFound:
+        return calibrate_base_from(read_base_measurements(file, method))
 
-    return _calibrate(kind, f"bases by {method}", claims, given, simulated, measured)
+    claims, write = "base-gears" if _elastic(given) else kind, partial(_write_base, _pair(given))
+    how = f" by {method}"
+    return _calibrate(given, Means(kind, "bases", how, claims, f"{kind}-data", run, measured, _base_notes, write))
 
 
 @takes(
@@ -149,26 +149,19 @@ def arm(given: Given) -> int:
     from polish_sim.dual.calibrate_bases import ArmTrial, calibrate_arm_from, run_arm_calibration
     from polish_sim.dual.calibration.arm import Tolerance, read_tracked
 
-    usual, pair = ArmTrial(), given["--pair"] or "simulated"
-    length, angle = given["--length-error"], given["--angle-error"]
-    tolerance = Tolerance(
-        usual.tolerance.length if length is None else length, usual.tolerance.angle if angle is None else angle
-    )
-    trial = replace(usual, tolerance=tolerance, **_chosen(given, "noise", "poses", "seed"))
+    errors = {"length": given["--length-error"], "angle": given["--angle-error"]}
+    tolerance = Tolerance()._replace(**{name: error for name, error in errors.items() if error is not None})
+    trial = ArmTrial(tolerance, **chosen(given, "noise", "poses"))
 
-    def calibrated(found: ArmsFound, kind: str, title: str) -> Calibrated:
-        write = partial(_write_arm, found, pair)
-        return Calibrated(CALIBRATIONS[kind], title, found.figures, _arm_notes(found), write)
-
-    def simulated(seed: int) -> Calibrated:
+    def run(seed: int) -> ArmsFound:
         gears = _gears(given, seed)
-        rest = gears and partial(gears[0].rest, rng=gears[1])
-        return calibrated(run_arm_calibration(replace(trial, seed=seed, rest=rest)), "arm", f"arms, seed {seed}")
+        return run_arm_calibration(replace(trial, seed=seed, rest=gears and partial(gears[0].rest, rng=gears[1])))
 
-    def measured(file: Path) -> Calibrated:
-        return calibrated(calibrate_arm_from(read_tracked(file)), "arm-data", f"arms from {file.name}")
+    def measured(file: Path) -> ArmsFound:
+        return calibrate_arm_from(read_tracked(file))
 
-    return _calibrate("arm", "arms", CALIBRATIONS["arm"], given, simulated, measured)
+    write = partial(_write_arm, _pair(given))
+    return _calibrate(given, Means("arm", "arms", "", "arm", "arm-data", run, measured, _arm_notes, write))
 
 
 def _elastic(given: Given) -> bool:
@@ -199,69 +192,53 @@ def refuse_beside_data(given: Given, *simulated: str) -> None:
         raise InputError(leave_out(idle, "would change nothing with --data"))
 
 
-def _chosen(given: Given, *names: str) -> dict[str, Any]:
+def chosen(given: Given, *names: str) -> dict[str, Any]:
     """Options that were given, by the names of a trial's fields."""
     return {name: given[f"--{name}"] for name in names if given[f"--{name}"] is not None}
 
 
-def _calibrate(
-    kind: str,
-    what: str,
-    claims: Sequence[Claim],
-    given: Given,
-    simulated: Callable[[int], Calibrated],
-    measured: Callable[[Path], Calibrated],
-) -> int:
-    """Calibrate from a file, once, or with many seeds, write the folder and show the outcome."""
-    from polish_sim.cli.outcome import Outcome
+def _pair(given: Given) -> str:
+    return given["--pair"] or "simulated"
 
-    command, first = kind.partition("-")[0], given["--seed"] or 0
-    with claimed(given["--out"], f"calibrate-{command}", given["--overwrite"]) as folder:
-        if given["--seeds"] is not None and given["--data"] is None:
-            seeds = range(first, first + given["--seeds"])
-            outcome = _together(f"calibrate-{kind}", claims, what, seeds, simulated, folder.draft)
+
+def _calibrate(given: Given, means: Means) -> int:
+    """Calibrate from a file, once, or with many seeds, write the folder and show the outcome."""
+    data, first = given["--data"], given["--seed"] or 0
+    with claimed(given["--out"], f"calibrate-{means.kind.partition('-')[0]}", given["--overwrite"]) as folder:
+        if given["--seeds"] is not None:
+            outcome = _together(means, range(first, first + given["--seeds"]), folder.draft)
         else:
-            done = simulated(first) if given["--data"] is None else measured(given["--data"])
-            done.write(folder.draft)
-            outcome = Outcome(done.claims, done.title, {"this calibration": done.figures}, notes=done.notes)
+            found = means.run(first) if data is None else means.read(data)
+            means.write(found, folder.draft)
+            claims = CALIBRATIONS[means.claims if data is None else means.data_claims]
+            title = f"{means.what}{means.how}, seed {first}" if data is None else f"{means.what} from {data.name}"
+            outcome = Outcome(claims, title, {"this calibration": found.figures}, notes=means.notes(found))
     return outcome.finish(folder.final, check=bool(given["--check"]))
 
 
-def _together(
-    kind: str,
-    claims: Sequence[Claim],
-    what: str,
-    seeds: Sequence[int],
-    simulated: Callable[[int], Calibrated],
-    draft: Path,
-) -> Outcome:
+def _together(means: Means, seeds: Sequence[int], draft: Path) -> Outcome:
     """Calibrate with each seed: rms and worst value of each figure; broken off, over those that were done."""
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.cli.outcome import Outcome
-
-    runs, interrupted = _each_seed(seeds, simulated)
+    runs, interrupted = each_seed(seeds, lambda seed: means.run(seed).figures)
+    claims = CALIBRATIONS[means.claims]
 
     def over(summary: Callable[[list[float]], float]) -> dict[str, float]:
         known = {c.figure: [run[c.figure] for run in runs.values() if c.figure in run] for c in claims}
         return {figure: summary(values) for figure, values in known.items() if values}
 
     rms, worst = over(lambda values: (sum(value**2 for value in values) / len(values)) ** 0.5), over(max)
-    table = {"experiment": kind, "seeds": list(runs), "rms": rms, "worst": worst, "runs": runs}
-    write_json(draft / METRICS, table | {"versions": package_versions()})
-    title = f"{what}, {count_text(len(runs), 'seed')}"
+    write_seeds(draft, f"calibrate-{means.kind}", runs, {"rms": rms, "worst": worst})
+    title = f"{means.what}{means.how}, {count_text(len(runs), 'seed')}"
     return Outcome(claims, title, {"rms": rms, "worst seed": worst}, interrupted=interrupted)
 
 
-def _each_seed(
-    seeds: Sequence[int], simulated: Callable[[int], Calibrated]
-) -> tuple[dict[int, Mapping[str, Any]], bool]:
+def each_seed(seeds: Sequence[int], calibrate: Callable[[int], Figures]) -> tuple[dict[int, Figures], bool]:
     """Figures by seed, and whether the user broke off after the first."""
-    runs: dict[int, Mapping[str, Any]] = {}
+    runs: dict[int, Figures] = {}
     with console.progress() as observer:
         observer.stage(f"calibrate {count_text(len(seeds), 'seed')}")
         try:
             for seed in seeds:
-                runs[seed] = simulated(seed).figures
+                runs[seed] = calibrate(seed)
                 observer.progress(len(runs), len(seeds))
         except KeyboardInterrupt:
             if not runs:
@@ -270,17 +247,30 @@ def _each_seed(
     return runs, False
 
 
-def _write_tcp(done: TcpCalibration, folder: Path) -> None:
+def write_seeds(folder: Path, kind: str, runs: Mapping[int, Figures], columns: Mapping[str, Figures]) -> None:
+    """Write the figures of many seeds, and what is made of them."""
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.dual.calibration.tool import tool_table, write_tool_calibration
-    from polish_sim.dual.plots import plot_tool
+
+    table = {"experiment": kind, "seeds": list(runs), **columns, "runs": runs, "versions": package_versions()}
+    write_json(folder / METRICS, table)
+
+
+def write_found(folder: Path, figures: Figures, residuals: str, plots: Mapping[str, Figure]) -> None:
+    """Write what stands beside every calibration.toml: figures, the table of residuals, and plots."""
+    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
     from polish_sim.experiments.report import save_plots
 
-    found, measured = done.found, done.measured
-    write_tool_calibration(folder / "calibration.toml", done.figures, found)
-    (folder / "residuals.csv").write_text(tool_table(measured, found), encoding="utf-8")
-    write_json(folder / METRICS, {**done.figures, "versions": package_versions()})
-    save_plots(folder, {"tool.png": plot_tool(done)})
+    (folder / "residuals.csv").write_text(residuals, encoding="utf-8")
+    write_json(folder / METRICS, {**figures, "versions": package_versions()})
+    save_plots(folder, plots)
+
+
+def _write_tcp(done: TcpCalibration, folder: Path) -> None:
+    from polish_sim.dual.calibration.tool import tool_table, write_tool_calibration
+    from polish_sim.dual.plots import plot_tool
+
+    write_tool_calibration(folder / CALIBRATION, done.figures, done.found)
+    write_found(folder, done.figures, tool_table(done.measured, done.found), {"tool.png": plot_tool(done)})
 
 
 def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
@@ -292,18 +282,13 @@ def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
     return (*notes, f"tip on the flange: {x:.3f}, {y:.3f}, {z:.3f} mm; std {_mm(tip.std)} mm")
 
 
-def _write_base(done: BasesFound, method: str, pair: str, folder: Path) -> None:
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.dual.calibration.bases import method_named, write_base_calibration
+def _write_base(pair: str, done: BasesFound, folder: Path) -> None:
+    from polish_sim.dual.calibration.bases import write_base_calibration
     from polish_sim.dual.plots import plot_bases
-    from polish_sim.experiments.report import save_plots
 
-    found = done.found
-    write_base_calibration(folder / "calibration.toml", found, pair, done.figures.get("true_transform"))
-    table = method_named(method).table(done.measured, found)
-    (folder / "residuals.csv").write_text(table, encoding="utf-8")
-    write_json(folder / METRICS, {**done.figures, "pair": pair, "versions": package_versions()})
-    save_plots(folder, {"bases.png": plot_bases(done)})
+    write_base_calibration(folder / CALIBRATION, done.found, pair, done.figures.get("true_transform"))
+    table = done.measured.table(done.found)
+    write_found(folder, {**done.figures, "pair": pair}, table, {"bases.png": plot_bases(done)})
 
 
 def _base_notes(done: BasesFound) -> tuple[str, ...]:
@@ -329,16 +314,13 @@ def _base_notes(done: BasesFound) -> tuple[str, ...]:
     return (*notes, f"follower's base in the master's: {_mm(position)} mm; std {_mm(std)} mm")
 
 
-def _write_arm(done: ArmsFound, pair: str, folder: Path) -> None:
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+def _write_arm(pair: str, done: ArmsFound, folder: Path) -> None:
     from polish_sim.dual.calibration.arm import tracked_table, write_arm_calibration
     from polish_sim.dual.plots import plot_arms
-    from polish_sim.experiments.report import save_plots
 
-    write_arm_calibration(folder / "calibration.toml", done.found, pair, done.true)
-    (folder / "residuals.csv").write_text(tracked_table(done.tracked, done.found), encoding="utf-8")
-    write_json(folder / METRICS, {**done.figures, "pair": pair, "versions": package_versions()})
-    save_plots(folder, {"arms.png": plot_arms(done)})
+    write_arm_calibration(folder / CALIBRATION, done.found, pair, done.true)
+    table = tracked_table(done.measured, done.found)
+    write_found(folder, {**done.figures, "pair": pair}, table, {"arms.png": plot_arms(done)})
 
 
 def _arm_notes(done: ArmsFound) -> tuple[str, ...]:

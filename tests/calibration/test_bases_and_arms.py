@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.dual.arms import lone_arms
 from polish_sim.dual.calibrate_bases import (
     HIGH,
@@ -26,20 +26,18 @@ from polish_sim.dual.calibration.circle import (
     base_from_circles,
     base_from_meeting_axes,
     fit_circle,
-    fit_circle_without_outliers,
 )
 from polish_sim.dual.calibration.matched_points import (
     fit_frame,
-    fit_frame_without_outliers,
+    moved_frame,
     point_covariance,
     relative_frame,
 )
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward, link_frames
 from polish_sim.motion.kinematics import NOMINAL, table_slopes
-from polish_sim.spatial import apply, from_pose, inverse, transform
+from polish_sim.spatial import apply, from_pose, inverse
 
-Array = NDArray[np.float64]
 T_TRACKER_BASE = from_pose([2.5, -0.8, -0.4, 0.1, -0.2, 2.0])
 TARGET, SIGMA = np.array([-0.03, 0.02, 0.05]), 3e-5
 SECTORS = ((-60.0, 60.0), (-120.0, 0.0))
@@ -57,8 +55,10 @@ def noisy(points: Array, rng: np.random.Generator) -> Array:
     return points + SIGMA * rng.standard_normal(points.shape)
 
 
-def angle(R_a: Array, R_b: Array) -> float:
-    return float(Rotation.from_matrix(R_a.T @ R_b).magnitude())
+def step_from(true: Array, T: Array) -> Array:
+    """Displacement [m] and rotation [rad] from a frame to another, outer axes."""
+    turn = Rotation.from_matrix(T[:3, :3] @ true[:3, :3].T).as_rotvec()
+    return np.concatenate([T[:3, 3] - true[:3, 3], turn])
 
 
 def test_an_exact_arc_gives_its_circle() -> None:
@@ -73,17 +73,12 @@ def test_an_exact_arc_gives_its_circle() -> None:
     assert found.arc == pytest.approx(2.1, abs=1e-9)
 
 
-def test_exact_arcs_give_the_base() -> None:
-    found = base_from_circles(fit_circle(arc(0)), fit_circle(arc(1)))
-    np.testing.assert_allclose(found.T, T_TRACKER_BASE, atol=2e-12)
-    assert found.gap < 1e-12
-
-
-def test_where_the_other_joints_stand_does_not_matter() -> None:
+@pytest.mark.parametrize("offsets", [np.zeros(6), np.r_[0.0, 0.0, np.random.default_rng(3).uniform(-0.2, 0.2, 4)]])
+def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets: Array) -> None:
     """Encoder offsets of the joints beyond: the target runs other circles about the same axes."""
-    offsets = np.concatenate([[0.0, 0.0], np.random.default_rng(3).uniform(-0.2, 0.2, 4)])
     found = base_from_circles(fit_circle(arc(0, offsets=offsets)), fit_circle(arc(1, offsets=offsets)))
     np.testing.assert_allclose(found.T, T_TRACKER_BASE, atol=2e-12)
+    assert found.gap < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -94,8 +89,7 @@ def test_the_base_is_as_good_as_asked_and_as_stated(rule: Callable[..., BaseFram
     exact = [arc(0), arc(1)]
     for _ in range(300):
         base = rule(*(fit_circle(noisy(points, rng), SIGMA) for points in exact))
-        turn = Rotation.from_matrix(base.T[:3, :3] @ T_TRACKER_BASE[:3, :3].T).as_rotvec()
-        errors.append(np.concatenate([base.T[:3, 3] - T_TRACKER_BASE[:3, 3], turn]))
+        errors.append(step_from(T_TRACKER_BASE, base.T))
         found.append(base)
     errors, covariance = np.array(errors), found[0].covariance
     # Mahalanobis distances average to the number of unknowns.
@@ -115,17 +109,10 @@ def test_axes_that_do_not_meet_are_not_made_to() -> None:
     assert base_from_circles(*circles).gap == pytest.approx(5e-4, abs=6e-5)
 
 
-def test_a_wrong_reading_of_the_tracker_is_named() -> None:
-    points = noisy(arc(0), np.random.default_rng(2))
-    points[17] += [0.0, 2e-3, 0.0]
-    assert np.flatnonzero(~fit_circle_without_outliers(points).used).tolist() == [17]
-
-
 @pytest.mark.parametrize(
     ("first", "second", "said"),
     [
         (arc(0), arc(0), "nearly parallel"),
-        (1e3 * arc(0), 1e3 * arc(1), "Wrong unit"),
         (arc(0)[:, [1, 0, 2]], arc(1)[:, [1, 0, 2]], "left-handed"),
         (arc(0), arc(1)[::-1], "arc of axis 2 runs against"),
         (arc(0)[::-1], arc(1), "arc of axis 1 runs against"),
@@ -140,7 +127,6 @@ def test_arcs_of_no_ur5e_are_refused(first: Array, second: Array, said: str) -> 
 @pytest.mark.parametrize(
     ("points", "said"),
     [
-        (arc(0)[:5], "5 points are too few for a circle"),
         (np.outer(np.arange(9.0), [1.0, 2.0, 3.0]), "on a line"),
         (np.ones((9, 3)), "in one place"),
         (arc(0, sector=(0.0, 20.0)), "arc of 20 deg is too short"),
@@ -163,16 +149,9 @@ def test_errors_of_a_frame_from_points_are_as_stated() -> None:
     rng, seen, distances = np.random.default_rng(9), apply(T_TRACKER_BASE, CLOUD), []
     for _ in range(1500):
         found = fit_frame(noisy(seen, rng), CLOUD, SIGMA)
-        turn = Rotation.from_matrix(found.x[:3, :3] @ T_TRACKER_BASE[:3, :3].T).as_rotvec()
-        error = np.concatenate([found.x[:3, 3] - T_TRACKER_BASE[:3, 3], turn])
+        error = step_from(T_TRACKER_BASE, found.x)
         distances.append(error @ np.linalg.solve(found.covariance, error))
     assert np.mean(distances) == pytest.approx(6.0, rel=0.06)
-
-
-def test_one_point_off_is_named() -> None:
-    seen = noisy(apply(T_TRACKER_BASE, CLOUD), np.random.default_rng(1))
-    seen[5] += [0.0, 0.0, 2e-3]
-    assert np.flatnonzero(~fit_frame_without_outliers(seen, CLOUD).used).tolist() == [5]
 
 
 @pytest.mark.parametrize(
@@ -181,7 +160,6 @@ def test_one_point_off_is_named() -> None:
         (CLOUD[:2], CLOUD[:2], "2 points give no frame"),
         (np.outer(np.arange(5.0), [1.0, 1.0, 0.0]), np.outer(np.arange(5.0), [0.0, 1.0, 1.0]), "lie on a line"),
         (1e3 * CLOUD, CLOUD, "are units mixed"),
-        (CLOUD[:, [1, 0, 2]], CLOUD, "mirror image"),
     ],
 )
 def test_points_that_give_no_frame_are_refused(seen: Array, own: Array, said: str) -> None:
@@ -194,17 +172,10 @@ def test_covariance_of_a_base_in_another_is_that_of_the_errors() -> None:
     T_b = from_pose([1.0, 1.5, -0.3, 0.0, 0.1, -1.0])
     root = [1e-5 * rng.standard_normal((6, 6)) for _ in range(2)]
     _, stated = relative_frame(T_TRACKER_BASE, root[0] @ root[0].T, T_b, root[1] @ root[1].T)
-
-    def moved(T: Array, step: Array) -> Array:
-        return transform(Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3])
-
     truth, errors = inverse(T_TRACKER_BASE) @ T_b, []
     for _ in range(4000):
-        one = inverse(moved(T_TRACKER_BASE, root[0] @ rng.standard_normal(6))) @ moved(
-            T_b, root[1] @ rng.standard_normal(6)
-        )
-        turn = Rotation.from_matrix(one[:3, :3] @ truth[:3, :3].T).as_rotvec()
-        errors.append(np.concatenate([one[:3, 3] - truth[:3, 3], turn]))
+        a, b = (moved_frame(T, L @ rng.standard_normal(6)) for T, L in zip((T_TRACKER_BASE, T_b), root, strict=True))
+        errors.append(step_from(truth, inverse(a) @ b))
     np.testing.assert_allclose(np.cov(np.array(errors).T), stated, atol=0.08 * stated.max())
     at_a_metre = point_covariance(stated, np.array([1.0, 0.0, 0.0]))
     drawn = np.array(errors)[:, :3] + np.cross(np.array(errors)[:, 3:], [1.0, 0.0, 0.0])
@@ -219,7 +190,7 @@ POINT = np.array([0.01, -0.02, 0.1])
 def test_slopes_of_the_table_are_those_of_differences() -> None:
     table, step = NOMINAL + 0.01 * RNG.standard_normal((4, 6)), 1e-6
 
-    def tips(table: np.ndarray) -> np.ndarray:
+    def tips(table: Array) -> Array:
         T = link_frames(Q, table)[:, 6]
         return T[:, :3, :3] @ POINT + T[:, :3, 3]
 
@@ -231,7 +202,7 @@ def test_slopes_of_the_table_are_those_of_differences() -> None:
 def test_exact_measurements_give_an_arm_that_predicts_exactly() -> None:
     table, T = NOMINAL + 5e-4 * RNG.standard_normal((4, 6)), from_pose([2.0, 1.0, -0.5, 0.1, 0.2, 1.0])
 
-    def seen(q: np.ndarray) -> np.ndarray:
+    def seen(q: Array) -> Array:
         frames = T @ link_frames(q, table)[:, 6]
         return frames[:, :3, :3] @ POINT + frames[:, :3, 3]
 
@@ -251,11 +222,6 @@ def test_half_a_millimetre_in_the_table_comes_back_below_a_seventh(seed: int) ->
 def test_arms_as_their_table_says_are_not_made_worse() -> None:
     figures = run_arm_calibration(ArmTrial(tolerance=ArmTrial().tolerance._replace(length=1e-9, angle=1e-9))).figures
     assert figures["relative_error_m"] == pytest.approx(figures["relative_error_nominal_m"], rel=1e-3)
-
-
-def test_too_few_poses_are_refused() -> None:
-    with pytest.raises(CalibrationError, match="19 poses cannot tell"):
-        fit_placement(TrackedArm(Q[:19], np.zeros((19, 3))))
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.calibration import (
     GRAVITY,
     PayloadReadings,
@@ -23,7 +23,6 @@ from polish_sim.calibration.payload_file import TIME, WRENCH
 from polish_sim.calibration.tables import MATRIX, QUATERNION, ROTATION_VECTOR
 from polish_sim.errors import CalibrationError, InputError
 
-Array = NDArray[np.float64]
 MASS, CENTER = 2.0, np.array([0.002, -0.0013, 0.0896])
 BIAS = np.array([1.5, -2.4, 2.9, 0.08, -0.05, 0.02])
 THETA = np.concatenate([[MASS], MASS * CENTER, BIAS])
@@ -81,13 +80,6 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent() -> Non
         np.testing.assert_allclose(score.mean(axis=0), 0.0, atol=0.09)
 
 
-def test_turning_the_world_about_gravity_changes_nothing() -> None:
-    errors = NOISE * np.random.default_rng(6).standard_normal((12, 6))
-    turn = Rotation.from_rotvec([0.0, 0.0, 1.1]).as_matrix()
-    here, there = fit_payload(readings_in(POSES, errors=errors)), fit_payload(readings_in(turn @ POSES, errors=errors))
-    np.testing.assert_allclose(there.theta, here.theta, atol=1e-12)
-
-
 def test_turning_the_sensor_turns_centre_and_bias_with_it() -> None:
     turn = Rotation.from_rotvec([0.4, -1.0, 0.3]).as_matrix()  # R_turned_sensor
     noise = np.random.default_rng(7).standard_normal((12, 2, 3)) * np.array([[0.05], [0.002]])
@@ -123,12 +115,6 @@ def test_readings_without_their_times_cannot_show_a_drift() -> None:
     still = readings_in(POSES)
     with pytest.raises(CalibrationError, match=r"cannot tell the drift.*its time"):
         fit_payload(PayloadReadings(np.zeros(12), POSES.copy(), still.wrenches.copy()), drift=True)
-
-
-def test_readings_of_the_opposite_sign_are_named() -> None:
-    first = readings_in(POSES)
-    with pytest.raises(CalibrationError, match="opposite sign"):
-        fit_payload(PayloadReadings(first.time.copy(), POSES.copy(), -first.wrenches))
 
 
 def test_a_mirror_is_no_orientation() -> None:
@@ -183,7 +169,8 @@ def test_when_too_many_disagree_nobody_is_believed() -> None:
 
 def test_of_a_few_readings_none_is_left_out() -> None:
     first = knocked(np.random.default_rng(1), {0: PUSH})
-    assert fit_without_outliers(first.rows(np.arange(12) < 6)).used.all()
+    few = PayloadReadings(*(column[:6].copy() for column in (first.time, first.R_base_sensor, first.wrenches)))
+    assert fit_without_outliers(few).used.all()
 
 
 TURNS = Rotation.from_matrix(POSES)
@@ -245,11 +232,4 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, said: st
     file = tmp_path / "readings.csv"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=said):
-        read_readings(file)
-
-
-def test_a_picture_is_no_csv(tmp_path: Path) -> None:
-    file = tmp_path / "readings.csv"
-    file.write_bytes(b"\x89PNG\xff\xfe\x00")
-    with pytest.raises(InputError, match="not a text file"):
         read_readings(file)

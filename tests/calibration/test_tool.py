@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.dual.arms import lone_arms
 from polish_sim.dual.calibrate_bases import Q_NEAR
 from polish_sim.dual.calibrate_tcp import TcpTrial, run_tcp_calibration
@@ -32,7 +32,6 @@ from polish_sim.dual.calibration.tool_checks import (
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.spatial import from_pose, transform
 
-Array = NDArray[np.float64]
 TIP, POINT = np.array([0.03, -0.02, 0.21]), np.array([-0.4, 0.1, 0.3])
 SIGMA = 5e-5
 
@@ -53,38 +52,27 @@ def test_exact_touches_give_the_tip_to_a_picometre(count: int) -> None:
         np.testing.assert_allclose(found.touched, POINT, atol=1e-12)
 
 
-def test_over_many_draws_the_error_is_the_cramer_rao_bound() -> None:
+def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covariance() -> None:
     """The mean square of 4000 draws tells the rms to 0.65%."""
     rng, R = np.random.default_rng(1), planned()
-    errors = [fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))).point - TIP for _ in range(4000)]
-    rms = float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1))))
+    found = [fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))) for _ in range(4000)]
+    errors = np.array([np.concatenate([one.point - TIP, one.touched - POINT]) for one in found])
+    rms = float(np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))))
     assert 0.98 < rms / point_error_bound(R, SIGMA) <= 1.02
     assert rms <= 3.3e-5
+    stated = fit_tool_point(touches(R), SIGMA).covariance
+    scale = np.sqrt(np.diag(stated))
+    np.testing.assert_allclose(np.cov(errors.T) / np.outer(scale, scale), stated / np.outer(scale, scale), atol=0.08)
+    assert np.mean([one.noise for one in found]) == pytest.approx(SIGMA, rel=0.03)
 
 
-def test_the_stated_covariance_is_that_of_the_errors() -> None:
-    rng, R = np.random.default_rng(2), planned(7)
-    found = [fit_tool_point(touches(R, SIGMA * rng.standard_normal((7, 3))), SIGMA) for _ in range(3000)]
-    errors = np.array([np.concatenate([one.point - TIP, one.touched - POINT]) for one in found])
-    scale = np.sqrt(np.diag(found[0].covariance))
-    np.testing.assert_allclose(
-        np.cov(errors.T) / np.outer(scale, scale), found[0].covariance / np.outer(scale, scale), atol=0.08
-    )
-    assert np.mean([fit_tool_point(touches(R, SIGMA * rng.standard_normal((7, 3)))).noise for _ in range(500)]) == (
-        pytest.approx(SIGMA, rel=0.03)
-    )
-
-
-@pytest.mark.parametrize("count", range(4, 21))
 @pytest.mark.parametrize("cone", [30.0, 45.0, 62.0, 90.0])
-def test_the_planner_reaches_the_best_a_cone_allows(count: int, cone: float) -> None:
-    best = SIGMA * np.sqrt((2.0 + 1.0 / np.sin(np.radians(cone)) ** 2) / count)
-    assert point_error_bound(planned(count, cone), SIGMA) == pytest.approx(best, rel=1e-9)
-
-
-@pytest.mark.parametrize("count", [4, 7, 10])
-def test_from_62_degrees_on_the_plan_is_within_5_percent_of_the_best_there_is(count: int) -> None:
-    assert point_error_bound(planned(count, 62.0), SIGMA) <= 1.05 * SIGMA * np.sqrt(3.0 / count)
+def test_the_planner_reaches_the_best_a_cone_allows(cone: float) -> None:
+    for count in range(4, 21):
+        best = SIGMA * np.sqrt((2.0 + 1.0 / np.sin(np.radians(cone)) ** 2) / count)
+        assert point_error_bound(planned(count, cone), SIGMA) == pytest.approx(best, rel=1e-9)
+        # From 62 deg on that is within 5% of the best there is.
+        assert cone < 62.0 or best <= 1.05 * SIGMA * np.sqrt(3.0 / count)
 
 
 def spin(count: int) -> Array:
@@ -118,22 +106,13 @@ def test_a_cone_spun_the_other_way_tells() -> None:
     np.testing.assert_allclose(fit_tool_point(touches(coning(8, -1.0))).point, TIP, atol=1e-12)
 
 
-@pytest.mark.parametrize("wrong", range(10))
-def test_a_touch_two_millimetres_off_is_named_and_left_out(wrong: int) -> None:
-    rng = np.random.default_rng(wrong)
-    errors = SIGMA * rng.standard_normal((10, 3))
+@pytest.mark.parametrize("wrong", [*([k] for k in range(10)), [2, 7]])
+def test_touches_two_millimetres_off_are_named_and_left_out(wrong: list[int]) -> None:
+    errors = SIGMA * np.random.default_rng(wrong[0]).standard_normal((10, 3))
     errors[wrong] += 2e-3 * np.array([0.6, -0.64, 0.48])
     found = fit_tool_point_without_outliers(touches(planned(), errors))
-    assert np.flatnonzero(~found.used).tolist() == [wrong]
+    assert np.flatnonzero(~found.used).tolist() == wrong
     assert np.linalg.norm(found.point - TIP) < 1e-4
-
-
-def test_two_wrong_touches_of_ten_are_both_named() -> None:
-    errors = SIGMA * np.random.default_rng(4).standard_normal((10, 3))
-    errors[2] += [2e-3, 0.0, 0.0]
-    errors[7] += [2e-3, 0.0, 5e-4]
-    found = fit_tool_point_without_outliers(touches(planned(), errors))
-    assert np.flatnonzero(~found.used).tolist() == [2, 7]
 
 
 def test_nothing_is_left_out_of_good_touches() -> None:
@@ -141,13 +120,6 @@ def test_nothing_is_left_out_of_good_touches() -> None:
     for _ in range(200):
         found = fit_tool_point_without_outliers(touches(planned(), SIGMA * rng.standard_normal((10, 3))))
         assert found.used.all()
-
-
-def test_four_wrong_touches_of_ten_are_not_believed() -> None:
-    errors = SIGMA * np.random.default_rng(6).standard_normal((10, 3))
-    errors[:4] += 0.01 * np.random.default_rng(7).standard_normal((4, 3))
-    with pytest.raises(CalibrationError, match="more than 25% of the 10 touches do not fit"):
-        fit_tool_point_without_outliers(touches(planned(), errors))
 
 
 def test_a_left_handed_orientation_is_named() -> None:
@@ -158,25 +130,25 @@ def test_a_left_handed_orientation_is_named() -> None:
 
 
 R_FLANGE_TOOL = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
-TIP_MOVES, SIGMA_MOVES = np.array([0.03, -0.02, 0.21]), 5e-5
+MOVES = np.array([0.03, -0.02, 0.21]), 5e-5
 MOVES = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.1]])
 
 
 def test_exact_moves_give_the_axes() -> None:
     for moves in (MOVES, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [-0.04, 0.0, 0.08]])):
-        R = orientation_from_three_points(moves @ R_FLANGE_TOOL.T, SIGMA_MOVES).R_flange_tool
+        R = orientation_from_three_points(moves @ R_FLANGE_TOOL.T, SIGMA).R_flange_tool
         np.testing.assert_allclose(R, R_FLANGE_TOOL, atol=1e-12)
     many = np.concatenate([MOVES, [[0.0, 0.1, 0.0], [0.05, 0.05, 0.0]]])
     np.testing.assert_allclose(
-        orientation_from_moves(many @ R_FLANGE_TOOL.T, many, SIGMA_MOVES).R_flange_tool, R_FLANGE_TOOL, atol=1e-12
+        orientation_from_moves(many @ R_FLANGE_TOOL.T, many, SIGMA).R_flange_tool, R_FLANGE_TOOL, atol=1e-12
     )
 
 
 def test_positions_come_from_flange_poses_that_also_turned_a_little() -> None:
     turns = Rotation.from_rotvec([[0.5, 0.2, 1.0], [0.51, 0.2, 1.0], [0.5, 0.22, 1.01]]).as_matrix()
     tips = (MOVES @ R_FLANGE_TOOL.T) @ turns[0].T + [0.4, 0.2, 0.1]
-    T_base_flange = transform(turns, tips - turns @ TIP_MOVES)
-    np.testing.assert_allclose(tip_positions_flange(T_base_flange, TIP_MOVES), MOVES @ R_FLANGE_TOOL.T, atol=1e-12)
+    T_base_flange = transform(turns, tips - turns @ TIP)
+    np.testing.assert_allclose(tip_positions_flange(T_base_flange, TIP), MOVES @ R_FLANGE_TOOL.T, atol=1e-12)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.04])
@@ -184,8 +156,8 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
     rng, moves = np.random.default_rng(1), MOVES + np.array([[0.0], [0.0], [1.0]]) * [tilt, 0.0, 0.0]
     errors = []
     for _ in range(3000):
-        points = moves @ R_FLANGE_TOOL.T + SIGMA_MOVES * rng.standard_normal((3, 3))
-        found = orientation_from_three_points(points, SIGMA_MOVES)
+        points = moves @ R_FLANGE_TOOL.T + SIGMA * rng.standard_normal((3, 3))
+        found = orientation_from_three_points(points, SIGMA)
         errors.append(Rotation.from_matrix(R_FLANGE_TOOL.T @ found.R_flange_tool).as_rotvec())
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_allclose(rms, np.sqrt(np.diag(found.covariance)), rtol=0.05)
@@ -199,12 +171,10 @@ def test_more_moves_tell_more_and_their_covariance_is_right() -> None:
     many = np.concatenate([MOVES, [[0.0, 0.1, 0.0], [-0.1, 0.0, 0.0], [0.0, -0.1, 0.0]]])
     errors = []
     for _ in range(2000):
-        found = orientation_from_moves(
-            many @ R_FLANGE_TOOL.T + SIGMA_MOVES * rng.standard_normal((6, 3)), many, SIGMA_MOVES
-        )
+        found = orientation_from_moves(many @ R_FLANGE_TOOL.T + SIGMA * rng.standard_normal((6, 3)), many, SIGMA)
         errors.append(Rotation.from_matrix(R_FLANGE_TOOL.T @ found.R_flange_tool).as_rotvec())
     np.testing.assert_allclose(np.cov(np.array(errors).T), found.covariance, atol=0.08 * found.covariance.max())
-    three = orientation_from_three_points(MOVES @ R_FLANGE_TOOL.T, SIGMA_MOVES)
+    three = orientation_from_three_points(MOVES @ R_FLANGE_TOOL.T, SIGMA)
     assert np.trace(found.covariance) < np.trace(three.covariance)
 
 
@@ -215,25 +185,24 @@ def test_more_moves_tell_more_and_their_covariance_is_right() -> None:
         (np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.005]]), "nearly parallel"),
     ],
 )
-def test_moves_that_cannot_tell_are_refused(moves: np.ndarray, said: str) -> None:
+def test_moves_that_cannot_tell_are_refused(moves: Array, said: str) -> None:
     with pytest.raises(CalibrationError, match=said):
-        orientation_from_three_points(moves, SIGMA_MOVES)
+        orientation_from_three_points(moves, SIGMA)
 
 
 T_FLANGE_TOOL = from_pose([0.01, -0.02, 0.2, 0.1, -0.2, 0.3])
-POINT_FILE = np.array([-0.4, 0.1, 0.3])
 MOVES_FILE = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1.0], [-1, 0, 0]])
 
 
-def flange_at(R: np.ndarray, tips: np.ndarray) -> np.ndarray:
+def flange_at(R: Array, tips: Array) -> Array:
     return transform(R, tips - R @ T_FLANGE_TOOL[:3, 3])
 
 
 R_TOUCHES = plan_touch_orientations(8, 0.8)
 R_MOVES = np.tile(R_TOUCHES[2], (5, 1, 1))
 MEASURED = ToolMeasurements(
-    ToolTouches(flange_at(R_TOUCHES, np.tile(POINT_FILE, (8, 1)))),
-    flange_at(R_MOVES, POINT_FILE + MOVES_FILE @ (R_MOVES[0] @ T_FLANGE_TOOL[:3, :3]).T),
+    ToolTouches(flange_at(R_TOUCHES, np.tile(POINT, (8, 1)))),
+    flange_at(R_MOVES, POINT + MOVES_FILE @ (R_MOVES[0] @ T_FLANGE_TOOL[:3, :3]).T),
     MOVES_FILE,
 )
 

@@ -22,7 +22,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, RAMP_PEAK, MasterRows, time_held, time_let_go
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
-from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, check_load, part_mass
+from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, check_load, volume_and_center
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.geometry import PartMesh, load_part
@@ -111,7 +111,7 @@ def test_both_robots_step_alike_and_the_engine_has_nothing_to_say(
 
 def test_the_master_carries_the_parts_mass() -> None:
     model = scene()
-    mass = part_mass(hub(), 2700.0)
+    mass = 2700.0 * volume_and_center(hub())[0]
     assert mass == pytest.approx(2.03, abs=0.01)
     assert model.body("master_part").mass[0] == pytest.approx(mass)
     assert model.body("master_gripper").mass[0] == pytest.approx(GRIPPER_MASS)

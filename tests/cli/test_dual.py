@@ -2,85 +2,93 @@
 
 from __future__ import annotations
 
-import json
+import shutil
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from polish_sim.cli.boundary import execute
+from polish_sim.cli.main import commands
 from polish_sim.spatial import from_pose
+from tests.cli.conftest import Tool, metrics_of
+
+SHORT = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
 
 
-def test_a_calibration_is_taken_for_what_it_is_of(polish_sim: Callable[..., object], tmp_path: Path) -> None:
-    assert polish_sim("calibrate", "base", "--out", "base")[0] == 0
-    code, out, _ = polish_sim("run", "dual", "--calibration", "base/calibration.toml", "--dry-run")
-    assert code == 0
-    assert "all within reach" in out
-    assert polish_sim("calibrate", "base", "--pair", "cell 7", "--out", "other")[0] == 0
-    code, _, err = polish_sim("run", "dual", "--calibration", "other/calibration.toml", "--out", "run")
-    assert code == 2
-    assert "another pair of robots: 'cell 7'" in err
-    assert polish_sim("calibrate", "tcp", "--out", "tool")[0] == 0
-    code, _, err = polish_sim("run", "dual", "--calibration", "tool/calibration.toml", "--out", "run")
-    assert code == 2
-    assert "from the cell's tool" in err
-    assert "calibrate tcp --cell-tool" in err
-    assert not (tmp_path / "run").exists()
-    assert polish_sim("calibrate", "tcp", "--cell-tool", "--seed", "3", "--check", "--out", "own")[0] == 0
-    code, out, _ = polish_sim("run", "dual", "--calibration", "own/calibration.toml", "--dry-run")
+@pytest.fixture(scope="module")
+def calibrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Calibrations of bases, of another pair's, of a planted tool and of the cell's own, made once."""
+    made = tmp_path_factory.mktemp("calibrations")
+    for name, words in {
+        "base": ("base", "--seed", "1"),
+        "other": ("base", "--pair", "cell 7"),
+        "tool": ("tcp",),
+        "own": ("tcp", "--cell-tool", "--seed", "3", "--check"),
+    }.items():
+        assert execute(commands, ["calibrate", *words, "--out", str(made / name)]) == 0
+    return made
+
+
+@pytest.fixture
+def run_dual(calibrations: Path, polish_sim: Tool, tmp_path: Path) -> Tool:
+    """`run dual` with calibrations by name, in a folder with copies of them."""
+    shutil.copytree(calibrations, tmp_path, dirs_exist_ok=True)
+
+    def run(names: str, *words: object) -> tuple[int, str, str]:
+        taken = [word for name in names.split() for word in ("--calibration", f"{name}/calibration.toml")]
+        code, out, err = polish_sim("run", "dual", *taken, *words)
+        assert (tmp_path / "run").exists() == ("--out" in words and code == 0)
+        return code, out, err.replace("\n", " ")
+
+    return run
+
+
+@pytest.mark.parametrize("name", ["base", "own"])
+def test_a_calibration_is_taken_for_what_it_is_of(name: str, run_dual: Tool) -> None:
+    code, out, _ = run_dual(name, "--dry-run")
     assert code == 0
     assert "all within reach" in out
 
 
 def test_calibrations_of_bases_and_tool_are_both_taken_and_the_cell_stands_as_they_were_made(
-    polish_sim: Callable[..., object], tmp_path: Path
+    run_dual: Tool, tmp_path: Path
 ) -> None:
-    assert polish_sim("calibrate", "base", "--seed", "1", "--out", "base")[0] == 0
-    assert polish_sim("calibrate", "tcp", "--cell-tool", "--out", "tool")[0] == 0
-    both = ("--calibration", "base/calibration.toml", "--calibration", "tool/calibration.toml")
-    short = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
-    code, _, err = polish_sim("run", "dual", *both, *short, "--out", "run")
+    code, _, err = run_dual("base own", *SHORT, "--out", "run")
     assert code == 0, err
     settings = tomllib.loads((tmp_path / "run" / "config.toml").read_text(encoding="utf-8"))["dual"]
     assert Path(settings["bases_file"]).parent.name == "base"
-    assert Path(settings["tool_file"]).parent.name == "tool"
-    planted = json.loads((tmp_path / "base" / "metrics.json").read_text(encoding="utf-8"))["true_transform"]
+    assert Path(settings["tool_file"]).parent.name == "own"
+    planted = metrics_of(tmp_path / "base")["true_transform"]
     np.testing.assert_allclose(from_pose(settings["follower_pose"]), planted, atol=1e-12)
-    code, _, err = polish_sim("run", "dual", "--config", "run/config.toml", "--dry-run")
-    assert code == 0, err
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("names", "words", "said"),
     [
-        (["--calibration", "base/calibration.toml", "--calibration", "base/calibration.toml"], "give one of each"),
-        (["--calibration", "base/calibration.toml", "--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"],
-         "leave one of them out"),
+        ("other", [], "another pair of robots: 'cell 7'"),
+        ("tool", [], r"from the cell's tool"),
+        ("tool", [], "calibrate tcp --cell-tool"),
+        ("base base", [], "give one of each"),
+        ("base", ["--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"], "leave one of them out"),
     ],
-)  # fmt: skip
-def test_calibrations_that_contradict_are_refused(
-    words: list[str], said: str, polish_sim: Callable[..., object], tmp_path: Path
-) -> None:
-    assert polish_sim("calibrate", "base", "--out", "base")[0] == 0
-    code, _, err = polish_sim("run", "dual", *words, "--out", "run")
+)
+def test_calibrations_that_do_not_fit_are_refused(names: str, words: list[str], said: str, run_dual: Tool) -> None:
+    code, _, err = run_dual(names, *words, "--out", "run")
     assert code == 2
-    assert said in err.replace("\n", " ")
-    assert not (tmp_path / "run").exists()
+    assert said in err
 
 
 @pytest.mark.parametrize("spoil", ["transform", "pair", "true_transform", "all"])
-def test_a_spoilt_calibration_is_one_message(spoil: str, polish_sim: Callable[..., object], tmp_path: Path) -> None:
-    assert polish_sim("calibrate", "base", "--out", "base")[0] == 0
+def test_a_spoilt_calibration_is_one_message(spoil: str, run_dual: Tool, tmp_path: Path) -> None:
     file = tmp_path / "base" / "calibration.toml"
     text = file.read_text(encoding="utf-8")
     start = text.index(f"\n{spoil} =") + 1 if spoil != "all" else 0
     file.write_text(text[:start] + f"{spoil} = [[1.0, nan]]\n" if start else "\x00\x01", encoding="utf-8")
-    code, out, err = polish_sim("run", "dual", "--calibration", "base/calibration.toml", "--out", "run")
+    code, out, err = run_dual("base", "--out", "run")
     assert (code, out) == (2, "")
     assert "calibration.toml'" in err
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(
@@ -99,7 +107,7 @@ def test_a_spoilt_calibration_is_one_message(spoil: str, polish_sim: Callable[..
     ],
 )
 def test_what_a_run_of_two_robots_cannot_take_is_refused(
-    polish_sim: Callable[..., object], tmp_path: Path, words: list[str], said: str
+    polish_sim: Tool, tmp_path: Path, words: list[str], said: str
 ) -> None:
     code, _, err = polish_sim("run", "dual", *words, "--out", "run")
     assert code == 2
@@ -107,7 +115,7 @@ def test_what_a_run_of_two_robots_cannot_take_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-def test_two_robots_are_idle_elsewhere(polish_sim: Callable[..., object]) -> None:
+def test_two_robots_are_idle_elsewhere(polish_sim: Tool) -> None:
     code, _, err = polish_sim("plan", "plate", "--master-turn", "5")
     assert code == 2
     assert "--master-turn is for two robots: give --dual as well" in err
@@ -116,7 +124,7 @@ def test_two_robots_are_idle_elsewhere(polish_sim: Callable[..., object]) -> Non
     assert "--standoff would change nothing in 'run surface'" in err
 
 
-def test_a_fault_of_the_master_is_one_of_a_run_of_two(polish_sim: Callable[..., object]) -> None:
+def test_a_fault_of_the_master_is_one_of_a_run_of_two(polish_sim: Tool) -> None:
     code, _, err = polish_sim("run", "dual", "--fault", "master-stop@contact+1", "--dry-run")
     assert code == 0, err
     code, _, err = polish_sim("run", "surface", "--fault", "master-stop@1", "--dry-run")
@@ -124,13 +132,11 @@ def test_a_fault_of_the_master_is_one_of_a_run_of_two(polish_sim: Callable[..., 
     assert "there is no second robot: it is one of 'run dual'" in err
 
 
-def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(
-    polish_sim: Callable[..., object], tmp_path: Path
-) -> None:
+def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim: Tool, tmp_path: Path) -> None:
     code, out, _ = polish_sim("plan", "wheel_hub_rim", "--dual", "--out", "plan")
     assert code == 0
     assert "path length" in out
-    figures = json.loads((tmp_path / "plan" / "metrics.json").read_text())
+    figures = metrics_of(tmp_path / "plan")
     assert figures["chain_residual_m"] < 1e-9
     assert figures["placement_value"] > 0.1
     assert len(figures["q_master_rad"]) == len(figures["q_follower_rad"]) == 6

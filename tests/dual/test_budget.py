@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.config import DualConfig
 from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, Prediction, Share, compare_shares, draw_errors, predict
 from polish_sim.dual.calibration.pair import SOURCES
 
-Array = NDArray[np.float64]
 TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
 ONE_BY_ONE = replace(TRIAL, dual=DualConfig(closing_touches=0))
 
@@ -20,6 +19,12 @@ ONE_BY_ONE = replace(TRIAL, dual=DualConfig(closing_touches=0))
 @pytest.fixture(scope="module")
 def prediction() -> Prediction:
     return predict(TRIAL)
+
+
+@pytest.fixture(scope="module")
+def alone() -> Prediction:
+    """Without closing touches."""
+    return predict(ONE_BY_ONE)
 
 
 @pytest.fixture(scope="module")
@@ -57,10 +62,9 @@ def test_sources_add_up_as_vectors_draw_by_draw(drawn: dict[str, Array]) -> None
     np.testing.assert_allclose(sum(drawn[name] for name in SOURCES), drawn[TOGETHER], atol=1e-7)
 
 
-def test_one_by_one_the_tool_is_off_by_its_tips_bound_wherever_it_works() -> None:
+def test_one_by_one_the_tool_is_off_by_its_tips_bound_wherever_it_works(alone: Prediction) -> None:
     """Closed form for a cone of 45 deg: sigma sqrt((2 + 1 / sin^2 45) / 10)."""
-    tool = predict(ONE_BY_ONE).covariances["tool"]
-    rms = np.sqrt(np.trace(tool, axis1=1, axis2=2))
+    rms = np.sqrt(np.trace(alone.covariances["tool"], axis1=1, axis2=2))
     np.testing.assert_allclose(rms, 5e-5 * np.sqrt(0.4), rtol=1e-6)
 
 
@@ -93,16 +97,19 @@ def test_exact_instruments_put_the_tool_where_it_is_wanted() -> None:
     assert all(not covariance.any() for covariance in predict(exact).covariances.values())
 
 
-def test_the_tool_on_the_part_is_as_close_as_asked_with_or_without_closing_touches(shares: dict[str, Share]) -> None:
-    alone = predict(ONE_BY_ONE).covariances[TOGETHER]
-    assert np.sqrt(np.mean(np.trace(alone, axis1=1, axis2=2))) <= 6e-5
+def test_the_tool_on_the_part_is_as_close_as_asked_with_or_without_closing_touches(
+    shares: dict[str, Share], alone: Prediction
+) -> None:
+    assert np.sqrt(np.mean(np.trace(alone.covariances[TOGETHER], axis1=1, axis2=2))) <= 6e-5
     assert shares[TOGETHER].predicted_rms_m <= 6e-5
     assert shares[TOGETHER].predicted_p95_m <= 1e-4
 
 
-def test_closing_touches_leave_fewer_than_one_calibration_in_fifty_beyond_what_is_asked(prediction: Prediction) -> None:
+def test_closing_touches_leave_fewer_than_one_calibration_in_fifty_beyond_what_is_asked(
+    prediction: Prediction, alone: Prediction
+) -> None:
     """Found one by one it is one in six; touches of what is to be worked on mend that."""
-    assert predict(ONE_BY_ONE).above_share(6e-5) > 0.1
+    assert alone.above_share(6e-5) > 0.1
     assert prediction.above_share(6e-5) < 0.02
 
 

@@ -61,7 +61,7 @@ def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools |
     ``noise``: standard deviation of a coordinate, None takes that of each kind from the residuals; ``used``:
     measurements to use, (n,), None uses all.
     """
-    x, scale = start, _starts(problem, start)
+    x, scale = start, _columns(problem, start, "start")
     used = np.ones(len(problem.residuals(start)), dtype=bool) if used is None else used
     settled = False
     for _ in range(_NOISE_ROUNDS):
@@ -121,11 +121,12 @@ def _covariance(rows: Array) -> Array:
     return np.asarray(inverse @ inverse.T)
 
 
-def _starts(problem: Problem[Any], x: Any) -> Array:
-    scale = np.ones(problem.residuals(x).shape[1])
+def _columns(problem: Problem[Any], x: Any, field: str) -> Array:
+    """A field of the kind of noise of each column, shape (k,)."""
+    values = np.ones(problem.residuals(x).shape[1])
     for kind in problem.noises:
-        scale[kind.columns] = kind.start
-    return scale
+        values[kind.columns] = getattr(kind, field)
+    return values
 
 
 def _noise(problem: Problem[Any], e: Array, taken: Array) -> Array:
@@ -164,7 +165,7 @@ def agreeing(problem: Problem[X], start: X, measurements: str) -> Bools:
 
 def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
     """The fit of least absolute deviations, by reweighting, and the measurements near it."""
-    scale, (count, _, unknowns) = _starts(problem, x), problem.slopes(x).shape
+    scale, (count, _, unknowns) = _columns(problem, x, "start"), problem.slopes(x).shape
     weights = np.ones(count)
     freedom = max(count * len(scale) - unknowns, 1)
     for _ in range(_ROUNDS):
@@ -181,12 +182,9 @@ def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
 
 def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
     """The fit of the measurements used, and all measurements within what noise explains of the fit of the others."""
-    scale, e = _starts(problem, x), problem.residuals(x)
+    scale, floors, e = _columns(problem, x, "start"), _columns(problem, x, "floor"), problem.residuals(x)
     if len(problem.noises) > 1:
         taken = np.full(e.shape[1], problem.slopes(x).shape[2] / e.shape[1])
-        floors = _starts(problem, x)
-        for kind in problem.noises:
-            floors[kind.columns] = kind.floor
         scale = np.maximum(_noise(problem, e[used], taken), floors)
     x = solve(problem, x, used[:, None] / scale**2)
     e, J = problem.residuals(x) / scale, problem.slopes(x) / scale[:, None]
@@ -198,8 +196,7 @@ def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
     total, freedom = float(np.sum(e[used] ** 2)), k * int(used.sum()) - unknowns
     own = used.astype(float)
     others = np.maximum(total - own * distance, 0.0) / np.maximum(freedom - own * k, 1.0)
-    floor = max(kind.floor / float(scale[kind.columns][0]) for kind in problem.noises)
-    noise = np.maximum(others, floor**2)
+    noise = np.maximum(others, float((floors / scale).max()) ** 2)
     return x, np.asarray(distance / noise / k <= _fisher(k, np.maximum(freedom - own * k, 1.0)))
 
 

@@ -102,10 +102,6 @@ class PayloadReadings:
         """Unit vectors against gravity in the sensor frame, shape (n, 3)."""
         return self.R_base_sensor[:, 2, :]
 
-    def rows(self, mask: Bools) -> PayloadReadings:
-        """Some of the readings."""
-        return PayloadReadings(self.time[mask].copy(), self.R_base_sensor[mask].copy(), self.wrenches[mask].copy())
-
 
 @dataclass(frozen=True)
 class PayloadEstimate:
@@ -144,9 +140,14 @@ class PayloadEstimate:
         return np.asarray(self.bias + self.drift * (time - self.zero_time))
 
     @property
+    def std(self) -> Array:
+        """Standard deviations of theta, shape (p,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
     def mass_std(self) -> float:
         """[kg]"""
-        return float(np.sqrt(self.covariance[MASS, MASS]))
+        return float(self.std[MASS])
 
     @property
     def center_covariance(self) -> Array:
@@ -162,12 +163,12 @@ class PayloadEstimate:
     @property
     def bias_std(self) -> Array:
         """[N, N m], shape (6,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)[BIAS]))
+        return self.std[BIAS]
 
     @property
     def drift_std(self) -> Array:
         """[N/s, N m/s], shape (6,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)[DRIFT])) if len(self.theta) > 10 else np.zeros(6)
+        return self.std[DRIFT] if len(self.theta) > 10 else np.zeros(6)
 
 
 def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: float = GRAVITY) -> Array:

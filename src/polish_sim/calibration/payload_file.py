@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, PayloadReadings
-from polish_sim.calibration.tables import QUATERNION, Kind, Measured, read_table, write_table
+from polish_sim.calibration.tables import JOINTS, QUATERNION, Kind, Measured, quaternions_of, read_table, write_table
 from polish_sim.errors import InputError
 from polish_sim.tables import csv_text
 
@@ -23,7 +22,6 @@ PAYLOAD: Final = Kind(
 )
 TIME: Final = "time_s"
 WRENCH: Final = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
-JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
 
 
 class CalibratedTool(NamedTuple):
@@ -95,7 +93,7 @@ def read_readings(file: Path) -> PayloadReadings:
 
 def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Array | None = None) -> str:
     """Readings, residuals and whether each was used, as CSV that ``read_readings`` takes; ``q`` (n, 6) if known."""
-    turns = Rotation.from_matrix(readings.R_base_sensor).as_quat(canonical=True, scalar_first=True)
+    turns = quaternions_of(readings.R_base_sensor)
     names = ["reading", TIME, *QUATERNION, *WRENCH, *(f"residual_{name}" for name in WRENCH), "used"]
     rows = []
     for k in range(len(readings)):

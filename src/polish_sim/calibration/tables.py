@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
@@ -19,20 +19,22 @@ from polish_sim.spatial import transform
 from polish_sim.tables import Columns
 from polish_sim.toml_text import toml_text
 
-ROTATION_TOLERANCE: Final = 1e-3  #: How far R^T R may be from one: the rounding of printed digits
+ROTATION_TOLERANCE: Final = 1e-3  #: For the rounding of printed digits
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
 MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
+JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
+XYZ_MM: Final = ("x_mm", "y_mm", "z_mm")
 UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
 FULL_TURN: Final = 2.0 * np.pi + 0.01  #: A rotation vector is no longer than this [rad]
 _LARGEST_RATIO = 100.0
 REACH: Final = (0.02, 5.0)  #: From any robot's base to its flange or tip, in the middle of all lines [m]
 
 
-def no_rotations(R: Array) -> Bools:
-    """Which of some matrices (n, 3, 3) are no right-handed rotations, shape (n,)."""
+def no_rotations(R: Array, tolerance: float = ROTATION_TOLERANCE) -> Bools:
+    """Which of some matrices (n, 3, 3) are no right-handed rotations, shape (n,); R^T R is one within a tolerance."""
     R = np.clip(R, -2.0, 2.0)  # wrong all the same, and no overflow
-    wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > ROTATION_TOLERANCE
+    wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > tolerance
     return np.asarray(wrong | (np.linalg.det(R) < 0.0))
 
 
@@ -117,6 +119,16 @@ def _from_quaternions(values: Array) -> Array:
     return np.asarray(Rotation.from_quat(safe, scalar_first=True).as_matrix() * scale[:, None, None])
 
 
+def quaternions_of(R: Array) -> Array:
+    """Unit quaternions wxyz (..., 4) of rotations (..., 3, 3), real part positive."""
+    return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True))
+
+
+def mm_texts(lengths: Iterable[float]) -> list[str]:
+    """Lengths [m] as a table's texts in mm."""
+    return [f"{1e3 * length:.9g}" for length in lengths]
+
+
 class Kind(NamedTuple):
     """A kind of calibration.toml."""
 
@@ -186,8 +198,7 @@ class Calibration:
     def pose(self, name: str) -> Array:
         """A pose, shape (4, 4); InputError if it is not there, or is none."""
         T = self.numbers(name, (4, 4))
-        R = np.clip(T[:3, :3], -2.0, 2.0)  # no overflow
-        if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
+        if no_rotations(T[None, :3, :3], 1e-6).any():
             raise InputError(f"'{self.file}': {name} is not a right-handed rotation and a displacement.")
         return transform(T[:3, :3], T[:3, 3])
 

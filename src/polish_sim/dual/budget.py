@@ -20,6 +20,7 @@ from scipy.special import gammainc
 
 from polish_sim.arrays import Array
 from polish_sim.config import DualConfig
+from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.calibration.matched_points import point_slopes
 from polish_sim.dual.calibration.pair import (
     BASES,
@@ -32,7 +33,6 @@ from polish_sim.dual.calibration.pair import (
     adjust_pair,
 )
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN
-from polish_sim.dual.chain import ClosedChain
 from polish_sim.dual.frames import PairFrames, Site, believed_chain, find_parts, tool_errors, touch_marks, true_chain
 from polish_sim.dual.placement import default_poses
 from polish_sim.spatial import apply, transform

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 
@@ -31,12 +31,12 @@ from polish_sim.dual.calibration.bases import (
     Handshake,
     TrackedPoses,
     base_figures,
+    method_named,
 )
-from polish_sim.dual.calibration.matched_points import point_covariance
-from polish_sim.errors import unknown_name
+from polish_sim.dual.calibration.matched_points import frame_offset, point_covariance
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL
-from polish_sim.spatial import apply, from_pose, inverse, rotation_angle
+from polish_sim.spatial import apply, from_pose, inverse
 
 TARGET: Final = np.array([-0.03, 0.02, 0.05])  #: The tracker's target on the flange [m]: outwards, for larger circles
 ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))  #: Joint angles of the arcs of axes 1 and 2 [deg]: the arm stays up
@@ -47,6 +47,22 @@ Q_NEAR: Final = np.array([0.3, -1.6, 1.7, -1.6, -1.5, 0.0])  #: Touches are made
 AWAY: Final = 1.0  #: Where a frame's error at a distance is given [m]
 
 
+M = TypeVar("M")
+F = TypeVar("F")
+
+
+@dataclass(frozen=True)
+class Calibrated(Generic[M, F]):
+    """A calibration and what it rests on."""
+
+    measured: M
+    found: F
+    figures: dict[str, Any]  #: The keys of metrics.json
+    true: F | None = None  #: What the measurements were simulated from, where it is of the same kind
+
+
+Bases = Mapping[str, Array]
+"""Where robots really stand before the tracker: T_tracker_base, robot by robot, each (4, 4)."""
 Flanges = Callable[[str, Array], Array]
 """Where the flange of a robot really is in its base, (n, 4, 4), with its encoders at (n, 6) [rad]."""
 
@@ -62,24 +78,7 @@ class BaseTrial:
     flanges: Flanges | None = None  #: Of arms with gears; None: of arms as their table says
 
 
-class TrueBases(NamedTuple):
-    """Where the robots and the tracker really stand."""
-
-    T_tracker: Mapping[str, Array]  #: T_tracker_base, robot by robot, each (4, 4)
-
-    @property
-    def T_master_follower(self) -> Array:
-        """The follower's base in the master's, shape (4, 4)."""
-        return inverse(self.T_tracker[ROBOTS[0]]) @ self.T_tracker[ROBOTS[1]]
-
-
-@dataclass(frozen=True)
-class BasesFound:
-    """Measurements, calibration and figures."""
-
-    measured: BaseMeasurements
-    found: BaseCalibration
-    figures: dict[str, Any]  #: The keys of metrics.json
+BasesFound = Calibrated[BaseMeasurements, BaseCalibration]
 
 
 def calibrate_base_from(measured: BaseMeasurements) -> BasesFound:
@@ -93,8 +92,7 @@ def run_base_calibration(trial: BaseTrial) -> BasesFound:
 
     Raises InputError for an unknown method, CalibrationError if the measurements do not determine the bases.
     """
-    if trial.method not in SIMULATED:
-        raise unknown_name("method", trial.method, SIMULATED)
+    method_named(trial.method)
     rng = np.random.default_rng([trial.seed, 12])
     truth = planted_bases(rng)
     simulate, count = SIMULATED[trial.method]
@@ -107,16 +105,21 @@ def run_base_calibration(trial: BaseTrial) -> BasesFound:
     return BasesFound(measured, found, figures | {"method": trial.method, "seed": trial.seed})
 
 
-def planted_bases(rng: np.random.Generator) -> TrueBases:
+def planted_bases(rng: np.random.Generator) -> Bases:
     """Two robots that face each other about 1.1 m apart, seen from the side, nothing quite level."""
     small = np.array([0.05, 0.05, 0.02, 0.01, 0.01, 0.1])
     places = np.array([[2.5, -0.8, -0.4, 0.0, 0.0, 2.0], [-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]])
     T_tracker_master, T_master_follower = (from_pose((p + small * rng.uniform(-1.0, 1.0, 6)).tolist()) for p in places)
-    return TrueBases(dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True)))
+    return dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True))
+
+
+def follower_in_master(bases: Bases) -> Array:
+    """T_master_follower, shape (4, 4)."""
+    return inverse(bases[ROBOTS[0]]) @ bases[ROBOTS[1]]
 
 
 def simulate_arcs(
-    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
+    truth: Bases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
 ) -> AxisArcs:
     """Axis 1, then axis 2 of each robot turns, at unrecorded joint angles; without ``flanges``: nominal arms."""
 
@@ -125,9 +128,9 @@ def simulate_arcs(
         first, last = np.radians(ARCS[joint])
         q[:, joint] = np.sort(np.r_[first, last, rng.uniform(first, last, max(count - 2, 0))])[:count]
         own = _target(forward(q) if flanges is None else flanges(robot, q))
-        return apply(truth.T_tracker[robot], own) + noise * rng.standard_normal((count, 3))
+        return apply(truth[robot], own) + noise * rng.standard_normal((count, 3))
 
-    return AxisArcs({robot: (arc(robot, 0), arc(robot, 1)) for robot in truth.T_tracker})
+    return AxisArcs({robot: (arc(robot, 0), arc(robot, 1)) for robot in truth})
 
 
 def _target(T: Array) -> Array:
@@ -136,11 +139,11 @@ def _target(T: Array) -> Array:
 
 
 def simulate_poses(
-    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
+    truth: Bases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
 ) -> BaseMeasurements:
     """Each robot holds the target still in poses all over its workspace; where it is, its joints say."""
     points = {}
-    for robot, T in truth.T_tracker.items():
+    for robot, T in truth.items():
         q = rng.uniform(LOW, HIGH, (count, 6))
         said = _target(forward(q))
         there = said if flanges is None else _target(flanges(robot, q))
@@ -149,10 +152,10 @@ def simulate_poses(
 
 
 def simulate_handshake(
-    truth: TrueBases, count: int, noise: float, rng: np.random.Generator, _flanges: None = None
+    truth: Bases, count: int, noise: float, rng: np.random.Generator, _flanges: None = None
 ) -> BaseMeasurements:
     """Both tools touch points spread between the bases; each tip misses by the noise."""
-    T = truth.T_master_follower
+    T = follower_in_master(truth)
     points = 0.5 * T[:3, 3] + np.array([0.0, 0.0, 0.35]) + rng.uniform(-1.0, 1.0, (count, 3)) * [0.2, 0.4, 0.3]
     own = apply(inverse(T), points)
     return Handshake(*(tips + noise * rng.standard_normal(tips.shape) for tips in (points, own)))
@@ -180,27 +183,23 @@ def _stated(found: BaseCalibration) -> dict[str, Any]:
     return figures | {name: float(max(values)) for name, values in zip(names, (origins, tilts, ends), strict=True)}
 
 
-def _errors(found: BaseCalibration, truth: TrueBases) -> dict[str, Any]:
+def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
     """Calibration minus truth: of each base as the tracker sees it, of one in the other, and a metre away."""
-    T, wanted = found.T_master_follower, truth.T_master_follower
+    T, wanted = found.T_master_follower, follower_in_master(truth)
     figures = _frame_error("relative_", T, wanted)
     # Of a metre away in any direction: rms over the three axes of the follower's base.
     ends = np.concatenate([AWAY * np.eye(3), -AWAY * np.eye(3)])
     figures["point_error_1m_m"] = float(np.sqrt(np.mean(np.sum((apply(T, ends) - apply(wanted, ends)) ** 2, axis=1))))
-    each = [_frame_error("", found.bases[r][0], T_true) for r, T_true in truth.T_tracker.items() if r in found.bases]
+    each = [_frame_error("", found.bases[r][0], T_true) for r, T_true in truth.items() if r in found.bases]
     each = each or [_frame_error("", T, wanted)]
     figures |= {name: max(e[name] for e in each) for name in each[0]}
     return figures | {"true_transform": wanted.tolist()}
 
 
 def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
-    tilt = np.linalg.norm(np.cross(T[:3, 2], wanted[:3, 2]))
-    angle = rotation_angle(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(wanted[:3, :3]))
-    return {
-        f"{prefix}origin_error_m": float(np.linalg.norm(T[:3, 3] - wanted[:3, 3])),
-        f"{prefix}axis_error_rad": float(tilt),
-        f"{prefix}rotation_error_rad": float(angle),
-    }
+    off, angle = frame_offset(T, wanted)
+    tilt = float(np.linalg.norm(np.cross(T[:3, 2], wanted[:3, 2])))
+    return {f"{prefix}origin_error_m": off, f"{prefix}axis_error_rad": tilt, f"{prefix}rotation_error_rad": angle}
 
 
 Rest = Callable[[str, Array], Array]
@@ -218,14 +217,7 @@ class ArmTrial:
     rest: Rest | None = None  #: Of arms with gears; None: rigid
 
 
-@dataclass(frozen=True)
-class ArmsFound:
-    """Measurements, calibration and figures."""
-
-    tracked: Mapping[str, TrackedArm]
-    found: PairTables
-    figures: dict[str, Any]  #: The keys of metrics.json
-    true: PairTables | None = None  #: The arms as they are, if they are simulated
+ArmsFound = Calibrated[Mapping[str, TrackedArm], PairTables]
 
 
 def calibrate_arm_from(tracked: Mapping[str, TrackedArm]) -> ArmsFound:
@@ -243,7 +235,8 @@ def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
     jointly.
     """
     rng = np.random.default_rng([trial.seed, 13])
-    true = planted_arms(trial.tolerance, planted_bases(rng).T_tracker, rng)
+    T_tracker = planted_bases(rng)
+    true = PairTables({robot: built_arm(wrong_table(trial.tolerance, rng), T_tracker[robot]) for robot in ROBOTS})
     rest = trial.rest or rigid
     tracked = simulate_tracked(true, trial.poses, trial.noise, rng, rest)
     q = {robot: rng.uniform(LOW, HIGH, (CHECKS, 6)) for robot in ROBOTS}
@@ -255,11 +248,6 @@ def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
         "seed": trial.seed,
     }
     return ArmsFound(tracked, found, figures, true)
-
-
-def planted_arms(tolerance: Tolerance, T_tracker_base: Mapping[str, Array], rng: np.random.Generator) -> PairTables:
-    """Arms off their table by as much, where they stand before the tracker."""
-    return PairTables({robot: built_arm(wrong_table(tolerance, rng), T_tracker_base[robot]) for robot in ROBOTS})
 
 
 def built_arm(table: Array, T_tracker_base: Array) -> ArmEstimate:

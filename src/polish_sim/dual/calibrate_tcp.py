@@ -8,17 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.dual.calibrate_bases import Q_NEAR
+from polish_sim.dual.calibrate_bases import Q_NEAR, Calibrated
+from polish_sim.dual.calibration.matched_points import frame_offset
 from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements, fit_tool_frame, tool_figures
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, ToolTouches, plan_touch_orientations
 from polish_sim.motion import forward, inverse_near
-from polish_sim.spatial import rotation_angle, transform
+from polish_sim.spatial import transform
 
 Reading = Callable[[Array, Array], Array]
 """Flange poses (n, 4, 4) a host reads, from those the flange really has and the nominal arm's joints there (n, 6)."""
@@ -40,13 +41,7 @@ class TcpTrial:
     read: Reading | None = None  #: What the host reads of an arm with gears; None: of one as its table says
 
 
-@dataclass(frozen=True)
-class TcpCalibration:
-    """Measurements, calibration and figures."""
-
-    measured: ToolMeasurements
-    found: ToolFrameEstimate
-    figures: dict[str, Any]  #: The keys of metrics.json
+TcpCalibration = Calibrated[ToolMeasurements, ToolFrameEstimate]
 
 
 def calibrate_tcp_from(measured: ToolMeasurements) -> TcpCalibration:
@@ -67,14 +62,9 @@ def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
     # Exact touches leave rounding: below a nanometre a stated noise says nothing. Gears err by more than the noise.
     found = fit_tool_frame(measured, trial.noise if trial.noise > 1e-9 and trial.read is None else None)
     figures = tool_figures(measured, found, trial.noise)
-    figures |= {
-        "position_error_m": float(np.linalg.norm(found.tip.point - T_flange_tool[:3, 3])),
-        "rotation_error_rad": rotation_angle(
-            np.ascontiguousarray(found.T_flange_tool[:3, :3]), np.ascontiguousarray(T_flange_tool[:3, :3])
-        ),
-        "true_position_m": T_flange_tool[:3, 3].tolist(),
-        "seed": trial.seed,
-    }
+    off, turn = frame_offset(found.T_flange_tool, T_flange_tool)
+    figures |= {"position_error_m": off, "rotation_error_rad": turn}
+    figures |= {"true_position_m": T_flange_tool[:3, 3].tolist(), "seed": trial.seed}
     bound = math.sqrt(trial.poses) * figures["position_std_m"]
     figures |= {"position_bound_m": bound, "bound_share": figures["position_error_m"] / bound}
     return TcpCalibration(measured, found, figures)

@@ -46,22 +46,14 @@ class MasterTime(NamedTuple):
 def time_let_go(since: Array) -> MasterTime:
     """How the time of the master's rows passes after it was let go from rest, (n,) [s]."""
     ramp = np.clip(since, 0.0, RAMP_S)
-    return MasterTime(np.maximum(since - RAMP_S, 0.0) + _ramped(ramp), _rate(ramp))
+    return MasterTime(np.maximum(since - RAMP_S, 0.0) + _times(ramp), _rates(ramp))
 
 
 def time_held(let_go: float, since: Array) -> MasterTime:
     """How it passes after the master is held again, (n,) [s], having been let go for a time [s]."""
     before = np.array([min(let_go, RAMP_S)])
     ramp = np.clip(before - since, 0.0, RAMP_S)
-    return MasterTime(_ramped(before) - _ramped(ramp), _rate(ramp))
-
-
-def _rate(ramp: Array) -> Array:
-    return np.array([ramp_rate.py_func(float(t)) for t in ramp])
-
-
-def _ramped(ramp: Array) -> Array:
-    return np.array([ramp_time.py_func(float(t)) for t in ramp])
+    return MasterTime(_times(before) - _times(ramp), _rates(ramp))
 
 
 @kernel
@@ -76,6 +68,9 @@ def ramp_time(t: float) -> float:
     """Integral of ``ramp_rate``: what has passed of the master's time by then [s]."""
     early, late = max(t - BUILD_UP, 0.0), max(t - LONGEST_RAMP, 0.0)
     return (t**3 - early**3 - late**3) / (6.0 * BUILD_UP * LONGEST_RAMP)
+
+
+_rates, _times = (np.vectorize(compiled.py_func, otypes=[float]) for compiled in (ramp_rate, ramp_time))
 
 
 class MasterRows(NamedTuple):
@@ -354,14 +349,14 @@ def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Ar
     """
     B, b, work, R = carrier.R_belief, carrier.p_belief, carrier.work, carrier.R_moved
     turn, R_B = work[0:3], work[3:6]
-    multiply_transposed(R_flange, carrier.R_rest, turn)
+    multiply(R_flange, carrier.R_rest.T, turn)
     shift = work[6]
     for i in range(3):
         shift[i] = p_flange[i] - (
             turn[i, 0] * carrier.p_rest[0] + turn[i, 1] * carrier.p_rest[1] + turn[i, 2] * carrier.p_rest[2]
         )  # fmt: skip
     multiply(B, turn, R_B)
-    multiply_transposed(R_B, B, R)
+    multiply(R_B, B.T, R)
     seen = carrier.believed
     for i in range(3):
         carrier.p_moved[i] = b[i] - (R[i, 0] * b[0] + R[i, 1] * b[1] + R[i, 2] * b[2])
@@ -377,11 +372,3 @@ def multiply(A: Array, B: Array, out: Array) -> None:
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
-
-
-@kernel
-def multiply_transposed(A: Array, B: Array, out: Array) -> None:
-    """``A @ B.T`` of two (3, 3) into a third."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]

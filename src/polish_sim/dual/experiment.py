@@ -131,17 +131,13 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
 """What is asked of each calibration of tool, bases and arms; of a user's measurements, whose truth is unknown, less."""
 
 
-def _claims(scenario: Scenario) -> tuple[Claim, ...]:
-    return FREE_CLAIMS if scenario.dual.standoff_m > 0.0 else PRESSING_CLAIMS
-
-
 DUAL: Final = Experiment(
     "dual",
     "two robots: the master moves the part, the follower polishes its rim meanwhile (paper 2)",
     Scenario(experiment="dual", part=PartConfig(file="wheel_hub_rim")),
     run="polish_sim.dual.dual:run_dual",
     prepare="polish_sim.dual.dual:check_dual",
-    claims=_claims,
+    claims=lambda scenario: FREE_CLAIMS if scenario.dual.standoff_m > 0.0 else PRESSING_CLAIMS,
     plots=always({"dual.png": "polish_sim.dual.plots:plot_dual"}),
     comparisons={"dual.png": "polish_sim.dual.plots:plot_dual_runs"},
     options=(

@@ -7,7 +7,7 @@ other robot holds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -19,19 +19,19 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
 from polish_sim.config import DualConfig
-from polish_sim.dual.arms import NOMINAL_ARMS, PairArms
-from polish_sim.dual.calibrate_bases import TrueBases, simulate_arcs
+from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms
+from polish_sim.dual.calibrate_bases import Bases, simulate_arcs
 from polish_sim.dual.calibrate_tcp import Q_NEAR, Reading, TcpTrial, reached, simulate_touches
 from polish_sim.dual.calibration.arm import read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS, read_base_calibration
+from polish_sim.dual.calibration.matched_points import frame_offset
 from polish_sim.dual.calibration.pair import LEAST_NOISE, ClosingTouches, PairAdjustment, PairParts, adjust_pair
 from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point, read_tool_calibration
 from polish_sim.dual.calibration.tool_checks import ToolTouches
-from polish_sim.dual.chain import ClosedChain
 from polish_sim.dual.gripper import GRIPPER_LENGTH
 from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_in_mm
 from polish_sim.geometry import Region, Surface
-from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_angle, rotation_to_axis, transform
+from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_to_axis, transform
 
 T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])  #: Where the simulated tracker sees the master
 ARC_POINTS: Final = 200
@@ -76,9 +76,9 @@ class Site(NamedTuple):
         return self.T_work_tool[:, :3, 3]
 
 
-def tracker_sees(T_master_follower: Array) -> TrueBases:
+def tracker_sees(T_master_follower: Array) -> Bases:
     """Both bases as they really stand before the simulated tracker."""
-    return TrueBases(dict(zip(ROBOTS, (T_TRACKER_MASTER, T_TRACKER_MASTER @ T_master_follower), strict=True)))
+    return dict(zip(ROBOTS, (T_TRACKER_MASTER, T_TRACKER_MASTER @ T_master_follower), strict=True))
 
 
 def find_parts(
@@ -182,7 +182,9 @@ def settled_bases(config: DualConfig) -> DualConfig:
         return config
     read = read_arm_calibration if config.arms_file else read_base_calibration
     planted = read(Path(file), config.pair).T_true
-    if planted is None or _same_pose(config.follower_pose, planted):
+    if planted is None:
+        return config
+    if len(config.follower_pose) == 6 and np.abs(from_pose(config.follower_pose) - planted).max() < SAME_POSE:
         return config
     if config.follower_pose != DualConfig().follower_pose:
         raise ConfigError(
@@ -213,10 +215,6 @@ def _follower_pose(config: DualConfig) -> Array:
             f"there. Give {1e3 * LEAST_APART:g} mm or more, about 1100 mm is good."
         )
     return T
-
-
-def _same_pose(pose: Sequence[float], T: Array) -> bool:
-    return len(pose) == 6 and bool(np.abs(from_pose(pose) - T).max() < SAME_POSE)
 
 
 def _pose_text(T: Array) -> str:
@@ -275,31 +273,19 @@ def _given(config: DualConfig, true: ClosedChain, found: tuple[PairParts, Array]
         T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
         parts = parts._replace(T_master_follower=T)
     if config.bases_file or config.arms_file:
-        _check_bases(config, parts.T_master_follower, true.T_master_follower)
+        T, what = parts.T_master_follower, f"'{config.bases_file or config.arms_file}' puts the follower's base"
+        cure = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
+        _check_near(what, "dual.follower_pose", T, true.T_master_follower, cure)
     if config.tool_file:
-        T = _tool_of(config, true.T_flange_tool)
+        T, what = read_tool_calibration(Path(config.tool_file)), f"'{config.tool_file}' puts the tool"
+        cure = "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own"
+        _check_near(what, "the cell's tool", T, true.T_flange_tool, cure)
         parts, R_flange_tool = parts._replace(tip=T[:3, 3]), T[:3, :3]
     return parts, R_flange_tool
 
 
-def _check_bases(config: DualConfig, T: Array, T_master_follower: Array) -> None:
-    """Refuse a file's place of the follower's base in the master's that is not where it stands."""
-    cure = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
-    what = f"'{config.bases_file or config.arms_file}' puts the follower's base"
-    _check_near(what, "dual.follower_pose", T, T_master_follower, cure)
-
-
-def _tool_of(config: DualConfig, T_flange_tool: Array) -> Array:
-    """The tool on the follower's flange, from a file."""
-    T = read_tool_calibration(Path(config.tool_file))
-    cure = "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own"
-    _check_near(f"'{config.tool_file}' puts the tool", "the cell's tool", T, T_flange_tool, cure)
-    return T
-
-
 def _check_near(what: str, wanted: str, T: Array, T_true: Array, cure: str) -> None:
-    off = float(np.linalg.norm(T[:3, 3] - T_true[:3, 3]))
-    turn = rotation_angle(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T_true[:3, :3]))
+    off, turn = frame_offset(T, T_true)
     if off > FAR_M or turn > FAR_RAD:
         raise CalibrationError(
             f"{what} at {place_in_mm(T[:3, 3])}, {1e3 * off:.1f} mm and {np.degrees(turn):.2f} deg from {wanted}, "

@@ -98,14 +98,9 @@ def volume_and_center(mesh: PartMesh) -> tuple[float, Array]:
     return volume, (volumes @ (a + b + c)) / (4.0 * volume) if volume else np.zeros(3)
 
 
-def part_mass(mesh: PartMesh, density: float) -> float:
-    """Mass of a solid part [kg]."""
-    return density * volume_and_center(mesh)[0]
-
-
 def check_load(mesh: PartMesh, density: float) -> None:
     """Refuse a part that encloses no volume (InputError), or is too heavy for the master (ReachError)."""
-    mass = part_mass(mesh, density)
+    mass = density * volume_and_center(mesh)[0]
     if not mass > 0.0:
         raise InputError(
             f"the part's mesh encloses {1e6 * mass / density:.4g} cm^3, so that the master would carry no mass: it is "

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from polish_sim.arrays import Array
 from polish_sim.calibration.tables import Measured
 from polish_sim.config import DualConfig, Scenario
-from polish_sim.dual.chain import ClosedChain
+from polish_sim.dual.arms import ClosedChain
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.planning import ToolPath
 from polish_sim.spatial import inverse, transform

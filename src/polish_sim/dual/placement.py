@@ -15,7 +15,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.dual.chain import COMFORTABLE, ClosedChain, limit_margin
+from polish_sim.dual.arms import COMFORTABLE, ClosedChain, limit_margin
 from polish_sim.dual.master import MasterMotion, MasterPath, PartWay, master_motion
 from polish_sim.dual.strokes import Visits
 from polish_sim.errors import ReachError

@@ -171,13 +171,13 @@ def plot_bases(done: BasesFound) -> Figure:
 def plot_arms(done: ArmsFound) -> Figure:
     """Tracked points and bases in space, and how far each point was from the fit, nominal table and table found."""
     figure, space, bars = _canvas()
-    everything = {robot: np.ones(len(one.seen), dtype=bool) for robot, one in done.tracked.items()}
+    everything = {robot: np.ones(len(one.seen), dtype=bool) for robot, one in done.measured.items()}
     groups = [
         Group(f"{robot}, {what}", one.seen, np.linalg.norm(arm.residuals, axis=1), everything[robot])
-        for robot, one in done.tracked.items()
+        for robot, one in done.measured.items()
         for what, arm in (("nominal table", fit_placement(one)), ("table found", done.found.arms[robot]))
     ]
-    seen = [Group(robot, one.seen, one.seen[:, 0], everything[robot]) for robot, one in done.tracked.items()]
+    seen = [Group(robot, one.seen, one.seen[:, 0], everything[robot]) for robot, one in done.measured.items()]
     _draw_bases(space, seen, {robot: arm.T_tracker_base for robot, arm in done.found.arms.items()}, "tracker")
     _residual_bars(bars, groups)
     nominal, found = (1e3 * done.figures[name] for name in ("nominal_rms_m", "heldout_rms_m"))

@@ -17,10 +17,9 @@ from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.dual.arms import NOMINAL_ARMS, PairArms, pair_arms, real_arms
+from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joints, pair_arms, real_arms
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
-from polish_sim.dual.chain import ClosedChain, follow_joints
 from polish_sim.dual.checks import MotionCheck, check_length, check_motion
 from polish_sim.dual.frames import PairFrames, Site, calibrated_frames, marks_on, tracker_sees, true_chain
 from polish_sim.dual.gripper import Seat, check_load, seat_part
@@ -100,7 +99,7 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
         made = real_arms(scenario, _scene(job, true), q_work)
         site = Site(_half_way(job, true, drawn.T_master_work), marks, q_work)
     observer.stage("calibrate the robots")
-    stand = tracker_sees(true.T_master_follower).T_tracker
+    stand = tracker_sees(true.T_master_follower)
     arms = pair_arms(scenario.dual, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]), made)
     rng = np.random.default_rng([scenario.seed, FRAMES_STREAM])
     frames = calibrated_frames(scenario.dual, true, site, rng, arms)

@@ -16,7 +16,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.calibration.fit import Problem, solve
-from polish_sim.calibration.tables import Calibration, Kind, Measured, read_table, write_table
+from polish_sim.calibration.tables import JOINTS, XYZ_MM, Calibration, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.bases import ROBOTS, robots_of
 from polish_sim.dual.calibration.matched_points import kabsch, moved_frame, point_slopes, relative_frame
 from polish_sim.errors import CalibrationError, InputError
@@ -36,8 +36,7 @@ ARM: Final = Kind(
     "true_...: of simulated robots only.",
 )
 FAR_M, FAR_RAD = 0.01, 0.02  #: No built UR5e is farther off its table than this [m], [rad]
-JOINTS_RAD = tuple(f"q{k}_rad" for k in range(1, 7))
-JOINTS_DEG = tuple(f"q{k}_deg" for k in range(1, 7))
+JOINTS_DEG: Final = tuple(f"q{k}_deg" for k in range(1, 7))
 TURNS = 2.0  #: No joint of a UR5e turns farther, so that a larger angle is in degrees [full turns]
 
 
@@ -268,7 +267,7 @@ def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
     """
     columns = Measured.read(file, "measurement", "tracked poses of two arms")
     robots = robots_of(columns)
-    given = JOINTS_DEG if JOINTS_DEG[0] in columns.texts else JOINTS_RAD
+    given = JOINTS_DEG if JOINTS_DEG[0] in columns.texts else JOINTS
     columns.need(given, "joint angles as the robot reads them, all in rad or all in deg")
     q = columns.numbers(given) * (np.pi / 180.0 if given is JOINTS_DEG else 1.0)
     wrong = np.abs(q).max(axis=1) > TURNS * 2.0 * np.pi
@@ -284,10 +283,9 @@ def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
 
 def tracked_table(tracked: Mapping[str, TrackedArm], found: PairTables) -> str:
     """The poses with what is left of each after the fit, as CSV that `read_tracked` reads."""
-    names = ["robot", *JOINTS_RAD, "x_mm", "y_mm", "z_mm", "residual_x_mm", "residual_y_mm", "residual_z_mm"]
+    names = ["robot", *JOINTS, *XYZ_MM, *(f"residual_{name}" for name in XYZ_MM)]
     rows = []
     for robot, one in tracked.items():
         for q, seen, left in zip(one.q, one.seen, found.arms[robot].residuals, strict=True):
-            numbers = [f"{value:.12g}" for value in q] + [f"{1e3 * value:.9g}" for value in (*seen, *left)]
-            rows.append([robot, *numbers])
+            rows.append([robot, *(f"{value:.12g}" for value in q), *mm_texts((*seen, *left))])
     return csv_text(names, rows)

@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.calibration.tables import Kind, Measured, read_table, write_table
+from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.circle import BaseFrame, Circle, base_from_meeting_axes, fit_circle_without_outliers
 from polish_sim.dual.calibration.matched_points import fit_frame_without_outliers, relative_frame
 from polish_sim.errors import CalibrationError, InputError, unknown_name
@@ -30,7 +30,6 @@ BASE: Final = Kind(
     "true_transform: of simulated robots only.",
 )
 _NAMES: Final[Mapping[str, str]] = {"1": "master", "2": "follower", "master": "master", "follower": "follower"}
-_XYZ: Final = ("x_mm", "y_mm", "z_mm")
 
 
 class Group(NamedTuple):
@@ -56,10 +55,19 @@ class BaseCalibration(NamedTuple):
 
 
 class BaseMeasurements(Protocol):
-    """Measurements that determine both bases."""
+    """A way to measure bases, and measurements that determine both."""
+
+    @classmethod
+    def read(cls, columns: Measured) -> Self:
+        """Read them from a file, see `read_base_measurements`."""
+        ...
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases; ``noise`` of one coordinate [m], None: the residuals'. CalibrationError if undetermined."""
+        ...
+
+    def table(self, found: BaseCalibration) -> str:
+        """Measurements with what a fit leaves of each, as CSV that reads back."""
         ...
 
 
@@ -68,6 +76,23 @@ class AxisArcs:
     """Target seen by a tracker while axis 1, then axis 2 turns alone, robot by robot."""
 
     arcs: Mapping[str, tuple[Array, Array]]  #: Points by rising joint angle, tracker frame [m], (n, 3) each
+
+    @classmethod
+    def read(cls, columns: Measured) -> Self:
+        """Columns robot, axis, and the target's place."""
+        robots = robots_of(columns)
+        columns.need(["axis"], "which joint turned: 1 or 2")
+        axes = columns.numbers(["axis"])[:, 0]
+        if not np.isin(axes, (1.0, 2.0)).all():
+            row = int(np.argmin(np.isin(axes, (1.0, 2.0))))
+            raise InputError(f"'{columns.file}', {columns.place(row)}: axis is {axes[row]:g}, wanted 1 or 2.")
+        points = columns.points("", "the target's position")
+        which = {robot: [(robots == robot) & (axes == axis) for axis in (1, 2)] for robot in ROBOTS}
+        for robot, masks in which.items():
+            for axis, mask in enumerate(masks, 1):
+                if not mask.any():
+                    raise InputError(f"'{columns.file}' holds no arc of axis {axis} of the {robot}.")
+        return cls({robot: (points[first], points[second]) for robot, (first, second) in which.items()})
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases from four circles."""
@@ -89,12 +114,35 @@ class AxisArcs:
         found = _between(bases, float(np.sqrt(np.mean(np.square(each)))), groups)
         return found._replace(circles=circles, frames=frames)
 
+    def table(self, found: BaseCalibration) -> str:
+        """Points, distances along the radius and the axis, and whether each was used."""
+        rows = []
+        for robot in ROBOTS:
+            for axis, (points, circle) in enumerate(zip(self.arcs[robot], found.circles[robot], strict=True), 1):
+                for point, e, used in zip(points, circle.residuals, circle.used, strict=True):
+                    rows.append([robot, axis, *mm_texts((*point, *e)), int(used)])
+        return csv_text(["robot", "axis", *XYZ_MM, "residual_radial_mm", "residual_axial_mm", "used"], rows)
+
 
 @dataclass(frozen=True)
 class TrackedPoses:
     """A target at points known in the robot's base, seen by a tracker, robot by robot."""
 
     points: Mapping[str, tuple[Array, Array]]  #: Target by the tracker and by the robot, its base [m], (n, 3) each
+
+    @classmethod
+    def read(cls, columns: Measured) -> Self:
+        """Columns robot, the target's place by the robot, and by the tracker."""
+        robots = robots_of(columns)
+        own = columns.reached_points("", "the target's position in the robot's base")
+        seen = columns.points("tracker_", "the target's position seen by the tracker")
+        for robot in ROBOTS:
+            count = int(np.sum(robots == robot))
+            if count < LEAST_POSES:
+                raise CalibrationError(
+                    f"{count} poses of the {robot} are too few for its base: give {LEAST_POSES} or more."
+                )
+        return cls({robot: (seen[robots == robot], own[robots == robot]) for robot in ROBOTS})
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """Both bases by matched points (Kabsch)."""
@@ -108,6 +156,14 @@ class TrackedPoses:
         bases = {robot: (f.x, f.covariance) for robot, f in found.items()}
         return _between(bases, float(np.sqrt(np.mean([f.noise[0] ** 2 for f in found.values()]))), groups)
 
+    def table(self, found: BaseCalibration) -> str:
+        """Points by the robot and by the tracker, how far they are apart, and whether each was used."""
+        rows = []
+        for robot, group in zip(ROBOTS, found.groups, strict=True):
+            for seen, own, left, used in zip(*self.points[robot], group.residuals, group.used, strict=True):
+                rows.append([robot, *mm_texts((*own, *seen, left)), int(used)])
+        return csv_text(["robot", *XYZ_MM, *(f"tracker_{n}" for n in XYZ_MM), "residual_mm", "used"], rows)
+
 
 @dataclass(frozen=True)
 class Handshake:
@@ -116,6 +172,15 @@ class Handshake:
     points_master: Array  #: Master base [m], shape (n, 3)
     points_follower: Array  #: Follower base [m], shape (n, 3)
 
+    @classmethod
+    def read(cls, columns: Measured) -> Self:
+        """Columns of the point in the master's base and in the follower's."""
+        for robot in ROBOTS:
+            if not any(name.startswith(f"{robot}_x") for name in columns.texts):
+                wanted, has = ", ".join(f"{robot}_{name}" for name in XYZ_MM), ", ".join(columns.texts)
+                raise InputError(f"'{columns.file}' holds no touches of the {robot}: wanted {wanted}. It has: {has}.")
+        return cls(*(columns.reached_points(f"{robot}_", f"where the {robot} touched") for robot in ROBOTS))
+
     def fit(self, noise: float | None = None) -> BaseCalibration:
         """The follower's base in the master's; the noise is that of both touches together."""
         both = None if noise is None else float(np.sqrt(2.0)) * noise
@@ -123,6 +188,19 @@ class Handshake:
         distance = np.linalg.norm(found.residuals, axis=1)
         group = Group("touches of both", self.points_master, distance, found.used)
         return BaseCalibration(found.x, found.covariance, float(found.noise[0] / np.sqrt(2.0)), (group,))
+
+    def table(self, found: BaseCalibration) -> str:
+        """Points by both robots, how far they are apart, and whether each was used."""
+        _, _, residuals, touched = found.groups[0]
+        columns = zip(self.points_master, self.points_follower, residuals, touched, strict=True)
+        rows = [[*mm_texts((*a, *b, left)), int(used)] for a, b, left, used in columns]
+        return csv_text([f"{robot}_{n}" for robot in ROBOTS for n in XYZ_MM] + ["residual_mm", "used"], rows)
+
+
+METHODS: Final[Mapping[str, type[BaseMeasurements]]] = MappingProxyType(
+    {"circles": AxisArcs, "poses": TrackedPoses, "handshake": Handshake}
+)
+"""A tracker sees axes 1 and 2 turn, or a target at points the robot knows; or both tools touch the same points."""
 
 
 def _named(what: str, fit: Callable[..., T], *arguments: Any) -> T:
@@ -183,14 +261,6 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
     return CalibratedBases(table.pose("transform"), table.numbers("covariance", (6, 6)), T_true)
 
 
-class Method(NamedTuple):
-    """A way to measure bases: how its file is read and written."""
-
-    read: Callable[[Measured], BaseMeasurements]
-    table: Callable[[BaseMeasurements, BaseCalibration], str]
-    text: str
-
-
 def read_base_measurements(file: Path, method: str) -> BaseMeasurements:
     """Read measurements of two bases by a key of `METHODS`; the columns are those of docs/calibration.md.
 
@@ -200,7 +270,7 @@ def read_base_measurements(file: Path, method: str) -> BaseMeasurements:
     return method_named(method).read(Measured.read(file, "measurement", "measurements of the bases"))
 
 
-def method_named(name: str) -> Method:
+def method_named(name: str) -> type[BaseMeasurements]:
     """A way to measure bases; InputError if there is none of that name."""
     if name not in METHODS:
         raise unknown_name("method", name, METHODS)
@@ -221,84 +291,3 @@ def robots_of(columns: Measured) -> NDArray[np.str_]:
                 "of the tracker."
             )
     return robots
-
-
-def _read_arcs(columns: Measured) -> AxisArcs:
-    robots = robots_of(columns)
-    columns.need(["axis"], "which joint turned: 1 or 2")
-    axes = columns.numbers(["axis"])[:, 0]
-    if not np.isin(axes, (1.0, 2.0)).all():
-        row = int(np.argmin(np.isin(axes, (1.0, 2.0))))
-        raise InputError(f"'{columns.file}', {columns.place(row)}: axis is {axes[row]:g}, wanted 1 or 2.")
-    points = columns.points("", "the target's position")
-    for robot in ROBOTS:
-        for axis in (1, 2):
-            if not ((robots == robot) & (axes == axis)).any():
-                raise InputError(f"'{columns.file}' holds no arc of axis {axis} of the {robot}.")
-    return AxisArcs({r: (points[(robots == r) & (axes == 1.0)], points[(robots == r) & (axes == 2.0)]) for r in ROBOTS})
-
-
-def _read_poses(columns: Measured) -> TrackedPoses:
-    robots = robots_of(columns)
-    own = columns.reached_points("", "the target's position in the robot's base")
-    seen = columns.points("tracker_", "the target's position seen by the tracker")
-    for robot in ROBOTS:
-        count = int(np.sum(robots == robot))
-        if count < LEAST_POSES:
-            raise CalibrationError(
-                f"{count} poses of the {robot} are too few for its base: give {LEAST_POSES} or more."
-            )
-    return TrackedPoses({robot: (seen[robots == robot], own[robots == robot]) for robot in ROBOTS})
-
-
-def _read_handshake(columns: Measured) -> Handshake:
-    for robot in ROBOTS:
-        if not any(name.startswith(f"{robot}_x") for name in columns.texts):
-            raise InputError(
-                f"'{columns.file}' holds no touches of the {robot}: wanted {', '.join(f'{robot}_{n}' for n in _XYZ)}. "
-                f"It has: {', '.join(columns.texts)}."
-            )
-    return Handshake(*(columns.reached_points(f"{robot}_", f"where the {robot} touched") for robot in ROBOTS))
-
-
-def _arc_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
-    assert isinstance(measured, AxisArcs)
-    rows = []
-    for robot in ROBOTS:
-        for axis, (points, circle) in enumerate(zip(measured.arcs[robot], found.circles[robot], strict=True), 1):
-            for point, e, used in zip(points, circle.residuals, circle.used, strict=True):
-                rows.append([robot, axis, *_mm(point), *_mm(e), int(used)])
-    return csv_text(["robot", "axis", *_XYZ, "residual_radial_mm", "residual_axial_mm", "used"], rows)
-
-
-def _pose_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
-    assert isinstance(measured, TrackedPoses)
-    rows = []
-    for robot, group in zip(ROBOTS, found.groups, strict=True):
-        seen, own = measured.points[robot]
-        for k in range(len(own)):
-            rows.append([robot, *_mm(own[k]), *_mm(seen[k]), *_mm(group.residuals[k : k + 1]), int(group.used[k])])
-    return csv_text(["robot", *_XYZ, *(f"tracker_{n}" for n in _XYZ), "residual_mm", "used"], rows)
-
-
-def _handshake_table(measured: BaseMeasurements, found: BaseCalibration) -> str:
-    assert isinstance(measured, Handshake)
-    group = found.groups[0]
-    rows = [
-        [*_mm(a), *_mm(b), *_mm(group.residuals[k : k + 1]), int(group.used[k])]
-        for k, (a, b) in enumerate(zip(measured.points_master, measured.points_follower, strict=True))
-    ]
-    return csv_text([f"{robot}_{n}" for robot in ROBOTS for n in _XYZ] + ["residual_mm", "used"], rows)
-
-
-def _mm(values: Array) -> list[str]:
-    return [f"{1e3 * value:.9g}" for value in values]
-
-
-METHODS: Final[Mapping[str, Method]] = MappingProxyType(
-    {
-        "circles": Method(_read_arcs, _arc_table, "a tracker sees axes 1 and 2 turn"),
-        "poses": Method(_read_poses, _pose_table, "a tracker sees a target at points the robot knows (Kabsch)"),
-        "handshake": Method(_read_handshake, _handshake_table, "both tools touch the same points"),
-    }
-)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.fit import Fit, Problem, agreeing, fit
 from polish_sim.errors import CalibrationError
-from polish_sim.spatial import apply, inverse, skew, transform
+from polish_sim.spatial import apply, inverse, rotation_angle, skew, transform
 
 LEAST_POINTS = 3
 LEAST_WIDTH = 0.02  #: Least width of the points across their longest direction, as a share of it
@@ -101,6 +101,12 @@ def kabsch(points_a: Array, points_b: Array) -> Array:
     U, _, Vt = np.linalg.svd((points_a - mean_a).T @ (points_b - mean_b))
     R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     return transform(R, mean_a - R @ mean_b)
+
+
+def frame_offset(T: Array, wanted: Array) -> tuple[float, float]:
+    """How far a frame (4, 4) is from another: distance of the origins [m] and angle [rad]."""
+    angle = rotation_angle(np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(wanted[:3, :3]))
+    return float(np.linalg.norm(T[:3, 3] - wanted[:3, 3])), angle
 
 
 def relative_frame(

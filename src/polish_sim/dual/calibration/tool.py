@@ -18,7 +18,16 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.fit import Fit, Problem, agreeing, fit
 from polish_sim.calibration.poses import check_poses
-from polish_sim.calibration.tables import QUATERNION, Kind, Measured, read_table, write_table
+from polish_sim.calibration.tables import (
+    QUATERNION,
+    XYZ_MM,
+    Kind,
+    Measured,
+    mm_texts,
+    quaternions_of,
+    read_table,
+    write_table,
+)
 from polish_sim.dual.calibration.matched_points import fit_frame
 from polish_sim.dual.calibration.tool_checks import (
     ToolTouches,
@@ -26,6 +35,7 @@ from polish_sim.dual.calibration.tool_checks import (
     point_error_bound,
     refuse_far_off,
     refuse_swapped,
+    touch_rows,
 )
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.spatial import transform
@@ -41,8 +51,7 @@ TCP: Final = Kind(
 )
 KIND_COLUMN, TOUCH, START, ALONG_X, IN_XZ, MOVE = "kind", "touch", "start", "along_x", "in_xz", "move"
 KINDS: Final = (TOUCH, START, ALONG_X, IN_XZ, MOVE)
-POSITION: Final = ("x_mm", "y_mm", "z_mm")
-MOVED: Final = ("move_x_mm", "move_y_mm", "move_z_mm")
+MOVED: Final = tuple(f"move_{name}" for name in XYZ_MM)
 
 
 class ToolPoint(Fit[Array]):
@@ -90,7 +99,7 @@ def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = 
 
 def _problem(touches: ToolTouches) -> Problem[Array]:
     """R_i p - c = -t_i for the unknowns p, c."""
-    A = np.concatenate([touches.R, np.tile(-np.eye(3), (len(touches), 1, 1))], axis=2)
+    A = touch_rows(touches.R)
     return Problem(lambda x: A @ x + touches.origins, lambda _: A)
 
 
@@ -210,11 +219,10 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
 def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None) -> dict[str, Any]:
     """An estimate under the names of calibration.toml and metrics.json; ``noise``: true one [m], if known."""
     tip, orientation = found.tip, found.orientation
-    turn = Rotation.from_matrix(found.T_flange_tool[:3, :3]).as_quat(canonical=True, scalar_first=True)
     figures: dict[str, Any] = {
         "position_m": tip.point.tolist(),
         "position_m_std": tip.std.tolist(),
-        "quaternion_wxyz": turn.tolist(),
+        "quaternion_wxyz": quaternions_of(found.T_flange_tool[:3, :3]).tolist(),
         "touched_m": tip.touched.tolist(),
         "noise_m": float(tip.noise[0]),
         "position_std_m": float(np.linalg.norm(tip.std)),
@@ -293,7 +301,7 @@ def _the_one(columns: Measured, kinds: NDArray[np.str_], kind: str) -> int:
 
 def tool_table(measured: ToolMeasurements, found: ToolFrameEstimate) -> str:
     """Touches and moves, how far each touch is from the fit, and whether it was used, as CSV that reads back."""
-    names = ["touch", KIND_COLUMN, *POSITION, *QUATERNION, *(f"residual_{axis}_mm" for axis in "xyz"), "used"]
+    names = ["touch", KIND_COLUMN, *XYZ_MM, *QUATERNION, *(f"residual_{name}" for name in XYZ_MM), "used"]
     names += list(MOVED) if measured.moves_tool is not None else []
     moves = np.zeros((0, 3)) if measured.moves_tool is None else measured.moves_tool
     rows = []
@@ -302,11 +310,9 @@ def tool_table(measured: ToolMeasurements, found: ToolFrameEstimate) -> str:
         rows.append([*_pose(k, TOUCH, T), *residual, int(found.tip.used[k]), *([0, 0, 0] if len(moves) else [])])
     kinds = (START, ALONG_X, IN_XZ) if measured.moves_tool is None else (START, *[MOVE] * len(moves))
     for k, (kind, T) in enumerate(zip(kinds, measured.T_base_flange_moves, strict=False)):
-        moved = [f"{1e3 * value:.9g}" for value in moves[k]] if len(moves) else []
-        rows.append([*_pose(k, kind, T), 0, 0, 0, 1, *moved])
+        rows.append([*_pose(k, kind, T), 0, 0, 0, 1, *(mm_texts(moves[k]) if len(moves) else [])])
     return csv_text(names, rows)
 
 
 def _pose(k: int, kind: str, T: Array) -> list[Any]:
-    turn = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True, scalar_first=True)
-    return [k + 1, kind, *(f"{1e3 * value:.9g}" for value in T[:3, 3]), *(f"{value:.12g}" for value in turn)]
+    return [k + 1, kind, *mm_texts(T[:3, 3]), *(f"{value:.12g}" for value in quaternions_of(T[:3, :3]))]

@@ -52,6 +52,11 @@ class ToolTouches:
         return self.T_base_flange[:, :3, 3]
 
 
+def touch_rows(R_base_flange: Array) -> Array:
+    """R_i p - c as a matrix on tip and touched point, shape (n, 3, 6)."""
+    return np.concatenate([R_base_flange, np.tile(-np.eye(3), (len(R_base_flange), 1, 1))], axis=2)
+
+
 def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
     """How far orientations (n, 3, 3) differ along each direction of the flange, least first, and those directions.
 
@@ -125,7 +130,7 @@ def _orientations_otherwise(R: Array) -> Iterator[tuple[Array, str]]:
 
 def _median_left(R: Array, origins: Array) -> float:
     """Median distance of the touches from their fit [m], which a wrong one moves little."""
-    A = np.concatenate([R, np.tile(-np.eye(3), (len(R), 1, 1))], axis=2)
+    A = touch_rows(R)
     theta = np.linalg.lstsq(A.reshape(-1, 6), -origins.ravel(), rcond=None)[0]
     return float(np.median(np.linalg.norm(A @ theta + origins, axis=1)))
 
