@@ -8,10 +8,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import Cell, RealPart, Silent, Stroke, build_scene, no_part, tool_on_flange
+from polish_sim.arrays import Array
+from polish_sim.cell import Cell, CellRun, RealPart, Silent, Stroke, build_scene, no_part, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, feed_pace
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -23,8 +23,8 @@ from polish_sim.motion.timed_path import TimedPath, time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse, transform
+from tests.cell.fields import plane
 
-Array = NDArray[np.float64]
 IDEAL_ARM = "robot.arm=ideal"
 IDEAL_SENSOR = [
     "sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_bias_n=0", "sensor.torque_bias_nm=0",
@@ -107,6 +107,12 @@ def part_under(field: Any, T_base_touch: Array = TOUCH) -> RealPart:
     return RealPart(field, field, np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy())
 
 
+def start_of(stroke: Stroke) -> Array:
+    """T_base_tool at the start of a stroke."""
+    first = stroke.lead_in if stroke.contact else stroke.process
+    return transform(Rotation.from_quat(first.quaternions[0], scalar_first=True).as_matrix(), first.positions[0])
+
+
 def cell_for(
     scenario: Scenario,
     *strokes: Stroke,
@@ -115,12 +121,28 @@ def cell_for(
     controller: Controller | None = None,
 ) -> Cell:
     """A cell at the start of its first stroke, without table."""
-    first = strokes[0].lead_in if strokes[0].contact else strokes[0].process
-    T_start = transform(Rotation.from_quat(first.quaternions[0], scalar_first=True).as_matrix(), first.positions[0])
     return Cell(
         scenario, model if model is not None else build_scene(scenario, None, None), part or no_part(), strokes,
-        joints_at(T_start), controller or build_controller(scenario.controller), np.random.default_rng(scenario.seed),
+        joints_at(start_of(strokes[0])), controller or build_controller(scenario.controller),
+        np.random.default_rng(scenario.seed),
     )  # fmt: skip
+
+
+def on_plane(*changes: str, part: RealPart | None = None, controller: Controller | None = None, **how: float) -> Cell:
+    """An ideal cell that presses on a plane, every step logged; ``how`` as of `pressing_stroke`."""
+    scenario, part = ideal("force", EVERY_STEP, *changes), part or part_under(plane())
+    return cell_for(scenario, pressing_stroke(**how), part=part, controller=controller)  # type: ignore[arg-type]
+
+
+def stopped_at(run: CellRun) -> int:
+    """Step at which a guard stopped a run with steps of 1 ms."""
+    assert run.safety.protective_stop_time_s is not None
+    return round(run.safety.protective_stop_time_s / 0.001)
+
+
+def phases(run: CellRun) -> list[int]:
+    """Phases of a run in their order."""
+    return [int(run.trace.phase[k]) for k in np.flatnonzero(np.diff(run.trace.phase, prepend=-1))]
 
 
 class EachStep(Silent):

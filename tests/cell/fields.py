@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.cell import RealPart
 from polish_sim.cell.real_part import FIELD_BAND, FIELD_SPACING
 from polish_sim.geometry.field_lookup import CELLS, NODES, DistanceField
 
-Array = NDArray[np.float64]
 Distance = Callable[[Array], Array]
 
 
@@ -30,11 +30,13 @@ def sampled(
     return DistanceField(origin, spacing, FIELD_BAND, table, np.ascontiguousarray(bricks, dtype=np.float32))
 
 
+@cache
 def plane() -> DistanceField:
     """The plane z = 0, solid below."""
     return sampled(lambda p: p[..., 2], (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016))
 
 
+@cache
 def sphere(radius: float, spacing: float = FIELD_SPACING) -> DistanceField:
     """The top of a ball of this radius [m], its highest point at the origin."""
     middle = np.array([0.0, 0.0, -radius])

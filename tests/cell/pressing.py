@@ -7,14 +7,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import quad_vec
 from scipy.optimize import brentq
 
+from polish_sim.arrays import Array
 from polish_sim.cell import RealPart, build_pad, press_pad
 from polish_sim.config import PadConfig
 
-Array = NDArray[np.float64]
 DOWN = np.diag([1.0, -1.0, -1.0])  # R_base_pad of a pad that looks straight down
 PAD = PadConfig()
 ELASTIC = replace(PAD, damping_s_m=0.0, friction=0.0)

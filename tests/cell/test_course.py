@@ -2,35 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell import Stroke, build_course
 from polish_sim.cell.course import nearest_earlier
-from polish_sim.config import Scenario
 from polish_sim.control import Course
 from polish_sim.experiments import default_scenario
+from polish_sim.geometry.field_lookup import DistanceField
+from polish_sim.scenario_file import override
 from tests.cell.cells import TOUCH, along_tool, path_through, pressing_stroke, tool_pose
 from tests.cell.fields import plane, sampled, sphere
-from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation, working_depth
+from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation
 
-Array = NDArray[np.float64]
 UPRIGHT = np.array(TOUCH) @ np.diag([1.0, -1.0, -1.0, 1.0])  # pose of a part that is touched at its origin
 FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all on the part [N m/rad]
 
 
-def scenario(*, stepover: float = 0.008) -> Scenario:
-    usual = default_scenario("surface")
-    return replace(usual, plan=replace(usual.plan, stepover_m=stepover))
-
-
-def course_on(field: object, *strokes: Stroke) -> Course:
-    return build_course(scenario(), strokes, field, UPRIGHT)  # type: ignore[arg-type]
+def course_on(field: DistanceField, *strokes: Stroke, T_base_work: Array = UPRIGHT) -> Course:
+    return build_course(override(default_scenario("surface"), ["plan.stepover_m=0.008"]), strokes, field, T_base_work)
 
 
 def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01) -> Stroke:
@@ -66,17 +59,6 @@ def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius: float) -> N
     assert course.stiffness[0] == pytest.approx(1.0 / (1.0 / pad_slope + 1.0 / HEAD_STIFFNESS), rel=0.03)
 
 
-@pytest.mark.parametrize(("radius", "force"), [(0.3, 17.4), (0.1, 13.1), (0.05, 9.8)])
-def test_asked_for_what_position_control_gives_on_a_sphere_it_answers_the_depth_of_position_control(
-    radius: float, force: float
-) -> None:
-    """17.4, 13.1 and 9.8 N at 4 mm are what `run force --controller position` presses there."""
-    exact = HEAD_STIFFNESS * (PRESSED - working_depth(radius))
-    assert exact == pytest.approx(force, abs=0.1)
-    course = course_on(sphere(radius), pressed_with(exact, slide=0.0))
-    assert course.depth[0] == pytest.approx(PRESSED, rel=0.01)
-
-
 def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_moment() -> None:
     """Half the disc carries: twice the pad's compression; its pressure has the centroid of half a disc, 4 R / 3 pi."""
     edge = sampled(
@@ -94,7 +76,7 @@ def test_a_leaning_tool_feels_its_moment_as_the_tilt_stiffness_says() -> None:
     """A disc all on the part is stiff K R^2 / 4 against tilting."""
     tilt = 0.01
     leaning = tool_pose(0.0, -0.5, 0.1, (tilt, 0.0, 0.0))
-    course = build_course(scenario(), [pressed_with(20.0, leaning, slide=0.0)], plane(), UPRIGHT)
+    course = course_on(plane(), pressed_with(20.0, leaning, slide=0.0))
     expected = tilt * FULL_TILT_STIFFNESS
     assert course.moment[0, 0] == pytest.approx(expected, rel=0.03)
     assert np.abs(course.moment[0, 1]) < 0.02 * expected
@@ -166,9 +148,7 @@ def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning() -> None:
     """Part and path turned together: the same statics."""
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_rotvec([0.2, -0.3, 0.5]).as_matrix()
-    stroke = pressing_stroke(slide=0.01)
-    there = build_course(scenario(), [stroke], sphere(0.1), UPRIGHT)
-    moved = pressing_stroke(turn @ TOUCH, slide=0.01)
-    here = build_course(scenario(), [moved], sphere(0.1), turn @ UPRIGHT)
+    there = course_on(sphere(0.1), pressing_stroke(slide=0.01))
+    here = course_on(sphere(0.1), pressing_stroke(turn @ TOUCH, slide=0.01), T_base_work=turn @ UPRIGHT)
     np.testing.assert_allclose(here.depth, there.depth, atol=1e-7)
     np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)

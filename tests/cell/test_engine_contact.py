@@ -7,19 +7,17 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
 from polish_sim.models import robot_model_path
-from tests.cell.cells import along_tool, cell_for, free_stroke, ideal, tool_pose
+from tests.cell.cells import TOUCH, along_tool, cell_for, free_stroke, ideal, tool_pose
 
-Array = NDArray[np.float64]
 STIFFNESS = 5000.0  # of the head's spring, all there is [N/m]
 HARD = [-500000.0, -1000.0]  # of the engine's contact: stiffness and damping [N/m], [N s/m]
-STRAIGHT = tool_pose(0.0, -0.5, 0.1)
 LEANING = tool_pose(0.12, -0.45, 0.15, tilt=(0.3, -0.2, 0.5))
 
 
@@ -52,12 +50,9 @@ def contact_on_part(model: Any, data: Any) -> Array:
 
 
 @pytest.mark.parametrize("shape", ["plane", "sphere"])
-@pytest.mark.parametrize("T_base_touch", [STRAIGHT, LEANING], ids=["straight", "leaning"])
-@pytest.mark.parametrize("depth", [0.002, 0.004])
-def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(
-    T_base_touch: Array, shape: str, depth: float
-) -> None:
-    model = scene(T_base_touch, shape)
+@pytest.mark.parametrize("T_base_touch", [TOUCH, LEANING], ids=["straight", "leaning"])
+def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch: Array, shape: str) -> None:
+    model, depth = scene(T_base_touch, shape), 0.004
     stroke = free_stroke(along_tool(T_base_touch, z=-0.005), along_tool(T_base_touch, z=depth), feed=0.01, hold=2.5)
     cell = cell_for(ideal("force", "controller.name=position"), stroke, model=model)
     steps = 3000

@@ -8,26 +8,20 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from polish_sim.cell import no_part
+from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.control import build_controller
 from polish_sim.dual.carrier import FIRST_JOINT, MasterRows
-from polish_sim.dual.cell import PairCell
-from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_RADIUS
+from polish_sim.dual.gripper import GRIPPER_RADIUS
 from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene
 from polish_sim.geometry import PartMesh, part_from_arrays
 from polish_sim.motion import forward
 from polish_sim.spatial import from_pose, inverse, transform
-from tests.cell.cells import EVERY_STEP, along_tool, free_stroke, ideal, joints_at, tool_pose
+from tests.cell.cells import EVERY_STEP, along_tool, free_stroke, ideal, joints_at
+from tests.cell.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 
-Array = NDArray[np.float64]
 CLEARANCES = Clearances(arms=0.03, pad=0.005)
-Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
-ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
-TOOL = tool_pose(0.0, -0.5, 0.3)
 SIDE = 0.02  # of the cube in the gripper [m]
 
 
@@ -115,12 +109,8 @@ def test_the_run_stops_when_the_pad_is_driven_into_the_gripper() -> None:
     T_follower_master = gripper_before(0.01, aside=GRIPPER_RADIUS)
     T = T_follower_master @ forward(Q_MASTER) @ ON_GRIPPER
     rest = MasterRows(0.02, np.tile(Q_MASTER, (101, 1)), np.zeros((101, 6)), T, np.eye(4))
-    scenario = ideal("arc", EVERY_STEP)
-    part = no_part()._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
-    cell = PairCell(
-        scenario, scene(T_follower_master, None), part, [free_stroke(TOOL, along_tool(TOOL, z=0.02), feed=0.02)],
-        joints_at(TOOL), build_controller(scenario.controller), np.random.default_rng(0), None, rest,
-    )  # fmt: skip
+    down = free_stroke(TOOL, along_tool(TOOL, z=0.02), feed=0.02)
+    cell = pair_cell(ideal("arc", EVERY_STEP), scene(T_follower_master, None), rest, down)
     run = cell.run()
     assert run.stop_reason is not None
     assert "another robot" in run.stop_reason

@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polish_sim.cell import CellRun, RealPart, Silent
-from polish_sim.log import RunLog
-from tests.cell.cells import EVERY_STEP, cell_for, ideal, part_under, pressing_stroke
-from tests.cell.fields import plane
+from polish_sim.cell import CellRun, Silent
+from tests.cell.cells import on_plane
 
 WRAPS = """
 from polish_sim.config import ControllerConfig
@@ -42,36 +40,23 @@ class Mine:
 """
 
 
-@pytest.fixture(scope="module")
-def flat() -> RealPart:
-    return part_under(plane())
+def run_of(controller: str, *changes: str) -> CellRun:
+    noisy = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=2"]
+    return on_plane(*noisy, f"controller.name={controller}", *changes, slide=0.004, lift=0.005).run()
 
 
-def run_with(flat: RealPart, folder: Path, source: str, *changes: str) -> CellRun:
+def run_with(folder: Path, source: str, *changes: str) -> CellRun:
     path = folder / "mine.py"
     path.write_text(source, encoding="utf-8")
-    noisy = ["sensor.force_noise_n=0.5", "sensor.force_bias_n=2"]
-    scenario = ideal("force", EVERY_STEP, *noisy, f"controller.name={path}:Mine", *changes)
-    return cell_for(scenario, pressing_stroke(slide=0.004, lift=0.005), part=flat).run()
-
-
-def same(one: RunLog, other: RunLog) -> bool:
-    return all(np.array_equal(one[name], other[name]) for name in one.names)
+    return run_of(f"{path}:Mine", *changes)
 
 
 @pytest.mark.parametrize("name", ["hybrid-pi", "position", "admittance", "impedance-position", "force-mode"])
-@pytest.mark.parametrize("every", [1, 2])
-def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
-    flat: RealPart, tmp_path: Path, name: str, every: int
-) -> None:
-    cycle = f"simulation.control_every={every}"
-    mine = run_with(flat, tmp_path, WRAPS.format(name=name), cycle)
-    scenario = ideal(
-        "force", EVERY_STEP, "sensor.force_noise_n=0.5", "sensor.force_bias_n=2", f"controller.name={name}", cycle
-    )
-    shipped = cell_for(scenario, pressing_stroke(slide=0.004, lift=0.005), part=flat).run()
+def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(tmp_path: Path, name: str) -> None:
+    cycle = f"simulation.control_every={2 if name == 'hybrid-pi' else 1}"
+    mine, shipped = run_with(tmp_path, WRAPS.format(name=name), cycle), run_of(name, cycle)
     assert mine.stop_reason is None
-    assert same(mine.log, shipped.log)
+    assert all(np.array_equal(mine.log[column], shipped.log[column]) for column in mine.log.names)
 
 
 @pytest.mark.parametrize(
@@ -88,9 +73,9 @@ def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
     ],
 )
 def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_whole(
-    flat: RealPart, tmp_path: Path, answer: str, told: str
+    tmp_path: Path, answer: str, told: str
 ) -> None:
-    run = run_with(flat, tmp_path, FAILS.format(answer=answer))
+    run = run_with(tmp_path, FAILS.format(answer=answer))
     assert run.stop_reason is not None
     assert run.stop_reason.startswith("the controller ")
     assert told in run.stop_reason
@@ -101,15 +86,13 @@ def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_whole(
     assert np.all(np.isfinite(run.log["q_rad"]))
 
 
-def test_a_list_of_numbers_will_do(flat: RealPart, tmp_path: Path) -> None:
-    run = run_with(flat, tmp_path, FAILS.format(answer="[0.0, 0.0, -0.005, 0, 0, 0]"), "process.search_depth_m=0.001")
+def test_a_list_of_numbers_will_do(tmp_path: Path) -> None:
+    run = run_with(tmp_path, FAILS.format(answer="[0.0, 0.0, -0.005, 0, 0, 0]"), "process.search_depth_m=0.001")
     assert run.stop_reason is None or "no contact" in run.stop_reason
     assert run.log["command_twist"][1000, 2] == pytest.approx(-0.005)
 
 
-def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told(
-    flat: RealPart, tmp_path: Path
-) -> None:
+def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told(tmp_path: Path) -> None:
     calls: list[tuple[float, float]] = []
 
     class Watch:
@@ -121,8 +104,7 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
             return np.zeros(6)
 
     watch = Watch()
-    cell = cell_for(ideal("force", "simulation.control_every=4"), pressing_stroke(), part=flat, controller=watch)
-    run = cell.run()
+    run = on_plane("simulation.control_every=4", controller=watch).run()
     times, cycles = np.array(calls).T
     assert watch.cycle_s == 0.004
     np.testing.assert_allclose(cycles, 0.004)
@@ -130,7 +112,7 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
     assert len(times) == int(np.sum(run.trace.phase < 3)) // 4 + 1  # the cycle of the stop is the last
 
 
-def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error(flat: RealPart) -> None:
+def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error() -> None:
     class Hand:
         def reset(self, cycle_s: float) -> None:
             pass
@@ -140,7 +122,7 @@ def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error(flat: RealPart)
                 raise KeyboardInterrupt
             return np.zeros(6)
 
-    run = cell_for(ideal("force"), pressing_stroke(), part=flat, controller=Hand()).run()
+    run = on_plane(controller=Hand()).run()
     assert run.interrupted
     assert run.stop_reason is None
     assert run.steps == 502
@@ -149,7 +131,7 @@ def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error(flat: RealPart)
 
 @pytest.mark.parametrize("again", [False, True], ids=["once", "twice"])
 def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_kept(
-    flat: RealPart, monkeypatch: pytest.MonkeyPatch, again: bool
+    monkeypatch: pytest.MonkeyPatch, again: bool
 ) -> None:
     monkeypatch.setattr("polish_sim.cell.observer.PATIENCE_S", 30.0 if again else 0.05)
     said: list[str] = []
@@ -171,7 +153,7 @@ def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_ke
             said.append(text)
 
     before = signal.getsignal(signal.SIGINT)
-    run = cell_for(ideal("force"), pressing_stroke(), part=flat, controller=Stuck()).run(Listening())
+    run = on_plane(controller=Stuck()).run(Listening())
     assert said == ["stopping at the next cycle; Ctrl-C again to abort"]
     assert run.interrupted
     assert run.stop_reason is None

@@ -8,14 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from polish_sim.cell import build_scene
 from polish_sim.cell.gears import elastic_torque, slip, update_twist
 from polish_sim.cell.linear_arm import gears_about, joints_about, motion_matrices, reading_jumps, slipping_gears
-from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.real_arm import gear_twists, weights
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.scenario_file import override
 from tests.cell.elastic import (
     FOLDED,
@@ -32,6 +29,8 @@ from tests.cell.elastic import (
     tangents,
     vibrating,
 )
+
+ARC, SURFACE = default_scenario("arc"), default_scenario("surface")
 
 
 @pytest.mark.parametrize("gravity", [True, False])
@@ -131,18 +130,6 @@ def test_the_last_wrist_is_stable_behind_its_stiffest_slope(dt):
     assert twist[-100:].max() < 1e-6
 
 
-def test_rigid_gears_leave_what_the_servos_give():
-    rigid = [f"robot.real.stiffness_{i}_nm_rad=[1e8,1e8,1e8,1e8,1e8,1e8]" for i in (1, 2, 3)]
-    joints = joints_at(STRETCHED, *SPRINGS_ONLY, *rigid)
-    before = joints.go(0.2)["tool"][-1][:3].copy()
-    force = np.array([0.0, 0.0, -20.0])
-    joints.pull(force)
-    sunk = joints.go(1.0)["tool"][-1][:3] - before
-    J = joints.jacobian()
-    expected = J @ np.diag(1.0 / joints.arm.kp) @ J.T @ force
-    np.testing.assert_allclose(sunk, expected, atol=0.01 * np.linalg.norm(expected))
-
-
 def test_the_gears_error_has_two_periods_a_turn_of_the_motor_and_the_height_it_should():
     joints = joints_at(HOME)
     angles = np.linspace(0.0, 2.0 * np.pi, 200 * 60, endpoint=False)
@@ -159,9 +146,8 @@ def test_the_gears_error_has_two_periods_a_turn_of_the_motor_and_the_height_it_s
 @pytest.mark.parametrize("side", ["motor", "link"])
 def test_it_rests_under_its_weight_where_the_encoders_say(side):
     joints = joints_at(STRETCHED, f"robot.real.servo_side={side}", "robot.real.encoder_rad=0")
-    hanging = gear_twists(default_scenario("arc").robot.real, weights(joints.model, joints.data.qpos[None, :6].copy()))[
-        0
-    ]
+    held = weights(joints.model, joints.data.qpos[None, :6].copy())
+    hanging = gear_twists(ARC.robot.real, held)[0]
     rows = joints.go(0.5)
     np.testing.assert_allclose(joints.arm.read, STRETCHED, atol=1e-9)
     np.testing.assert_allclose(rows["twist"][-1], hanging, atol=1e-9)
@@ -172,7 +158,7 @@ def test_it_rests_under_its_weight_where_the_encoders_say(side):
 @pytest.mark.parametrize(("seed", "side"), [(0, "motor"), (1, "motor"), (2, "motor"), (0, "link")])
 def test_the_arc_errs_as_a_real_arm_does(seed, side):
     settings = [REAL, f"seed={seed}", f"robot.real.servo_side={side}", "process.max_feed_s=20"]
-    figures = run_experiment(override(default_scenario("arc"), settings)).figures
+    figures = run_experiment(override(ARC, settings)).figures
     assert figures["protective_stop"] is None
     low, high = (0.05e-3, 0.3e-3) if side == "motor" else (0.005e-3, 0.1e-3)
     assert low < figures["tracking_error_max_m"] < high
@@ -181,10 +167,7 @@ def test_the_arc_errs_as_a_real_arm_does(seed, side):
 
 def test_the_same_seed_gives_the_same_arm_and_another_another():
     settings = [REAL, "process.max_feed_s=3"]
-    runs = [
-        run_experiment(override(default_scenario("arc"), [*settings, f"seed={seed}"])).log["tcp_position_m"]
-        for seed in (4, 4, 5)
-    ]
+    runs = [run_experiment(override(ARC, [*settings, f"seed={seed}"])).log["tcp_position_m"] for seed in (4, 4, 5)]
     assert runs[0].tobytes() == runs[1].tobytes()
     assert np.abs(runs[0] - runs[2][: len(runs[0])]).max() > 1e-5
 
@@ -202,47 +185,7 @@ def test_the_same_seed_gives_the_same_arm_and_another_another():
 )
 def test_bad_settings_are_refused(setting, message):
     with pytest.raises((ConfigError, InputError), match=message):
-        run_experiment(override(default_scenario("arc"), [REAL, setting]))
-
-
-def swing(dt: float) -> JointTargets:
-    """All joints by 0.2 rad there and back, in 2 s."""
-    angle, rate = np.pi * np.arange(0.0, 2.0, dt) / 2.0, 0.5 * np.pi
-    way, speed = np.sin(angle) ** 4, 4.0 * rate * np.sin(angle) ** 3 * np.cos(angle)
-    return JointTargets(HOME + 0.2 * way[:, None] * np.ones(6), 0.2 * speed[:, None] * np.ones(6))
-
-
-def test_played_with_rigid_gears_it_moves_as_the_ideal_arm_does():
-    """And its motors give what the ideal arm's servos and its weight's compensation give together."""
-    scenario = override(default_scenario("arc"), ["robot.arm=ideal", "simulation.timestep_s=2.5e-4"])
-    targets = swing(2.5e-4)
-    ideal = play_joints(scenario, targets)
-    rigid = [f"robot.real.stiffness_{i}_nm_rad=[1e7,1e7,1e7,1e7,1e7,1e7]" for i in (1, 2, 3)]
-    alike = ["robot.real.rotor_kg_m2=[1,1,1,0.2,0.2,0.2]", "robot.real.viscous_nm_s_rad=[8,8,8,1,1,1]"]
-    cold = ["robot.real.cold_friction=0", "robot.real.coulomb_nm=[5,5,5,1.2,1.2,1.2]"]
-    real = play_joints(override(scenario, [*SPRINGS_ONLY, *rigid, *alike, *cold]), targets)
-    # They stand by Coulomb's friction anywhere within what it takes of the servos.
-    stuck = np.array([5.0] * 3 + [1.2] * 3) / np.array([2e5] * 3 + [3e4] * 3)
-    assert np.all(np.abs(real.q - ideal.q).max(axis=0) < 2.0 * stuck)
-    moving = np.flatnonzero(np.abs(ideal.qd[:, 0]) > 0.05)[::100]
-    change = np.diff(ideal.qd, axis=0, append=ideal.qd[-1:])[moving]
-    held = weights(build_scene(scenario, None, None), ideal.q[moving])
-    expected = ideal.torque[moving] - np.array([1600.0] * 3 + [220.0] * 3) * change + held
-    assert np.all(np.abs(real.torque[moving] - expected).max(axis=0) < 0.02 * np.ptp(expected, axis=0))
-
-
-def test_played_at_rest_the_links_hang_where_springs_say():
-    scenario = override(default_scenario("smooth"), SPRINGS_ONLY)
-    played = play_joints(scenario, JointTargets(np.tile(STRETCHED, (50, 1)), np.zeros((50, 6))))
-    model = build_scene(scenario, None, None)
-    twists = gear_twists(scenario.robot.real, weights(model, played.q[-1:]))
-    np.testing.assert_allclose(played.motor[-1] - played.q[-1], twists[0], atol=2e-6)
-    np.testing.assert_allclose(played.read[-1], STRETCHED, atol=1e-7)
-    np.testing.assert_allclose(played.torque[-1], weights(model, played.q[-1:])[0], atol=0.05)
-    np.testing.assert_array_equal(played.table, NOMINAL)
-
-
-SURFACE = default_scenario("surface")
+        run_experiment(override(ARC, [REAL, setting]))
 
 
 def test_where_joints_turn_slowly_the_links_follow_the_gears_error_and_the_sensor_reads_their_acceleration():

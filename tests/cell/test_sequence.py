@@ -12,7 +12,9 @@ from tests.cell.cells import (
     along_tool,
     cell_for,
     ideal,
+    on_plane,
     part_under,
+    phases,
     pressing_stroke,
     tool_pose,
     way_through,
@@ -24,8 +26,7 @@ HEIGHT, SLIDE, LIFT = 0.02, 0.015, 0.01  # [m]
 
 @pytest.fixture(scope="module")
 def run() -> CellRun:
-    stroke = pressing_stroke(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT)
-    return cell_for(ideal("force", EVERY_STEP), stroke, part=part_under(plane())).run()
+    return on_plane(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT).run()
 
 
 def column(run: CellRun, name: str) -> np.ndarray:
@@ -39,8 +40,7 @@ def span(run: CellRun, phase: int) -> float:
 
 def test_the_phases_come_in_order_each_once(run: CellRun) -> None:
     assert run.stop_reason is None
-    changes = run.trace.phase[np.concatenate([[True], np.diff(run.trace.phase) != 0])]
-    np.testing.assert_array_equal(changes, [0, 1, 2, 3])
+    assert phases(run) == [0, 1, 2, 3]
 
 
 def test_the_robot_stands_still_while_the_sensor_is_tared(run: CellRun) -> None:
@@ -60,11 +60,7 @@ def test_touch_down_begins_at_half_a_newton_and_lasts_less_than_half_a_second(ru
     assert force[phase == 0].max() <= 0.5
     assert force[phase == 1][0] > 0.5
     assert span(run, 1) < 0.5
-
-
-def test_contact_is_found_where_the_part_is(run: CellRun) -> None:
-    first = int(np.argmax(run.trace.phase == 1))
-    depth = TOUCH[2, 3] - run.trace.tcp_position_m[first, 2]
+    depth = TOUCH[2, 3] - run.trace.tcp_position_m[phase == 1][0, 2]
     assert 0.0 < depth < 2e-4  # half a newton is 0.1 mm
 
 
@@ -94,7 +90,7 @@ def test_the_target_never_jumps(run: CellRun) -> None:
 def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought() -> None:
     for offset in (0.004, -0.004):
         part = part_under(plane(), along_tool(TOUCH, z=-offset))
-        run = cell_for(ideal("force"), pressing_stroke(height=HEIGHT, hold=1.5), part=part).run()
+        run = on_plane(part=part, height=HEIGHT, hold=1.5).run()
         assert run.stop_reason is None
         first = int(np.argmax(run.trace.phase == 1))
         assert run.trace.tcp_position_m[first, 2] - TOUCH[2, 3] == pytest.approx(offset, abs=2e-4)
@@ -118,8 +114,7 @@ def test_two_strokes_follow_each_other_through_free_space() -> None:
     second = second._replace(travel=way_through(above, along_tool(second_touch, z=-0.005)), start_s=0.1)
     run = cell_for(ideal("force", EVERY_STEP), first, second, part=part_under(plane())).run()
     assert run.stop_reason is None
-    changes = run.trace.phase[np.concatenate([[True], np.diff(run.trace.phase) != 0])]
-    np.testing.assert_array_equal(changes, [0, 1, 2, 3, 0, 1, 2, 3])
+    assert phases(run) == [0, 1, 2, 3, 0, 1, 2, 3]
     crossing = (run.trace.phase == 0) & (run.trace.time_s > 3.0)
     assert run.trace.normal_force_n[crossing].max() <= 0.5
     fed = run.trace.phase == 2

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
 from polish_sim.cell.real_part import SHIFT_SPEED, build_part_motion, move_part
 from polish_sim.config import PartConfig
 from polish_sim.experiments import RunResult, run_experiment
-from tests.cell.cells import EVERY_STEP, TOUCH, cell_for, ideal, part_under, pressing_stroke, tool_pose
+from tests.cell.cells import EVERY_STEP, TOUCH, ideal, on_plane, part_under, tool_pose
 from tests.cell.fields import plane
-from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, Array, foundation, working_depth
+from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_depth
 
 
 def pressed_on(part: str, *changes: str) -> RunResult:
@@ -27,12 +28,8 @@ def plate() -> RunResult:
     return pressed_on("plate")
 
 
-def test_position_control_alone_gives_20_newton_on_the_plate(plate: RunResult) -> None:
-    settled = plate.trace.normal_force_n[-1000:]
-    assert np.abs(settled - 20.0).max() < 0.1
-
-
-def test_the_head_and_the_pad_share_the_way_as_their_stiffnesses_say(plate: RunResult) -> None:
+def test_position_control_alone_gives_20_newton_on_the_plate_and_head_and_pad_share_the_way(plate: RunResult) -> None:
+    assert np.abs(plate.trace.normal_force_n[-1000:] - 20.0).max() < 0.1
     travel = float(plate.log["pad_travel_m"][-1])
     assert travel == pytest.approx(20.0 / HEAD_STIFFNESS, rel=0.005)
     tool, target = plate.log["tcp_position_m"][-1], plate.log["target_position_m"][-1]
@@ -67,8 +64,7 @@ def test_position_control_does_not_notice_a_part_a_millimetre_off() -> None:
 
 def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant() -> None:
     """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off on approach."""
-    scenario = ideal("force", EVERY_STEP, "pad.damping_s_m=0", "pad.friction=0")
-    run = cell_for(scenario, pressing_stroke(hold=0.5, lift=0.01), part=part_under(plane())).run()
+    run = on_plane("pad.damping_s_m=0", "pad.friction=0", hold=0.5, lift=0.01).run()
     tool, travel = run.log["tcp_position_m"], np.asarray(run.log["pad_travel_m"], dtype=float)
     frames = Rotation.from_quat(np.asarray(run.log["tcp_quaternion_wxyz"], dtype=float), scalar_first=True)
     pad_height = (tool - travel[:, None] * frames.apply([0.0, 0.0, 1.0]))[:, 2] - TOUCH[2, 3]
@@ -80,13 +76,10 @@ def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant() -> No
 def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_force_and_moment() -> None:
     """Pushed aside by the plane, the pad's force has a lever about the tool point and about the head's centre."""
     leaning = tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
-    scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0")
-    run = cell_for(scenario, pressing_stroke(hold=2.0), part=part_under(plane(), leaning)).run()
-    tool, frame = (
-        run.log["tcp_position_m"][-1],
-        Rotation.from_quat(run.log["tcp_quaternion_wxyz"][-1], scalar_first=True),
-    )
-    R, outward = frame.as_matrix(), -leaning[:3, 2]
+    part = part_under(plane(), leaning)
+    run = on_plane("controller.name=position", "pad.friction=0", part=part, hold=2.0).run()
+    tool, outward = run.log["tcp_position_m"][-1], -leaning[:3, 2]
+    R = Rotation.from_quat(run.log["tcp_quaternion_wxyz"][-1], scalar_first=True).as_matrix()
     pad = tool - float(run.log["pad_travel_m"][-1]) * R[:, 2]
     truth = foundation(lambda p: ((leaning[:3, 3] - p) @ outward, np.tile(outward, (len(p), 1))), pad, R)
     moment_at_tool = truth.torque + np.cross(pad - tool, truth.force)
@@ -103,9 +96,7 @@ STIFFNESS = 5000.0  # of head and pad in series [N/m]
 
 def swinging(amplitude: float, frequency: float, *changes: str) -> CellRun:
     """Hold 20 N on a plane that moves along its normal."""
-    motion = [f"part.motion_m={amplitude}", f"part.motion_hz={frequency}"]
-    scenario = ideal("force", EVERY_STEP, *motion, *changes)
-    return cell_for(scenario, pressing_stroke(hold=4.0), part=part_under(plane())).run()
+    return on_plane(f"part.motion_m={amplitude}", f"part.motion_hz={frequency}", *changes, hold=4.0).run()
 
 
 def phasor(run: CellRun, frequency: float, turns: int) -> complex:
@@ -145,7 +136,7 @@ def test_the_trace_says_where_the_part_was() -> None:
 
 def test_the_callers_part_stays_where_it_is() -> None:
     part = part_under(plane())
-    cell_for(ideal("force", "part.motion_m=0.001"), pressing_stroke(hold=1.0), part=part).run()
+    on_plane("part.motion_m=0.001", part=part).run()
     np.testing.assert_allclose(part.position, part_under(plane()).position, atol=0.0)
 
 

@@ -1,4 +1,4 @@
-"""The arm with motors for hand guiding, and with servos that play a motion."""
+"""The arm with motors for hand guiding."""
 
 from __future__ import annotations
 
@@ -10,18 +10,14 @@ import numpy as np
 import pytest
 
 from polish_sim.arrays import Array
-from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.config import GuideConfig, RobotConfig, Scenario
-from polish_sim.errors import InputError, ReachError
-from polish_sim.experiments import default_scenario
+from polish_sim.errors import InputError
 from polish_sim.geometry import load_part
 from polish_sim.hand_guiding.arm import HOME, LaidPart, believe, chain_of_file, guided_arm, home_pose, torque_arm
 from polish_sim.hand_guiding.cell import BRAKED_S, GuidingRun, Hand, HandMotion, run_guided
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.models import workpiece_path
-from polish_sim.scenario_file import override
 from polish_sim.spatial import transform
-from tests.cell.cells import TOUCH, joints_at
 
 IDEAL = Scenario(robot=RobotConfig(arm="ideal"))
 POINT_HAND = Hand(4000.0, 200.0, 0.0, 0.0)
@@ -52,10 +48,8 @@ def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
 
 def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing() -> None:
     T_base_part = transform(np.eye(3), np.array([0.1, -0.5, 0.05]))
-    alone, beside = (
-        torque_arm(IDEAL),
-        torque_arm(IDEAL, LaidPart(load_part(workpiece_path("plate")), T_base_part)),
-    )
+    plate = LaidPart(load_part(workpiece_path("plate")), T_base_part)
+    alone, beside = torque_arm(IDEAL), torque_arm(IDEAL, plate)
     np.testing.assert_allclose(beside.body("part").pos, T_base_part[:3, 3])
     assert beside.geom("part").contype == beside.geom("part").conaffinity == 0
     weights = []
@@ -138,42 +132,3 @@ def test_a_file_that_is_no_model_of_this_arm_is_refused(rest: str, said: str, tm
     file.write_text("<mujoco>" + rest)
     with pytest.raises(InputError, match=f"identified.xml' {said}"):
         chain_of_file(file)
-
-
-SCENARIO = override(default_scenario("arc"), ["robot.arm=ideal"])
-TIME = np.arange(0.0, 2.0, 0.001)
-
-
-def swing(amplitude: float) -> JointTargets:
-    """All joints there and back once, from rest to rest."""
-    angle = np.pi * TIME / TIME[-1]
-    rate = np.pi / TIME[-1]
-    q = joints_at(TOUCH) + amplitude * np.sin(angle)[:, None] ** 4 * np.ones(6)
-    qd = 4.0 * amplitude * rate * (np.sin(angle) ** 3 * np.cos(angle))[:, None] * np.ones(6)
-    return JointTargets(q, qd)
-
-
-def test_a_robot_told_to_stand_still_stands_still() -> None:
-    played = play_joints(SCENARIO, swing(0.0))
-    assert np.abs(played.q - joints_at(TOUCH)).max() < 5e-5
-    assert np.abs(played.qd).max() < 1e-3
-
-
-def test_a_smooth_swing_is_followed_and_the_error_grows_with_the_acceleration() -> None:
-    small, large = swing(0.05), swing(0.2)
-    errors = [np.abs(play_joints(SCENARIO, targets).q - targets.q).max() for targets in (small, large)]
-    assert errors[0] < 2e-4
-    assert errors[0] < errors[1] < 6e-4
-
-
-def test_the_same_targets_give_the_same_bytes() -> None:
-    first, second = play_joints(SCENARIO, swing(0.1)), play_joints(SCENARIO, swing(0.1))
-    for one, other in zip(first, second, strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_links_that_would_touch_are_refused_by_name() -> None:
-    folded = joints_at(TOUCH)
-    folded[2] = 3.1  # the elbow closed
-    with pytest.raises(ReachError, match="would touch"):
-        play_joints(SCENARIO, JointTargets(np.tile(folded, (50, 1)), np.zeros((50, 6))))

@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.config import ControllerConfig
+from polish_sim.arrays import Array
 from polish_sim.control import CONTROLLERS
-from polish_sim.control.signals import CompiledController, Measurement
-from tests.control.signals import Array, measurement_from, target_near
+from polish_sim.control.signals import CompiledController, Measurement, Target
+from tests.control.signals import (
+    CONFIG,
+    DT,
+    controller,
+    measurement_at_rest,
+    measurement_from,
+    target_near,
+    target_to_press,
+)
 
-CONFIG = ControllerConfig()
 
-
-def controller(name: str, config: ControllerConfig = CONFIG) -> CompiledController:
-    made = CONTROLLERS[name](config)
-    made.reset(0.001)
-    return made
+def drawn(seed: int, contact: float = 1.0) -> tuple[Measurement, Target]:
+    """A random measurement and a target near it."""
+    rng = np.random.default_rng(seed)
+    m = measurement_from(rng)
+    return m, target_near(m, rng, contact)
 
 
 def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
@@ -32,9 +40,7 @@ def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize(("hybrid", "law"), [("hybrid-pi", 6), ("hybrid-pi-position", 5)])
 def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed: int, hybrid: str, law: int) -> None:
-    rng = np.random.default_rng(seed)
-    m = measurement_from(rng)
-    t = target_near(m, rng, contact=1.0)
+    m, t = drawn(seed)
     linear, _ = in_tool(m, controller(hybrid).step(m, t))
     error, feed, speed = t.position - m.position, t.twist[:3], m.twist[:3]
     wanted = feed + error / CONFIG.look_ahead_s
@@ -53,9 +59,7 @@ def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed: int,
 
 @pytest.mark.parametrize("seed", range(10))
 def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    m = measurement_from(rng)
-    t = target_near(m, rng, contact=1.0)
+    m, t = drawn(seed)
     t.rotation[:] = Rotation.from_rotvec([0.003, -0.002, 0.004]).as_matrix() @ m.rotation
     _, angular = in_tool(m, controller("hybrid-pi").step(m, t))
     _, free = in_tool(m, controller("position").step(m, t))
@@ -68,19 +72,25 @@ def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed: 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_in_free_space_the_hybrid_is_the_position_law(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    m = measurement_from(rng)
-    t = target_near(m, rng, contact=0.0)
+    m, t = drawn(seed, contact=0.0)
     np.testing.assert_array_equal(controller("hybrid-pi").step(m, t), controller("position").step(m, t))
 
 
 def test_position_control_does_not_listen_to_the_force() -> None:
-    rng = np.random.default_rng(0)
-    m = measurement_from(rng)
-    t = target_near(m, rng, contact=1.0)
+    m, t = drawn(0)
     quiet = controller("position").step(m, t)
     m.wrench[:] += 100.0
     np.testing.assert_array_equal(controller("position").step(m, t), quiet)
+
+
+def leaning(made: CompiledController, steps: int, moment: Callable[[float], float]) -> list[float]:
+    """Angles about tool y [rad] of a tool at rest in contact that turns as commanded under a moment [N m]."""
+    m, t, angles = measurement_at_rest(), target_to_press(contact=1.0), [0.0]
+    for _ in range(steps):
+        m.rotation[:] = Rotation.from_rotvec([0.0, angles[-1], 0.0]).as_matrix()
+        m.wrench[4] = moment(angles[-1])
+        angles.append(angles[-1] + DT * made.step(m, t)[4])
+    return angles
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -89,39 +99,21 @@ def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order
     sign: float, p: float, i: float
 ) -> None:
     """With moment k (angle - lean) the error obeys e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
-    rng, stiffness, dt = np.random.default_rng(0), 3.0, 0.001
-    config = replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9)
-    made = controller("hybrid-pi", config)
-    m = measurement_from(rng)
-    m.rotation[:], m.twist[:], m.wrench[:] = np.eye(3), 0.0, 0.0
-    t = target_near(m, rng, contact=1.0)
-    t.position[:], t.rotation[:], t.twist[:] = m.position, np.eye(3), 0.0
-    lean, angles = sign * 0.01, [0.0]
-    for _ in range(5000):
-        m.rotation[:] = Rotation.from_rotvec([0.0, angles[-1], 0.0]).as_matrix()
-        m.wrench[4] = stiffness * (angles[-1] - lean)
-        angles.append(angles[-1] + dt * made.step(m, t)[4])
+    stiffness, lean = 3.0, sign * 0.01
+    made = controller("hybrid-pi", replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9))
+    angles = leaning(made, 5000, lambda angle: stiffness * (angle - lean))
     root = cmath.sqrt((stiffness * p) ** 2 - 4.0 * stiffness * i)
     r1, r2 = 0.5 * (-stiffness * p + root), 0.5 * (-stiffness * p - root)
-    time = dt * np.arange(len(angles))
+    time = DT * np.arange(len(angles))
     error = lean * ((r1 * np.exp(r1 * time) - r2 * np.exp(r2 * time)) / (r1 - r2)).real
     np.testing.assert_allclose(angles, lean - error, atol=0.005 * abs(lean))
 
 
 def test_the_moment_loop_never_tilts_the_tool_beyond_its_limit() -> None:
-    rng, dt = np.random.default_rng(0), 0.001
-    made = controller("hybrid-pi")
-    m = measurement_from(rng)
-    m.rotation[:], m.twist[:], m.wrench[:] = np.eye(3), 0.0, 0.0
-    t = target_near(m, rng, contact=1.0)
-    t.position[:], t.rotation[:], t.twist[:] = m.position, np.eye(3), 0.0
-    angle = 0.0
-    for _ in range(4000):
-        m.rotation[:] = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
-        m.wrench[4] = -5.0  # a moment no tilt relieves: the pad hangs over an edge
-        angle += dt * made.step(m, t)[4]
-        assert angle < CONFIG.moment_tilt_limit_rad + 1e-6
-    assert angle == pytest.approx(math.radians(2.0), rel=1e-3)
+    # A moment no tilt relieves: the pad hangs over an edge.
+    angles = leaning(controller("hybrid-pi"), 4000, lambda _angle: -5.0)
+    assert max(angles) < CONFIG.moment_tilt_limit_rad + 1e-6
+    assert angles[-1] == pytest.approx(math.radians(2.0), rel=1e-3)
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
@@ -131,7 +123,7 @@ def test_reset_forgets_everything(name: str) -> None:
     targets = [target_near(m, rng, contact=1.0) for m in readings]
     made = controller(name)
     first = [made.step(m, t) for m, t in zip(readings, targets, strict=True)]
-    made.reset(0.001)
+    made.reset(DT)
     again = [made.step(m, t) for m, t in zip(readings, targets, strict=True)]
     np.testing.assert_array_equal(first, again)
 

@@ -9,25 +9,20 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.control.loops import (
-    OrientationGains,
-    OrientationMemory,
-    PositionGains,
-    PositionMemory,
     PositionRateGains,
+    VelocityGains,
+    VelocityMemory,
     add_axis_rotation,
-    angular_pid,
     low_pass_step,
     position_pd,
     rotation_error,
-    velocity_pd,
+    velocity_pid,
     velocity_toward,
 )
 
-RNG_SEED = 3
-
 
 def vectors(count: int) -> list[np.ndarray]:
-    return list(np.random.default_rng(RNG_SEED).normal(size=(count, 3)))
+    return list(np.random.default_rng(3).normal(size=(count, 3)))
 
 
 def test_the_wanted_velocity_is_feed_plus_error_over_the_look_ahead() -> None:
@@ -37,15 +32,17 @@ def test_the_wanted_velocity_is_feed_plus_error_over_the_look_ahead() -> None:
     np.testing.assert_allclose(out, feed + (target - position) / 0.1, rtol=1e-15)
 
 
-def test_equation_6_adds_p_and_d_of_the_velocity_error() -> None:
-    gains, dt = PositionGains(0.1, 0.3, 0.02), 0.001
-    state, out = PositionMemory(), np.zeros(3)
+def test_equations_6_and_7_add_the_pid_of_the_velocity_error() -> None:
+    gains, dt = VelocityGains(0.1, p=0.2, d=0.01, i=0.5), 0.001
+    state, out = VelocityMemory(), np.zeros(3)
     wanted, first, second = vectors(3)
-    velocity_pd(wanted, first, gains, dt, state, out)
-    np.testing.assert_allclose(out, wanted + 0.3 * (wanted - first), rtol=1e-14)
-    velocity_pd(wanted, second, gains, dt, state, out)
-    derivative = [low_pass_step(0.0, rate, 10.0, dt) for rate in (first - second) / dt]
-    np.testing.assert_allclose(out, wanted + 0.3 * (wanted - second) + 0.02 * np.array(derivative), rtol=1e-12)
+    velocity_pid(wanted, first, gains, dt, state, out)
+    one = wanted - first
+    np.testing.assert_allclose(out, wanted + 0.2 * one + 0.5 * one * dt, rtol=1e-12)
+    velocity_pid(wanted, second, gains, dt, state, out)
+    two = wanted - second
+    derivative = np.array([low_pass_step(0.0, rate, 10.0, dt) for rate in (two - one) / dt])
+    np.testing.assert_allclose(out, wanted + 0.2 * two + 0.5 * (one + two) * dt + 0.01 * derivative, rtol=1e-12)
 
 
 def test_equation_5_is_feed_plus_p_of_the_error_plus_d_of_its_derivative() -> None:
@@ -57,14 +54,14 @@ def test_equation_5_is_feed_plus_p_of_the_error_plus_d_of_its_derivative() -> No
 
 def follow_ramp(p: float, dt: float, seconds: float) -> np.ndarray:
     """Errors of an ideal robot under eq. 6 that starts 10 mm behind a target moving at 50 mm/s [m], shape (n, 3)."""
-    gains, state = PositionGains(0.1, p, 0.0), PositionMemory()
+    gains, state = VelocityGains(0.1, p), VelocityMemory()
     position, velocity, feed = np.zeros(3), np.zeros(3), np.array([0.05, 0.0, -0.02])
     wanted, out, errors = np.zeros(3), np.zeros(3), []
     for n in range(round(seconds / dt)):
         target = np.array([0.01, 0.0, 0.0]) + feed * n * dt
         errors.append(target - position)
         velocity_toward(position, target, feed, gains.look_ahead, wanted)
-        velocity_pd(wanted, velocity, gains, dt, state, out)
+        velocity_pid(wanted, velocity, gains, dt, state, out)
         velocity = out.copy()
         position = position + velocity * dt
     return np.array(errors)
@@ -86,10 +83,10 @@ def test_p_on_the_velocity_error_leaves_no_error_on_a_ramp() -> None:
 @pytest.mark.parametrize("delay", [1, 3, 8, 40])
 def test_p_below_one_is_safe_at_any_delay_and_above_one_it_is_not(delay: int) -> None:
     def response(p: float) -> float:
-        state, out, wanted = PositionMemory(), np.zeros(3), np.array([0.01, 0.0, 0.0])
+        state, out, wanted = VelocityMemory(), np.zeros(3), np.array([0.01, 0.0, 0.0])
         line = [np.zeros(3)] * delay
         for _ in range(400 * delay):
-            velocity_pd(wanted, line[0], PositionGains(0.1, p, 0.0), 0.001, state, out)
+            velocity_pid(wanted, line[0], VelocityGains(0.1, p), 0.001, state, out)
             line = [*line[1:], out.copy()]
         return float(abs(line[-1][0] - wanted[0]))
 
@@ -180,24 +177,11 @@ def test_turning_by_the_error_brings_any_two_frames_together(R: np.ndarray) -> N
     assert Rotation.from_matrix(R).magnitude() < 1e-6
 
 
-def test_equation_7_adds_the_pid_of_the_turning_error() -> None:
-    gains, dt = OrientationGains(0.1, 0.2, 0.5, 0.01), 0.001
-    state, out = OrientationMemory(), np.zeros(3)
-    wanted, first, second = np.random.default_rng(5).normal(size=(3, 3))
-    angular_pid(wanted, first, gains, dt, state, out)
-    one = wanted - first
-    np.testing.assert_allclose(out, wanted + 0.2 * one + 0.5 * one * dt, rtol=1e-12)
-    angular_pid(wanted, second, gains, dt, state, out)
-    two = wanted - second
-    derivative = np.array([low_pass_step(0.0, rate, 10.0, dt) for rate in (two - one) / dt])
-    np.testing.assert_allclose(out, wanted + 0.2 * two + 0.5 * (one + two) * dt + 0.01 * derivative, rtol=1e-12)
-
-
 def test_the_integral_takes_a_constant_disturbance_out() -> None:
-    gains, dt, disturbance = OrientationGains(0.1, 0.2, 5.0, 0.0), 0.001, np.array([0.02, -0.01, 0.03])
-    state, out, wanted = OrientationMemory(), np.zeros(3), np.zeros(3)
+    gains, dt, disturbance = VelocityGains(0.1, p=0.2, d=0.0, i=5.0), 0.001, np.array([0.02, -0.01, 0.03])
+    state, out, wanted = VelocityMemory(), np.zeros(3), np.zeros(3)
     turning = np.zeros(3)
     for _ in range(5000):
-        angular_pid(wanted, turning, gains, dt, state, out)
+        velocity_pid(wanted, turning, gains, dt, state, out)
         turning = out + disturbance
     np.testing.assert_allclose(turning, 0.0, atol=1e-8)

@@ -38,6 +38,7 @@ from polish_sim.cell.scene import tool_on_flange, touching
 from polish_sim.cell.set_points import SetPoints
 from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, cycle_time
 from polish_sim.cell.wrist_sensor import (
+    DRAWS,
     Payload,
     SensorErrors,
     WristSensor,
@@ -52,8 +53,6 @@ from polish_sim.control.signals import Answer, CompiledController, Controller, C
 from polish_sim.errors import InputError, ReachError
 from polish_sim.kernels import memory_of
 from polish_sim.log import RunLog, Trace, from_rows
-
-DRAWS = 12  # standard normal numbers a step takes: noise and drift of six axes
 
 
 class CellRun(NamedTuple):

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Indices
 from polish_sim.cell.contact import build_pad
 from polish_sim.cell.stroke import Stroke
 from polish_sim.config import Scenario
@@ -20,7 +19,6 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.trajectory import PathTable, sample_column, sample_path
 from polish_sim.spatial import rotation_from_quaternion
 
-Ints = NDArray[np.int64]
 SPACING = 0.0005  # of the rows [m]
 REACH = 1.5  # step-overs within which a turn counts as neighbour
 APART = 2.5  # times that reach along the path: nearer places are the same strand
@@ -80,7 +78,7 @@ def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceF
     return Course(SPACING, pressed_in + surplus, surplus, stiffness, moment, tilt_stiffness, *along, earlier)
 
 
-def nearest_earlier(points: Array, spacing: float, reach: float) -> Ints:
+def nearest_earlier(points: Array, spacing: float, reach: float) -> Indices:
     """Row of the nearest earlier point that is not of the same strand, -1 where there is none, shape (n,).
 
     ``points`` (n, 3) [m] lie at equal steps ``spacing`` [m] of arc length; a neighbour is no further than ``reach``
@@ -99,7 +97,7 @@ def nearest_earlier(points: Array, spacing: float, reach: float) -> Ints:
     return _refined(points, np.repeat(coarse, stride)[: len(points)], stride)
 
 
-def _refined(points: Array, coarse: Ints, stride: int) -> Ints:
+def _refined(points: Array, coarse: Indices, stride: int) -> Indices:
     """The nearest row within a stride of a guess, shape (n,)."""
     tried = np.clip(coarse[:, None] + np.arange(-2 * stride, 2 * stride + 1), 0, len(points) - 1)
     distance = np.linalg.norm(points[tried] - points[:, None], axis=2)

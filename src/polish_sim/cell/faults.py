@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from operator import attrgetter
 from types import MappingProxyType
 from typing import NamedTuple
@@ -46,25 +47,15 @@ class Fault(NamedTuple):
 
 def _set(record: str, field: str, value: float) -> Inject:
     """Give a field of the cell's state a value."""
-
-    def inject(cell: CellKernel) -> None:
-        setattr(attrgetter(record)(cell.state), field, value)
-
-    return inject
+    return lambda cell: setattr(attrgetter(record)(cell.state), field, value)
 
 
-def _bias(newton: float) -> Inject:
-    def inject(cell: CellKernel) -> None:
-        cell.state.sensor.errors.bias[2] += newton
-
-    return inject
+def _bias(newton: float, cell: CellKernel) -> None:
+    cell.state.sensor.errors.bias[2] += newton
 
 
-def _creep(newton_per_second: float) -> Inject:
-    def inject(cell: CellKernel) -> None:
-        cell.state.sensor.errors.creep[2] += newton_per_second * cell.state.sensor.period
-
-    return inject
+def _drift(cell: CellKernel) -> None:
+    cell.state.sensor.errors.creep[2] -= DRIFT_N_S * cell.state.sensor.period
 
 
 def _sensor_noise(cell: CellKernel) -> None:
@@ -81,11 +72,8 @@ def _part_missing(cell: CellKernel) -> None:
     motion.shift = motion.goal = -_AWAY_M * motion.axis
 
 
-def _part_along(metres: float) -> Inject:
-    def inject(cell: CellKernel) -> None:
-        cell.state.motion.goal += metres * cell.state.motion.axis
-
-    return inject
+def _lift(metres: float, cell: CellKernel) -> None:
+    cell.state.motion.goal += metres * cell.state.motion.axis
 
 
 def _part_across(cell: CellKernel) -> None:
@@ -111,9 +99,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         ),
         "sensor-zeros": Fault("the wrist sensor's reading is all zeros", _set("sensor.errors", "reach", 0.0)),
         "sensor-frozen": Fault("the wrist sensor's reading no longer changes", _set("sensor", "next", math.inf)),
-        "sensor-jump": Fault(f"the reading along the tool axis jumps by +{JUMP_N:g} N", _bias(JUMP_N)),
-        "sensor-drop": Fault(f"the reading along the tool axis jumps by -{JUMP_N:g} N", _bias(-JUMP_N)),
-        "sensor-drift": Fault(f"the reading along the tool axis drifts by -{DRIFT_N_S:g} N/s", _creep(-DRIFT_N_S)),
+        "sensor-jump": Fault(f"the reading along the tool axis jumps by +{JUMP_N:g} N", partial(_bias, JUMP_N)),
+        "sensor-drop": Fault(f"the reading along the tool axis jumps by -{JUMP_N:g} N", partial(_bias, -JUMP_N)),
+        "sensor-drift": Fault(f"the reading along the tool axis drifts by -{DRIFT_N_S:g} N/s", _drift),
         "sensor-noise": Fault(f"the sensor's noise grows {NOISE_TIMES:g} times", _sensor_noise),
         "command-lost": Fault(
             "the host sends no more commands: speedl runs out by itself", _set("status", "mute", True)
@@ -122,10 +110,14 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         "controller-nan": Fault("the controller's answer is not a number", _set("status", "poisoned", True)),
         "part-missing": Fault("the part is gone, at once", _part_missing, on_part=True),
         "part-high": Fault(
-            f"the part rises by {1e3 * PART_M:g} mm along its normal, at 20 mm/s", _part_along(PART_M), on_part=True
+            f"the part rises by {1e3 * PART_M:g} mm along its normal, at 20 mm/s",
+            partial(_lift, PART_M),
+            on_part=True,
         ),
         "part-low": Fault(
-            f"the part sinks by {1e3 * PART_M:g} mm along its normal, at 20 mm/s", _part_along(-PART_M), on_part=True
+            f"the part sinks by {1e3 * PART_M:g} mm along its normal, at 20 mm/s",
+            partial(_lift, -PART_M),
+            on_part=True,
         ),
         "part-shift": Fault(f"the part slips aside by {1e3 * PART_M:g} mm, at 20 mm/s", _part_across, on_part=True),
         "part-loose": Fault(
@@ -168,7 +160,7 @@ def parse_events(text: str) -> tuple[FaultEvent, ...]:
         InputError: A fault is not known; lists the known ones.
         ConfigError: An entry is not NAME@TIME.
     """
-    return tuple(_parse_event(entry.strip()) for entry in text.split(",") if entry.strip())
+    return tuple(map(_parse_event, _entries(text)))
 
 
 def check_events(events: tuple[FaultEvent, ...], on_part: bool, two_robots: bool = False) -> None:
@@ -192,14 +184,18 @@ def lacking_for(name: str, on_part: bool, two_robots: bool) -> str:
     return "no second robot: it is one of 'run dual'" if FAULTS[name].on_master and not two_robots else ""
 
 
+def _entries(text: str) -> list[str]:
+    return [entry.strip() for entry in text.split(",") if entry.strip()]
+
+
 def _parse_event(entry: str) -> FaultEvent:
-    name, time, after_contact = parse_time(entry, "fault", "NAME", "sensor-frozen")
+    name, time, after_contact = _parse_time(entry, "fault", "NAME", "sensor-frozen")
     if name not in FAULTS:
         raise unknown_name("fault", name, FAULTS)
     return FaultEvent(name, time, after_contact)
 
 
-def parse_time(entry: str, kind: str, form: str, example: str) -> tuple[str, float, bool]:
+def _parse_time(entry: str, kind: str, form: str, example: str) -> tuple[str, float, bool]:
     """What stands before the @ of ``entry``, its time [s], and whether that counts from first contact.
 
     Raises:
@@ -227,11 +223,11 @@ def parse_changes(text: str) -> tuple[FaultEvent, ...]:
         InputError: A set point is not known; lists the known ones.
         ConfigError: An entry is not NAME=VALUE@TIME.
     """
-    return tuple(_parse_change(entry.strip()) for entry in text.split(",") if entry.strip())
+    return tuple(map(_parse_change, _entries(text)))
 
 
 def _parse_change(entry: str) -> FaultEvent:
-    what, time, after_contact = parse_time(entry, "change", "NAME=VALUE", "force_n=25")
+    what, time, after_contact = _parse_time(entry, "change", "NAME=VALUE", "force_n=25")
     name, _, number = (word.strip() for word in what.partition("="))
     if name not in SET_POINTS:
         raise unknown_name("set point", name, SET_POINTS)

@@ -18,7 +18,7 @@ from numba import types
 from polish_sim.arrays import Array
 from polish_sim.cell.kernel import CellState
 from polish_sim.control.laws import file_of, tell_error
-from polish_sim.control.signals import LAW_SIGNATURE, Controller, measurement_of, target_of
+from polish_sim.control.signals import CALL, LAW_SIGNATURE, Controller, measurement_of, target_of
 from polish_sim.kernels import memory_of
 
 
@@ -29,33 +29,25 @@ class Observer(Protocol):
 
     def stage(self, text: str) -> None:
         """A new stage of the work begins, e.g. ``"simulate"``."""
+        return
 
     def progress(self, done: float, total: float) -> None:
         """How far the present stage is."""
+        return
 
     def start(self, cell: Any) -> None:
         """The cell that is about to run; between frames it can be asked to ``let_happen`` something."""
+        return
 
     def frame(self, model: Any, data: Any) -> None:
         """The cell's model and data at this instant; not to be changed."""
+        return
 
 
-class Silent:
+class Silent(Observer):
     """Looks on and says nothing."""
 
     frame_every_s = 0.2
-
-    def stage(self, text: str) -> None:
-        """Ignore."""
-
-    def progress(self, done: float, total: float) -> None:
-        """Ignore."""
-
-    def start(self, cell: Any) -> None:
-        """Ignore."""
-
-    def frame(self, model: Any, data: Any) -> None:
-        """Ignore."""
 
 
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
@@ -106,7 +98,6 @@ def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
 # A user's Python controller as a law the compiled loop can call.
 
 EXPECTED: Final = "(6,), or (7,) with the feed's share"  #: Shape of an answer
-_CALLBACK = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
 
 
 def _locked(views: Any) -> Any:
@@ -137,7 +128,7 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
         self._controller, self._status = controller, state.status
         self._measurement, self._target = _locked(measurement_of(state.measurement)), _locked(target_of(state.target))
         self._answer = memory_of(state.answer).view(np.float64)
-        self._callback = _CALLBACK(self._call)
+        self._callback = CALL(self._call)
 
     def __wrapper_address__(self) -> int:
         """Address of the C function."""

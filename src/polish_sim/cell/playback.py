@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.engine import EngineViews, engine_views, mj_step, mj_step1, mj_step2, register_engine
+from polish_sim.cell.engine import EngineViews, engine_views, mj_step1, mj_step2, register_engine
 from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints
 from polish_sim.cell.real_arm import build_real_arm, built_table, is_real
 from polish_sim.cell.scene import build_scene, tool_on_flange, touching
@@ -65,32 +65,15 @@ def play_joints(
     data.qpos[:JOINTS] = targets.q[0]
     still = round(settle / float(model.opt.timestep))
     wanted = JointTargets(np.ascontiguousarray(targets.q), np.ascontiguousarray(targets.qd))
-    play = _play_elastic if is_real(scenario) else _play_rigid
-    played = play(scenario, model, data, wanted, still)
+    q, qd, torque, motor, read = (np.empty(wanted.q.shape) for _ in range(5))
+    played, arm = Played(q, qd, torque, motor, read, NOMINAL.copy()), None
+    if is_real(scenario):
+        played.table[:] = built_table(scenario, model, wanted.q[0])
+        arm = build_real_arm(scenario, model, data, wanted.q[0], tool_on_flange())
+    mujoco.mj_forward(model, data)
+    _play(arm, engine_views(model, data), wanted, played, still)
     if not np.isfinite(played.q).all():
         raise ProtectiveStop("the simulated robot ran away while playing joint targets: lower simulation.timestep_s.")
-    return played
-
-
-def _play_rigid(
-    _scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, targets: JointTargets, still: int
-) -> Played:
-    mujoco.mj_forward(model, data)
-    q, qd, torque = (np.empty(targets.q.shape) for _ in range(3))
-    views = data.qpos, data.qvel, data.qfrc_actuator, data.ctrl
-    _play((model._address, data._address), *views, tuple(targets), (q, qd, torque), still)
-    return Played(q, qd, torque, q, q, NOMINAL)
-
-
-def _play_elastic(
-    scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, targets: JointTargets, still: int
-) -> Played:
-    table = built_table(scenario, model, targets.q[0])
-    arm = build_real_arm(scenario, model, data, targets.q[0], tool_on_flange())
-    mujoco.mj_forward(model, data)
-    q, qd, torque, motor, read = (np.empty(targets.q.shape) for _ in range(5))
-    played = Played(q, qd, torque, motor, read, np.array(table))
-    _play_gears(arm, engine_views(model, data), targets, played, still)
     return played
 
 
@@ -105,41 +88,27 @@ def _refuse_touch(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> None:
             raise ReachError(f"the robot cannot do this path: {pair} would touch. Move it with --part-pose.")
 
 
-@njit(cache=True, error_model="numpy")
-def _play(  # type: ignore[no-untyped-def]
-    engine, qpos: Array, qvel: Array, torques: Array, ctrl: Array, targets, played, still: int
-) -> None:
-    model, data = engine
-    (q, qd), (at, speed, given) = targets, played
-    for step in range(-still, len(q)):
-        row = max(step, 0)
-        for j in range(JOINTS):
-            ctrl[2 * j] = q[row, j]
-            ctrl[2 * j + 1] = qd[row, j] if step >= 0 else 0.0
-            if step >= 0:
-                at[row, j], speed[row, j] = qpos[j], qvel[j]
-        mj_step(model, data)
-        if step >= 0:
-            for j in range(JOINTS):
-                given[row, j] = torques[j]
-
-
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _play_gears(arm: RealArm, e: EngineViews, targets: JointTargets, played: Played, still: int) -> None:
+def _play(arm: RealArm | None, e: EngineViews, targets: JointTargets, played: Played, still: int) -> None:
+    """``arm``: the joints if they are elastic; None compiles nothing of that."""
     for step in range(-still, len(targets.q)):
         row = max(step, 0)
         for j in range(JOINTS):
             e.ctrl[2 * j] = targets.q[row, j]
             e.ctrl[2 * j + 1] = targets.qd[row, j] if step >= 0 else 0.0
         mj_step1(e.model, e.data)
-        hear_joints(arm, e)
+        if arm is not None:
+            hear_joints(arm, e)
         if step >= 0:
             for j in range(JOINTS):
                 played.q[row, j], played.qd[row, j] = e.qpos[j], e.qvel[j]
-                played.motor[row, j], played.read[row, j] = arm.angle[j], arm.read[j]
-        drive_joints(arm, e, (still + step) * e.dt)
+                played.motor[row, j] = e.qpos[j] if arm is None else arm.angle[j]
+                played.read[row, j] = e.qpos[j] if arm is None else arm.read[j]
+        if arm is not None:
+            drive_joints(arm, e, (still + step) * e.dt)
         mj_step2(e.model, e.data)
-        follow_joints(arm, e)
+        if arm is not None:
+            follow_joints(arm, e)
         if step >= 0:
             for j in range(JOINTS):
                 played.torque[row, j] = e.qfrc_actuator[j]

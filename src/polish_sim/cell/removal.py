@@ -12,11 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Indices
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
@@ -109,7 +108,6 @@ def _turned(rows: Array, turns: Rotation, moments: Array) -> Rotation:
 #
 # The region is one conforming triangulation; what lies beside it and is pressed all the same is cut into small pieces.
 
-Ints = NDArray[np.int64]
 EDGE = 0.08  #: Longest edge of the nodes' triangles in pad radii; they lie about 0.6 of it apart
 ACROSS_BORDER = 0.5
 MOST_NODES = 300_000
@@ -161,7 +159,7 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
     # Of a facet the region's border cuts a piece is in or out as its middle is: smaller ones are more exact.
     cut = np.isin(np.arange(len(surface.faces)), region.facets)
     limits = np.where(cut, ACROSS_BORDER * longest, longest)
-    done: list[tuple[Ints, Array]] = []
+    done: list[tuple[Indices, Array]] = []
     while len(facets):
         places = surface.vertices[surface.faces[facets]]
         points = np.einsum("kca,kad->kcd", corners, places)
@@ -186,7 +184,7 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
     return PressedNodes(positions[outside], normals[outside], areas[outside])
 
 
-def _halved(corners: Array, longest: Ints) -> Array:
+def _halved(corners: Array, longest: Indices) -> Array:
     """Both halves of triangles cut through the middle of their longest edge, shape (2 k, 3, 3)."""
     turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
     a, b, c = turned[:, 0], turned[:, 1], turned[:, 2]

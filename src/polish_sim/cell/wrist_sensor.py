@@ -18,6 +18,7 @@ from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, kernel
 
 GRAVITY = 9.81  # [m/s^2], MuJoCo's default and the model's
+DRAWS = 12  # standard normal numbers a sample takes: noise and drift of six axes
 
 
 class SensorErrors(Record):
@@ -187,8 +188,6 @@ def weight_of(payload: Payload, R_base_sensor: Array) -> Array:
 
 # What the wrist sensor reads while the robot stands still in given poses, the arm's way between them left out.
 
-_DRAWS = 12  # standard normal numbers a sample takes
-
 
 def read_at_rest(
     sensor: WristSensor, line: Array, loads: Array, travel: Array, settle: float, average: float,
@@ -213,7 +212,7 @@ def read_at_rest(
     for load, pause, mean in zip(loads, travel, means, strict=True):
         sensor.drift += sensor.errors.drift_step * math.sqrt(pause / sensor.period) * rng.standard_normal(6)
         sensor.warmth = 1.0 - (1.0 - sensor.warmth) * (1.0 - sensor.errors.warming) ** (pause / sensor.period)
-        _average(sensor, line, load, rng.standard_normal((wait + count, _DRAWS)), wait, mean)
+        _average(sensor, line, load, rng.standard_normal((wait + count, DRAWS)), wait, mean)
     return means
 
 

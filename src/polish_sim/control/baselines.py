@@ -9,6 +9,7 @@ from polish_sim.config import ControllerConfig
 from polish_sim.control.hybrid import (
     HybridGains,
     HybridMemory,
+    along_z,
     hybrid_gains,
     position_by_velocity,
     replace_along_z,
@@ -101,8 +102,7 @@ def _begin(c: BaselineContext, m: Measurement, t: Target, out: Array) -> bool:
         memory.started = False
         return False
     if not memory.started:
-        z = m.rotation[:, 2]
-        memory.velocity = z[0] * m.twist[0] + z[1] * m.twist[1] + z[2] * m.twist[2]
+        memory.velocity = along_z(m, m.twist)
         memory.offset = memory.passed = memory.sum = 0.0
         memory.readings = 0
     return True
@@ -145,11 +145,9 @@ def _impedance_position_law(context, _course, measurement, target, answer):  # t
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
     if not _begin(c, m, t, out.twist):
         return
-    body, memory, z = c.gains.body, c.memory, m.rotation[:, 2]
-    planned = short = 0.0
+    body, memory, planned, short = c.gains.body, c.memory, along_z(m, t.twist), 0.0
     for i in range(3):
-        planned += z[i] * t.twist[i]
-        short += z[i] * (t.position[i] - m.position[i])
+        short += m.rotation[i, 2] * (t.position[i] - m.position[i])
     if not memory.started:
         # Bumpless: from the tool's own place and speed.
         memory.started, memory.velocity, memory.offset = True, memory.velocity - planned, -short

@@ -23,9 +23,9 @@ from polish_sim.kernels import Record, Vector3, kernel
 class HybridGains(Record):
     """Gains of the loops."""
 
-    position: loops.PositionGains
+    position: loops.VelocityGains
     position_rate: loops.PositionRateGains
-    orientation: loops.OrientationGains
+    orientation: loops.VelocityGains
     force: loops.PiGains
     moment: loops.PiGains
     tilt_limit: float  #: Largest turn of the moment loop about tool y away from the planned axis [rad]
@@ -34,8 +34,8 @@ class HybridGains(Record):
 class HybridMemory(Record):
     """Memory of the loops, all zero after a reset."""
 
-    position: loops.PositionMemory
-    orientation: loops.OrientationMemory
+    position: loops.VelocityMemory
+    orientation: loops.VelocityMemory
     force: loops.PiMemory
     moment: loops.PiMemory
     wanted: Vector3  #: Wanted velocity, linear or angular
@@ -53,10 +53,10 @@ def hybrid_gains(config: ControllerConfig) -> HybridGains:
     """The gains a configuration asks for."""
     look_ahead = config.look_ahead_s
     return HybridGains(
-        position=loops.PositionGains(look_ahead, config.position_p, config.position_d_s),
+        position=loops.VelocityGains(look_ahead, config.position_p, config.position_d_s),
         position_rate=loops.PositionRateGains(config.position_rate_p, config.position_rate_d),
-        orientation=loops.OrientationGains(
-            look_ahead, config.orientation_p, config.orientation_i_hz, config.orientation_d_s
+        orientation=loops.VelocityGains(
+            look_ahead, config.orientation_p, config.orientation_d_s, config.orientation_i_hz
         ),
         force=loops.PiGains(config.force_p_m_sn, config.force_i_m_s2n, config.force_limit_m_s, config.force_filter_hz),
         moment=loops.PiGains(
@@ -68,16 +68,16 @@ def hybrid_gains(config: ControllerConfig) -> HybridGains:
 
 @kernel
 def position_by_velocity(
-    m: Measurement, t: Target, gains: loops.PositionGains, dt: float, memory: HybridMemory, out: Array
+    m: Measurement, t: Target, gains: loops.VelocityGains, dt: float, memory: HybridMemory, out: Array
 ) -> None:
     """Linear part of the twist by eq. 6: PD on the velocity error, position through the look-ahead."""
     loops.velocity_toward(m.position, t.position, t.twist[0:3], gains.look_ahead, memory.wanted)
-    loops.velocity_pd(memory.wanted, m.twist[0:3], gains, dt, memory.position, out[0:3])
+    loops.velocity_pid(memory.wanted, m.twist[0:3], gains, dt, memory.position, out[0:3])
 
 
 @kernel
 def turn_to_target(
-    m: Measurement, R_wanted: Array, planned: Array, gains: loops.OrientationGains, dt: float, free_y: bool,
+    m: Measurement, R_wanted: Array, planned: Array, gains: loops.VelocityGains, dt: float, free_y: bool,
     memory: HybridMemory, out: Array,
 ) -> None:  # fmt: skip
     """Angular part of the twist by eq. 7, towards ``R_wanted`` (3, 3) with ``planned`` the planned tool velocity (6,).
@@ -92,16 +92,22 @@ def turn_to_target(
     if free_y:
         for i in range(3):
             memory.wanted[i] -= surplus * m.rotation[i, 1]
-    loops.angular_pid(memory.wanted, m.twist[3:6], gains, dt, memory.orientation, out[3:6])
+    loops.velocity_pid(memory.wanted, m.twist[3:6], gains, dt, memory.orientation, out[3:6])
+
+
+@kernel
+def along_z(m: Measurement, twist: Array) -> float:
+    """Speed along tool z [m/s]."""
+    z = m.rotation[:, 2]
+    return float(z[0] * twist[0] + z[1] * twist[1] + z[2] * twist[2])
 
 
 @kernel
 def replace_along_z(m: Measurement, rate: float, out: Array) -> None:
     """Give the twist's part along tool z a value of its own [m/s]."""
-    z = m.rotation[:, 2]
-    along = z[0] * out[0] + z[1] * out[1] + z[2] * out[2]
+    along = along_z(m, out)
     for i in range(3):
-        out[i] += (rate - along) * z[i]
+        out[i] += (rate - along) * m.rotation[i, 2]
 
 
 @kernel

@@ -16,12 +16,22 @@ def low_pass_step(state: float, value: float, corner_hz: float, dt: float) -> fl
     return state + (1.0 - math.exp(-2.0 * math.pi * corner_hz * dt)) * (value - state)
 
 
-class PositionGains(Record):
-    """Gains of the velocity-error law, eq. 6; position enters through the look-ahead."""
+class VelocityGains(Record):
+    """PID gains on a velocity error, eq. 6 and 7; position and orientation enter through the look-ahead."""
 
     look_ahead: float  #: T_a [s]
     p: float  #: kpp [-]; below 1 it is stable at any delay
     d: float  #: kpd [s], on a low-passed acceleration
+    i: float  #: [1/s]; eq. 6 has none
+
+
+class VelocityMemory(Record):
+    """Of ``velocity_pid``: linear [m] or angular [rad]."""
+
+    integral: Vector3  #: Of the velocity error
+    error: Vector3  #: Last velocity error, by second
+    rate: Vector3  #: Its low-passed derivative, by second squared
+    started: bool
 
 
 class PositionRateGains(Record):
@@ -29,14 +39,6 @@ class PositionRateGains(Record):
 
     p: float  #: kpp [1/s]
     d: float  #: kpd [-]
-
-
-class PositionMemory(Record):
-    """Of ``velocity_pd``."""
-
-    error: Vector3  #: Last velocity error [m/s]
-    rate: Vector3  #: Its low-passed derivative [m/s^2]
-    started: bool
 
 
 @kernel
@@ -47,19 +49,21 @@ def velocity_toward(position: Array, target: Array, feed: Array, look_ahead: flo
 
 
 @kernel
-def velocity_pd(
-    wanted: Array, actual: Array, gains: PositionGains, dt: float, state: PositionMemory, out: Array
+def velocity_pid(
+    wanted: Array, actual: Array, gains: VelocityGains, dt: float, state: VelocityMemory, out: Array
 ) -> None:
-    """Command v = v01 + kpp v_err + kpd d/dt v_err [m/s] (paper 1, eq. 6).
+    """Command v01 + PID(v01 - v) [m/s] (paper 1, eq. 6), or with angular velocities f [rad/s] (eq. 7).
 
-    ``wanted`` is v01, ``actual`` the measured tool velocity [m/s], shape (3,) each.
+    ``wanted`` is v01, the planned velocity plus the error over the look-ahead, ``actual`` the measured one, shape (3,)
+    each.
     """
     for i in range(3):
         error = wanted[i] - actual[i]
         rate = (error - state.error[i]) / dt if state.started else 0.0
         state.rate[i] = low_pass_step(state.rate[i], rate, 10.0, dt)
         state.error[i] = error
-        out[i] = wanted[i] + gains.p * error + gains.d * state.rate[i]
+        state.integral[i] += error * dt
+        out[i] = wanted[i] + gains.p * error + gains.i * state.integral[i] + gains.d * state.rate[i]
     state.started = True
 
 
@@ -73,25 +77,7 @@ def position_pd(
         out[i] = feed[i] + gains.p * (target[i] - position[i]) + gains.d * error_rate
 
 
-# Orientation control by equivalent rotation vectors (paper 1, eq. 7, fig. 9).
-
-
-class OrientationGains(Record):
-    """PID gains on the angular velocity error, eq. 7."""
-
-    look_ahead: float  #: T_a [s]
-    p: float  #: [-]
-    i: float  #: [1/s]
-    d: float  #: [s]
-
-
-class OrientationMemory(Record):
-    """Of ``angular_pid``."""
-
-    integral: Vector3  #: Of the angular velocity's error [rad]
-    error: Vector3  #: Last error [rad/s]
-    rate: Vector3  #: Its low-passed derivative [rad/s^2]
-    started: bool
+# Orientation error by equivalent rotation vectors (paper 1, fig. 9).
 
 
 @kernel
@@ -128,25 +114,6 @@ def rotation_error(R_actual: Array, R_wanted: Array, out: Array) -> None:
         add_axis_rotation(R_actual[:, k], R_wanted[:, k], R_actual[:, (k + 1) % 3], out)
     for i in range(3):
         out[i] *= 0.5
-
-
-@kernel
-def angular_pid(
-    wanted: Array, actual: Array, gains: OrientationGains, dt: float, state: OrientationMemory, out: Array
-) -> None:
-    """Angular velocity command f = f01 + PID(f01 - f0) [rad/s] (paper 1, eq. 7).
-
-    ``wanted`` is f01, the planned turning rate plus the error over the look-ahead, ``actual`` the measured angular
-    velocity f0 [rad/s], shape (3,) each.
-    """
-    for i in range(3):
-        error = wanted[i] - actual[i]
-        rate = (error - state.error[i]) / dt if state.started else 0.0
-        state.rate[i] = low_pass_step(state.rate[i], rate, 10.0, dt)
-        state.error[i] = error
-        state.integral[i] += error * dt
-        out[i] = wanted[i] + gains.p * error + gains.i * state.integral[i] + gains.d * state.rate[i]
-    state.started = True
 
 
 # Force and moment control by tool velocity (paper 1, eq. 5, lower half).

@@ -90,7 +90,8 @@ LAW_SIGNATURE = types.void(*[types.voidptr] * 5)
 """A compiled law takes pointers to its context, the course, measurement, target and the answer it writes."""
 
 
-_CALL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
+CALL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
+"""The same for Python."""
 
 
 class Controller(Protocol):
@@ -133,7 +134,7 @@ class CompiledController:
         context, *others = self._memory
         answer = others[-1].view(np.float64)
         answer[6] = 1.0
-        _CALL(self.law.address)(*(array.ctypes.data for array in (context, self.course, *others)))
+        CALL(self.law.address)(*(array.ctypes.data for array in (context, self.course, *others)))
         return answer.copy()
 
 

@@ -12,7 +12,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews, mj_step1
-from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, hear_joints, host_hears, read_encoders
+from polish_sim.cell.gears import HostArm, RealArm, hear_joints, host_hears, read_encoders
 from polish_sim.cell.guards import REASONS
 from polish_sim.cell.kernel import CellKernel, CellState
 from polish_sim.cell.loop import (
@@ -33,7 +33,6 @@ from polish_sim.cell.real_arm import build_joints, is_real
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
 from polish_sim.cell.robot import SENT
-from polish_sim.cell.scene import tool_on_flange
 from polish_sim.cell.stroke import PROCESS, Stroke
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Controller, Course
@@ -56,7 +55,6 @@ from polish_sim.dual.carrier import (
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.log import RunLog, with_column
-from polish_sim.motion.kinematics import NOMINAL
 
 MASTER_HALTED, MASTER_SILENT = 21, 22
 
@@ -64,7 +62,7 @@ MASTER_HALTED, MASTER_SILENT = 21, 22
 class PairCell(Cell):
     """A cell in which the robot with the tool, the follower, works on a part that the master carries; see `Cell`.
 
-    ``host_arm``: the follower as the host computes it; None: as it is.
+    ``host_arm``: the follower as the host computes it.
     """
 
     arm = FOLLOWER
@@ -88,7 +86,7 @@ class PairCell(Cell):
         rng: np.random.Generator,
         course: Course | None,
         master: MasterRows,
-        host_arm: HostArm | None = None,
+        host_arm: HostArm,
     ) -> None:
         self._rows, self.host_arm = master, host_arm
         self.master_arm: RealArm | None = None
@@ -103,15 +101,14 @@ class PairCell(Cell):
         if not is_real(self.scenario):
             return None
         # The scene is bent by both tables already; of the master's host the loop keeps its own account.
-        host, self.host_arm = self.host_arm or build_host_arm(NOMINAL, np.eye(4), tool_on_flange()), None
         both = ((self._rows.q[0], MASTER_ARM), (q_start, FOLLOWER_ARM))
         self.master_arm, follower = (
-            build_joints(self.scenario, self.model, self.data, q, host, place) for q, place in both
+            build_joints(self.scenario, self.model, self.data, q, self.host_arm, place) for q, place in both
         )
         return follower
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
-        arms = self.real_arm, self.master_arm, self.host_arm
+        arms = self.real_arm, self.master_arm, self.host_arm if self.real_arm is None else None
         advance_pair(self.kernel, *arms, self.master, recorder, self.law, draws, steps)
 
     def _log(self, rows: Array) -> RunLog:

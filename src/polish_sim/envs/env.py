@@ -20,7 +20,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.cell.cell import DRAWS, Cell
+from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.limits import check_contact_settings
@@ -28,6 +28,7 @@ from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
 from polish_sim.cell.set_points import FORCE
 from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, Stroke, begin_next_stroke, cycle_time
+from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course, Measurement, Target, measurement_of, target_of
 from polish_sim.envs.stepping import ACTIONS, LARGEST, SEEN, SPARE, Bench, Turn

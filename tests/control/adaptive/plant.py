@@ -7,20 +7,10 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from polish_sim.control.signals import (
-    CompiledController,
-    Measurement,
-    MeasurementRecord,
-    Target,
-    TargetRecord,
-    measurement_of,
-    target_of,
-)
-
-Array = NDArray[np.float64]
-DT = 0.001
+from polish_sim.arrays import Array
+from polish_sim.control.signals import CompiledController
+from tests.control.signals import DT, measurement_at_rest, target_to_press
 
 
 class Plant(NamedTuple):
@@ -41,20 +31,6 @@ class Run(NamedTuple):
 
     time: Array
     force: Array
-
-
-def measurement_at_rest() -> Measurement:
-    m = measurement_of(MeasurementRecord())
-    m.rotation[:] = np.eye(3)
-    m.clock[1] = DT
-    return m
-
-
-def target_to_press(force: float = 20.0) -> Target:
-    t = target_of(TargetRecord())
-    t.rotation[:] = np.eye(3)
-    t.force[0] = force
-    return t
 
 
 def land(

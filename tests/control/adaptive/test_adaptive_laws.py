@@ -22,20 +22,15 @@ from polish_sim.control.adaptive.force_loop import (
 )
 from polish_sim.control.adaptive.gains import LAWS, PressMemory, adaptive_gains
 from polish_sim.control.adaptive.landing import own_force, quickest_stop, refine_stiffness, restart_fit, watch_air
-from tests.control.adaptive.plant import measurement_at_rest
+from tests.control.signals import DT, measurement_at_rest
 
-DT = 0.001
 GAINS = adaptive_gains(AdaptiveConfig())
 STILL = measurement_at_rest()
 
 
-def fresh() -> PressMemory:
-    return PressMemory()
-
-
 def test_a_ramp_is_shown_as_late_as_the_sensor_is() -> None:
     """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), half a cycle for the hold."""
-    memory, speed = fresh(), 0.02
+    memory, speed = PressMemory(), 0.02
     for k in range(400):
         seen = as_sensed(GAINS, memory, speed * k * DT, 3.0, DT)
     lag = (speed * 399 * DT - seen.path) / speed
@@ -44,7 +39,7 @@ def test_a_ramp_is_shown_as_late_as_the_sensor_is() -> None:
 
 
 def test_the_tools_own_force_is_mass_times_acceleration() -> None:
-    memory = fresh()
+    memory = PressMemory()
     forces = [own_force(GAINS, memory, STILL, 0.5 * k * DT, 0.0, DT) for k in range(10)]
     assert forces[0] == 0.0
     np.testing.assert_allclose(forces[1:], 2.0 * 0.5)
@@ -53,7 +48,7 @@ def test_the_tools_own_force_is_mass_times_acceleration() -> None:
 
 
 def test_the_dampers_force_builds_up_within_its_lag() -> None:
-    memory = fresh()
+    memory = PressMemory()
     memory.force.stiffness = GAINS.stiffness
     forces = [own_force(GAINS, memory, STILL, 0.05, 0.05, DT) for _ in range(50)]
     lag = 1.0 - math.exp(-2 * DT / GAINS.damping_lag)
@@ -65,7 +60,7 @@ def test_the_dampers_force_builds_up_within_its_lag() -> None:
 @pytest.mark.parametrize("speed", [0.002, 0.02])
 def test_the_commands_delay_is_measured_on_the_way_down(cycles: int, speed: float) -> None:
     """A command shows in the encoders ``cycles`` later; when the next one is chosen, one less are under way."""
-    memory = fresh()
+    memory = PressMemory()
     memory.delay.delay = GAINS.command_delay
     commands = [min(speed, 0.05 * k * DT) for k in range(1500)]
     for k, command in enumerate(commands):
@@ -77,7 +72,7 @@ def test_the_commands_delay_is_measured_on_the_way_down(cycles: int, speed: floa
 
 @pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 25000.0, 40000.0])
 def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness: float) -> None:
-    rng, memory = np.random.default_rng(0), fresh()
+    rng, memory = np.random.default_rng(0), PressMemory()
     memory.air.variance = 0.25**2
     restart_fit(memory, 0.0, 0.0)
     speed, found, k = 0.02, [], 0
@@ -91,7 +86,7 @@ def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness: float
 
 
 def test_a_tool_at_rest_learns_nothing_about_springs() -> None:
-    rng, memory = np.random.default_rng(0), fresh()
+    rng, memory = np.random.default_rng(0), PressMemory()
     restart_fit(memory, 0.0, 0.0)
     for _ in range(2000):
         known = refine_stiffness(GAINS, memory, 5000.0, 1e-5 * rng.normal(), rng.normal(), 0.0005, DT)
@@ -100,7 +95,7 @@ def test_a_tool_at_rest_learns_nothing_about_springs() -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.25, 1.0])
 def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noise: float) -> None:
-    rng, memory, blend = np.random.default_rng(1), fresh(), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
+    rng, memory, blend = np.random.default_rng(1), PressMemory(), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
     white = noise / math.sqrt(blend / (2.0 - blend))
     reading, rise, noticed = 0.0, 0.0, False
     for k in range(70000):
@@ -141,7 +136,7 @@ def test_the_loop_is_no_faster_than_delay_inertia_and_noise_allow() -> None:
 
 def test_the_observer_knows_the_force_before_the_sensor_shows_it() -> None:
     """The tool presses by travel alone; the reading is 4 ms late, the estimate is not."""
-    memory, k, z = fresh(), 5000.0, 0.0
+    memory, k, z = PressMemory(), 5000.0, 0.0
     begin_contact(memory, k, 0.0, 0.0)
     for n in range(1000):
         z = 0.002 * math.sin(2.0 * math.pi * 5.0 * n * DT)
@@ -152,7 +147,7 @@ def test_the_observer_knows_the_force_before_the_sensor_shows_it() -> None:
 
 
 def test_believing_another_stiffness_does_not_make_the_sensor_surprise() -> None:
-    memory = fresh()
+    memory = PressMemory()
     begin_contact(memory, 25000.0, 0.001, 3.0)
     memory.force.travel = 0.001
     change_stiffness(memory, 5000.0, 0.001)
@@ -171,19 +166,19 @@ def corrections(memory: PressMemory, added: Callable[[float], float], seconds: f
 @pytest.mark.parametrize("times", [0.5, 0.75, 1.0, 1.3, 3.0])
 def test_the_notch_takes_out_the_arms_vibration(times: float) -> None:
     """At x times its frequency |1 - x^2| / (1 + x^2) is left; up to a tenth in steps of 1 ms."""
-    found = corrections(fresh(), lambda t: math.sin(times * GAINS.arm_mode * t))
+    found = corrections(PressMemory(), lambda t: math.sin(times * GAINS.arm_mode * t))
     assert max(found[1000:]) == pytest.approx(abs(1.0 - times**2) / (1.0 + times**2), abs=0.1)
 
 
 def test_a_part_that_rises_evenly_passes_the_notch_without_lag() -> None:
-    memory, rise = fresh(), 20.0
+    memory, rise = PressMemory(), 20.0
     memory.force.rate = rise
     found = corrections(memory, lambda t: rise * t)
     assert found[-1] == pytest.approx(rise * (2.0 - DT) + rise / 40.0, abs=1.1 * rise * DT)
 
 
 def test_believing_another_stiffness_does_not_swing_the_notch() -> None:
-    memory = fresh()
+    memory = PressMemory()
     begin_contact(memory, 25000.0, 0.001, 3.0)
     corrections(memory, lambda _: -22.0, 0.3)
     change_stiffness(memory, 5000.0, 0.001)
@@ -191,7 +186,7 @@ def test_believing_another_stiffness_does_not_swing_the_notch() -> None:
 
 
 def test_a_rigid_arm_has_no_notch() -> None:
-    rigid, memory = adaptive_gains(AdaptiveConfig(arm_mode_hz=0.0)), fresh()
+    rigid, memory = adaptive_gains(AdaptiveConfig(arm_mode_hz=0.0)), PressMemory()
     for b in (3.0, -5.0, 40.0):
         memory.force.at_no_travel = b
         assert correction(rigid, memory, 40.0, 1.0, DT) == b

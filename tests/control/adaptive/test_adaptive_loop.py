@@ -8,19 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.adaptive.gains import LAWS
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import ConfigError
-from tests.control.adaptive.plant import Plant, land, measurement_at_rest, settling, target_to_press
+from tests.control.adaptive.plant import Plant, land, settling
+from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
 
 ALL = " ".join(LAWS)
 
 
 def adaptive(**changes: Any) -> CompiledController:
-    config = replace(ControllerConfig(), adaptive=replace(AdaptiveConfig(), **changes))
-    return CONTROLLERS["hybrid-adaptive"](config)
+    return CONTROLLERS["hybrid-adaptive"](
+        replace(CONFIG, adaptive=replace(CONFIG.adaptive, damping_n_s_m=0.0, **changes))
+    )
 
 
 def without(law: str) -> str:
@@ -31,7 +32,7 @@ def without(law: str) -> str:
 @pytest.mark.parametrize("delays", [(2, 1), (8, 2), (17, 5)])
 def test_it_lands_on_any_spring_at_any_delay_without_being_told(scale: float, delays: tuple[int, int]) -> None:
     plant = Plant(stiffness=5000.0 * scale, command_delay=delays[0], sensor_delay=delays[1])
-    run = land(adaptive(damping_n_s_m=0.0), plant)
+    run = land(adaptive(), plant)
     assert settling(run, 20.0) < 0.35
     assert run.force.max() < 22.0
     assert np.abs(run.force[-300:] - 20.0).max() < 0.1
@@ -39,14 +40,14 @@ def test_it_lands_on_any_spring_at_any_delay_without_being_told(scale: float, de
 
 @pytest.mark.parametrize("approach", [0.002, 0.005, 0.02, 0.05])
 def test_landing_takes_less_than_a_quarter_second_whatever_the_approach(approach: float) -> None:
-    run = land(adaptive(damping_n_s_m=0.0), Plant(noise=0.5), approach)
+    run = land(adaptive(), Plant(noise=0.5), approach)
     assert settling(run, 20.0) < 0.25
     assert run.force.max() < 21.0
 
 
 @pytest.mark.parametrize("set_force", [3.0, 10.0, 50.0])
 def test_it_lands_on_other_forces(set_force: float) -> None:
-    run = land(adaptive(damping_n_s_m=0.0), Plant(noise=0.5), set_force=set_force)
+    run = land(adaptive(), Plant(noise=0.5), set_force=set_force)
     assert settling(run, set_force) < 0.3
     assert run.force.max() < set_force + 1.0
 
@@ -54,33 +55,33 @@ def test_it_lands_on_other_forces(set_force: float) -> None:
 @pytest.mark.parametrize("rise", [-0.004, 0.004])
 def test_a_part_that_rises_steadily_leaves_what_it_rises_within_the_lags(rise: float) -> None:
     """The observer's rate is the integral action; what stays is k v (command 9 + sensor 3 + low-pass 2 ms) = 0.28 N."""
-    run = land(adaptive(damping_n_s_m=0.0), Plant(rise=rise), seconds=2.0)
+    run = land(adaptive(), Plant(rise=rise), seconds=2.0)
     assert np.abs(run.force[(run.time > 0.6) & (run.time < 0.7)] - 20.0).max() > 0.4
     np.testing.assert_allclose(run.force[-200:] - 20.0, 5000.0 * rise * 0.014, rtol=0.25)
 
 
 def test_the_tools_own_inertia_does_not_ring_on_a_soft_spring() -> None:
     plant = Plant(stiffness=1000.0, mass=2.4, command_delay=15, sensor_delay=5)
-    run = land(adaptive(damping_n_s_m=0.0), plant, seconds=2.5)
+    run = land(adaptive(), plant, seconds=2.5)
     assert np.abs(run.force[-500:] - 20.0).max() < 0.1
 
 
 @pytest.mark.parametrize("law", ["touch-down", "stiffness", "inertia"])
 def test_without_one_law_the_others_still_land(law: str) -> None:
-    run = land(adaptive(laws=without(law), damping_n_s_m=0.0), Plant(), seconds=2.0)
+    run = land(adaptive(laws=without(law)), Plant(), seconds=2.0)
     assert np.abs(run.force[-300:] - 20.0).max() < 0.2
 
 
 def test_the_law_touch_down_makes_the_landing_faster() -> None:
-    slow = land(adaptive(laws=without("touch-down"), damping_n_s_m=0.0), Plant(noise=0.5), approach=0.005)
-    fast = land(adaptive(damping_n_s_m=0.0), Plant(noise=0.5), approach=0.005)
+    slow = land(adaptive(laws=without("touch-down")), Plant(noise=0.5), approach=0.005)
+    fast = land(adaptive(), Plant(noise=0.5), approach=0.005)
     assert settling(fast, 20.0) < 0.8 * settling(slow, 20.0)
 
 
 def test_the_law_stiffness_is_what_holds_a_spring_five_times_as_stiff() -> None:
     plant = Plant(stiffness=25000.0, command_delay=17, sensor_delay=5)
-    known = land(adaptive(damping_n_s_m=0.0), plant)
-    blind = land(adaptive(laws=without("stiffness"), damping_n_s_m=0.0), plant)
+    known = land(adaptive(), plant)
+    blind = land(adaptive(laws=without("stiffness")), plant)
     assert known.force.max() < 21.0
     assert blind.force.max() > 25.0
 

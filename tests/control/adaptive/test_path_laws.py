@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.config import AdaptiveConfig, ControllerConfig
+from polish_sim.arrays import Array
+from polish_sim.config import AdaptiveConfig
 from polish_sim.control.adaptive.drawing import (
     Abilities,
     Ahead,
@@ -41,13 +41,13 @@ from polish_sim.control.adaptive.surface import (
     level_by_moment,
     tilted_target,
 )
-from polish_sim.control.signals import Measurement, Target, TargetRecord, target_of
-from tests.control.adaptive.plant import measurement_at_rest
+from polish_sim.control.signals import Target
 from tests.control.adaptive.track import SPACING, SPRING, course_of, follow
+from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
 
-Array = NDArray[np.float64]
 CAN = Abilities(1.0, 40.0, 1.2, 6.0, math.inf)
 ON = FeedForwardGains(0.01, True)
+ALONG = np.eye(3)
 LEARN = LearningGains(0.005, 0.0, 0.1, 1.0, True)
 NORMAL = NormalGains(3.0, 0.17, 0.3, 20000.0 / 3.0, 3.125, True)
 FEED = FeedGains(1.0, 0.1, 0.1, True)
@@ -55,8 +55,7 @@ FEED = FeedGains(1.0, 0.1, 0.1, True)
 
 def fed_at(s: float, speed: float = 0.06) -> Target:
     """A target in contact at a place of a straight path along x."""
-    t = target_of(TargetRecord())
-    t.rotation[:], t.contact[0], t.force[0] = np.eye(3), 1.0, 20.0
+    t = target_to_press(contact=1.0)
     t.path[0], t.path[2], t.twist[0] = s, speed, speed
     return t
 
@@ -80,10 +79,13 @@ def granted(ahead: Ahead, error: float, memory: PathMemory) -> float:
     return float(granted_feed(ahead, t, memory.feed_error, FEED))
 
 
-def in_degrees(m: Measurement, *axis: float) -> Measurement:
-    """The measurement of a tool turned by a rotation vector [deg]."""
-    m.rotation[:] = Rotation.from_rotvec(np.radians(axis)).as_matrix()
-    return m
+def sent(
+    ahead: Ahead, s: float, look_ahead: float = 0.0, ratio: float = 1.0, R: Array = ALONG, wanted: Array = ALONG
+) -> float:
+    """Rate along tool z that the feed-forward asks of a tool at ``R`` where ``wanted`` is aimed at [m/s]."""
+    m = measurement_at_rest()
+    m.rotation[:] = R
+    return float(planned_press_rate(ahead, m, fed_at(s), wanted, look_ahead, ratio, ON))
 
 
 def test_columns_are_linear_between_rows_and_held_at_the_ends() -> None:
@@ -95,45 +97,36 @@ def test_columns_are_linear_between_rows_and_held_at_the_ends() -> None:
 
 
 def test_without_a_course_nothing_is_expected() -> None:
-    ahead, t, m = nothing_ahead(), fed_at(0.1), measurement_at_rest()
+    ahead = nothing_ahead()
     assert at(ahead.rows["stiffness"], ahead.spacing, 0.1) == 0.0
-    assert planned_press_rate(ahead, m, t, np.eye(3), 0.0, 1.0, ON) == 0.0
-    assert learned_rate(ahead, t, 0.0, LEARN, 0.001, NeighbourMemory()) == 0.0
+    assert sent(ahead, 0.1) == 0.0
+    assert learned_rate(ahead, fed_at(0.1), 0.0, LEARN, 0.001, NeighbourMemory()) == 0.0
     assert granted(ahead, 0.0, PathMemory()) == 1.0
 
 
 def test_the_tool_is_sent_down_a_slope_at_slope_times_feed() -> None:
     ahead = seen_with(surplus=0.05 * SPACING * np.arange(200))
-    rate = planned_press_rate(ahead, measurement_at_rest(), fed_at(0.05), np.eye(3), 0.0, 1.0, ON)
-    assert rate == pytest.approx(0.05 * 0.06, rel=1e-3)
+    assert sent(ahead, 0.05) == pytest.approx(0.05 * 0.06, rel=1e-3)
     assert planned_surplus(ahead, fed_at(0.05), 1.0, ON) == pytest.approx(0.05 * 0.05, rel=1e-3)
 
 
 def test_springs_five_times_as_stiff_need_a_fifth_of_the_drawn_way() -> None:
     ahead = seen_with(surplus=0.05 * SPACING * np.arange(200))
-    rates = [
-        planned_press_rate(ahead, measurement_at_rest(), fed_at(0.05), np.eye(3), 0.0, ratio, ON)
-        for ratio in (1.0, 0.2)
-    ]
-    assert rates[1] == pytest.approx(0.2 * rates[0])
+    assert sent(ahead, 0.05, ratio=0.2) == pytest.approx(0.2 * sent(ahead, 0.05))
 
 
 def test_the_rate_is_that_of_the_place_where_the_command_will_act() -> None:
     surplus = np.where(np.arange(400) < 200, 0.0, 0.05 * SPACING * (np.arange(400) - 200))
-    ahead, before = seen_with(surplus=surplus), fed_at(0.09)
-    assert planned_press_rate(ahead, measurement_at_rest(), before, np.eye(3), 0.0, 1.0, ON) == pytest.approx(
-        0, abs=1e-6
-    )
-    rate = planned_press_rate(ahead, measurement_at_rest(), before, np.eye(3), 0.4, 1.0, ON)
-    assert rate == pytest.approx(0.05 * 0.06, rel=1e-2)
+    ahead = seen_with(surplus=surplus)
+    assert sent(ahead, 0.09) == pytest.approx(0, abs=1e-6)
+    assert sent(ahead, 0.09, look_ahead=0.4) == pytest.approx(0.05 * 0.06, rel=1e-2)
 
 
 def test_an_axis_that_lags_behind_runs_into_the_part_and_is_held_back() -> None:
     """Leaning 1 deg against the feed, the tool's own z sees the motion: v sin(1 deg); a wanted lean is no lag."""
-    ahead, m = seen_with(surplus=np.zeros(200)), in_degrees(measurement_at_rest(), 0.0, 1.0, 0.0)
-    rate = planned_press_rate(ahead, m, fed_at(0.05), np.eye(3), 0.0, 1.0, ON)
-    assert rate == pytest.approx(0.06 * math.sin(math.radians(1.0)))
-    assert planned_press_rate(ahead, m, fed_at(0.05), m.rotation, 0.0, 1.0, ON) == pytest.approx(0.0, abs=1e-9)
+    ahead, R = seen_with(surplus=np.zeros(200)), Rotation.from_rotvec([0.0, math.radians(1.0), 0.0]).as_matrix()
+    assert sent(ahead, 0.05, R=R) == pytest.approx(0.06 * math.sin(math.radians(1.0)))
+    assert sent(ahead, 0.05, R=R, wanted=R) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_turning_is_led_by_its_change_over_the_look_ahead() -> None:
@@ -153,7 +146,7 @@ def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles() -> N
     m = measurement_at_rest()
     # Over a convex part, z into it: moving along x the axis turns about -y.
     m.twist[:] = v, 0.0, 0.0, 0.0, -v / radius, 0.0
-    gains = adaptive_gains(replace(ControllerConfig().adaptive, tool_center_m=height))
+    gains = adaptive_gains(AdaptiveConfig(tool_center_m=height))
     assert abs(round_a_bend(gains, m)) == pytest.approx(v**2 / radius + height * (v / radius) ** 2)
 
 
@@ -301,10 +294,7 @@ def test_the_planned_axis_is_turned_about_the_tools_own_axes() -> None:
 
 
 def controller(laws: str) -> AdaptiveController:
-    config = ControllerConfig()
-    return hybrid_adaptive(
-        replace(config, adaptive=replace(config.adaptive, laws="touch-down stiffness inertia " + laws))
-    )
+    return hybrid_adaptive(replace(CONFIG, adaptive=AdaptiveConfig(laws="touch-down stiffness inertia " + laws)))
 
 
 def wave(s: float) -> float:

@@ -7,13 +7,12 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.control import Course
 from polish_sim.control.signals import CompiledController
-from tests.control.adaptive.plant import DT, measurement_at_rest, target_to_press
+from tests.control.signals import DT, measurement_at_rest, target_to_press
 
-Array = NDArray[np.float64]
 SPACING = 0.0005
 SPRING = 5000.0
 FORCE = 20.0

@@ -19,7 +19,6 @@ import math
 from typing import NamedTuple
 
 from polish_sim.control.adaptive.gains import LINE, AdaptiveGains, PressMemory
-from polish_sim.control.adaptive.landing import unknown_mass
 from polish_sim.control.loops import low_pass_step
 from polish_sim.kernels import kernel
 
@@ -46,7 +45,9 @@ def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age:
     """
     crossover = min(g.crossover, g.delay_share / delay)
     observer = g.observer * min(1.0, (g.noise / max(noise, 1e-3)) ** _NOISE_POWER)
-    most = 0.5 * _MASS_SHARE * stiffness / unknown_mass(g)
+    # The mass whose force stays in the reading, at worst: all of it without the law.
+    unknown_mass = g.mass * (g.mass_doubt if g.inertia else 1.0)
+    most = 0.5 * _MASS_SHARE * stiffness / unknown_mass
     slower = math.sqrt(min(1.0, most / (crossover * observer)))
     crossover, observer = slower * crossover, slower * observer
     if g.touch_down:

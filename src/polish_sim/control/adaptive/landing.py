@@ -220,9 +220,3 @@ def round_a_bend(g: AdaptiveGains, m: Measurement) -> float:
     across = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - about * about
     sideways = (w[1] * z - w[2] * y) * v[0] + (w[2] * x - w[0] * z) * v[1] + (w[0] * y - w[1] * x) * v[2]
     return float(g.mass_height * across - sideways)
-
-
-@kernel
-def unknown_mass(g: AdaptiveGains) -> float:
-    """Mass whose force stays in the reading, at worst [kg]: all of it without the law."""
-    return g.mass * (g.mass_doubt if g.inertia else 1.0)

@@ -24,6 +24,7 @@ from polish_sim.control.adaptive.surface import learn, learned_rate, level_by_mo
 from polish_sim.control.hybrid import (
     HybridGains,
     HybridMemory,
+    along_z,
     hybrid_gains,
     position_by_velocity,
     replace_along_z,
@@ -128,13 +129,6 @@ def look_back(
     learn(ahead, t, offset, p.learning, dt, path.learning)
     path.feed_error = drawing.averaged_error(path.feed_error, error, t, p.feed, dt)
     return drawing.granted_feed(ahead, t, path.feed_error, p.feed)
-
-
-@kernel
-def along_z(m: Measurement, twist: Array) -> float:
-    """Speed along tool z [m/s]."""
-    z = m.rotation[:, 2]
-    return float(z[0] * twist[0] + z[1] * twist[1] + z[2] * twist[2])
 
 
 @kernel

@@ -1,0 +1,43 @@
+"""Two robots for tests: the follower presses or stands still where the master carries a part."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.cell import RealPart, Stroke, no_part, tool_on_flange
+from polish_sim.cell.gears import HostArm, build_host_arm
+from polish_sim.config import Scenario
+from polish_sim.control import build_controller
+from polish_sim.dual.carrier import MasterRows
+from polish_sim.dual.cell import PairCell
+from polish_sim.dual.gripper import GRIPPER_LENGTH
+from polish_sim.motion.kinematics import NOMINAL
+from polish_sim.spatial import transform
+from tests.cell.cells import joints_at, start_of, tool_pose
+
+Q_MASTER = np.array([0.19, -0.75, 1.86, -2.68, 1.57, 1.38])
+ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
+TOOL = tool_pose(0.0, -0.5, 0.3)
+
+
+def nominal_host() -> HostArm:
+    """The follower as a host computes it that has its tool and believes in the nominal table."""
+    return build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
+
+
+def part_at(T_base_work: Array) -> RealPart:
+    """Nothing to touch, at a pose."""
+    return no_part()._replace(rotation=np.ascontiguousarray(T_base_work[:3, :3]), position=T_base_work[:3, 3].copy())
+
+
+def pair_cell(
+    scenario: Scenario, model: mujoco.MjModel, master: MasterRows, stroke: Stroke, part: RealPart | None = None
+) -> PairCell:
+    """A pair at the start of the follower's stroke; the host believes in the nominal table."""
+    part = part_at(master.T_base_work) if part is None else part
+    return PairCell(
+        scenario, model, part, [stroke], joints_at(start_of(stroke)), build_controller(scenario.controller),
+        np.random.default_rng(0), None, master, nominal_host(),
+    )  # fmt: skip
