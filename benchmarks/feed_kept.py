@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.part_setup import polishing_strokes
+from polish_sim.experiments.part_setup import placed_strokes, placed_tool
 from polish_sim.experiments.stroke_motion import feed_figures
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import override
@@ -38,7 +38,7 @@ def main() -> None:
                     process=replace(scenario.process, feed_m_s=feed),
                     smoothing=replace(scenario.smoothing, rule=rule),
                 )
-                jobs = polishing_strokes(asked, task.plan.path, task.reach, 0.0, 0.0)
+                jobs = placed_strokes(asked, task.plan.path, placed_tool(task.plan.path, task.reach), 0.0, 0.0)
                 law = feed_figures(jobs)
                 lost = 1.0 - sum(job.process.length for job in jobs) / feed / law["motion_time_s"]
                 print(

@@ -11,14 +11,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.scoring.loop_model import LinearLaw, Setup, build_plant, plant_response
+from polish_sim.scoring.loop_model import Complex, LinearLaw, Setup, build_plant, plant_response
 from polish_sim.scoring.margins import force_loop
-
-Complex = NDArray[np.complex128]
 
 SAMPLE_S = 0.02  # past readings are averaged over this long for the regression
 LEAST_SAMPLES = 25  # but at least this many lie within the shortest wave

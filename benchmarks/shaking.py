@@ -11,7 +11,7 @@ import math
 
 from polish_sim.cell.linear_arm import measure_shaking
 from polish_sim.experiments import default_scenario, prepare_surface, run_experiment, surface
-from polish_sim.experiments.part_setup import polishing_strokes
+from polish_sim.experiments.part_setup import placed_strokes, placed_tool
 from polish_sim.scenario_file import override
 
 STEPOVERS = {"sphere_50": 0.012, "freeform": 0.016, "saddle": 0.016, "cylinder": 0.016, "wheel_hub_rim": 0.016}  # [m]
@@ -27,7 +27,8 @@ def main() -> None:
             changes = [f"part.file={part}", f"plan.stepover_m={stepover}", f"process.feed_m_s={feed}"]
             scenario = override(default_scenario("surface"), changes)
             task = prepare_surface(scenario)
-            strokes = polishing_strokes(scenario, task.plan.path, task.reach, 0.0, scenario.plan.clearance_m)
+            placed = placed_tool(task.plan.path, task.reach)
+            strokes = placed_strokes(scenario, task.plan.path, placed, 0.0, scenario.plan.clearance_m)
             share = measure_shaking(scenario, strokes, task.reach.q_start).jump_n / scenario.safety.jump_limit_n
             stop = run_experiment(scenario, task.plan).stop_reason
             end = "to the end" if stop is None else stop.split(":")[0]

@@ -16,6 +16,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.score import put
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.report import save_plots
+from polish_sim.row_file import plain
 from polish_sim.scoring import Entry
 from polish_sim.scoring.border import measure_border, plot_border
 from polish_sim.scoring.force_bench import Border
@@ -28,7 +29,7 @@ def search_border(entries: Sequence[Entry], folder: Path) -> int:
         border = _labelled(found, entries)
         observer.stage("draw")
         facts = _facts(border)
-        text = json.dumps(facts | {"versions": package_versions()}, indent=1, allow_nan=False)
+        text = json.dumps(plain(facts | {"versions": package_versions()}), indent=1, allow_nan=False)
         put(folder, "border.json", text + "\n")
         save_plots(folder, {"border.png": plot_border(border)})
     for entry in entries:
@@ -49,34 +50,25 @@ def _labelled(border: Border, entries: Sequence[Entry]) -> Border:
 
 
 def _facts(border: Border) -> dict[str, Any]:
-    """The border as JSON: what each run did, and the longest latency that is stable by scale of the springs."""
+    """What each run did, and the longest latency that is stable by scale of the springs."""
     controllers = {}
     for name, rests in border.rests.items():
         stable = np.array([[rest.stable for rest in row] for row in rests])
         line = np.interp(np.log(border.scales), np.log(border.line_scales), border.lines[name])
         controllers[name] = {
-            "stable": stable.tolist(),
-            "at_rest": [[bool(rest.resting) for rest in row] for row in rests],
-            "swing_n": [[_finite(rest.swing) for rest in row] for row in rests],
+            "stable": stable,
+            "at_rest": [[rest.resting for rest in row] for row in rests],
+            "swing_n": [[rest.swing for rest in row] for row in rests],
             "latency_stable_s": [_longest(border, column) for column in stable.T],
-            "latency_stable_model_s": [_finite(value) for value in line],
+            "latency_stable_model_s": line,
         }
-    return {
-        "spring_scales": border.scales.tolist(),
-        "latencies_s": border.latencies.tolist(),
-        "controllers": controllers,
-    }
+    return {"spring_scales": border.scales, "latencies_s": border.latencies, "controllers": controllers}
 
 
 def _longest(border: Border, stable: Any) -> float | None:
     """The longest latency up to which every run was stable [s]; None if already the shortest was not."""
     count = len(stable) if stable.all() else int(np.argmin(stable))
     return float(border.latencies[count - 1]) if count else None
-
-
-def _finite(value: float) -> float | None:
-    """A number as JSON has it: none where a run was stopped, or the model has no border."""
-    return float(value) if math.isfinite(value) else None
 
 
 def _rows(found: dict[str, Any], border: Border) -> list[list[str]]:
@@ -86,5 +78,5 @@ def _rows(found: dict[str, Any], border: Border) -> list[list[str]]:
     ):
         all_of_it = cell is not None and cell == border.latencies[-1]
         shown = "none" if cell is None else f"{'>= ' if all_of_it else ''}{1e3 * cell:.0f}"
-        rows.append([f"{scale:g} x", shown, "-" if model is None else f"{1e3 * model:.0f}"])
+        rows.append([f"{scale:g} x", shown, f"{1e3 * model:.0f}" if math.isfinite(model) else "-"])
     return rows

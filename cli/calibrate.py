@@ -124,7 +124,7 @@ def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
 
 
 def _write(folder: Path, found: PayloadCalibration) -> None:
-    from polish_sim.analysis.payload_plot import DriftData, ResidualData, plot_drift, plot_residuals
+    from polish_sim.analysis.payload_plot import ResidualData, plot_drift, plot_residuals
     from polish_sim.analysis.run_record import CONFIG
     from polish_sim.calibration import residual_table, write_calibration
     from polish_sim.scenario_file import to_toml
@@ -136,9 +136,9 @@ def _write(folder: Path, found: PayloadCalibration) -> None:
     data = ResidualData(
         readings.time, estimate.residuals, estimate.noise, estimate.used, returned=found.scenario is not None
     )
-    plots = {"residuals.png": plot_residuals(data, "Calibration of the payload", _facts(found))}
+    plots = {"residuals.png": plot_residuals(data, _facts(found))}
     if found.long_run is not None:
-        plots["drift.png"] = plot_drift(DriftData(*found.long_run))
+        plots["drift.png"] = plot_drift(*found.long_run)
     write_found(folder, found.figures, residual_table(readings, estimate, found.q), plots)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -20,6 +21,7 @@ from polish_sim.analysis.style import BLUE, GREEN, head, line_look, new_figure, 
 from polish_sim.cli.pictures import STOP_COLOR, Picture, Quality
 from polish_sim.errors import InputError
 from polish_sim.experiments.run_page import clock, joint_columns, run_motion, run_plots, shown_rows
+from polish_sim.row_file import whole_file
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
@@ -118,21 +120,16 @@ def write_film(folder: Path, record: RunRecord, model: Any, observer: Observer) 
     """Write the film of a run up to where it ended; the file appears when it is whole."""
     import imageio_ffmpeg
 
-    draft = folder / f".part-{FILM}"
     size = CELL.width + PAD.width, CELL.height
-    writer = imageio_ffmpeg.write_frames(
-        str(draft), size, fps=FRAMES_PER_S, macro_block_size=8, ffmpeg_log_level="quiet"
-    )
-    try:
-        writer.send(None)
-        for done, total, image in _frames(record, model):
-            writer.send(np.ascontiguousarray(image))
-            observer.progress(done, total)
-        writer.close()
-        draft.replace(folder / FILM)
-    finally:
-        writer.close()
-        draft.unlink(missing_ok=True)
+    with whole_file(folder / FILM) as draft:
+        writer = imageio_ffmpeg.write_frames(
+            str(draft), size, fps=FRAMES_PER_S, macro_block_size=8, ffmpeg_log_level="quiet"
+        )
+        with closing(writer):
+            writer.send(None)
+            for done, total, image in _frames(record, model):
+                writer.send(np.ascontiguousarray(image))
+                observer.progress(done, total)
 
 
 def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from polish_sim.errors import InputError
+from polish_sim.row_file import ROWS
 
 try:
     import fcntl
@@ -131,6 +132,27 @@ def unused(kind: Path) -> Path:
         count += 1
         candidate = folder.with_name(f"{folder.name}-{count}")
     return candidate
+
+
+def rows_folder(out: Path | None, kind: str, what: str, holds: Sequence[str] = (ROWS,)) -> Path:
+    """Make the folder of work kept row by row, or take up one where it was begun, which ``holds`` these files.
+
+    ``out`` None means a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``what`` names the work, e.g. ``score``.
+
+    Raises:
+        InputError: If the folder holds something else or cannot be written.
+    """
+    folder = out if out is not None else unused(RESULTS / kind)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"'{folder}' exists and is not a folder. Choose another with --out.")
+    if folder.is_dir() and any(folder.iterdir()) and not all((folder / name).exists() for name in holds):
+        raise InputError(f"'{folder}' holds something that is not a {what}. Choose another folder with --out.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ROWS).touch()
+    except OSError as error:
+        raise InputError(f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out.") from error
+    return folder
 
 
 def _taken(folder: Path) -> str:

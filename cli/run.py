@@ -361,11 +361,10 @@ def planned_part(source: Path, part: Mapping[str, str]) -> str:
     Raises:
         InputError: It is not there any more.
     """
-    from polish_sim.experiments.part_setup import part_file
-    from polish_sim.models import workpiece_names
+    from polish_sim.models import part_path, workpiece_names
 
     name = part["name"]
-    if name in workpiece_names() and _hash(part_file(name)) == part["sha256"]:
+    if name in workpiece_names() and _hash(part_path(name)) == part["sha256"]:
         return name
     return _planned_file(source, part, f"made on '{part['file']}'", "--part")
 
@@ -408,9 +407,9 @@ def plan_facts(source: Path) -> dict[str, Any]:
 
 def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:
     """Refuse a part that is another file than a plan was made on."""
-    from polish_sim.experiments.part_setup import part_file
+    from polish_sim.models import part_path
 
-    file = part_file(name)
+    file = part_path(name)
     if file.is_file() and _hash(file) != part["sha256"]:
         raise InputError(
             f"the plan '{source}' was made on another file than '{name}' (it was '{part['file']}', "

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, Final
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
 from polish_sim.cli.options import OWN, Given, Own, takes
-from polish_sim.cli.output_folder import RESULTS, unused
+from polish_sim.cli.output_folder import rows_folder
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 from polish_sim.page import PAGE
-from polish_sim.row_file import ROWS, locked
+from polish_sim.row_file import ROWS, locked, whole_file
 
 if TYPE_CHECKING:
     from polish_sim.scoring import Case, Entry, Score, Verdict
@@ -262,20 +262,10 @@ def open_folder(
 ) -> Iterator[Path]:
     """Make the folder of a score, or take up one that the same score has begun, and keep others out while it is filled.
 
-    ``out`` None means a new ``results/score/<yyyymmdd-hhmmss>``; ``asked``: what the score is of, by name: only the
-    same one is continued, unless ``overwrite``. Raises InputError if the folder holds something else, is in use, or not
-    writable.
+    ``asked``: what the score is of, by name: only the same one is continued, unless ``overwrite``. Raises InputError if
+    the folder holds something else, is in use, or not writable.
     """
-    folder = out if out is not None else unused(RESULTS / kind)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"'{folder}' exists and is not a folder. Choose another with --out.")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / ROWS).exists():
-        raise InputError(f"'{folder}' holds something that is not a score. Choose another folder with --out.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / ROWS).touch()
-    except OSError as error:
-        raise InputError(f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out.") from error
+    folder = rows_folder(out, kind, "score")
     with locked(folder, kind):
         if not overwrite:
             _refuse_another(folder, asked)
@@ -285,9 +275,8 @@ def open_folder(
 
 def put(folder: Path, name: str, content: str | bytes) -> None:
     """Write a file of the score; it appears when it is whole."""
-    draft = folder / f".{name}.part"
-    draft.write_bytes(content.encode() if isinstance(content, str) else content)
-    draft.replace(folder / name)
+    with whole_file(folder / name) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def _refuse_another(folder: Path, asked: Mapping[str, Any]) -> None:

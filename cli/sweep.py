@@ -17,7 +17,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, build_scenario, takes
-from polish_sim.cli.output_folder import RESULTS, unused
+from polish_sim.cli.output_folder import rows_folder
 from polish_sim.cli.score import put
 from polish_sim.config.key import OUTPUT, RUN
 from polish_sim.errors import InputError, count_text, number_text, unknown_name
@@ -132,19 +132,10 @@ def open_sweep(out: Path | None, study: Study) -> Iterator[Path]:
     """
     from polish_sim.studies.study import STUDY, read_study, to_text
 
-    folder = out if out is not None else unused(RESULTS / f"sweep-{study.base.experiment}")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"'{folder}' exists and is not a folder. Choose another with --out.")
-    if folder.is_dir() and any(folder.iterdir()) and not ((folder / ROWS).exists() and (folder / STUDY).exists()):
-        raise InputError(f"'{folder}' holds something that is not a sweep. Choose another folder with --out.")
+    made = out is None or not out.exists()
+    folder = rows_folder(out, f"sweep-{study.base.experiment}", "sweep", (ROWS, STUDY))
     if (folder / STUDY).exists() and (held := read_study(folder / STUDY).base.experiment) != study.base.experiment:
         raise InputError(f"'{folder}' holds a sweep of '{held}'. Choose another folder with --out.")
-    made = not folder.exists()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / ROWS).touch()
-    except OSError as error:
-        raise InputError(f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out.") from error
     with locked(folder, "sweep"):
         put(folder, STUDY, to_text(study))
         try:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.errors import InputError
+from polish_sim.row_file import whole_file
 
 Array = NDArray[np.float64]
 UNREADABLE: Final = (
@@ -126,10 +127,8 @@ def row_width() -> int:
 
 def write_log(path: Path, log: RunLog) -> None:
     """Write the log; the file appears under its name only when it is whole."""
-    temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("wb") as stream:
+    with whole_file(path) as draft, draft.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **dict(log.columns))
-    temporary.replace(path)
 
 
 def read_log(path: Path) -> RunLog:
@@ -227,10 +226,8 @@ def write_removal(file: Path, removal: RemovalMap) -> None:
         if name in RemovalMap.__dataclass_fields__
     }
     columns["triangles"] = removal.triangles.astype(np.int32)
-    temporary = file.with_name(f".{file.name}.part")
-    with temporary.open("wb") as stream:
+    with whole_file(file) as draft, draft.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **columns)
-    temporary.replace(file)
 
 
 def read_removal(file: Path) -> RemovalMap:

@@ -1,4 +1,7 @@
-"""Rows on disk, one line each as they come, so that work that was broken off goes on where it was."""
+"""Files a killed command does not spoil: those that appear when they are whole, and rows as they come.
+
+Rows are on disk one line each, so that work that was broken off goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,17 @@ from polish_sim.errors import InputError
 
 ROWS: Final = "rows.jsonl"
 Row = dict[str, Any]
+
+
+@contextmanager
+def whole_file(file: Path) -> Iterator[Path]:
+    """A draft to write in the block; it gets the file's name at its end, and is deleted if it fails."""
+    draft = file.with_name(f".part-{file.name}")
+    try:
+        yield draft
+        draft.replace(file)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 class RowFile:
@@ -46,9 +60,15 @@ class RowFile:
             raise
 
 
-def plain(row: Mapping[str, Any]) -> Row:
-    """A row as JSON has it: what is not a finite number becomes null."""
-    return {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in row.items()}
+def plain(value: Any) -> Any:
+    """Values as JSON has them: arrays as lists, what is not a finite number as null."""
+    if isinstance(value, Mapping):
+        return {str(name): plain(entry) for name, entry in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextmanager

@@ -21,12 +21,19 @@ def result():
     return plan_part(PartConfig("sphere_100"), PlanConfig(stepover_m=0.012))
 
 
-def test_from_above_the_path_lies_where_it_was_planned(result):
-    flat = plot_plan(result).axes[1]
+@pytest.fixture(scope="module")
+def figure(result):
+    return plot_plan(result)
+
+
+def test_from_above_the_path_lies_where_it_was_planned(result, figure):
+    flat = figure.axes[1]
     drawn = np.concatenate([line.vertices for line in flat.collections[1].get_paths()])
     process = result.path.positions_work[result.path.process] * 1e3
     assert drawn.min(axis=0) == pytest.approx(process[:, :2].min(axis=0))
     assert drawn.max(axis=0) == pytest.approx(process[:, :2].max(axis=0))
+    assert flat.get_xlabel() == "to the right (+x) [mm]"
+    assert flat.get_ylabel() == "to the back (+y) [mm]"
 
 
 def test_no_side_the_part_hides_is_drawn_through_it(tmp_path):
@@ -60,28 +67,21 @@ def test_a_side_of_the_part_is_seen_along_its_face(tmp_path, side, right):
     assert flat.get_ylabel() == "up (+z) [mm]"
 
 
-def test_landing_and_leaving_are_named(result):
-    figure = plot_plan(result)
+def test_landing_and_leaving_are_named(figure):
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["approach, lead-in", "lead-out, retract"]
 
 
-def test_a_path_without_neighbouring_turns_has_its_own_name_and_no_step_over(result):
-    assert "step-over 12 mm" in plot_plan(result).texts[-1].get_text()
+def test_a_path_without_neighbouring_turns_has_its_own_name_and_no_step_over(result, figure):
+    assert "step-over 12 mm" in figure.texts[-1].get_text()
     alone = result.figures | {"stepover_p5_m": np.nan, "stepover_p95_m": np.nan}
-    figure = plot_plan(replace(result, figures=alone), "Once around the rim")
-    assert figure.get_suptitle().strip() == "Once around the rim on sphere_100"
-    assert "step-over" not in figure.texts[-1].get_text()
+    rim = plot_plan(replace(result, figures=alone), "Once around the rim")
+    assert rim.get_suptitle().strip() == "Once around the rim on sphere_100"
+    assert "step-over" not in rim.texts[-1].get_text()
 
 
-def test_the_axes_from_above_are_named_after_the_part_s(result):
-    flat = plot_plan(result).axes[1]
-    assert flat.get_xlabel() == "to the right (+x) [mm]"
-    assert flat.get_ylabel() == "to the back (+y) [mm]"
-
-
-def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result):
-    solid = plot_plan(result).axes[0]
+def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result, figure):
+    solid = figure.axes[0]
     corners = np.concatenate([result.mesh.vertices, result.path.positions_work]) * 1e3
     across = np.array(proj3d.proj_transform(*corners.T, solid.get_proj())[:2])
     view = np.array([solid.viewLim.intervalx, solid.viewLim.intervaly])
@@ -98,13 +98,9 @@ def test_a_direction_is_called_by_the_part_s_axis_it_is_along(direction, name):
     assert axis_name(np.array(direction)) == name
 
 
-def from_above(points):
-    return points
-
-
 def test_a_box_hides_what_is_below_it_and_nothing_above_or_beside_it():
     box = trimesh.creation.box((2.0, 2.0, 2.0))
-    picture = depth_picture(np.asarray(box.triangles), from_above)
+    picture = depth_picture(np.asarray(box.triangles), lambda points: points)
     across = np.random.default_rng(0).uniform(-0.95, 0.95, (500, 2))
     up = np.tile([0.0, 0.0, 1.0], (500, 1))
     for height, seen in ((1.0, True), (3.0, True), (0.0, False), (-1.0, False), (-3.0, False)):
@@ -133,15 +129,14 @@ def test_of_a_sphere_the_half_that_faces_the_viewer_is_seen(towards):
 def test_long_thin_facets_hide_as_well_as_square_ones():
     low, high = np.array([0.0, 0.0, 0.0]), np.array([10.0, 0.02, 0.0])
     strip = np.array([[low, [10.0, 0.0, 0.0], high], [low, high, [0.0, 0.02, 0.0]]])
-    picture = depth_picture(strip, from_above)
+    picture = depth_picture(strip, lambda points: points)
     along = np.column_stack([np.linspace(0.01, 9.99, 999), np.full(999, 0.01), np.full(999, -1.0)])
     assert not seen_in(picture, along, np.tile([0.0, 0.0, -1.0], (999, 1))).any()
 
 
 @pytest.fixture(scope="module")
-def found():
-    part, plan = PartConfig("sphere_100"), PlanConfig(stepover_m=0.016)
-    return inspect_path(plan_part(part, plan).path, part, plan)
+def found(result):
+    return inspect_path(result.path, PartConfig("sphere_100"), result.plan)
 
 
 def test_turns_of_the_tool_axis_are_in_the_unit_of_the_table(found):

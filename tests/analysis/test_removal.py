@@ -16,7 +16,7 @@ from polish_sim.analysis.run_record import REMOVAL, RunRecord, read_record, writ
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.report import draw_comparison, draw_plots
-from polish_sim.log import LATER, RunLog, read_log, read_removal, with_column, write_log, write_removal
+from polish_sim.log import RunLog, read_removal, with_column, write_removal
 from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_trace
 
 UNEVEN = np.concatenate([[0.0, 0.4], np.ones(16), [1.6, 2.0]])
@@ -120,12 +120,6 @@ def test_with_a_wear_coefficient_the_colours_are_micrometres(run: RunRecord) -> 
     figure = draw_plots(replace(run, removal=removal, metrics=measure_removal(removal)))["removal.png"]
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert any("µm" in label for label in labels), labels
-
-
-def test_a_log_from_before_the_exposure_was_logged_still_reads(tmp_path: Path) -> None:
-    log = log_of(surface_trace(bumpy_path(bumps=2, length=0.1)))
-    write_log(tmp_path / "log.npz", log)
-    assert not set(LATER) & set(read_log(tmp_path / "log.npz").names)
 
 
 def test_a_column_added_to_a_log_must_fit_it(run: RunRecord) -> None:

@@ -11,9 +11,9 @@ import pytest
 
 from polish_sim.cell import Cell, CellRun, RealPart, Silent, build_scene, no_part
 from polish_sim.cell.guards import CRASH, REASONS
-from polish_sim.experiments.part_setup import part_file
 from polish_sim.geometry import load_part
 from polish_sim.geometry.field_lookup import DistanceField
+from polish_sim.models import part_path
 from polish_sim.motion import JOINT_LIMITS
 from polish_sim.motion.rules.limits import JOINT_SPEED
 from tests.cell.cells import (
@@ -145,7 +145,7 @@ def onto_the_table(look_every_s: float) -> CellRun:
     class Onlooker(Silent):
         frame_every_s = look_every_s
 
-    mesh, scenario = load_part(part_file("plate")), ideal("arc", EVERY_STEP)
+    mesh, scenario = load_part(part_path("plate")), ideal("arc", EVERY_STEP)
     model = build_scene(scenario, mesh, no_part()._replace(position=np.array([-0.3, -0.6, 0.1])))
     poses = tool_pose(0.2, -0.5, 0.05), tool_pose(0.2, -0.5, -0.2)
     return cell_for(scenario, free_stroke(*poses, feed=0.05), model=model).run(Onlooker())

@@ -12,7 +12,8 @@ import pytest
 
 from tests.cli.conftest import PROGRAM, Tool
 
-TWO = ["--case", "step-10", "--case", "approach-20", "--seeds", "1", "--workers", "1"]
+ONE = ["--case", "approach-20", "--seeds", "1", "--workers", "1"]
+SHORT = ["--set", "process.hold_s=1.5"]
 FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl", "report.html"}
 
 
@@ -23,7 +24,7 @@ def read(file: Path) -> dict[str, object]:
 
 
 def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polish_sim: Tool, tmp_path: Path) -> None:
-    code, out, err = polish_sim("score", *TWO, "--against", "position", "--check", "--out", "s")
+    code, out, err = polish_sim("score", *ONE, "--against", "position", "--check", "--out", "s")
     assert code == 1, err  # hybrid-pi settles later than asked
     assert {file.name for file in (tmp_path / "s").iterdir()} == FILES
     assert out.splitlines()[-1] == "folder: s"
@@ -36,9 +37,7 @@ def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polis
     rows = score["rows"]
     assert isinstance(rows, list)
     assert [(row["controller"], row["case"]) for row in rows] == [
-        ("hybrid-pi", "step-10"),
         ("hybrid-pi", "approach-20"),
-        ("position", "step-10"),
         ("position", "approach-20"),
     ]
     assert {"controllers", "cases", "seeds", "worst_case"} <= set(read(tmp_path / "s/metrics.json"))
@@ -48,23 +47,11 @@ def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polis
     assert (tmp_path / "s/score.png").stat().st_size > 10_000
 
     lines = (tmp_path / "s/rows.jsonl").read_text()
-    code, again, err = polish_sim("score", *TWO, "--against", "position", "--out", "s")
+    code, again, err = polish_sim("score", *ONE, "--against", "position", "--out", "s")
     assert code == 0
-    assert "4 of 4 runs" in err
+    assert "2 of 2 runs" in err
     assert again == out
     assert (tmp_path / "s/rows.jsonl").read_text() == lines
-
-
-def test_a_user_s_file_is_scored_the_same_way(polish_sim: Tool, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(
-        "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
-    )
-    words = ["--case", "step-10", "--seeds", "1", "--workers", "1", "--out", "s"]
-    assert polish_sim("score", "--controller", "mine.py:Down", *words)[0] == 0
-    score = read(tmp_path / "s/score.json")
-    assert score["controllers"] == ["mine.py:Down"]
-    assert isinstance(score["rows"], list)
-    assert score["rows"][0]["duration"] > 3.0
 
 
 @pytest.mark.parametrize(
@@ -113,13 +100,13 @@ def _begun(tmp_path: Path, rows: int, *words: str) -> subprocess.Popen[str]:
 
 
 def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -> None:
-    with _begun(tmp_path, 3, "--case", "noise-*", "--seeds", "20", "--workers", "2") as run:
+    with _begun(tmp_path, 3, "--case", "noise-*", "--seeds", "20", "--workers", "2", *SHORT) as run:
         run.send_signal(signal.SIGINT)
         out, err = run.communicate()
     assert run.returncode == 130, err
     assert "Traceback" not in err
     assert "--out cut" in err
-    assert "worst case of hybrid-pi" in out
+    assert "worst case of hybrid-pi with --set" in out
     figures = read(tmp_path / "cut/metrics.json")
     assert isinstance(figures["runs"], int)
     assert 3 <= figures["runs"] < 60
@@ -128,8 +115,8 @@ def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_sim: Tool, tmp_path: Path) -> None:
-    words = ["--case", "noise-1", "--seeds", "4", "--workers", "1"]
-    with _begun(tmp_path, 2, *words) as run:
+    words = ["--case", "noise-1", "--seeds", "3", "--workers", "1", *SHORT]
+    with _begun(tmp_path, 1, *words) as run:
         run.kill()
         run.communicate()
     code, _, err = polish_sim("score", *words, "--out", "cut")
@@ -138,13 +125,16 @@ def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_si
     assert read(tmp_path / "cut/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]
 
 
-def test_another_score_is_never_replaced_unasked(polish_sim: Tool, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(
-        "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
-    )
+def test_a_user_s_file_is_scored_and_another_score_never_replaced_unasked(polish_sim: Tool, tmp_path: Path) -> None:
+    source = "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
+    (tmp_path / "mine.py").write_text(source)
     words = ["score", "--controller", "mine.py:Down", "--workers", "1", "--out", "s"]
     first = [*words, "--case", "step-10", "--seeds", "1"]
     assert polish_sim(*first)[0] == 0
+    score = read(tmp_path / "s/score.json")
+    assert score["controllers"] == ["mine.py:Down"]
+    assert isinstance(score["rows"], list)
+    assert score["rows"][0]["duration"] > 3.0
     whole = {file.name: file.read_bytes() for file in (tmp_path / "s").iterdir()}
 
     def refused(*asked: str) -> str:
@@ -157,9 +147,7 @@ def test_another_score_is_never_replaced_unasked(polish_sim: Tool, tmp_path: Pat
     assert "cases are step-10, not approach-20" in refused(*words, "--case", "approach-20", "--seeds", "1")
     assert "controllers are mine.py:Down, not position" in refused(*first, "--controller", "position")
     assert "a border, not" not in refused(*first, "--border")
-    (tmp_path / "mine.py").write_text(
-        "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return 0.5 * t.twist\n"
-    )
+    (tmp_path / "mine.py").write_text(source.replace("t.twist", "0.5 * t.twist"))
     assert "have changed" in refused(*first)
     assert polish_sim(*first, "--overwrite")[0] == 0
     assert (tmp_path / "s/score.json").read_bytes() != whole["score.json"]

@@ -16,10 +16,9 @@ from polish_sim.dual.gripper import seat_part, seat_text
 from polish_sim.dual.rim import fit_closed_spline
 from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario
-from polish_sim.experiments.part_setup import part_file
 from polish_sim.experiments.placement import check_shaft
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, part_from_arrays, select_region
-from polish_sim.models import workpiece_path
+from polish_sim.models import part_path, workpiece_path
 from polish_sim.motion import forward
 from polish_sim.planning.toolpath import PROCESS, ToolPath
 from polish_sim.spatial import apply, from_pose, rotation_to_axis, transform
@@ -144,7 +143,7 @@ def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad() -> None
 
 @cache
 def part(name: str, choice: str = "auto") -> tuple[Region, Surface]:
-    mesh = load_part(part_file(name))
+    mesh = load_part(part_path(name))
     surface = fit_surface(mesh)
     return select_region(surface, mesh, choice), surface
 

@@ -9,9 +9,7 @@ from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.scenario_file import override
 
-
-def plan_of(scenario: Scenario) -> PlanResult:
-    return plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
+FREEFORM = ["plan.stepover_m=0.016", "process.max_feed_s=8"]
 
 
 @pytest.fixture(scope="session")
@@ -23,14 +21,14 @@ def short_arc() -> RunResult:
 @pytest.fixture(scope="session")
 def freeform() -> RunResult:
     """Eight seconds of feed on the freeform part, every error on."""
-    return run_experiment(override(default_scenario("surface"), ["process.max_feed_s=8"]))
+    return run_experiment(override(default_scenario("surface"), FREEFORM))
 
 
 @pytest.fixture(scope="session")
 def cap() -> tuple[Scenario, PlanResult]:
     """Two seconds of feed on the small sphere cap: a scenario and its plan, quick to run again with changes."""
     scenario = override(default_scenario("surface"), ["part.file=sphere_50", "process.max_feed_s=2"])
-    return scenario, plan_of(scenario)
+    return scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
 
 
 @pytest.fixture(scope="session")

@@ -42,16 +42,11 @@ def test_nothing_is_touched_in_free_space(short_arc: RunResult) -> None:
     assert 1 not in short_arc.trace.phase
 
 
-@pytest.mark.parametrize("controller", ["position", "hybrid-pi-position"])
-def test_the_other_laws_keep_to_it_too(controller: str) -> None:
-    changes = ["process.max_feed_s=3", f"controller.name={controller}"]
-    figures = run_experiment(override(default_scenario("arc"), changes)).figures
+@pytest.mark.parametrize(
+    ("change", "feed"),
+    [("controller.name=position", 0.01), ("controller.name=hybrid-pi-position", 0.01), ("process.feed_m_s=0.1", 0.1)],
+)
+def test_other_laws_and_ten_times_the_feed_keep_to_it_too(change: str, feed: float) -> None:
+    figures = run_experiment(override(default_scenario("arc"), ["process.max_feed_s=3.5", change])).figures
     assert figures["tracking_error_max_m"] < 0.3e-3
-    assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=0.1e-3)
-
-
-def test_at_ten_times_the_feed_it_still_follows() -> None:
-    changes = ["process.max_feed_s=3.5", "process.feed_m_s=0.1"]
-    figures = run_experiment(override(default_scenario("arc"), changes)).figures
-    assert figures["tracking_error_max_m"] < 0.3e-3
-    assert figures["speed_mean_m_s"] == pytest.approx(0.1, rel=0.01)
+    assert figures["speed_mean_m_s"] == pytest.approx(feed, rel=0.01)

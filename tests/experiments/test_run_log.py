@@ -14,7 +14,7 @@ from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.log import COLUMNS, RunLog, read_log, write_log
 from polish_sim.motion import forward, jacobian
 from polish_sim.planning import PlanResult
-from polish_sim.scenario_file import load_scenario, override, to_toml
+from polish_sim.scenario_file import override
 from tests.cell.cells import along_tool, cell_for, part_under, pressing_stroke, tool_pose, way_through
 from tests.cell.fields import plane
 
@@ -158,14 +158,7 @@ def test_another_seed_gives_another_part_and_other_noise(cap: Cap, cap_run: RunR
     assert other.figures["force_rms_error_n"] != cap_run.figures["force_rms_error_n"]
 
 
-def test_the_written_config_runs_to_the_same_bytes(tmp_path: Path) -> None:
-    first = run_experiment(override(default_scenario("force"), ["seed=7", "process.hold_s=1"]))
-    path = tmp_path / "config.toml"
-    path.write_text(to_toml(first.scenario), encoding="utf-8")
-    assert same(first.log, run_experiment(load_scenario(path, default_scenario("arc"))).log)
-
-
-@pytest.mark.parametrize("every_s", [0.001, 0.007, 0.04, 3.0])
+@pytest.mark.parametrize("every_s", [0.001, 0.007, 3.0])
 def test_who_looks_on_how_often_changes_nothing(short_force: RunResult, every_s: float) -> None:
     class Onlooker(Silent):
         frame_every_s = every_s
@@ -204,11 +197,8 @@ def test_least_and_largest_force_cover_the_steps_between_the_rows() -> None:
     scenario = override(default_scenario("force"), ["process.hold_s=1", "simulation.log_rate_hz=50"])
     result = run_experiment(scenario)
     force = result.trace.normal_force_n.astype(np.float32)
-    for row, (least, largest) in enumerate(zip(*_extremes(result), strict=True)):
+    extremes = result.log["normal_force_min_n"], result.log["normal_force_max_n"]
+    for row, (least, largest) in enumerate(zip(*extremes, strict=True)):
         between = force[max(0, 20 * (row - 1) + 1) : 20 * row + 1]
         assert least == between.min()
         assert largest == between.max()
-
-
-def _extremes(result: RunResult) -> tuple[np.ndarray, np.ndarray]:
-    return np.asarray(result.log["normal_force_min_n"]), np.asarray(result.log["normal_force_max_n"])

@@ -1,21 +1,28 @@
-"""How a stroke may be followed in the cell: every rule keeps its own promise."""
+"""Strokes: one for every stretch in contact, and how each rule follows it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
-from polish_sim.config import Scenario
-from polish_sim.errors import InputError, PolishSimError, SmoothingError
+from polish_sim.cell import Stroke
+from polish_sim.config import PartConfig, PlanConfig, Scenario
+from polish_sim.errors import PolishSimError
+from polish_sim.experiments.part_setup import placed_strokes, placed_tool
+from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.stroke_motion import STROKE_RULES, StrokePath, stroke_motion, within_noise
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.geometry.repair.skin import NOISELESS, Noise
 from polish_sim.motion.timed_path import TimedPath
-from polish_sim.spatial import rotation_to_axis
+from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning.toolpath import arc_length
+from polish_sim.spatial import rotation_to_axis, transform
 
 FEED = 0.06
 
@@ -43,8 +50,7 @@ def bend(radius: float) -> StrokePath:
     x = np.concatenate([line - 0.05, radius * np.sin(arc), -line - 5e-4])
     y = np.concatenate([0.0 * line, radius * (1.0 - np.cos(arc)), 0.0 * line + 2.0 * radius])
     tips = np.stack([x, y, 0.0 * x], axis=1)
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(tips, axis=0), axis=1))])
-    return StrokePath(tips, np.tile(np.eye(3), (len(x), 1, 1)), s, np.full(len(x), FEED))
+    return StrokePath(tips, np.tile(np.eye(3), (len(x), 1, 1)), arc_length(tips), np.full(len(x), FEED))
 
 
 def follow(rule: str, radius: float, **smoothing: float) -> TimedPath:
@@ -76,22 +82,65 @@ def test_without_a_rule_the_feed_is_kept_whatever_it_takes() -> None:
     assert acceleration.max() == pytest.approx(FEED**2 / 0.003, rel=0.2)
 
 
-def test_a_rule_nobody_knows_is_refused_with_those_that_are_known() -> None:
-    with pytest.raises(InputError, match="spline") as refused:
-        follow("splines", 0.025)
-    assert all(name in str(refused.value) for name in STROKE_RULES)
-
-
-def test_a_spline_cannot_be_asked_for_exact_corners() -> None:
-    with pytest.raises(SmoothingError, match="certified"):
-        follow("spline", 0.025, tolerance_m=0.0)
-
-
-@pytest.mark.parametrize("wrong", [{"rule": "splines"}, {"tolerance_m": 0.0}, {"limits_file": "none.toml"}])
-def test_settings_of_smoothing_are_refused_before_the_part_is_looked_at(wrong: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"rule": "splines"}, "smoothing.*" + ".*".join(sorted(STROKE_RULES))),
+        ({"tolerance_m": 0.0}, "smoothing.*certified"),
+        ({"limits_file": "none.toml"}, "limits"),
+    ],
+)
+def test_settings_of_smoothing_are_refused_before_the_part_is_looked_at(wrong: dict[str, Any], said: str) -> None:
     scenario = Scenario()
     scenario = replace(
         scenario, part=replace(scenario.part, file="none.stl"), smoothing=replace(scenario.smoothing, **wrong)
     )
-    with pytest.raises(PolishSimError, match=r"smoothing|limits"):
+    with pytest.raises(PolishSimError, match=said):
         prepare_surface(scenario)
+
+
+# Several stretches in contact become several strokes: travel through the air, a way down, the stretch, a lift.
+
+LIFT = PlanConfig().clearance_m
+PLACE = np.array([0.0, -0.5, 0.08])
+REACH = Reach(transform(np.eye(3), PLACE), 0.0, np.array([1.2, -1.6, 1.9, -1.9, -1.6, 0.0]), 1.0)
+
+
+@pytest.fixture(scope="module")
+def islands(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
+    """Two square islands 120 mm apart on a base, covered by a spiral each."""
+    moved = trimesh.transformations.translation_matrix
+    base = trimesh.creation.box((200.0, 100.0, 10.0), moved([0, 0, -5]))
+    pads = [trimesh.creation.box((60.0, 60.0, 20.0), moved([x, 0, 5])) for x in (-60.0, 60.0)]
+    file: Path = tmp_path_factory.mktemp("islands") / "islands.stl"
+    trimesh.boolean.union([base, *pads], engine="manifold").export(file)
+    plan = PlanConfig(region="box:-100,-50,14,100,50,16", stepover_m=0.02, bridge_m=0.0)
+    return plan_part(PartConfig(str(file), up="z"), plan)
+
+
+def strokes(plan: PlanResult, force: np.ndarray | None = None) -> list[Stroke]:
+    path = replace(plan.path, force=force)
+    return placed_strokes(Scenario(), path, placed_tool(path, REACH), 0.0, LIFT)
+
+
+def test_each_island_is_a_stroke_and_the_tool_comes_down_only_over_it(islands: PlanResult) -> None:
+    first, second = strokes(islands)
+    assert first.lead_in.length == pytest.approx(LIFT, abs=1e-3)
+    assert second.lead_in.length == pytest.approx(LIFT, abs=1e-3)
+    assert first.travel.duration == 0.0
+    assert second.travel.places[-1] > 0.1
+
+
+def test_the_travel_begins_where_the_lift_ends_and_ends_where_the_way_down_begins(islands: PlanResult) -> None:
+    first, second = strokes(islands)
+    lifted = first.process.positions[-1] + [0.0, 0.0, LIFT + first.depth]
+    assert second.travel.positions[0] == pytest.approx(lifted, abs=1e-9)
+    assert second.travel.positions[-1] == pytest.approx(second.lead_in.positions[0], abs=1e-9)
+    assert second.travel.positions[:, 2].min() >= PLACE[2] + 0.015 + 0.7 * LIFT
+
+
+def test_a_path_that_presses_harder_at_its_end_is_lifted_to_the_same_height(islands: PlanResult) -> None:
+    force = np.interp(islands.path.s, [0.0, islands.path.s[-1]], [10.0, 60.0])
+    for stroke in strokes(islands, force):
+        end = stroke.process.positions[-1, 2] + stroke.lift + stroke.depth
+        assert end == pytest.approx(PLACE[2] + 0.015 + LIFT, abs=1e-6)

@@ -17,6 +17,7 @@ from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
 from tests.cell.cells import IDEAL_ARM, IDEAL_SENSOR
+from tests.experiments.conftest import FREEFORM
 
 Cap = tuple[Scenario, PlanResult]
 
@@ -34,7 +35,7 @@ def test_on_the_freeform_part_the_force_stays_within_four_newton(freeform: RunRe
 
 
 def test_the_tool_strays_less_than_three_tenths_of_a_millimetre_from_its_path_on_the_ideal_arm() -> None:
-    result = run_experiment(override(default_scenario("surface"), ["robot.arm=ideal", "process.max_feed_s=8"]))
+    result = run_experiment(override(default_scenario("surface"), ["robot.arm=ideal", *FREEFORM]))
     assert result.figures["tracking_error_max_m"] < 0.3e-3
     assert result.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.03)
 
@@ -106,12 +107,6 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap) -> None:
     assert 0.01 < moment["on"] - moment["off"] < 0.3 * 20.0 * 0.025
 
 
-def test_a_host_at_500_hz_holds_the_force_too(cap: Cap) -> None:
-    slow = changed(cap, "simulation.control_every=2")
-    assert slow.stop_reason is None
-    assert slow.figures["force_max_deviation_n"] < 4.0
-
-
 def polish_with_a_balanced_tool(scenario: Scenario, plan: PlanResult) -> tuple[dict[str, float | int], float]:
     """Figures of a run, and how far it came [m], with the tool's mass moved onto its axis."""
     place = prepare_surface(scenario, plan).place
@@ -140,12 +135,8 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(
         for pose in poses
     )
     for name in (
-        "force_rms_error_n",
-        "force_max_deviation_n",
-        "force_mean_n",
-        "tracking_error_max_m",
-        "speed_mean_m_s",
-    ):
+        "force_rms_error_n", "force_max_deviation_n", "force_mean_n", "tracking_error_max_m", "speed_mean_m_s",
+    ):  # fmt: skip
         assert there[name] == pytest.approx(here[name], rel=1e-7), name
     assert way_there == pytest.approx(way, rel=1e-12)
 

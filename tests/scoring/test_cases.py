@@ -16,7 +16,8 @@ from polish_sim.scenario_file import override
 from polish_sim.scoring import BATTERY, BATTERY_ASKED, REACH, REACH_CASES, Case, Entry, choose_cases, judge, user_entry
 from polish_sim.scoring.battery import Draw, latency_settings
 from polish_sim.scoring.force_bench import judge_rest
-from polish_sim.scoring.journal import Task, setup_key
+from polish_sim.scoring.journal import setup_key
+from polish_sim.scoring.margins import share_latency
 
 PI = Entry("hybrid-pi", "hybrid-pi")
 
@@ -37,11 +38,12 @@ def test_names_are_unique_and_every_figure_asked_has_a_case() -> None:
         assert all(any(one.applies(name) for name in names) for one in asked)
 
 
-@pytest.mark.parametrize(("total_ms", "sensor", "command"), [(8, 0.002, 0.006), (20, 0.005, 0.015), (2, 0.001, 0.001)])
+@pytest.mark.parametrize(("total_ms", "sensor", "command"), [(20, 0.005, 0.015), (2, 0.001, 0.001), (1, 0.001, 0.0)])
 def test_latency_is_shared_one_to_three_as_in_the_default_cell(total_ms: int, sensor: float, command: float) -> None:
     scenario = Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
     assert scenario.sensor.latency_s == pytest.approx(sensor)
     assert scenario.robot.command_latency_s == pytest.approx(command)
+    assert share_latency(0.008) == pytest.approx((FORCE.sensor.latency_s, FORCE.robot.command_latency_s))
 
 
 def test_the_main_job_is_scored_with_its_defaults() -> None:
@@ -101,10 +103,6 @@ def test_the_worst_seed_decides_and_an_undefined_figure_never_passes() -> None:
     settling = judge(BATTERY_ASKED, rows)[0]
     assert (settling.worst, settling.met, settling.worst_case) == (None, False, "approach-20, seed 1")
     assert all(verdict.met for verdict in judge(BATTERY_ASKED, rows)[1:])
-
-
-def test_a_task_can_be_sent_and_counted() -> None:
-    assert len({Task(case, PI, seed) for case in BATTERY for seed in (0, 1)}) == 2 * len(BATTERY)
 
 
 FORCE = default_scenario("force")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,29 +75,23 @@ def test_rows_are_the_same_whatever_the_number_of_processes(whole: tuple[Score, 
     ]  # fmt: skip
 
 
-def test_a_score_goes_on_where_it_was_even_after_a_torn_line(whole: tuple[Score, bytes], tmp_path: Path) -> None:
-    lines = whole[1].splitlines(keepends=True)
-    (tmp_path / ROWS).write_bytes(b"".join(lines[:3]) + lines[3][:40])
+@pytest.mark.parametrize(
+    ("left", "counted"),
+    [
+        (lambda lines: [*lines[:3], lines[3][:40]], [3, 4]),
+        (lambda lines: [b'not json\n{"key": 3}\n', *lines], [4]),
+        (lambda lines: [line for line in lines if json.loads(line)["row"]["seed"] == 0], [2, 3, 4]),
+    ],
+    ids=["torn line", "damaged lines", "more seeds"],
+)
+def test_a_score_goes_on_where_it_was_and_measures_only_what_is_missing(
+    whole: tuple[Score, bytes], tmp_path: Path, left: Callable[[list[bytes]], list[bytes]], counted: list[int]
+) -> None:
+    (tmp_path / ROWS).write_bytes(b"".join(left(whole[1].splitlines(keepends=True))))
     again, measured = scored(tmp_path, 2)
-    assert measured == [3, 4]
+    assert measured == counted
     assert again.rows == whole[0].rows
-    assert len((tmp_path / ROWS).read_bytes().splitlines()) == 4
     assert scored(tmp_path, 2)[1] == [4]
-
-
-def test_a_damaged_line_is_passed_over(whole: tuple[Score, bytes], tmp_path: Path) -> None:
-    (tmp_path / ROWS).write_bytes(b'not json\n{"key": 3}\n' + whole[1])
-    again, measured = scored(tmp_path, 2)
-    assert measured == [4]
-    assert again.rows == whole[0].rows
-
-
-def test_more_seeds_measure_only_what_is_missing(whole: tuple[Score, bytes], tmp_path: Path) -> None:
-    first = [line for line in whole[1].splitlines(keepends=True) if json.loads(line)["row"]["seed"] == 0]
-    (tmp_path / ROWS).write_bytes(b"".join(first))
-    again, measured = scored(tmp_path, 2)
-    assert measured == [2, 3, 4]
-    assert again.rows == whole[0].rows
 
 
 def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -> None:
@@ -145,7 +140,8 @@ def test_two_scores_do_not_write_into_one_folder(tmp_path: Path) -> None:
 def test_a_controller_that_grants_half_the_feed_is_seen_to_slow_down(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text("import numpy as np\n" + CONTROLLER.format(body="return np.append(target.twist, 0.5)"))
-    line = replace(choose_cases(BATTERY, ["flat-30"])[0], settings=("part.file=plate", "process.max_feed_s=2"))
+    (flat,) = choose_cases(BATTERY, ["flat-30"])
+    line = replace(flat, settings=(*flat.settings, "process.max_feed_s=2"))
     slow, whole = (measure_row(Task(line, user_entry(name), 0)) for name in (f"{file}:Press", "hybrid-pi"))
     assert whole["slowed"] < 0.1  # the ramp
     assert slow["slowed"] == pytest.approx(0.5 + 0.5 * whole["slowed"], abs=0.05)

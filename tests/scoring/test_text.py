@@ -23,9 +23,9 @@ from polish_sim.scoring import (
     verdict_table,
     worst_case,
 )
+from polish_sim.scoring.figures import Spread, spread
 from polish_sim.scoring.plot import plot_ablation, plot_score
 from polish_sim.scoring.reach import Asked
-from polish_sim.scoring.summary import Spread, spread
 
 A, B = Entry("alpha", "hybrid-pi"), Entry("beta", "position")
 HOLD, PATH = Case("approach-20", "a hold", "force", ("process.hold_s=2",)), Case("freeform-60", "a path", "surface")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools
+from polish_sim.planning.toolpath import stretches
 
 if TYPE_CHECKING:
     from polish_sim.log import RemovalMap, RunLog, Trace
@@ -42,10 +43,15 @@ def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
     """
     process = np.flatnonzero(path.process)
     magnitude = np.abs(path.curvature[process])
-    bent = np.concatenate([[False], magnitude >= FLAT_1_M, [False]])
-    edges = np.flatnonzero(np.diff(bent))
-    tops = [first + int(np.argmax(magnitude[first:last])) for first, last in edges.reshape(-1, 2)]
-    return process[[top for top in tops if magnitude[top] > SHARP_1_M and not bent[1:-1].all()]]
+    bent = magnitude >= FLAT_1_M
+    tops = [first + int(np.argmax(magnitude[first : last + 1])) for first, last in stretches(bent)]
+    return process[[top for top in tops if magnitude[top] > SHARP_1_M and not bent.all()]]
+
+
+def peaks_passed(path: ToolPath, path_s: Array) -> Array:
+    """Places of a path's curvature peaks up to the last of some places on it (n,) [m]."""
+    peaks_s = path.s[curvature_peaks(path)]
+    return peaks_s[peaks_s <= (path_s[-1] if len(path_s) else -math.inf)]
 
 
 def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakErrors:
@@ -158,8 +164,8 @@ PAPER_ARC = Circle((0.0, -0.52, 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.1
 """The circle of paper 1, section 3, its plane read as normal (1, 1, 0) through the centre."""
 
 
-def measure_arc(trace: Trace, circle: Circle = PAPER_ARC) -> Figures:
-    """Measure how well the tool point follows a circle, from 1 s after the feed's start to where the target brakes.
+def measure_arc(trace: Trace) -> Figures:
+    """Measure how the tool follows the paper's circle, from 1 s after the feed's start to where the target brakes.
 
     tracking_error_max_m and _rms_m: distance from the tool point to the circle (as a curve, whatever the time);
     speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from the commanded
@@ -167,7 +173,7 @@ def measure_arc(trace: Trace, circle: Circle = PAPER_ARC) -> Figures:
     """
     part = steady_feed(trace.phase == PROCESS, trace.time_s, trace.path_s_m)
     time, speed = trace.time_s[part], trace.tcp_speed_m_s[part]
-    distance = distance_to_circle(trace.tcp_position_m[part], circle)
+    distance = distance_to_circle(trace.tcp_position_m[part], PAPER_ARC)
     deviation = moving_average(time, speed, SPEED_WINDOW_S) - _commanded_feed(time, trace.path_s_m[part])
     return {
         "tracking_error_max_m": _reduce(np.max, distance),
@@ -218,8 +224,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     part = trace.phase == PROCESS
     time, force, path_s = trace.time_s[part], trace.normal_force_n[part], trace.path_s_m[part]
     error = force - plan.force_at(path_s, contact_force)
-    peaks_s = plan.s[curvature_peaks(plan)]
-    passed = peaks_s[peaks_s <= (path_s[-1] if len(path_s) else -math.inf)]
+    passed = peaks_passed(plan, path_s)
     peak_errors = errors_at_peaks(path_s, error, passed)
     return {
         "force_mean_n": _reduce(np.mean, force),
@@ -229,7 +234,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
         "force_within_1n": _share(error, 1.0),
         "force_error_median_n": _reduce(np.median, np.abs(error)),
         "force_error_p95_n": float(np.percentile(np.abs(error), 95)) if len(error) else math.nan,
-        "contact_lost_s": float(np.sum(force <= CONTACT_N) * _step(time)),
+        "contact_lost_s": float(np.sum(force <= CONTACT_N) * time_step(time)),
         "tracking_error_max_m": _reduce(np.max, trace.tangential_error_m[part]),
         "speed_mean_m_s": _reduce(np.mean, trace.tcp_speed_m_s[part]),
         "speed_std_m_s": _reduce(np.std, trace.tcp_speed_m_s[part]),
@@ -266,7 +271,8 @@ def _commanded_feed(time: Array, path_s: Array) -> float:
     return float(np.median(np.diff(path_s) / np.diff(time))) if len(time) > 1 else math.nan
 
 
-def _step(time: Array) -> float:
+def time_step(time: Array) -> float:
+    """Time between evenly spaced samples [s]; NaN if there are none."""
     return float(np.median(np.diff(time))) if len(time) > 1 else math.nan
 
 

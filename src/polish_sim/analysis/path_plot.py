@@ -35,7 +35,7 @@ from polish_sim.analysis.style import (
 )
 from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.mesh import lighter_mesh
-from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, stretches
+from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, arc_length, stretches
 from polish_sim.spatial import unit
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _See
 
 def _finer(line: Array, off: Array) -> tuple[Array, Array]:
     """A line and its tool axes with points in between, so that it can go out of sight anywhere."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    along = arc_length(line)
     places = np.union1d(along, np.linspace(0.0, along[-1], LEAD_POINTS))
     finer = [np.column_stack([np.interp(places, along, column) for column in of.T]) for of in (line, off)]
     return finer[0], finer[1]
@@ -268,11 +268,16 @@ def fill_view(solid: Any, points: Array) -> None:
         setattr(solid.viewLim, axis, (place - half, place + half))
 
 
-def _finish(figure: Figure, flat: Axes, scale: Normalize, views: Views) -> None:
+def scale_flat(flat: Axes, views: Views) -> None:
+    """Give a flat picture of a part equal scales in mm, its axes named after the part's."""
     flat.set_aspect("equal")
-    flat.autoscale_view()
     flat.set(xlabel=views.labels[0], ylabel=views.labels[1])
     flat.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
+
+
+def _finish(figure: Figure, flat: Axes, scale: Normalize, views: Views) -> None:
+    flat.autoscale_view()
+    scale_flat(flat, views)
     figure.colorbar(ScalarMappable(scale, COLORS), ax=flat, label="along the path [m]", shrink=0.85, pad=0.02)
 
 

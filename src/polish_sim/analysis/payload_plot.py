@@ -26,7 +26,7 @@ class ResidualData(NamedTuple):
 
 
 @styled
-def plot_residuals(data: ResidualData, title: str, facts: Sequence[str]) -> Figure:
+def plot_residuals(data: ResidualData, facts: Sequence[str]) -> Figure:
     """Residuals of force and torque in every pose, and over time, with bands of one and two noise deviations."""
     figure = new_figure(10.0, 6.0)
     grid = figure.subplots(2, 2, sharey="row", width_ratios=(1.35, 1.0))
@@ -51,7 +51,7 @@ def plot_residuals(data: ResidualData, title: str, facts: Sequence[str]) -> Figu
         bars.set_ylim(-reach, reach)
     grid[1, 0].set_xlabel("reading" + (" (the last is in the first one's pose)" if data.returned else ""))
     grid[1, 1].set_xlabel("time [s]; a slope would be drift")
-    head(figure, title, facts, legend=grid[0, 1:])
+    head(figure, "Calibration of the payload", facts, legend=grid[0, 1:])
     return figure
 
 
@@ -62,39 +62,29 @@ def _noise_band(axes: Axes, noise: float) -> None:
     axes.axhline(0.0, color=GREEN, lw=0.9, ls="--", zorder=1)
 
 
-class DriftData(NamedTuple):
-    """The force an idle host reads over a long time."""
-
-    time: Array  #: [s], shape (n,)
-    tared_once: Array  #: [N], shape (n, 3)
-    tared_again: Array  #: [N], shape (n, 3)
-    retare: float  #: Time between tares [s]
-    walk: float  #: The sensor's drift, rms after one second [N/sqrt(s)]
-
-
 @styled
-def plot_drift(data: DriftData) -> Figure:
+def plot_drift(time: Array, tared_once: Array, tared_again: Array, retare: float, walk: float) -> Figure:
     """What drift adds to a force in a long run, tared once and tared anew, with the random walk's own spread.
 
-    What goes beyond the spread is the tare's own noise, which stays in every force until the next tare.
+    What goes beyond the spread is the tare's own noise, which stays in every force until the next tare. Forces (n, 3)
+    [N] over time (n,) [s]; ``retare``: time between tares [s]; ``walk``: rms drift after one second [N/sqrt(s)].
     """
     figure = new_figure(9.0, 4.6)
     once, again = figure.subplots(1, 2, sharey=True)
-    total = float(data.time[-1] + data.time[0])
+    total = float(time[-1] + time[0])
     moments = np.linspace(0.0, total, 1201)
     for axes, values, age, title in (
-        (once, data.tared_once, moments, "tared once, at the start"),
-        (again, data.tared_again, np.mod(moments, data.retare), f"tared every {data.retare:g} s, as between strokes"),
+        (once, tared_once, moments, "tared once, at the start"),
+        (again, tared_again, np.mod(moments, retare), f"tared every {retare:g} s, as between strokes"),
     ):
-        spread = data.walk * np.sqrt(age)
+        spread = walk * np.sqrt(age)
         axes.fill_between(moments, -2.0 * spread, 2.0 * spread, color=GREY, alpha=0.18, lw=0, label="drift, 2 sigma")
         for axis in range(3):
             look = {"color": AXIS_COLORS[axis], "ls": DASHES[axis], "label": f"{AXES[axis]}, 5 s mean"}
-            axes.plot(data.time, values[:, axis], lw=1.0, **look)
+            axes.plot(time, values[:, axis], lw=1.0, **look)
         axes.set_xlabel("time [s]")
         axes.set_title(title, fontsize=9.0, fontweight="normal", color="#444444")
     once.set_ylabel("force read while nothing touches [N]")
-    facts = [f"{data.walk * np.sqrt(total):.2g} N rms after {total:.0f} s",
-             f"{data.walk * np.sqrt(data.retare):.2g} N between tares"]  # fmt: skip
-    head(figure, f"Drift of the wrist sensor, {data.walk:g} N/sqrt(s)", facts, legend=(once,))
+    facts = [f"{walk * np.sqrt(total):.2g} N rms after {total:.0f} s", f"{walk * np.sqrt(retare):.2g} N between tares"]
+    head(figure, f"Drift of the wrist sensor, {walk:g} N/sqrt(s)", facts, legend=(once,))
     return figure

@@ -14,13 +14,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 
 from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER
-from polish_sim.analysis.path_plot import TICKS, cross_out
+from polish_sim.analysis.path_plot import cross_out, scale_flat
 from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, Views, head, line_look, new_figure, styled, views_of
 from polish_sim.arrays import Array
@@ -121,10 +120,8 @@ def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
             flat.tricontour(seen, removal.relative, levels=[level], colors="black", linewidths=0.7, linestyles=dashes)
             flat.plot([], [], color="black", lw=0.7, ls=dashes, label=f"{level:g} times the mean")
     flat.add_collection(LineCollection(list(vertices[removal.border][..., :2]), colors="black", lw=0.8))
-    flat.set_aspect("equal")
     flat.grid(False)
-    flat.set(xlabel=views.labels[0], ylabel=views.labels[1])
-    flat.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
+    scale_flat(flat, views)
 
 
 def _color_bar(figure: Figure, axes: Axes, removal: RemovalMap) -> None:

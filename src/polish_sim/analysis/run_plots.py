@@ -14,7 +14,6 @@ from polish_sim.analysis.claim import Claim, bound_text, value_text
 from polish_sim.analysis.metrics import (
     FORCE_BANDS_N,
     PAPER_ARC,
-    Circle,
     before_retract,
     distance_to_circle,
     fed,
@@ -47,7 +46,7 @@ SHOWN_SHARE = 0.15  #: In the view of its plane, most share of the radius the la
 
 
 @styled
-def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
+def plot_arc(record: RunRecord) -> Figure:
     """Draw speed, tracking error and the tool point's way round the commanded circle."""
     figure = new_figure(10.0, 5.0)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
@@ -59,11 +58,11 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
 
     _draw_speed(speed, time - start, record)
     counted = steady_feed(process, numbers(record.log, "time_s"), numbers(record.log, "path_s_m"))[process]
-    _draw_error(error, time - start, distance_to_circle(positions, circle), counted)
+    _draw_error(error, time - start, distance_to_circle(positions, PAPER_ARC), counted)
     speed.sharex(error)
     speed.tick_params(labelbottom=False)
     plane = figure.add_subplot(grid[:, 1])
-    _draw_plane(plane, positions, circle)
+    _draw_plane(plane, positions)
     stop = stop_mark(record.metrics)
     if stop and len(time):
         mark_stop((speed, error), stop.time - start)
@@ -81,13 +80,13 @@ def plot_arc(record: RunRecord, circle: Circle = PAPER_ARC) -> Figure:
 
 
 @styled
-def plot_arc_runs(records: Sequence[RunRecord], circle: Circle = PAPER_ARC) -> Figure:
+def plot_arc_runs(records: Sequence[RunRecord]) -> Figure:
     """Draw the tracking error of several runs over the way round the commanded circle."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     for index, record in enumerate(records):
         process = fed(record.log)
-        error = distance_to_circle(numbers(record.log, "tcp_position_m")[process], circle)
+        error = distance_to_circle(numbers(record.log, "tcp_position_m")[process], PAPER_ARC)
         facts = facts_of(record.metrics, ("at most {:.3g} mm", "tracking_error_max_m", 1e3))
         label = ", ".join([f"{record.name}: {record.scenario.controller.label}", *facts])
         axes.plot(numbers(record.log, "path_s_m")[process], error * 1e6, label=label, **line_look(index))
@@ -118,29 +117,23 @@ def _draw_error(axes: Axes, time: Array, distance: Array, counted: Bools) -> Non
     axes.set_ylim(0.0, 1.1e6 * max(float(distance.max(initial=0.0)), PAPER_LIMIT_M))
 
 
-def _draw_plane(axes: Axes, positions: Array, circle: Circle) -> None:
+def _draw_plane(axes: Axes, positions: Array) -> None:
     """The circle's plane seen along its normal, the distance from the circle exaggerated."""
-    normal = np.asarray(circle.normal)
+    center, normal, wanted = np.asarray(PAPER_ARC.center), np.asarray(PAPER_ARC.normal), PAPER_ARC.radius
     across = np.cross([0.0, 0.0, 1.0], normal)
-    offset = positions - np.asarray(circle.center)
+    offset = positions - center
     u, v = offset @ (across / np.linalg.norm(across)), offset @ np.cross(normal, across / np.linalg.norm(across))
     angle, radius = np.arctan2(v, u), np.hypot(u, v)
-    exaggeration = _exaggeration(float(np.abs(radius - circle.radius).max(initial=0.0)), circle.radius)
-    shown = circle.radius + exaggeration * (radius - circle.radius)
+    exaggeration = _exaggeration(float(np.abs(radius - wanted).max(initial=0.0)), wanted)
+    shown = wanted + exaggeration * (radius - wanted)
     ideal = np.linspace(0.0, 2.0 * np.pi, 361)
-    axes.plot(
-        circle.radius * np.cos(ideal) * 1e3,
-        circle.radius * np.sin(ideal) * 1e3,
-        color=GREEN,
-        lw=1.0,
-        ls="--",
-        label="circle asked",
-    )
-    axes.plot(shown * np.cos(angle) * 1e3, shown * np.sin(angle) * 1e3, color=BLUE)
-    if len(positions):
-        axes.plot(
-            shown[0] * np.cos(angle[0]) * 1e3, shown[0] * np.sin(angle[0]) * 1e3, "o", color=ORANGE, ms=5, label="start"
-        )
+    for radii, angles, look in (
+        (wanted, ideal, {"color": GREEN, "lw": 1.0, "ls": "--", "label": "circle asked"}),
+        (shown, angle, {"color": BLUE}),
+        (shown[:1], angle[:1], {"color": ORANGE, "marker": "o", "ls": "", "ms": 5, "label": "start"}),
+    ):
+        if len(angles):
+            axes.plot(radii * np.cos(angles) * 1e3, radii * np.sin(angles) * 1e3, **look)
     axes.set_aspect("equal")
     axes.set(xlabel="across [mm]", ylabel="up [mm]")
     axes.set_title(f"in its plane, error × {exaggeration:g}", fontweight="normal", fontsize=9.0)
@@ -169,7 +162,10 @@ def plot_force(record: RunRecord) -> Figure:
     axes.plot(time, force, color=BLUE, lw=1.5, label="exact contact force")
     if touched:
         axes.axvline(0.0, color=ORANGE, lw=1.0, ls="-.", label="first contact")
-        _mark_settling(axes, record.metrics.get("settling_time_3n_s"))
+        settling = _number(record.metrics.get("settling_time_3n_s"))
+        if not math.isnan(settling):
+            label = f"inside ±{BAND_N:g} N from {settling:.3f} s on"
+            axes.axvline(settling, color=BLUE, lw=1.2, ls=":", label=label)
     _frame(axes, time, [force, measured], target, touched)
     stop = stop_mark(record.metrics)
     if stop and stop.time - _origin(record.log) <= _LONGEST_S:
@@ -196,11 +192,12 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
         axes.plot(time, force, **look)
     if not few:
         axes.lines[-1].set_label("every seed")
-        worst = max(range(len(records)), key=lambda k: _overshoot(records[k]))
+        worst = max(range(len(records)), key=lambda k: _number(records[k].metrics.get("overshoot_n"), 0.0))
         label = f"seed {records[worst].scenario.seed}, overshoots most"
         axes.plot(*responses[worst], color=ORANGE, lw=1.6, label=label)
     axes.axvline(0.0, color=GREY, lw=1.0, ls="-.", label="first contact")
-    _frame(axes, max((time for time, _ in responses), key=_end), [f for _, f in responses], targets[-1], touched=True)
+    longest = max((time for time, _ in responses), key=lambda time: float(time[-1]))
+    _frame(axes, longest, [force for _, force in responses], targets[-1], touched=True)
     figures = ("settling_time_3n_s", "overshoot_n")
     largest = {name: max(_number(record.metrics.get(name), 0.0) for record in records) for name in figures}
     facts = facts_of(
@@ -231,19 +228,13 @@ def _shown(log: RunLog) -> Bools:
     return before if before.any() else np.ones_like(before)
 
 
-def _mark_settling(axes: Axes, settling: float | None) -> None:
-    if settling is not None and not math.isnan(settling):
-        label = f"inside ±{BAND_N:g} N from {settling:.3f} s on"
-        axes.axvline(settling, color=BLUE, lw=1.2, ls=":", label=label)
-
-
 def _frame(axes: Axes, time: Array, forces: Sequence[Array], target: float, touched: bool) -> None:
     highest = max(float(force.max(initial=0.0)) for force in forces)
     lowest = min(float(force.min(initial=0.0)) for force in forces)
     axes.set(
         xlabel=f"time since {'first contact' if touched else 'the start'} [s]",
         ylabel="force along the tool axis [N]",
-        xlim=(max(float(time[0]), -_BEFORE_S), min(_end(time), _LONGEST_S)),
+        xlim=(max(float(time[0]), -_BEFORE_S), min(float(time[-1]), _LONGEST_S)),
         ylim=(max(lowest, -target) - 1.0, max(target + 2.5 * BAND_N, highest + 1.0)),
     )
 
@@ -258,14 +249,6 @@ def _facts(record: RunRecord, touched: bool) -> list[str]:
         ("overshoot {:.1f} N", "overshoot_n", 1.0),
         ("in ±3 N after 0.5 s: {:.1f}%", "steady_within_3n", 100.0),
     )
-
-
-def _end(time: Array) -> float:
-    return float(time[-1])
-
-
-def _overshoot(record: RunRecord) -> float:
-    return _number(record.metrics.get("overshoot_n"), 0.0)
 
 
 def _number(value: float | None, else_: float = math.nan) -> float:

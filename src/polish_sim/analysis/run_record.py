@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import platform
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,6 +19,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import InputError, number_text
 from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
+from polish_sim.row_file import plain
 from polish_sim.scenario_file import load_scenario, override, to_toml
 from polish_sim.toml_text import toml_text
 
@@ -101,7 +101,7 @@ def read_records(folders: Sequence[Path]) -> list[RunRecord]:
 
 def write_json(file: Path, figures: Mapping[str, Any]) -> None:
     """Write figures as strict JSON: what is not a finite number becomes null."""
-    file.write_text(json.dumps(_plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    file.write_text(json.dumps(plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_json(file: Path) -> dict[str, Any]:
@@ -127,18 +127,6 @@ def _read_path(file: Path) -> ToolPath:
             return ToolPath(**{name: archive[name] for name in archive.files})
     except UNREADABLE as error:
         raise InputError(f"cannot read the path '{file}': {error}.") from error
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 # What runs that are put side by side were asked to do, how each ended, and what they differ in.

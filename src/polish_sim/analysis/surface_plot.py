@@ -44,7 +44,7 @@ def plot_surface_force(record: RunRecord) -> Figure:
     figure = new_figure(10.0, 5.6)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
     _draw_force(force, record, BLUE, "exact contact force")
-    _draw_wanted(force, record, "force of the path" if _names_force(record) else f"{_set_force(record):g}")
+    _draw_wanted(force, record, labelled=True)
     below, above = _error_limits([record])
     limits = max(_set_force(record) + below, -2.0), _set_force(record) + above
     force.set(ylabel="force along the tool axis [N]", ylim=limits)
@@ -83,7 +83,7 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
         # Every run about its own set force, all on one scale.
         low, high = max(target + below, -2.0), target + above
         _draw_force(along, record, color, None)
-        _draw_wanted(along, record, "")
+        _draw_wanted(along, record, labelled=False)
         along.set(ylabel="force [N]", ylim=(low, high))
         along.set_title(_title(record), fontsize=9.0, color=color)
         _, force = process_force(record)
@@ -117,21 +117,16 @@ def _set_force(record: RunRecord) -> float:
     return record.scenario.process.contact_force_n
 
 
-def _names_force(record: RunRecord) -> bool:
-    """Whether the path says with which force it is to be run."""
-    return record.path is not None and record.path.force is not None
-
-
-def _draw_wanted(axes: Axes, record: RunRecord, name: str) -> None:
+def _draw_wanted(axes: Axes, record: RunRecord, labelled: bool) -> None:
     """The force asked for, of the path where that names one, and the band around it."""
-    label = f"{name} ± {BAND_N:g} N, the paper's band" if name else ""
+    band = f"± {BAND_N:g} N, the paper's band"
     if record.path is None or record.path.force is None:
-        shade_band(axes, _set_force(record), BAND_N, label)
+        shade_band(axes, _set_force(record), BAND_N, f"{_set_force(record):g} {band}" if labelled else "")
         return
     s = record.path.s[record.path.process]
     wanted = record.path.force_at(s, _set_force(record))
     axes.fill_between(s, wanted - BAND_N, wanted + BAND_N, color=GREEN, alpha=0.13, lw=0, zorder=0)
-    axes.plot(s, wanted, color=GREEN, lw=1.2, ls="--", label=label or None)
+    axes.plot(s, wanted, color=GREEN, lw=1.2, ls="--", label=f"force of the path {band}" if labelled else None)
 
 
 def _draw_curvature(axes: Axes, path: ToolPath) -> None:

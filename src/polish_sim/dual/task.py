@@ -40,9 +40,10 @@ from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_sce
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
 from polish_sim.errors import ReachError
 from polish_sim.experiments.assembly import Workplace
-from polish_sim.experiments.part_setup import PlacedTool, check_set_points, part_file, real_shape
+from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real_shape
 from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
+from polish_sim.models import part_path
 from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import build_arm
 from polish_sim.planning import PlanResult, ToolPath
@@ -177,7 +178,7 @@ def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh
     """The path that was given, else once around the part's rim; and what it is on."""
     if plan is not None:
         return plan.mesh, plan.surface, plan.region, plan.path
-    mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
+    mesh = load_part(part_path(scenario.part.file), scenario.part.unit, scenario.part.up)
     asked = scenario.plan
     surface = fit_surface(mesh, asked.feature_angle_rad)
     margins = asked.edge_margin_m, asked.hole_margin_m

@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -25,6 +24,7 @@ from polish_sim.exchange.way_points import (
     unit_axes,
 )
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
+from polish_sim.row_file import whole_file
 from polish_sim.tables import Columns, Place, finite_column
 
 OWN: Final = ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment")
@@ -173,9 +173,8 @@ def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            draft = folder / f".{name}.part"
-            draft.write_bytes(content)
-            os.replace(draft, folder / name)
+            with whole_file(folder / name) as draft:
+                draft.write_bytes(content)
     except OSError as error:
         raise InputError(f"cannot write the plan into '{folder}': {error.strerror}. Choose another folder.") from error
 

@@ -3,38 +3,26 @@
 Each name loads its module at first use: a command that only lists experiments does not wait for the simulator.
 """
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-from importlib import import_module
-from typing import Any
+from polish_sim.lazy import names_on_use
 
-_HOME = {
-    "CheckedPath": "registry",
-    "Experiment": "registry",
-    "PAYLOAD_SCENARIO": "rows",
-    "PayloadCalibration": "payload",
-    "RunResult": "result",
-    "SurfaceTask": "surface",
-    "calibrate_from": "payload",
-    "check_experiment": "registry",
-    "default_scenario": "registry",
-    "experiment": "registry",
-    "experiments": "registry",
-    "prepare_force": "force",
-    "prepare_surface": "surface",
-    "run_arc": "arc",
-    "run_experiment": "registry",
-    "run_force": "force",
-    "run_payload_calibration": "payload",
-    "run_surface": "surface",
-    "time_law": "cycle",
-}
-
-__all__ = list(_HOME)
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name's module at first use."""
-    if name not in _HOME:
-        raise AttributeError(f"module 'polish_sim.experiments' has no attribute '{name}'")
-    return getattr(import_module(f"polish_sim.experiments.{_HOME[name]}"), name)
+if TYPE_CHECKING:
+    from polish_sim.experiments.arc import run_arc
+    from polish_sim.experiments.cycle import time_law
+    from polish_sim.experiments.force import prepare_force, run_force
+    from polish_sim.experiments.payload import PayloadCalibration, calibrate_from, run_payload_calibration
+    from polish_sim.experiments.registry import (
+        CheckedPath,
+        Experiment,
+        check_experiment,
+        default_scenario,
+        experiment,
+        experiments,
+        run_experiment,
+    )
+    from polish_sim.experiments.result import RunResult
+    from polish_sim.experiments.rows import PAYLOAD_SCENARIO
+    from polish_sim.experiments.surface import SurfaceTask, prepare_surface, run_surface
+else:
+    __getattr__ = names_on_use(__name__)

@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
-from polish_sim.cell import Cell, Observer, Silent, Stroke, build_scene, no_part, tool_on_flange
-from polish_sim.cell.stroke import feed_pace
-from polish_sim.control import build_controller
+from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.motion.timed_path import time_path
+from polish_sim.experiments.standing_still import free_cell
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
@@ -28,9 +26,9 @@ if TYPE_CHECKING:
 TOOL_AXIS = np.array([0.0, 0.0, 1.0])  # the tool points straight down [-]
 
 
-def arc_path(points: int = 1257) -> ToolPath:
+def arc_path() -> ToolPath:
     """The circle of paper 1, once round, in the base frame, starting at its horizontal extreme."""
-    normal, center = np.asarray(PAPER_ARC.normal), np.asarray(PAPER_ARC.center)
+    points, normal, center = 1257, np.asarray(PAPER_ARC.normal), np.asarray(PAPER_ARC.center)
     across = np.array([-normal[1], normal[0], 0.0])
     angle = np.linspace(0.0, 2.0 * math.pi, points)[:, None]
     positions = center + PAPER_ARC.radius * (np.cos(angle) * across + np.sin(angle) * np.cross(normal, across))
@@ -71,20 +69,10 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     path, reach, _ = prepare_arc()
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
     start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
-    pace = feed_pace(scenario.process.feed_m_s)
-    stroke = Stroke(
-        travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace),
-        depth=0.0, force=np.zeros(len(table.positions)), contact=False,
-        approach_speed=scenario.process.approach_speed_m_s, feed=scenario.process.feed_m_s,
-        threshold=math.inf, search_depth=0.0, hold=0.0,
-        feed_time=scenario.process.max_feed_s or math.inf, lift=0.0, start_s=0.0,
-    )  # fmt: skip
     free = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
     observer.stage("simulate")
-    cell = Cell(
-        free, build_scene(free, None, None), no_part(), [stroke], reach.q_start,
-        build_controller(scenario.controller), np.random.default_rng(scenario.seed),
-    )  # fmt: skip
+    rng = np.random.default_rng(scenario.seed)
+    cell = free_cell(free, start, table, scenario.process.feed_m_s, reach.q_start, rng)
     believe_tool(cell, random_streams(scenario.seed)[PAYLOAD_STREAM])
     run = cell.run(observer)
     done = float(run.trace.path_s_m[-1] / table.length)

@@ -23,7 +23,8 @@ from polish_sim.experiments.part_setup import (
     SENSOR_STREAM,
     RealShape,
     largest_force,
-    polishing_strokes,
+    placed_strokes,
+    placed_tool,
     random_streams,
     touched,
 )
@@ -148,7 +149,8 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float
 
 def strokes_for(scenario: Scenario, place: Workplace, hold: float, lift: float) -> list[Stroke]:
     """The strokes of a cell on the nominal part; arguments as of `build_cell`."""
-    return polishing_strokes(within_noise(scenario, place.mesh.noise), place.path, place.reach, hold, lift)
+    placed = placed_tool(place.path, place.reach)
+    return placed_strokes(within_noise(scenario, place.mesh.noise), place.path, placed, hold, lift)
 
 
 def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequence[Stroke]) -> Cell:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -10,14 +10,14 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.claim import claim_row
+from polish_sim.analysis.claim import Claim, claim_row
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord, notes_of, setting_rows
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import claims_shown
-from polish_sim.experiments.run_page import clock, run_motion, run_page, run_plots, shown_rows
+from polish_sim.experiments.run_page import clock, named_rows, run_motion, run_page, run_plots, shown_rows
 from polish_sim.geometry import load_part
 from polish_sim.models import part_path
 from polish_sim.page import PAGE
@@ -58,9 +58,7 @@ def pages_over(records: Sequence[RunRecord], pages: Sequence[Page]) -> Page:
     time = max((page.motion.time for page in pages), key=lambda rows: rows[-1])
     motions = [_resampled(page.motion, time) for page in pages]
     columns = [record.metrics for record in records]
-    rows = [claim_row(claim, columns, None) for claim in claims_shown([record.scenario for record in records])]
-    figures = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
-    asked = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in setting_rows(records)]
+    claims = claims_shown([record.scenario for record in records])
     stops = [f"{name}: {page.stop}" for name, page in zip(names, pages, strict=True) if page.stop]
     others = [
         Other(name, motion, _same_places(first.wear, page.wear))
@@ -75,14 +73,19 @@ def pages_over(records: Sequence[RunRecord], pages: Sequence[Page]) -> Page:
             _over(plot, names, pages, time) for plot in first.plots if {line.label for line in plot.lines} & set(ALIKE)
         ],
         tables={
-            "Asked": [["", *names], *asked],
-            "Figures": [["figure", *names, "paper", "asked"], *figures],
+            "Asked": [["", *names], *named_rows(setting_rows(records))],
+            "Figures": _figures(claims, names, columns),
         },
         notes=notes_of(records),
         command="",
         name=names[0],
         others=others,
     )
+
+
+def _figures(claims: Iterable[Claim], names: Iterable[str], columns: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """The table of figures of some runs, a column each."""
+    return [["figure", *names, "paper", "asked"], *named_rows(claim_row(claim, columns, None) for claim in claims)]
 
 
 def _resampled(motion: Motion, time: Array) -> Motion:
@@ -141,11 +144,10 @@ def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, 
                 ]
                 lines[at] = line._replace(low=np.fmin.reduce(same), high=np.fmax.reduce(same))
         plots.append(plot._replace(lines=lines))
-    rows = [claim_row(claim, list(columns.values()), None) for claim in claims_shown([first.scenario])]
-    figures = [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
+    figures = _figures(claims_shown([first.scenario]), columns, list(columns.values()))
     return page._replace(
         title=f"{first.scenario.experiment}, {first.scenario.controller.label}, {len(records)} seeds",
         about="the cell and the curves are the first seed's; bands reach from the least to the largest of all",
         plots=plots,
-        tables={**page.tables, "Figures": [["figure", *columns, "paper", "asked"], *figures]},
+        tables={**page.tables, "Figures": figures},
     )

@@ -11,10 +11,11 @@ from polish_sim.cell import Cell, CellRun, Observer, Silent
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import PLACES, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.part_pose import reach_path
-from polish_sim.experiments.part_setup import part_file, real_shape
+from polish_sim.experiments.part_setup import real_shape
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, load_part, select_region
+from polish_sim.models import part_path
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def place_force(scenario: Scenario, observer: Observer | None = None) -> Workpla
 
 def _place(scenario: Scenario, observer: Observer) -> Workplace:
     observer.stage("fit the surface")
-    mesh = load_part(part_file(scenario.part.file), scenario.part.unit, scenario.part.up)
+    mesh = load_part(part_path(scenario.part.file), scenario.part.unit, scenario.part.up)
     angle = scenario.plan.feature_angle_rad
     surface = fit_surface(mesh, angle)
     region = select_region(surface, mesh, scenario.plan.region, angle)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,11 +32,6 @@ SENSOR_STREAM, PART_STREAM, PAYLOAD_STREAM = 0, 1, 2
 def random_streams(seed: int) -> list[np.random.Generator]:
     """Independent generators for the sensor, the part's errors and the payload's calibration, from one seed."""
     return [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
-
-
-def part_file(name: str) -> Path:
-    """The STL a scenario names: a shipped part by its name, anything else as a path."""
-    return part_path(name)
 
 
 def pressing_depths(scenario: Scenario, path: ToolPath) -> Array:
@@ -86,11 +80,6 @@ def placed_tool(path: ToolPath, reach: Reach) -> PlacedTool:
     """The tool along a path on a part that stands still, and the arm that holds it."""
     rotations = tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin)
     return PlacedTool(reach.T_base_work, rotations, build_arm(np.eye(4), tool_on_flange(), reach.q_start))
-
-
-def polishing_strokes(scenario: Scenario, path: ToolPath, reach: Reach, hold: float, lift: float) -> list[Stroke]:
-    """The strokes of a path on a part that stands still, see ``placed_strokes``."""
-    return placed_strokes(scenario, path, placed_tool(path, reach), hold, lift)
 
 
 def placed_strokes(
@@ -227,7 +216,7 @@ def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolP
     config = scenario.part
     if not config.real_file:
         return RealShape(mesh, surface, given=False)
-    actual = load_part(part_file(config.real_file), mesh.unit, config.up)
+    actual = load_part(part_path(config.real_file), mesh.unit, config.up)
     shape = RealShape(actual, fit_surface(actual, scenario.plan.feature_angle_rad), given=True)
     _check_place(shape, mesh, config, path.positions_work[path.process])
     return shape

@@ -13,7 +13,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.guards import shaft_points
 from polish_sim.errors import PlanError, ReachError, place_in_mm
 from polish_sim.geometry.distance_field import signed_distances
-from polish_sim.motion import JointPath, inverse_all, link_frames, nearest_solution, track
+from polish_sim.motion import JointPath, inverse_all, link_frames, track
 from polish_sim.spatial import apply, from_pose, rotation_to_axis, transform
 
 if TYPE_CHECKING:
@@ -206,20 +206,6 @@ def failure_of(joints: JointPath, above_table: bool) -> Failure | None:
         if heights.min() < LOWEST_JOINT:
             return Failure(0, "elbow or wrist would touch the table")
     return None
-
-
-__all__ = [
-    "Reach",
-    "check_whole_path",
-    "default_placements",
-    "find_reach",
-    "given_placement",
-    "nearest_solution",
-    "rotations_towards",
-    "spin_direction",
-    "tool_rotations",
-    "upright",
-]
 
 
 # Whether the pad's shaft has room on a path, before anything moves.

@@ -14,6 +14,7 @@ from polish_sim.analysis.style import add_line, say_stop
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import experiment, load
 from polish_sim.page import PAGE
+from polish_sim.row_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,9 +113,8 @@ def write_seeds_page(folder: Path, records: Sequence[RunRecord], columns: Mappin
 def _save_page(folder: Path, page: Page) -> None:
     from polish_sim.page.page import page_html
 
-    draft = folder / f".part-{PAGE}"
-    draft.write_text(page_html(page), encoding="utf-8")
-    draft.replace(folder / PAGE)
+    with whole_file(folder / PAGE) as draft:
+        draft.write_text(page_html(page), encoding="utf-8")
 
 
 def removed_something(record: RunRecord) -> bool:
@@ -125,12 +125,8 @@ def removed_something(record: RunRecord) -> bool:
 def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
     """Save figures under their file names; each file appears when it is whole."""
     for name, figure in plots.items():
-        draft = folder / f".part-{name}"
-        try:
+        with whole_file(folder / name) as draft:
             figure.savefig(draft)
-            draft.replace(folder / name)
-        finally:
-            draft.unlink(missing_ok=True)
 
 
 def _drawn(plots: Mapping[str, str], runs: Any) -> dict[str, Figure]:

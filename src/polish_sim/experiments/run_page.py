@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -43,10 +43,8 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
     bodies, part = scene_bodies(model), part_body(model)
     motion = run_motion(record, model, kept)
     rows = [claim_row(claim, [record.metrics], record.metrics) for claim in claims_shown([scenario])]
-    figures = [["figure", "this run", "paper", "asked", "met"]]
-    figures += [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
     tables = {
-        "Figures": figures,
+        "Figures": [["figure", "this run", "paper", "asked", "met"], *named_rows(rows)],
         "Settings changed": [["setting", "here", "default"], *changed_settings(scenario, row.defaults)],
     }
     return Page(
@@ -67,6 +65,11 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         command=f"polish-sim run {scenario.experiment} --config config.toml",
         made=", ".join([f"seed {scenario.seed}", *(f"{n} {v}" for n, v in record.metrics.get("versions", {}).items())]),
     )
+
+
+def named_rows(rows: Iterable[Sequence[str]]) -> list[list[str]]:
+    """Rows of label, unit and more with label and unit in one cell."""
+    return [[f"{label} [{unit_}]" if unit_ else label, *rest] for label, unit_, *rest in rows]
 
 
 def clock(log: RunLog) -> Array:
@@ -138,6 +141,7 @@ def scene_solids(model: Any) -> list[Solid]:
 
 
 def _matrix(quaternion: Array) -> Array:
+    """Rotations (..., 3, 3) of quaternions wxyz (..., 4)."""
     return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
 
 
@@ -195,8 +199,7 @@ def _asked_force(record: RunRecord) -> Array:
 
 
 def _tool_axis(record: RunRecord, name: str) -> Array:
-    quaternions = numbers(record.log, name)
-    return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).as_matrix()[:, :, 2])
+    return _matrix(numbers(record.log, name))[:, :, 2]
 
 
 def _sideways(record: RunRecord) -> Array:
@@ -268,7 +271,7 @@ def plan_page(page: Page, scenario: Scenario, result: PlanResult, reach: Reach, 
     spec = robot_with_tool(scenario)
     lay_part(spec, result.mesh, reach.T_base_work, works_below(reach.T_base_work, result.path.axes_work))
     model, cycle = spec.compile(), cycle_of(strokes)
-    turns = np.asarray(Rotation.from_quat(cycle.quaternions, scalar_first=True).as_matrix())
+    turns = _matrix(cycle.quaternions)
     q = track(transform(turns, cycle.positions), tool_on_flange(), reach.q_start).q
     if not np.isfinite(q).all():
         return page

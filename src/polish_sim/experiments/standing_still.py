@@ -1,8 +1,9 @@
-"""The robot visits poses in free space, stands still in each and reads its wrist sensor."""
+"""The robot in free space: a cell without a part, and poses it visits to stand still and read its wrist sensor."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -28,6 +29,22 @@ ROW_S = 0.01  # between rows of the path [s]
 START_S = 0.5  # until the path's clock has come up to speed [s]
 USUAL_LINEAR, USUAL_ANGULAR = 1.2, 3.0  #: Acceleration limits of the robot with which it keeps up [m/s^2, rad/s^2]
 AT_REST_RAD_S = 2e-3  #: No joint may be faster while the sensor is read
+
+
+def free_cell(
+    scenario: Scenario, start: PathTable, table: PathTable, feed: float, q_start: Array, rng: np.random.Generator
+) -> Cell:
+    """A cell without a part whose tool moves along a table at a feed [m/s], from one that stays at its beginning."""
+    pace = feed_pace(feed)
+    stroke = Stroke(
+        travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace), depth=0.0,
+        force=np.zeros(len(table.positions)), contact=False, approach_speed=feed, feed=feed, threshold=math.inf,
+        search_depth=0.0, hold=0.0, feed_time=scenario.process.max_feed_s or math.inf, lift=0.0, start_s=0.0,
+    )  # fmt: skip
+    return Cell(
+        scenario, build_scene(scenario, None, None), no_part(), [stroke], q_start,
+        build_controller(scenario.controller), rng,
+    )  # fmt: skip
 
 
 class Visit(NamedTuple):
@@ -73,17 +90,8 @@ def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.rand
     start = build_path_table(
         visit.table.positions[:1], Rotation.from_quat(visit.table.quaternions[:1], scalar_first=True).as_matrix()
     )
-    pace = feed_pace(CLOCK_FEED)
-    stroke = Stroke(
-        travel=time_path(start, pace), lead_in=start, process=visit.table,
-        motion=time_path(visit.table, pace), depth=0.0, force=np.zeros(len(visit.table.positions)), contact=False,
-        approach_speed=CLOCK_FEED, feed=CLOCK_FEED, threshold=math.inf, search_depth=0.0, hold=0.0,
-        feed_time=math.inf, lift=0.0, start_s=0.0,
-    )  # fmt: skip
-    cell = Cell(
-        scenario, build_scene(scenario, None, None), no_part(), [stroke], q_start,
-        build_controller(scenario.controller), rng,
-    )  # fmt: skip
+    whole = replace(scenario, process=replace(scenario.process, max_feed_s=0.0))
+    cell = free_cell(whole, start, visit.table, CLOCK_FEED, q_start, rng)
     cell.compensate(0.0, np.zeros(3))
     return cell
 

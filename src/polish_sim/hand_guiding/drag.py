@@ -19,7 +19,6 @@ from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
 from polish_sim.experiments.free_space import log_every
 from polish_sim.experiments.part_pose import reach_path
-from polish_sim.experiments.part_setup import part_file
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.result import RunResult
 from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part, select_region
@@ -40,6 +39,7 @@ from polish_sim.hand_guiding.teach import (
     trace_of_move,
 )
 from polish_sim.hand_guiding.teaching import Recording, Taught, path_through, teach_path
+from polish_sim.models import part_path
 from polish_sim.motion import forward
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import apply, inverse
@@ -135,7 +135,7 @@ class DragTask(NamedTuple):
 def prepare_drag(scenario: Scenario) -> DragTask:
     """Load the part and the path to teach, and check that the arm can follow it; PolishSimError if not."""
     part, plan = scenario.part, scenario.plan
-    mesh = load_part(part_file(part.file), part.unit, part.up)
+    mesh = load_part(part_path(part.file), part.unit, part.up)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     if scenario.drag.follow == RIM:
         margin = plan.edge_margin_m or scenario.pad.radius_m

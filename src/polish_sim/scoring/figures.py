@@ -7,13 +7,21 @@ definition is stated once, in ``DEFINITIONS``; a figure that is not defined for 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.metrics import CONTACT_N, PROCESS, RETRACT, first_contact, moving_average, settling_time
+from polish_sim.analysis.metrics import (
+    CONTACT_N,
+    PROCESS,
+    RETRACT,
+    first_contact,
+    moving_average,
+    settling_time,
+    time_step,
+)
 from polish_sim.arrays import Array
 from polish_sim.log import Trace
 
@@ -73,7 +81,7 @@ def measure_score(trace: Trace, wanted: Array, moving: bool, whole: bool) -> dic
     window = fed if moving else since & (time >= time[contact] + STEADY_AFTER_S)
     landing = since & ~fed if moving else since
     steady = error[window]
-    lost = float(np.sum(since & fed & (force <= CONTACT_N)) * _step(time))
+    lost = float(np.sum(since & fed & (force <= CONTACT_N)) * time_step(time))
     swing = oscillation(time[window], steady)
     settled = settling_time(time[since], error[since], 1.0) if whole and not moving else math.nan
     figures = {
@@ -104,6 +112,21 @@ def oscillation(time: Array, error: Array) -> tuple[float, float, float]:
     return _amplitude(fast[half:]), _amplitude(fast[half:-quarter]), _amplitude(fast[-quarter:])
 
 
+class Spread(NamedTuple):
+    """One figure over several runs; None where it is undefined for one (worst) or for all (mean)."""
+
+    mean: float | None
+    worst: float | None
+
+
+def spread(values: Sequence[float | None]) -> Spread:
+    """Mean of the values there are, and the largest if all of them are there."""
+    known = [float(value) for value in values if value is not None]
+    if not known:
+        return Spread(None, None)
+    return Spread(sum(known) / len(known), max(known) if len(known) == len(values) else None)
+
+
 FIGURES: Final = (
     "settling_1n_s", "overshoot_n", "rms_error_n", "p95_error_n", "max_error_n", "peak_force_n", "contact_lost_s",
     "oscillation_n", "mean_error_n", "std_n",
@@ -127,7 +150,3 @@ def _errors(error: Array) -> dict[str, float]:
 
 def _amplitude(fast: Array) -> float:
     return math.sqrt(2.0 * float(np.mean(fast**2)))
-
-
-def _step(time: Array) -> float:
-    return float(np.median(np.diff(time))) if len(time) > 1 else math.nan

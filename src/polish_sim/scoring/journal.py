@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.metrics import PROCESS, curvature_peaks, errors_at_peaks
+from polish_sim.analysis.metrics import PROCESS, errors_at_peaks, peaks_passed
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
 from polish_sim.config import Scenario
@@ -86,12 +86,12 @@ def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> 
     wanted = place.path.force_at(trace.path_s_m, force) if task.case.moving else np.full(len(trace.time_s), force)
     figures = measure_score(trace, wanted, task.case.moving, run.stop_reason is None and _done(scenario, place, run))
     fed = trace.phase == PROCESS
-    peaks = place.path.s[curvature_peaks(place.path)] if task.case.moving else np.empty(0)
     path_s = trace.path_s_m[fed]
-    passed = peaks[peaks <= (path_s[-1] if len(path_s) else -np.inf)]
-    at_peaks = errors_at_peaks(path_s, (trace.normal_force_n - wanted)[fed], passed).at_peaks_n
-    known = None if np.isnan(at_peaks) else float(at_peaks)
-    return figures | {"peaks_error_n": known, "slowed": _slowed(scenario, path_s) if task.case.moving else None}
+    if not task.case.moving:
+        return figures | {"peaks_error_n": None, "slowed": None}
+    error = (trace.normal_force_n - wanted)[fed]
+    at_peaks = errors_at_peaks(path_s, error, peaks_passed(place.path, path_s)).at_peaks_n
+    return figures | {"peaks_error_n": plain(at_peaks), "slowed": _slowed(scenario, path_s)}
 
 
 def _slowed(scenario: Scenario, path_s: Array) -> float | None:

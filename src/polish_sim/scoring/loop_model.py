@@ -41,18 +41,15 @@ class Arm(NamedTuple):
     mount_mass: float = 1.7  #: What hangs on the sensor before the head's spring [kg]
 
 
-def one_mass(mass: float = 8.26, omega: float = 213.0, damping: float = 0.976, mount_mass: float = 1.7) -> Arm:
+def one_mass(mount_mass: float = 1.7) -> Arm:
     """The ideal arm as one mass on its servos; the numbers are those of ``force``'s pose.
 
     Reduced from the compiled model's six joints (mass matrix, kp and kv of the servos): velocity and felt inertia
     agree with them within 5% from 1 to 150 Hz (1.5% rms); a chirp in the cell agrees with the six joints within 1%.
-
-    Args:
-        mass: What the arm and the tool mount weigh along the tool axis [kg].
-        omega: Servos: sqrt(kp / inertia) [rad/s].
-        damping: Servos: damping ratio [-].
-        mount_mass: See `Arm`.
+    ``mount_mass``: see `Arm`.
     """
+    mass = 8.26  # of arm and tool mount along the tool axis [kg]
+    omega, damping = 213.0, 0.976  # of the servos: sqrt(kp / inertia) [rad/s], damping ratio [-]
     k, d, unit = mass * omega**2, 2.0 * damping * omega * mass, np.ones(1)
     return Arm(mass * np.eye(1), k * np.eye(1), d * np.eye(1), k * unit, d * unit, unit, unit, unit, 1.0, mount_mass)
 
@@ -62,14 +59,14 @@ FORCE_POSE: Final = np.array([1.3009, -1.5168, 1.9295, -1.9834, -1.5708, 2.8717]
 SWINGS: Final = (0.0, 2e-5, 5e-5, 1e-4, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]
 
 
-def elastic_arm(scenario: Scenario, q: Array = FORCE_POSE, swing: float = 0.0) -> Arm:
-    """The arm with gears and rotors about a pose ``q`` (6,) [rad], loaded by its weight and the contact force.
+def elastic_arm(scenario: Scenario, swing: float = 0.0) -> Arm:
+    """The arm with gears and rotors about the pose of ``force``, loaded by its weight and the contact force.
 
     Hysteresis is taken at an amplitude of the gears' twist [rad]: a part of its torque is elastic, a part damps (by
     harmonic balance, about 20 Hz). Coulomb friction of the motors and of the pad is left out; it damps. The host's
     loops across the tool axis are left out, too, and so is the slow correction of servos on the links' side.
     """
-    about = joints_about(scenario, q[None])[0]
+    about = joints_about(scenario, FORCE_POSE[None])[0]
     arm, J, axis = about.arm, about.jacobian, about.axis
     tool, nothing = axis @ J[:3], np.zeros(6)
     way = np.linalg.solve(J, np.concatenate([axis, np.zeros(3)]))

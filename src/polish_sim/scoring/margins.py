@@ -10,12 +10,10 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.scoring.loop_model import LinearLaw, Setup, build_plant, plant_response
+from polish_sim.scoring.loop_model import Complex, LinearLaw, Setup, build_plant, plant_response
 
-Complex = NDArray[np.complex128]
 NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
 Response = Callable[[Array], Complex]  #: Open loop L(j omega) of frequencies (n,) [rad/s]; the closed loop is 1 + L = 0
 
@@ -38,14 +36,11 @@ class ForceGains(NamedTuple):
     margins: Margins
 
 
-def margins(loop: Response, lowest: float = 0.1, highest: float = NYQUIST, points: int = 1500) -> Margins:
-    """Gain, phase and delay margin of a stable loop from its open-loop response; infinite without a crossover of that
-    kind.
-
-    ``lowest``, ``highest``: where to look [rad/s], below the Nyquist frequency of a sampled loop, with ``points``
-    frequencies evenly spaced in the logarithm.
+def margins(loop: Response) -> Margins:
+    """Gain, phase and delay margin of a stable loop from its open-loop response, 0.1 rad/s to the host's Nyquist
+    frequency; infinite without a crossover of that kind.
     """
-    omega = np.geomspace(lowest, highest, points)
+    omega = np.geomspace(0.1, NYQUIST, 1500)
     response = loop(omega)
     size, phase = np.log(np.abs(response)), np.unwrap(np.angle(response))
     gains, phases, delays = [math.inf], [math.inf], [math.inf]

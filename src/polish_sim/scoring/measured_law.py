@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
 from polish_sim.control.signals import (
@@ -23,9 +22,7 @@ from polish_sim.control.signals import (
     measurement_of,
     target_of,
 )
-from polish_sim.scoring.loop_model import Plant, Setup, build_plant
-
-Complex = NDArray[np.complex128]
+from polish_sim.scoring.loop_model import Complex, Plant, Setup, build_plant
 
 START = -0.002  # of the pad below the surface [m]
 APPROACH = 0.004  # [m/s]

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final, NamedTuple
 
+from polish_sim.row_file import Row
 from polish_sim.scoring.battery import APPROACH_20, Case, Draw, latency_settings, spring_settings
-from polish_sim.scoring.journal import Row
+from polish_sim.scoring.figures import spread
 
 SPRINGS: Final = (0.2, 0.5, 1.0, 2.0, 5.0)  #: Real springs by what the controller takes them for [-]
 LATENCIES_MS: Final = (2, 4, 8, 12, 20)  #: Total latencies [ms]
@@ -69,10 +70,8 @@ class Asked(NamedTuple):
 
     def worst(self, rows: Sequence[Row]) -> float | None:
         """The least good value of some rows; of ``stable`` the share that is; None if one is undefined."""
-        values = [row[self.figure] for row in rows]
-        if not values or any(value is None for value in values):
-            return None
-        return sum(values) / len(values) if self.figure == "stable" else float(max(values))
+        found = spread([row[self.figure] for row in rows])
+        return found.mean if self.figure == "stable" else found.worst
 
     def met_by(self, value: float | None) -> bool:
         """Whether a worst value passes."""
@@ -135,22 +134,11 @@ def judge(asked: Sequence[Asked], rows: Sequence[Row]) -> list[Verdict]:
     for one in asked:
         fitting = [row for row in rows if one.applies(row["case"])]
         if fitting:
-            verdicts.append(_verdict(one, fitting))
+            mean, worst = spread([row[one.figure] for row in fitting]).mean, one.worst(fitting)
+            least_good = max(fitting, key=lambda row: _badness(one, row))
+            where = f"{least_good['case']}, seed {least_good['seed']}"
+            verdicts.append(Verdict(one, len(fitting), mean, worst, where, one.met_by(worst)))
     return verdicts
-
-
-def _verdict(asked: Asked, rows: Sequence[Row]) -> Verdict:
-    known = [float(row[asked.figure]) for row in rows if row[asked.figure] is not None]
-    worst = asked.worst(rows)
-    least_good = max(rows, key=lambda row: _badness(asked, row))
-    return Verdict(
-        asked,
-        len(rows),
-        sum(known) / len(known) if known else None,
-        worst,
-        f"{least_good['case']}, seed {least_good['seed']}",
-        asked.met_by(worst),
-    )
 
 
 def _badness(asked: Asked, row: Mapping[str, Any]) -> float:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry
-from polish_sim.scoring.figures import DEFINITIONS
+from polish_sim.scoring.figures import DEFINITIONS, Spread, spread
 from polish_sim.scoring.journal import Row
 from polish_sim.scoring.reach import Verdict
 from polish_sim.scoring.score import Score
@@ -31,13 +31,6 @@ SHOWN: Final[Mapping[str, str]] = {
 
 SHORT: Final = ("settling", "overshoot", "RMS", "p95", "max", "peak", "lost", "slowed")
 """The same for the screen, where N and s are said in the title."""
-
-
-class Spread(NamedTuple):
-    """One figure over the seeds; None where it is undefined for a seed (worst) or for all (mean)."""
-
-    mean: float | None
-    worst: float | None
 
 
 @dataclass(frozen=True)
@@ -78,14 +71,6 @@ def summarize(cases: Sequence[Case], entries: Sequence[Entry], rows: Sequence[Ro
                 figures = {name: spread([row[name] for row in own]) for name in own[0] if name in _FIGURES}
                 summaries.append(Summary(case, entry, tuple(own), figures))
     return summaries
-
-
-def spread(values: Sequence[float | None]) -> Spread:
-    """Mean of the values there are, and the largest if all of them are there."""
-    known = [float(value) for value in values if value is not None]
-    if not known:
-        return Spread(None, None)
-    return Spread(sum(known) / len(known), max(known) if len(known) == len(values) else None)
 
 
 def worst_case(summaries: Sequence[Summary], entry: Entry) -> dict[str, Any] | None:
@@ -280,43 +265,41 @@ def ablation_table(score: Score, places: bool = True) -> Table:
 
     ``score``: its first controller is the whole one and the others lack a law each.
     """
-    whole = {s.case.name: s for s in _of(score, score.entries[0])}
     headings = ["law left out", *(f"{label}: mean, most" if places else label for label in _ABLATION_KEYS.values())]
     rows = []
-    for entry in score.entries[1:]:
-        pairs = [(whole[s.case.name], s) for s in _of(score, entry) if s.case.name in whole]
-        cells = [_told(_changes(pairs, figure), places) for figure in _ABLATION_KEYS]
+    for law, pairs in _laws_left_out(score):
+        changes = [{case: after - before for case, before, after in _means(pairs, key)} for key in _ABLATION_KEYS]
         more = sum(with_it.stable - without.stable for with_it, without in pairs)
-        rows.append([entry.label.removeprefix(_WITHOUT), *cells, f"{more:+d}"])
+        rows.append([law, *(_told(change, places) for change in changes), f"{more:+d}"])
     return [*headings, "unstable runs"], rows
 
 
 def ablation_ratios(score: Score) -> dict[str, dict[str, dict[str, float]]]:
     """Each figure without a law by what it is with it, by law, figure and case; where both are known and not zero."""
-    whole = {s.case.name: s for s in _of(score, score.entries[0])}
-    ratios: dict[str, dict[str, dict[str, float]]] = {}
-    for entry in score.entries[1:]:
-        law = ratios.setdefault(entry.label.removeprefix(_WITHOUT), {figure: {} for figure in _ABLATION_KEYS})
-        for summary in _of(score, entry):
-            for figure in _ABLATION_KEYS:
-                before = whole[summary.case.name].figures[figure].mean if summary.case.name in whole else None
-                after = summary.figures[figure].mean
-                if before and after:
-                    law[figure][summary.case.name] = after / before
-    return ratios
+    return {
+        law: {
+            key: {case: after / before for case, before, after in _means(pairs, key) if before and after}
+            for key in _ABLATION_KEYS
+        }
+        for law, pairs in _laws_left_out(score)
+    }
 
 
-def _of(score: Score, entry: Entry) -> list[Summary]:
-    return [s for s in summarize(score.cases, score.entries, score.rows) if s.entry == entry]
+def _laws_left_out(score: Score) -> Iterator[tuple[str, list[tuple[Summary, Summary]]]]:
+    """Each law, and the cases measured with and without it."""
+    whole, *without = (summarize(score.cases, [entry], score.rows) for entry in score.entries)
+    with_it = {summary.case.name: summary for summary in whole}
+    for entry, own in zip(score.entries[1:], without, strict=True):
+        pairs = [(with_it[summary.case.name], summary) for summary in own if summary.case.name in with_it]
+        yield entry.label.removeprefix(_WITHOUT), pairs
 
 
-def _changes(pairs: list[tuple[Summary, Summary]], figure: str) -> dict[str, float]:
-    changes = {}
+def _means(pairs: Iterable[tuple[Summary, Summary]], figure: str) -> Iterator[tuple[str, float, float]]:
+    """Case and mean with and without a law, where both are known."""
     for with_it, without in pairs:
         before, after = with_it.figures[figure].mean, without.figures[figure].mean
         if before is not None and after is not None:
-            changes[with_it.case.name] = after - before
-    return changes
+            yield with_it.case.name, before, after
 
 
 def _told(changes: dict[str, float], places: bool) -> str:

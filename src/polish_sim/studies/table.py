@@ -20,7 +20,7 @@ from polish_sim.exchange import read_path
 from polish_sim.experiments.assembly import Memory, place_key
 from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
-from polish_sim.row_file import Row, RowFile
+from polish_sim.row_file import Row, RowFile, whole_file
 from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Run, Study, config_hash
 from polish_sim.workers import Workers, local_copy
@@ -156,12 +156,8 @@ def write_table(rows: Path, table: Path) -> None:
     read = read.take(pa.array(sorted(last.values()))) if len(last) < len(read) else read
     flat = read.select(["row"]).flatten()
     flat = flat.rename_columns([name.removeprefix("row.") for name in flat.column_names])
-    draft = table.with_name(f".{table.name}.part")
-    try:
+    with whole_file(table) as draft:
         parquet.write_table(flat, draft, compression="zstd")
-        draft.replace(table)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def read_rows(folder: Path) -> dict[str, Any]:
