@@ -74,6 +74,20 @@ def test_only_dependents_of_an_edited_file_compile_again_and_older_kernels_stay(
     assert _run(package)[0] == [20.0, -2.0, 0]
 
 
+def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_python(package: Path) -> None:
+    part = "@njit()\ndef part(x, n):\n    return n * x\n"
+    (package / "sums.py").write_text(part + KERNEL.format(imports="", name="three", value="part(x, 1) + part(x, 2)"))
+    text = (package / "sums.py").read_text()
+    (package / "sums.py").write_text("from polish_sim.kernel_cache import njit\n" + text)
+    script = SCRIPT.replace("stiffness import force", "sums import three").replace(
+        "damping import drag", "sums import part"
+    )
+    script = script.replace(
+        "force(2.0), drag(2.0)", "three(2.0), sum(e.is_start for _, e in compiled.buffer), part(2.0, 4)"
+    )
+    assert _run(package, script)[0] == [6.0, 2, 8.0, 3]
+
+
 def test_kernels_that_one_needs_are_known_before_they_are_compiled(package: Path) -> None:
     script = """
 from polish_sim.kernel_cache import kernels_under

@@ -120,7 +120,7 @@ def test_the_maps_value_is_the_least_determinant_along_the_path() -> None:
         middle = apply(T, placing.positions)
         assert 0.5 * (middle.min(axis=0) + middle.max(axis=0))[1] == pytest.approx(-DISTANCES[distance], abs=0.02)
         poses = transform(tool_rotations(placing.axes @ T[:3, :3].T, SPINS[spin]), middle) @ inverse(tool_on_flange())
-        branches = np.array([inverse_all(np.ascontiguousarray(pose)) for pose in poses])
+        branches = np.array([inverse_all(np.ascontiguousarray(pose), 0.0) for pose in poses])
         angles = np.nan_to_num(branches)
         done = ~np.isnan(branches).any(axis=(0, 2))
         done &= link_frames(angles)[:, :, 1:6, 2, 3].min(axis=(0, 2)) >= LOWEST_JOINT

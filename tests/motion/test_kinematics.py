@@ -124,7 +124,7 @@ def configurations():
 def test_all_solutions_reach_the_pose_and_one_is_the_configuration_it_came_from(configurations):
     for q in configurations:
         T = forward(q)
-        solutions = reachable(inverse_all(T))
+        solutions = reachable(inverse_all(T, 0.0))
         np.testing.assert_allclose(forward(solutions), np.broadcast_to(T, (len(solutions), 4, 4)), atol=1e-9)
         assert angle_difference(solutions, q).max(axis=1).min() < 1e-9
 
@@ -132,7 +132,7 @@ def test_all_solutions_reach_the_pose_and_one_is_the_configuration_it_came_from(
 def test_solutions_are_distinct_and_inside_half_a_turn(configurations):
     eight = 0
     for q in configurations[:200]:
-        solutions = reachable(inverse_all(forward(q)))
+        solutions = reachable(inverse_all(forward(q), 0.0))
         eight += len(solutions) == 8
         assert np.abs(solutions).max() <= np.pi
         for i in range(len(solutions) - 1):
@@ -162,7 +162,7 @@ def nearest_by_listing(T, q_near):
     """The nearest configuration among all solutions with every joint turned by -2 to 2 full turns."""
     turns = 2 * np.pi * np.arange(-2, 3)
     listed = []
-    for solution in reachable(inverse_all(T)):
+    for solution in reachable(inverse_all(T, 0.0)):
         angles = solution[:, None] + turns
         inside = (angles >= JOINT_LIMITS[:, :1]) & (angles <= JOINT_LIMITS[:, 1:])
         nearest = np.argmin(np.where(inside, np.abs(angles - q_near[:, None]), np.inf), axis=1)

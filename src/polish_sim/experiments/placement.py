@@ -188,7 +188,7 @@ def upright(up: Array) -> Array:
 
 def _starts(T_base_flange: Array) -> Array:
     """All configurations of a pose, turned near the middle of the joints' ranges, shape (k, 6)."""
-    found = inverse_all(np.ascontiguousarray(T_base_flange))
+    found = inverse_all(np.ascontiguousarray(T_base_flange), 0.0)
     found = found[~np.isnan(found).any(axis=1)]
     return (found + np.pi) % (2.0 * np.pi) - np.pi
 

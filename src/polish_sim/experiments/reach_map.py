@@ -107,7 +107,7 @@ def _least_manipulability(T_base_flange: Array, shifts: Array) -> Array:
         for i in range(len(T_base_flange)):
             T[:3] = T_base_flange[i, :3]
             T[:3, 3] += shifts[k]
-            q = inverse_all(T)
+            q = inverse_all(T, 0.0)
             for row in range(8):
                 value = 0.0
                 if not math.isnan(q[row, 0]):

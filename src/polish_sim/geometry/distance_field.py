@@ -203,7 +203,7 @@ def _find_near_bricks(skin: Skin, origin: Array, side: float, shape: Indices, ba
     _mark_boxes(np.maximum(first, 0), np.minimum(last, shape), marked)
     candidates = np.argwhere(marked)
     limit = band + 0.5 * np.sqrt(3.0) * side
-    facets = _signed_distances(skin, origin + side * (candidates + 0.5), limit)[1]
+    facets = _signed_distances(skin, np.ascontiguousarray(origin + side * (candidates + 0.5)), limit)[1]
     return candidates[facets >= 0], facets[facets >= 0]
 
 

@@ -58,19 +58,20 @@ def advance_frame(T: Array, row: Array, angle: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _fill_frames(rows: Array, q: Array, frames: Array) -> None:
-    """Frames of n configurations: all seven, shape (n, 7, 4, 4), or the flange's alone, shape (n, 1, 4, 4)."""
+    """Frames of n configurations: all seven, shape (n, 7, 4, 4), or the flange's alone; they begin as the identity."""
     last = frames.shape[1] - 1
     for i in range(q.shape[0]):
-        frames[i, 0] = np.eye(4)
         for k in range(6):
             if last:
-                frames[i, k + 1] = frames[i, k]
+                for row in range(3):
+                    for column in range(4):  # assigned as a slice, numba would compile a page of strings for its error
+                        frames[i, k + 1, row, column] = frames[i, k, row, column]
             advance_frame(frames[i, min(k + 1, last)], rows[k], q[i, k])
 
 
 def _frames(q: Array, table: Array, count: int) -> Array:
     angles = np.array(q, dtype=float, order="C")
-    frames = np.empty((angles.size // 6, count, 4, 4))
+    frames = np.tile(np.eye(4), (angles.size // 6, count, 1, 1))
     _fill_frames(joint_rows(table), angles.reshape(-1, 6), frames)
     return frames.reshape(*angles.shape[:-1], count, 4, 4)
 
@@ -207,7 +208,7 @@ def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def inverse_all(T_base_flange: Array, q6_if_aligned: float = 0.0) -> Array:
+def inverse_all(T_base_flange: Array, q6_if_aligned: float) -> Array:
     """All joint angles (8, 6), in [-pi, pi], that bring the flange to a pose (4, 4), in closed form; NaN where none.
 
     Rows 0-3 and 4-7 have the two pan angles, within them rows 0-1 and 2-3 the two signs of wrist 2, even and odd
@@ -330,16 +331,15 @@ class JointPath:
 
 
 @njit(cache=True, error_model="numpy")
-def _follow(T_base_tool: Array, T_tool_flange: Array, q_start: Array) -> Array:
-    """Joint angles (n, 6) along the poses, each the solution closest to the last one; NaN once out of reach."""
-    q = np.full((T_base_tool.shape[0], 6), np.nan)
+def _follow(T_base_flange: Array, q_start: Array, q: Array) -> None:
+    """Write joint angles (n, 6) along the poses, each the solution closest to the last one, up to one out of reach."""
     last = q_start
-    for i in range(T_base_tool.shape[0]):
-        last = nearest_solution(T_base_tool[i] @ T_tool_flange, last, False)
-        if np.isnan(last[0]):
+    for i in range(q.shape[0]):
+        last = nearest_solution(T_base_flange[i], last, False)
+        if math.isnan(last[0]):
             break
-        q[i] = last
-    return q
+        for j in range(6):
+            q[i, j] = last[j]
 
 
 def _first(mask: Bools) -> int | None:
@@ -354,7 +354,8 @@ def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath
     """
     T_tool_flange: Array = np.linalg.inv(np.asarray(T_flange_tool, dtype=float))
     start: Array = np.asarray(q_start, dtype=float)
-    q = _follow(np.ascontiguousarray(T_base_tool, dtype=float), T_tool_flange, start)
+    q = np.full((len(T_base_tool), 6), np.nan)
+    _follow(np.asarray(T_base_tool, dtype=float) @ T_tool_flange, start, q)
     q.flags.writeable = False
     reached = ~np.isnan(q[:, 0])
     beyond: Bools = (q < JOINT_LIMITS[:, 0]) | (q > JOINT_LIMITS[:, 1])
