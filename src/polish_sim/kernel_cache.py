@@ -32,12 +32,13 @@ import llvmlite
 import llvmlite.binding as llvm
 import numba
 import numba.experimental.function_type  # registers functions as arguments of kernels
-from numba.core import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
+from numba.core.types import Dispatcher
+from numba.core.types.misc import unliteral
 
 from polish_sim.source_stamp import source_stamp
 
@@ -233,8 +234,8 @@ class _Function(CPUDispatcher):  # type: ignore[misc]
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Types of a call from another kernel."""
-        named = {name: types.unliteral(kind) for name, kind in kws.items()}
-        return super().get_call_template([types.unliteral(kind) for kind in args], named)
+        named = {name: unliteral(kind) for name, kind in kws.items()}
+        return super().get_call_template([unliteral(kind) for kind in args], named)
 
 
 class _Part(_Function):
@@ -247,7 +248,7 @@ class _Part(_Function):
 
     @property
     def _numba_type_(self) -> Any:
-        return types.Dispatcher(self._bare)
+        return Dispatcher(self._bare)
 
     def compile(self, signature: Any) -> Any:
         """Entry point for a signature, for Python."""
