@@ -20,6 +20,7 @@ from numba.core import event
 
 from polish_sim.config import Scenario
 from polish_sim.kernel_cache import is_warm, kernels_under
+from polish_sim.workers import processors
 
 FIRST_START: Final = "compiling kernels: at the first start only, they are kept"
 REHEARSED: Final = ("arc", "force", "surface")  #: Simulations compiled ahead: with the types of the arc's
@@ -62,7 +63,7 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
     @contextmanager
     def ahead(self, scenario: Scenario) -> Iterator[None]:
         """Compile the kernels of a scenario in another process while the block runs, if there is need and room."""
-        if scenario.experiment not in REHEARSED or is_warm() or _processors() < 2:
+        if scenario.experiment not in REHEARSED or is_warm() or processors() < 2:
             yield
             return
         command = [sys.executable, "-m", __name__, scenario.controller.name]
@@ -103,11 +104,6 @@ def now_and_then(say: Callable[[str], None]) -> Callable[[str], None]:
             latest = time.monotonic()
 
     return show
-
-
-def _processors() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _rehearse(controller: str) -> None:

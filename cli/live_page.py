@@ -57,8 +57,7 @@ class Moment(NamedTuple):
     time: float  #: [s]
     total: float  #: Of the whole run [s]
     stage: str
-    places: Array  #: Of the bodies, world [m], shape (k, 3)
-    turns: Array  #: Quaternions wxyz, shape (k, 4)
+    poses: Array  #: Of the bodies in the world, shape (k, 4, 4)
     pad: Array  #: Middle of its face, world [m], shape (3,)
     force: float  #: [N]; NaN where none is known
     asked: float  #: [N]; NaN: none
@@ -190,10 +189,7 @@ class Page:
 
     def on_part(self, moment: Moment) -> Array:
         """Where the pad is on the part, in its frame [m], shape (1, 3)."""
-        if self.part < 0:
-            return moment.pad[None]
-        turn = Rotation.from_quat(moment.turns[self.part], scalar_first=True)
-        return np.asarray(turn.inv().apply(moment.pad - moment.places[self.part]))[None]
+        return moment.pad[None] if self.part < 0 else apply(inverse(moment.poses[self.part]), moment.pad[None])
 
     def show(self, moment: Moment, rows: Array) -> bool:
         """Send a moment if it is time to, now and then its numbers and the plot, and say whether these were sent.
@@ -207,15 +203,13 @@ class Page:
             self._enter(moment)
         self._shown_at, self.shown = now, self.shown + 1
         if self.worked is not None:
-            place = self._middle
-            if self.part >= 0:
-                turn = Rotation.from_quat(moment.turns[self.part], scalar_first=True)
-                place = moment.places[self.part] + turn.apply(place)
-            self._looks[PART] = place, 1.7 * self._size
+            middle = self._middle if self.part < 0 else apply(moment.poses[self.part], self._middle)
+            self._looks[PART] = middle, 1.7 * self._size
         self._looks[TOOL] = moment.pad, 0.45
         with self.server.atomic():
-            for frame, place, turn in zip(self._frames, moment.places, moment.turns, strict=True):
-                frame.position, frame.wxyz = place, turn
+            turns = Rotation.from_matrix(moment.poses[:, :3, :3]).as_quat(scalar_first=True)
+            for frame, pose, turn in zip(self._frames, moment.poses, turns, strict=True):
+                frame.position, frame.wxyz = pose[:3, 3], turn
         if now - self._drawn_at < 1.0 / GAUGES_HZ:
             return False
         self._drawn_at = now
@@ -228,15 +222,13 @@ class Page:
 
     def _enter(self, moment: Moment) -> None:
         """Lay the floor and turn every camera to the whole cell, now that it is known where its bodies are."""
-        turns, low = Rotation.from_quat(moment.turns, scalar_first=True), math.inf
+        low = math.inf
         for solid in self._solids:
-            points = solid.vertices
-            if solid.body >= 0:
-                points = turns[solid.body].apply(points) + moment.places[solid.body]
+            points = solid.vertices if solid.body < 0 else apply(moment.poses[solid.body], solid.vertices)
             low = min(low, float(points[:, 2].min()))
         self.server.scene.add_grid("/floor", 3.0, 3.0, cell_size=0.1, section_size=0.5, cell_color=(225, 229, 234),
                                    section_color=(205, 211, 218), position=(0.0, 0.0, low))  # fmt: skip
-        least, most = moment.places.min(axis=0), moment.places.max(axis=0)
+        least, most = moment.poses[:, :3, 3].min(axis=0), moment.poses[:, :3, 3].max(axis=0)
         at, far = self._looks[CELL] = 0.5 * (least + most), 1.2 * max(1.0, float(np.linalg.norm(most - least)))
         start = self.server.initial_camera
         start.look_at, start.position = at, at + far * FROM
@@ -368,26 +360,24 @@ class LiveView(FrameSink):
         if cell is not None and cell.on_part:
             path, radius = np.concatenate([on_surface(each) for each in cell.strokes]), cell.scenario.pad.radius_m
             if part >= 0:
-                turn = Rotation.from_quat(data.xquat[part + 1], scalar_first=True).as_matrix()
-                path = apply(inverse(transform(turn, data.xpos[part + 1])), path)
+                path = apply(inverse(poses_of(data)[part]), path)
         self.page.build(model.nbody - 1, scene_solids(model), part, path, radius)
         self.page.plot.visible = cell is not None and cell.on_part
 
     def _moment(self, data: Any) -> Moment:
-        cell, places, none = self._cell, data.xpos[1:].copy(), math.nan
+        cell, poses, none = self._cell, poses_of(data), math.nan
         if cell is None:
-            return Moment(data.time, none, "", places, data.xquat[1:], data.site("tool").xpos, none, none, none)
+            return Moment(data.time, none, "", poses, data.site("tool").xpos, none, none, none)
         state, e, part = cell.state, cell.kernel.engine, self.page.part
         if part >= 0 and not cell.arm:
-            places[part] += cell.kernel.part.position - state.motion.rest
+            poses[part, :3, 3] += cell.kernel.part.position - state.motion.rest
         force, stop = float(state.wrench[2]), int(state.status.stop)
         sunk = e.qpos[6] + force / cell.scenario.pad.stiffness_n_m
         return Moment(
             time=float(state.status.steps) * e.dt,
             total=self._total,
             stage=f"protective stop: {cell.reasons[stop]}" if stop else STAGES[state.sequence.stage],
-            places=places,
-            turns=data.xquat[1:],
+            poses=poses,
             pad=data.site_xpos[e.tool_site] - sunk * data.site_xmat[e.tool_site].reshape(3, 3)[:, 2],
             force=force,
             asked=float(state.target.force[0]) if state.target.contact[0] > 0.0 else none,
@@ -397,6 +387,11 @@ class LiveView(FrameSink):
     def as_run(self, scenario: Scenario) -> Scenario:
         """The scenario with what was changed by hand, so that it gives this run again."""
         return scenario if self._cell is None else as_planned(scenario, self._cell.asked)
+
+
+def poses_of(data: Any) -> Array:
+    """Poses of a model's bodies in the world, shape (k, 4, 4)."""
+    return transform(data.xmat[1:].reshape(-1, 3, 3), data.xpos[1:])
 
 
 def on_surface(stroke: Stroke) -> Array:
@@ -437,11 +432,10 @@ class Replay:
         """Show moment after moment until Ctrl-C."""
         page, saved, shown, before = self._page, self._saved, 0, time.monotonic()
         motion, poses = saved.motion, body_poses(saved.bodies, saved.motion.joints)
-        turns = np.roll(Rotation.from_matrix(poses[:, :, :3, :3].reshape(-1, 3, 3)).as_quat(), 1, axis=1)
-        turns, places = turns.reshape(*poses.shape[:2], 4), poses[:, :, :3, 3]
         pads = motion.pad
         if page.part >= 0:
-            pads = np.einsum("nji,nj->ni", poses[:, page.part, :3, :3], pads - places[:, page.part])
+            part = poses[:, page.part]
+            pads = np.einsum("nji,nj->ni", part[:, :3, :3], pads - part[:, :3, 3])
         impulses = np.nan_to_num(motion.force) * np.diff(motion.time, prepend=motion.time[0])
         while True:
             now, step = time.monotonic(), 0.0
@@ -459,7 +453,7 @@ class Replay:
             shown, k = row, row - 1
             stage = "the end" if self._time >= self._end else "playback"
             told = page.show(
-                Moment(self._time, self._end, stage, places[k], turns[k], motion.pad[k], float(motion.force[k]),
+                Moment(self._time, self._end, stage, poses[k], motion.pad[k], float(motion.force[k]),
                        float(motion.asked[k]), float(motion.speed[k])),
                 self._rows(k),
             )  # fmt: skip
@@ -477,15 +471,10 @@ def body_poses(bodies: Sequence[Body], joints: Array) -> Array:
     """Where bodies are in the world at rows of joints (n, k) [rad, m], shape (n, len(bodies), 4, 4)."""
     poses = np.tile(np.eye(4), (len(joints), len(bodies), 1, 1))
     for number, body in enumerate(bodies):
-        own = np.tile(np.asarray(body.rest, dtype=float), (len(joints), 1, 1))
+        own, anchor = np.asarray(body.rest, dtype=float), np.asarray(body.anchor)
         if body.joint >= 0:
-            axis, moved = np.asarray(body.axis), np.tile(np.eye(4), (len(joints), 1, 1))
-            by = joints[:, body.joint, None] * axis
-            if body.slide:
-                moved[:, :3, 3] = by
-            else:
-                moved[:, :3, :3] = Rotation.from_rotvec(by).as_matrix()
-                moved[:, :3, 3] = np.asarray(body.anchor) - moved[:, :3, :3] @ np.asarray(body.anchor)
-            own = own @ moved
+            by = joints[:, body.joint, None] * np.asarray(body.axis)
+            turn = np.eye(3) if body.slide else np.asarray(Rotation.from_rotvec(by).as_matrix())
+            own = own @ transform(turn, by if body.slide else anchor - turn @ anchor)
         poses[:, number] = own if body.parent < 0 else poses[:, body.parent] @ own
     return poses

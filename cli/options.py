@@ -20,13 +20,12 @@ import typer
 from polish_sim.config import Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
 from polish_sim.errors import ConfigError, InputError, number_text
-from polish_sim.scenario_file import AUTO, load_scenario, merge, override, presets_in
+from polish_sim.scenario_file import AUTO, COUNTS, FILE_KEYS, load_scenario, merge, override, presets_in
 
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
 PURE: Final = Unit("", 1.0)
 _LENGTHS: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254, "in": 0.0254}
-_COUNTS: Final = {3: "three", 6: "six"}
 _IN_RUNS: Final[Mapping[str, tuple[str, str]]] = {
     "payload": ("payload", "file"),
     "base": ("dual", "bases_file"),
@@ -34,10 +33,6 @@ _IN_RUNS: Final[Mapping[str, tuple[str, str]]] = {
     "arm": ("dual", "arms_file"),
 }
 """The key of each kind of calibration file."""
-_FILES: Final = (
-    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("dual", "master_path"), ("drag", "follow")),
-    *_IN_RUNS.values(),
-)
 _FILE_REGIONS: Final = ("polygon", "faces")
 
 
@@ -315,7 +310,7 @@ def _read_list(key: Key, text: str) -> list[float]:
         elif unit == POSE:
             said = "six numbers in mm and deg, e.g. -100,-500,50,0,0,90"
         else:
-            said = f"{_COUNTS[count]} numbers in {units[0].name}"
+            said = f"{COUNTS[count]} numbers in {units[0].name}"
         form = "X,Y,Z,RX,RY,RZ" if count == 6 else "X,Y,Z"
         raise InputError(f"{key.option.name} '{text}' is not {form}: {said}.")
     return [number * unit.si for number, unit in zip(numbers, units, strict=True)]
@@ -397,7 +392,7 @@ def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
 
 def _placed(scenario: Scenario) -> Scenario:
     """Name every file a scenario names from the root, so that the written config runs from any folder."""
-    for section, name in _FILES:
+    for section, name in FILE_KEYS:
         file = Path(getattr(getattr(scenario, section), name))
         if file.is_file():
             scenario = merge(scenario, {section: {name: str(file.resolve())}}, "")

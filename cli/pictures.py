@@ -10,7 +10,6 @@ import time
 import warnings
 from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 from polish_sim.cli import console
@@ -34,6 +33,10 @@ class FrameSink(AbstractContextManager[Any], Protocol):
 
     def take(self, model: Any, data: Any) -> None:
         """Take one moment; model and data are not to be changed."""
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        """The run is over, or broken off by an error."""
+        return
 
     def stage(self, text: str) -> None:
         """A stage of the run begins."""
@@ -136,11 +139,6 @@ class Snapshot(FrameSink):
         """Remember the model."""
         self.model = model
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Nothing is left open."""
-
 
 def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
     """Render the cell and the pad from near, in the middle of a run or at its stop; whether there is OpenGL for it."""
@@ -194,9 +192,6 @@ class Viewer(FrameSink):
         self._failed = False
         self._ahead_of: float | None = None
 
-    def __enter__(self) -> Viewer:
-        return self
-
     def take(self, model: Any, data: Any) -> None:
         """Show one moment; closing the window lets the run go on without it."""
         if self._failed:
@@ -213,9 +208,7 @@ class Viewer(FrameSink):
         self._window.sync()
         self._wait(data.time)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         if self._window is not None:
             self._window.close()
             for thread in self._threads:
@@ -247,8 +240,3 @@ def _has_display() -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return bool(glfw.init())
-
-
-def open_sinks(view: bool) -> list[FrameSink]:
-    """The sinks of one run."""
-    return [Snapshot(), *([Viewer()] if view else [])]

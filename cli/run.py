@@ -17,7 +17,7 @@ from polish_sim.cli.boundary import DONE
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, Snapshot, open_sinks, save_cell
+from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell
 from polish_sim.cli.view import Address, asked_address
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, place_in_mm
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.cell import Observer
     from polish_sim.cli.outcome import Outcome
-    from polish_sim.cli.pictures import FrameSink
     from polish_sim.planning import PlanObserver, PlanResult, ToolPath
 
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
@@ -122,7 +121,7 @@ def run(row: Experiment, given: Given) -> int:
         return DONE
     with claimed(given["--out"], f"run-{row.name}", given["--overwrite"]) as folder:
         if seeds is None:
-            sinks = open_sinks(bool(view))
+            sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
             if live is not None:
                 from polish_sim.cli.live_page import LiveView
 
@@ -155,7 +154,7 @@ def demo(given: Given) -> int:
     scenario = merge(default_scenario("surface"), DEMO, "")
     console.note(f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N")
     with claimed(given["--out"], "demo", given["--overwrite"]) as folder:
-        outcome = run_once(scenario, None, folder.draft, open_sinks(view=False))
+        outcome = run_once(scenario, None, folder.draft, [Snapshot()])
     more = "pictures and figures are in the folder; for more: polish-sim run --help"
     return outcome.finish(folder.final, check=False, more=more)
 

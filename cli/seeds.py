@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -87,9 +86,9 @@ def _run_all(
     from polish_sim.cli.compiling import FIRST_START
     from polish_sim.cli.run import plan_to_run
     from polish_sim.kernel_cache import is_warm
-    from polish_sim.workers import open_workers
+    from polish_sim.workers import open_workers, processors
 
-    workers = min(len(seeds), os.cpu_count() or 1)
+    workers = min(len(seeds), processors())
     runs: dict[int, Figures] = {}
     interrupted = False
     with console.progress() as observer:

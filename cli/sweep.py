@@ -27,7 +27,6 @@ from polish_sim.page import PAGE
 from polish_sim.row_file import ROWS, locked
 
 if TYPE_CHECKING:
-    from polish_sim.config import Scenario
     from polish_sim.row_file import Row
     from polish_sim.studies.study import Study
     from polish_sim.studies.table import RunTable
@@ -114,12 +113,10 @@ def check_values(study: Study) -> None:
         PolishSimError: Naming what is wrong.
     """
     from polish_sim.experiments.assembly import check_settings
-    from polish_sim.scenario_file import override
-    from polish_sim.studies.study import written
 
     for axis in study.axes:
         for value in axis.values[:MOST_CHECKED]:
-            scenario = override(study.base, [f"{axis.key}={written(value)}"])
+            scenario = study.with_value(axis, value)
             check_settings(scenario, plans=experiment(scenario.experiment).plans and not scenario.plan.file)
 
 
@@ -205,7 +202,8 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
             table.add(row)
         if known := table.run_s is not None:
             announce(study, table, given, table.run_s)
-        files = sorted({file for point in _corners(study) for file in user_files(point)})
+        named = [study.with_value(axis, v) for axis in study.axes for v in axis.values if isinstance(v, str)]
+        files = sorted({file for scenario in (study.base, *named) for file in user_files(scenario)})
         with open_workers(given["--on"] or "local", given["--workers"], files) as workers:
             console.note(f"at work: {workers.where}")
             with _progress(None if known else lambda: announce(study, table, given, table.run_s)) as heard:
@@ -223,17 +221,6 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
         console.note("interrupted: the runs that are done are kept; the same command with --out goes on.")
         return INTERRUPTED
     return DONE if facts["done"] else STOPPED
-
-
-def _corners(study: Study) -> Iterator[Scenario]:
-    """The base, and it with each value of each axis: all files a study names are in one of them."""
-    from polish_sim.scenario_file import override
-    from polish_sim.studies.study import written
-
-    yield study.base
-    for axis in study.axes:
-        if any(isinstance(value, str) for value in axis.values):
-            yield from (override(study.base, [f"{axis.key}={written(value)}"]) for value in axis.values)
 
 
 @contextmanager

@@ -175,11 +175,8 @@ def show(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict],
     facts = _facts(search) | {"best": dict(best), "judged": [v._asdict() | {"better": v.better} for v in verdicts]}
     write_json(folder / "metrics.json", facts | {"versions": package_versions()})
     tables = {"Parameters": values, "Shipped and tuned": rows}
-    put(
-        folder,
-        PAGE,
-        page_html(tables_page(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables, [])),
-    )
+    page = tables_page(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables, [])
+    put(folder, PAGE, page_html(page))
     console.table(f"tune {search.controller}", values[0], values[1:])
     console.table("shipped and tuned; goals of the runs in which both keep the conditions", rows[0], rows[1:])
     held = verdicts[1]

@@ -14,10 +14,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.row_file import whole_file
 
-Array = NDArray[np.float64]
 UNREADABLE: Final = (
     *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError),
     *(zipfile.BadZipFile, zlib.error),

@@ -10,14 +10,20 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError, near_file, nearest, number_text, unknown_name
-from polish_sim.toml_text import toml_text
+from polish_sim.errors import ConfigError, nearest, number_text, unknown_name
+from polish_sim.toml_text import read_toml, toml_text
 
 T = TypeVar("T")
 N = TypeVar("N", int, float)
 PRESETS = ("sensor.model",)  #: Keys whose words stand for values of others; they are set first
 AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
-_COUNTS = {3: "three", 6: "six"}
+FILE_KEYS = (
+    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("plan", "file"), ("payload", "file")),
+    *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
+    *(("dual", "master_path"), ("drag", "follow"), ("guide", "model_file")),
+)
+"""Section and name of the keys that name a file; a controller's name and a region may hold one."""
+COUNTS = {3: "three", 6: "six"}
 _ROBOT_BEFORE_ARMS = {
     *("command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s"),
     *("joint_speed_limit_rad_s", "payload_error"),
@@ -30,12 +36,7 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
 
     Raises ConfigError if the file cannot be read, or names an unknown key or a value of the wrong type or out of range.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read the config file '{path}': {error.strerror}.{near_file(path)}") from error
-    except ValueError as error:
-        raise ConfigError(f"'{path}' is not valid TOML: {error}.") from error
+    table = read_toml(path, "config file", ConfigError)
     robot = table.get("robot")
     if isinstance(robot, dict) and robot.keys() == _ROBOT_BEFORE_ARMS:
         robot["arm"] = "ideal"
@@ -50,13 +51,9 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
         dotted, separator, text = assignment.partition("=")
         if not separator or not dotted.strip():
             raise ConfigError(f"'--set {assignment}' is not KEY=VALUE, e.g. --set sensor.force_noise_n=0.2.")
-        value = _parse_value(text.strip())
-        table: dict[str, Any] = {}
-        leaf = table
-        *parents, last = dotted.strip().split(".")
-        for name in parents:
-            leaf = leaf.setdefault(name, {})
-        leaf[last] = value
+        table = parse_value(text.strip())
+        for name in reversed(dotted.strip().split(".")):
+            table = {name: table}
         scenario = merge(scenario, table, "")
     return scenario
 
@@ -119,19 +116,19 @@ def _nearest_key(name: str, place: str, known: Iterable[str]) -> str:
     here = nearest(name, known) or next((key for key in known if name in key), "")
     if here:
         return f" Did you mean '{place}{here}'?"
-    everywhere = {} if place else dict(_leaf_names(Scenario(), ""))
+    everywhere = {} if place else {name.rpartition(".")[2]: name for name, _ in leaves(Scenario())}
     near = nearest(name, everywhere)
     return f" Did you mean '{everywhere[near]}'?" if near else ""
 
 
-def _leaf_names(section: Any, place: str) -> Iterator[tuple[str, str]]:
-    """The own name of every key, with its dotted name."""
+def leaves(section: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    """Every key of a section by its dotted name, with its value."""
     for f in fields(section):
         value = getattr(section, f.name)
         if is_dataclass(value):
-            yield from _leaf_names(value, f"{place}{f.name}.")
+            yield from leaves(value, f"{place}{f.name}.")
         else:
-            yield f.name, f"{place}{f.name}"
+            yield f"{place}{f.name}", value
 
 
 def to_toml(scenario: Scenario) -> str:
@@ -157,7 +154,8 @@ def _table_of(section: Any, place: str, comments: dict[str, str]) -> dict[str, A
     return table
 
 
-def _parse_value(text: str) -> Any:
+def parse_value(text: str) -> Any:
+    """A value as ``--set`` takes it: TOML, else the text itself."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except ValueError:  # no TOML, or a whole number of thousands of digits
@@ -172,7 +170,7 @@ def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
         value = () if value == AUTO and spec.default == () else value
         listed = isinstance(value, (list, tuple)) and len(value) in lengths
         if not listed or not all(_is_number(v) for v in value):
-            raise ConfigError(f"'{where}' must be a list of {_COUNTS[length]} numbers{or_auto}, got {_shown(value)}.")
+            raise ConfigError(f"'{where}' must be a list of {COUNTS[length]} numbers{or_auto}, got {_shown(value)}.")
         return tuple(_within(where, _as_float(v), spec) for v in value)
     if isinstance(current, str):
         if not isinstance(value, str):

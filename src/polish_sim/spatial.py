@@ -6,12 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-
-Array = NDArray[np.float64]
 
 
 def transform(R: Array, p: Array) -> Array:
@@ -118,12 +116,12 @@ def skew(v: Array) -> Array:
 # Arrays of vectors (numpy only).
 
 
-def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit(vectors: Array) -> Array:
     """Scale vectors (..., 3) to length one; zero stays zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
 
 
-def perpendicular(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def perpendicular(vectors: Array) -> Array:
     """A unit vector square to each vector and to the coordinate axis it runs along least, shape (..., 3).
 
     It does not turn with the vectors: where a result must turn with the part, nothing may hang on the choice.

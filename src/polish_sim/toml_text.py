@@ -1,9 +1,28 @@
-"""TOML as text, each key with its comment: the one writer of configs and calibrations."""
+"""TOML files: the one reader, and the one writer, each key with its comment, of configs, studies and calibrations."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
+
+from polish_sim.errors import PolishSimError, near_file
+
+
+def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
+    """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read or is no TOML."""
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as caught:
+        raise error(f"cannot read the {what} '{file}': {caught.strerror}.{near_file(file)}") from caught
+    except ValueError as caught:
+        raise error(f"the {what} '{file}' is not valid TOML: {caught}.") from caught
+
+
+def value_text(value: Any) -> str:
+    """A single value as TOML writes it, and ``--set`` takes it."""
+    return toml_text({"v": value}).partition("= ")[2].strip()
 
 
 def toml_text(values: Mapping[str, Any], comments: Mapping[str, str] | None = None, head: Sequence[str] = ()) -> str:

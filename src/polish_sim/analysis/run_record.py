@@ -6,7 +6,7 @@ import json
 import platform
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -20,8 +20,8 @@ from polish_sim.errors import InputError, number_text
 from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_removal, write_log, write_removal
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.row_file import plain
-from polish_sim.scenario_file import load_scenario, override, to_toml
-from polish_sim.toml_text import toml_text
+from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
+from polish_sim.toml_text import value_text
 
 CONFIG, METRICS, LOG, PATH = "config.toml", "metrics.json", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
@@ -209,7 +209,7 @@ def notes_of(records: Sequence[RunRecord]) -> list[str]:
 
 def differences(scenarios: Sequence[Scenario]) -> list[str]:
     """Keys of the scenario, dotted, in which runs differ, but for seed and controller."""
-    tables = [dict(_flat(scenario, "")) for scenario in scenarios]
+    tables = [dict(_flat(scenario)) for scenario in scenarios]
     return [
         name
         for name in tables[0]
@@ -223,10 +223,10 @@ def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
     Of a sensor by its name only the name counts, and what differs from what it stands for.
     """
     named = override(usual, [f"sensor.model={scenario.sensor.model}"])
-    theirs = dict(_flat(named, "")) | {"sensor.model": usual.sensor.model}
+    theirs = dict(_flat(named)) | {"sensor.model": usual.sensor.model}
     return [
         [name, _text(value), _text(theirs.get(name, ""))]
-        for name, value in _flat(scenario, "")
+        for name, value in _flat(scenario)
         if value != theirs.get(name)
     ]
 
@@ -239,24 +239,17 @@ def once_more(scenario: Scenario, usual: Scenario) -> str:
 
 def changed_words(scenario: Scenario, usual: Scenario) -> list[str]:
     """``KEY=VALUE`` of every setting in which a scenario differs from another."""
-    theirs = dict(_flat(usual, ""))
-    return [
-        f"{name}={toml_text({'': value}).partition('= ')[2].strip()}"
-        for name, value in _flat(scenario, "")
-        if value != theirs.get(name)
-    ]
+    theirs = dict(_flat(usual))
+    return [f"{name}={value_text(value)}" for name, value in _flat(scenario) if value != theirs.get(name)]
 
 
 def _text(value: Any) -> str:
     return number_text(value) if isinstance(value, (int, float)) else str(value) or "none"
 
 
-def _flat(section: Any, place: str) -> Iterator[tuple[str, Any]]:
-    for field in fields(section):
-        value = getattr(section, field.name)
-        if is_dataclass(value):
-            yield from _flat(value, f"{place}{field.name}.")
-        elif isinstance(value, Mapping):
-            yield from ((f"{place}{field.name}.{key}", of_own) for key, of_own in value.items())
+def _flat(scenario: Scenario) -> Iterator[tuple[str, Any]]:
+    for name, value in leaves(scenario):
+        if isinstance(value, Mapping):
+            yield from ((f"{name}.{key}", own) for key, own in value.items())
         else:
-            yield f"{place}{field.name}", value
+            yield name, value

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Bools
-from polish_sim.errors import CalibrationError, InputError, near_file
+from polish_sim.errors import CalibrationError, InputError
 from polish_sim.spatial import transform
 from polish_sim.tables import Columns
-from polish_sim.toml_text import toml_text
+from polish_sim.toml_text import read_toml, toml_text
 
 ROTATION_TOLERANCE: Final = 1e-3  #: For the rounding of printed digits
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
@@ -145,7 +144,7 @@ def write_table(file: Path, kind: Kind, figures: Mapping[str, Any]) -> None:
 
 def read_table(file: Path, kind: Kind) -> Calibration:
     """Read a calibration of one kind; InputError for no such file, no TOML, or the calibration of something else."""
-    values = _read(file)
+    values = read_toml(file, "calibration", InputError)
     if values.get("kind") != kind.name:
         raise InputError(
             f"'{file}' is not the calibration of {kind.what} (kind = {values.get('kind')!r}). "
@@ -156,22 +155,13 @@ def read_table(file: Path, kind: Kind) -> Calibration:
 
 def calibration_kind(file: Path, wanted: tuple[str, ...]) -> str:
     """The kind of a calibration.toml, one of those ``wanted``; InputError for no file, no TOML, or another kind."""
-    kind = _read(file).get("kind")
+    kind = read_toml(file, "calibration", InputError).get("kind")
     if kind not in wanted:
         raise InputError(
             f"'{file}' is none of the calibrations a run can take (kind = {kind!r}): give a calibration.toml made by "
             f"'calibrate {' | '.join(wanted)}'."
         )
     return str(kind)
-
-
-def _read(file: Path) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read the calibration '{file}': {error.strerror}.{near_file(file)}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"the calibration '{file}' is not valid TOML: {error}.") from error
 
 
 @dataclass(frozen=True)

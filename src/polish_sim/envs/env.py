@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -40,6 +38,8 @@ from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import load_scenario, override
 from polish_sim.scoring.figures import measure_score
 from polish_sim.scoring.reach import REACH, Asked
+from polish_sim.toml_text import read_toml
+from polish_sim.workers import processors
 
 USUAL: Final = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safety.contact_lost_s=0.5")
 """What an environment sets of the experiment's default scenario: a host at 500 Hz that waits less for lost contact."""
@@ -129,10 +129,7 @@ def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Seq
 def ranges_of(ranges: Ranges | str | Path | None) -> Ranges:
     """Ranges as given, or read from a TOML file of ``"key" = [low, high]``."""
     if isinstance(ranges, (str, Path)):
-        try:
-            ranges = tomllib.loads(Path(ranges).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"cannot read the ranges in '{ranges}': {error}.") from error
+        ranges = read_toml(Path(ranges), "ranges", ConfigError)
     known = dict(ranges or {})
     for key, bounds in known.items():
         if np.shape(bounds) != (2,) or not bounds[0] <= bounds[1]:
@@ -370,7 +367,7 @@ class PolishVectorEnv(VectorEnv[Numbers, Numbers, NDArray[Any]]):
         self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        count = min(workers or len(os.sched_getaffinity(0)), num_envs)
+        count = min(workers or processors(), num_envs)
         edges = np.linspace(0, num_envs, count + 1).round().astype(int).tolist()
         self._shares, self._pool = list(pairwise(edges)), ThreadPoolExecutor(count)
         self._ended = np.zeros(num_envs, bool)

@@ -89,27 +89,34 @@ def run_score(
     Rows do not depend on the ``workers`` or their number; those of the same scenarios that are in the folder already
     are taken over. Seeds count up from 0.
     """
-    tasks = list_tasks(cases, entries, seeds)
-    journal = Journal(folder)
-    rows = {task: row for task in tasks if (row := journal.row(task)) is not None}
-    missing = [task for task in tasks if task not in rows]
-    interrupted = False
-
-    def group_of(task: Task) -> object:
-        return setup_key(task.scenario)
-
-    heard(len(rows), len(tasks), None)
+    tasks, rows, interrupted = list_tasks(cases, entries, seeds), dict[Task, Row](), False
     try:
-        with closing(workers.results(missing, measure_row, group_of)) as results:
-            for result in results:
-                if result.value is not None:
-                    journal.add(result.task, result.value)
-                    rows[result.task] = result.value
-                heard(len(rows), len(tasks), _told(result.task, result.trouble))
+        fill_rows(rows, tasks, Journal(folder), workers, heard)
     except KeyboardInterrupt:
         interrupted = True
     ordered = tuple(rows[task] for task in tasks if task in rows)
     return Score(tuple(cases), tuple(entries), seeds, ordered, len(tasks), interrupted)
+
+
+def fill_rows(
+    rows: dict[Task, Row], tasks: Sequence[Task], journal: Journal, workers: Workers, heard: Heard = lambda *_: None
+) -> None:
+    """Put the rows of tasks into ``rows``: those of the journal, then those measured; one whose process dies is left
+    out.
+    """
+    rows |= {task: row for task in tasks if (row := journal.row(task)) is not None}
+    missing = [task for task in tasks if task not in rows]
+    heard(len(rows), len(tasks), None)
+    with closing(workers.results(missing, measure_row, _group)) as results:
+        for task, row, trouble in results:
+            if row is not None:
+                journal.add(task, row)
+                rows[task] = row
+            heard(len(rows), len(tasks), _told(task, trouble))
+
+
+def _group(task: Task) -> object:
+    return setup_key(task.scenario)
 
 
 def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Entry:

@@ -15,11 +15,11 @@ from typing import Any, Final, NamedTuple
 
 from polish_sim.analysis.run_record import changed_words
 from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError, InputError, near_file, unknown_name
+from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.registry import ROWS, default_scenario
 from polish_sim.models import part_path
-from polish_sim.scenario_file import override
-from polish_sim.toml_text import toml_text
+from polish_sim.scenario_file import FILE_KEYS, override, parse_value
+from polish_sim.toml_text import read_toml, toml_text, value_text
 
 STUDY: Final = "study.toml"
 SAMPLES: Final = ("grid", "random", "sobol", "lhs")
@@ -82,8 +82,12 @@ class Study:
         Raises:
             ConfigError: If a value does not fit its key.
         """
-        sets = [f"{axis.key}={written(value)}" for axis, value in zip(self.axes, run.values, strict=True)]
+        sets = [f"{axis.key}={value_text(value)}" for axis, value in zip(self.axes, run.values, strict=True)]
         return replace(override(self.base, sets), seed=run.seed)
+
+    def with_value(self, axis: Axis, value: Any) -> Scenario:
+        """The base with one value of one axis; ConfigError if it does not fit its key."""
+        return override(self.base, [f"{axis.key}={value_text(value)}"])
 
     def check(self) -> None:
         """Refuse what no run could be made of, before any is.
@@ -108,11 +112,12 @@ class Study:
             if self.sample == "grid" and not axis.values:
                 ends = ":".join(axis.text.split(":")[:2])
                 raise InputError(f"--vary {axis.key}={axis.text}: a grid needs steps, e.g. {axis.key}={ends}:lin5.")
-            for value in axis.values or (axis.low, axis.high):
-                override(self.base, [f"{axis.key}={written(value)}"])
         count = self.seeds * (self.count or math.prod(len(axis.values) for axis in self.axes))
         if count > MOST_RUNS:
             raise InputError(f"that makes {count} runs, more than {MOST_RUNS}. Give fewer values or seeds.")
+        for axis in self.axes:
+            for value in axis.values or (axis.low, axis.high):
+                self.with_value(axis, value)
 
     def _shares(self) -> Any:
         """Points of the unit cube, shape (count, axes); the same again for the same first seed."""
@@ -153,7 +158,7 @@ def read_axis(text: str) -> Axis:
     words = [word.strip() for word in values.split(",")]
     if not all(words):
         raise InputError(f"'--vary {text}' has an empty value: leave the comma out.")
-    return Axis(key, values, tuple(_plain(word) for word in words))
+    return Axis(key, values, tuple(map(parse_value, words)))
 
 
 def _ends(found: re.Match[str]) -> tuple[float, float] | None:
@@ -181,18 +186,6 @@ def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
-def _plain(word: str) -> Any:
-    try:
-        return tomllib.loads(f"v = {word}")["v"]
-    except ValueError:
-        return word
-
-
-def written(value: Any) -> str:
-    """A value as ``--set`` takes it."""
-    return toml_text({"v": value}).partition("= ")[2].strip()
-
-
 # A study as a file.
 
 
@@ -200,7 +193,7 @@ def to_text(study: Study) -> str:
     """The study as study.toml."""
     usual = default_scenario(study.base.experiment)
     words = changed_words(replace(study.base, seed=0), replace(usual, seed=0))
-    settings = {key: tomllib.loads(f"v = {value}")["v"] for key, _, value in (word.partition("=") for word in words)}
+    settings = {key: parse_value(value) for key, _, value in (word.partition("=") for word in words)}
     return toml_text(
         {
             "experiment": study.base.experiment, "seeds": study.seeds, "first_seed": study.base.seed,
@@ -222,12 +215,7 @@ def read_study(file: Path) -> Study:
     Raises:
         PolishSimError: If it cannot be read, or names what is not known.
     """
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read the study '{file}': {error.strerror}.{near_file(file)}") from error
-    except ValueError as error:
-        raise InputError(f"'{file}' is not valid TOML: {error}.") from error
+    table = read_toml(file, "study", InputError)
     for key in table:
         if key not in _KEYS:
             raise unknown_name(f"key in '{file}'", key, _KEYS)
@@ -240,7 +228,7 @@ def read_study(file: Path) -> Study:
     for name in ("settings", "vary"):
         if not isinstance(table.get(name, {}), dict):
             raise ConfigError(f"'{name}' in '{file}' must be a section: write [{name}] and keys below.")
-    settings = [f"{key}={written(value)}" for key, value in _flat(table.get("settings", {}))]
+    settings = [f"{key}={value_text(value)}" for key, value in _flat(table.get("settings", {}))]
     base = override(default_scenario(table["experiment"]), settings)
     axes = tuple(_axis_of(key, value, file) for key, value in _flat(table.get("vary", {})))
     return Study(
@@ -253,7 +241,7 @@ def _axis_of(key: str, value: Any, file: Path) -> Axis:
         return read_axis(f"{key}={value}")
     if not isinstance(value, list) or not value:
         raise ConfigError(f"'{key}' under [vary] in '{file}' must be a list of values or a text such as '0.1:1:log5'.")
-    return Axis(key, written(value), _frozen(value))
+    return Axis(key, value_text(value), _frozen(value))
 
 
 def _flat(table: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
@@ -269,11 +257,10 @@ def _flat(table: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]
 
 def user_files(scenario: Scenario) -> list[Path]:
     """Files a scenario names, of its controller first."""
-    words = [scenario.controller.name.rpartition(":")[0], scenario.plan.region.partition(":")[2], scenario.plan.file]
+    words = [scenario.controller.name.rpartition(":")[0], scenario.plan.region.partition(":")[2]]
+    words += [getattr(getattr(scenario, section), name) for section, name in FILE_KEYS if section != "part"]
     parts = [scenario.part.file, scenario.part.real_file, scenario.part.fixture_file]
-    more = [scenario.payload.file, scenario.smoothing.limits_file, scenario.dual.bases_file, scenario.dual.tool_file]
-    named = [Path(word) for word in (*words, *more, scenario.dual.arms_file) if word]
-    return [file for file in (*named, *(part_path(name) for name in parts if name)) if file.is_file()]
+    return [file for file in (*map(Path, words), *(part_path(name) for name in parts if name)) if file.is_file()]
 
 
 def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:

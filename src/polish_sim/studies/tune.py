@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -20,7 +19,8 @@ from polish_sim.control.laws import own_parameters
 from polish_sim.errors import InputError, number_text, unknown_name
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
 from polish_sim.scoring.figures import FIGURES
-from polish_sim.scoring.journal import Journal, Row, Task, measure_row, setup_key
+from polish_sim.scoring.journal import Journal, Row, Task
+from polish_sim.scoring.score import fill_rows
 from polish_sim.workers import Workers
 
 STORAGE: Final = "trials.sqlite3"
@@ -228,19 +228,9 @@ class Scorer:
 
     def rows(self, tasks: Sequence[Task]) -> list[Row]:
         """The rows of tasks; one whose process died is left out."""
-        known = {task: row for task in tasks if (row := self._journal.row(task)) is not None}
-        missing = [task for task in tasks if task not in known]
-        if missing:
-            with closing(self._workers.results(missing, measure_row, _group)) as results:
-                for task, row, _ in results:
-                    if row is not None:
-                        self._journal.add(task, row)
-                        known[task] = row
-        return [known[task] for task in tasks if task in known]
-
-
-def _group(task: Task) -> Any:
-    return setup_key(task.scenario)
+        rows: dict[Task, Row] = {}
+        fill_rows(rows, tasks, self._journal, self._workers)
+        return [rows[task] for task in tasks if task in rows]
 
 
 def search_best(search: Search, trials: int, folder: Path, scorer: Scorer, heard: Heard) -> dict[str, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import Field, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,10 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.errors import ConfigError, near_file
+from polish_sim.errors import ConfigError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.spatial import apply, inverse
+from polish_sim.toml_text import read_toml
 
 MM, DEG = 1e-3, math.radians(1.0)
 JOINT_SPEED = math.radians(180.0)  #: UR5e, every joint, as the maker publishes it [rad/s]
@@ -101,12 +101,7 @@ def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLim
     Raises:
         ConfigError: The file cannot be read, or a key is unknown, missing, of the wrong type, zero or negative.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read the limits file '{path}': {error.strerror}.{near_file(path)}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"'{path}' is not valid TOML: {error}.") from error
+    table = read_toml(path, "limits file", ConfigError)
     return replace(base or SmoothingLimits(), **_changes(table, str(path)))
 
 
