@@ -26,15 +26,12 @@ def test_a_nearly_right_name_is_asked_back_whatever_its_capitals() -> None:
     assert "Did you mean 'm'?" in str(unknown_name("unit", "Metre", ["m", "mm"], {"metre": "m"}))
 
 
-def test_a_file_in_other_capitals_is_asked_back(tmp_path: Path) -> None:
+def test_a_file_of_nearly_that_name_is_asked_back(tmp_path: Path) -> None:
     (tmp_path / "Part.STL").touch()
     assert near_file(tmp_path / "part.stl") == " Did you mean 'Part.STL'?"
     assert near_file(tmp_path / "gone" / "part.stl") == ""
-
-
-def test_a_file_that_shares_only_its_ending_is_not_asked_back(tmp_path: Path) -> None:
     (tmp_path / "inf.stl").touch()
-    assert near_file(tmp_path / "missing.stl") == ""
+    assert near_file(tmp_path / "missing.stl") == ""  # only the ending is the same
 
 
 def test_numbers_and_counts_are_written_as_people_do() -> None:

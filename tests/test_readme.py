@@ -58,10 +58,6 @@ def test_every_command_line_names_existing_commands_and_options(line: str) -> No
     assert {word for word in words if word.startswith("--")} <= options | {"--help"}
 
 
-def test_there_are_command_lines_to_check() -> None:
-    assert len(TYPED) >= 8
-
-
 @pytest.mark.parametrize("program", PYTHON)
 def test_the_python_example_runs(program: str, capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(program, "README.md", "exec"), {})
@@ -71,6 +67,7 @@ def test_the_python_example_runs(program: str, capsys: pytest.CaptureFixture[str
 def test_every_linked_file_exists() -> None:
     links = re.findall(r"\]\((?!http)([^)#]+)\)", README)
     assert links
+    assert len(TYPED) >= 8
     assert [link for link in links if not (ROOT / link).exists()] == []
 
 
@@ -81,9 +78,9 @@ def test_every_picture_of_the_gallery_says_how_it_is_made() -> None:
     assert set(re.findall(r"`([a-z_]+\.(?:png|gif))`", first_column)) == pictures
 
 
-@pytest.mark.parametrize("target", ["demo", "test", "check", "bench", "docs", "clean"])
-def test_the_makefile_has_the_promised_targets(target: str) -> None:
-    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+def test_the_makefile_has_the_promised_targets() -> None:
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert {"demo", "test", "check", "bench", "docs", "clean"} <= set(targets)
 
 
 FOLDER = Path(__file__).resolve().parent.parent / "examples"

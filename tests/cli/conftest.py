@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import os
+import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +18,23 @@ from polish_sim.cli.main import commands
 
 Tool = Callable[..., Any]  # called with the words of a command line
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+in_browser = pytest.mark.skipif(
+    BROWSER is None or importlib.util.find_spec("playwright") is None,
+    reason="no browser: apt install chromium, pip install playwright",
+)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """The system's Chromium, with WebGL in software."""
+    from playwright.sync_api import sync_playwright
+
+    words = ["--enable-unsafe-swiftshader", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
+    with sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=BROWSER, args=words)
+        yield started
+        started.close()
 
 
 def metrics_of(folder: Path) -> dict[str, Any]:

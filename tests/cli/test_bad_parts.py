@@ -80,18 +80,3 @@ def test_a_part_out_of_reach_names_the_first_bad_point_and_what_to_do(polish_sim
     assert "mm of the part" in err
     assert "--part-pose" in err
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("stepover", ["0", "5000"])
-def test_a_stepover_that_fits_no_part_is_refused(polish_sim: Tool, tmp_path: Path, stepover: str) -> None:
-    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--stepover", stepover)
-    assert code == 2
-    assert "step" in err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_dry_run_plans_and_checks_the_reach_and_writes_nothing(polish_sim: Tool, tmp_path: Path) -> None:
-    code, out, _ = polish_sim("run", "surface", "--part", "sphere_50", "--dry-run")
-    assert code == 0
-    assert "within reach" in out
-    assert list(tmp_path.iterdir()) == []

@@ -11,18 +11,13 @@ from tests.cli.conftest import Tool, metrics_of
 from tests.planning.test_fixture import asked, wall
 
 
-@pytest.fixture
-def folder(polish_sim: Tool) -> Path:
-    """A folder with a plan made in a fixture, called by relative names."""
-    asked(Path(), wall(10.0))
+def test_a_plan_says_its_fixture_inspect_and_run_take_it_and_ask_for_it_when_it_is_gone_or_changed(
+    polish_sim: Tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked(Path(), wall(10.0))  # called by relative names
     words = ("--fixture", "fixture.stl", "--region", "point:0,0,0", "--stepover", "20", "--up", "z", "--out", "made")
     assert polish_sim("plan", "plate.stl", *words).code == 0
-    return Path("made").resolve()
-
-
-def test_a_plan_says_its_fixture_and_inspect_and_run_take_it(
-    polish_sim: Tool, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+    folder = Path("made").resolve()
     said = json.loads((folder / "path.json").read_text())["fixture"]
     assert said["file"] == "fixture.stl"
     assert Path(said["path"]) == folder.parent / "fixture.stl"
@@ -35,9 +30,7 @@ def test_a_plan_says_its_fixture_and_inspect_and_run_take_it(
     dry = polish_sim("run", "surface", "--path", folder, "--dry-run")
     assert dry.code == 0
     assert "fixture" in dry.err + dry.out
-
-
-def test_a_plan_whose_fixture_is_gone_or_changed_asks_for_it(polish_sim: Tool, folder: Path) -> None:
+    monkeypatch.chdir(tmp_path)
     wall(30.0).export("fixture.stl")
     changed = polish_sim("inspect", folder, "--out", "seen")
     assert changed.code == 2

@@ -40,11 +40,7 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: 
     metrics = json.loads(Path("seen/metrics.json").read_text())
     assert set(metrics) >= KEYS
     assert metrics["coverage_stepover"] == 1.0
-
-
-def test_the_mesh_opens_elsewhere_and_carries_the_time_under_the_pad(polish_sim: Tool) -> None:
-    write_raster(Path("raster.csv"))
-    assert polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen")[0] == 0
+    # The mesh opens elsewhere and carries the time under the pad.
     mesh = trimesh.load("seen/coverage.ply", process=False)
     exposure = mesh.metadata["_ply_raw"]["vertex"]["data"]["exposure_s"].ravel()
     assert mesh.area == pytest.approx(200.0 * 200.0, rel=1e-6)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import math
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +17,8 @@ import pytest
 import typer
 
 from polish_sim.cli.boundary import execute
-from tests.cli.conftest import PROGRAM, Tool
+from polish_sim.log import read_log
+from tests.cli.conftest import PROGRAM, Tool, metrics_of
 
 
 def write_long_path(file: Path) -> None:
@@ -29,18 +30,22 @@ def write_long_path(file: Path) -> None:
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n")
 
 
-def broken_off(words: list[str], folder: Path, ready: Callable[[Path], bool], then_s: float) -> str:
-    """What a command says when Ctrl-C comes a while after its draft folder is ready; it ends with 130."""
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(
-        [*PROGRAM, *words, "--out", "out/cut"], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
-    ) as run:
-        while not ready(folder / "out/.cut.polish-sim-part"):
-            assert run.poll() is None, run.communicate()[1]
+def broken_off(words: list[str], folder: Path, ready: Callable[[Path, str], bool], then_s: float) -> str:
+    """What a command says when Ctrl-C comes a while after it is ready, by its draft folder and what it has said; it
+    ends with 130.
+    """
+    command, environment = [*PROGRAM, *words, "--out", "out/cut"], os.environ | {"PYTHONUNBUFFERED": "1"}
+    with (
+        tempfile.NamedTemporaryFile() as said,
+        subprocess.Popen(command, cwd=folder, env=environment, stderr=said) as run,
+    ):
+        while not ready(folder / "out/.cut.polish-sim-part", Path(said.name).read_text()):
+            assert run.poll() is None, Path(said.name).read_text()
             time.sleep(0.02)
         time.sleep(then_s)
         run.send_signal(signal.SIGINT)
-        _, err = run.communicate()
+        run.wait()
+        err = Path(said.name).read_text()
     assert run.returncode == 130, err
     assert "Traceback" not in err
     return err
@@ -58,7 +63,7 @@ def broken_off(words: list[str], folder: Path, ready: Callable[[Path], bool], th
 )
 def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words: list[str], tmp_path: Path) -> None:
     write_long_path(tmp_path / "path.csv")
-    err = broken_off(words, tmp_path, lambda draft: draft.exists(), 1.0)
+    err = broken_off(words, tmp_path, lambda draft, _: draft.exists(), 1.0)
     assert err.splitlines()[-1].startswith("error: interrupted")
     assert [path.name for path in tmp_path.iterdir()] == ["path.csv"]
 
@@ -71,67 +76,71 @@ def test_ctrl_c_while_the_program_is_loaded_ends_it_quietly() -> None:
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "")
 
 
-def test_ctrl_c_that_python_drops_where_c_calls_it_is_no_bug_of_ours(capsys: pytest.CaptureFixture[str]) -> None:
-    """As while kernels are compiled: the compiler's callback loses the interrupt, then what it should have made is
-    missing.
-    """
+def dropped() -> None:
+    """Ctrl-C where C calls Python, as while kernels are compiled: Python drops it there."""
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    ctypes.CFUNCTYPE(None)(interrupted)()
+
+
+def compile_kernels() -> None:
+    dropped()
+    raise RuntimeError("no compiled object yet")  # what the compiler's callback should have made
+
+
+def go_on_for_ever() -> None:
+    dropped()
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+def load_c_module() -> None:
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as interrupt:  # modules built with pybind11 turn it into this
+        raise ImportError("initialization failed") from interrupt
+
+
+@pytest.mark.parametrize("command", [compile_kernels, go_on_for_ever, load_c_module])
+def test_ctrl_c_that_is_dropped_or_taken_for_another_error_is_no_bug_of_ours(
+    command: Callable[[], None], capsys: pytest.CaptureFixture[str]
+) -> None:
     app = typer.Typer()
-
-    @app.command()
-    def compile_kernels() -> None:
-        def interrupted() -> None:
-            raise KeyboardInterrupt
-
-        ctypes.CFUNCTYPE(None)(interrupted)()
-        raise RuntimeError("no compiled object yet")
-
+    app.command()(command)
     assert execute(app, ["--"]) == 130
     assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
 
 
-def test_ctrl_c_that_python_drops_without_a_trace_comes_again(capsys: pytest.CaptureFixture[str]) -> None:
-    app = typer.Typer()
-
-    @app.command()
-    def go_on_for_ever() -> None:
-        def interrupted() -> None:
-            raise KeyboardInterrupt
-
-        ctypes.CFUNCTYPE(None)(interrupted)()
-        deadline = time.monotonic() + 30.0
-        while time.monotonic() < deadline:
-            time.sleep(0.01)
-
-    assert execute(app, ["--"]) == 130
-    assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
+def test_ctrl_c_of_a_run_keeps_what_was_recorded(tmp_path: Path) -> None:
+    err = broken_off(["run", "arc", "--feed", "0.5"], tmp_path, lambda _, said: "simulate" in said, 1.0)
+    assert "kept" in err
+    assert len(read_log(tmp_path / "out/cut/log.npz")) > 10
+    assert metrics_of(tmp_path / "out/cut")["path_done"] < 1.0
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["cut"]
 
 
-def test_ctrl_c_while_a_c_module_is_loaded_is_no_bug_of_ours(capsys: pytest.CaptureFixture[str]) -> None:
-    """Modules built with pybind11 turn it into an ImportError."""
-    app = typer.Typer()
-
-    @app.command()
-    def load() -> None:
-        try:
-            raise KeyboardInterrupt
-        except KeyboardInterrupt as interrupt:
-            raise ImportError("initialization failed") from interrupt
-
-    assert execute(app, ["--"]) == 130
-    assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
+def test_ctrl_c_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> None:
+    many = ["run", "arc", "--seeds", "40", "--set", "process.max_feed_s=2"]
+    broken_off(many, tmp_path, lambda draft, _: (draft / "seed-0010").exists(), 0.0)  # by then at least one has ended
+    kept = metrics_of(tmp_path / "out/cut")["seeds"]
+    assert 1 <= len(kept) < 40
+    assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [f"seed-{s:04d}" for s in kept]
 
 
-@pytest.mark.parametrize("what", ["tcp", "base", "payload"])
+@pytest.mark.parametrize("what", ["tcp", "payload"])
 def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(what: str, polish_sim: Tool, tmp_path: Path) -> None:
     assert polish_sim("calibrate", what, "--out", "compiled").code == 0
     words = ["calibrate", what, "--seeds", "100000"]
     if what == "payload":
-        err = broken_off(words, tmp_path, lambda draft: (draft / "seed-0001").exists(), 0.05)
+        err = broken_off(words, tmp_path, lambda draft, _: (draft / "seed-0001").exists(), 0.05)
     else:
-        err = broken_off(words, tmp_path, lambda draft: draft.exists(), 2.0)
+        err = broken_off(words, tmp_path, lambda draft, _: draft.exists(), 2.0)
     assert "interrupted: what was recorded up to now is kept." in err
     cut = tmp_path / "out/cut"
-    metrics = json.loads((cut / "metrics.json").read_text(encoding="utf-8"))
+    metrics = metrics_of(cut)
     count = len(metrics["seeds"])
     assert 0 < count < 100_000
     assert metrics["seeds"] == list(range(count))

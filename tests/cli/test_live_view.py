@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import signal
 import socket
@@ -24,15 +25,10 @@ from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.log import RunLog
 from polish_sim.scenario_file import load_scenario, override
-from tests.cli.conftest import PROGRAM, Tool
+from tests.cli.conftest import PROGRAM, Tool, in_browser
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 WITH_VISER = importlib.util.find_spec("viser") is not None
-HERE = BROWSER is not None and WITH_VISER and importlib.util.find_spec("playwright") is not None
 served = pytest.mark.skipif(not WITH_VISER, reason="no viser: pip install 'polish-sim[view]'")
-in_browser = pytest.mark.skipif(
-    not HERE, reason="no browser or viser: apt install chromium, pip install playwright viser"
-)
 SHORT = ["process.hold_s=1"]
 
 
@@ -133,17 +129,6 @@ def test_what_cannot_be_shown_is_said_before_anything_starts(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    words = ["--enable-unsafe-swiftshader", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
-    with sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=BROWSER, args=words)
-        yield started
-        started.close()
-
-
 class Tab:
     """A page in the browser, and what it asked for and complained of."""
 
@@ -162,9 +147,20 @@ class Tab:
     def wait_for(self, text: str) -> None:
         self.tab.get_by_text(text).first.wait_for()
 
+    def paused_in_contact(self) -> float:
+        """Let the run wait once the tool presses; the simulated time then [s]."""
+        self.wait_for("of 20 N")
+        self.press("pause")
+        self.wait_for("(paused)")
+        return self.clock()
+
     def clock(self) -> float:
         """Simulated time the page shows [s]."""
         return float(self.tab.get_by_text(" s of ").first.inner_text().partition(" s of ")[0].split("\n")[-1])
+
+    def force(self) -> float:
+        """The force the page shows [N]."""
+        return float(self.tab.get_by_text(re.compile(r"^-?[\d.]+ N$")).first.inner_text().removesuffix(" N"))
 
     def picture(self) -> np.ndarray[Any, np.dtype[np.uint8]]:
         from io import BytesIO
@@ -237,28 +233,26 @@ def test_at_least_20_moments_a_second_reach_who_looks_on(start: Callable[..., Ru
     run.until(lambda: "\nsimulate" in run.said)
     protocol = [Subprotocol(f"viser-v{viser.__version__}")]
     with connect(run.url.replace("http", "ws"), subprotocols=protocol, max_size=None, compression=None) as page:
-        begun, arrived = time.monotonic(), list[float]()
-        while time.monotonic() - begun < 6.0:
+        begun, arrived, most = time.monotonic(), list[float](), 0
+        # The first second brings the scene; other tests may hold the computer up for a while.
+        while most < 20 and time.monotonic() - begun < 10.0:
             page.recv(timeout=10.0)
-            arrived.append(time.monotonic() - begun)
-    # The first second brings the scene; other tests may hold the computer up for a while.
-    assert np.histogram(arrived, bins=np.arange(1.0, 6.1))[0].max() >= 20
+            arrived.append(time.monotonic())
+            most = sum(max(begun + 1.0, arrived[-1] - 1.0) < at for at in arrived)
+    assert most >= 20
     assert run.interrupted() == 130
 
 
+@served
 @in_browser
 def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(
     browser: Any, start: Callable[..., Running], tmp_path: Path
 ) -> None:
-    run = start("run", "force", "--live", "--set", "process.hold_s=30", "--out", "out")
-    run.until(lambda: "\nsimulate" in run.said)
+    run = start("run", "force", "--live", "--set", "process.hold_s=12", "--out", "out")
     tab = Tab(browser, run.url)
-    tab.wait_for("of 20 N")
-    tab.press("pause")
-    tab.wait_for("(paused)")
-    stood = tab.clock()
+    stood = tab.paused_in_contact()
     tab.press("step")
-    time.sleep(1.0)
+    run.until(lambda: tab.clock() > stood)
     stepped = tab.clock()
     assert stepped == pytest.approx(stood + 0.012, abs=0.01)
     force = tab.tab.get_by_role("textbox").first
@@ -268,16 +262,16 @@ def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(
     # Who comes later sees the same page.
     tab.close()
     tab = Tab(browser, run.url)
-    tab.press("go on")
+    tab.press("step")
     tab.wait_for("of 26 N")
     tab.tab.get_by_text("Faults").click()
     tab.press("friction-jump")
     tab.wait_for("friction-jump@")
     first = tab.picture()
     tab.press("tool")
-    time.sleep(2.0)
-    assert np.mean(first != tab.picture()) > 0.02
+    run.until(lambda: float(np.mean(first != tab.picture())) > 0.02)
     tab.press("fastest")
+    tab.press("go on")
     tab.wait_for("The run is over")
     assert run.process.wait(60) == 0
     tab.close()
@@ -292,29 +286,26 @@ def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(
     tab.press("pause")
     tab.wait_for("(paused)")
     moments = tab.tab.get_by_role("textbox").first
-    for moment in ("30", "4"):
+    for moment in ("12", "1"):
         moments.fill(moment)
         moments.press("Enter")
         tab.wait_for(f"{moment}.00 s of ")
-        forces = np.interp(float(moment), record.log["time_s"], record.log["normal_force_n"].astype(float))
-        tab.wait_for(f"{forces:.1f} N")
+        force = np.interp(float(moment), record.log["time_s"], record.log["normal_force_n"].astype(float))
+        again.until(lambda force=force: abs(tab.force() - force) < 0.3)  # type: ignore[misc]
     assert again.interrupted() == 0
     tab.wait_for("Closed.")
     tab.close()
     assert "Traceback" not in again.said
 
 
+@served
 @in_browser
 def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(
     browser: Any, start: Callable[..., Running], tmp_path: Path
 ) -> None:
     run = start("run", "force", "--live", "--set", "process.hold_s=600", "--out", "out")
-    run.until(lambda: "\nsimulate" in run.said)
     tab = Tab(browser, run.url)
-    tab.wait_for("of 20 N")
-    tab.press("pause")
-    tab.wait_for("(paused)")
-    stood = tab.clock()
+    stood = tab.paused_in_contact()
     assert run.interrupted() == 130
     assert "Traceback" not in run.said
     tab.wait_for("The run is over")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,6 +11,7 @@ from polish_sim.exchange import read_path
 from polish_sim.experiments import default_scenario
 from polish_sim.log import read_log
 from polish_sim.scenario_file import load_scenario, to_toml
+from tests.cli.conftest import Tool
 
 OLD = Path(__file__).resolve().parent.parent / "files_of_8ef5763"
 
@@ -33,7 +32,7 @@ def test_a_plan_is_read_and_both_its_forms_agree() -> None:
     assert abs(table.positions_work - document.positions_work).max() < 1e-9
 
 
-def test_a_run_is_read_and_drawn_again(polish_sim: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_run_is_read_and_drawn_again(polish_sim: Tool, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     shutil.copytree(OLD / "run", folder)
     assert len(read_log(folder / "log.npz")) > 10
@@ -41,8 +40,10 @@ def test_a_run_is_read_and_drawn_again(polish_sim: Callable[..., Any], tmp_path:
     assert (tmp_path / "report" / "force.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("name", ["payload", "tcp", "arm", "base"])
-def test_a_calibration_is_taken_by_a_run(name: str, polish_sim: Callable[..., Any]) -> None:
-    experiment = "force" if name == "payload" else "dual"
-    call = polish_sim("run", experiment, "--calibration", OLD / f"{name}.toml", "--dry-run")
+@pytest.mark.parametrize(
+    ("experiment", "names"), [("force", ["payload"]), ("dual", ["tcp", "base"]), ("dual", ["arm"])]
+)
+def test_a_calibration_is_taken_by_a_run(experiment: str, names: list[str], polish_sim: Tool) -> None:
+    calibrations = [word for name in names for word in ("--calibration", OLD / f"{name}.toml")]
+    call = polish_sim("run", experiment, *calibrations, "--dry-run")
     assert call.code == 0, call.err

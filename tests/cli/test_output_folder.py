@@ -54,16 +54,13 @@ def test_an_error_is_one_line_on_stderr_with_its_code(
     assert shown.err.count("\n") == 1
 
 
-def test_an_unexpected_error_is_called_a_bug_without_a_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unexpected_error_is_called_a_bug_and_debug_shows_where_it_comes_from(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert execute(app_that(ZeroDivisionError("by zero")), ["work"]) == 70
     message = capsys.readouterr().err
-    assert "bug" in message
-    assert "ZeroDivisionError: by zero" in message
-    assert "--debug" in message
+    assert all(word in message for word in ("bug", "ZeroDivisionError: by zero", "--debug"))
     assert "Traceback" not in message
-
-
-def test_debug_shows_where_an_unexpected_error_comes_from(capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(app_that(ZeroDivisionError("by zero")), ["--debug", "work"]) == 70
     assert "Traceback" in capsys.readouterr().err
 
@@ -77,24 +74,19 @@ def files(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*")}
 
 
-def test_a_run_without_out_gets_a_new_dated_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_without_out_gets_a_new_dated_folder_whose_files_appear_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    finals = []
+    finals = set()
     for _ in range(3):
         with claimed(None, "run-force") as folder:
             (folder.draft / "log.npz").touch()
-        finals.append(folder.final)
-    assert len(set(finals)) == 3
-    for final in finals:
-        assert final.parent == Path("results/run-force")
-        assert (final / "log.npz").exists()
-
-
-def test_nothing_appears_under_the_final_name_before_the_end(tmp_path: Path) -> None:
-    with claimed(tmp_path / "out", "run-force") as folder:
-        (folder.draft / "log.npz").touch()
-        assert not (tmp_path / "out").exists()
-    assert files(tmp_path) == {"out", "out/log.npz"}
+            assert not folder.final.exists()
+        assert folder.final.parent == Path("results/run-force")
+        assert files(folder.final) == {"log.npz"}
+        finals.add(folder.final)
+    assert len(finals) == 3
 
 
 def test_an_existing_folder_is_refused_before_the_block_runs(tmp_path: Path) -> None:
@@ -122,19 +114,16 @@ def fail_halfway(out: Path, error: type[BaseException]) -> None:
         raise error
 
 
-def test_a_failure_leaves_nothing_behind_not_even_parent_folders(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError):
-        fail_halfway(tmp_path / "a" / "b" / "out", RuntimeError)
-    assert files(tmp_path) == set()
-
-
-def test_a_failure_leaves_an_existing_folder_as_it_was(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "metrics.json").write_text("old")
-    with pytest.raises(KeyboardInterrupt):
-        fail_halfway(out, KeyboardInterrupt)
-    assert (out / "metrics.json").read_text() == "old"
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_a_failure_leaves_an_existing_folder_as_it_was_and_of_a_new_one_nothing(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "metrics.json").write_text("old")
+    for out in (tmp_path / "out", tmp_path / "a" / "b" / "out"):
+        with pytest.raises(error):
+            fail_halfway(out, error)
+    assert (tmp_path / "out" / "metrics.json").read_text() == "old"
     assert files(tmp_path) == {"out", "out/metrics.json"}
 
 
@@ -170,14 +159,9 @@ def test_drafts_of_killed_commands_are_swept_at_the_next_start_those_of_running_
     assert files(tmp_path) == {".mine.part", "next", "live", "live/log.npz"}
 
 
-def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+def test_a_file_in_the_way_or_a_place_that_cannot_be_written_is_refused_before_the_block_runs(tmp_path: Path) -> None:
     (tmp_path / "taken").touch()
-    for out in (tmp_path / "taken", tmp_path / "taken" / "out"):
-        with pytest.raises(InputError, match="taken"), claimed(out, "run-force", overwrite=True):
-            pytest.fail("the work must not start")
-
-
-def test_a_place_that_cannot_be_written_is_refused_before_the_block_runs() -> None:
     # /proc takes no folders, whoever asks; a read-only folder would stop everybody but root.
-    with pytest.raises(InputError, match="--out"), claimed(Path("/proc/polish/out"), "run-force"):
-        pytest.fail("the work must not start")
+    for out, said in (("taken", "taken"), ("taken/out", "taken"), ("/proc/polish/out", "--out")):
+        with pytest.raises(InputError, match=said), claimed(tmp_path / out, "run-force", overwrite=True):
+            pytest.fail("the work must not start")

@@ -1,8 +1,9 @@
-"""Plans handed to runs, a user's own controller, and what can be looked at."""
+"""The options of a path, plans handed to runs, a user's own controller, and what can be looked at."""
 
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,12 +13,16 @@ import numpy as np
 import pytest
 
 from polish_sim.cli import film, run
+from polish_sim.cli.boundary import execute
 from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
+from polish_sim.cli.main import commands
+from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
 from polish_sim.models import workpiece_path
 from tests.cli.conftest import PROGRAM, Tool
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
+PANELS = ("Part and region:", "Path:", "Landing and tool axis:", "Tool and process:", "Config:", "Output:")
 CONTROLLER = '''
 """A law of one's own: hold the nominal path, as stiff as it is."""
 
@@ -47,46 +52,87 @@ class Half:
 '''
 
 
-@pytest.fixture
-def plan(polish_sim: Tool, tmp_path: Path) -> Path:
-    code, _, err = polish_sim("plan", "sphere_50", "--stepover", "10", "--out", "plan")
-    assert code == 0, err
-    return tmp_path / "plan"
+@pytest.mark.parametrize("command", [("plan",), ("run", "surface")])
+def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Tool, command: tuple[str, ...]) -> None:
+    _, out, _ = polish_sim(*command, "--help")
+    assert all(f"\n{panel}\n" in out for panel in PANELS)
+    assert all(f"  {option} " in out for option in PATH_OPTIONS)
+    assert out.index("Path:") < out.index("--stepover") < out.index("Landing and tool axis:") < out.index("--lead-in")
 
 
-def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(
-    polish_sim: Tool, tmp_path: Path, plan: Path
-) -> None:
-    code, _, err = polish_sim("run", "surface", "--path", "plan", *QUICK, "--out", "run")
+def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
+    words = (
+        "--order", "outward", "--direction", "climb", "--start", "0,0,25", "--lead-in", "arc", "--lead-angle", "5",
+        "--tilt-angle", "-3", "--axis-smoothing", "15", "--axis-deviation", "2", "--feature-angle", "25",
+        "--edge-margin", "3",
+    )  # fmt: skip
+    code, out, err = polish_sim("plan", "sphere_50", "--stepover", "20", *words, "--out", "plan")
     assert code == 0, err
-    config = (tmp_path / "run/config.toml").read_text()
-    assert 'file = "sphere_50"' in config
+    assert "through the air, leads included" in out
+    plan = json.loads(Path("plan/path.json").read_text())["plan"]
+    assert (plan["order"], plan["direction"], plan["lead_in"]) == ("outward", "climb", "arc")
+    assert plan["start"] == pytest.approx([0.0, 0.0, 0.025])
+    assert plan["axis_smoothing_m"] == pytest.approx(0.015)
+    assert plan["edge_margin_m"] == pytest.approx(0.003)
+    figures = json.loads(Path("plan/metrics.json").read_text())
+    assert figures["air_length_m"] >= 0.06
+    assert figures["axis_deviation_max_rad"] <= 0.034907
+
+
+def test_a_dry_run_takes_the_same_options_checks_the_reach_and_writes_nothing(polish_sim: Tool, tmp_path: Path) -> None:
+    words = ("--overlap", "50", "--pad-diameter", "40", "--lead-in", "tangent", "--tilt-angle", "4", "--dry-run")
+    code, out, err = polish_sim("run", "surface", "--part", "sphere_50", *words)
+    assert code == 0, err
+    assert "within reach" in out
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The plan of a user's own part, which lies beside it."""
+    folder = tmp_path_factory.mktemp("planned")
+    (folder / "mine.stl").write_bytes(workpiece_path("sphere_50").read_bytes())
+    words = ["plan", str(folder / "mine.stl"), "--stepover", "10", "--out", str(folder / "plan")]
+    assert execute(commands, words) == 0
+    return folder / "plan"
+
+
+def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(polish_sim: Tool, plan: Path) -> None:
+    code, _, err = polish_sim("run", "surface", "--path", plan, *QUICK, "--out", "run")
+    assert code == 0, err
+    config = Path("run/config.toml").read_text()
+    assert f'file = "{plan.parent / "mine.stl"}"' in config
     assert "stepover_m = 0.01 " in config
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(["--stepover", "5"], "leave --stepover out"), (["--part", "plate"], "another file than 'plate'")],
+    [
+        (["--stepover", "5"], "leave --stepover out"),
+        (["--lead-in", "arc", "--overlap", "60"], "--path is a finished plan: leave --lead-in, --overlap out"),
+        (["--part", "plate"], "another file than 'plate'"),
+    ],
 )
 def test_a_plan_is_not_run_against_its_own_settings_or_part(
     polish_sim: Tool, plan: Path, words: list[str], said: str
 ) -> None:
-    code, _, err = polish_sim("run", "surface", "--path", "plan", *words, "--out", "run")
+    code, _, err = polish_sim("run", "surface", "--path", plan, *words)
     assert code == 2
     assert said in err
-    assert not (plan.parent / "run").exists()
+    assert not list(Path().iterdir())
 
 
-def test_a_plan_of_a_user_s_part_asks_where_the_part_is(polish_sim: Tool, tmp_path: Path) -> None:
-    (tmp_path / "mine.stl").write_bytes(workpiece_path("sphere_50").read_bytes())
-    assert polish_sim("plan", "mine.stl", "--out", "plan")[0] == 0
-    # Where the file still is, the plan knows.
-    assert polish_sim("run", "surface", "--path", "plan", *QUICK)[0] == 0
-    (tmp_path / "mine.stl").rename(tmp_path / "moved.stl")
-    code, _, err = polish_sim("run", "surface", "--path", "plan")
+def test_a_plan_of_a_part_that_is_not_there_any_more_asks_where_it_is(
+    polish_sim: Tool, plan: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(plan, "plan")
+    file = tmp_path / "plan" / "path.json"
+    file.write_text(file.read_text().replace(str(plan.parent), str(tmp_path / "gone")))
+    code, _, err = polish_sim("run", "surface", "--path", "plan", "--dry-run")
     assert code == 2
     assert "--part" in err
-    assert polish_sim("run", "surface", "--path", "plan", "--part", "moved.stl", *QUICK)[0] == 0
+    found = ("--part", plan.parent / "mine.stl", "--dry-run")
+    assert polish_sim("run", "surface", "--path", "plan", *found)[0] == 0
 
 
 def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_check(

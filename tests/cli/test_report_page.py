@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
-import os
 import shlex
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -34,11 +31,9 @@ from polish_sim.page.page import page_html, read_page, tables_page
 from polish_sim.scenario_file import merge, override
 from polish_sim.scoring import BATTERY, user_entry
 from polish_sim.spatial import apply, inverse
+from tests.cli.conftest import in_browser
 from tests.planning.shapes import shipped_plan
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
-HERE = BROWSER is not None and importlib.util.find_spec("playwright") is not None
-in_browser = pytest.mark.skipif(not HERE, reason="no browser: apt install chromium, pip install playwright")
 LARGEST = 4_000_000
 HOSTILE = "</script><script>document.title='taken'</script><b>&amp;@DATA@"
 SHORT_PATH = ["plan.stepover_m=0.03", "process.feed_m_s=0.06", "part.file=sphere_100"]
@@ -49,6 +44,11 @@ class Made(NamedTuple):
 
     record: RunRecord
     model: Any
+
+    @property
+    def end(self) -> float:
+        """Its last moment [s]."""
+        return float(self.record.log["time_s"][-1])
 
 
 class Keep(Silent):
@@ -78,7 +78,7 @@ def harder() -> Made:
 
 @pytest.fixture(scope="module")
 def two_robots() -> Made:
-    return made("dual", "process.feed_m_s=0.06")
+    return made("dual", "process.feed_m_s=0.06", "process.max_feed_s=2", "dual.master_speed_m_s=0.01")
 
 
 class Tab(NamedTuple):
@@ -115,38 +115,34 @@ Open = Callable[..., Tab]
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    words = ["--enable-unsafe-swiftshader", *(["--no-sandbox"] if os.geteuid() == 0 else [])]
-    with sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=BROWSER, args=words)
-        yield started
-        started.close()
-
-
-@pytest.fixture
-def opened(browser: Any, tmp_path: Path) -> Iterator[Open]:
+def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Open]:
     """Open a page, or that of a run, from its file, on a screen as large as one likes."""
     contexts = []
 
-    def open_page(shown: Made | str, width: int = 900, height: int = 700, notes: tuple[str, ...] = ()) -> Tab:
+    def open_page(shown: Made | str, width: int = 900, notes: tuple[str, ...] = ()) -> Tab:
+        folder = tmp_path_factory.mktemp("page")
         if isinstance(shown, str):
-            (tmp_path / PAGE).write_text(shown, encoding="utf-8")
+            (folder / PAGE).write_text(shown, encoding="utf-8")
         else:
-            write_page(tmp_path, shown.record, shown.model, notes)
-        contexts.append(browser.new_context(viewport={"width": width, "height": height}))
+            write_page(folder, shown.record, shown.model, notes)
+        contexts.append(browser.new_context(viewport={"width": width, "height": 700}))
         tab, requests, errors = contexts[-1].new_page(), [], []
         tab.on("request", lambda request: requests.append(request.url))
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-        tab.goto((tmp_path / PAGE).as_uri())
+        tab.goto((folder / PAGE).as_uri())
         tab.wait_for_function("window.page && window.page.data.ready")
-        return Tab(tab, requests, errors, (tmp_path / PAGE).stat().st_size)
+        return Tab(tab, requests, errors, (folder / PAGE).stat().st_size)
 
     yield open_page
     for context in contexts:
         context.close()
+
+
+@pytest.fixture(scope="module")
+def played(opened: Open, surface: Made) -> Tab:
+    """The page of the run on a surface."""
+    return opened(surface)
 
 
 def assert_clean(tab: Tab) -> None:
@@ -174,38 +170,34 @@ def assert_follows_the_log(tab: Tab, run: Made, arms: tuple[str, ...]) -> None:
 
 
 @in_browser
-def test_a_page_plays_the_run_back_as_the_log_has_it(opened: Open, surface: Made) -> None:
-    tab = opened(surface)
-    assert_follows_the_log(tab, surface, ("q_rad",))
-    assert_clean(tab)
-    assert tab("window.page.data.firstDrawing") < 1500.0
+def test_a_page_plays_the_run_back_as_the_log_has_it(played: Tab, surface: Made) -> None:
+    assert_follows_the_log(played, surface, ("q_rad",))
+    assert_clean(played)
+    assert played("window.page.data.firstDrawing") < 1500.0
 
 
 @in_browser
-def test_the_part_is_coloured_by_what_was_removed_until_then(opened: Open, surface: Made) -> None:
-    tab, record = opened(surface), surface.record
-    removal = record.removal
+def test_the_part_is_coloured_by_what_was_removed_until_then(played: Tab, surface: Made) -> None:
+    log, removal = surface.record.log, surface.record.removal
     assert removal is not None
-    end = numbers(record.log, "time_s")[-1]
-    assert np.abs(np.array(tab("t => window.page.removal(t)", end)) - removal.relative).max() < 0.01
+
+    def removed(time: float) -> Array:
+        return np.array(played("t => window.page.removal(t)", time))
+
+    time, total = numbers(log, "time_s"), numbers(log, "exposure_nm")
+    assert np.abs(removed(time[-1]) - removal.relative).max() < 0.01
     # Before the end the log knows the sum over the part.
-    time, total = numbers(record.log, "time_s"), numbers(record.log, "exposure_nm")
     for share in (0.25, 0.5, 0.75):
-        moment = float(np.interp(share * total[-1], total, time))
-        grown = (
-            removal.areas @ np.array(tab("t => window.page.removal(t)", moment)) / (removal.areas @ removal.relative)
-        )
-        assert grown == pytest.approx(share, abs=0.02)
-    assert max(tab("window.page.removal(0)")) == 0.0
+        grown = removal.areas @ removed(float(np.interp(share * total[-1], total, time)))
+        assert grown / (removal.areas @ removal.relative) == pytest.approx(share, abs=0.02)
+    assert removed(0.0).max() == 0.0
 
 
 @in_browser
-def test_the_scrubber_moves_arm_cursor_and_removal_together(opened: Open, surface: Made) -> None:
-    tab = opened(surface)
-    end = tab("window.page.now()")
-    seen = []
+def test_the_scrubber_moves_arm_cursor_and_removal_together(played: Tab, surface: Made) -> None:
+    tab, seen = played, []
     for share in (0.3, 0.6, 0.95):
-        picture = tab.seek(share * end)
+        picture = tab.seek(share * surface.end)
         assert picture.std() > 10.0
         cursor, link = tab("window.page.cursor()"), tab("Array.from(window.page.bodies(window.page.now())[5])")
         seen.append((picture, cursor, link, sum(v for v in tab("Array.from(window.page.data.colored)") if v > 0.0)))
@@ -217,9 +209,8 @@ def test_the_scrubber_moves_arm_cursor_and_removal_together(opened: Open, surfac
 
 
 @in_browser
-def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(opened: Open, surface: Made) -> None:
-    tab = opened(surface)
-    end, first = tab("window.page.now()"), tab.tab.locator("figure canvas").first
+def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(played: Tab, surface: Made) -> None:
+    tab, end, first = played, surface.end, played.tab.locator("figure canvas").first
     first.scroll_into_view_if_needed()
     box = first.bounding_box()
     tab.tab.mouse.click(box["x"] + 46 + 0.5 * (box["width"] - 54), box["y"] + 30)
@@ -384,12 +375,3 @@ def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim
     assert (
         np.linalg.norm(on_part[:, None] - page.path[None], axis=2).min(axis=1).max() < 1.5e-3
     )  # path points lie apart
-
-
-def test_a_run_says_where_its_page_is(polish_sim: Callable[..., Any]) -> None:
-    code, out, _ = polish_sim("run", "force", "--out", "run")
-    assert code == 0
-    assert "to look at in a browser: run/report.html\nfolder: run" in out
-    page = Path("run", PAGE).read_text(encoding="utf-8")
-    assert page.count("</script>") == 2
-    assert "://" not in page

@@ -15,6 +15,7 @@ from polish_sim.config import PlanConfig, Scenario
 from polish_sim.config.key import Unit
 from polish_sim.errors import ConfigError, InputError, PolishSimError
 from polish_sim.experiments.registry import experiment, refuse_idle_options
+from polish_sim.scenario_file import leaves
 
 KEYS = config_keys(Scenario())
 PATTERN_KEYS = {"--order": "order", "--direction": "direction", "--start": "start",
@@ -31,44 +32,28 @@ def built(words: dict[str, Any], base: Scenario | None = None, **more: Any) -> S
 
 
 def test_every_option_lands_in_its_key_in_si() -> None:
-    given = {
-        "--part": "plate",
-        "--part-pose": "-100,-500,50,0,0,90",
-        "--contact-force": 15.0,
-        "--feed": 12.0,
-        "--pad-diameter": 30.0,
-        "--spindle-rpm": 3000.0,
-        "--stepover": 5.0,
-        "--feature-angle": 20.0,
-        "--edge-margin": 4.0,
-        "--hole-margin": 2.0,
-        "--order": "outward",
-        "--direction": "climb",
-        "--start": "10,-20,30",
-        "--raster-direction": "0,1,0",
-        "--axis-smoothing": 12.0,
-        "--axis-deviation": 3.0,
-        "--seed": 4,
-        "--log-rate": "full",
-    }
-    scenario = built(given)
-    assert scenario.part.file == "plate"
-    assert scenario.part.pose == pytest.approx((-0.1, -0.5, 0.05, 0.0, 0.0, math.pi / 2))
-    assert scenario.process.contact_force_n == 15.0
-    assert scenario.process.feed_m_s == pytest.approx(0.012)
-    assert scenario.pad.radius_m == pytest.approx(0.015)
-    assert scenario.spindle.speed_rpm == 3000.0
-    assert scenario.plan.stepover_m == pytest.approx(0.005)
-    assert scenario.plan.feature_angle_rad == pytest.approx(math.radians(20.0))
-    assert scenario.plan.edge_margin_m == pytest.approx(0.004)
-    assert scenario.plan.hole_margin_m == pytest.approx(0.002)
-    assert (scenario.plan.order, scenario.plan.direction) == ("outward", "climb")
-    assert scenario.plan.start == pytest.approx((0.01, -0.02, 0.03))
-    assert scenario.plan.raster_direction == (0.0, 1.0, 0.0)
-    assert scenario.plan.axis_smoothing_m == pytest.approx(0.012)
-    assert scenario.plan.axis_deviation_rad == pytest.approx(math.radians(3.0))
-    assert scenario.seed == 4
-    assert scenario.simulation.log_rate_hz == 0.0
+    landed = [
+        ("--part", "plate", "part.file", "plate"),
+        ("--part-pose", "-100,-500,50,0,0,90", "part.pose", (-0.1, -0.5, 0.05, 0.0, 0.0, math.pi / 2)),
+        ("--contact-force", 15.0, "process.contact_force_n", 15.0),
+        ("--feed", 12.0, "process.feed_m_s", 0.012),
+        ("--pad-diameter", 30.0, "pad.radius_m", 0.015),
+        ("--spindle-rpm", 3000.0, "spindle.speed_rpm", 3000.0),
+        ("--stepover", 5.0, "plan.stepover_m", 0.005),
+        ("--feature-angle", 20.0, "plan.feature_angle_rad", math.radians(20.0)),
+        ("--edge-margin", 4.0, "plan.edge_margin_m", 0.004),
+        ("--hole-margin", 2.0, "plan.hole_margin_m", 0.002),
+        ("--order", "outward", "plan.order", "outward"),
+        ("--direction", "climb", "plan.direction", "climb"),
+        ("--start", "10,-20,30", "plan.start", (0.01, -0.02, 0.03)),
+        ("--raster-direction", "0,1,0", "plan.raster_direction", (0.0, 1.0, 0.0)),
+        ("--axis-smoothing", 12.0, "plan.axis_smoothing_m", 0.012),
+        ("--axis-deviation", 3.0, "plan.axis_deviation_rad", math.radians(3.0)),
+        ("--seed", 4, "seed", 4),
+        ("--log-rate", "full", "simulation.log_rate_hz", 0.0),
+    ]
+    values = dict(leaves(built({option: value for option, value, _, _ in landed})))
+    assert [values[key] for _, _, key, _ in landed] == [pytest.approx(value) for *_, value in landed]
 
 
 def test_options_that_were_not_given_change_nothing() -> None:
@@ -165,12 +150,6 @@ def test_a_file_for_another_experiment_is_refused(tmp_path: Path) -> None:
     file.write_text('experiment = "arc"\n')
     with pytest.raises(ConfigError, match=r"'arc', not 'surface'"):
         built({}, **{"--config": file})
-
-
-def test_poses_and_rates_are_read_as_written() -> None:
-    scenario = built({"--part-pose": "0,0,1000,180,0,0", "--log-rate": "500"})
-    assert scenario.part.pose == pytest.approx([0.0, 0.0, 1.0, math.pi, 0.0, 0.0])
-    assert scenario.simulation.log_rate_hz == 500.0
 
 
 def test_a_controller_s_own_file_is_written_from_the_root_and_shown_by_its_name(

@@ -83,7 +83,7 @@ def test_what_is_no_sweep_is_one_line_and_writes_nothing(
 
 
 def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(polish_sim: Tool, tmp_path: Path) -> None:
-    asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin20", *SHORT]
+    asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin12", *SHORT]
     for ended_by in (signal.SIGKILL, signal.SIGINT):
         with subprocess.Popen([*PROGRAM, *asked, "--out", "s"], cwd=tmp_path, start_new_session=True) as command:
             rows = tmp_path / "s" / "rows.jsonl"
@@ -93,8 +93,8 @@ def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(polish_sim:
                 time.sleep(0.05)
             os.kill(command.pid, ended_by)
             assert command.wait(60) == (130 if ended_by == signal.SIGINT else -9)
-    assert metrics_of(tmp_path / "s")["runs"] < 20
+    assert metrics_of(tmp_path / "s")["runs"] < 12
     assert polish_sim(*asked, "--out", "s").code == 0
     assert polish_sim(*asked, "--out", "t").code == 0
     assert rows_of(tmp_path / "s") == rows_of(tmp_path / "t")
-    assert len(rows_of(tmp_path / "s")) == 20
+    assert len(rows_of(tmp_path / "s")) == 12

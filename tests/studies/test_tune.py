@@ -30,6 +30,7 @@ from polish_sim.studies.tune import (
     training_cases,
 )
 
+pytest.importorskip("optuna")
 BEST_P, BEST_I = 0.008, 0.02  #: Where the planted figure is least
 MINE = """
 class Mine:
@@ -72,14 +73,18 @@ def silent(_number: int, _text: str) -> None:
 
 
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes"])
-def test_the_search_finds_planted_gains_within_a_condition(tmp_path: Path, sampler: str) -> None:
-    pytest.importorskip("optuna")
+def test_the_search_finds_planted_gains_and_runs_paths_only_where_holds_are_no_worse_than_the_best(
+    tmp_path: Path, sampler: str
+) -> None:
     scorer = Planted()
     best = search_best(search(sampler=sampler), 60, tmp_path, scorer, silent)  # type: ignore[arg-type]
     assert best["controller.force_p_m_sn"] == pytest.approx(BEST_P, rel=0.3)
     assert best["controller.force_i_m_s2n"] == pytest.approx(BEST_I, rel=0.5)
     first = scorer.asked[0].scenario.controller
     assert (first.force_p_m_sn, first.force_i_m_s2n) == (0.004, 0.012)
+    holds, paths = (sum(task.case.moving == moving for task in scorer.asked) for moving in (False, True))
+    assert holds == 2 * 60
+    assert 0 < paths < holds
     seen, seeds, cases = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
     assert seen.better
     assert seeds.better
@@ -87,29 +92,18 @@ def test_the_search_finds_planted_gains_within_a_condition(tmp_path: Path, sampl
     assert cases.rows == 3 * len(search().held_out)
 
 
-def test_paths_are_run_only_where_the_holds_are_no_worse_than_the_best(tmp_path: Path) -> None:
-    pytest.importorskip("optuna")
-    scorer = Planted()
-    search_best(search(), 30, tmp_path, scorer, silent)  # type: ignore[arg-type]
-    holds, paths = (sum(task.case.moving == moving for task in scorer.asked) for moving in (False, True))
-    assert holds == 2 * 30
-    assert 0 < paths < holds
-
-
 def test_a_search_that_was_broken_off_goes_on_to_the_same_end(tmp_path: Path) -> None:
-    pytest.importorskip("optuna")
     whole, parts = Planted(), Planted()
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    best = search_best(search(), 24, tmp_path / "a", whole, silent)  # type: ignore[arg-type]
-    for trials in (10, 24):
+    best = search_best(search(), 16, tmp_path / "a", whole, silent)  # type: ignore[arg-type]
+    for trials in (8, 16):
         again = search_best(search(), trials, tmp_path / "b", parts, silent)  # type: ignore[arg-type]
     assert again == best
     assert [t.entry.settings for t in whole.asked] == [t.entry.settings for t in parts.asked]
 
 
 def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse(tmp_path: Path) -> None:
-    pytest.importorskip("optuna")
     scorer = Planted(lucky_seeds=True)
     best = search_best(search(), 20, tmp_path, scorer, silent)  # type: ignore[arg-type]
     seen, seeds, _ = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
