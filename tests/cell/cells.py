@@ -145,6 +145,16 @@ def phases(run: CellRun) -> list[int]:
     return [int(run.trace.phase[k]) for k in np.flatnonzero(np.diff(run.trace.phase, prepend=-1))]
 
 
+class Law:
+    """A controller from a function of measurement and target."""
+
+    def __init__(self, step: Callable[[Any, Any], Any]) -> None:
+        self.step = step
+
+    def reset(self, cycle_s: float) -> None:
+        self.cycle_s = cycle_s
+
+
 class EachStep(Silent):
     """Calls a function after every physics step; the scenario must log every step."""
 
@@ -154,6 +164,13 @@ class EachStep(Silent):
 
     def frame(self, model: Any, data: Any) -> None:
         self._look(model, data)
+
+
+def watched(cell: Cell, *quantities: Callable[[], Any]) -> tuple[CellRun, list[Array]]:
+    """Run a cell and look at some quantities after every physics step: arrays (steps, ...)."""
+    rows: list[list[Array]] = []
+    run = cell.run(EachStep(lambda _model, _data: rows.append([np.array(quantity()) for quantity in quantities])))
+    return run, [np.array(column) for column in zip(*rows, strict=True)]
 
 
 def housing_vertices(model: mujoco.MjModel, data: mujoco.MjData) -> Array:

@@ -71,35 +71,28 @@ AT_ONCE = {
 }
 
 
-@pytest.mark.parametrize(("name", "code"), AT_ONCE.items())
-@pytest.mark.parametrize("when", ["0.8", "contact+0.02", "contact+1"])
-def test_what_the_host_can_see_at_once_stops_within_20_ms(name: str, code: float, when: str) -> None:
-    run = faulty(f"{name}@{when}").run()
+WHEN = ("0.8", "contact+0.02", "contact+1")
+NOTICED = [
+    *(
+        (f"{name}@{when}", code, 0.0, 0.020)
+        for name, code in AT_ONCE.items()
+        for when in (0.8, "contact+0.02", "contact+1")
+    ),
+    # What shows by its absence, when its time is over; the spindle runs down a fifth in 0.1 s.
+    ("sensor-frozen@contact+1", FROZEN, 0.016, 0.024),
+    ("command-lost@contact+1", SILENT_HOST, 0.102, 0.110),
+    ("spindle-stop@contact+1", SPINDLE, 0.096, 0.104),
+    # The surface falls away under the pad, or seems to.
+    *((f"{name}@contact+1", FALLEN, 0.0, 12.0) for name in ("part-low", "part-missing", "sensor-drift")),
+]
+
+
+@pytest.mark.parametrize(("event", "code", "least", "most"), NOTICED)
+def test_what_can_be_noticed_stops_the_robot_in_its_time(event: str, code: int, least: float, most: float) -> None:
+    run = faulty(event, "spindle.speed_rpm=6000", hold=12.0).run()
     assert run.stop_reason == REASONS[code]
     assert run.safety.fault_to_stop_s is not None
-    assert run.safety.fault_to_stop_s <= 0.020
-    assert_it_ends_well(run)
-
-
-@pytest.mark.parametrize(
-    ("name", "code", "delay"),
-    [
-        ("sensor-frozen", FROZEN, 0.020),
-        ("command-lost", SILENT_HOST, 0.106),
-        ("spindle-stop", SPINDLE, 0.100),  # a fifth of the 0.5 s it runs down in
-    ],
-)
-def test_what_shows_by_its_absence_stops_when_its_time_is_over(name: str, code: float, delay: float) -> None:
-    run = faulty(f"{name}@contact+1", "spindle.speed_rpm=6000").run()
-    assert run.stop_reason == REASONS[code]
-    assert run.safety.fault_to_stop_s == pytest.approx(delay, abs=0.004)
-    assert_it_ends_well(run)
-
-
-@pytest.mark.parametrize("name", ["part-low", "part-missing", "sensor-drift"])
-def test_a_surface_that_falls_away_under_the_pad_is_noticed(name: str) -> None:
-    run = faulty(f"{name}@contact+1", hold=12.0).run()
-    assert run.stop_reason == REASONS[FALLEN]
+    assert least <= run.safety.fault_to_stop_s <= most
     assert_it_ends_well(run)
 
 

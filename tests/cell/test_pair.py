@@ -38,7 +38,9 @@ from tests.cell.cells import (
     part_under,
     pressing_stroke,
     stopped_at,
+    watched,
 )
+from tests.cell.elastic import NO_FRICTION, NO_HYSTERESIS, NONE, REAL
 from tests.cell.fields import plane
 from tests.cell.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 
@@ -138,27 +140,19 @@ def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believ
 
 def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None:
     cell = carried()
-    places, speeds, targets, twists = [], [], [], []
-
-    def look(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        if data.time > 1.1:
-            places.append(cell.kernel.part.position.copy())
-            speeds.append(cell.state.motion.velocity.copy())
-            targets.append(cell.state.target.position.copy())
-            twists.append(cell.state.target.twist[:3].copy())
-
-    cell.run(EachStep(look))
-    for place, speed in ((places, speeds), (targets, twists)):
-        found = np.gradient(np.array(place), 0.001, axis=0)[5:-5]
-        np.testing.assert_allclose(found, np.array(speed)[5:-5], atol=2e-5)
+    motion, target = cell.state.motion, cell.state.target
+    _, (*places, speed, twist) = watched(
+        cell, lambda: cell.kernel.part.position, lambda: target.position, lambda: motion.velocity, lambda: target.twist
+    )
+    for place, wanted in zip(places, (speed, twist[:, :3]), strict=True):
+        found = np.gradient(place[1100:], 0.001, axis=0)[5:-5]
+        np.testing.assert_allclose(found, wanted[1105:-5], atol=2e-5)
         assert np.abs(found).max() > 0.01
 
 
 def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest() -> None:
     cell = carried(spacing=0.007)
-    clock: list[float] = []
-    cell.run(EachStep(lambda _model, _data: clock.append(float(cell.master.state.clock))))
-    seen = np.array(clock)
+    _, (seen,) = watched(cell, lambda: cell.master.state.clock)
     start = int(np.argmax(seen > 0.0))
     # It has 0.7 s of rows and brakes on the last half a ramp of them: let go for 0.7 s, then held until it stands.
     since = 0.001 * np.arange(1, 1 + len(seen) - start)
@@ -244,18 +238,17 @@ def test_whichever_arm_fails_both_stand_and_the_tool_is_off_the_part(fault: str,
     assert np.linalg.norm(way[stopped + 60] - way[stopped]) < v * 0.004 + v**2 / 8.0
 
 
+def where_the_master_is(cell: PairCell) -> Array:
+    """Its joints at the last step's beginning [rad]."""
+    return (cell.data.qpos - 0.001 * cell.data.qvel)[FIRST_JOINT:]
+
+
 def test_where_the_master_is_comes_late_and_is_carried_on_by_its_speed() -> None:
     errors = {}
     for delay, period in ((0.0, 0.0), (0.02, 0.01)):
         cell = carried(delay=delay, period=period)
-        told: list[np.ndarray] = []
-
-        def look(_model: mujoco.MjModel, data: mujoco.MjData, cell: PairCell = cell, told: list = told) -> None:
-            if data.time > 0.9:
-                told.append(cell.master.state.q - (data.qpos - 0.001 * data.qvel)[FIRST_JOINT:])
-
-        run = cell.run(EachStep(look))
-        errors[delay] = np.abs(np.array(told)).max()
+        run, (told, true) = watched(cell, lambda c=cell: c.master.state.q, lambda c=cell: where_the_master_is(c))
+        errors[delay] = np.abs(told - true)[900:].max()
         # At constant joint speeds a late reading is as good as a fresh one, but for what the servos still ring.
         assert np.abs(run.trace.target_error_m[-300:]).max() < 2e-4
     assert errors[0.0] < 1e-6
@@ -265,27 +258,16 @@ def test_where_the_master_is_comes_late_and_is_carried_on_by_its_speed() -> None
 
 def test_the_host_foretells_a_master_that_gains_speed() -> None:
     """Against where the master really is, and how fast it is once a request acts, 8 ms later; its ramps included."""
-    read: list[Array] = []
-    true: list[tuple[Array, Array]] = []
     cell = carried(delay=0.003, period=0.002, lead=0.008)
-
-    def look(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        read.append(np.stack([cell.master.state.q, cell.master.state.qd]))
-        true.append((data.qpos[FIRST_JOINT:] - 0.001 * data.qvel[FIRST_JOINT:], data.qvel[FIRST_JOINT:].copy()))
-
-    cell.run(EachStep(look))
-    host, (q, qd) = np.array(read), np.swapaxes(np.array(true), 0, 1)
-    assert np.abs(host[:, 0] - q).max() < 5e-6
+    host = cell.master.state
+    _, (told, coming, q, qd) = watched(
+        cell, lambda: host.q, lambda: host.qd, lambda: where_the_master_is(cell), lambda: cell.data.qvel[FIRST_JOINT:]
+    )
+    assert np.abs(told - q).max() < 5e-6
     # Late by 11 to 12 ms without acceleration; what is left is while the acceleration builds up.
-    foretold = np.sqrt(np.mean((host[:-8, 1] - qd[8:]) ** 2))
+    foretold = np.sqrt(np.mean((coming[:-8] - qd[8:]) ** 2))
     late = np.sqrt(np.mean((qd[12:] - qd[:-12]) ** 2))
     assert foretold < 0.4 * late, (foretold, late)
-
-
-def test_a_part_that_slips_in_the_gripper_is_an_error_of_the_tool_on_it() -> None:
-    usual, slipped = pressed(0.5), pressed(0.5, "faults.events=part-shift@contact+0.3")
-    off = slipped.trace.tool_on_part_m[-1] - usual.trace.tool_on_part_m[-1]
-    assert np.linalg.norm(off) == pytest.approx(0.01, rel=0.05)
 
 
 def test_a_master_that_slows_down_is_followed() -> None:
@@ -349,16 +331,11 @@ def test_a_host_computes_with_its_table_where_the_arms_have_another() -> None:
     assert run.trace.position_error_m.max() < 5e-4
 
 
-REAL = ("robot.arm=ur5e", "robot.real.encoder_rad=0", "robot.real.missed_every_s=0")
-WITHOUT_FRICTION = (
-    "robot.real.viscous_nm_s_rad=[0,0,0,0,0,0]", "robot.real.coulomb_nm=[0,0,0,0,0,0]",
-    "robot.real.coulomb_driving=0", "robot.real.coulomb_driven=0", "robot.real.lost_motion_rad=[0,0,0,0,0,0]",
-)  # fmt: skip
-
-
 def real_pair(*changes: str, share: float = 0.0) -> PairCell:
     """Both arms with gears, in a scene by the nominal table; the follower stands still."""
-    scenario = override(ideal("arc", EVERY_STEP), [*REAL, *changes])
+    scenario = override(
+        ideal("arc", EVERY_STEP), [REAL, "robot.real.encoder_rad=0", "robot.real.missed_every_s=0", *changes]
+    )
     return pair_cell(scenario, scene(), rows(share), free_stroke(TOOL, hold=1.2))
 
 
@@ -405,7 +382,7 @@ def test_a_push_on_the_part_bends_the_master_by_its_gears_and_servos_in_series()
     force, way = np.array([12.0, -8.0, 15.0]), []
     for sign in (0.0, 1.0):
         damped = "robot.real.damping_nm_s_rad=[300,300,300,40,40,40]"
-        cell = real_pair(*WITHOUT_FRICTION, damped, "robot.real.gear_error_rad=[0,0,0,0,0,0]")
+        cell = real_pair(*NO_FRICTION, NO_HYSTERESIS, damped, f"robot.real.gear_error_rad={NONE}")
         flange = cell.data.site("master_flange").xpos.copy()
         cell.data.xfrc_applied[cell.model.body("master_part").id, :3] = sign * force
         cell.run()
@@ -427,14 +404,9 @@ def test_gaps_in_the_masters_link_leave_the_host_where_it_foretells_it() -> None
     off = {}
     for every in (0.0, 0.05):
         cell = real_pair("robot.real.kinematics=exact", f"robot.real.missed_every_s={every}", share=1.0)
-        told: list[Array] = []
-
-        def look(_model: mujoco.MjModel, _data: mujoco.MjData, cell: PairCell = cell, told: list[Array] = told) -> None:
-            told.append(cell.master.state.q - cell.master_arm.read)
-
-        run = cell.run(EachStep(look))
+        run, (told, read) = watched(cell, lambda c=cell: c.master.state.q, lambda c=cell: c.master_arm.read)
         assert run.stop_reason is None
-        off[every] = np.abs(np.array(told)).max()
+        off[every] = np.abs(told - read).max()
     # 0.08 rad/s for up to 6 ms are 5e-4 rad without the host's carrying on.
     assert off[0.0] < 2e-6
     assert off[0.0] < off[0.05] < 1e-4

@@ -14,6 +14,7 @@ from polish_sim.motion import JOINT_LIMITS
 from tests.cell.cells import (
     EVERY_STEP,
     TOUCH,
+    Law,
     along_tool,
     cell_for,
     free_stroke,
@@ -87,30 +88,19 @@ def test_the_braking_distance_is_v_squared_over_twice_the_deceleration(speed: fl
     assert run.safety.retracted is None  # nothing to retract from
 
 
-class Insane:
-    """Answers well until told not to, and counts who asks."""
+def test_a_stopped_robot_does_not_ask_the_controller_any_more() -> None:
+    asked: list[float] = []
 
-    def __init__(self) -> None:
-        self.asked: list[float] = []
-
-    def reset(self, cycle_s: float) -> None:
-        self.asked = []
-
-    def step(self, measurement: Any, target: Any) -> Array:
-        self.asked.append(float(measurement.clock[0]))
-        if len(self.asked) > 600:
+    def insane(measurement: Any, target: Any) -> Array:
+        asked.append(float(measurement.clock[0]))
+        if len(asked) > 600:
             raise RuntimeError("broken")
         return np.array([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
 
-
-def test_a_stopped_robot_does_not_ask_the_controller_any_more() -> None:
-    law = Insane()
-    run = on_plane(controller=law, height=0.03).run()
+    run = on_plane(controller=Law(insane), height=0.03).run()
     assert run.stop_reason is not None
-    assert run.stop_reason.startswith(
-        f"{REASONS[CONTROLLER_ERROR]}: RuntimeError: broken (test_protective_stop.py, line "
-    )
-    assert len(law.asked) == 601
+    assert run.stop_reason.startswith(f"{REASONS[CONTROLLER_ERROR]}: RuntimeError: broken")
+    assert len(asked) == 601
     assert run.steps > 700
     assert run.safety.retracted is True
 

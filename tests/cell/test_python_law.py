@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import CellRun, Silent
-from tests.cell.cells import on_plane
+from tests.cell.cells import Law, on_plane
 
 WRAPS = """
 from polish_sim.config import ControllerConfig
@@ -92,18 +92,9 @@ def test_a_list_of_numbers_will_do(tmp_path: Path) -> None:
     assert run.log["command_twist"][1000, 2] == pytest.approx(-0.005)
 
 
-def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told(tmp_path: Path) -> None:
+def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told() -> None:
     calls: list[tuple[float, float]] = []
-
-    class Watch:
-        def reset(self, cycle_s: float) -> None:
-            self.cycle_s = cycle_s
-
-        def step(self, measurement, target):  # type: ignore[no-untyped-def]
-            calls.append(tuple(measurement.clock))
-            return np.zeros(6)
-
-    watch = Watch()
+    watch = Law(lambda measurement, _target: calls.append(tuple(measurement.clock)) or np.zeros(6))
     run = on_plane("simulation.control_every=4", controller=watch).run()
     times, cycles = np.array(calls).T
     assert watch.cycle_s == 0.004
@@ -113,16 +104,12 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
 
 
 def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error() -> None:
-    class Hand:
-        def reset(self, cycle_s: float) -> None:
-            pass
+    def step(measurement, target):  # type: ignore[no-untyped-def]
+        if measurement.clock[0] > 0.5:
+            raise KeyboardInterrupt
+        return np.zeros(6)
 
-        def step(self, measurement, target):  # type: ignore[no-untyped-def]
-            if measurement.clock[0] > 0.5:
-                raise KeyboardInterrupt
-            return np.zeros(6)
-
-    run = on_plane(controller=Hand()).run()
+    run = on_plane(controller=Law(step)).run()
     assert run.interrupted
     assert run.stop_reason is None
     assert run.steps == 502
@@ -136,24 +123,20 @@ def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_ke
     monkeypatch.setattr("polish_sim.cell.observer.PATIENCE_S", 30.0 if again else 0.05)
     said: list[str] = []
 
-    class Stuck:
-        def reset(self, cycle_s: float) -> None:
-            pass
-
-        def step(self, measurement, target):  # type: ignore[no-untyped-def]
-            if measurement.clock[0] > 0.1:
-                os.kill(os.getpid(), signal.SIGINT)
-                while True:
-                    if again and said:
-                        os.kill(os.getpid(), signal.SIGINT)
-            return np.zeros(6)
+    def stuck(measurement, target):  # type: ignore[no-untyped-def]
+        if measurement.clock[0] > 0.1:
+            os.kill(os.getpid(), signal.SIGINT)
+            while True:
+                if again and said:
+                    os.kill(os.getpid(), signal.SIGINT)
+        return np.zeros(6)
 
     class Listening(Silent):
         def stage(self, text: str) -> None:
             said.append(text)
 
     before = signal.getsignal(signal.SIGINT)
-    run = on_plane(controller=Stuck()).run(Listening())
+    run = on_plane(controller=Law(stuck)).run(Listening())
     assert said == ["stopping at the next cycle; Ctrl-C again to abort"]
     assert run.interrupted
     assert run.stop_reason is None

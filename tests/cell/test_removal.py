@@ -121,11 +121,6 @@ def test_a_straight_pass_leaves_the_profile_of_the_chords(spin: float) -> None:
     assert found[np.abs(y) > R].max(initial=0.0) == 0.0
 
 
-def test_a_pass_at_double_feed_takes_half() -> None:
-    slow, fast = straight_pass(0.02).exposure, straight_pass(0.04).exposure
-    np.testing.assert_allclose(fast, 0.5 * slow, rtol=2e-3)
-
-
 def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face() -> None:
     radius, depth = 0.1, 0.0015
     grid = level_nodes(FINE, 0.03).positions[:, :2]

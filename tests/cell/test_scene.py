@@ -62,26 +62,16 @@ def test_every_shipped_part_stands_in_the_cell_where_it_is_put_and_the_cell_step
     np.testing.assert_allclose(drawn.max(axis=0), expected.max(axis=0), atol=1e-6)
 
 
-def test_the_drawn_part_does_not_collide_its_table_does() -> None:
-    model = standing("plate")
+def test_the_drawn_part_does_not_collide_its_table_does_and_a_stand_fills_the_room_between_them() -> None:
+    model, lowest = standing("plate"), load_part(workpiece_path("plate")).vertices[:, 2].min()
     assert model.geom("part").contype == model.geom("part").conaffinity == 0
     assert model.geom("table").contype == 1
-    top = model.geom("table").pos[2] + model.geom("table").size[2]
-    assert top == pytest.approx(0.0)
-
-
-def test_the_stand_fills_the_room_between_table_and_part() -> None:
-    model = standing("plate")
-    low = 0.15 + load_part(workpiece_path("plate")).vertices[:, 2].min()
+    assert model.geom("table").pos[2] + model.geom("table").size[2] == pytest.approx(0.0)
     stand = model.geom("stand")
     assert stand.pos[2] - stand.size[2] == pytest.approx(0.0, abs=0.001)
-    assert low - 0.002 < stand.pos[2] + stand.size[2] < low
-
-
-def test_a_part_on_the_table_needs_no_stand() -> None:
-    low = load_part(workpiece_path("plate")).vertices[:, 2].min()
-    model = standing("plate", z=-float(low))
-    assert not any(model.geom(i).name == "stand" for i in range(model.ngeom))
+    assert 0.15 + lowest - 0.002 < stand.pos[2] + stand.size[2] < 0.15 + lowest
+    on_table = standing("plate", z=-float(lowest))
+    assert not any(on_table.geom(i).name == "stand" for i in range(on_table.ngeom))
 
 
 def test_the_tool_sits_220_mm_out_of_the_flange_along_its_axis() -> None:

@@ -46,7 +46,7 @@ def test_twice_the_force_takes_twice_the_way() -> None:
     assert doubled.trace.normal_force_n[-1] == pytest.approx(40.0, abs=0.2)
 
 
-@pytest.mark.parametrize(("radius", "about"), [(0.3, 17.4), (0.1, 13.1), (0.05, 9.8)])
+@pytest.mark.parametrize(("radius", "about"), [(0.3, 17.4), (0.05, 9.8)])
 def test_on_a_sphere_the_pad_touches_in_part_and_presses_as_softly_as_the_closed_form_says(
     radius: float, about: float
 ) -> None:

@@ -37,14 +37,16 @@ PERFECT = SensorConfig(
 LOAD = np.array([3.0, -4.0, 25.0, 0.1, -0.2, 0.03])
 
 
-def readings(config: SensorConfig, exact: Callable[[float], Array], seconds: float, seed: int = 0) -> Array:
-    """What the host reads at every physics step, shape (n, 6)."""
+def readings(
+    config: SensorConfig, exact: Callable[[float], Array], seconds: float, seed: int = 0, dt: float = DT
+) -> Array:
+    """What the host reads at every step, shape (n, 6)."""
     rng = np.random.default_rng(seed)
     sensor = build_sensor(config, rng)
     line = build_sample_line(sensor)
     found = []
-    for n in range(round(seconds / DT)):
-        sample_sensor(sensor, line, n * DT, exact(n * DT), rng.standard_normal(12))
+    for n in range(round(seconds / dt)):
+        sample_sensor(sensor, line, n * dt, exact(n * dt), rng.standard_normal(12))
         found.append(sensor.reading.copy())
     return np.array(found)
 
@@ -112,9 +114,9 @@ def test_the_drift_walks_at_random_its_variance_growing_with_time() -> None:
     config = replace(PERFECT, force_drift_n_s=0.2, torque_drift_nm_s=0.01, rate_hz=100.0, latency_s=0.01)
     at_1s, at_4s = [], []
     for seed in range(50):
-        walk = readings(config, steady, 4.0, seed) - LOAD
-        at_1s.append(walk[999])
-        at_4s.append(walk[3999])
+        walk = readings(config, steady, 4.0, seed, dt=0.01) - LOAD
+        at_1s.append(walk[99])
+        at_4s.append(walk[399])
     for axes, size in ((slice(0, 3), 0.2), (slice(3, 6), 0.01)):
         assert np.std(np.array(at_1s)[:, axes]) == pytest.approx(size, rel=0.2)
         assert np.std(np.array(at_4s)[:, axes]) == pytest.approx(2.0 * size, rel=0.2)

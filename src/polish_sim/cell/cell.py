@@ -18,10 +18,9 @@ from polish_sim.cell.faults import (
     FaultClock,
     FaultEvent,
     SafetyRecord,
-    check_changes,
-    check_events,
     parse_changes,
     parse_events,
+    planned_events,
     record_safety,
 )
 from polish_sim.cell.gears import RealArm
@@ -159,11 +158,9 @@ class Cell:
             scenario = with_implicit_friction(scenario, force, mass)
         check_step_limits(scenario, force, mass, part.field.band)
         check_rates(scenario)
-        events, self.on_part = parse_events(scenario.faults.events), any(stroke.contact for stroke in self.strokes)
-        check_events(events, self.on_part, two_robots=bool(self.arm))
-        check_changes(scenario, self.on_part)
+        self.on_part = any(stroke.contact for stroke in self.strokes)
         self.scenario, self.set_points, self._touched = scenario, SetPoints(scenario.process), None
-        self.faults = FaultClock((*events, *parse_changes(scenario.process.changes)), self.set_points)
+        self.faults = FaultClock(planned_events(scenario, self.on_part, bool(self.arm)), self.set_points)
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
         self.kernel = self._build_kernel(part)
 

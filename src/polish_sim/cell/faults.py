@@ -163,20 +163,6 @@ def parse_events(text: str) -> tuple[FaultEvent, ...]:
     return tuple(map(_parse_event, _entries(text)))
 
 
-def check_events(events: tuple[FaultEvent, ...], on_part: bool, two_robots: bool = False) -> None:
-    """Refuse faults that would change nothing without a part to press on, or without a second robot that carries it.
-
-    Raises:
-        ConfigError: Naming the first such fault.
-    """
-    for event in events:
-        lacking = lacking_for(event.name, on_part, two_robots)
-        if event.after_contact and not on_part:
-            lacking = NO_PART
-        if lacking:
-            raise ConfigError(f"the fault '{event}' would change nothing: there is {lacking}. Leave it out.")
-
-
 def lacking_for(name: str, on_part: bool, two_robots: bool) -> str:
     """What a fault needs that a cell does not have; empty if nothing."""
     if FAULTS[name].on_part and not on_part:
@@ -237,22 +223,29 @@ def _parse_change(entry: str) -> FaultEvent:
         raise ConfigError(f"the change '{entry}' has no number for {name}, e.g. force_n=25@3.5.") from None
 
 
-def check_changes(scenario: Scenario, on_part: bool) -> None:
-    """Refuse changes of a set point that are out of range, or that change nothing without a part to press on.
+def planned_events(scenario: Scenario, on_part: bool, two_robots: bool) -> tuple[FaultEvent, ...]:
+    """The faults and the changes of set points that a scenario plans.
 
     Raises:
-        ConfigError: Naming the first such change.
+        PolishSimError: Naming the first that is not written as it should be, is out of range, or would change nothing
+            without a part to press on, or without a second robot that carries it.
     """
-    process = scenario.process
-    for change in parse_changes(process.changes):
-        name, most = SET_POINTS[change.name], math.inf if change.name == FORCE else process.feed_m_s
-        if not on_part and (change.name == FORCE or change.after_contact):
-            raise ConfigError(f"the change '{change}' would change nothing: there is {NO_PART}. Leave it out.")
-        if not 0.0 < (change.value or 0.0) <= most:
+    events = (*parse_events(scenario.faults.events), *parse_changes(scenario.process.changes))
+    for event in events:
+        kind, lacking = "fault" if event.value is None else "change", ""
+        if not on_part and (event.after_contact or event.name == FORCE):
+            lacking = NO_PART
+        elif event.value is None:
+            lacking = lacking_for(event.name, on_part, two_robots)
+        if lacking:
+            raise ConfigError(f"the {kind} '{event}' would change nothing: there is {lacking}. Leave it out.")
+        most = math.inf if event.name == FORCE else scenario.process.feed_m_s
+        if event.value is not None and not 0.0 < event.value <= most:
             raise ConfigError(
-                f"the change '{change}' is out of range: {name}, above 0"
+                f"the change '{event}' is out of range: {SET_POINTS[event.name]}, above 0"
                 + (f", at most the planned {number_text(most)}." if math.isfinite(most) else ".")
             )
+    return events
 
 
 def as_planned(scenario: Scenario, events: Sequence[FaultEvent]) -> Scenario:

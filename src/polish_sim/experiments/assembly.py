@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
-from polish_sim.cell.faults import check_changes, check_events, parse_changes
+from polish_sim.cell.faults import parse_changes, planned_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
 from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields, depth_for
@@ -198,7 +198,7 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     """
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
-    events = parse_events(scenario.faults.events)
+    parse_events(scenario.faults.events)
     is_real(scenario)
     if scenario.part.fixture_file and scenario.experiment != "surface":
         raise InputError(f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'.")
@@ -212,8 +212,7 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
         _check_file(scenario.part.real_file, "real part", "--real-part")
         _check_file(scenario.part.fixture_file, "fixture", "--fixture")
     check_rates(scenario)
-    check_events(events, scenario.experiment in ON_PART, two_robots=scenario.experiment == "dual")
-    check_changes(scenario, scenario.experiment in ON_PART)
+    planned_events(scenario, scenario.experiment in ON_PART, two_robots=scenario.experiment == "dual")
     build_controller(scenario.controller)
 
 
