@@ -50,7 +50,7 @@ class JointStep(Record):
     slide: float  #: Speed of the head's slide [m/s]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")  # kept on disk it would not notice that the kernels it calls have changed
 def _go(e, arm, steps, tool, energy):  # type: ignore[no-untyped-def]
     for k in range(len(steps)):
         mj_step1(e.model, e.data)
