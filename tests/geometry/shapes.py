@@ -1,15 +1,64 @@
-"""Meshes whose truth is known in closed form: points on them, normals and curvatures."""
+"""Meshes whose truth is known in closed form: points on them, normals and curvatures; solids, parts and regions."""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 import trimesh
 from numpy.typing import NDArray
 
+from polish_sim.geometry import PartMesh, Region, fit_surface, part_from_arrays, select_region
+
 Floats = NDArray[np.float64]
+
+# Solids [mm].
+BLOCK = trimesh.creation.box((100.0, 60.0, 20.0))
+BALL = trimesh.creation.icosphere(subdivisions=4, radius=50.0)
+FINE_BALL = trimesh.creation.icosphere(subdivisions=5, radius=50.0)
+TORUS = trimesh.creation.torus(major_radius=40.0, minor_radius=15.0, major_sections=96, minor_sections=48)
+RING = trimesh.creation.annulus(r_min=10.0, r_max=30.0, height=20.0, sections=48)
+
+
+def part_of(mesh: trimesh.Trimesh, up: str = "z") -> PartMesh:
+    """A part from a mesh in mm."""
+    return part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit="mm", up=up)
+
+
+def region_of(
+    mesh: trimesh.Trimesh, choice: str = "auto", up: str = "z", margin: float = 0.0, holes: float = 0.0
+) -> Region:
+    part = part_of(mesh, up)
+    return select_region(fit_surface(part), part, choice, edge_margin=margin, hole_margin=holes)
+
+
+def prism(outline: Floats, depth: float) -> trimesh.Trimesh:
+    """A prism along y, from 0 to its depth, over an outline in the plane of x and z, shape (n, 2)."""
+    mesh = trimesh.creation.extrude_polygon(shapely.Polygon(outline), depth)
+    return trimesh.Trimesh(mesh.vertices[:, [0, 2, 1]], mesh.faces[:, ::-1], process=False)
+
+
+def stl_bytes(triangles: Floats) -> bytes:
+    """Binary STL with exactly these corners, (m, 3, 3)."""
+    record = np.zeros(len(triangles), dtype=[("n", "<f4", 3), ("c", "<f4", (3, 3)), ("a", "<u2")])
+    record["c"] = triangles
+    return b"\0" * 80 + struct.pack("<I", len(triangles)) + record.tobytes()
+
+
+def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
+    """Two triangles for each square of a grid of points numbered row by row, square by square."""
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    return np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2).reshape(-1, 3).astype(np.int32)
+
+
+def strip(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Triangles between two closed rings of as many vertex numbers, outward where the first one runs to the left."""
+    ahead, second_ahead = np.roll(first, -1), np.roll(second, -1)
+    return np.concatenate([np.stack([first, ahead, second_ahead], -1), np.stack([first, second_ahead, second], -1)])
 
 
 @dataclass(frozen=True)
@@ -49,9 +98,7 @@ def torus(around: int, major: float = 1.0, minor: float = 0.4, jitter: float = 0
     ring = major + minor * np.cos(b)
     vertices = np.stack([ring * np.cos(a), ring * np.sin(a), minor * np.sin(b)], axis=-1).reshape(-1, 3)
     number = np.arange(along * around).reshape(along, around)
-    here, ahead = number, np.roll(number, -1, axis=0)
-    up, both = np.roll(number, -1, axis=1), np.roll(np.roll(number, -1, axis=0), -1, axis=1)
-    faces = np.concatenate([np.stack([here, ahead, both], -1), np.stack([here, both, up], -1)]).reshape(-1, 3)
+    faces = np.concatenate([strip(number[:, k - 1], number[:, k]) for k in range(around)])
 
     def center(points: Floats) -> Floats:
         flat = points * [1.0, 1.0, 0.0]
@@ -79,8 +126,7 @@ def cylinder(around: int, radius: float = 1.0, height: float = 2.0) -> Shape:
     angle = 2.0 * np.pi * np.arange(around) / around
     ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(around)], axis=-1)
     vertices = np.concatenate([ring, ring + [0.0, 0.0, height]])
-    i, j = np.arange(around), (np.arange(around) + 1) % around
-    faces = np.concatenate([np.stack([i, j, j + around], -1), np.stack([i, j + around, i + around], -1)])
+    faces = strip(np.arange(around), np.arange(around) + around)
 
     def normal(points: Floats) -> Floats:
         flat = points * [1.0, 1.0, 0.0]
@@ -104,9 +150,7 @@ def saddle(sides: int, radius: float = 1.0, half_width: float = 0.5, jitter: flo
     x[1:-1] += jitter * cell * rng.uniform(-0.5, 0.5, x[1:-1].shape)
     y[:, 1:-1] += jitter * cell * rng.uniform(-0.5, 0.5, y[:, 1:-1].shape)
     vertices = np.stack([x, y, (x**2 - y**2) / (2.0 * radius)], axis=-1).reshape(-1, 3)
-    number = np.arange((sides + 1) ** 2).reshape(sides + 1, sides + 1)
-    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
+    faces = grid_faces(sides + 1, sides + 1)
 
     def normal(points: Floats) -> Floats:
         n = np.column_stack([-points[:, 0] / radius, points[:, 1] / radius, np.ones(len(points))])

@@ -101,12 +101,3 @@ def test_on_a_restricted_surface_only_that_part_is_found():
     both = np.isin(over.facets, upper)
     assert both.sum() > 100
     assert np.abs(over.positions[both] - found.positions[both]).max() < 1e-12
-
-
-def test_points_on_the_surface_are_their_own_closest_points():
-    shape = SHAPES["saddle"]
-    surface = fit_triangles(shape.vertices, shape.faces)
-    rng = np.random.default_rng(4)
-    facets = rng.integers(0, len(shape.faces), 1000).astype(np.int32)
-    places = surface.evaluate(facets, rng.dirichlet([1.0, 1.0, 1.0], 1000)).positions
-    assert np.linalg.norm(surface.closest(places).positions - places, axis=1).max() < 1e-10

@@ -6,7 +6,7 @@ import trimesh
 
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
-from tests.geometry.shapes import sphere, torus
+from tests.geometry.shapes import prism, sphere, torus
 
 
 def fit(mesh: trimesh.Trimesh) -> Surface:
@@ -24,16 +24,8 @@ def rounded_plate(division: int) -> trimesh.Trimesh:
     angle = np.linspace(0.0, np.pi / 2.0, division + 1)
     right = np.column_stack([45.0 + 5.0 * np.sin(angle), 15.0 + 5.0 * np.cos(angle)])[::-1]
     outline = np.concatenate([[[50.0, 0.0]], right, right[::-1] * [-1.0, 1.0], [[-50.0, 0.0]]])
-    count = len(outline)
-    front = np.column_stack([outline[:, 0], np.full(count, -30.0), outline[:, 1]])
-    vertices = 1e-3 * np.concatenate([front, front * [1.0, -1.0, 1.0]])
-    i, j = np.arange(count), (np.arange(count) + 1) % count
-    skin = np.concatenate([np.stack([i, j + count, j], -1), np.stack([i, i + count, j + count], -1)])
-    fan = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], -1)
-    mesh = trimesh.Trimesh(vertices, np.concatenate([skin, fan, fan[:, ::-1] + count]), process=False)
-    if mesh.volume < 0.0:
-        mesh.invert()
-    return mesh
+    mesh = prism(outline, 60.0)
+    return trimesh.Trimesh(1e-3 * (mesh.vertices - [0.0, 30.0, 0.0]), mesh.faces, process=False)
 
 
 def test_a_box_keeps_its_creases_and_flat_faces_exactly():

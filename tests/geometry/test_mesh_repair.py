@@ -13,10 +13,9 @@ from polish_sim.errors import MeshError
 from polish_sim.geometry import fit_surface, load_part, part_from_arrays
 from polish_sim.geometry.repair.holes import find_holes
 from polish_sim.geometry.repair.skin import Skin
-from tests.geometry.test_mesh import write_triangles
+from tests.geometry.shapes import BLOCK, grid_faces
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
-BOX = trimesh.creation.box((100.0, 60.0, 20.0))
 
 
 def soup(mesh: trimesh.Trimesh) -> np.ndarray:
@@ -36,13 +35,55 @@ def from_soup(triangles: np.ndarray):
     return part_from_arrays(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), unit="mm")
 
 
-def test_double_and_flipped_facets_are_dropped_and_the_first_is_named():
+def test_empty_double_and_flipped_facets_are_dropped_and_the_first_is_named():
     triangles = soup(BALL)
-    part = from_soup(np.concatenate([triangles, triangles[:40:2], triangles[100:120, ::-1]]))
-    assert len(part.faces) == 1280
+    corner, edge = triangles[0, 0], triangles[0, 1]
+    empty = [[corner, edge, corner], [corner, corner, corner]]
+    part = from_soup(np.concatenate([empty, triangles, triangles[:40:2], triangles[100:120, ::-1]]))
+    # Facets keep their numbers in the file.
+    assert part.stl_facets.tolist() == list(range(2, 1282))
+    assert said(part, "2 facets without area")
     assert as_trimesh(part).is_watertight
     assert as_trimesh(part).volume == pytest.approx(1e-9 * BALL.volume)
     assert said(part, "40 facets that occur twice", "the first at (")
+
+
+def test_facets_wound_inward_or_at_random_end_up_outward():
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=40.0)
+    triangles = np.array(mesh.triangles)
+    flipped = triangles.copy()
+    flipped[::3] = flipped[::3, ::-1]
+    for soup in (triangles[:, ::-1], flipped):
+        part = from_soup(soup)
+        a, b, c = (part.vertices[part.faces[:, k]] for k in range(3))
+        assert (np.cross(b - a, c - a) * (a + b + c)).sum(axis=1).min() > 0.0
+        assert said(part, "turned")
+
+
+def test_facets_without_height_are_flipped_away_so_that_the_skin_stays_closed():
+    """A T-junction bridged by a facet whose three corners lie on a line, as CAD systems write it."""
+    triangles = [list(map(tuple, triangle)) for triangle in soup(BLOCK)]
+    upper = [t for t in triangles if all(corner[2] > 0.0 for corner in t)]
+    a, b = next((t[i], t[(i + 1) % 3]) for t in upper for i in range(3) if t[i][0] == t[(i + 1) % 3][0])
+    middle = (a[0], 0.0, a[2])
+    wall = next(t for t in triangles if t not in upper and a in t and b in t)
+    end = next(corner for corner in wall if corner not in (a, b))
+    triangles.remove(wall)
+    # The wall's facet is split at the middle of its edge, the top's is not: a flat facet closes the slit.
+    triangles += [[b, middle, end], [middle, a, end], [a, middle, b]]
+    part = from_soup(np.array(triangles))
+    assert said(part, "flipped the long edge of 1 facets")
+    assert not said(part, "open")
+    normals = np.cross(*(part.vertices[part.faces[:, k]] - part.vertices[part.faces[:, 0]] for k in (1, 2)))
+    assert np.linalg.norm(normals, axis=1).min() > 1e-6
+
+
+def test_tiny_gaps_are_closed_and_reported():
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
+    shaken = np.array(mesh.triangles) + np.random.default_rng(0).uniform(-1e-4, 1e-4, (1280, 3, 3))
+    part = from_soup(shaken)
+    assert len(part.vertices) == 642
+    assert said(part, "closed gaps")
 
 
 def test_a_vertex_on_another_facet_s_edge_splits_it():
@@ -94,33 +135,33 @@ def test_a_ball_with_twenty_facets_missing_is_whole_again():
     assert as_trimesh(part).volume == pytest.approx(1e-9 * BALL.volume, rel=2e-3)
 
 
-def test_several_bodies_are_kept_counted_and_measured(tmp_path):
-    part = load_part(write_triangles(tmp_path, np.concatenate([soup(BOX), soup(BOX) + [0.0, 0.0, 90.0]])))
+def test_several_bodies_are_kept_counted_and_measured():
+    part = from_soup(np.concatenate([soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 90.0]]))
     assert len(part.faces) == 24
     assert said(part, "2 bodies in one file (2 of them closed)", "100 x 60 x 20; 100 x 60 x 20 mm")
 
 
 def test_bodies_look_outward_and_hollows_inward_however_they_were_wound():
-    hollow, other = 0.5 * soup(BOX), soup(BOX) + [150.0, 0.0, 0.0]
+    hollow, other = 0.5 * soup(BLOCK), soup(BLOCK) + [150.0, 0.0, 0.0]
     for outer_way in (1, -1):
         for inner_way in (1, -1):
-            part = from_soup(np.concatenate([soup(BOX)[:, ::outer_way], hollow[:, ::inner_way], other[:, ::-1]]))
+            part = from_soup(np.concatenate([soup(BLOCK)[:, ::outer_way], hollow[:, ::inner_way], other[:, ::-1]]))
             assert as_trimesh(part).volume == pytest.approx(1e-9 * (2 - 1 / 8) * 100 * 60 * 20)
             assert said(part, "hollow inside: 1 closed shell within")
 
 
 def test_solids_glued_at_a_face_become_one():
-    right = (soup(BOX) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]  # the same diagonals where they meet
-    part = from_soup(np.concatenate([soup(BOX), right]))
+    right = (soup(BLOCK) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]  # the same diagonals where they meet
+    part = from_soup(np.concatenate([soup(BLOCK), right]))
     assert as_trimesh(part).is_watertight
     assert as_trimesh(part).volume == pytest.approx(1e-9 * 200 * 60 * 20)
     assert said(part, "walls inside the part")
 
 
 def test_solids_that_touch_along_an_edge_are_told_apart():
-    corner = soup(BOX) + [100.0, 60.0, 0.0]
+    corner = soup(BLOCK) + [100.0, 60.0, 0.0]
     for way in (1, -1):
-        part = from_soup(np.concatenate([soup(BOX), corner])[:, ::way])
+        part = from_soup(np.concatenate([soup(BLOCK), corner])[:, ::way])
         assert as_trimesh(part).is_watertight
         assert as_trimesh(part).volume == pytest.approx(1e-9 * 2 * 100 * 60 * 20)
         assert as_trimesh(part).body_count == 2
@@ -131,25 +172,23 @@ def test_a_loose_fin_is_dropped_if_small_and_a_sheet_of_its_own_if_large():
     small = from_soup(np.concatenate([soup(BALL), [[*soup(BALL)[7, :2], 1.05 * soup(BALL)[7, 2]]]]))
     assert said(small, "dropped 1 facets of 1 loose fins")
     assert as_trimesh(small).is_watertight
-    large = from_soup(np.concatenate([soup(BOX), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]]]))
+    large = from_soup(np.concatenate([soup(BLOCK), [[[-50, -30, 10], [50, -30, 10], [0, 0, 60]]]]))
     assert said(large, "2 bodies in one file (1 of them closed)")
 
 
 def test_bodies_that_pass_through_each_other_are_reported_with_the_place():
-    part = from_soup(np.concatenate([soup(BOX), soup(trimesh.creation.box((10.0, 10.0, 80.0)))]))
+    part = from_soup(np.concatenate([soup(BLOCK), soup(trimesh.creation.box((10.0, 10.0, 80.0)))]))
     assert said(part, "self-intersecting: ", "pass through each other")
     assert not said(from_soup(soup(BALL)), "self-intersecting")
-    assert not said(from_soup(np.concatenate([soup(BOX), soup(BOX) + [0.0, 0.0, 21.0]])), "self-intersecting")
+    assert not said(from_soup(np.concatenate([soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 21.0]])), "self-intersecting")
 
 
 def dome(noise: float, seed: int = 0):
     """A cap of a 100 mm ball, 1 mm facets, on a 70 mm square: vertices and faces [m]."""
     x, y = np.meshgrid(np.linspace(-0.035, 0.035, 71), np.linspace(-0.035, 0.035, 71), indexing="ij")
-    number = np.arange(71 * 71).reshape(71, 71)
-    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
     points = np.stack([x, y, np.sqrt(0.1**2 - x**2 - y**2)], axis=-1).reshape(-1, 3)
     scatter = np.random.default_rng(seed).normal(scale=noise, size=points.shape) if noise else 0.0
-    return points + scatter, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return points + scatter, grid_faces(71, 71)
 
 
 @pytest.mark.parametrize("noise", [0.00002, 0.0001])
@@ -226,11 +265,11 @@ def test_needles_on_a_ball_are_flipped_and_no_longer_bend_its_normals():
 
 def test_needles_on_planes_and_creases_stay():
     """A box whose edges are beset with thin facets: no crease moves."""
-    part = from_soup(soup(BOX.subdivide_to_size(30.0)) * [1.0, 1.0, 0.02])
+    part = from_soup(soup(BLOCK.subdivide_to_size(30.0)) * [1.0, 1.0, 0.02])
     assert not said(part, "needles")
 
 
-@pytest.mark.parametrize("lost", [1, 7, 12])
+@pytest.mark.parametrize("lost", [1, 7])
 def test_a_file_that_lost_bytes_in_the_middle_is_answered_within_5_s(lost: int, tmp_path: Path) -> None:
     whole = trimesh.creation.icosphere(subdivisions=5, radius=50.0).export(file_type="stl")
     middle = 84 + 50 * 10_000

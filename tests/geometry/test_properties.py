@@ -15,17 +15,13 @@ from polish_sim.geometry.bezier import area_elements, from_corners
 from polish_sim.geometry.cut import clip
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface, boundary_loops
-from polish_sim.planning.curves.curve import Curve, step_on_surface
-from polish_sim.planning.ground.triangulation import triangulate
-from polish_sim.planning.quality.crossings import count_self_crossings
-from tests.geometry.shapes import sphere
+from tests.geometry.shapes import grid_faces
 
 CHECKED = settings(
     max_examples=6, deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
 )
 
 seeds = st.integers(0, 10_000)
-lengths = st.floats(0.02, 0.2)  #: Step-overs as shares of the surface's size
 
 
 def bumpy(seed: int, cells: int = 8) -> Surface:
@@ -36,11 +32,8 @@ def bumpy(seed: int, cells: int = 8) -> Surface:
     x[1:-1, 1:-1] += 0.3 / cells * rng.uniform(-1.0, 1.0, (cells - 1, cells - 1))
     a, b = rng.uniform(-0.1, 0.1, 2)
     z = a * np.cos(4.0 * x + rng.uniform(0.0, 6.3)) + b * np.cos(3.0 * y + rng.uniform(0.0, 6.3))
-    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
-    p, q, r, s = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    faces = np.concatenate([np.stack([p, q, r], -1), np.stack([p, r, s], -1)]).reshape(-1, 3).astype(np.int32)
     vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    return fit_triangles(Rotation.random(random_state=rng).apply(vertices), faces)
+    return fit_triangles(Rotation.random(random_state=rng).apply(vertices), grid_faces(cells + 1, cells + 1))
 
 
 def places(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -115,60 +108,6 @@ def test_border_loops_are_closed_and_keep_the_region_on_their_left(seed):
         vectors += area_elements(surface.control, *place).sum(axis=0) / 6.0
     around = sum(float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum()) for loop in loops)
     assert sum(enclosed) == pytest.approx(float(vectors @ part.up), abs=1e-5 * around)
-
-
-@CHECKED
-@given(seeds, lengths)
-def test_a_step_on_the_surface_has_its_length(seed, step):
-    ball = fit_triangles(*(sphere(3).vertices, sphere(3).faces))
-    rng = np.random.default_rng(seed)
-    start = ball.evaluate(*places(ball, 100, rng))
-    end = step_on_surface(ball, start.positions, start.normals, rng.normal(size=(100, 3)), step)
-    assert np.linalg.norm(end.positions - start.positions, axis=1) == pytest.approx(np.full(100, step), abs=1e-9)
-    assert np.linalg.norm(ball.closest(end.positions).positions - end.positions, axis=1).max() < 1e-9
-
-
-@CHECKED
-@given(seeds, st.floats(0.04, 0.2))
-def test_a_triangulation_covers_its_surface_with_edges_as_short_as_asked(seed, longest):
-    surface = bumpy(seed, 4)
-    mesh = triangulate(surface, longest)
-    ends = mesh.vertices[mesh.edges]
-    assert np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max() <= longest * (1.0 + 1e-6)
-    assert np.linalg.norm(surface.closest(mesh.vertices).positions - mesh.vertices, axis=1).max() < 1e-9
-    assert float(mesh.areas.sum()) == pytest.approx(float(surface.facet_areas.sum()), rel=0.02)
-    # Disc: vertices - edges + triangles = 1, so no gap and no doubled vertex.
-    assert len(mesh.vertices) - len(mesh.edges) + len(mesh.triangles) == 1
-
-
-def polyline(seed: int, turn: np.ndarray) -> Curve:
-    rng = np.random.default_rng(seed)
-    points = np.column_stack([np.cumsum(rng.normal(size=(25, 2)), axis=0), np.zeros(25)]) @ turn.T
-    return Curve(points, np.tile(turn[:, 2], (25, 1)), False)
-
-
-def crossings_by_hand(points: np.ndarray) -> int:
-    """Every pair of segments, one by one, in the plane."""
-
-    def side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-        return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
-
-    count = 0
-    for i in range(len(points) - 1):
-        for j in range(i + 2, len(points) - 1):
-            a, b, c, d = points[i], points[i + 1], points[j], points[j + 1]
-            count += side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0
-    return count
-
-
-@CHECKED
-@given(seeds)
-def test_crossings_are_those_found_pair_by_pair_in_any_pose_and_direction(seed):
-    flat = polyline(seed, np.eye(3))
-    expected = crossings_by_hand(flat.positions)
-    turned = polyline(seed, Rotation.random(random_state=seed).as_matrix())
-    backwards = Curve(flat.positions[::-1], flat.normals[::-1], False)
-    assert [count_self_crossings([curve]) for curve in (flat, turned, backwards)] == [expected] * 3
 
 
 @CHECKED

@@ -1,53 +1,56 @@
-"""The region to polish: what a person would pick, with clean borders."""
+"""The region to polish: what a person would pick, cleanly cut, in pieces that each have their own border."""
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import trimesh
 
 from polish_sim.errors import InputError, PlanError
-from polish_sim.geometry import Region, fit_surface, load_part, select_region
+from polish_sim.geometry import PartMesh, Region, fit_surface, merge_regions, part_from_arrays, select_region
 from polish_sim.geometry.orientation import UP_CONE
+from tests.geometry.shapes import BALL, BLOCK, FINE_BALL, RING, TORUS, grid_faces, part_of, prism, region_of
+
+Listed = Callable[[str], str]
 
 
 @pytest.fixture
-def select(tmp_path):
-    """Select a region on a mesh given in mm."""
+def listed(tmp_path) -> Listed:
+    """Writes a list of facets or corners into a file; the file's name."""
 
-    def run(mesh: trimesh.Trimesh, choice: str, up: str = "z") -> Region:
-        path = tmp_path / "part.stl"
-        mesh.export(path)
-        part = load_part(path, up=up)
-        return select_region(fit_surface(part), part, choice)
+    def write(text: str) -> str:
+        (tmp_path / "list.txt").write_text(text)
+        return str(tmp_path / "list.txt")
 
-    return run
-
-
-BLOCK = trimesh.creation.box((100.0, 60.0, 20.0))
-BALL = trimesh.creation.icosphere(subdivisions=4, radius=50.0)
-FINE_BALL = trimesh.creation.icosphere(subdivisions=5, radius=50.0)
-TORUS = trimesh.creation.torus(major_radius=40.0, minor_radius=15.0, major_sections=96, minor_sections=48)
-RING = trimesh.creation.annulus(r_min=10.0, r_max=30.0, height=20.0, sections=48)
+    return write
 
 
 def length(loop: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum())
 
 
-def test_auto_takes_the_whole_top_of_a_block_and_nothing_else(select):
-    region = select(BLOCK, "auto")
+def turns(loop: np.ndarray, axis: np.ndarray) -> float:
+    """Signed area enclosed, seen against the axis."""
+    return 0.5 * float(np.cross(loop[:-1] - loop[0], loop[1:] - loop[0]).sum(axis=0) @ axis)
+
+
+def middle_normals(region: Region) -> np.ndarray:
+    count = len(region.facets)
+    return region.surface.evaluate(np.arange(count), np.full((count, 3), 1 / 3)).normals
+
+
+def test_auto_takes_the_whole_top_of_a_block_and_nothing_else():
+    region = region_of(BLOCK, "auto")
     assert region.area_m2 == pytest.approx(0.006)
     assert len(region.boundary_loops) == 1
     assert length(region.boundary_loops[0]) == pytest.approx(0.32)
     assert region.surface.bounds[:, 2] == pytest.approx([0.01, 0.01])
     assert region.up.tolist() == [0.0, 0.0, 1.0]
+    assert region_of(BLOCK, "auto", up="x").area_m2 == pytest.approx(60.0 * 20.0 * 1e-6)
 
 
-def test_auto_follows_the_side_that_looks_up(select):
-    assert select(BLOCK, "auto", up="x").area_m2 == pytest.approx(60.0 * 20.0 * 1e-6)
-
-
-def test_on_a_ball_auto_takes_the_cap_within_the_cone_cut_along_a_circle(select):
-    region = select(FINE_BALL, "auto")
+def test_on_a_ball_auto_takes_the_cap_within_the_cone_cut_along_a_circle():
+    region = region_of(FINE_BALL, "auto")
     assert region.area_m2 == pytest.approx(2.0 * np.pi * 0.05**2 * (1.0 - np.cos(UP_CONE)), rel=1e-3)
     (loop,) = region.boundary_loops
     assert np.array_equal(loop[0], loop[-1])
@@ -56,49 +59,47 @@ def test_on_a_ball_auto_takes_the_cap_within_the_cone_cut_along_a_circle(select)
     assert length(loop) == pytest.approx(2.0 * np.pi * 0.05 * np.sin(UP_CONE), rel=1e-3)
 
 
-def test_a_ring_has_its_outer_border_first_and_its_hole_after(select):
-    region = select(RING, "auto")
+def test_a_ring_has_its_outer_border_first_and_its_hole_after():
+    region = region_of(RING, "auto")
     assert [round(length(loop), 4) for loop in region.boundary_loops] == pytest.approx(
         [2.0 * np.pi * 0.03, 2.0 * np.pi * 0.01], rel=1e-3
     )
     # The region lies to the left: the outer loop runs counter-clockwise, the hole clockwise.
     for loop, sense in zip(region.boundary_loops, (1.0, -1.0), strict=True):
-        area = 0.5 * np.cross(loop[:-1], loop[1:]).sum(axis=0)[2]
-        assert sense * area > 0.0
+        assert sense * turns(loop, region.up) > 0.0
 
 
-def test_a_torus_gives_the_ring_that_looks_up(select):
-    region = select(TORUS, "auto")
+def test_a_torus_gives_the_ring_that_looks_up():
+    region = region_of(TORUS, "auto")
     outer, hole = (np.hypot(loop[:, 0], loop[:, 1]) for loop in region.boundary_loops)
     assert outer == pytest.approx(0.04 + 0.015 * np.sin(UP_CONE), abs=1e-4)
     assert hole == pytest.approx(0.04 - 0.015 * np.sin(UP_CONE), abs=1e-4)
 
 
-def test_top_goes_over_creases_where_auto_stops(select):
+def test_top_goes_over_creases_where_auto_stops():
     # A flat roof with two slopes of 40 deg: three smooth faces.
     rise = 20.0 * np.tan(np.radians(40.0))
     outline = np.array([[-50.0, 0.0], [50.0, 0.0], [50.0, 5.0], [30.0, 5.0 + rise], [-30.0, 5.0 + rise], [-50.0, 5.0]])
-    front = np.insert(outline, 1, -20.0, axis=1)
-    house = trimesh.convex.convex_hull(np.concatenate([front, front * [1.0, -1.0, 1.0]]))
-    assert select(house, "auto").area_m2 == pytest.approx(60.0 * 40.0 * 1e-6)
+    house = prism(outline, 40.0)
+    assert region_of(house, "auto").area_m2 == pytest.approx(60.0 * 40.0 * 1e-6)
     slope = 20.0 / np.cos(np.radians(40.0))
-    assert select(house, "top").area_m2 == pytest.approx((60.0 + 2.0 * slope) * 40.0 * 1e-6)
+    assert region_of(house, "top").area_m2 == pytest.approx((60.0 + 2.0 * slope) * 40.0 * 1e-6)
 
 
-def test_all_of_a_block_is_its_six_faces_the_largest_first(select):
-    region = select(BLOCK, "all")
+def test_all_of_a_block_is_its_six_faces_the_largest_first():
+    region = region_of(BLOCK, "all")
     assert region.area_m2 == pytest.approx(2.0 * (6000.0 + 2000.0 + 1200.0) * 1e-6)
     faces = region.components()
     assert [round(face.area_m2 * 1e6) for face in faces] == [6000, 6000, 2000, 2000, 1200, 1200]
     for face in faces:
         assert len(face.boundary_loops) == 1
         # A face is looked at from outside: from above, or along its own normal.
-        assert face.surface.evaluate(np.array([0]), np.full((1, 3), 1 / 3)).normals[0] == pytest.approx(face.up)
+        assert middle_normals(face)[0] == pytest.approx(face.up)
     assert len(region.boundary_loops) == 6
 
 
-def test_a_box_cuts_coarse_facets_along_straight_lines(select):
-    region = select(BLOCK, "box:-20,-10,0,30,12,15")
+def test_a_box_cuts_coarse_facets_along_straight_lines():
+    region = region_of(BLOCK, "box:-20,-10,0,30,12,15")
     assert region.area_m2 == pytest.approx(50.0 * 22.0 * 1e-6)
     (loop,) = region.boundary_loops
     assert loop[:, :2].min(axis=0) == pytest.approx([-0.02, -0.01])
@@ -108,11 +109,11 @@ def test_a_box_cuts_coarse_facets_along_straight_lines(select):
     assert on_border.all()
 
 
-def test_a_box_on_a_curved_part_leaves_the_surface_and_its_normals_as_they_were(select):
-    region = select(BALL, "box:-20,-20,0,20,25,60")
+def test_a_box_on_a_curved_part_leaves_the_surface_and_its_normals_as_they_were():
+    region = region_of(BALL, "box:-20,-20,0,20,25,60")
     points = np.random.default_rng(3).uniform([-0.015, -0.015, 0.04], [0.015, 0.02, 0.06], (300, 3))
     cut = region.surface.closest(points)
-    whole = select(BALL, "all").surface.closest(points)
+    whole = region_of(BALL, "all").surface.closest(points)
     assert np.abs(cut.positions - whole.positions).max() < 1e-12
     assert np.abs(cut.normals - whole.normals).max() < 1e-12
     (loop,) = region.boundary_loops
@@ -121,19 +122,18 @@ def test_a_box_on_a_curved_part_leaves_the_surface_and_its_normals_as_they_were(
     assert (region.facets < 5120).all()
 
 
-def test_a_point_takes_the_smooth_face_under_it(select):
-    assert select(BLOCK, "point:10,10,11").area_m2 == pytest.approx(0.006)
+def test_a_point_takes_the_smooth_face_under_it():
+    assert region_of(BLOCK, "point:10,10,11").area_m2 == pytest.approx(0.006)
     # A side wall, though it does not look up.
-    side = select(BLOCK, "point:50,0,0")
+    side = region_of(BLOCK, "point:50,0,0")
     assert side.area_m2 == pytest.approx(60.0 * 20.0 * 1e-6)
     assert side.surface.bounds[:, 0] == pytest.approx([0.05, 0.05])
 
 
-def test_faces_takes_the_listed_facets_of_the_file(select, tmp_path):
+def test_faces_takes_the_listed_facets_of_the_file(listed):
     up = np.flatnonzero(BLOCK.face_normals[:, 2] > 0.5)
-    listing = tmp_path / "faces.txt"
-    listing.write_text("# the top\n" + ", ".join(str(number) for number in up) + "\n")
-    assert select(BLOCK, f"faces:{listing}").area_m2 == pytest.approx(0.006)
+    file = listed("# the top\n" + ", ".join(str(number) for number in up) + "\n")
+    assert region_of(BLOCK, f"faces:{file}").area_m2 == pytest.approx(0.006)
 
 
 @pytest.mark.parametrize(
@@ -150,18 +150,171 @@ def test_faces_takes_the_listed_facets_of_the_file(select, tmp_path):
         ("box:-10,-10,-15,10,10,0", PlanError, "nothing of the region looks up"),
         ("point:0,0,90", PlanError, "80 mm away from the part"),
         ("faces:nowhere.txt", InputError, "cannot be read"),
+        ("polygon:0,0,0;1,1,1", InputError, "three or more corners"),
+        ("polygon:0,0,0;10,0,0;x,1,1", InputError, "three or more corners"),
+        ("polygon:0,0,0;10,0,0;20,0,5", InputError, "lie on a line seen from above"),
+        ("polygon:0,0,0;0,0,5;0,0,9", InputError, "is a point seen from above"),
+        ("polygon:-9,-9,0;9,9,0;9,-9,0;-9,9,0", InputError, "sides from corner 1 to 2 and from corner 3 to 4"),
+        ("polygon:200,0,0;210,0,0;210,10,0", PlanError, "contains nothing of the part"),
+        ("polygon:nowhere.csv", InputError, "cannot be read"),
     ],
 )
-def test_choices_that_cannot_be_met_are_refused_with_the_reason(select, choice, error, words):
+def test_choices_that_cannot_be_met_are_refused_with_the_reason(choice, error, words):
     with pytest.raises(error) as caught:
-        select(BLOCK, choice)
+        region_of(BLOCK, choice)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("text", "words"), [("1 two 3", "not a list"), ("# none", "lists no"), ("3 12", "facet 12")])
-def test_bad_lists_of_faces_are_refused(select, tmp_path, text, words):
-    listing = tmp_path / "faces.txt"
-    listing.write_text(text)
+def test_bad_lists_of_faces_are_refused(listed, text, words):
     with pytest.raises(InputError, match=words):
-        select(BLOCK, f"faces:{listing}")
+        region_of(BLOCK, f"faces:{listed(text)}")
+
+
+def steps() -> trimesh.Trimesh:
+    """Two steps, 60 x 40 mm and, 10 mm lower, 80 x 40 mm."""
+    outline = np.array([[0, 0], [140, 0], [140, 20], [60, 20], [60, 30], [0, 30.0]])
+    return prism(outline, 40.0)
+
+
+def test_a_box_over_two_steps_takes_both_the_larger_first():
+    region = region_of(steps(), "box:10,5,1,130,35,100")
+    one, two = region.components()
+    assert one.area_m2 == pytest.approx(70.0 * 30.0 * 1e-6)
+    assert two.area_m2 == pytest.approx(50.0 * 30.0 * 1e-6)
+    assert one.surface.bounds[:, 2] == pytest.approx([0.02, 0.02])
+    assert two.surface.bounds[:, 2] == pytest.approx([0.03, 0.03])
+    assert region.area_m2 == pytest.approx(one.area_m2 + two.area_m2)
+    assert len(region.boundary_loops) == 2
+    # Each facet still knows which facet of the part it was.
+    whole = fit_surface(part_of(steps()))
+    for piece in region.components():
+        middle = piece.surface.evaluate(np.arange(len(piece.facets)), np.full((len(piece.facets), 3), 1 / 3)).positions
+        assert np.abs(whole.restrict(piece.facets).closest(middle).positions - middle).max() < 1e-9
+
+
+def test_a_connected_region_is_its_own_component():
+    region = region_of(BLOCK, "auto")
+    assert region.components() == (region,)
+    assert merge_regions(region.components(), region.up).area_m2 == pytest.approx(region.area_m2)
+
+
+def test_slivers_of_a_selection_are_left_out_and_said():
+    # The box reaches 0.02 mm over the edge of the lower step.
+    region = region_of(steps(), "box:0,0,1,60.02,40,100")
+    assert len(region.components()) == 1
+    assert region.area_m2 == pytest.approx(60.0 * 40.0 * 1e-6)
+    assert "left out 1 patch" in region.notes[0]
+
+
+@pytest.mark.parametrize("up", ["z", "x", "1,0,2"])
+def test_a_polygon_cuts_what_lies_under_it_along_straight_lines(up):
+    # An arrow head (one corner points inward), lifted off the block: only what is seen along up counts.
+    part = part_of(BLOCK, up)
+    across = np.linalg.svd(part.up[None])[2][1:]
+    if np.linalg.det(np.vstack([across, part.up])) < 0.0:
+        across = across[::-1]
+    shape = np.array([[-8.0, -7.0], [9.0, 0.0], [-8.0, 8.0], [-3.0, 0.5]])
+    corners = shape @ across + 37.0 * part.up
+    text = ";".join(",".join(f"{value:.9f}" for value in corner) for corner in corners)
+    region = select_region(fit_surface(part), part, f"polygon:{text}")
+    x, y = shape.T
+    flat = 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) * 1e-6
+    seen = float((region.surface.facet_areas * (middle_normals(region) @ part.up)).sum())
+    assert seen == pytest.approx(flat, rel=1e-9 if up != "1,0,2" else 1e-6)
+
+
+def test_a_polygon_from_a_file_is_the_same(listed):
+    region = region_of(BLOCK, "polygon:" + listed("# x, y\n-20,-10\n30,-10\n30,12\n-20,12\n"))
+    assert region.area_m2 == pytest.approx(50.0 * 22.0 * 1e-6)
+    assert region_of(BLOCK, "polygon:-20,-10,0;30,-10,0;30,12,5;-20,12,5").area_m2 == pytest.approx(region.area_m2)
+
+
+def test_an_outline_may_repeat_a_corner_run_straight_on_and_touch_itself():
+    twice_its_first_corner = "polygon:0,0,0;10,0,0;20,0,0;20,10,0;0,10,0;0,0,0"
+    assert region_of(BLOCK, twice_its_first_corner).area_m2 == pytest.approx(200e-6)
+    two_squares_at_a_corner = "polygon:-10,-10,0;0,-10,0;0,0,0;10,0,0;10,10,0;0,10,0;0,0,0;-10,0,0"
+    assert region_of(BLOCK, two_squares_at_a_corner).area_m2 == pytest.approx(200e-6)
+
+
+@pytest.mark.parametrize(("mesh", "count"), [(BALL, 6), (TORUS, 10)])
+def test_all_of_a_closed_smooth_part_is_cut_into_patches_that_lie_open_and_lose_nothing(mesh, count):
+    region = region_of(mesh, "all")
+    pieces = region.components()
+    assert len(pieces) == count
+    assert region.area_m2 == pytest.approx(float(fit_surface(part_of(mesh)).facet_areas.sum()), rel=1e-6)
+    for piece in pieces:
+        # No farther from its own axis than the corner of a cube.
+        assert (middle_normals(piece) @ piece.up).min() > np.cos(np.radians(56.0))
+        assert turns(piece.boundary_loops[0], piece.up) > 0.0
+
+
+def test_an_open_scan_is_one_region_with_its_own_border():
+    x, y = np.meshgrid(np.linspace(-50, 50, 21), np.linspace(-30, 30, 13), indexing="ij")
+    faces = grid_faces(21, 13)
+    part = part_from_arrays(np.column_stack([x.ravel(), y.ravel(), (x**2 / 200).ravel()]), faces, unit="mm")
+    surface = fit_surface(part)
+    for choice in ("auto", "top", "all"):
+        region = select_region(surface, part, choice)
+        assert len(region.facets) == len(faces)
+        assert len(region.boundary_loops) == 1
+    assert part.up[2] > 0.999
+
+
+def test_one_facet_is_a_region(listed):
+    region = region_of(BLOCK, f"faces:{listed('0')}")
+    assert len(region.facets) == 1
+    (loop,) = region.boundary_loops
+    assert len(loop) == 4
+    assert region_of(BLOCK, f"faces:{listed('0')}", margin=0.002).area_m2 < region.area_m2
+
+
+def test_pieces_that_touch_in_a_point_are_parted_there(listed):
+    # Two opposite corners of a chessboard of four squares, and a ring pinched to nothing at one corner.
+    pair = region_of(chessboard(2), f"faces:{listed(facets_of(2, [(0, 0), (1, 1)]))}")
+    assert [round(piece.area_m2 * 1e6) for piece in pair.components()] == [100, 100]
+    pinched = facets_of(3, [(0, 0), (1, 0), (2, 0), (0, 1), (0, 2), (1, 2), (2, 1)])
+    ring = region_of(chessboard(3), f"faces:{listed(pinched)}")
+    assert len(ring.components()) == 1
+    for region in (pair, ring):
+        border = np.argwhere(region.surface.neighbours < 0)
+        starts = region.surface.faces[border[:, 0], border[:, 1]]
+        assert len(np.unique(starts)) == len(starts)
+    assert len(ring.boundary_loops) == 1
+
+
+def chessboard(squares: int) -> trimesh.Trimesh:
+    """A plate whose top is a grid of 10 mm squares."""
+    x, y = np.meshgrid(np.arange(squares + 1) * 10.0, np.arange(squares + 1) * 10.0, indexing="ij")
+    vertices = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    return trimesh.Trimesh(vertices, grid_faces(squares + 1, squares + 1), process=False)
+
+
+def facets_of(count: int, squares: list[tuple[int, int]]) -> str:
+    return " ".join(f"{2 * (i * count + j)} {2 * (i * count + j) + 1}" for i, j in squares)
+
+
+def hexagon_of_slopes() -> PartMesh:
+    """A low pyramid over a hexagon: six faces that bend by about 20 deg at the ridges, on a vertical wall."""
+    angle = np.pi / 3.0 * np.arange(6)
+    rim = np.column_stack([40.0 * np.cos(angle), 40.0 * np.sin(angle), np.full(6, 10.0)])
+    pyramid = trimesh.convex.convex_hull(np.vstack([rim, rim * [1.0, 1.0, 0.0], [[0.0, 0.0, 25.0]]]))
+    return part_of(pyramid)
+
+
+def test_the_flood_from_a_point_stops_at_creases_of_the_feature_angle():
+    part = hexagon_of_slopes()
+    side = 0.5 * 40.0 * np.hypot(15.0, 40.0 * np.cos(np.pi / 6)) * 1e-6
+    for feature_angle, faces in ((np.radians(10.0), 1), (np.radians(30.0), 6)):
+        surface = fit_surface(part, feature_angle)
+        region = select_region(surface, part, "point:20,5,18", feature_angle)
+        assert len(region.facets) == faces
+        # Where the ridges count as smooth the fit rounds the pyramid a little.
+        assert region.area_m2 == pytest.approx(faces * side, rel=1e-9 if faces == 1 else 0.05)
+
+
+def test_a_point_on_a_dome_takes_all_of_it_though_its_rim_is_steep():
+    region = region_of(trimesh.intersections.slice_mesh_plane(BALL, [0.0, 0.0, 1.0], [0.0, 0.0, 15.0]), "point:0,0,50")
+    # 72.5 deg of polar angle, more than the 46 deg auto takes.
+    assert region.area_m2 == pytest.approx(2.0 * np.pi * 0.05 * 0.035, rel=2e-3)

@@ -2,26 +2,17 @@
 
 import numpy as np
 import pytest
-import trimesh
 
 from polish_sim.errors import PlanError
-from polish_sim.geometry import Region, fit_surface, load_part, part_from_arrays, select_region
+from polish_sim.geometry import fit_surface, load_part, part_from_arrays, select_region
 from polish_sim.geometry.orientation import UP_CONE
 from polish_sim.models import workpiece_path
-
-BLOCK = trimesh.creation.box((100.0, 60.0, 20.0))
-BALL = trimesh.creation.icosphere(subdivisions=5, radius=50.0)
-RING = trimesh.creation.annulus(r_min=10.0, r_max=30.0, height=20.0, sections=48)
-
-
-def trimmed(mesh: trimesh.Trimesh, margin: float, choice: str = "auto", holes: float = 0.0) -> Region:
-    part = part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit="mm", up="z")
-    return select_region(fit_surface(part), part, choice, edge_margin=margin, hole_margin=holes)
+from tests.geometry.shapes import BLOCK, FINE_BALL, RING, region_of
 
 
 @pytest.mark.parametrize("margin", [0.0005, 0.02])
 def test_a_rectangle_stays_a_rectangle(margin):
-    region = trimmed(BLOCK, margin)
+    region = region_of(BLOCK, margin=margin)
     (loop,) = region.boundary_loops
     assert region.surface.bounds[:, 0] == pytest.approx([-0.05 + margin, 0.05 - margin], abs=1e-4 * margin)
     assert region.surface.bounds[:, 1] == pytest.approx([-0.03 + margin, 0.03 - margin], abs=1e-4 * margin)
@@ -35,7 +26,7 @@ def test_a_rectangle_stays_a_rectangle(margin):
 
 @pytest.mark.parametrize("margin", [0.001, 0.015])
 def test_on_a_ball_the_distance_is_that_along_the_great_circle(margin):
-    region = trimmed(BALL, margin)
+    region = region_of(FINE_BALL, margin=margin)
     (loop,) = region.boundary_loops
     angle = np.arctan2(np.hypot(loop[:, 0], loop[:, 1]), loop[:, 2])
     # The border it starts from is a circle up to 0.2 mm where the cone cuts the facets of the ball.
@@ -45,7 +36,7 @@ def test_on_a_ball_the_distance_is_that_along_the_great_circle(margin):
 
 @pytest.mark.parametrize(("margin", "holes"), [(0.003, 0.003), (0.003, 0.0), (0.0, 0.003), (0.002, 0.005)])
 def test_outer_borders_and_holes_have_margins_of_their_own(margin, holes):
-    region = trimmed(RING, margin, holes=holes)
+    region = region_of(RING, margin=margin, holes=holes)
     outer, hole = (np.hypot(loop[:, 0], loop[:, 1]) for loop in region.boundary_loops)
     assert outer == pytest.approx(0.030 - margin, abs=3e-5)
     assert hole == pytest.approx(0.010 + holes, abs=3e-5)

@@ -27,7 +27,7 @@ def write(folder, text, name="part.step"):
 
 
 @installed
-@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("inch", 0.0254), ("m", 1.0)])
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("inch", 0.0254)])
 def test_a_block_has_its_size_area_and_volume_whatever_unit_it_is_written_in(tmp_path, unit, metres):
     sides = np.array([0.1, 0.06, 0.02])
     part = load_part(write(tmp_path, block(*(sides / metres), unit=unit)), up="z")
@@ -59,16 +59,9 @@ def test_the_stated_unit_counts_whatever_is_asked_for_and_none_is_advised(tmp_pa
 
 
 @installed
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (block(100, 60, 20).replace("ADVANCED_FACE", "NO_SUCH_FACE"), "no solid and no surface|cannot read"),
-        ("ISO-10303-21;\nHEADER;\nEND-ISO-10303-21;\n", "cannot read|no solid"),
-    ],
-)
-def test_a_file_without_a_face_is_refused(tmp_path, text, says):
-    with pytest.raises(MeshError, match=says):
-        load_part(write(tmp_path, text))
+def test_a_file_without_a_face_is_refused(tmp_path):
+    with pytest.raises(MeshError, match=r"no solid and no surface|cannot read"):
+        load_part(write(tmp_path, block(100, 60, 20).replace("ADVANCED_FACE", "NO_SUCH_FACE")))
 
 
 @pytest.mark.parametrize(

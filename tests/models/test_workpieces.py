@@ -66,25 +66,13 @@ def test_a_workpiece_is_one_closed_solid_standing_on_its_flat_bottom(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_largest_smooth_face_looks_up(name):
+def test_the_largest_smooth_face_looks_up_and_lies_on_its_formula(name):
     """So that the choice of the side to polish, which goes by size, is not left to chance."""
     mesh = shipped(name)
-    sizes = [mesh.area_faces[facets].sum() for facets in smooth_patches(mesh)]
-    largest = smooth_patches(mesh)[int(np.argmax(sizes))]
-    assert mesh.face_normals[largest, 2].min() > 0.7
-
-
-def smooth_patches(mesh):
-    """Face numbers of patches that meet under less than 30 deg."""
+    # Patches that meet under less than 30 deg.
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < np.radians(30)]
-    return trimesh.graph.connected_components(smooth, min_len=1)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_top_lies_on_its_formula(name):
-    mesh = shipped(name)
-    sizes = [(mesh.area_faces[facets].sum(), facets) for facets in smooth_patches(mesh)]
-    top = max(sizes, key=lambda item: item[0])[1]
+    top = max(trimesh.graph.connected_components(smooth, min_len=1), key=lambda facets: mesh.area_faces[facets].sum())
+    assert mesh.face_normals[top, 2].min() > 0.7
     corners = mesh.vertices[np.unique(mesh.faces[top])]
     truth = part(name).shape.evaluate(corners[:, :2])
     np.testing.assert_allclose(corners[:, 2], truth.height, atol=STL_ROUNDING)

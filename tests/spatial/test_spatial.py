@@ -66,22 +66,15 @@ RNG = np.random.default_rng(0)
 R_STACK, P_STACK = Rotation.random(20, random_state=0).as_matrix(), RNG.normal(size=(20, 3))
 
 
-def test_a_stack_of_transforms_holds_rotation_translation_and_a_last_row() -> None:
+def test_a_stack_of_transforms_holds_rotation_translation_and_a_last_row_and_has_an_inverse() -> None:
     T = transform(R_STACK, P_STACK)
     assert T.shape == (20, 4, 4)
     np.testing.assert_array_equal(T[:, :3, :3], R_STACK)
     np.testing.assert_array_equal(T[:, :3, 3], P_STACK)
     np.testing.assert_array_equal(T[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (20, 1)))
-
-
-def test_one_rotation_goes_with_many_translations() -> None:
-    T = transform(R_STACK[0], P_STACK)
-    np.testing.assert_array_equal(T[7], transform(R_STACK[0], P_STACK[7]))
-
-
-def test_a_transform_times_its_inverse_is_the_identity() -> None:
-    T = transform(R_STACK, P_STACK)
     np.testing.assert_allclose(inverse(T) @ T, np.tile(np.eye(4), (20, 1, 1)), atol=1e-14)
+    # One rotation goes with many translations.
+    np.testing.assert_array_equal(transform(R_STACK[0], P_STACK)[7], transform(R_STACK[0], P_STACK[7]))
 
 
 def test_points_move_as_homogeneous_coordinates_do() -> None:

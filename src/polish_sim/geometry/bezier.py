@@ -14,6 +14,7 @@ from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
 
+EDGE_MIDDLES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])  #: Barycentric, by edge
 _AGREEMENT = np.cos(np.radians(15.0))
 
 
@@ -34,6 +35,11 @@ def edge_control(start: Array, end: Array, start_way: Array, end_way: Array) -> 
     100 times as far off.
     """
     return 2.0 * edge_middle(start, end, start_way, end_way) - 0.5 * (start + end)
+
+
+def edge_points(start: Array, middle: Array, end: Array, share: Array) -> Array:
+    """Points of quadratic curves at shares of their parameter; ``middle`` is the control point, arrays broadcast."""
+    return np.asarray((1.0 - share) ** 2 * start + 2.0 * share * (1.0 - share) * middle + share**2 * end)
 
 
 def into_plane(directions: Array, normals: Array) -> Array:

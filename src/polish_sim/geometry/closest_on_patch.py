@@ -30,13 +30,18 @@ def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
         t, distance2 = _closest_on_edge(patch, edge, x, y, z)
         if distance2 < best:
             best = distance2
-            if edge == 0:
-                best_u, best_v = 1.0 - t, t
-            elif edge == 1:
-                best_u, best_v = 0.0, 1.0 - t
-            else:
-                best_u, best_v = t, 0.0
+            best_u, best_v = on_edge(edge, t)
     return best, best_u, best_v
+
+
+@njit(cache=True)
+def on_edge(edge, t):  # type: ignore[no-untyped-def]
+    """Barycentric u, v of a point on an edge, t from its first corner."""
+    if edge == 0:
+        return 1.0 - t, t
+    if edge == 1:
+        return 0.0, 1.0 - t
+    return t, 0.0
 
 
 @njit(cache=True)

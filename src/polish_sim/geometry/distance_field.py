@@ -15,6 +15,7 @@ import numpy as np
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import ConfigError
 from polish_sim.geometry.closest import BoxTree, closest_in_tree
+from polish_sim.geometry.closest_on_patch import on_edge
 from polish_sim.geometry.field_lookup import CELLS, INSIDE, NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernel_cache import njit
@@ -37,14 +38,8 @@ class Skin(NamedTuple):
 
 def _build_skin(surface: Surface) -> Skin:
     """Gather a surface's arrays, with the pseudo-normals of its vertices."""
-    return Skin(
-        surface.control,
-        surface.faces,
-        surface.neighbours,
-        surface.neighbour_edges,
-        surface.vertex_normal_sums,
-        surface.tree,
-    )
+    normals = surface.vertex_normal_sums
+    return Skin(surface.control, surface.faces, *surface.adjacency, normals, surface.tree)
 
 
 def signed_distances(surface: Surface, points: Array) -> Array:
@@ -52,9 +47,8 @@ def signed_distances(surface: Surface, points: Array) -> Array:
 
     Points whose closest point is on a border of an open surface count as outside.
     """
-    return np.asarray(
-        _signed_distances(_build_skin(surface), np.ascontiguousarray(points, dtype=np.float64), np.inf)[0]
-    )
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    return np.asarray(_signed_distances(_build_skin(surface), points, np.inf)[0])
 
 
 @njit(cache=True)
@@ -95,7 +89,7 @@ def _point_and_side(skin, facet, u, v):  # type: ignore[no-untyped-def]
         if other < 0:
             return px, py, pz, 0.0, 0.0, 0.0
         along = v if edge == 0 else (w if edge == 1 else u)
-        other_u, other_v = _on_edge(skin.neighbour_edges[facet, edge], 1.0 - along)
+        other_u, other_v = on_edge(skin.neighbour_edges[facet, edge], 1.0 - along)
         _, _, _, mx, my, mz = _point_and_normal(skin.control[other], other_u, other_v)
         nx, ny, nz = nx + mx, ny + my, nz + mz
     elif count >= 2:
@@ -103,16 +97,6 @@ def _point_and_side(skin, facet, u, v):  # type: ignore[no-untyped-def]
         normal = skin.vertex_normals[skin.faces[facet, corner]]
         nx, ny, nz = normal[0], normal[1], normal[2]
     return px, py, pz, nx, ny, nz
-
-
-@njit(cache=True)
-def _on_edge(edge, t):  # type: ignore[no-untyped-def]
-    """Barycentric u, v of a point on an edge, t from its first corner."""
-    if edge == 0:
-        return 1.0 - t, t
-    if edge == 1:
-        return 0.0, 1.0 - t
-    return t, 0.0
 
 
 @njit(cache=True)
@@ -136,12 +120,7 @@ def _component(patch, k, u, v, w):  # type: ignore[no-untyped-def]
     return u * to_u + v * to_v + w * to_w, to_u - to_w, to_v - to_w
 
 
-def build_distance_field(
-    surface: Surface,
-    spacing: float,
-    band: float,
-    bounds: Array | None = None,
-) -> DistanceField:
+def build_distance_field(surface: Surface, spacing: float, band: float, bounds: Array | None = None) -> DistanceField:
     """Sample the signed distance of a part's whole surface in a band of half width ``band`` [m], every ``spacing`` [m].
 
     On an open surface the sign follows the closest point's normal; beyond the border, and beyond the box ``bounds`` (2,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
-from polish_sim.geometry.topology import Adjacency, label_pieces
+from polish_sim.geometry.topology import Adjacency, corner_fans, facet_links, label_pieces
 from polish_sim.spatial import unit
 
 FEATURE_ANGLE = np.radians(30.0)  #: Edges that bend more than this are creases [rad]
@@ -46,7 +46,7 @@ def smooth_corners(
     Weights sin(angle) / (|e1| |e2|) make the normals exact on a sphere (Max 1999); where a much larger flat face
     meets a rounding, the flat face's own normal is kept so that it stays flat.
     """
-    count, index = _gather_corners(adjacency, smooth)
+    count, index = corner_fans(adjacency, smooth)
     normals = _sum_over(index, _max_weights(vertices, faces), count)
     normals, flat = _keep_flat_faces(vertices, faces, adjacency, smooth, index, normals)
     length = np.linalg.norm(normals, axis=1)
@@ -61,15 +61,6 @@ def smooth_corners(
     facet, corner = np.nonzero((tip & ~flat)[index])
     index[facet, corner] = count + np.arange(len(facet))
     return SmoothCorners(index, np.concatenate([normals, own[facet]]), np.append(flat, np.ones(len(facet), dtype=bool)))
-
-
-def _gather_corners(adjacency: Adjacency, smooth: Bools) -> tuple[int, Ints]:
-    facet, edge = np.nonzero(smooth)
-    other, other_edge = adjacency.facets[facet, edge], adjacency.edges[facet, edge]
-    starts = np.column_stack([3 * facet + edge, 3 * other + (other_edge + 1) % 3])
-    ends = np.column_stack([3 * facet + (edge + 1) % 3, 3 * other + other_edge])
-    count, labels = label_pieces(np.concatenate([starts, ends]).astype(np.int64), adjacency.facets.size)
-    return count, labels.reshape(-1, 3)
 
 
 def _max_weights(vertices: Array, faces: Ints) -> Array:
@@ -142,9 +133,7 @@ def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints
     off_plane = np.abs(np.einsum("mej,mj->me", vertices[opposite] - vertices[faces], normals))
     facing = np.einsum("mj,mej->me", normals, normals[adjacency.facets]) > 0.0
     coplanar = (adjacency.facets >= 0) & (off_plane < tolerance) & facing
-    facet, edge = np.nonzero(coplanar)
-    links = np.column_stack([facet, adjacency.facets[facet, edge]]).astype(np.int64)
-    count, labels = label_pieces(links, len(faces))
+    count, labels = label_pieces(facet_links(adjacency, coplanar), len(faces))
     total, mean = _face_means(labels, areas, normals, count)
     bent = _bent_faces(vertices, faces, labels, mean, 4.0 * tolerance, count)
     if bent.any():

@@ -31,29 +31,6 @@ class DistanceField(NamedTuple):
     bricks: NDArray[np.float32]  #: Distances at the nodes [m], shape (k, 9, 9, 9)
 
 
-@njit(cache=True)
-def field_distance(field, x, y, z):  # type: ignore[no-untyped-def]
-    """Signed distance [m] at (x, y, z) [m] in the surface's frame, clipped to the band; "outside" beyond the grid."""
-    per_metre = 1.0 / field.spacing
-    fx, fy, fz = (x - field.origin[0]) * per_metre, (y - field.origin[1]) * per_metre, (z - field.origin[2]) * per_metre
-    nx, ny, nz = field.table.shape
-    if not (0.0 <= fx < nx * CELLS and 0.0 <= fy < ny * CELLS and 0.0 <= fz < nz * CELLS):
-        return field.band
-    ix, iy, iz = int(fx), int(fy), int(fz)
-    brick = field.table[ix >> 3, iy >> 3, iz >> 3]
-    if brick < 0:
-        return field.band if brick == OUTSIDE else -field.band
-    fx, fy, fz = fx - ix, fy - iy, fz - iz
-    ix, iy, iz = ix & 7, iy & 7, iz & 7
-    d = field.bricks[brick]
-    d00 = d[ix, iy, iz] + fz * (d[ix, iy, iz + 1] - d[ix, iy, iz])
-    d01 = d[ix, iy + 1, iz] + fz * (d[ix, iy + 1, iz + 1] - d[ix, iy + 1, iz])
-    d10 = d[ix + 1, iy, iz] + fz * (d[ix + 1, iy, iz + 1] - d[ix + 1, iy, iz])
-    d11 = d[ix + 1, iy + 1, iz] + fz * (d[ix + 1, iy + 1, iz + 1] - d[ix + 1, iy + 1, iz])
-    d0, d1 = d00 + fy * (d01 - d00), d10 + fy * (d11 - d10)
-    return d0 + fx * (d1 - d0)
-
-
 @njit(cache=True, error_model="numpy")
 def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     """Signed distance [m] and its gradient at (x, y, z) [m], as (d, gx, gy, gz), for loops over many points.
@@ -83,3 +60,9 @@ def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     s0, s1 = s00 + fy * (s01 - s00), s10 + fy * (s11 - s10)
     gy = (d01 - d00) + fx * ((d11 - d10) - (d01 - d00))
     return d0 + fx * (d1 - d0), (d1 - d0) * per_metre, gy * per_metre, (s0 + fx * (s1 - s0)) * per_metre
+
+
+@njit(cache=True, error_model="numpy")
+def field_distance(field, x, y, z):  # type: ignore[no-untyped-def]
+    """Signed distance [m] at (x, y, z) [m] in the surface's frame, clipped to the band; "outside" beyond the grid."""
+    return look_up(field, field.bricks.reshape(-1), 1.0 / field.spacing, x, y, z)[0]

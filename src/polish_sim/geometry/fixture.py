@@ -10,8 +10,7 @@ import numpy as np
 
 from polish_sim.geometry.fit import fit_surface
 from polish_sim.geometry.mesh import PartMesh, load_part
-from polish_sim.geometry.surface import Surface, build_surface
-from polish_sim.geometry.topology import Adjacency
+from polish_sim.geometry.surface import Surface, join_surfaces
 
 
 class Fixture(NamedTuple):
@@ -53,18 +52,4 @@ def joined_meshes(part: PartMesh, fixture: Fixture | None) -> PartMesh:
 
 def joined_surfaces(part: Surface, fixture: Fixture | None) -> Surface:
     """A part and its fixture as one surface, the part's facets first."""
-    if fixture is None:
-        return part
-    own, first = fixture.surface, len(part.faces)
-    links = np.where(own.neighbours >= 0, own.neighbours + first, -1).astype(np.int32)
-    return build_surface(
-        vertices=np.concatenate([part.vertices, own.vertices]),
-        faces=np.concatenate([part.faces, own.faces + len(part.vertices)]).astype(np.int32),
-        control=np.concatenate([part.control, own.control]),
-        normal_control=np.concatenate([part.normal_control, own.normal_control]),
-        shape=np.concatenate([part.shape, own.shape]),
-        adjacency=Adjacency(
-            np.concatenate([part.neighbours, links]), np.concatenate([part.neighbour_edges, own.neighbour_edges])
-        ),
-        smooth=np.concatenate([part.smooth, own.smooth]),
-    )
+    return part if fixture is None else join_surfaces([part, fixture.surface])

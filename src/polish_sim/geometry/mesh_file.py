@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import logging
 import re
-import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +11,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import MeshError, count_text, near_file
-from polish_sim.geometry.obj_file import is_obj, parse_obj
+from polish_sim.geometry.obj_file import is_obj, parse_obj, printable, text_numbers
 from polish_sim.geometry.ply_file import is_ply, parse_ply
 from polish_sim.geometry.polygon import FileTriangles
 from polish_sim.geometry.step_file import ENDINGS, is_step, parse_step
@@ -128,7 +125,7 @@ def _parse_binary_stl(content: bytes, path: Path) -> Array:
 
 
 def _parse_text_stl(content: bytes, path: Path) -> Array:
-    """The facets as trimesh reads them, if it reads all: it drops a solid that is cut short without a word."""
+    """The corners of the facets; a file that ends before its last solid does, or splits a facet, is refused."""
     text = _SOLID_NAME.sub(rb"\1", content.replace(b"\r", b"\n"))
     words = text.lower()
     if b"vertex" not in words and b"facet" in words.split():
@@ -142,42 +139,24 @@ def _parse_text_stl(content: bytes, path: Path) -> Array:
             f"{path}: the ASCII STL is cut short after {count_text(whole, 'whole facet')} "
             "(no 'endsolid' at its end). Export or copy it again."
         )
-    if any(len(row.split()) != 3 for row in rows):
+    numbers = text_numbers(b"\n".join(rows))
+    solids = [solid.partition(b"solid")[2].count(b"vertex") for solid in words.split(b"endsolid")[:-1]]
+    all_whole = all(len(row.split()) == 3 for row in rows) and not any(count % 3 for count in solids)
+    if numbers is None or len(numbers) != 3 * len(rows) or sum(solids) != len(rows) or not all_whole:
         raise _bad_vertex(rows, path)
-    logging.getLogger("trimesh").setLevel(logging.ERROR)  # it warns of normals, which are not used
-    from trimesh.exchange.stl import load_stl_ascii  # slow to import
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        try:
-            loaded = load_stl_ascii(io.StringIO(text.decode("latin-1")))
-        except ValueError:
-            loaded = {}
-    solids = [loaded] if "vertices" in loaded else list(loaded.get("geometry", {}).values())
-    vertices = np.concatenate([np.empty((0, 3)), *(solid["vertices"] for solid in solids)])
-    if len(vertices) != len(rows):
-        raise _bad_vertex(rows, path)
-    return vertices.reshape(-1, 3, 3)
+    return numbers.reshape(-1, 3, 3)
 
 
 def _bad_vertex(rows: list[bytes], path: Path) -> MeshError:
     for row in rows:
-        words = row.split()
-        if len(words) != 3 or not all(map(_is_number, words)):
-            shown = "".join(letter if letter.isprintable() else "?" for letter in row.decode("latin-1").strip()[:73])
+        numbers = text_numbers(row)
+        if numbers is None or len(numbers) != 3:
+            shown = printable(row.decode("latin-1").strip()[:73])
             return MeshError(f"{path}: 'vertex {shown}' is not a vertex (three numbers wanted). Export it again.")
     return MeshError(
         f"{path}: the ASCII STL is no list of triangles between 'solid' and 'endsolid' ({len(rows)} vertices). "
         "Export it again."
     )
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 class _Format(NamedTuple):

@@ -110,5 +110,9 @@ def text_numbers(text: bytes) -> Array | None:
 
 def broken(path: Path, what: str) -> NoReturn:
     """Refuse a file of which something is wrong with a MeshError."""
-    printable = "".join(letter if letter.isprintable() else "?" for letter in what)
-    raise MeshError(f"{path}: {printable}. Export the part again.")
+    raise MeshError(f"{path}: {printable(what)}. Export the part again.")
+
+
+def printable(text: str) -> str:
+    """A text of a file as a message shows it."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)

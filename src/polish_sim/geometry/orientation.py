@@ -217,16 +217,16 @@ def _stand_straight(vertices: Array, faces: Ints, graph: FacetGraph, cone: float
 
 def describe(direction: Array) -> str:
     """Name of a direction: a side's, or the vector."""
-    for side, vector in SIDES.items():
-        if np.array_equal(direction, vector):
-            return side
-    return "(" + ", ".join(f"{value:.4g}" for value in direction + 0.0) + ")"
+    return _side_of(direction) or "(" + ", ".join(f"{value:.4g}" for value in direction + 0.0) + ")"
 
 
 def side_name(direction: Array) -> str:
     """A direction as ``--up`` takes it: a side's name, else X,Y,Z to the last bit."""
-    name = next((side for side, vector in SIDES.items() if np.array_equal(direction, vector)), "")
-    return name or ",".join(repr(float(value)) for value in direction)
+    return _side_of(direction) or ",".join(repr(float(value)) for value in direction)
+
+
+def _side_of(direction: Array) -> str:
+    return next((side for side, vector in SIDES.items() if np.array_equal(direction, vector)), "")
 
 
 def _snap(direction: Array) -> Array:

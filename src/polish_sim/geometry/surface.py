@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Ints
-from polish_sim.geometry.bezier import blend, patch_areas
+from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
 from polish_sim.geometry.topology import Adjacency, facet_links, label_pieces
@@ -53,6 +54,11 @@ class Surface:
     neighbours: Ints  #: Facet across each edge, -1 at borders, shape (m, 3)
     neighbour_edges: Ints  #: Which edge of that facet it is, shape (m, 3)
     smooth: Bools  #: Edges across which the normal is continuous, shape (m, 3)
+
+    @property
+    def adjacency(self) -> Adjacency:
+        """Neighbours across the edges."""
+        return Adjacency(self.neighbours, self.neighbour_edges)
 
     @cached_property
     def tree(self) -> BoxTree:
@@ -190,6 +196,21 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def join_surfaces(surfaces: Sequence[Surface]) -> Surface:
+    """Put surfaces into one, unconnected, facets and vertices in their order."""
+    joined = {
+        name: np.concatenate([getattr(surface, name) for surface in surfaces])
+        for name in ("vertices", "control", "normal_control", "shape", "smooth")
+    }
+    first_vertex = np.cumsum([0, *(len(surface.vertices) for surface in surfaces[:-1])])
+    first_facet = np.cumsum([0, *(len(surface.faces) for surface in surfaces[:-1])])
+    faces = [surface.faces + first for surface, first in zip(surfaces, first_vertex, strict=True)]
+    links = [np.where(s.neighbours >= 0, s.neighbours + n, -1) for s, n in zip(surfaces, first_facet, strict=True)]
+    edges = np.concatenate([surface.neighbour_edges for surface in surfaces])
+    adjacency = Adjacency(np.concatenate(links).astype(np.int32), edges)
+    return build_surface(faces=np.concatenate(faces).astype(np.int32), adjacency=adjacency, **joined)
+
+
 CHORD_ERROR = 1e-5  #: Curved border edges are divided until the polyline is this close to them [m]
 
 
@@ -218,8 +239,7 @@ def connected_facets(surface: Surface, passable: Bools | None = None) -> Ints:
 
     Pieces hang together across the ``passable`` edges (m, 3); None for all.
     """
-    adjacency = Adjacency(surface.neighbours, surface.neighbour_edges)
-    count, labels = label_pieces(facet_links(adjacency, passable), len(surface.faces))
+    count, labels = label_pieces(facet_links(surface.adjacency, passable), len(surface.faces))
     areas = np.bincount(labels, weights=surface.facet_areas, minlength=count)
     # Pieces of one area keep their order, however rounding has it.
     order = np.argsort(-np.round(areas / areas.max(initial=1e-300), 6), kind="stable")
@@ -265,6 +285,6 @@ def _sample(surface: Surface, loop: list[tuple[int, int]]) -> Array:
         sagitta = 0.5 * float(np.linalg.norm(control - 0.5 * (start + end)))
         parts = int(np.clip(np.ceil(np.sqrt(sagitta / CHORD_ERROR)), 1, 64))
         t = (np.arange(parts) / parts)[:, None]
-        pieces.append((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end)
+        pieces.append(edge_points(start, control, end, t))
     points = np.concatenate(pieces)
     return np.concatenate([points, points[:1]])

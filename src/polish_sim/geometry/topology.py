@@ -33,8 +33,7 @@ def find_adjacency(faces: Ints) -> Adjacency:
     Edges that are not shared by exactly two oppositely running facets count as borders.
     """
     start, end, order, key = sorted_half_edges(faces)
-    first, second = equal_pairs(key)
-    a, b = order[first], order[second]
+    a, b = paired_half_edges(order, key)
     opposite = start[a] == end[b]
     a, b = a[opposite], b[opposite]
     facets = np.full(3 * len(faces), -1, dtype=np.int32)
@@ -47,21 +46,28 @@ def find_adjacency(faces: Ints) -> Adjacency:
 def find_edge_faults(faces: Ints) -> EdgeFaults:
     """Count the edges where the mesh is open, crowded or twisted."""
     start, end, order, key = sorted_half_edges(faces)
-    at = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-    counts = np.diff(at, append=len(key))
-    first, second = equal_pairs(key)
-    twisted = start[order[first]] == start[order[second]]
-    crowded = order[at[counts > 2]]
+    begins, counts = equal_runs(key)
+    a, b = paired_half_edges(order, key)
+    crowded = order[begins[counts > 2]]
     example = np.array([start[crowded[0]], end[crowded[0]]]) if len(crowded) else np.empty(0)
-    return EdgeFaults(int((counts == 1).sum()), len(crowded), int(twisted.sum()), example.astype(np.int32))
+    return EdgeFaults(
+        int((counts == 1).sum()), len(crowded), int((start[a] == start[b]).sum()), example.astype(np.int32)
+    )
+
+
+def paired_half_edges(order: Indices, key: Indices) -> tuple[Indices, Indices]:
+    """Both half-edges of every edge that has exactly two; see `sorted_half_edges`."""
+    begins, counts = equal_runs(key)
+    pairs = begins[counts == 2]
+    return order[pairs], order[pairs + 1]
 
 
 def facets_at_edges(faces: Ints | Indices) -> Indices:
     """How many facets share each edge of each facet, shape (m, 3)."""
     _, _, order, key = sorted_half_edges(faces)
-    run = np.cumsum(np.concatenate([[True], key[1:] != key[:-1]])) - 1
+    lengths = equal_runs(key)[1]
     counts = np.empty(len(order), dtype=np.int64)
-    counts[order] = np.bincount(run)[run]
+    counts[order] = np.repeat(lengths, lengths)
     return counts.reshape(-1, 3)
 
 
@@ -70,6 +76,16 @@ def label_pieces(links: Indices, count: int) -> tuple[int, Ints]:
     graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
     pieces, labels = connected_components(graph, directed=False)
     return int(pieces), labels.astype(np.int32)
+
+
+def corner_fans(adjacency: Adjacency, passable: Bools) -> tuple[int, Ints]:
+    """Gather facet corners around each vertex across passable edges (m, 3): how many fans, each corner's (m, 3)."""
+    facet, edge = np.nonzero(passable)
+    other, other_edge = adjacency.facets[facet, edge], adjacency.edges[facet, edge]
+    starts = np.column_stack([3 * facet + edge, 3 * other + (other_edge + 1) % 3])
+    ends = np.column_stack([3 * facet + (edge + 1) % 3, 3 * other + other_edge])
+    count, labels = label_pieces(np.concatenate([starts, ends]).astype(np.int64), adjacency.facets.size)
+    return count, labels.reshape(-1, 3)
 
 
 def facet_links(adjacency: Adjacency, keep: Bools | None = None) -> Indices:
@@ -98,9 +114,7 @@ def counting_order(keys: Ints | Indices, count: int) -> Indices:
     return np.asarray(coo_array((at, (keys, at)), shape=(count, len(keys))).tocsr().data)
 
 
-def equal_pairs(sorted_key: Indices) -> tuple[Indices, Indices]:
-    """Positions of keys that occur exactly twice."""
-    same = sorted_key[1:] == sorted_key[:-1]
-    padded = np.concatenate([[False], same, [False]])
-    first = np.flatnonzero(same & ~padded[:-2] & ~padded[2:])
-    return first, first + 1
+def equal_runs(sorted_key: Indices) -> tuple[Indices, Indices]:
+    """Where each run of equal keys begins, and how long it is."""
+    begins = np.flatnonzero(np.concatenate([[True], sorted_key[1:] != sorted_key[:-1]]))
+    return begins, np.diff(begins, append=len(sorted_key))

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import PlanError
+from polish_sim.geometry.bezier import EDGE_MIDDLES, edge_points
 from polish_sim.geometry.cut import Clipped, Cut, build_cut, clip, find_edges, halve_edges, spread_to_longest, then
 from polish_sim.geometry.regions.patches import connected
 from polish_sim.geometry.surface import Surface, enclosed, trace_border
@@ -89,7 +90,7 @@ def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indi
     parts = np.maximum(parts, 1.0).astype(np.int64)
     edge = np.repeat(np.arange(len(parts)), parts)
     step = np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)
-    starts, ends = (_on_curve(a[edge], c[edge], b[edge], (step + k) / parts[edge]) for k in (0, 1))
+    starts, ends = (edge_points(a[edge], c[edge], b[edge], ((step + k) / parts[edge])[:, None]) for k in (0, 1))
     tree, length = cKDTree(0.5 * (starts + ends)), float(np.linalg.norm(ends - starts, axis=1).sum())
     return BorderDistance(starts, ends, tree, reach, _is_flat(surface), length, surface)
 
@@ -98,11 +99,6 @@ def _is_flat(surface: Surface) -> bool:
     points = surface.control.reshape(-1, 3)
     normal = surface.evaluate(np.zeros(1, dtype=np.int32), np.full((1, 3), 1.0 / 3.0)).normals[0]
     return float(np.ptp(points @ normal)) < _FLAT * float(np.ptp(points, axis=0).max())
-
-
-def _on_curve(a: Array, c: Array, b: Array, share: Array) -> Array:
-    t = share[:, None]
-    return np.asarray((1.0 - t) ** 2 * a + 2.0 * t * (1.0 - t) * c + t**2 * b)
 
 
 def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
@@ -128,7 +124,6 @@ _ON_LINE = 1e-4  #: Corners this close to the new border lie on it, relative to 
 _ROUNDS = 40
 _ZERO_ROUNDS = 12
 _ZERO = 1e-7  #: Cut points are found to this share of the margin
-_HALVES = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
 
 
 def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[Clipped]:
@@ -215,7 +210,7 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
 def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance: Room) -> Array:
     """How far the distance is from linear over facets (k,), in the middle of edges and of the facet [m], shape (k,)."""
     worst = np.zeros(len(facets))
-    for place in (*_HALVES, np.full(3, 1.0 / 3.0)):
+    for place in (*EDGE_MIDDLES, np.full(3, 1.0 / 3.0)):
         barycentric = place @ cut.barycentric[facets]
         points = surface.evaluate(cut.parents[facets], barycentric).positions
         worst = np.maximum(worst, np.abs(distance.straight(points) - values[cut.faces[facets]] @ place))

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Ints
+from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import Clipped, clip, then
-from polish_sim.geometry.surface import Surface, SurfacePoints, build_surface, connected_facets
-from polish_sim.geometry.topology import Adjacency, label_pieces
+from polish_sim.geometry.surface import Surface, SurfacePoints, connected_facets, join_surfaces
+from polish_sim.geometry.topology import corner_fans
 
 OPEN_ANGLE = np.radians(80.0)  #: A patch lies open when its normals are within this angle of their mean [rad]
 _OPEN_SHARE = 0.995  #: This share of its area is enough
@@ -76,39 +77,20 @@ def join(patches: Sequence[Clipped]) -> Clipped:
     """Put patches into one surface, unconnected."""
     if len(patches) == 1:
         return patches[0]
-    surfaces = [patch.surface for patch in patches]
-    vertex = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
-    facet = np.cumsum([0, *(len(surface.faces) for surface in surfaces)])
-    neighbours = [np.where(s.neighbours >= 0, s.neighbours + n, -1) for s, n in zip(surfaces, facet[:-1], strict=True)]
-    joined = build_surface(
-        vertices=np.concatenate([surface.vertices for surface in surfaces]),
-        faces=np.concatenate([s.faces + n for s, n in zip(surfaces, vertex[:-1], strict=True)]).astype(np.int32),
-        control=np.concatenate([surface.control for surface in surfaces]),
-        normal_control=np.concatenate([surface.normal_control for surface in surfaces]),
-        shape=np.concatenate([surface.shape for surface in surfaces]),
-        adjacency=Adjacency(
-            np.concatenate(neighbours).astype(np.int32), np.concatenate([s.neighbour_edges for s in surfaces])
-        ),
-        smooth=np.concatenate([surface.smooth for surface in surfaces]),
-    )
-    return Clipped(joined, np.concatenate([patch.parents for patch in patches]))
+    surface = join_surfaces([patch.surface for patch in patches])
+    return Clipped(surface, np.concatenate([patch.parents for patch in patches]))
 
 
 def unpinch(surface: Surface) -> Surface:
     """Give each fan of facets around a vertex its own vertex, so that the border nowhere meets itself."""
-    facet, edge = np.nonzero(surface.neighbours >= 0)
-    other, other_edge = surface.neighbours[facet, edge], surface.neighbour_edges[facet, edge]
-    starts = np.column_stack([3 * facet + edge, 3 * other + (other_edge + 1) % 3])
-    ends = np.column_stack([3 * facet + (edge + 1) % 3, 3 * other + other_edge])
-    links = np.concatenate([starts, ends]).astype(np.int64)
-    count, labels = label_pieces(links, surface.faces.size)
+    count, labels = corner_fans(surface.adjacency, surface.neighbours >= 0)
     if count == len(surface.vertices):
         return surface
     # Vertices keep their order; those of further fans follow their first one.
     _, first = np.unique(labels, return_index=True)
     rank = np.empty(count, dtype=np.int32)
     rank[np.argsort(surface.faces.ravel()[first], kind="stable")] = np.arange(count)
-    faces = rank[labels].reshape(-1, 3)
+    faces = rank[labels]
     vertices = np.empty((count, 3))
     vertices[faces] = surface.vertices[surface.faces]
     vertices.setflags(write=False)
@@ -120,11 +102,10 @@ def _gentle_edges(surface: Surface) -> Bools:
     """Edges that are smooth or bend less than the sharp angle in their middle, shape (m, 3)."""
     count = len(surface.faces)
     facets = np.arange(count, dtype=np.int32)
-    halves = 0.5 * np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
-    normals = np.stack([surface.evaluate(facets, np.tile(half, (count, 1))).normals for half in halves], axis=1)
-    beyond = normals[surface.neighbours, surface.neighbour_edges]
-    bend = (normals * beyond).sum(axis=2)
-    return (surface.neighbours >= 0) & (surface.smooth | (bend > np.cos(SHARP_ANGLE)))
+    normals = [surface.evaluate(facets, np.tile(middle, (count, 1))).normals for middle in EDGE_MIDDLES]
+    here = np.stack(normals, axis=1)
+    beyond = here[surface.neighbours, surface.neighbour_edges]
+    return (surface.neighbours >= 0) & (surface.smooth | ((here * beyond).sum(axis=2) > np.cos(SHARP_ANGLE)))
 
 
 def _charts(kept: Clipped, up: Array) -> list[Clipped]:

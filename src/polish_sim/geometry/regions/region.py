@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,25 +35,23 @@ from polish_sim.geometry.regions.choice import (
 from polish_sim.geometry.regions.margin import Room, keep_roomy, trim
 from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
 from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets
-from polish_sim.geometry.topology import Adjacency
 
-Pick = Callable[[Whole, str], list[Clipped]]
-PLAIN: Mapping[str, Pick] = {"auto": pick_auto, "top": pick_top, "all": pick_all}
-WITH_ARGUMENT: Mapping[str, Pick] = {
-    "all": pick_patches,
-    "point": pick_point,
-    "box": pick_box,
-    "polygon": pick_polygon,
-    "faces": pick_faces,
+
+class Choice(NamedTuple):
+    """How a region is chosen."""
+
+    pick: Callable[[Whole, str], list[Clipped]]  #: Patches of the part, from the argument
+    read: Callable[[str], object] = str  #: Reads the argument, to refuse a wrong one before the part is loaded
+
+
+PLAIN: Mapping[str, Choice] = {"auto": Choice(pick_auto), "top": Choice(pick_top), "all": Choice(pick_all)}
+WITH_ARGUMENT: Mapping[str, Choice] = {
+    "all": Choice(pick_patches, parse_patches),
+    "point": Choice(pick_point, parse_point),
+    "box": Choice(pick_box, parse_box),
+    "polygon": Choice(pick_polygon, parse_corners),
+    "faces": Choice(pick_faces, read_facet_numbers),
 }
-READERS: Mapping[str, Callable[[str], object]] = {
-    "all": parse_patches,
-    "point": parse_point,
-    "box": parse_box,
-    "polygon": parse_corners,
-    "faces": read_facet_numbers,
-}
-"""How the argument of a choice is read."""
 
 SLIVER_SHARE = 1e-3  #: Patches smaller than this share of the largest one are left out
 
@@ -113,7 +112,7 @@ def select_region(
     """
     check_choice(choice)
     name, _, argument = choice.partition(":")
-    pick = (WITH_ARGUMENT if argument else PLAIN)[name]
+    pick = (WITH_ARGUMENT if argument else PLAIN)[name].pick
     whole = Whole(_with_creases(surface, mesh, feature_angle), mesh.up, mesh.stl_facets)
     patches, notes = _without_slivers(pick(whole, argument))
     if name == "auto":
@@ -151,10 +150,10 @@ def check_choice(choice: str) -> None:
         InputError: It cannot be understood; lists the valid ones.
     """
     name, _, argument = choice.partition(":")
-    if name not in (WITH_ARGUMENT if argument else PLAIN) or choice.endswith(":"):
+    known = WITH_ARGUMENT if argument else PLAIN
+    if name not in known or choice.endswith(":"):
         raise InputError(f"unknown region '{choice}'. Valid: {CHOICES}.")
-    if argument:
-        READERS[name](argument)
+    known[name].read(argument)
 
 
 def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, ...] = ()) -> Region:
@@ -191,7 +190,7 @@ def _with_creases(surface: Surface, mesh: PartMesh, feature_angle: float | None)
     if feature_angle is None:
         return surface
     normals, _ = facet_normals(mesh.vertices, mesh.faces)
-    smooth = smooth_edges(normals, Adjacency(surface.neighbours, surface.neighbour_edges), feature_angle)
+    smooth = smooth_edges(normals, surface.adjacency, feature_angle)
     return surface if np.array_equal(smooth, surface.smooth) else replace(surface, smooth=smooth)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
-from polish_sim.errors import MeshError
+from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import MOST_CORNERS, split_polygons
@@ -49,10 +49,10 @@ def close_holes(skin: Skin) -> Skin:
         patches = split.triangles[fresh].astype(np.int32)
         faces = np.concatenate([faces, patches])
         source = np.concatenate([source, np.full(len(patches), -1, dtype=np.int32)])
-        notes.append(f"closed {_count(small, 'small hole')}: {_describe(small)}")
+        notes.append(f"closed {count_text(len(small), 'small hole')}: {_describe(small)}")
     if large:
         edges = sum(len(hole.vertices) for hole in large)
-        notes.append(f"open surface: {edges} border edges in {_count(large, 'line')}: {_describe(large)}")
+        notes.append(f"open surface: {edges} border edges in {count_text(len(large), 'line')}: {_describe(large)}")
     return Skin(skin.vertices, faces, source, tuple(notes))
 
 
@@ -114,10 +114,6 @@ def _contained(rows: Ints, among: Ints) -> Bools:
     return np.asarray(counts[index.ravel()[len(among) :]] > 1)
 
 
-def _count(holes: list[Hole], what: str) -> str:
-    return f"{len(holes)} {what}{'s' if len(holes) != 1 else ''}"
-
-
 def _describe(holes: list[Hole]) -> str:
     shown = "; ".join(f"{1e3 * hole.width:.3g} mm wide at {place(hole.middle)}" for hole in holes[:_SHOWN])
     return shown + (f"; and {len(holes) - _SHOWN} more" if len(holes) > _SHOWN else "")
@@ -173,10 +169,8 @@ def _drop_fins(skin: Skin) -> Skin:
 def _part_vertices(skin: Skin) -> Skin:
     """Give facets their own vertices where they only touch along an edge or at a point."""
     start, end, order, key = topology.sorted_half_edges(skin.faces)
-    new = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-    counts = np.diff(new, append=len(key))
-    two = new[counts == 2]
-    pairs = [np.column_stack([order[two], order[two + 1]])]
+    new, counts = topology.equal_runs(key)
+    pairs = [np.column_stack(topology.paired_half_edges(order, key))]
     crowded = [order[i : i + n] for i, n in zip(new[counts > 2], counts[counts > 2], strict=True)]
     where = place(skin.vertices[[start[crowded[0][0]], end[crowded[0][0]]]])
     inward = _volume(skin) < 0.0

@@ -9,9 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
-from polish_sim.errors import MeshError
+from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry.repair.skin import Skin, place
-from polish_sim.geometry.topology import equal_pairs, facet_links, find_adjacency, label_pieces, sorted_half_edges
+from polish_sim.geometry.topology import (
+    facet_links,
+    find_adjacency,
+    label_pieces,
+    paired_half_edges,
+    sorted_half_edges,
+)
 
 MOST_FACETS = 400_000  #: Larger parts are not searched for crossing facets, for the time it takes
 _MOST_PAIRS = 100_000
@@ -37,8 +43,7 @@ def wind_alike(skin: Skin, path: Path) -> Skin:
         MeshError: The surface has only one side (a Moebius strip), so no winding is right.
     """
     start, _, order, key = sorted_half_edges(skin.faces)
-    first, second = equal_pairs(key)
-    a, b = order[first], order[second]
+    a, b = paired_half_edges(order, key)
     agrees = start[a] != start[b]
     if agrees.all():
         return skin
@@ -98,7 +103,7 @@ def describe_shells(skin: Skin) -> tuple[str, ...]:
         return ()
     hollow = shells.volumes < 0.0
     count = int(hollow.sum())
-    notes = [f"hollow inside: {count} closed shell{'s' if count != 1 else ''} within others"] if count else []
+    notes = [f"hollow inside: {count_text(count, 'closed shell')} within others"] if count else []
     sizes = 1e3 * (shells.high - shells.low)[~hollow]
     if len(sizes) > 1:
         sizes = sizes[np.argsort(-sizes.max(axis=1), kind="stable")]

@@ -1,4 +1,4 @@
-"""Reading PLY and OBJ beside STL: the same part whatever the format, and one clear message for a broken file."""
+"""Reading STL, PLY and OBJ: the same part whatever the format, and one clear message for a broken file."""
 
 import struct
 
@@ -8,6 +8,7 @@ import trimesh
 
 from polish_sim.errors import MeshError
 from polish_sim.geometry import load_part, part_from_arrays
+from tests.geometry.shapes import BLOCK, stl_bytes
 
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=40.0)
 POINTS = np.array(BALL.vertices) + [1e-9, 0.0, 1.0 / 3.0]
@@ -45,9 +46,9 @@ def text_ply():
     return ply_header("ascii") + vertices + "".join(f"0.5 3 {a} {b} {c}\n" for a, b, c in FACES)
 
 
-def obj(face="{}"):
+def obj(face="{}", first=1):
     vertices = "".join(f"v {float(x)!r} {float(y)!r} {float(z)!r}\n" for x, y, z in POINTS)
-    faces = "".join("f " + " ".join(face.format(i + 1) for i in row) + "\n" for row in FACES)
+    faces = "".join("f " + " ".join(face.format(i + first) for i in row) + "\n" for row in FACES)
     return (
         "# by hand\nmtllib part.mtl\no ball\n" + vertices + "vn 0 0 1\nvt 0 0\nusemtl steel\ns 1\n" + faces + "l 1 2\n"
     )
@@ -60,7 +61,8 @@ WAYS = {
     "plain.obj": obj(),
     "with_normals.obj": obj("{}//1"),
     "with_texture.obj": obj("{}/1/1"),
-    "from_behind.obj": obj().replace("f ", "g ball\nf "),
+    "in_groups.obj": obj().replace("f ", "g ball\nf "),
+    "from_behind.obj": obj(first=-len(POINTS)),
 }
 
 
@@ -73,6 +75,16 @@ def test_every_format_gives_the_same_part_at_full_precision(tmp_path, name):
     assert part.stl_facets.tolist() == list(range(len(FACES)))
 
 
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
+def test_binary_and_text_stl_give_the_same_part_in_metres(tmp_path, kind):
+    part = load_part(write(tmp_path, "part.stl", BLOCK.export(file_type=kind)))
+    assert np.ptp(part.vertices, axis=0) == pytest.approx([0.1, 0.06, 0.02])
+    assert (part.vertices.shape, part.faces.shape) == ((8, 3), (12, 3))
+    assert part.name == "part"
+    assert len(part.sha256) == 64
+    assert any("mm" in note for note in part.notes)
+
+
 def test_single_precision_ply_and_trimesh_s_own_files_are_read_too(tmp_path):
     single = load_part(write(tmp_path, "single.ply", binary_ply(vertex="f4")))
     assert single.vertices == pytest.approx(part_from_arrays(POINTS, FACES, unit="mm").vertices, abs=1e-8)
@@ -80,22 +92,6 @@ def test_single_precision_ply_and_trimesh_s_own_files_are_read_too(tmp_path):
         path = tmp_path / f"trimesh.{kind}"
         BALL.export(path)
         assert len(load_part(path).faces) == len(FACES)
-
-
-def test_vertices_keep_their_order_and_repeated_ones_are_merged():
-    points, faces = np.array(BALL.vertices), np.array(BALL.faces)
-    part = part_from_arrays(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), unit="mm")
-    assert len(part.vertices) == len(points)
-    _, first = np.unique(faces.ravel(), return_index=True)
-    assert np.array_equal(part.vertices, 1e-3 * points[faces.ravel()[np.sort(first)]])
-
-
-def test_negative_obj_numbers_count_from_behind_and_objects_are_joined(tmp_path):
-    one = obj()
-    count = len(POINTS)
-    back = "".join("f " + " ".join(str(int(i) - count) for i in row) + "\n" for row in FACES)
-    text = one[: one.index("f ")] + back
-    assert len(load_part(write(tmp_path, "back.obj", text)).faces) == len(FACES)
 
 
 def test_polygons_are_split_without_leaving_their_outline(tmp_path):
@@ -120,20 +116,75 @@ def test_the_content_decides_not_the_name(tmp_path):
         assert len(load_part(path).faces) == len(FACES)
 
 
+def pinched(height):
+    """Two hollows that touch along an edge: around it the solid goes on from one to the other."""
+    top, foot = (0, 0, 30), (0, 0, 0)
+    c, b, d, a = ((40 * np.cos(angle), 40 * np.sin(angle), 15) for angle in np.radians([0, 60, 180, 240]))
+    facets = [[foot, top, a], [foot, a, c], [foot, c, top], [top, c, a]]
+    facets += [[foot, top, b], [foot, b, d], [foot, d, top], [top, d, b]]
+    return np.array(facets) + [0.0, 0.0, height]
+
+
+def moebius():
+    angle = np.linspace(0.0, 2.0 * np.pi, 25)
+
+    def rim(side):
+        ring = 40.0 + side * 10.0 * np.cos(angle / 2.0)
+        return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), side * 10.0 * np.sin(angle / 2.0)])
+
+    left, right = rim(-1.0), rim(1.0)
+    left[-1], right[-1] = right[0], left[0]
+    return np.concatenate(
+        [np.stack([left[:-1], left[1:], right[1:]], 1), np.stack([left[:-1], right[1:], right[:-1]], 1)]
+    )
+
+
+STL, TEXT_STL = BLOCK.export(file_type="stl"), BLOCK.export(file_type="stl_ascii").encode()
+TRIANGLES = np.array(BLOCK.triangles)
+LINE = np.linspace(0.0, 90.0, 36).reshape(-1, 3)[:, :, None] * np.array([1.0, 2.0, 3.0]) / 4.0
+
+
+def with_number(facet, value):
+    triangles = TRIANGLES.copy()
+    triangles[facet, 1, 2] = value
+    return stl_bytes(triangles)
+
+
 HEADER = "ply\nformat ascii 1.0\n"
+BINARY = HEADER.replace("ascii", "binary_little_endian")
+XYZ = "property float x\nproperty float y\nproperty float z\n"
 
 
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
+        ("missing.stl", None, "no such file"),
+        ("empty.stl", b"", "empty"),
+        ("blank.stl", b" \n \n", "empty"),
+        ("header_only.stl", STL[:84].replace(b"\x0c\0\0\0", b"\0\0\0\0"), "no facets"),
+        ("no_facets.stl", b"solid empty\nendsolid empty\n", "no facets"),
+        ("cut.stl", STL[:-120], "cut short: its header announces 12 facets"),
+        ("cut_in_header.stl", STL[:60], "not an STL file"),
+        ("cut_text.stl", TEXT_STL[: len(TEXT_STL) // 2], "cut short"),
+        ("cut_after_facet.stl", TEXT_STL[: TEXT_STL.index(b"endfacet") + 9], "cut short after 1 whole facet "),
+        ("lost_vertex.stl", TEXT_STL.replace(b"vertex", b"", 1), "no list of triangles .*35 vertices"),
+        ("garbage.stl", b"This is a letter, not a part. " * 20, "not an STL file"),
+        ("solid_garbage.stl", b"solid ground under our feet " * 20, "not an STL file"),
+        ("bad_number.stl", TEXT_STL.replace(b"vertex ", b"vertex x", 1), "is not a vertex"),
+        ("nan.stl", with_number(5, np.nan), "NaN or infinite, the first is facet 5"),
+        ("inf.stl", with_number(7, np.inf), "NaN or infinite, the first is facet 7"),
+        ("zero_area.stl", stl_bytes(LINE), "zero area"),
+        ("crowded.stl", stl_bytes(np.concatenate([TRIANGLES, pinched(90.0), pinched(150.0)])),
+         "2 edges are shared by more than two facets, the first at"),
+        ("moebius.stl", stl_bytes(moebius()), "one-sided"),
         ("part.mtl", "newmtl steel\n", "name the .obj file itself"),
         ("part.igs", "S 1\n", r"Export the part as one of: \.ply, \.stl, \.obj, \.step, \.stp"),
         ("cut.ply", binary_ply()[:-100], "cut short: its header announces 320 rows of 'face'"),
         ("cut_text.ply", text_ply()[:-100], "cut short"),
-        ("huge.ply", HEADER.replace("ascii", "binary_little_endian") + "element vertex 4000000000\nproperty float x\n"
-         "property float y\nproperty float z\nend_header\n", "announces 4000000000 rows"),
-        ("cloud.ply", HEADER + "element vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
-         "0 0 0\n", "no faces"),
+        ("huge.ply", BINARY + "element vertex 4000000000\n" + XYZ + "end_header\n", "announces 4000000000 rows"),
+        ("huge_faces.ply", BINARY + "element vertex 3\n" + XYZ + "element face 999999999999\n"
+         "property list uint int vertex_indices\nend_header\n" + 400 * "x", "announces 999999999999 rows"),
+        ("cloud.ply", HEADER + "element vertex 1\n" + XYZ + "end_header\n0 0 0\n", "no faces"),
         ("no_z.ply", HEADER + "element vertex 1\nproperty float x\nproperty float y\nend_header\n0 0\n", "no x, y, z"),
         ("headless.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "no 'end_header'"),
         ("words.ply", text_ply().replace(" 7 ", " seven ", 1), "words where numbers"),
@@ -148,21 +199,14 @@ HEADER = "ply\nformat ascii 1.0\n"
     ],
 )  # fmt: skip
 def test_bad_files_are_refused_with_one_clear_message(tmp_path, name, content, words):
-    path = write(tmp_path, name, content)
     with pytest.raises(MeshError, match=words) as caught:
-        load_part(path)
+        load_part(tmp_path / name if content is None else write(tmp_path, name, content))
     message = str(caught.value)
     assert name in message
     assert "\n" not in message
     assert message.endswith(".")
 
 
-def test_arrays_that_are_no_mesh_are_refused():
-    with pytest.raises(MeshError, match=r"got \(162, 2\) and \(320, 3\)"):
-        part_from_arrays(POINTS[:, :2], FACES)
-    with pytest.raises(MeshError, match="vertices that do not exist"):
-        part_from_arrays(POINTS[:50], FACES, unit="mm")
-    with pytest.raises(MeshError, match="whole numbers"):
-        part_from_arrays(POINTS, FACES.astype(float), unit="mm")
-    with pytest.raises(MeshError, match="NaN or infinite"):
-        part_from_arrays(np.where(POINTS > 39.0, np.nan, POINTS), FACES, unit="mm")
+def test_a_folder_is_no_mesh_file(tmp_path):
+    with pytest.raises(MeshError, match="is a folder"):
+        load_part(tmp_path)

@@ -1,0 +1,137 @@
+"""Which side looks up: as named, or by the part; turn the part, and up and its region turn with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from polish_sim.errors import InputError
+from polish_sim.geometry import PartMesh, fit_surface, load_part, part_from_arrays, select_region
+from polish_sim.geometry.orientation import choose_up
+from polish_sim.models import workpiece_path
+from tests.geometry.shapes import BLOCK, grid_faces, part_of, prism
+
+
+def turned(part: PartMesh, R: np.ndarray, shift: np.ndarray) -> PartMesh:
+    vertices = part.vertices @ R.T + shift
+    return replace(part, vertices=vertices, up=choose_up(vertices, part.faces, "auto")[0])
+
+
+@pytest.mark.parametrize("name", ["freeform", "plate_two_holes"])
+def test_a_turned_part_has_the_same_up_and_the_same_region(name):
+    part = load_part(workpiece_path(name))
+    assert part.up == pytest.approx([0.0, 0.0, 1.0])
+    surface = fit_surface(part)
+    R, shift = Rotation.random(random_state=1).as_matrix(), np.array([0.3, -0.2, 0.1])
+    other = turned(part, R, shift)
+    assert np.abs(other.up - R @ part.up).max() < 1e-9
+    other_surface = fit_surface(other)
+    for choice, margin in (("auto", 0.0), ("all", 0.0), ("auto", 0.003)):
+        region = select_region(surface, part, choice, edge_margin=margin)
+        same = select_region(other_surface, other, choice, edge_margin=margin)
+        assert len(region.boundary_loops) == len(same.boundary_loops)
+        for loop, other_loop in zip(region.boundary_loops, same.boundary_loops, strict=True):
+            assert loop.shape == other_loop.shape
+            assert np.abs(loop @ R.T + shift - other_loop).max() < 1e-9
+        assert np.array_equal(region.facets, same.facets)
+
+
+@pytest.mark.parametrize("size", [0.02, 1.5])
+def test_up_does_not_hang_on_the_size_of_the_part(size):
+    wedge = trimesh.convex.convex_hull([[0, 0, 0], [9, 0, 0], [0, 6, 0], [9, 6, 0], [0, 0, 3], [0, 6, 3.0]])
+    part = part_from_arrays(np.array(wedge.vertices) * size / 9.0, np.array(wedge.faces))
+    # The slope is the largest face, and flat: it looks straight up.
+    assert part.up == pytest.approx(np.array([1.0, 0.0, 3.0]) / 10**0.5, abs=1e-9)
+
+
+def test_a_part_with_a_curved_face_stands_straight_on_its_flat_bottom():
+    # Half a wave over a flat bottom: the mean of the wave leans by more than 5 deg, the bottom does not.
+    x = np.linspace(0.0, 80.0, 41)
+    height = 30.0 + 8.0 * np.sin(x / 80.0 * 1.5 * np.pi)
+    outline = np.concatenate([np.column_stack([x, height]), [[80.0, 0.0], [0.0, 0.0]]])
+    part = part_of(prism(outline, 60.0), "auto")
+    slopes = np.degrees(np.arctan2(height[-1] - height[0], 80.0))
+    assert abs(slopes) > 5.0
+    assert part.up.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_a_part_without_a_flat_face_to_stand_on_looks_up_with_the_mean_of_its_face():
+    cap = trimesh.creation.icosphere(subdivisions=4, radius=50.0)
+    way = np.array([1.0, 2.0, 2.0]) / 3.0
+    faces = cap.faces[(cap.triangles_center @ way) > 40.0]
+    part = part_from_arrays(np.array(cap.vertices), faces, unit="mm")
+    assert np.degrees(np.arccos(part.up @ way)) < 0.5
+
+
+def sheet(points: np.ndarray) -> PartMesh:
+    """An open sheet of facets between the points [mm] of a grid, shape (n, m, 3)."""
+    mesh = trimesh.Trimesh(points.reshape(-1, 3), grid_faces(*points.shape[:2]))
+    mesh.merge_vertices(digits_vertex=6)
+    return part_of(mesh, "auto")
+
+
+def test_a_dome_with_a_hole_looks_up_along_its_axis_however_it_is_turned():
+    # From anywhere within 29 deg of its axis a dome that ends at 75 deg shows the whole cone of 46 deg.
+    polar, around = np.meshgrid(np.linspace(np.arcsin(15 / 80), np.radians(75), 40), np.linspace(0, 2 * np.pi, 91))
+    polar, around = polar.T, around.T
+    ring = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+    part = sheet(80.0 * ring)
+    assert part.up.tolist() == [0.0, 0.0, 1.0]
+    R = Rotation.random(random_state=3).as_matrix()
+    assert turned(part, R, np.zeros(3)).up == pytest.approx(R[:, 2], abs=1e-9)
+
+
+def test_an_axis_of_the_file_is_taken_where_a_wavy_sheet_looks_along_it_but_for_rounding():
+    x, y = np.meshgrid(np.linspace(-90, 90, 61), np.linspace(-90, 90, 61), indexing="ij")
+    points = np.stack([x, y, 3.0 * np.sin(x / 30.0) * np.cos(y / 35.0)], axis=-1)
+    # The waves do not end where they began: the mean normal leans by (z(90, y) - z(-90, y)) / 180, 1 mrad.
+    assert sheet(points).up.tolist() == [0.0, 0.0, 1.0]
+    tilt = Rotation.from_euler("y", 10.0, degrees=True).as_matrix()
+    assert np.degrees(np.arccos(sheet(points @ tilt.T).up @ tilt[:, 2])) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("x", [1, 0, 0]), ("-x", [-1, 0, 0]), ("y", [0, 1, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1]),
+        ("-z", [0, 0, -1]), ("0,0,1", [0, 0, 1]), ("1, 2, 2", [1 / 3, 2 / 3, 2 / 3]), ("-1e-200,0,0", [-1, 0, 0]),
+    ],
+)  # fmt: skip
+def test_up_may_be_a_side_or_a_vector_of_any_length(text, expected):
+    assert part_of(BLOCK, text).up == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("text", ["0,0,0", "1,2", "1,2,3,4", "a,b,c", "nan,0,1", "1e400,0,0"])
+def test_what_is_no_direction_is_refused(text):
+    with pytest.raises(InputError, match="is not a direction"):
+        part_of(BLOCK, text)
+
+
+def test_up_is_where_the_largest_smooth_face_looks():
+    assert part_of(BLOCK, "auto").up.tolist() == [0.0, 0.0, 1.0]
+    on_its_side = trimesh.creation.box((100.0, 6.0, 80.0))
+    assert part_of(on_its_side, "auto").up.tolist() == [0.0, 1.0, 0.0]
+    # A wedge: its slope is the largest face.
+    wedge = trimesh.convex.convex_hull([[0, 0, 0], [90, 0, 0], [0, 60, 0], [90, 60, 0], [0, 0, 90], [0, 60, 90.0]])
+    assert part_of(wedge, "auto").up == pytest.approx([0.5**0.5, 0.0, 0.5**0.5], abs=1e-6)
+    torus = trimesh.creation.torus(major_radius=40.0, minor_radius=10.0)
+    part = part_of(torus, "auto")
+    # Both sides are alike; which it is hangs on the order of the facets.
+    assert np.abs(part.up) == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)
+    assert any("assumed" in note for note in part.notes)
+
+
+@pytest.mark.parametrize("solid", [
+    trimesh.creation.icosphere(subdivisions=3, radius=30.0), trimesh.creation.uv_sphere(radius=30.0),
+    trimesh.creation.box((30.0, 30.0, 30.0)), trimesh.creation.torus(40.0, 10.0),
+])  # fmt: skip
+def test_where_a_symmetric_part_looks_the_same_from_its_own_z_that_is_up(solid):
+    assert part_of(solid, "auto").up.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_a_lying_bar_has_a_side_of_the_file_up_not_one_of_its_facets():
+    up = part_of(trimesh.creation.cylinder(20.0, 80.0, sections=57), "auto").up
+    assert sorted(np.abs(up)) == [0.0, 0.0, 1.0]
+    assert up[2] == 0.0
