@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ from polish_sim.exchange.apt import apt_text
 from polish_sim.exchange.strokes import rows_without_straight_air
 from polish_sim.planning import plan_part
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT
-from tests.planning.shapes import shipped_plan
+from tests.planning.shapes import shipped_plan, with_wishes
 
 CAM = """\
 PARTNO HOUSING/REV 2, 40 $ HEAVY
@@ -47,11 +45,15 @@ FINI
 """
 
 
+def read(folder, text):
+    """The path in an APT file of this text."""
+    (folder / "path.apt").write_text(text)
+    return read_path(folder / "path.apt")
+
+
 @pytest.fixture
 def cam(tmp_path):
-    file = tmp_path / "cam.apt"
-    file.write_text(CAM)
-    return read_path(file)
+    return read(tmp_path, CAM)
 
 
 def test_points_axes_and_feeds_of_a_cam_file_are_read(cam):
@@ -69,9 +71,7 @@ def test_rapid_lifts_the_tool_and_a_new_stroke_begins(cam):
 
 @pytest.mark.parametrize(("word", "metres"), [("MM", 1e-3), ("INCHES", 0.0254), ("inch", 0.0254), ("CM", 1e-2)])
 def test_units_hold_for_lengths_and_feeds(tmp_path, word, metres):
-    file = tmp_path / "path.cls"
-    file.write_text(f"UNITS/{word}\nFEDRAT/60\nGOTO/1,2,3\nGOTO/4,2,3\n")
-    path = read_path(file)
+    path = read(tmp_path, f"UNITS/{word}\nFEDRAT/60\nGOTO/1,2,3\nGOTO/4,2,3\n")
     assert path.positions_work[0] == pytest.approx(metres * np.array([1.0, 2.0, 3.0]))
     assert path.feed == pytest.approx([metres, metres])
 
@@ -80,49 +80,35 @@ def test_units_hold_for_lengths_and_feeds(tmp_path, word, metres):
     ("text", "m_s"), [("600,MMPM", 0.01), ("MMPM,600", 0.01), ("10,IPM", 0.254 / 60.0), ("600,PERMIN", 0.01)]
 )
 def test_feed_units_are_known(tmp_path, text, m_s):
-    file = tmp_path / "path.apt"
-    file.write_text(f"FEDRAT/{text}\nGOTO/1,2,3\nGOTO/4,2,3\n")
-    assert read_path(file).feed == pytest.approx([m_s, m_s])
+    assert read(tmp_path, f"FEDRAT/{text}\nGOTO/1,2,3\nGOTO/4,2,3\n").feed == pytest.approx([m_s, m_s])
 
 
 def test_a_tool_axis_statement_holds_for_the_points_after_it(tmp_path):
-    file = tmp_path / "path.apt"
-    file.write_text("TLAXIS/0.6,0,0.8\nGOTO/1,2,3\nGOTO/4,2,3\n")
-    assert read_path(file).axes_work == pytest.approx(np.array([[0.6, 0.0, 0.8]] * 2))
+    assert read(tmp_path, "TLAXIS/0.6,0,0.8\nGOTO/1,2,3\nGOTO/4,2,3\n").axes_work == pytest.approx(
+        np.array([[0.6, 0.0, 0.8]] * 2)
+    )
 
 
-@pytest.mark.parametrize("name", ["sphere_100", "plate_two_holes"])
-def test_our_own_file_comes_back_to_print_precision(tmp_path, name):
-    result = shipped_plan(name)
-    file = tmp_path / "path.apt"
-    file.write_text(apt_text(result, ExportSetup()))
-    path, back = result.path.rows(rows_without_straight_air(result.path)), read_path(file)
+@pytest.mark.parametrize("wishes", [False, True])
+def test_our_own_file_comes_back_to_print_precision(tmp_path, wishes):
+    result = with_wishes(shipped_plan("plate_two_holes")) if wishes else shipped_plan("plate_two_holes")
+    path = result.path.rows(rows_without_straight_air(result.path))
+    back = read(tmp_path, apt_text(result, ExportSetup()))
     assert np.abs(back.positions_work - path.positions_work).max() <= 0.5001e-9
     assert np.abs(back.axes_work - path.axes_work).max() < 2e-9
     assert (back.segment == path.segment).all()
     assert (back.pass_index == path.pass_index).all()
-    assert back.force is None
     assert back.feed is not None
-    assert back.feed[path.process] == pytest.approx(0.01)
-
-
-def test_force_and_feed_of_the_waypoints_come_back(tmp_path):
-    result = shipped_plan("sphere_100")
-    count = len(result.path.s)
-    path = replace(result.path, force=np.linspace(5.0, 25.0, count), feed=np.linspace(0.005, 0.02, count))
-    file = tmp_path / "path.apt"
-    file.write_text(apt_text(replace(result, path=path), ExportSetup()))
-    back = read_path(file)
-    assert back.force is not None
-    assert back.feed is not None
-    assert back.force[back.process] == pytest.approx(path.force[path.process], abs=1e-6)
-    assert back.feed[back.process] == pytest.approx(path.feed[path.process], abs=1e-10)
+    assert back.feed[path.process] == pytest.approx(path.feed[path.process] if wishes else 0.01, abs=1e-10)
+    assert (back.force is None) != wishes
+    if wishes:
+        assert back.force[path.process] == pytest.approx(path.force[path.process], abs=1e-6)
 
 
 def test_the_tool_moves_rapid_in_the_air_only():
-    text = apt_text(shipped_plan("sphere_100"), ExportSetup()).splitlines()
-    path = shipped_plan("sphere_100").path
-    segment = path.segment[rows_without_straight_air(path)]
+    result = shipped_plan("plate_two_holes")
+    text = apt_text(result, ExportSetup()).splitlines()
+    segment = result.path.segment[rows_without_straight_air(result.path)]
     assert text.count("RAPID") == np.isin(segment, (APPROACH, RETRACT)).sum()
     assert sum(line.startswith("GOTO/") for line in text) == len(segment)
 
@@ -184,9 +170,7 @@ FINI
 
 @pytest.mark.parametrize("system", OTHERS)
 def test_the_habits_of_other_systems_are_understood(tmp_path, system):
-    file = tmp_path / "path.ncl"
-    file.write_text(OTHERS[system])
-    path = read_path(file)
+    path = read(tmp_path, OTHERS[system])
     assert path.positions_work == pytest.approx(1e-3 * np.array([[0, 0, 30], [0, 0, 0], [10, 0, 0]]))
     assert path.segment.tolist() == [APPROACH, PROCESS, PROCESS]
     assert path.feed == pytest.approx([0.25 / 60.0] * 3)
@@ -228,9 +212,7 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_what_cannot_be_read_is_named_with_its_line(tmp_path, case):
     text, message = BAD[case]
-    file = tmp_path / "bad.apt"
-    file.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
-        read_path(file)
-    assert "bad.apt" in str(caught.value)
+        read(tmp_path, text)
+    assert "path.apt" in str(caught.value)
     assert "\n" not in str(caught.value)

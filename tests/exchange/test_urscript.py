@@ -14,7 +14,7 @@ from polish_sim.exchange.strokes import feed_frames
 from polish_sim.exchange.urscript import STANDOFF_M, urscript_text
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.toolpath import LEAD_IN, PROCESS
-from polish_sim.spatial import apply, from_pose, inverse
+from polish_sim.spatial import from_pose, inverse
 from tests.exchange.urscript_machine import Halted, Machine
 from tests.planning.shapes import shipped_plan
 
@@ -197,24 +197,15 @@ def test_a_path_without_leads_is_landed_from_above():
     assert heights[-1] == pytest.approx(0.03, abs=1e-5)
 
 
-def test_long_programs_are_cut_into_functions_of_limited_length():
+def test_the_program_says_where_the_part_is_and_why_the_path_is_not_pressed_in_and_is_cut_into_short_functions():
     text = urscript_text(shipped_plan("plate_two_holes"), SETUP)
+    head = text[: text.index("def ")]
+    assert "ON the surface" in head
+    assert "Never run these poses pressed in" in head
+    assert f"global T_base_work = p[{', '.join(f'{value:.6g}' for value in PART_POSE)}]" in text
     length, longest = 0, 0
     for line in text.splitlines():
         length = 0 if line.strip() == "end" else length + 1
         longest = max(longest, length)
     assert longest <= 220
     assert max(map(len, text.splitlines())) < 160
-
-
-def test_the_header_says_why_the_path_is_not_pressed_in():
-    text = urscript_text(shipped_plan("sphere_100"), SETUP)
-    head = text[: text.index("def ")]
-    assert "ON the surface" in head
-    assert "Never run these poses pressed in" in head
-
-
-def test_the_part_may_stand_anywhere():
-    place = apply(from_pose(PART_POSE), np.zeros((1, 3)))[0]
-    text = urscript_text(shipped_plan("sphere_100"), SETUP)
-    assert f"global T_base_work = p[{place[0]:.6g}, {place[1]:.6g}, {place[2]:.6g}, 0.1, -0.2, 0.7]" in text

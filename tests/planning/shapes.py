@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -88,6 +89,13 @@ def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig) -> PlanResult:
 def shipped_plan(name: str, pattern: str = "spiral") -> PlanResult:
     """The plan of a shipped part with 8 mm step-over; made once for all tests."""
     return plan_part(PartConfig(name), PlanConfig(pattern=pattern, stepover_m=0.008))
+
+
+def with_wishes(plan: PlanResult) -> PlanResult:
+    """The plan with a force and a feed of its own at every point."""
+    count = len(plan.path.s)
+    path = replace(plan.path, force=np.linspace(5.0, 25.0, count), feed=np.linspace(0.005, 0.02, count))
+    return replace(plan, path=path)
 
 
 def region_of(name: str) -> Region:

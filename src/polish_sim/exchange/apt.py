@@ -12,20 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from polish_sim.arrays import Bools
 from polish_sim.errors import InputError
 from polish_sim.exchange.strokes import ExportSetup, feeds_of, in_part_remark, moves_in_part, rows_without_straight_air
-from polish_sim.exchange.way_points import (
-    Unknown,
-    WayPoints,
-    checked_length,
-    feeds_from_first,
-    numbered_strokes,
-    unit_axes,
-    with_retract,
-)
+from polish_sim.exchange.way_points import CamPoints, Unknown, WayPoints
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, ToolPath
 
@@ -101,23 +91,6 @@ def _is_prose(code: str) -> bool:
     return code.upper().startswith(FREE_TEXT)
 
 
-def refusal(file: Path, statement: Statement) -> InputError:
-    """Say why a statement that moves the tool cannot be read."""
-    word = statement.word.split("=")[-1].strip()
-    return InputError(
-        f"'{file}', line {statement.line}: {word} ({REFUSED.get(word, 'a moved frame')}) is not read. "
-        "Post-process the path to GOTO points in one frame."
-    )
-
-
-def unknown_word(file: Path, statement: Statement) -> InputError:
-    """The error for an unknown word."""
-    known = ", ".join(KNOWN)
-    return InputError(
-        f"'{file}', line {statement.line}: unknown word '{statement.word[:40]}'. Read are {known}, points by GOTO."
-    )
-
-
 UNITS: Final[Mapping[str, float]] = {"MM": 1e-3, "CM": 1e-2, "M": 1.0, "INCH": 0.0254, "INCHES": 0.0254, "IN": 0.0254}
 FEED_UNITS: Final[Mapping[str, float]] = {"MMPM": 1e-3 / 60.0, "IPM": 0.0254 / 60.0}
 PER_MINUTE: Final = ("PERMIN", "UPM")
@@ -128,22 +101,18 @@ NOTE: Final = "polish-sim:"  #: Begins a comment that says segment, pass and for
 
 
 @dataclass
-class _Machine:
+class _Machine(CamPoints):
     """What holds while the statements are gone through."""
 
-    file: Path
     unit: float = 1e-3
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
     feed: float = math.nan
     rapid: bool = False
     noted: dict[str, str] = field(default_factory=dict)
-    rows: list[tuple[float, ...]] = field(default_factory=list)
-    segments: list[int] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
 
-    def place(self, row: int) -> str:
-        """Where a point stands."""
-        return f"line {self.lines[row]}, point {row + 1}"
+    def error(self, statement: Statement, text: str) -> InputError:
+        """An error that names its statement's line."""
+        return InputError(f"'{self.file}', line {statement.line}: {text}")
 
 
 def read_apt(file: Path, text: str, unknown: Unknown) -> WayPoints:
@@ -160,10 +129,24 @@ def read_apt(file: Path, text: str, unknown: Unknown) -> WayPoints:
         if action is not None:
             action(machine, statement)
         elif statement.word.split("=")[-1].strip() in REFUSED:
-            raise refusal(file, statement)
+            raise _refusal(machine, statement)
         elif statement.word.split(maxsplit=1)[0] not in IGNORED:
-            unknown(unknown_word(file, statement))
-    return WayPoints(_path(machine), file, machine.place)
+            said = f"unknown word '{statement.word[:40]}'. Read are {', '.join(KNOWN)}, points by GOTO."
+            unknown(machine.error(statement, said))
+    path = machine.path(
+        "no GOTO in it. Give APT source or CLDATA as text.",
+        "GOTO is RAPID, nothing is done at a feed. Give the path with FEDRAT.",
+    )
+    return WayPoints(path, file, machine.place)
+
+
+def _refusal(machine: _Machine, statement: Statement) -> InputError:
+    """Say why a statement that moves the tool cannot be read."""
+    word = statement.word.split("=")[-1].strip()
+    why = (
+        f"{word} ({REFUSED.get(word, 'a moved frame')}) is not read. Post-process the path to GOTO points in one frame."
+    )
+    return machine.error(statement, why)
 
 
 def _goto(machine: _Machine, statement: Statement) -> None:
@@ -174,9 +157,7 @@ def _goto(machine: _Machine, statement: Statement) -> None:
     force = _noted_number(machine, "force", statement)
     turn = _noted_number(machine, "pass", statement)
     position = tuple(machine.unit * value for value in numbers[:3])
-    machine.rows.append((*position, *machine.axis, machine.feed, force, turn))
-    machine.segments.append(segment)
-    machine.lines.append(statement.line)
+    machine.add(statement.line, segment, *position, *machine.axis, machine.feed, force, turn)
     machine.rapid = False  # RAPID holds for one motion
 
 
@@ -192,15 +173,13 @@ def _rapid(machine: _Machine, statement: Statement) -> None:
 def _feed_rate(machine: _Machine, statement: Statement) -> None:
     words = [word for word in statement.arguments if not _is_number(word)]
     values = [float(word) for word in statement.arguments if _is_number(word)]
-    where = f"'{machine.file}', line {statement.line}"
     if any(word in PER_TURN for word in words):
-        raise InputError(f"{where}: a feed per turn ({words[0]}) means nothing to a polishing pad. Give it per minute.")
+        said = f"a feed per turn ({words[0]}) means nothing to a polishing pad. Give it per minute."
+        raise machine.error(statement, said)
     unknown = [word for word in words if word not in FEED_UNITS and word not in PER_MINUTE]
     if unknown or len(words) > 1 or len(values) != 1 or not math.isfinite(values[0]) or values[0] <= 0.0:
-        raise InputError(
-            f"{where}: FEDRAT/{','.join(statement.arguments)} is no feed. Wanted: a positive number per minute, "
-            f"with {', '.join((*FEED_UNITS, *PER_MINUTE))} or nothing."
-        )
+        said = f"FEDRAT/{','.join(statement.arguments)} is no feed. Wanted: a positive number per minute, "
+        raise machine.error(statement, said + f"with {', '.join((*FEED_UNITS, *PER_MINUTE))} or nothing.")
     unit = FEED_UNITS[words[0]] if words and words[0] in FEED_UNITS else machine.unit / 60.0
     machine.feed = values[0] * unit
 
@@ -208,13 +187,13 @@ def _feed_rate(machine: _Machine, statement: Statement) -> None:
 def _units(machine: _Machine, statement: Statement) -> None:
     name = statement.arguments[0] if len(statement.arguments) == 1 else ",".join(statement.arguments)
     if name not in UNITS:
-        raise InputError(f"'{machine.file}', line {statement.line}: unknown unit '{name}'. Known: {', '.join(UNITS)}.")
+        raise machine.error(statement, f"unknown unit '{name}'. Known: {', '.join(UNITS)}.")
     machine.unit = UNITS[name]
 
 
 def _multiple_axes(machine: _Machine, statement: Statement) -> None:
     if statement.arguments not in ((), ("ON",), ("OFF",)):
-        raise InputError(f"'{machine.file}', line {statement.line}: MULTAX is ON or OFF, nothing else.")
+        raise machine.error(statement, "MULTAX is ON or OFF, nothing else.")
 
 
 def _tool_axis(machine: _Machine, statement: Statement) -> None:
@@ -225,7 +204,7 @@ def _frame(machine: _Machine, statement: Statement) -> None:
     """A frame of the machine's is taken only where it is that of the part."""
     numbers = [float(word) if _is_number(word) else math.nan for word in statement.arguments]
     if numbers not in [list(frame[: len(numbers)]) for frame in OWN_FRAME] or len(numbers) not in (3, 9):
-        raise refusal(machine.file, statement)
+        raise _refusal(machine, statement)
 
 
 _ACTIONS: Final[Mapping[str, Callable[[_Machine, Statement], None]]] = {
@@ -255,15 +234,15 @@ def _noted_number(machine: _Machine, name: str, statement: Statement) -> float:
 
 
 def _numbers(machine: _Machine, statement: Statement, counts: Sequence[int]) -> tuple[float, ...]:
-    where = f"'{machine.file}', line {statement.line}: {statement.word}"
     if len(statement.arguments) not in counts:
         wanted = " or ".join(map(str, counts))
-        raise InputError(
-            f"{where} has {len(statement.arguments)} values, wanted {wanted}: x,y,z and the tool axis i,j,k."
+        said = (
+            f"{statement.word} has {len(statement.arguments)} values, wanted {wanted}: x,y,z and the tool axis i,j,k."
         )
+        raise machine.error(statement, said)
     for word in statement.arguments:
         if not _is_number(word) or not math.isfinite(float(word)):
-            raise InputError(f"{where}: '{word}' is not a number. Correct the line.")
+            raise machine.error(statement, f"{statement.word}: '{word}' is not a number. Correct the line.")
     return tuple(float(word) for word in statement.arguments)
 
 
@@ -273,29 +252,6 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _path(machine: _Machine) -> ToolPath:
-    if not machine.rows:
-        raise InputError(f"'{machine.file}' holds no points: no GOTO in it. Give APT source or CLDATA as text.")
-    table = np.array(machine.rows, dtype=np.float64)
-    axes = unit_axes(machine.file, ("i", "j", "k"), table[:, 3:6], machine.place)
-    segment = np.array(machine.segments, dtype=np.int8)
-    noted = np.isfinite(table[:, 8]).all()
-    if not (segment == PROCESS).any():
-        raise InputError(
-            f"'{machine.file}': every GOTO is RAPID, nothing is done at a feed. Give the path with FEDRAT."
-        )
-    return ToolPath(
-        table[:, :3].copy(),
-        axes,
-        checked_length(machine.file, table[:, :3], machine.place),
-        table[:, 8].astype(np.int64) if noted else numbered_strokes(segment),
-        segment if noted else with_retract(segment),
-        np.zeros(len(table)),
-        table[:, 7].copy() if np.isfinite(table[:, 7]).all() else None,
-        feeds_from_first(table[:, 6]),
-    )
 
 
 # Paths for CAM systems and postprocessors: APT/CLDATA text (plan -> GOTO points).

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Bools
 from polish_sim.errors import unknown_name
 from polish_sim.exchange.apt import apt_text
-from polish_sim.exchange.plan_folder import PATH_CSV, PATH_JSON, csv_text, json_text, write_files
+from polish_sim.exchange.plan_folder import PATH_CSV, PATH_JSON, json_text, path_csv, write_files
 from polish_sim.exchange.strokes import (
     ExportSetup,
     feed_frames,
@@ -99,7 +99,7 @@ class Format(NamedTuple):
 
 
 FORMATS: Final[Mapping[str, Format]] = {
-    "csv": Format(PATH_CSV, lambda result, setup: csv_text(result)),
+    "csv": Format(PATH_CSV, lambda result, setup: path_csv(result.path)),
     "json": Format(PATH_JSON, lambda result, setup: json_text(result)),
     "apt": Format("path.apt", apt_text),
     "urscript": Format("path.script", urscript_text),

@@ -13,18 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from polish_sim.errors import InputError
-from polish_sim.exchange.way_points import (
-    Unknown,
-    WayPoints,
-    checked_length,
-    feeds_from_first,
-    numbered_strokes,
-    with_retract,
-)
-from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
+from polish_sim.exchange.way_points import CamPoints, Unknown, WayPoints, refuse_unknown
+from polish_sim.planning.toolpath import APPROACH, PROCESS
 
 # The words of a G-code file: comments, letters and numbers taken apart (text -> blocks).
 
@@ -125,19 +116,6 @@ def _words(file: Path, line: int, code: str, unknown: Unknown) -> Iterator[Word]
         end = found.end() if stray else -1
 
 
-def refusal(file: Path, line: int, word: Word) -> InputError:
-    """Say why a word that moves the tool cannot be read."""
-    return InputError(
-        f"'{file}', line {line}, column {word.column}: {word.name} ({REFUSED[word.name]}) is not read, and "
-        "--lenient does not leave out what moves the tool. Post-process the path to G0 and G1 in one frame."
-    )
-
-
-def unknown_word(file: Path, line: int, word: Word) -> InputError:
-    """The error for an unknown word."""
-    return InputError(f"'{file}', line {line}, column {word.column}: unknown word '{word.name}'. Read are {KNOWN}.")
-
-
 UNITS: Final[Mapping[str, float]] = {"G20": 0.0254, "G21": 1e-3, "G70": 0.0254, "G71": 1e-3}
 LINES, ANGLES, VECTOR = "XYZ", "ABC", "IJK"
 PER_MINUTE: Final = 1.0 / 60.0
@@ -148,11 +126,10 @@ NO_AXIS: Final = "'{file}' says no tool axis (I, J, K or A, B, C): it is taken t
 
 
 @dataclass
-class _Machine:
+class _Machine(CamPoints):
     """What holds while the blocks are gone through."""
 
-    file: Path
-    unknown: Unknown
+    unknown: Unknown = refuse_unknown
     unit: float = 1e-3
     relative: bool = False
     rapid: bool | None = None
@@ -160,17 +137,14 @@ class _Machine:
     at: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LINES, math.nan) | dict.fromkeys(ANGLES, 0.0))
     vector: tuple[float, float, float] | None = None
     turned: bool = False
-    rows: list[tuple[float, ...]] = field(default_factory=list)
-    segments: list[int] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
-
-    def place(self, row: int) -> str:
-        """Where a point stands."""
-        return f"line {self.lines[row]}, point {row + 1}"
 
     def error(self, block: Block, word: Word, text: str) -> InputError:
         """An error that names its word's place."""
         return InputError(f"'{self.file}', line {block.line}, column {word.column}: {text}")
+
+    def take_unknown(self, block: Block, word: Word) -> None:
+        """Refuse or note an unknown word."""
+        self.unknown(self.error(block, word, f"unknown word '{word.name}'. Read are {KNOWN}."))
 
 
 def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
@@ -179,11 +153,16 @@ def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
     Raises InputError, naming line and column, for a word that moves the tool other than on straight lines, or no
     points.
     """
-    machine = _Machine(file, unknown)
+    machine = _Machine(file, unknown=unknown)
     for block in blocks(file, text, unknown):
         _obey(machine, block)
     assumed = "" if machine.turned or machine.vector is not None else NO_AXIS.format(file=file)
-    return WayPoints(_path(machine), file, machine.place, assumed)
+    path = machine.path(
+        "no G0 or G1 after which X, Y and Z are all known. "
+        "Give G-code as text, with a first line such as G0 X0 Y0 Z50.",
+        "move is G0, nothing is done at a feed. Give the path with G1.",
+    )
+    return WayPoints(path, file, machine.place, assumed)
 
 
 def _obey(machine: _Machine, block: Block) -> None:
@@ -202,7 +181,7 @@ def _obey(machine: _Machine, block: Block) -> None:
         elif word.letter == "F":
             feed = word
         elif word.letter not in SILENT and not (word.letter == "P" and _takes_p(block)):
-            machine.unknown(unknown_word(machine.file, block.line, word))
+            machine.take_unknown(block, word)
     if feed is not None:
         _set_feed(machine, block, feed)
     if axes and not dwells:
@@ -222,9 +201,12 @@ def _set_mode(machine: _Machine, block: Block, word: Word) -> None:
     elif name in ("G90", "G91"):
         machine.relative = name == "G91"
     elif name in REFUSED:
-        raise refusal(machine.file, block.line, word)
-    elif name not in IGNORED and name not in ("M2", "M30"):
-        machine.unknown(unknown_word(machine.file, block.line, word))
+        raise machine.error(
+            block, word, f"{name} ({REFUSED[name]}) is not read, and --lenient does not leave out what moves the tool. "
+            "Post-process the path to G0 and G1 in one frame.",
+        )  # fmt: skip
+    elif name not in IGNORED | ENDS:
+        machine.take_unknown(block, word)
 
 
 def _set_feed(machine: _Machine, block: Block, word: Word) -> None:
@@ -249,9 +231,8 @@ def _move(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
     x, y, z = (machine.at[letter] for letter in LINES)
     # The machine's start position is unknown: the path begins where all three coordinates are given.
     if not math.isnan(x + y + z):
-        machine.rows.append((x, y, z, *_axis(machine), machine.feed))
-        machine.segments.append(APPROACH if machine.rapid else PROCESS)
-        machine.lines.append(block.line)
+        segment = APPROACH if machine.rapid else PROCESS
+        machine.add(block.line, segment, x, y, z, *_axis(machine), machine.feed, math.nan, math.nan)
 
 
 def _turn(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
@@ -280,26 +261,3 @@ def _axis(machine: _Machine) -> tuple[float, float, float]:
     a, b, c = (math.radians(machine.at[letter]) for letter in ANGLES)
     x, y, z = math.cos(a) * math.sin(b), -math.sin(a), math.cos(a) * math.cos(b)
     return x * math.cos(c) - y * math.sin(c), x * math.sin(c) + y * math.cos(c), z
-
-
-def _path(machine: _Machine) -> ToolPath:
-    if not machine.rows:
-        raise InputError(
-            f"'{machine.file}' holds no points: no G0 or G1 after which X, Y and Z are all known. "
-            "Give G-code as text, with a first line such as G0 X0 Y0 Z50."
-        )
-    table = np.array(machine.rows, dtype=np.float64)
-    segment = np.array(machine.segments, dtype=np.int8)
-    if not (segment == PROCESS).any():
-        raise InputError(f"'{machine.file}': every move is G0, nothing is done at a feed. Give the path with G1.")
-    axes = table[:, 3:6] / np.linalg.norm(table[:, 3:6], axis=1, keepdims=True)
-    return ToolPath(
-        table[:, :3].copy(),
-        axes,
-        checked_length(machine.file, table[:, :3], machine.place),
-        numbered_strokes(segment),
-        with_retract(segment),
-        np.zeros(len(table)),
-        None,
-        feeds_from_first(table[:, 6]),
-    )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -25,8 +23,14 @@ from polish_sim.exchange.way_points import (
 )
 from polish_sim.planning.toolpath import PROCESS, SEGMENTS, ToolPath
 from polish_sim.row_file import whole_file
-from polish_sim.tables import Columns, Place, finite_column
+from polish_sim.tables import Columns, Place, csv_text, finite_column
 
+if TYPE_CHECKING:
+    from polish_sim.geometry import PartMesh
+    from polish_sim.planning import PlanResult
+
+PATH_CSV, PATH_JSON, METRICS = "path.csv", "path.json", "metrics.json"
+VERSIONED: Final = ("polish-sim", "numpy", "scipy", "numba")
 OWN: Final = ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment")
 PLAIN: Final = ("x", "y", "z", "i", "j", "k")
 CURVATURE: Final = "curvature_1_m"
@@ -148,20 +152,12 @@ def _pass_numbers(table: Table) -> Indices:
     return values.astype(np.int64)
 
 
-if TYPE_CHECKING:
-    from polish_sim.geometry import PartMesh
-    from polish_sim.planning import PlanResult, ToolPath
-
-PATH_CSV, PATH_JSON, METRICS = "path.csv", "path.json", "metrics.json"
-VERSIONED: Final = ("polish-sim", "numpy", "scipy", "numba")
-
-
 def write_plan(folder: str | Path, result: PlanResult) -> None:
     """Write path.csv, path.json and metrics.json into a folder, each under a temporary name until whole."""
     write_files(
         Path(folder),
         {
-            PATH_CSV: csv_text(result).encode(),
+            PATH_CSV: path_csv(result.path).encode(),
             PATH_JSON: json_text(result).encode(),
             METRICS: metrics_text(result).encode(),
         },
@@ -179,20 +175,10 @@ def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
         raise InputError(f"cannot write the plan into '{folder}': {error.strerror}. Choose another folder.") from error
 
 
-def csv_text(result: PlanResult) -> str:
-    """A plan's path as path.csv."""
-    return path_csv(result.path)
-
-
 def path_csv(path: ToolPath) -> str:
-    """A path as path.csv."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
+    """A path as path.csv; a float's text reads back to the same bits."""
     table = path_columns(path)
-    writer.writerow(table)
-    # repr of a float reads back to the same bits.
-    writer.writerows(zip(*table.values(), strict=True))
-    return out.getvalue()
+    return csv_text(list(table), list(zip(*table.values(), strict=True)))
 
 
 def json_text(result: PlanResult) -> str:

@@ -180,8 +180,8 @@ def _settings(setup: ExportSetup) -> list[str]:
     return [*lines, f"  set_tcp({_pose(tool.tcp_pose)})", f"{mass}  # [kg], centre in the flange [m]"]
 
 
-def _pose(values: Sequence[float]) -> str:
-    return "p[" + ", ".join(f"{value:.6g}" for value in values) + "]"
+def _pose(values: Sequence[float] | Array, form: str = ".6g") -> str:
+    return "p[" + ", ".join(f"{value:{form}}" for value in values) + "]"
 
 
 CHORD_M: Final = 5e-5
@@ -295,11 +295,7 @@ def _motions(moves: Sequence[_Move]) -> list[str]:
 
 def _motion(move: _Move) -> str:
     blend = f", r={move.blend:.6f}" if move.blend > 0.0 else ""
-    return f"movel(on_part({_urscript_pose(move.pose)}), a=acceleration, v={move.speed}{blend})"
-
-
-def _urscript_pose(pose: Array) -> str:
-    return "p[" + ", ".join(f"{value:.6f}" for value in pose) + "]"
+    return f"movel(on_part({_pose(move.pose, '.6f')}), a=acceleration, v={move.speed}{blend})"
 
 
 def _function(name: str, body: Sequence[str]) -> list[str]:
@@ -311,7 +307,7 @@ def _run_stroke(number: int, chunks: int, start: _Move, landing: Sequence[_Move]
     go, speed = ("movej", "joint_speed") if number == 1 else ("movel", "travel_speed")
     return [
         f"# stroke {number}",
-        f"{go}(on_part({_urscript_pose(start.pose)}), a=acceleration, v={speed})",
+        f"{go}(on_part({_pose(start.pose, '.6f')}), a=acceleration, v={speed})",
         "zero_sensor()",
         "start_spindle()",
         f"come_down_{number}()",

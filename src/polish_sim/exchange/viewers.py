@@ -109,14 +109,10 @@ def colors_along(share: Array) -> Colors:
 
 def _joined(pieces: list[Tube]) -> Tube:
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces[:-1])])
-    faces = [piece.faces + start for piece, start in zip(pieces, starts, strict=True)]
-    return Tube(
-        np.concatenate([piece.vertices for piece in pieces]),
-        np.concatenate(faces).astype(np.int32),
-        np.concatenate([piece.colors for piece in pieces]),
-        np.concatenate([piece.s for piece in pieces]),
-        np.concatenate([piece.contact for piece in pieces]),
-    )
+    numbered = [
+        piece._replace(faces=piece.faces + np.int32(start)) for piece, start in zip(pieces, starts, strict=True)
+    ]
+    return Tube(*(np.concatenate(column) for column in zip(*numbered, strict=True)))
 
 
 # The plan as a page for the browser, without a robot: part, path, and the pad going along it (plan -> Page).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -99,18 +100,60 @@ def refuse_unknown(error: InputError) -> None:
     raise error
 
 
-# What CAM paths say by RAPID and feed: segments, strokes and feeds of their points (readers' rows -> columns).
+# What CAM paths say by RAPID and feed: segments, strokes and feeds of their points.
 
 Codes = NDArray[np.int8]
 
 
-def with_retract(segment: Codes) -> Codes:
+@dataclass
+class CamPoints:
+    """The points of a CAM path, gathered statement by statement."""
+
+    file: Path
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    """Position [m] and tool axis of each, feed [m/s], force [N] and number of the stroke; NaN what is not said."""
+    segments: list[int] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)  #: Where they stand
+
+    def add(self, line: int, segment: int, *row: float) -> None:
+        """Take up one more point."""
+        self.rows.append(row)
+        self.segments.append(segment)
+        self.lines.append(line)
+
+    def place(self, row: int) -> str:
+        """Where a point stands."""
+        return f"line {self.lines[row]}, point {row + 1}"
+
+    def path(self, no_points: str, no_feed: str) -> ToolPath:
+        """The whole path; ``no_points`` and ``no_feed`` say what is wrong with a file without any."""
+        if not self.rows:
+            raise InputError(f"'{self.file}' holds no points: {no_points}")
+        table = np.array(self.rows, dtype=np.float64)
+        axes = unit_axes(self.file, ("i", "j", "k"), table[:, 3:6], self.place)
+        segment = np.array(self.segments, dtype=np.int8)
+        noted = np.isfinite(table[:, 8]).all()
+        if not (segment == PROCESS).any():
+            raise InputError(f"'{self.file}': every {no_feed}")
+        return ToolPath(
+            table[:, :3].copy(),
+            axes,
+            checked_length(self.file, table[:, :3], self.place),
+            table[:, 8].astype(np.int64) if noted else _numbered_strokes(segment),
+            segment if noted else _with_retract(segment),
+            np.zeros(len(table)),
+            table[:, 7].copy() if np.isfinite(table[:, 7]).all() else None,
+            _feeds_from_first(table[:, 6]),
+        )
+
+
+def _with_retract(segment: Codes) -> Codes:
     """The segments (n,) with retract after the last process point, of which there is one at least."""
     last = int(np.flatnonzero(segment == PROCESS)[-1])
     return np.where(np.arange(len(segment)) > last, np.int8(RETRACT), segment)
 
 
-def numbered_strokes(segment: Codes) -> Indices:
+def _numbered_strokes(segment: Codes) -> Indices:
     """Number of the stroke of every point, (n,): a new one begins where the tool comes down from the air."""
     down = (segment[1:] == PROCESS) & (segment[:-1] != PROCESS)
     begins = np.concatenate([[False], down])
@@ -118,7 +161,7 @@ def numbered_strokes(segment: Codes) -> Indices:
     return np.cumsum(begins).astype(np.int64)
 
 
-def feeds_from_first(feed: Array) -> Array | None:
+def _feeds_from_first(feed: Array) -> Array | None:
     """Feed at every point (n,) from feeds that are NaN before the first one: that one holds; None if there is none."""
     known = np.flatnonzero(np.isfinite(feed))
     if not len(known):
