@@ -19,6 +19,7 @@ from polish_sim.identification.arm import believe, build_arm, motion_limits, pla
 from polish_sim.identification.estimate import (
     INTERVAL_95,
     base_of,
+    condition_number,
     estimate,
     held_out_error,
     information,
@@ -30,7 +31,6 @@ from polish_sim.identification.excitation import (
     OBJECTIVES,
     ExcitationTask,
     allowed_motions,
-    condition_number,
     design,
     mean_information,
     use_matrix,
@@ -91,7 +91,7 @@ def prepared(terms: tuple[str, ...]):  # type: ignore[no-untyped-def]
     base, rng = base_of(arm.truth), np.random.default_rng(0)
     drawing = believe(arm, rng)
     task = ExcitationTask(
-        arm.truth, base, drawing.parameters, SIGMA, motion_limits(), np.eye(base.rank), arm.near
+        arm.truth, base, drawing.parameters, SIGMA, motion_limits(), np.eye(base.rank), arm.clearance.measure
     )  # fmt: skip
     drawn, t = allowed_motions(task, rng), np.arange(200) / 20.0
     uses = [use_matrix(arm.truth, base, next(drawn)(t), SIGMA) for _ in range(32)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
@@ -18,14 +18,11 @@ if TYPE_CHECKING:
     from polish_sim.identification.arm import LoggedRobot
     from polish_sim.identification.identify import Identification
     from polish_sim.identification.log_file import RobotLog
-    from polish_sim.identification.model_file import IdentifiedJoints
     from polish_sim.identification.payload import Weighed
     from polish_sim.identification.regressor import States
     from polish_sim.identification.settings import IdentifySettings
 
 PANEL: Final = "Identification"
-PAYLOAD_FILE: Final = "payload.csv"
-PAYLOAD_COLUMNS: Final = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")
 FULL_PERIODS: Final = 5
 ARM_KEYS: Final = ("robot.arm=", "robot.real.")  #: What --set may change
 LITTLE_EXPLAINED: Final = 0.5  #: A joint is noted if the model explains less than this share of its torque's variance
@@ -68,7 +65,7 @@ def identify(given: Given) -> int:
         return 0
     with claimed(given["--out"], "identify", given["--overwrite"]) as folder:
         if data is not None:
-            outcome = from_log(_robot(given), Logs(data, loaded, period), settings.method, folder.draft)
+            outcome = from_log(_robot(given), data, loaded, period, settings.method, folder.draft)
         elif loaded is not None:
             outcome = weigh_alone(_robot(given), loaded, period, folder.draft)
         else:
@@ -122,17 +119,10 @@ def _robot(given: Given) -> LoggedRobot:
     return robot_of_file(given["--model"], None if joints is None else [name.strip() for name in joints.split(",")])
 
 
-class Logs(NamedTuple):
-    """A user's logs."""
-
-    empty: Path
-    loaded: Path | None = None  #: The same robot carrying a payload
-    period: float | None = None  #: After which the motion of both repeats [s]; None if it does not
-
-
 def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None) -> Outcome:
     """Identify the simulated arm, for a task if one is given, and write its folder."""
     from polish_sim.cli.outcome import Outcome
+    from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import run_identification
     from polish_sim.identification.settings import GEARS, IDENTIFY
     from polish_sim.identification.use_motion import use_states
@@ -141,11 +131,8 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
     with console.progress() as observer:
         found = run_identification(settings, observer, use)
         observer.stage("draw")
-        _write(draft, found)
-    _show_parameters(found)
-    if found.weighed is not None:
-        write_payload(draft, found.weighed)
-        show_payload(found.weighed)
+        write_folder(draft, found)
+    show(found)
     periods = count_text(settings.periods, "period")
     title = f"identification, {settings.method}, {settings.objective}, {periods}, seed {settings.seed}"
     claims = IDENTIFY[asked_of(settings) if task is None else "task"]
@@ -163,28 +150,30 @@ def asked_of(settings: IdentifySettings) -> str:
     return kind if settings.objective == usual.objective else f"{kind}-other"
 
 
-def from_log(robot: LoggedRobot, logs: Logs, method: str, draft: Path) -> Outcome:
-    """Identify a robot, and what it carries in a second log, from its own logs, and write its folder."""
+def from_log(
+    robot: LoggedRobot, file: Path, loaded: Path | None, period: float | None, method: str, draft: Path
+) -> Outcome:
+    """Identify a robot, and what it carries in a second log, from its own logs, and write its folder.
+
+    ``period``: after which the motion of both repeats [s]; None if it does not.
+    """
     from polish_sim.cli.outcome import Outcome
+    from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import identify_from_log
     from polish_sim.identification.payload import weigh_from_logs
     from polish_sim.identification.settings import IDENTIFY
 
-    file = logs.empty
     with console.progress() as observer:
         observer.stage("read the log")
-        run = read_run(file, robot, logs.period)
+        run = read_run(file, robot, period)
         observer.stage("fit the model")
         found = identify_from_log(robot, *run, method)
-        if logs.loaded is not None:
-            weighed = weigh_from_logs(robot, run, read_run(logs.loaded, robot, logs.period))
+        if loaded is not None:
+            weighed = weigh_from_logs(robot, run, read_run(loaded, robot, period))
             found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
-            write_payload(draft, weighed)
         observer.stage("draw")
-        _write(draft, found, robot.file)
-    _show_parameters(found)
-    if found.weighed is not None:
-        show_payload(found.weighed)
+        write_folder(draft, found, robot.file)
+    show(found)
     kind = "data" if method == "joint" else "data-stepwise"
     title = f"identification from {file.name}, {method}"
     return Outcome(IDENTIFY[kind], title, {"this robot": found.figures}, notes=doubts(found))
@@ -214,58 +203,17 @@ def show_identifiable(robot: LoggedRobot) -> None:
     console.table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2)
 
 
-def _write(folder: Path, found: Identification, source: Path | None = None) -> None:
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-    from polish_sim.experiments.report import save_plots
-    from polish_sim.identification.model_file import write_identified
-    from polish_sim.identification.physical import parameter_rows, parameters_csv
-    from polish_sim.identification.plot import plot_motion, plot_torques
+def show(found: Identification) -> None:
+    """Print friction, rotors and offsets, how well the rest is known, and the payload."""
+    from polish_sim.identification.folder import rows_of
 
-    truth = None if found.truth is None else found.model.truth()
-    rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
-    rows += [] if found.gears is None else found.gears.rows()
-    (folder / "parameters.csv").write_text(parameters_csv(rows), encoding="utf-8")
-    write_identified(folder, found.model.chain.joints, _joints(found), source)
-    write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
-    plots = {"torques.png": plot_torques(found, "Torques of a motion that was not fitted", _facts(found))}
-    if found.motion is not None:
-        facts = [
-            f"predicts other motions to {found.figures['predicted_error_sigma']:.4f} of the noise after one period",
-            f"condition {found.figures['condition_motion']:.0f}",
-        ]
-        plots["motion.png"] = plot_motion(found.motion, "The exciting motion", facts)
-    save_plots(folder, plots)
-
-
-def _joints(found: Identification) -> IdentifiedJoints:
-    from polish_sim.identification.model_file import IdentifiedJoints
-
-    n = found.model.joints
-    friction = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
-    own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
-    return IdentifiedJoints(own, friction.get("viscous"), friction.get("coulomb"), friction.get("armature"))
-
-
-def _facts(found: Identification) -> list[str]:
-    figures = found.figures
-    return [
-        f"error {100 * figures['nrms_heldout_mean']:.3f}% of the range (mean of the joints)",
-        f"drawing {100 * figures['nrms_heldout_drawing_mean']:.1f}%",
-        f"{figures['base_parameters']} parameters from {figures['samples']} samples",
-    ]
-
-
-def _show_parameters(found: Identification) -> None:
-    """Print friction, rotors and offsets, and how well the rest is known."""
-    from polish_sim.identification.physical import parameter_rows
-
-    truth = None if found.truth is None else found.model.truth()
-    rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
-    rows += [] if found.gears is None else found.gears.rows()
+    rows = rows_of(found)
     alone = [row for row in rows if row.identifiable in ("alone", "gear")]
     table = [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", _or_dash(r.true_value)] for r in alone]
     console.table("parameters identified alone", ["parameter", "unit", "value", "std", "true"], table)
     console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
+    if found.weighed is not None:
+        show_payload(found.weighed)
 
 
 def _or_dash(value: float) -> str:
@@ -285,6 +233,7 @@ def weigh_alone(robot: LoggedRobot, file: Path, period: float | None, draft: Pat
     """Find a payload from one log, the robot's model believed as it is, and write the folder."""
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
     from polish_sim.cli.outcome import Outcome
+    from polish_sim.identification.folder import write_payload
     from polish_sim.identification.payload import weigh_from_logs
     from polish_sim.identification.settings import IDENTIFY
 
@@ -298,23 +247,6 @@ def weigh_alone(robot: LoggedRobot, file: Path, period: float | None, draft: Pat
     show_payload(weighed)
     note = "the arm is taken as in its model: intervals count noise only. --data adds a run without payload."
     return Outcome(IDENTIFY["payload-data"], f"payload from {file.name}", {"payload": weighed.figures}, notes=(note,))
-
-
-def write_payload(folder: Path, weighed: Weighed) -> None:
-    """Write ``payload.csv``: mass, centre and inertia about it in the last link's frame, with intervals."""
-    from polish_sim.identification.estimate import INTERVAL_95
-    from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, body_of
-    from polish_sim.tables import csv_text
-
-    payload, rows = weighed.payload, []
-    values, std = payload.body()
-    nearest = body_of(payload.nearest_body(), payload.origin)
-    for k, (name, unit) in enumerate(zip(BODY_NAMES, BODY_UNITS, strict=True)):
-        half = INTERVAL_95 * std[k]
-        numbers = [f"{x:.9g}" for x in (values[k] - half, values[k] + half, nearest[k])]
-        true = "" if weighed.truth is None else f"{body_of(weighed.truth, payload.origin)[k]:.9g}"
-        rows.append([name, f"{values[k]:.9g}", unit, f"{std[k]:.4g}", *numbers, true])
-    (folder / PAYLOAD_FILE).write_text(csv_text(PAYLOAD_COLUMNS, rows), encoding="utf-8")
 
 
 def show_payload(weighed: Weighed) -> None:

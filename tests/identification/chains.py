@@ -8,11 +8,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.identification.robot_model import read_chain
+from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import SerialChain
 
-ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 ODD = """<mujoco><option gravity="1 2 -9"/><worldbody><body pos="0.1 0.2 0.3" euler="20 30 40">
   <joint name="a" axis="1 2 3" pos="0.01 0.02 0.03" damping="2" armature="0.1"/>
   <joint name="b" type="slide" axis="0.3 -1 0.2"/>
@@ -46,7 +45,7 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
 @cache
 def arm_chain() -> SerialChain:
     """The six axes of the cell's robot, tool and head part of the last link."""
-    return read_chain(arm_model(), ARM)
+    return read_chain(arm_model(), ARM_JOINTS)
 
 
 def inverse_dynamics(

@@ -60,10 +60,3 @@ def joined(*parts: States) -> States:
             part,
         ]  # fmt: skip
     return States(*(np.concatenate(part) for part in zip(*pieces, strict=True)))
-
-
-def first_axes_only(motion: FourierMotion, moving: int = 3) -> FourierMotion:
-    """The motion with the later joints held in the middle of theirs."""
-    coefficients = motion.coefficients.copy()
-    coefficients[moving:, 1:] = 0.0
-    return FourierMotion(coefficients, motion.frequency)

@@ -30,6 +30,12 @@ class Known(NamedTuple):
     states: States
     torque: Array
 
+    def with_still(self, joints: slice) -> FourierMotion:
+        """The motion with some joints held in the middle of theirs."""
+        coefficients = self.motion.coefficients.copy()
+        coefficients[joints, 1:] = 0.0
+        return FourierMotion(coefficients)
+
 
 def known_robot(samples: int = 2000, terms: tuple[str, ...] = FULL, seed: int = 0) -> Known:
     """The arm on a random motion of one period, its torques without noise."""
@@ -37,9 +43,8 @@ def known_robot(samples: int = 2000, terms: tuple[str, ...] = FULL, seed: int = 
     base = base_of(model)
     motion = random_motion(LIMITS, np.random.default_rng(seed))
     states = motion(np.arange(samples) / samples * motion.period)
-    return Known(
-        model, base, base.combination @ model.truth(), motion, states, model.torque(states, model.truth())
-    )  # fmt: skip
+    truth = model.truth()
+    return Known(model, base, base.combination @ truth, motion, states, model.torque(states, truth))
 
 
 def noisy(torque: Array, rng: np.random.Generator) -> Array:

@@ -15,9 +15,10 @@ from polish_sim.identification.regressor import (
     regressor_derivatives,
     rigid_regressor,
 )
-from polish_sim.identification.robot_model import read_chain
+from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
+from polish_sim.identification.stepwise import rest_rows
 from polish_sim.models import robot_model_path
-from tests.identification.chains import ARM, arm_chain, arm_model, inverse_dynamics, odd_model
+from tests.identification.chains import arm_chain, arm_model, inverse_dynamics, odd_model
 
 TERMS = ("viscous", "armature")
 
@@ -73,53 +74,48 @@ def test_tool_and_head_are_part_of_the_last_link() -> None:
     assert arm_chain().parameters[5, 0] == pytest.approx(sum(masses))
 
 
+LINK = '<geom size="0.1"/>'
+PAIR = f'<worldbody><body><joint name="a"/>{LINK}<body><joint name="b"/>{LINK}</body></body></worldbody>'
+
+
 @pytest.mark.parametrize(
     ("xml", "said"),
     [
-        ('<body><joint name="ball" type="ball"/><geom size="0.1"/></body>', "joint 'ball' is a ball joint"),
-        ('<body><freejoint name="adrift"/><geom size="0.1"/></body>', "joint 'adrift' is a free joint"),
+        (f'<worldbody><body><joint name="p" type="ball"/>{LINK}</body></worldbody>', "joint 'p' is a ball joint"),
+        (f'<worldbody><body><freejoint name="adrift"/>{LINK}</body></worldbody>', "joint 'adrift' is a free joint"),
         (
-            '<body><joint name="a"/><geom size="0.1"/></body><body><joint name="b"/><geom size="0.1"/></body>',
+            f'<worldbody><body><joint name="a"/>{LINK}</body><body><joint name="b"/>{LINK}</body></worldbody>',
             "branches at joint 'b'",
         ),
-        ('<body><geom size="0.1"/></body>', "no joint"),
+        (f"<worldbody><body>{LINK}</body></worldbody>", "no joint"),
+        (
+            f'<worldbody><body name="x"><joint name="a"/>{LINK}</body></worldbody>'
+            '<equality><connect name="ring" body1="x" anchor="0 0 1"/></equality>',
+            r"ring.*closed loop",
+        ),
+        (
+            PAIR
+            + '<tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="b" coef="-1"/></fixed></tendon>',
+            r"tendon \(belt\) ties joint 'a'",
+        ),
     ],
 )
 def test_what_is_no_serial_chain_is_refused_by_name(xml: str, said: str) -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{xml}</worldbody></mujoco>")
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     with pytest.raises(InputError, match=said):
-        read_chain(model)
-
-
-def test_a_closed_loop_is_refused_by_name() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body name="x"><joint name="a"/><geom size="0.1"/></body></worldbody>'
-        '<equality><connect name="ring" body1="x" anchor="0 0 1"/></equality></mujoco>'
-    )
-    with pytest.raises(InputError, match=r"ring.*closed loop"):
-        read_chain(model)
-
-
-def test_joints_tied_by_a_tendon_are_refused_by_name() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body><joint name="a"/><geom size="0.1"/><body><joint name="b"/><geom size="0.1"/></body>'
-        '</body></worldbody><tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="b" coef="-1"/></fixed>'
-        "</tendon></mujoco>"
-    )
-    with pytest.raises(InputError, match=r"tendon \(belt\) ties joint 'a'"):
         read_chain(model)
 
 
 def test_an_unknown_joint_lists_the_known_ones() -> None:
     with pytest.raises(InputError, match="elbow_joint"):
-        read_chain(arm_model(), (*ARM, "knee"))
+        read_chain(arm_model(), (*ARM_JOINTS, "knee"))
 
 
 RNG = np.random.default_rng
 
 
 @pytest.mark.parametrize(
-    ("terms", "rank"),
+    ("terms", "papers"),
     [
         ((), 36),
         (("viscous", "coulomb"), 48),
@@ -128,58 +124,43 @@ RNG = np.random.default_rng
         (("viscous", "coulomb", "armature", "offset"), 58),
     ],
 )
-def test_the_rank_is_the_papers(terms: tuple[str, ...], rank: int) -> None:
-    assert base_of(TorqueModel(arm_chain(), terms)).rank == rank
+def test_the_rank_is_the_papers(terms: tuple[str, ...], papers: int) -> None:
+    assert base_of(TorqueModel(arm_chain(), terms)).rank == papers
 
 
-def test_poses_at_rest_tell_ten_numbers() -> None:
-    model = TorqueModel(arm_chain(), ())
-    q = random_states(6, 100, RNG(0)).q
-    rows = model.regressor(States(q, 0.0 * q, 0.0 * q)).reshape(-1, model.columns)
-    assert base_of_rows(rows).rank == 10
+RIGID = TorqueModel(arm_chain(), ())
 
 
-def test_poses_approached_slowly_from_both_sides_tell_sixteen() -> None:
-    model = TorqueModel(arm_chain(), ("coulomb",))
+def rank(rows: np.ndarray) -> int:
+    """Number of base parameters of regressor rows (m, joints, columns)."""
+    return base_of_rows(rows.reshape(-1, rows.shape[2])).rank
+
+
+def test_poses_at_rest_tell_ten_numbers_and_approached_slowly_from_both_sides_sixteen() -> None:
     q = np.repeat(random_states(6, 100, RNG(1)).q, 2, axis=0)
+    assert rank(RIGID.regressor(States(q, 0.0 * q, 0.0 * q))) == 10
     side = np.where(np.arange(200) % 2, 1.0, -1.0)[:, None] * np.ones(6)
-    rows = model.regressor(States(q, side, 0.0 * q))
-    # Slow: friction has its sign, inertia shows nothing.
-    rows[:, :, :60] = model.regressor(States(q, 0.0 * q, 0.0 * q))[:, :, :60]
-    assert base_of_rows(rows.reshape(-1, model.columns)).rank == 16
+    assert rank(rest_rows(TorqueModel(arm_chain(), ("coulomb",)), States(q, side, 0.0 * q))) == 16
 
 
 def test_three_axes_with_a_locked_wrist_tell_fifteen() -> None:
-    model = TorqueModel(arm_chain(), ())
     states = random_states(6, 200, RNG(2))
     for part in states[1:]:
         part[:, 3:] = 0.0
     states.q[:, 3:] = (0.3, -1.1, 0.7)
-    rows = model.regressor(states)[:, :3].reshape(-1, model.columns)
-    assert base_of_rows(rows).rank == 15
+    assert rank(RIGID.regressor(states)[:, :3]) == 15
 
 
 def test_wrist_torques_alone_lose_three_parameters() -> None:
-    model = TorqueModel(arm_chain(), ())
-    states = random_states(6, 300, RNG(3))
-    rows = model.regressor(states)
-    of_wrist = [column for column in range(60) if column >= 30]
-    all_six = base_of_rows(rows[:, :, of_wrist].reshape(-1, 30)).rank
-    wrist = base_of_rows(rows[:, 3:, of_wrist].reshape(-1, 30)).rank
-    assert all_six - wrist == 3
+    rows = RIGID.regressor(random_states(6, 300, RNG(3)))[:, :, 30:]
+    assert rank(rows) - rank(rows[:, 3:]) == 3
 
 
-def test_base_parameters_give_the_torques_of_all_parameters() -> None:
+def test_base_parameters_give_the_torques_of_all_and_a_change_along_the_null_space_none() -> None:
     model = TorqueModel(arm_chain())
     base, states = base_of(model), random_states(6, 50, RNG(4))
-    theta = base.combination @ model.truth()
-    torque = model.regressor(states)[:, :, base.columns] @ theta
+    torque = model.regressor(states)[:, :, base.columns] @ (base.combination @ model.truth())
     np.testing.assert_allclose(torque, model.torque(states, model.truth()), atol=1e-9)
-
-
-def test_a_change_along_the_null_space_changes_no_torque() -> None:
-    model = TorqueModel(arm_chain())
-    base, states = base_of(model), random_states(6, 50, RNG(5))
     hidden = base.null_space() @ RNG(6).normal(size=model.columns - base.rank)
     assert np.abs(model.torque(states, hidden)).max() < 1e-8
 

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.estimate import (
+    JointSums,
     estimate,
     estimate_widened,
     held_out_error,
@@ -18,14 +19,18 @@ from polish_sim.identification.estimate import (
     sum_samples,
 )
 from polish_sim.identification.regressor import States
-from polish_sim.identification.stepwise import fit_motion_after, fit_rest, rest_rows, sum_rows
+from polish_sim.identification.stepwise import carried, fit_rest, rest_rows, sum_rows
 from tests.identification.motions import SIGMA, known_robot, noisy
 
 KNOWN = known_robot()
 
 
+def sums_of(torque: np.ndarray) -> JointSums:
+    return sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque)
+
+
 def test_torques_without_noise_give_the_parameters_back() -> None:
-    found = estimate(sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, KNOWN.torque))
+    found = estimate(sums_of(KNOWN.torque))
     np.testing.assert_allclose(found.theta, KNOWN.truth, atol=1e-8)
     np.testing.assert_allclose(found.r_squared, 1.0, atol=1e-9)
 
@@ -34,7 +39,7 @@ def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth() -> No
     rng = np.random.default_rng(0)
     squares, covered = [], []
     for _draw in range(50):
-        sums = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, noisy(KNOWN.torque, rng))
+        sums = sums_of(noisy(KNOWN.torque, rng))
         found = estimate(sums)
         squares.append((found.theta - KNOWN.truth) ** 2)
         covered.append(found.covers(KNOWN.truth))
@@ -45,35 +50,22 @@ def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth() -> No
     assert 0.93 <= float(np.mean(covered)) <= 0.97
 
 
-def test_the_noise_of_every_joint_is_found_in_the_residuals() -> None:
-    torque = noisy(KNOWN.torque, np.random.default_rng(1))
-    found = estimate(sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque))
-    np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)
-
-
-def test_another_motion_is_predicted_within_the_noise() -> None:
+def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_it() -> None:
     other = known_robot(seed=5)
-    torque = noisy(KNOWN.torque, np.random.default_rng(2))
-    found = estimate(sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, torque))
+    found = estimate(sums_of(noisy(KNOWN.torque, np.random.default_rng(1))))
+    np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)
     error = held_out_error(KNOWN.model, KNOWN.base, found.theta, other.states, other.torque)
     assert error.max() < 0.01
 
 
-def test_a_joint_that_stands_still_is_named_with_what_stays_unknown() -> None:
-    coefficients = KNOWN.motion.coefficients.copy()
-    coefficients[3, 1:] = 0.0
-    states = type(KNOWN.motion)(coefficients)(np.arange(1000) / 100.0)
+@pytest.mark.parametrize(
+    ("still", "said"),
+    [(slice(3, 4), r"wrist_1_joint did not move, or never faster.*fc4.*fv4"), (slice(1, 6), r"of 58 base parameters")],
+)
+def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still: slice, said: str) -> None:
+    states = KNOWN.with_still(still)(np.arange(1000) / 100.0)
     sums = sum_samples(KNOWN.model, KNOWN.base, states, KNOWN.model.torque(states, KNOWN.model.truth()))
-    with pytest.raises(IdentificationError, match=r"wrist_1_joint did not move, or never faster.*fc4.*fv4"):
-        require_rank(sums, KNOWN.base, KNOWN.model)
-
-
-def test_a_single_joint_that_moves_is_refused() -> None:
-    coefficients = KNOWN.motion.coefficients.copy()
-    coefficients[1:, 1:] = 0.0
-    states = type(KNOWN.motion)(coefficients)(np.arange(1000) / 100.0)
-    sums = sum_samples(KNOWN.model, KNOWN.base, states, KNOWN.model.torque(states, KNOWN.model.truth()))
-    with pytest.raises(IdentificationError, match=r"of 58 base parameters"):
+    with pytest.raises(IdentificationError, match=said):
         require_rank(sums, KNOWN.base, KNOWN.model)
 
 
@@ -88,8 +80,8 @@ def test_steps_with_the_covariance_carried_are_the_joint_fit() -> None:
     poses = _approached_poses(rng)
     rows = rest_rows(KNOWN.model, poses)
     at_rest = noisy(rows @ KNOWN.model.truth(), rng)
-    moving = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, noisy(KNOWN.torque, rng))
-    stepwise = fit_motion_after(fit_rest(KNOWN.model, poses, at_rest, SIGMA), KNOWN.base, moving, SIGMA)
+    moving = sums_of(noisy(KNOWN.torque, rng))
+    stepwise = estimate(moving, carried(fit_rest(KNOWN.model, poses, at_rest, SIGMA), KNOWN.base), SIGMA)
     joint = estimate(moving.plus(sum_rows(rows, at_rest, KNOWN.base.columns)), sigma=SIGMA)
     assert np.abs((stepwise.theta - joint.theta) / joint.std).max() < 1e-6
     np.testing.assert_allclose(stepwise.std, joint.std, rtol=1e-6)

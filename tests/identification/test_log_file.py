@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -30,54 +29,27 @@ def test_a_log_comes_back_as_written(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.torque, KNOWN.torque)
 
 
-def _degrees(table: np.ndarray) -> None:
-    table[:, 1:7] = np.degrees(table[:, 1:7])
+SPOILT = {
+    "degrees": (np.s_[:, 1:7], np.degrees(TABLE[:, 1:7]), r"more than a turn. Are these degrees"),
+    "backwards": (np.s_[500, 0], TABLE[498, 0], r"line 502: time_s does not increase"),
+    "a gap": (np.s_[300:, 0], TABLE[300:, 0] + 0.7, r"line 302: a gap of 0.71 s, 1 in all"),
+    "milliseconds": (
+        np.s_[:, 0],
+        TABLE[:, 0] * 1000.0,
+        r"samples are 10 s apart. Are these milliseconds\? Give seconds",
+    ),
+    "ten a second": (np.s_[:, 0], TABLE[:, 0] * 10.0, r"samples are 0.1 s apart.* 50 samples a second"),
+    "saturated": (np.s_[:, 8], np.clip(TABLE[:, 8], -20.0, 20.0), r"torque2_nm stands at 20 in \d+%"),
+    "dead": (np.s_[:, 9], 0.0, r"torque3_nm is 0 in every sample"),
+    "nothing": (np.s_[10, 3], np.nan, r"line 12: q3_rad is 'nan'"),
+}
 
 
-def _backwards(table: np.ndarray) -> None:
-    table[500, 0] = table[498, 0]
-
-
-def _gap(table: np.ndarray) -> None:
-    table[300:, 0] += 0.7
-
-
-def _milliseconds(table: np.ndarray) -> None:
-    table[:, 0] *= 1000.0
-
-
-def _ten_a_second(table: np.ndarray) -> None:
-    table[:, 0] *= 10.0
-
-
-def _saturated(table: np.ndarray) -> None:
-    table[:, 8] = np.clip(table[:, 8], -20.0, 20.0)
-
-
-def _dead(table: np.ndarray) -> None:
-    table[:, 9] = 0.0
-
-
-def _nothing(table: np.ndarray) -> None:
-    table[10, 3] = np.nan
-
-
-@pytest.mark.parametrize(
-    ("spoil", "said"),
-    [
-        (_degrees, r"more than a turn. Are these degrees"),
-        (_backwards, r"line 502: time_s does not increase"),
-        (_gap, r"line 302: a gap of 0.71 s, 1 in all"),
-        (_milliseconds, r"samples are 10 s apart. Are these milliseconds\? Give seconds, 50 samples a second"),
-        (_ten_a_second, r"samples are 0.1 s apart"),
-        (_saturated, r"torque2_nm stands at 20 in \d+%"),
-        (_dead, r"torque3_nm is 0 in every sample"),
-        (_nothing, r"line 12: q3_rad is 'nan'"),
-    ],
-)
-def test_a_spoilt_log_is_refused(spoil: Callable[[np.ndarray], None], said: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", SPOILT)
+def test_a_spoilt_log_is_refused(how: str, tmp_path: Path) -> None:
+    where, values, said = SPOILT[how]
     table = TABLE.copy()
-    spoil(table)
+    table[where] = values
     with pytest.raises(InputError, match=said):
         read_robot_log(_write(tmp_path, table))
 
@@ -97,12 +69,9 @@ def test_a_slide_is_logged_in_metres_and_newtons(tmp_path: Path) -> None:
         read_robot_log(file, (HINGE, HINGE))
 
 
-def test_missing_columns_are_named(tmp_path: Path) -> None:
+def test_missing_columns_and_a_log_that_is_too_short_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="lacks the columns torque5_nm, torque6_nm"):
         read_robot_log(_write(tmp_path, TABLE[:, :-2], NAMES[:-2]))
-
-
-def test_a_log_that_is_too_short_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds 100 samples"):
         read_robot_log(_write(tmp_path, TABLE[:100]))
 

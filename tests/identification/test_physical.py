@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -10,22 +11,17 @@ from polish_sim.identification.estimate import INTERVAL_95, estimate, held_out_e
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.payload import Payload, body_of, fit_payload, fit_payload_on_known_arm
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, parameters_of, pseudo_inertia
-from polish_sim.identification.regressor import States
-from polish_sim.identification.robot_model import CarriedLoad, carry, read_chain
+from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, carry, own_parameters, read_chain
 from polish_sim.motion.serial_chain import link_parameters
-from tests.identification.chains import ARM, arm_chain, arm_model
+from tests.identification.chains import arm_chain, arm_model
 from tests.identification.motions import known_robot, noisy
 
 KNOWN = known_robot()
 
 
-def test_pseudo_inertia_and_parameters_are_each_others_inverse() -> None:
-    link = arm_chain().parameters[2]
-    np.testing.assert_allclose(parameters_of(pseudo_inertia(link)), link, atol=1e-14)
-
-
 def test_every_link_of_the_model_is_consistent_and_one_of_negative_mass_is_not() -> None:
     parameters = arm_chain().parameters.copy()
+    np.testing.assert_allclose(parameters_of(pseudo_inertia(parameters[2])), parameters[2], atol=1e-14)
     assert is_consistent(parameters)
     parameters[1, 0] = -1.0
     assert not is_consistent(parameters)
@@ -53,19 +49,10 @@ def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters() -
 
 
 def test_the_written_model_is_the_identified_one() -> None:
-    mujoco = pytest.importorskip("mujoco")
-    from polish_sim.identification.robot_model import own_parameters
-
-    model = mujoco.MjModel.from_xml_string(identified_xml(ARM, IdentifiedJoints(1.1 * _own(), 0.5 * np.arange(6.0))))
-    np.testing.assert_allclose(own_parameters(model, ARM), 1.1 * _own(), rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(model.dof_damping.reshape(model.nv, -1)[:6, 0], 0.5 * np.arange(6.0))
-
-
-def _own() -> np.ndarray:
-    from polish_sim.identification.robot_model import own_parameters
-    from tests.identification.chains import arm_model
-
-    return own_parameters(arm_model(), ARM)
+    own, damping = own_parameters(arm_model(), ARM_JOINTS), 0.5 * np.arange(6.0)
+    model = mujoco.MjModel.from_xml_string(identified_xml(ARM_JOINTS, IdentifiedJoints(1.1 * own, damping)))
+    np.testing.assert_allclose(own_parameters(model, ARM_JOINTS), 1.1 * own, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(model.dof_damping.reshape(model.nv, -1)[:6, 0], damping)
 
 
 ORIGIN = KNOWN.model.chain.origins[-1]
@@ -81,9 +68,9 @@ def _found(rng: np.random.Generator) -> Payload:
 
 def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain() -> None:
     model = arm_model()
-    before = read_chain(model, ARM).parameters
+    before = read_chain(model, ARM_JOINTS).parameters
     carry(model, "link_6", LOAD)
-    added = read_chain(model, ARM).parameters - before
+    added = read_chain(model, ARM_JOINTS).parameters - before
     np.testing.assert_allclose(added[5], PLANTED, atol=1e-12)
     np.testing.assert_allclose(added[:5], 0.0, atol=1e-15)
 
@@ -93,11 +80,9 @@ def test_mass_centre_and_inertia_come_back_where_there_is_hardly_any_noise() -> 
     empty = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, KNOWN.torque + slight[::-1])
     found = fit_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, TORQUE + slight)
     np.testing.assert_allclose(found.parameters, PLANTED, atol=2e-6)
-    I = LOAD.inertia  # noqa: E741
-    np.testing.assert_allclose(
-        found.body().values,
-        [1.5, *LOAD.center, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]], atol=2e-6,
-    )  # fmt: skip
+    Ixx, Iyy, Izz = np.diag(LOAD.inertia)
+    body = [1.5, *LOAD.center, Ixx, 0.0, Iyy, 0.0, 0.0, Izz]
+    np.testing.assert_allclose(found.body().values, body, atol=2e-6)
 
 
 def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws() -> None:
@@ -135,9 +120,7 @@ def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body() -> None:
 
 
 def test_a_payload_on_a_wrist_that_holds_is_not_told() -> None:
-    still = KNOWN.motion.coefficients.copy()
-    still[1:, 1:] = 0.0
-    states: States = type(KNOWN.motion)(still)(np.arange(1000) / 100.0)
+    states = KNOWN.with_still(slice(1, 6))(np.arange(1000) / 100.0)
     torque = KNOWN.model.torque(states, KNOWN.model.truth())
     with pytest.raises(IdentificationError, match=r"payload mcz"):
         fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)

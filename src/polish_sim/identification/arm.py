@@ -15,7 +15,7 @@ from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
-from polish_sim.identification.fourier import Clearance, FourierMotion, MotionLimits, started_and_stopped
+from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
 from polish_sim.identification.log_file import Gears, RobotLog, read_by
 from polish_sim.identification.model_file import read_robot_model
 from polish_sim.identification.physical import Drawing
@@ -47,10 +47,6 @@ class Arm:
     servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
     clearance: RobotClearance
     load: CarriedLoad | None = None  #: Bolted to the last link, part of the truth
-
-    def near(self, q: Array) -> Clearance:
-        """Clearance of poses (m, 6)."""
-        return Clearance(*self.clearance.measure(q))
 
 
 def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None) -> Arm:

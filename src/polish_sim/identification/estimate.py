@@ -46,9 +46,9 @@ class BaseParameters(NamedTuple):
         return np.asarray(np.linalg.svd(self.combination)[2][self.rank :].T)
 
 
-def base_of(model: TorqueModel, seed: int = 0) -> BaseParameters:
+def base_of(model: TorqueModel) -> BaseParameters:
     """Base parameters of a model that may move freely."""
-    states = random_states(model.joints, _SAMPLES, np.random.default_rng(seed))
+    states = random_states(model.joints, _SAMPLES, np.random.default_rng(0))
     return base_of_rows(model.regressor(states).reshape(-1, model.columns))
 
 
@@ -209,13 +209,14 @@ def estimate(sums: JointSums, earlier: Earlier | None = None, sigma: Array | Non
             noise = np.sqrt(np.maximum(left, 1e-24) / np.maximum(sums.samples - spent, 1.0))
     total = sums.torque_squares - sums.torque_sum**2 / np.maximum(sums.samples, 1.0)
     scale = 1.0 / np.sqrt(np.diag(H))
-    plain, equal = (_condition(each) for each in (sums.squares.sum(0), H * np.outer(scale, scale)))
+    plain, equal = (condition_number(each) for each in (sums.squares.sum(0), H * np.outer(scale, scale)))
     return Estimate(theta, covariance, noise, 1.0 - left / np.maximum(total, 1e-30), plain, equal)
 
 
-def _condition(H: Array) -> float:
+def condition_number(H: Array) -> float:
+    """Condition number of the stacked regressor whose information is H."""
     values = np.linalg.eigvalsh(H)
-    return float(np.sqrt(values[-1] / max(values[0], 1e-300)))
+    return float(np.sqrt(values[-1] / max(float(values[0]), 1e-300)))
 
 
 def require_rank(sums: JointSums, base: BaseParameters, model: TorqueModel) -> None:

@@ -66,12 +66,6 @@ def condition(H: Array, G: Array) -> Judged:
     return Judged(float(value), (vectors * slopes) @ vectors.T)
 
 
-def condition_number(H: Array) -> float:
-    """Condition number of the stacked regressor whose information is H."""
-    values = np.linalg.eigvalsh(H)
-    return float(np.sqrt(values[-1] / max(float(values[0]), 1e-300)))
-
-
 class Choice(NamedTuple):
     """An objective and the noise that weighs the torques in it."""
 

@@ -18,6 +18,7 @@ from polish_sim.identification.estimate import (
     Estimate,
     JointSums,
     base_of,
+    condition_number,
     estimate,
     estimate_widened,
     held_out_error,
@@ -32,7 +33,6 @@ from polish_sim.identification.excitation import (
     Excitation,
     ExcitationTask,
     allowed_motions,
-    condition_number,
     design,
     mean_information,
     use_matrix,
@@ -44,7 +44,7 @@ from polish_sim.identification.payload import Weighed, guessed_load, weigh_block
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.identification.stepwise import IN_LOG, SIMULATED, FirstStep, carried, fit_motion_after
+from polish_sim.identification.stepwise import IN_LOG, SIMULATED, FirstStep, carried
 
 USE_MOTIONS = 12  #: Random motions under the same limits: what the identified model is designed to predict
 USE_SAMPLES = 200
@@ -109,9 +109,7 @@ def run_identification(
     states = periodic_states(log, excitation.motion.period)
     sums = sum_samples(arm.truth, base, states, log.torque)
     require_rank(sums, base, arm.truth)
-    earlier = None if first is None else carried(first.step, base)
-    found = estimate_widened(arm.truth, base, sums, states, log.torque, earlier)
-    step_figures = {} if first is None else compare_steps(arm.truth, base, sums, first, held_out)
+    found, step_figures = _estimated(arm.truth, base, sums, states, log.torque, first, held_out)
     fit_s = time.process_time() - started
     full = fit_consistent(arm.truth, base, found, drawing)
     truth = base.combination @ arm.truth.truth()
@@ -156,7 +154,7 @@ def _design(
     if settings.payload:
         last = 10 * arm.truth.joints
         believed[last - 10 : last] += guessed_load(settings.payload, arm.truth.chain.origins[-1])
-    task = ExcitationTask(arm.truth, base, believed, sigma, motion_limits(), nothing, arm.near)
+    task = ExcitationTask(arm.truth, base, believed, sigma, motion_limits(), nothing, arm.clearance.measure)
     other, *motions = islice(allowed_motions(task, rng), USE_MOTIONS + 1)
     t = np.arange(USE_SAMPLES) / USE_SAMPLES * other.period
     uses = [motion(t) for motion in motions] if use is None else [use]
@@ -173,11 +171,22 @@ def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: 
     return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving])
 
 
+def _estimated(
+    model: TorqueModel, base: BaseParameters, sums: JointSums, states: States, torque: Array, first: FirstStep | None,
+    held_out: HeldOut,
+) -> tuple[Estimate, dict[str, Any]]:  # fmt: skip
+    """The estimate, after a first step if there is one, and how both steps compare with fitting everything at once."""
+    if first is None:
+        return estimate_widened(model, base, sums, states, torque), {}
+    found = estimate_widened(model, base, sums, states, torque, carried(first.step, base))
+    return found, compare_steps(model, base, sums, first, held_out)
+
+
 def compare_steps(
     model: TorqueModel, base: BaseParameters, sums: JointSums, first: FirstStep, held_out: HeldOut
 ) -> dict[str, Any]:
     """How far a fit in two steps is from fitting everything at once, noise taken as white in both."""
-    stepwise = fit_motion_after(first.step, base, sums)
+    stepwise = estimate(sums, carried(first.step, base))
     # Readings of the first step may be means over many samples: each has that step's own noise.
     joint = estimate(sums.plus(first.sums.weighed(first.step.found.sigma / estimate(sums).sigma)))
     errors = [
@@ -249,12 +258,11 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States, method:
         first, rows = split.first, np.flatnonzero(split.motion)
     cut = round(len(rows) * (1.0 - HELD_OUT))
     fitted, kept = rows[:cut], rows[cut:]
-    sums = sum_samples(model, base, states.rows(fitted), log.torque[fitted])
+    states_fitted, torque = states.rows(fitted), log.torque[fitted]
+    sums = sum_samples(model, base, states_fitted, torque)
     require_rank(sums if first is None else sums.plus(first.sums), base, model)
     held_out = _hold_out_log(model, log, states, kept)
-    earlier = None if first is None else carried(first.step, base)
-    found = estimate_widened(model, base, sums, states.rows(fitted), log.torque[fitted], earlier)
-    step_figures = {} if first is None else compare_steps(model, base, sums, first, held_out)
+    found, step_figures = _estimated(model, base, sums, states_fitted, torque, first, held_out)
     fit_s = time.process_time() - started
     full = fit_consistent(model, base, found, drawing)
     figures: dict[str, Any] = measure_fit(model, base, found, full, drawing, held_out) | step_figures

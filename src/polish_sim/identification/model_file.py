@@ -14,7 +14,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.models import robot_model_path
-from polish_sim.motion.serial_chain import inertia_at_origin
+from polish_sim.motion.serial_chain import inertia_at_origin, point_inertia
 
 ASSETS: Final = "meshes"  #: Folder beside the model with copies of its files
 _TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
@@ -127,11 +127,8 @@ def _write_inertia(body: mujoco.MjsBody, origin: Array, parameters: Array) -> No
         # Of several joints on one body only the last carries it.
         return
     center = parameters[1:4] / mass
-    about_center = inertia_at_origin(parameters) - mass * (
-        float(center @ center) * np.eye(3) - np.outer(center, center)
-    )
+    I = inertia_at_origin(parameters) - point_inertia(mass, center)  # noqa: E741
     body.mass, body.ipos = mass, center + origin
-    I = about_center  # noqa: E741
     body.inertia, body.iquat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
     body.explicitinertial = True

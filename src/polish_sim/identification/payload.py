@@ -28,7 +28,7 @@ from polish_sim.identification.physical import is_consistent, parameters_of, pse
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.robot_model import CarriedLoad
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.motion.serial_chain import LINK_PARAMETERS, inertia_at_origin, link_parameters
+from polish_sim.motion.serial_chain import LINK_PARAMETERS, inertia_at_origin, link_parameters, packed, point_inertia
 
 BODY_NAMES: Final = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 BODY_UNITS: Final = ("kg", "m", "m", "m", *["kg m^2"] * 6)
@@ -83,8 +83,7 @@ class Payload:
 def body_of(parameters: Array, origin: Array) -> Array:
     """Mass, centre and inertia about the centre of ten parameters about an origin (3,), shape (10,)."""
     mass, center = parameters[0], parameters[1:4] / parameters[0]
-    I = inertia_at_origin(parameters) - mass * ((center @ center) * np.eye(3) - np.outer(center, center))  # noqa: E741
-    return np.array([mass, *(center + origin), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    return np.array([mass, *(center + origin), *packed(inertia_at_origin(parameters) - point_inertia(mass, center))])
 
 
 def fit_payload(
@@ -97,10 +96,7 @@ def fit_payload(
     """
     both = BaseParameters(np.append(base.columns, _last_link(model)), np.zeros((0, 0)))
     sums = sum_samples(model, both, states, torque).plus(_widened(empty, 10))
-    names = [model.names[column] for column in base.columns] + [f"payload {name}" for name in LINK_PARAMETERS]
-    require_excited(sums, names, model)
-    found = estimate(sums)
-    return Payload(found.theta[-10:], found.covariance[-10:, -10:], model.chain.origins[-1])
+    return _payload_of(model, [model.names[column] for column in base.columns], sums)
 
 
 def fit_payload_on_known_arm(
@@ -112,10 +108,14 @@ def fit_payload_on_known_arm(
     """
     alone = BaseParameters(_last_link(model), np.zeros((0, 0)))
     left = torque - model.torque_of_base(states, base.columns, theta)
-    sums = sum_samples(model, alone, states, left)
-    require_excited(sums, [f"payload {name}" for name in LINK_PARAMETERS], model)
+    return _payload_of(model, [], sum_samples(model, alone, states, left))
+
+
+def _payload_of(model: TorqueModel, others: list[str], sums: JointSums) -> Payload:
+    """Estimate other parameters, by name, and the payload's ten behind them."""
+    require_excited(sums, others + [f"payload {name}" for name in LINK_PARAMETERS], model)
     found = estimate(sums)
-    return Payload(found.theta, found.covariance, model.chain.origins[-1])
+    return Payload(found.theta[-10:], found.covariance[-10:, -10:], model.chain.origins[-1])
 
 
 def _last_link(model: TorqueModel) -> Indices:

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from polish_sim.arrays import Array
 from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_names, identifiable
 from polish_sim.identification.regressor import TorqueModel
-from polish_sim.motion.serial_chain import inertia_at_origin
+from polish_sim.motion.serial_chain import inertia_at_origin, packed
 from polish_sim.tables import csv_text
 
 _FLOOR: Final = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
@@ -38,8 +38,7 @@ def pseudo_inertia(parameters: Array) -> Array:
 
 def parameters_of(J: Array) -> Array:
     """Ten parameters of a pseudo-inertia (4, 4), shape (10,)."""
-    I = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]  # noqa: E741
-    return np.array([J[3, 3], *J[:3, 3], I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    return np.array([J[3, 3], *J[:3, 3], *packed(np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3])])
 
 
 def is_consistent(parameters: Array) -> bool:
@@ -61,7 +60,8 @@ def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, dr
     Directions without effect on torques stay at the drawing.
     """
     fit = _ConsistentFit(model, drawing)
-    whiten = np.linalg.cholesky(np.linalg.inv(_scaled(found))).T / found.std
+    correlation = found.covariance / np.outer(found.std, found.std)
+    whiten = np.linalg.cholesky(np.linalg.inv(correlation)).T / found.std
     size = fit.sizes()
 
     def residuals(x: Array) -> Array:
@@ -73,10 +73,6 @@ def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, dr
         return np.vstack([whiten @ base.combination @ J, J / size[:, None]])
 
     return fit.parameters(least_squares(residuals, fit.start(), jac=slopes, x_scale="jac", max_nfev=200).x)
-
-
-def _scaled(found: Estimate) -> Array:
-    return np.asarray(found.covariance / np.outer(found.std, found.std))
 
 
 class _ConsistentFit:

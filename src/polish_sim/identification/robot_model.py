@@ -10,7 +10,8 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
-from polish_sim.motion.serial_chain import HINGE, SLIDE, ChainGeometry, SerialChain, link_parameters
+from polish_sim.identification.fourier import Clearance
+from polish_sim.motion.serial_chain import HINGE, SLIDE, ChainGeometry, SerialChain, link_parameters, point_inertia
 
 ARM_JOINTS = (
     "shoulder_pan_joint",
@@ -154,11 +155,10 @@ class RobotClearance:
         self._model, self._data, self._joints = model, mujoco.MjData(model), joints
         self._pairs = _pairs(model, also)
 
-    def measure(self, q: Array) -> tuple[Array, Array]:
-        """Clearance of poses (m, n) [rad]; joints beyond n stay where the model starts.
+    def measure(self, q: Array) -> Clearance:
+        """Clearance of poses (m, n) [rad], at most `FAR`, where its slope is zero.
 
-        Returns the distance of each pair of geoms [m], at most `FAR`, (m, pairs), and its derivatives [m/rad], (m,
-        pairs, n), zero where it is far.
+        Joints beyond n stay where the model starts.
         """
         shape = (len(q), len(self._pairs))
         distance, slope, ends = np.full(shape, FAR), np.zeros((*shape, self._joints)), np.empty(6)
@@ -174,7 +174,7 @@ class RobotClearance:
                 mujoco.mj_comPos(self._model, self._data)
             for number, points in near:
                 slope[row, number] = self._slope(distance[row, number], points, self._pairs[number])
-        return distance, slope
+        return Clearance(distance, slope)
 
     def _slope(self, distance: float, ends: Array, pair: tuple[int, int]) -> Array:
         way = ends[3:] - ends[:3]
@@ -231,8 +231,8 @@ def carry(model: mujoco.MjModel, body: str, load: CarriedLoad) -> None:
     R = turn.reshape(3, 3)
     together = mass + load.mass
     middle = (mass * center + load.mass * load.center) / together
-    inertia = _about(middle, mass, center, R @ np.diag(model.body_inertia[number]) @ R.T)
-    inertia += _about(middle, load.mass, load.center, load.inertia)
+    inertia = R @ np.diag(model.body_inertia[number]) @ R.T + point_inertia(mass, center - middle)
+    inertia += load.inertia + point_inertia(load.mass, load.center - middle)
     moments, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     quaternion = np.empty(4)
@@ -240,9 +240,3 @@ def carry(model: mujoco.MjModel, body: str, load: CarriedLoad) -> None:
     model.body_mass[number], model.body_ipos[number] = together, middle
     model.body_inertia[number], model.body_iquat[number] = moments, quaternion
     mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-def _about(point: Array, mass: float, center: Array, inertia: Array) -> Array:
-    """Inertia about a point of a body whose inertia about its centre is given."""
-    arm = center - point
-    return np.asarray(inertia + mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm)))

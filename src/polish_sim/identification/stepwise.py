@@ -7,6 +7,7 @@ others hold, then all. Both work on the simulated arm and on a robot's own log.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -65,7 +66,7 @@ class SplitLog(NamedTuple):
     motion: Bools  #: Samples that are left for the second step, shape (m,)
 
 
-# The fit of a first step, and of the second after it.
+# The fit of a first step.
 
 
 def rest_rows(model: TorqueModel, states: States) -> Array:
@@ -91,10 +92,7 @@ def sum_rest(model: TorqueModel, columns: Indices, states: States, torque: Array
     """Normal equations of many samples as if at rest, piece by piece."""
     parts = [slice(first, first + PIECE) for first in range(0, len(torque), PIECE)]
     sums = [sum_rows(rest_rows(model, states.rows(part)), torque[part], columns, counts[part]) for part in parts]
-    total = sums[0]
-    for more in sums[1:]:
-        total = total.plus(more)
-    return total
+    return reduce(JointSums.plus, sums)
 
 
 def fit_rest(
@@ -126,18 +124,13 @@ def _some(samples: int) -> Indices:
 
 
 def carried(step: Step, base: BaseParameters) -> Earlier:
-    """What a first step knows, in the whole base: each of its parameters is a combination of the whole one."""
+    """What a first step knows, in the whole base: each of its parameters is a combination of the whole one.
+
+    Motion estimated with it gives the same as if both steps' samples had been fitted at once.
+    """
     M = step.base.combination[:, base.columns]
     weight = np.linalg.inv(step.found.covariance)
     return Earlier(M.T @ weight @ M, M.T @ weight @ step.found.theta)
-
-
-def fit_motion_after(step: Step, base: BaseParameters, sums: JointSums, sigma: Array | None = None) -> Estimate:
-    """Second step: motion, with what the first step knows; the same as if both steps' samples had been fitted at once.
-
-    ``sums`` are of the motion, in the whole base; ``sigma`` (n,) [N m] is the torques' noise where known.
-    """
-    return estimate(sums, carried(step, base), sigma)
 
 
 # First steps on the simulated arm.

@@ -49,9 +49,17 @@ def link_parameters(mass: float, center: Array, inertia: Array) -> Array:
 
     ``center`` (3,) [m] and ``inertia`` (3, 3) [kg m^2] are in the link's axes.
     """
-    I = inertia + mass * (float(center @ center) * np.eye(3) - np.outer(center, center))  # noqa: E741
-    first = mass * center
-    return np.array([mass, *first, I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    return np.array([mass, *(mass * center), *packed(inertia + point_inertia(mass, center))])
+
+
+def point_inertia(mass: float, place: Array) -> Array:
+    """Inertia of a point mass [kg] at a place (3,) [m] about the origin [kg m^2], shape (3, 3)."""
+    return np.asarray(mass * ((place @ place) * np.eye(3) - np.outer(place, place)))
+
+
+def packed(inertia: Array) -> Array:
+    """Entries of an inertia (3, 3) in the order of `LINK_PARAMETERS`, shape (6,)."""
+    return np.asarray(inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
 
 
 def inertia_at_origin(parameters: Array) -> Array:

@@ -1,0 +1,122 @@
+"""What an identification leaves in its folder: model, tables, figures, plots of its motion and of a held-out one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, line_look, new_figure, styled
+from polish_sim.arrays import Array
+from polish_sim.experiments.report import save_plots
+from polish_sim.identification.estimate import INTERVAL_95
+from polish_sim.identification.fourier import FourierMotion
+from polish_sim.identification.identify import Identification
+from polish_sim.identification.model_file import IdentifiedJoints, write_identified
+from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed, body_of
+from polish_sim.identification.physical import ParameterRow, parameter_rows, parameters_csv
+from polish_sim.tables import csv_text
+
+PAYLOAD_FILE: Final = "payload.csv"
+PAYLOAD_COLUMNS: Final = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")
+
+
+def write_folder(folder: Path, found: Identification, source: Path | None = None) -> None:
+    """Write all files of an identification; ``source`` is the robot's MJCF, the shipped robot's if None."""
+    (folder / "parameters.csv").write_text(parameters_csv(rows_of(found)), encoding="utf-8")
+    write_identified(folder, found.model.chain.joints, _joints(found), source)
+    if found.weighed is not None:
+        write_payload(folder, found.weighed)
+    write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
+    figures = found.figures
+    facts = [
+        f"error {100 * figures['nrms_heldout_mean']:.3f}% of the range (mean of the joints)",
+        f"drawing {100 * figures['nrms_heldout_drawing_mean']:.1f}%",
+        f"{figures['base_parameters']} parameters from {figures['samples']} samples",
+    ]
+    plots = {"torques.png": plot_torques(found, "Torques of a motion that was not fitted", facts)}
+    if found.motion is not None:
+        facts = [
+            f"predicts other motions to {figures['predicted_error_sigma']:.4f} of the noise after one period",
+            f"condition {figures['condition_motion']:.0f}",
+        ]
+        plots["motion.png"] = plot_motion(found.motion, "The exciting motion", facts)
+    save_plots(folder, plots)
+
+
+def rows_of(found: Identification) -> list[ParameterRow]:
+    """All numbers that were found, with their true values where these are known."""
+    truth = None if found.truth is None else found.model.truth()
+    rows = parameter_rows(found.model, found.base, found.found, found.full, truth)
+    return rows if found.gears is None else rows + found.gears.rows()
+
+
+def _joints(found: Identification) -> IdentifiedJoints:
+    n = found.model.joints
+    friction = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
+    own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
+    return IdentifiedJoints(own, friction.get("viscous"), friction.get("coulomb"), friction.get("armature"))
+
+
+def write_payload(folder: Path, weighed: Weighed) -> None:
+    """Write ``payload.csv``: mass, centre and inertia about it in the last link's frame, with intervals."""
+    payload, rows = weighed.payload, []
+    values, std = payload.body()
+    nearest = body_of(payload.nearest_body(), payload.origin)
+    for k, (name, unit) in enumerate(zip(BODY_NAMES, BODY_UNITS, strict=True)):
+        half = INTERVAL_95 * std[k]
+        numbers = [f"{x:.9g}" for x in (values[k] - half, values[k] + half, nearest[k])]
+        true = "" if weighed.truth is None else f"{body_of(weighed.truth, payload.origin)[k]:.9g}"
+        rows.append([name, f"{values[k]:.9g}", unit, f"{std[k]:.4g}", *numbers, true])
+    (folder / PAYLOAD_FILE).write_text(csv_text(PAYLOAD_COLUMNS, rows), encoding="utf-8")
+
+
+@styled
+def plot_torques(found: Identification, title: str, facts: Sequence[str]) -> Figure:
+    """Torques held out, joint by joint: measured, the identified model's, the drawing's (paper's fig. 4)."""
+    held, Y = found.held_out, found.model.regressor(found.held_out.states)
+    drawing, predicted = Y @ found.drawing.parameters, Y[:, :, found.base.columns] @ found.found.theta
+    n = held.measured.shape[1]
+    figure = new_figure(11.0, 1.1 + 2.2 * ((n + 1) // 2))
+    grid = figure.subplots((n + 1) // 2, 2, sharex=True, squeeze=False).ravel()
+    time = _broken(held.time, held.time)
+    for joint, axes in enumerate(grid[:n]):
+        for values, colour, dashes, width, label in (
+            (held.measured, GREY, "-", 0.5, "measured"),
+            (drawing, ORANGE, DASHES[1], 1.0, "drawing"),
+            (predicted, BLUE, "-", 1.2, "identified"),
+        ):
+            line = _broken(values[:, joint], held.time)
+            axes.plot(time, line, color=colour, ls=dashes, lw=width, label=label)
+        axes.set_ylabel(f"joint {joint + 1} [N m]\nerror {100 * found.figures['nrms_heldout'][joint]:.3f}%")
+    for axes in grid[-2:]:
+        axes.set_xlabel("time [s]; gaps: a joint reverses")
+    head(figure, title, facts, legend=(grid[0],))
+    return figure
+
+
+@styled
+def plot_motion(motion: FourierMotion, title: str, facts: Sequence[str]) -> Figure:
+    """Positions and speeds of all joints over a period of an exciting motion."""
+    figure = new_figure(9.0, 5.0)
+    above, below = figure.subplots(2, 1, sharex=True)
+    time = np.linspace(0.0, motion.period, 1001)
+    states = motion(time)
+    for joint in range(states.q.shape[1]):
+        above.plot(time, np.degrees(states.q[:, joint]), label=f"joint {joint + 1}", **line_look(joint))
+        below.plot(time, np.degrees(states.qd[:, joint]), **line_look(joint))
+    above.set_ylabel("joint position [deg]")
+    below.set_ylabel("joint speed [deg/s]")
+    below.set_xlabel("time [s]")
+    head(figure, title, facts, legend=(above,))
+    return figure
+
+
+def _broken(values: Array, time: Array) -> Array:
+    """The values with an empty place wherever time jumps, so that no line is drawn across."""
+    jumps = np.flatnonzero(np.diff(time) > 1.5 * np.median(np.diff(time))) + 1
+    return np.insert(values.astype(float), jumps, np.nan)
