@@ -13,6 +13,7 @@ from polish_sim.cli.output_folder import claimed
 from polish_sim.errors import InputError, count_text, leave_out
 
 if TYPE_CHECKING:
+    from polish_sim.analysis.claim import Claim
     from polish_sim.cli.outcome import Outcome
     from polish_sim.config import RobotConfig
     from polish_sim.identification.arm import LoggedRobot
@@ -124,7 +125,6 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
     from polish_sim.cli.outcome import Outcome
     from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import run_identification
-    from polish_sim.identification.settings import GEARS, IDENTIFY
     from polish_sim.identification.use_motion import use_states
 
     use = None if task is None else use_states(task)
@@ -135,19 +135,22 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
     show(found)
     periods = count_text(settings.periods, "period")
     title = f"identification, {settings.method}, {settings.objective}, {periods}, seed {settings.seed}"
-    claims = IDENTIFY[asked_of(settings) if task is None else "task"]
-    if found.gears is not None:
-        # Rigid links with friction of one size are not what it is: no error is asked.
-        claims = tuple(c._replace(high=math.inf) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
-    return Outcome(claims, title, {"this arm": found.figures})
+    return Outcome(asked_of(settings, task is not None), title, {"this arm": found.figures})
 
 
-def asked_of(settings: IdentifySettings) -> str:
-    """The name in ``IDENTIFY`` of what is asked of a simulated identification without a task."""
+def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim, ...]:
+    """What is asked of a simulated identification, for a task or for any motion."""
+    from polish_sim.identification.settings import GEARS, IDENTIFY
+
     usual = type(settings)
     kind = "full" if settings.periods >= FULL_PERIODS else "short"
     kind = kind if settings.method == usual.method else "stepwise"
-    return kind if settings.objective == usual.objective else f"{kind}-other"
+    kind = kind if settings.objective == usual.objective else f"{kind}-other"
+    claims = IDENTIFY["task" if for_task else kind]
+    if settings.robot.arm != "ur5e":
+        return claims
+    # Rigid links with friction of one size are not what the real arm is: no error is asked.
+    return tuple(c._replace(high=math.inf) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
 
 
 def from_log(

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from polish_sim.cli.identify import asked_of
+from polish_sim.config import RobotConfig
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel
 from polish_sim.identification.robot_model import read_chain
-from polish_sim.identification.settings import IDENTIFY, IdentifySettings
+from polish_sim.identification.settings import GEARS, IdentifySettings
 from polish_sim.motion.serial_chain import link_parameters
 from tests.cli.conftest import Tool
 from tests.identification.chains import ODD
@@ -162,11 +163,16 @@ def test_noise_for_torques_is_noted(polish_sim: Tool, tmp_path: Path) -> None:
 )
 def test_the_bound_of_the_default_objective_is_asked_of_no_other(settings: IdentifySettings, bounded: bool) -> None:
     for method, periods in (("joint", 5), ("joint", 1), ("stepwise", 1)):
-        claims = {
-            claim.figure: claim for claim in IDENTIFY[asked_of(replace(settings, method=method, periods=periods))]
-        }
+        ideal = replace(settings, method=method, periods=periods, robot=RobotConfig(arm="ideal"))
+        claims = {claim.figure: claim for claim in asked_of(ideal)}
         assert math.isfinite(claims["predicted_error_sigma"].high) == bounded
         assert math.isfinite(claims["nrms_heldout_mean"].high)
+
+
+def test_of_the_real_arm_no_error_is_asked() -> None:
+    claims = {claim.figure: claim for claim in asked_of(IdentifySettings(robot=RobotConfig(arm="ur5e")))}
+    assert math.isinf(claims["nrms_heldout_mean"].high)
+    assert {claim.figure for claim in GEARS} <= claims.keys()
 
 
 def test_a_joint_that_stood_still_is_named(polish_sim: Tool, tmp_path: Path) -> None:

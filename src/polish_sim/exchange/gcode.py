@@ -170,6 +170,7 @@ def _obey(machine: _Machine, block: Block) -> None:
     axes: dict[str, Word] = {}
     feed: Word | None = None
     dwells = False
+    takes_p = any(word.name in ("G4", "G64") for word in block.words)
     for word in block.words:
         if word.letter in "GM":
             dwells |= word.name == "G4"
@@ -180,16 +181,12 @@ def _obey(machine: _Machine, block: Block) -> None:
             axes[word.letter] = word
         elif word.letter == "F":
             feed = word
-        elif word.letter not in SILENT and not (word.letter == "P" and _takes_p(block)):
+        elif word.letter not in SILENT and not (word.letter == "P" and takes_p):
             machine.take_unknown(block, word)
     if feed is not None:
         _set_feed(machine, block, feed)
     if axes and not dwells:
         _move(machine, block, axes)
-
-
-def _takes_p(block: Block) -> bool:
-    return any(word.name in ("G4", "G64") for word in block.words)
 
 
 def _set_mode(machine: _Machine, block: Block, word: Word) -> None:

@@ -211,7 +211,8 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     is. Raises PlanError if there is nothing to press on, or tool axes all around.
     """
     name = "polish_" + (re.sub(r"[^0-9a-z]+", "_", result.mesh.name.lower()).strip("_") or "part")
-    kept = _kept(result.path)
+    kept = np.zeros(len(result.path.s), dtype=np.bool_)
+    kept[needed_rows(result.path, CHORD_M, float(AXIS_RAD), LONGEST_M)] = True
     path, inside = result.path.rows(kept), moves_in_part(result, kept)
     poses = np.concatenate([path.positions_work, Rotation.from_matrix(steady_frames(path)).as_rotvec()], axis=1)
     strokes = strokes_of(path)
@@ -229,12 +230,6 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     return "\n".join([*lines, *closing(calls, result), ""])
 
 
-def _kept(path: ToolPath) -> Bools:
-    kept = np.zeros(len(path.s), dtype=np.bool_)
-    kept[needed_rows(path, CHORD_M, float(AXIS_RAD), LONGEST_M)] = True
-    return kept
-
-
 def _down(path: ToolPath, poses: Array, stroke: StrokeRows) -> tuple[list[_Move], list[_Move]]:
     """The way to the part as far as the standoff, and from there; a path without one gets a straight one."""
     first = stroke.contact[0]
@@ -245,7 +240,7 @@ def _down(path: ToolPath, poses: Array, stroke: StrokeRows) -> tuple[list[_Move]
     low = np.append(stroke.down[len(free) :], first)
     moves = [_Move(poses[row], _air_speed(path, row)) for row in free]
     if not moves:
-        moves = [_Move(_lifted(poses[first], axis, CLEARANCE_M), "travel_speed")]
+        moves = [_Move(_lifted(poses[first], axis), "travel_speed")]
     # The lead goes down from the last place above the standoff to the first below it.
     above, below = moves[-1].pose, poses[low[0]]
     fall = (above[:3] - poses[first][:3]) @ axis - STANDOFF_M
@@ -257,12 +252,12 @@ def _down(path: ToolPath, poses: Array, stroke: StrokeRows) -> tuple[list[_Move]
 def _up(path: ToolPath, poses: Array, stroke: StrokeRows) -> list[_Move]:
     if not len(stroke.up):
         last = stroke.contact[-1]
-        return [_Move(_lifted(poses[last], path.axes_work[last], CLEARANCE_M), "landing_speed")]
+        return [_Move(_lifted(poses[last], path.axes_work[last]), "landing_speed")]
     return [_Move(poses[row], _air_speed(path, row)) for row in stroke.up]
 
 
-def _lifted(pose: Array, axis: Array, height: float) -> Array:
-    return np.concatenate([pose[:3] + height * axis, pose[3:]])
+def _lifted(pose: Array, axis: Array) -> Array:
+    return np.concatenate([pose[:3] + CLEARANCE_M * axis, pose[3:]])
 
 
 def _air_speed(path: ToolPath, row: int) -> str:
@@ -281,12 +276,9 @@ def _contact(path: ToolPath, poses: Array, stroke: StrokeRows, setup: ExportSetu
             yield f"# {remark}"
         if path.force is not None and force[row] != force[before]:
             yield f"global force_n = {force[row]:.3f}"
-        yield _motion(_Move(poses[row], _feed(feed[row], path), radius))
-
-
-def _feed(value: float, path: ToolPath) -> str:
-    """A feed of the path's own is a number in each move, the process's stands at the top."""
-    return "feed" if path.feed is None else f"{value:.6f}"
+        # A feed of the path's own is a number in each move, the process's stands at the top.
+        speed = "feed" if path.feed is None else f"{feed[row]:.6f}"
+        yield _motion(_Move(poses[row], speed, radius))
 
 
 def _motions(moves: Sequence[_Move]) -> list[str]:

@@ -172,7 +172,7 @@ def path_page(result: PlanResult, setup: ExportSetup) -> Page:
         stop="",
         stop_time=None,
         bodies=[standing, *bodies],
-        solids=[*part_solids(result, 0), *tool],
+        solids=[*part_solids(result), *tool],
         part_body=0,
         motion=motion,
         path=path.positions_work,
@@ -187,27 +187,25 @@ def path_page(result: PlanResult, setup: ExportSetup) -> Page:
     )
 
 
-def part_solids(result: PlanResult, body: int) -> list[Solid]:
+def part_solids(result: PlanResult) -> list[Solid]:
     """Part and fixture, what the tool does not reach, and a chip wherever it is in the part."""
     vertices, faces = lighter_mesh(result.mesh.vertices, result.mesh.faces, MOST_FACETS)
-    solids = [_solid("part", body, vertices, faces, PART_COLOR)]
+    solids = [_solid("part", vertices, faces, PART_COLOR)]
     if result.tool.fixture is not None:
         fixture = result.tool.fixture.mesh
-        solids.append(
-            _solid("fixture", body, *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR)
-        )
+        solids.append(_solid("fixture", *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR))
     out = np.empty((0, 3, 3)) if result.access is None else result.access.triangles
     size, way = 0.3 * result.plan.stepover_m, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
     chips = result.in_part[:, None] + size * way
     for kind, corners, color in (("out of reach", out, LEFT_OUT_COLOR), ("tool in the part", chips, IN_PART_COLOR)):
         if len(corners):
             triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-            solids.append(_solid(kind, body, corners.reshape(-1, 3), triangles, color))
+            solids.append(_solid(kind, corners.reshape(-1, 3), triangles, color))
     return solids
 
 
-def _solid(kind: str, body: int, vertices: Array, faces: Ints, color: tuple[int, ...]) -> Solid:
-    return Solid(kind, body, vertices, faces, [value / 255.0 for value in color])
+def _solid(kind: str, vertices: Array, faces: Ints, color: tuple[int, ...]) -> Solid:
+    return Solid(kind, 0, vertices, faces, [value / 255.0 for value in color])
 
 
 def predicted_wear(result: PlanResult, setup: ExportSetup) -> Wear:

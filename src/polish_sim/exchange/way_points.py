@@ -53,7 +53,8 @@ def checked_length(file: Path, positions: Array, place: Place) -> Array:
             "Plain CSV is in mm, path.csv in m: correct the unit."
         )
     if len(positions) < 2:
-        raise InputError(f"'{file}' is no path: it has {_count(len(positions))}. Two are the least.")
+        count = "one point" if len(positions) == 1 else "0 points"
+        raise InputError(f"'{file}' is no path: it has {count}. Two are the least.")
     return arc_length(positions)
 
 
@@ -77,10 +78,6 @@ def refuse_unsorted(file: Path, name: str, values: Array, place: Place) -> None:
             f"'{file}', {place(row)}: {name} falls from {values[row - 1]:.9g} to {values[row]:.9g}. "
             "The points are not in the order of the path: sort them."
         )
-
-
-def _count(points: int) -> str:
-    return "one point" if points == 1 else f"{points} points"
 
 
 Unknown = Callable[[InputError], None]  #: Called with an unknown word that can be skipped: raises the error or notes it

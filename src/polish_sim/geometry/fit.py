@@ -46,21 +46,16 @@ def fit_triangles(vertices: Array, faces: Ints, feature_angle: float = FEATURE_A
     points = _edge_points(vertices, faces, corner_normals, smooth, creases)
     facet, edge = np.nonzero(smooth & (adjacency.facets < np.arange(len(faces))[:, None]))
     points[facet, edge] = points[adjacency.facets[facet, edge], adjacency.edges[facet, edge]]  # to the last digit
+    flat = np.abs(corner_normals - normals[:, None, :]).max(axis=(1, 2)) < FLAT_TILT
     return build_surface(
         vertices=vertices,
         faces=faces,
         control=_unfold(np.concatenate([vertices[faces], points], axis=1), normals, adjacency),
         normal_control=quadratic_normals(vertices[faces], corner_normals),
-        shape=_corner_shape(jets.shape[corners.ids], corner_normals, normals),
+        shape=np.where(flat[:, None, None], 0.0, jets.shape[corners.ids]),
         adjacency=adjacency,
         smooth=smooth,
     )
-
-
-def _corner_shape(shape: Array, corner_normals: Array, own_normals: Array) -> Array:
-    """Shape operators at the corners, shape (m, 3, 6); zero on facets that are flat."""
-    tilt = np.abs(corner_normals - own_normals[:, None, :]).max(axis=(1, 2))
-    return np.where((tilt < FLAT_TILT)[:, None, None], 0.0, shape)
 
 
 def _unfold(control: Array, normals: Array, adjacency: Adjacency) -> Array:

@@ -157,6 +157,8 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
     used, compact = np.unique(skin.faces, return_inverse=True)
     vertices, faces = skin.vertices[used], compact.reshape(-1, 3).astype(np.int32)
     stl_facets = np.where(skin.source >= 0, triangles.numbers[skin.source], -1).astype(np.int32)
+    x, y, z = np.ptp(vertices, axis=0) * 1e3
+    size_note = f"read in {unit}: {x:.4g} x {y:.4g} x {z:.4g} mm, {len(faces)} facets"
     for array in (vertices, faces, direction, stl_facets):
         array.setflags(write=False)
     return PartMesh(
@@ -168,7 +170,7 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
         sha256=sha256,
         unit=unit,
         stl_facets=stl_facets,
-        notes=(_size_note(vertices, faces, unit), *unit_notes, *triangles.notes, *skin.notes, up_note),
+        notes=(size_note, *unit_notes, *triangles.notes, *skin.notes, up_note),
         noise=skin.noise,
     )
 
@@ -204,11 +206,6 @@ def _refuse_soup(faces: Ints, vertices: int, path: Path) -> None:
             f"{path}: {alone.sum()} of {len(faces)} facets have no neighbour, the first is facet {alone.argmax()}: "
             "this is no surface. Was the file damaged on the way? Copy or export it again."
         )
-
-
-def _size_note(vertices: Array, faces: Ints, unit: str) -> str:
-    x, y, z = np.ptp(vertices, axis=0) * 1e3
-    return f"read in {unit}: {x:.4g} x {y:.4g} x {z:.4g} mm, {len(faces)} facets"
 
 
 class LighterMesh(NamedTuple):

@@ -11,6 +11,21 @@ from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.features import facet_normals, flat_faces, smooth_edges
 from polish_sim.geometry.topology import Adjacency, facet_links, find_adjacency, label_pieces
 
+SIDES = {
+    "z": (0.0, 0.0, 1.0),
+    "-z": (0.0, 0.0, -1.0),
+    "y": (0.0, 1.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "x": (1.0, 0.0, 0.0),
+    "-x": (-1.0, 0.0, 0.0),
+}
+"""Unit vectors of the six sides."""
+
+UP_CONE = np.radians(46.0)  #: A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does
+REST_ANGLE = np.radians(20.0)  #: Resting on a flat face turns the largest smooth face by no more [rad]
+REST_SHARE = 0.2  #: A flat face counts when its area is at least this share of the largest smooth face's
+_AXIS_NOISE = 1e-6  #: A direction this close to an axis is that axis: rounding of the file's numbers [rad]
+
 # The largest smooth face of a part and where it looks.
 #
 # Candidates are the mesh's own normals, ties go to the file's own z, then to the face with more facets and then to the
@@ -52,9 +67,9 @@ def _facet_graph(vertices: Array, faces: Ints) -> FacetGraph:
     return FacetGraph(normals, areas, adjacency, links[links[:, 0] < links[:, 1]])
 
 
-def _largest_face(graph: FacetGraph, cone: float) -> Face:
-    """The largest set of smoothly joined facets that look within a cone [rad] about their mean normal."""
-    candidates, bounds = _candidates(graph, cone)
+def _largest_face(graph: FacetGraph) -> Face:
+    """The largest set of smoothly joined facets that look within the cone `UP_CONE` about their mean normal."""
+    candidates, bounds = _candidates(graph)
     order = np.argsort(-np.floor(np.log(bounds / bounds.max()) / np.log(_BUCKET) + 1e-9), kind="stable")
     found: list[tuple[int, Face]] = []
     best = 0.0
@@ -62,36 +77,33 @@ def _largest_face(graph: FacetGraph, cone: float) -> Face:
         # The bound counts all facets that look this way, joined or not; it is drawn from a sample.
         if _BUCKET * bounds[at] < best:
             continue
-        face = _settle(graph, candidates[at], cone, 1)
+        face = _settle(graph, candidates[at], 1)
         found.append((int(at), face))
         best = max(best, face.area)
     level = [(at, face) for at, face in found if face.area >= (1.0 - _SAME) * best]
-    chosen = max(level, key=lambda pair: (_is_z(pair[1].direction), len(pair[1].facets), pair[0]))[1]
-    face = _settle(graph, chosen.direction, cone, _SHIFTS)
+    z = np.array(SIDES["z"])
+    chosen = max(level, key=lambda pair: (np.array_equal(_snap(pair[1].direction), z), len(pair[1].facets), pair[0]))[1]
+    face = _settle(graph, chosen.direction, _SHIFTS)
     whole = _whole_direction(graph, face)
     # A smooth surface that closes upon itself looks nowhere: a side of the file is as good that sees as much of it.
     for direction in SIDES.values() if whole is None else [whole]:
-        straight = _seen_from(graph, np.array(direction), cone)
+        straight = _seen_from(graph, np.array(direction))
         if straight.area >= face.area - max(_SAME * face.area, face.doubt, straight.doubt):
             return straight
     return face
 
 
-def _is_z(direction: Array) -> bool:
-    return float(np.linalg.norm(direction - SIDES["z"])) < _AXIS_NOISE
-
-
-def _looks_same(graph: FacetGraph, face: Face, direction: Array, cone: float) -> bool:
+def _looks_same(graph: FacetGraph, face: Face, direction: Array) -> bool:
     """Whether a face has the same area from another direction (3,), both projected along it and seen from it."""
     # A face's area projected along a direction falls off with the cosine of the angle to its mean normal.
     if face.direction @ direction < 1.0 - _SAME:
         return False
-    return _seen_from(graph, direction, cone).area >= (1.0 - _SAME) * face.area
+    return _seen_from(graph, direction).area >= (1.0 - _SAME) * face.area
 
 
-def _seen_from(graph: FacetGraph, direction: Array, cone: float) -> Face:
+def _seen_from(graph: FacetGraph, direction: Array) -> Face:
     """The largest face seen from a direction, which is left as it is."""
-    looks = graph.normals @ direction > np.cos(cone)
+    looks = graph.normals @ direction > np.cos(UP_CONE)
     if not looks.any():
         return Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
     ends = looks[graph.links]
@@ -105,7 +117,7 @@ def _seen_from(graph: FacetGraph, direction: Array, cone: float) -> Face:
     return Face(direction, float(sizes.max()), doubt, facets)
 
 
-def _candidates(graph: FacetGraph, cone: float) -> tuple[Array, Array]:
+def _candidates(graph: FacetGraph) -> tuple[Array, Array]:
     """Directions many facets look in, in the order of the file, and the area that looks so, (c, 3) and (c,)."""
     step = max(len(graph.areas) // _SAMPLE, 1)
     normals, areas = graph.normals[::step], graph.areas[::step] * step
@@ -115,19 +127,19 @@ def _candidates(graph: FacetGraph, cone: float) -> tuple[Array, Array]:
         direction = normals[int(left.argmax())]
         left &= normals @ direction < np.cos(_LEADER_ANGLE)
         for _ in range(_SHIFTS):
-            direction = _mean(normals, areas * (normals @ direction > np.cos(cone)), direction)
+            direction = _mean(normals, areas * (normals @ direction > np.cos(UP_CONE)), direction)
         if all(direction @ other < np.cos(_APART) for other in leaders):
             leaders.append(direction)
     directions = np.array(leaders)
-    bounds = np.array([areas[normals @ direction > np.cos(cone)].sum() for direction in directions])
+    bounds = np.array([areas[normals @ direction > np.cos(UP_CONE)].sum() for direction in directions])
     return directions, np.maximum(bounds, 1e-300)
 
 
-def _settle(graph: FacetGraph, direction: Array, cone: float, rounds: int) -> Face:
+def _settle(graph: FacetGraph, direction: Array, rounds: int) -> Face:
     """Turn a direction to the mean normal of the largest face seen from it."""
     face = Face(direction, 0.0, 0.0, np.empty(0, dtype=np.int64))
     for _ in range(rounds):
-        face = _seen_from(graph, face.direction, cone)
+        face = _seen_from(graph, face.direction)
         mean = _mean(graph.normals[face.facets], graph.areas[face.facets], face.direction)
         face = face._replace(direction=mean)
     return face
@@ -150,24 +162,6 @@ def _mean(normals: Array, weights: Array, otherwise: Array) -> Array:
     return np.asarray(total / length) if length > 1e-9 * float(weights.sum()) else otherwise
 
 
-SIDES = {
-    "z": (0.0, 0.0, 1.0),
-    "-z": (0.0, 0.0, -1.0),
-    "y": (0.0, 1.0, 0.0),
-    "-y": (0.0, -1.0, 0.0),
-    "x": (1.0, 0.0, 0.0),
-    "-x": (-1.0, 0.0, 0.0),
-}
-"""Unit vectors of the six sides."""
-
-UP_CONE = np.radians(46.0)  #: A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does
-REST_ANGLE = np.radians(20.0)  #: Resting on a flat face turns the largest smooth face by no more [rad]
-REST_SHARE = 0.2  #: A flat face counts when its area is at least this share of the largest smooth face's
-
-
-_AXIS_NOISE = 1e-6  #: A direction this close to an axis is that axis: rounding of the file's numbers [rad]
-
-
 def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
     """Find the direction a user's choice means: unit vector (3,), and a note for the user.
 
@@ -182,7 +176,7 @@ def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
     if named is not None:
         return named, f"up is {describe(named)} (as asked)"
     graph = _facet_graph(vertices, faces)
-    direction = _snap(_stand_straight(vertices, faces, graph, UP_CONE))
+    direction = _snap(_stand_straight(vertices, faces, graph))
     return direction, f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)"
 
 
@@ -201,15 +195,15 @@ def check_up(up: str) -> Array | None:
     return None
 
 
-def _stand_straight(vertices: Array, faces: Ints, graph: FacetGraph, cone: float) -> Array:
+def _stand_straight(vertices: Array, faces: Ints, graph: FacetGraph) -> Array:
     """Direction (3,) in which the largest smooth face looks, the part put straight on a flat face if it has one."""
-    found = _largest_face(graph, cone)
+    found = _largest_face(graph)
     _, areas, normals = flat_faces(vertices, faces, graph.adjacency)
     sides = np.concatenate([normals, -normals])
     sizes = np.concatenate([areas, areas])
     fits = (sides @ found.direction > np.cos(REST_ANGLE)) & (sizes > REST_SHARE * found.area)
     if not fits.any():
-        level = (side for side in map(np.array, SIDES.values()) if _looks_same(graph, found, side, cone))
+        level = (side for side in map(np.array, SIDES.values()) if _looks_same(graph, found, side))
         return next(level, found.direction)
     best = int(np.flatnonzero(fits & (sizes >= (1.0 - _SAME) * sizes[fits].max()))[0])
     return np.asarray(sides[best])

@@ -133,13 +133,13 @@ class LoggedRobot:
     file: Path | None = None  #: Its MJCF; None for the cell's arm
 
 
-def cell_arm(terms: tuple[str, ...] = FULL) -> LoggedRobot:
+def cell_arm() -> LoggedRobot:
     """The cell's UR5e with sensor, spindle and head."""
-    arm = build_arm(terms)
+    arm = build_arm(FULL)
     return LoggedRobot(arm.truth, arm.carried)
 
 
-def robot_of_file(file: Path, joints: Sequence[str] | None = None, terms: tuple[str, ...] = FULL) -> LoggedRobot:
+def robot_of_file(file: Path, joints: Sequence[str] | None = None) -> LoggedRobot:
     """A robot of a user's own MJCF; joints not named are held where the model starts, with None all are the chain's.
 
     Raises InputError if the file is no model, or holds no serial chain of hinges and slides; names the joint.
@@ -150,4 +150,4 @@ def robot_of_file(file: Path, joints: Sequence[str] | None = None, terms: tuple[
         own = own_parameters(compiled, chain.joints)
     except InputError as error:
         raise InputError(f"'{file}': {error}") from None
-    return LoggedRobot(TorqueModel(chain, terms), chain.parameters - own, file)
+    return LoggedRobot(TorqueModel(chain), chain.parameters - own, file)

@@ -84,6 +84,7 @@ OBJECTIVES: Final[dict[str, Choice]] = {
 
 GRID: Final = 100  #: Samples of a period while searching
 FINE: Final = 1000  #: Samples of a period when limits are checked
+_SHARE: Final = 0.9  #: Of a random motion's limits of speed and acceleration
 _MARGIN: Final = 0.98
 _PENALTY: Final = 30.0
 _SHRINK: Final = 0.98
@@ -119,8 +120,8 @@ def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: 
     return np.asarray(flat.T @ flat / len(states.q))
 
 
-def random_motion(limits: MotionLimits, rng: np.random.Generator, share: float = 0.9) -> FourierMotion:
-    """A random series that keeps the limits of position, speed and acceleration with each joint's largest share."""
+def random_motion(limits: MotionLimits, rng: np.random.Generator) -> FourierMotion:
+    """A random series that keeps the limits of position, speed and acceleration."""
     n = len(limits.speed)
     center, half = limits.position.mean(axis=1), 0.5 * np.ptp(limits.position, axis=1)
     coefficients = rng.normal(size=(n, 1 + 2 * HARMONICS))
@@ -128,7 +129,7 @@ def random_motion(limits: MotionLimits, rng: np.random.Generator, share: float =
     states = FourierMotion(coefficients)(np.arange(FINE) / (FINE * FREQUENCY))
     # The offset is drawn within what the amplitude leaves.
     reach, speed, acceleration = (np.abs(part).max(0) for part in states)
-    room = np.maximum(speed / limits.speed, acceleration / limits.acceleration) / share
+    room = np.maximum(speed / limits.speed, acceleration / limits.acceleration) / _SHARE
     room = np.maximum(room, reach / (0.8 * half))
     coefficients[:, 1:] /= room[:, None]
     coefficients[:, 0] = center + rng.uniform(-1.0, 1.0, n) * (0.95 * half - reach / room)
@@ -186,12 +187,12 @@ def design(
     return best._replace(evaluations=search.evaluations)
 
 
-def mean_information(task: ExcitationTask, motion: FourierMotion, samples: int = FINE) -> Array:
+def mean_information(task: ExcitationTask, motion: FourierMotion) -> Array:
     """Information of one sample of all torques, averaged over a period, shape (r, r)."""
-    states = motion(np.arange(samples) / samples * motion.period)
+    states = motion(np.arange(FINE) / FINE * motion.period)
     Y = task.model.regressor(states)[:, :, task.base.columns] * (informative(states) / task.sigma)[:, :, None]
     flat = Y.reshape(-1, task.base.rank)
-    return np.asarray(flat.T @ flat / samples)
+    return np.asarray(flat.T @ flat / FINE)
 
 
 class Search:

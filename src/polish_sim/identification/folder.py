@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,20 +32,8 @@ def write_folder(folder: Path, found: Identification, source: Path | None = None
     if found.weighed is not None:
         write_payload(folder, found.weighed)
     write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
-    figures = found.figures
-    facts = [
-        f"error {100 * figures['nrms_heldout_mean']:.3f}% of the range (mean of the joints)",
-        f"drawing {100 * figures['nrms_heldout_drawing_mean']:.1f}%",
-        f"{figures['base_parameters']} parameters from {figures['samples']} samples",
-    ]
-    plots = {"torques.png": plot_torques(found, "Torques of a motion that was not fitted", facts)}
-    if found.motion is not None:
-        facts = [
-            f"predicts other motions to {figures['predicted_error_sigma']:.4f} of the noise after one period",
-            f"condition {figures['condition_motion']:.0f}",
-        ]
-        plots["motion.png"] = plot_motion(found.motion, "The exciting motion", facts)
-    save_plots(folder, plots)
+    motion = {} if found.motion is None else {"motion.png": plot_motion(found.motion, found.figures)}
+    save_plots(folder, {"torques.png": plot_torques(found), **motion})
 
 
 def rows_of(found: Identification) -> list[ParameterRow]:
@@ -76,11 +64,11 @@ def write_payload(folder: Path, weighed: Weighed) -> None:
 
 
 @styled
-def plot_torques(found: Identification, title: str, facts: Sequence[str]) -> Figure:
+def plot_torques(found: Identification) -> Figure:
     """Torques held out, joint by joint: measured, the identified model's, the drawing's (paper's fig. 4)."""
     held, Y = found.held_out, found.model.regressor(found.held_out.states)
     drawing, predicted = Y @ found.drawing.parameters, Y[:, :, found.base.columns] @ found.found.theta
-    n = held.measured.shape[1]
+    n, figures = held.measured.shape[1], found.figures
     figure = new_figure(11.0, 1.1 + 2.2 * ((n + 1) // 2))
     grid = figure.subplots((n + 1) // 2, 2, sharex=True, squeeze=False).ravel()
     time = _broken(held.time, held.time)
@@ -92,15 +80,20 @@ def plot_torques(found: Identification, title: str, facts: Sequence[str]) -> Fig
         ):
             line = _broken(values[:, joint], held.time)
             axes.plot(time, line, color=colour, ls=dashes, lw=width, label=label)
-        axes.set_ylabel(f"joint {joint + 1} [N m]\nerror {100 * found.figures['nrms_heldout'][joint]:.3f}%")
+        axes.set_ylabel(f"joint {joint + 1} [N m]\nerror {100 * figures['nrms_heldout'][joint]:.3f}%")
     for axes in grid[-2:]:
         axes.set_xlabel("time [s]; gaps: a joint reverses")
-    head(figure, title, facts, legend=(grid[0],))
+    facts = [
+        f"error {100 * figures['nrms_heldout_mean']:.3f}% of the range (mean of the joints)",
+        f"drawing {100 * figures['nrms_heldout_drawing_mean']:.1f}%",
+        f"{figures['base_parameters']} parameters from {figures['samples']} samples",
+    ]
+    head(figure, "Torques of a motion that was not fitted", facts, legend=(grid[0],))
     return figure
 
 
 @styled
-def plot_motion(motion: FourierMotion, title: str, facts: Sequence[str]) -> Figure:
+def plot_motion(motion: FourierMotion, figures: Mapping[str, Any]) -> Figure:
     """Positions and speeds of all joints over a period of an exciting motion."""
     figure = new_figure(9.0, 5.0)
     above, below = figure.subplots(2, 1, sharex=True)
@@ -112,7 +105,11 @@ def plot_motion(motion: FourierMotion, title: str, facts: Sequence[str]) -> Figu
     above.set_ylabel("joint position [deg]")
     below.set_ylabel("joint speed [deg/s]")
     below.set_xlabel("time [s]")
-    head(figure, title, facts, legend=(above,))
+    facts = [
+        f"predicts other motions to {figures['predicted_error_sigma']:.4f} of the noise after one period",
+        f"condition {figures['condition_motion']:.0f}",
+    ]
+    head(figure, "The exciting motion", facts, legend=(above,))
     return figure
 
 

@@ -43,9 +43,9 @@ class RobotLog(NamedTuple):
     gears: Gears | None = None  #: Where both sides of the gears are read
 
 
-def periodic_states(log: RobotLog, period: float, harmonics: int = HARMONICS_FITTED) -> States:
+def periodic_states(log: RobotLog, period: float) -> States:
     """States of a log of a periodic motion: a Fourier series fitted to its positions, and that series' derivatives."""
-    return fit_fourier(log.time, log.q, 1.0 / period, harmonics)(log.time)
+    return fit_fourier(log.time, log.q, 1.0 / period, HARMONICS_FITTED)(log.time)
 
 
 def with_noise(log: RobotLog, encoder: float, sigma: Array, rng: np.random.Generator) -> RobotLog:

@@ -95,7 +95,7 @@ def fit_payload(
     it. Raises IdentificationError, naming it, if the motions leave a parameter unknown.
     """
     both = BaseParameters(np.append(base.columns, _last_link(model)), np.zeros((0, 0)))
-    sums = sum_samples(model, both, states, torque).plus(_widened(empty, 10))
+    sums = sum_samples(model, both, states, torque).plus(_widened(empty))
     return _payload_of(model, [model.names[column] for column in base.columns], sums)
 
 
@@ -122,10 +122,10 @@ def _last_link(model: TorqueModel) -> Indices:
     return np.arange(10 * (model.joints - 1), 10 * model.joints)
 
 
-def _widened(sums: JointSums, more: int) -> JointSums:
-    """The same samples with some more columns of zeros."""
-    squares = np.pad(sums.squares, ((0, 0), (0, more), (0, more)))
-    return sums._replace(squares=squares, products=np.pad(sums.products, ((0, 0), (0, more))))
+def _widened(sums: JointSums) -> JointSums:
+    """The same samples with the payload's columns, of zeros."""
+    squares = np.pad(sums.squares, ((0, 0), (0, 10), (0, 10)))
+    return sums._replace(squares=squares, products=np.pad(sums.products, ((0, 0), (0, 10))))
 
 
 _DENSITY: Final = 2700.0  #: Of the blocks that are carried [kg/m^3]

@@ -109,14 +109,14 @@ def fit_rest(
     return Step(base, estimate(sum_rest(model, base.columns, states, torque, used), sigma=sigma))
 
 
-def fit_axes(model: TorqueModel, states: States, torque: Array, sigma: Array | None = None) -> Step:
+def fit_axes(model: TorqueModel, states: States, torque: Array) -> Step:
     """First step: some axes move while the others hold, exactly at rest in the states.
 
     Only the torques of moving axes count, as only their friction has a known size; what holds loads the last of them.
     """
     some, counts = _some(len(torque)), informative(states)
     base = base_of_rows(model.regressor(states.rows(some))[counts[some]])
-    return Step(base, estimate(sum_samples(model, base, states, torque), sigma=sigma))
+    return Step(base, estimate(sum_samples(model, base, states, torque)))
 
 
 def _some(samples: int) -> Indices:

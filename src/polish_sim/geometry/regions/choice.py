@@ -235,10 +235,7 @@ _MOST_CORNERS = 1000
 def pick_box(whole: Whole, argument: str) -> list[Clipped]:
     """Pick the smooth faces that look up within a box."""
     low, high = parse_box(argument)
-    kept = _between(whole.kept, np.eye(3), low, high)
-    if len(kept.parents) == 0:
-        raise _nothing_in(f"box:{argument}", whole.surface)
-    seen = looking(kept, whole.up)
+    seen = looking(_between(whole, np.eye(3), low, high, f"box:{argument}"), whole.up)
     return connected(seen, seen.surface.smooth)
 
 
@@ -248,10 +245,7 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
     frame = _plane_across(whole.up, corners)
     flat = corners @ frame.T
     _check_polygon(flat, argument)
-    kept = _between(whole.kept, frame, flat.min(axis=0), flat.max(axis=0))
-    if len(kept.parents) == 0:
-        raise _nothing_in(f"polygon:{argument}", whole.surface)
-    kept = looking(kept, whole.up)
+    kept = looking(_between(whole, frame, flat.min(axis=0), flat.max(axis=0), f"polygon:{argument}"), whole.up)
     for start, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
         side = end - start
         length = float(np.linalg.norm(side))
@@ -266,14 +260,19 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
     return connected(kept, kept.surface.smooth)
 
 
-def _between(kept: Clipped, frame: Array, low: Array, high: Array) -> Clipped:
-    """Cut to coordinates between limits (d,) [m] along unit vectors, rows of the frame (d, 3)."""
+def _between(whole: Whole, frame: Array, low: Array, high: Array, choice: str) -> Clipped:
+    """Cut to coordinates between limits (d,) [m] along unit vectors, rows of the frame (d, 3).
+
+    Raises:
+        PlanError: Nothing is there; names the choice.
+    """
+    kept = whole.kept
     for axis, least, most in zip(frame, low, high, strict=True):
         for side, limit in ((1.0, least), (-1.0, most)):
             values = side * (kept.surface.control @ axis - limit)
             kept = then(kept, clip(kept.surface, values, on=_ON_OUTLINE))
             if len(kept.parents) == 0:
-                return kept
+                raise _nothing_in(choice, whole.surface)
     return kept
 
 
