@@ -75,12 +75,12 @@ def sphere_case():
 
 
 def torus_case():
-    shape = torus(64, major=0.05, minor=0.02)
+    shape = torus(48, major=0.03, minor=0.012)
 
     def distance(points):
-        return np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.05, points[:, 2]) - 0.02
+        return np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.03, points[:, 2]) - 0.012
 
-    return shape, distance, 1.0 / 0.014 + 1.0 / 0.024
+    return shape, distance, 1.0 / 0.006 + 1.0 / 0.012
 
 
 @pytest.mark.parametrize("case", [sphere_case, torus_case])

@@ -26,6 +26,12 @@ def as_trimesh(part) -> trimesh.Trimesh:
     return trimesh.Trimesh(part.vertices, part.faces, process=False)
 
 
+def is_solid(part, volume: float, rel: float = 1e-6) -> bool:
+    """Whether a part is closed, of this volume [mm^3]."""
+    mesh = as_trimesh(part)
+    return mesh.is_watertight and mesh.volume == pytest.approx(1e-9 * volume, rel=rel)
+
+
 def said(part, *words: str) -> bool:
     return any(all(word in note for word in words) for note in part.notes)
 
@@ -43,8 +49,7 @@ def test_empty_double_and_flipped_facets_are_dropped_and_the_first_is_named():
     # Facets keep their numbers in the file.
     assert part.stl_facets.tolist() == list(range(2, 1282))
     assert said(part, "2 facets without area")
-    assert as_trimesh(part).is_watertight
-    assert as_trimesh(part).volume == pytest.approx(1e-9 * BALL.volume)
+    assert is_solid(part, BALL.volume)
     assert said(part, "40 facets that occur twice", "the first at (")
 
 
@@ -109,8 +114,7 @@ def test_t_junctions_all_round_a_box_close_it():
         line = np.concatenate([[face[0]], face[0] + cuts[:, None] * (face[1] - face[0]), [face[1]]])
         triangles += [[a, b, face[2]] for a, b in pairwise(line)]
     part = from_soup(np.array(triangles))
-    assert as_trimesh(part).is_watertight
-    assert as_trimesh(part).volume == pytest.approx(1e-9 * 90 * 60 * 40)
+    assert is_solid(part, 90 * 60 * 40)
     assert said(part, "T-junctions")
 
 
@@ -131,8 +135,7 @@ def test_a_ball_with_twenty_facets_missing_is_whole_again():
     rng = np.random.default_rng(1)
     gone = rng.choice(1280, 20, replace=False)
     part = from_soup(np.delete(soup(BALL), gone, axis=0))
-    assert as_trimesh(part).is_watertight
-    assert as_trimesh(part).volume == pytest.approx(1e-9 * BALL.volume, rel=2e-3)
+    assert is_solid(part, BALL.volume, rel=2e-3)
 
 
 def test_several_bodies_are_kept_counted_and_measured():
@@ -153,8 +156,7 @@ def test_bodies_look_outward_and_hollows_inward_however_they_were_wound():
 def test_solids_glued_at_a_face_become_one():
     right = (soup(BLOCK) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]  # the same diagonals where they meet
     part = from_soup(np.concatenate([soup(BLOCK), right]))
-    assert as_trimesh(part).is_watertight
-    assert as_trimesh(part).volume == pytest.approx(1e-9 * 200 * 60 * 20)
+    assert is_solid(part, 200 * 60 * 20)
     assert said(part, "walls inside the part")
 
 
@@ -162,8 +164,7 @@ def test_solids_that_touch_along_an_edge_are_told_apart():
     corner = soup(BLOCK) + [100.0, 60.0, 0.0]
     for way in (1, -1):
         part = from_soup(np.concatenate([soup(BLOCK), corner])[:, ::way])
-        assert as_trimesh(part).is_watertight
-        assert as_trimesh(part).volume == pytest.approx(1e-9 * 2 * 100 * 60 * 20)
+        assert is_solid(part, 2 * 100 * 60 * 20)
         assert as_trimesh(part).body_count == 2
         assert said(part, "1 edges of more than two facets", "the first at (50, 30, 0) mm")
 

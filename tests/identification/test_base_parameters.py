@@ -23,20 +23,15 @@ from tests.identification.chains import arm_chain, arm_model, inverse_dynamics, 
 TERMS = ("viscous", "armature")
 
 
-def test_torques_of_the_arm_are_the_engines_over_a_thousand_random_states() -> None:
-    model = TorqueModel(arm_chain(), TERMS)
-    states = random_states(6, 1000, np.random.default_rng(0))
-    torque = model.torque(states, model.truth())
-    assert np.abs(torque - inverse_dynamics(arm_model(), *states)).max() <= 1e-10
-    assert np.abs(torque).max() > 50.0
-
-
-def test_slides_tilted_axes_and_two_joints_on_a_body_give_the_engines_torques() -> None:
-    engine = odd_model()
-    model = TorqueModel(read_chain(engine), TERMS)
-    states = random_states(4, 200, np.random.default_rng(1))
+@pytest.mark.parametrize(("engine", "joints", "count"), [(arm_model(), ARM_JOINTS, 1000), (odd_model(), None, 200)])
+def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_body(
+    engine: mujoco.MjModel, joints: tuple[str, ...] | None, count: int
+) -> None:
+    model = TorqueModel(read_chain(engine, joints), TERMS)
+    states = random_states(model.joints, count, np.random.default_rng(0))
     torque = model.torque(states, model.truth())
     assert np.abs(torque - inverse_dynamics(engine, *states)).max() <= 1e-10
+    assert np.abs(torque).max() > 50.0
 
 
 def test_the_regressor_is_pinocchios() -> None:

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.exchange.strokes import ExportSetup, feeds_of, forces_of, needed_rows
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, cylinder, free_tool, page_html
@@ -45,8 +45,6 @@ class Tube(NamedTuple):
     vertices: Array  #: [m], work frame, shape (n, 3)
     faces: Ints  #: Shape (m, 3)
     colors: Colors  #: Red, green, blue of each vertex: along the path in contact, one colour in the air, shape (n, 3)
-    s: Array  #: Arc length of the path at each vertex [m], shape (n,)
-    contact: Bools  #: Whether the vertex belongs to the path in contact, shape (n,)
 
 
 def path_tube(result: PlanResult) -> Tube:
@@ -72,7 +70,7 @@ def _stretch(path: ToolPath, rows: Indices, contact: bool, radius: float) -> Tub
     vertices = (middle[:, None] + radius * around).reshape(-1, 3)
     s = np.repeat(path.s[rows], SIDES)
     colors = colors_along(s / path.s[-1]) if contact else np.tile(np.array(LEAD_COLOR, dtype=np.uint8), (len(s), 1))
-    return Tube(vertices, _tube_faces(len(rows)), colors, s, np.full(len(s), contact))
+    return Tube(vertices, _tube_faces(len(rows)), colors)
 
 
 def _rings(middle: Array, axes: Array) -> Array:

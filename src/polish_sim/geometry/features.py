@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
-from polish_sim.geometry.topology import Adjacency, corner_fans, facet_links, label_pieces
+from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet_links, label_pieces
 from polish_sim.spatial import unit
 
 FEATURE_ANGLE = np.radians(30.0)  #: Edges that bend more than this are creases [rad]
@@ -153,9 +153,7 @@ def _face_means(labels: Ints, areas: Array, normals: Array, count: int) -> tuple
 def _bent_faces(vertices: Array, faces: Ints, labels: Ints, normals: Array, tolerance: float, count: int) -> Bools:
     """Tell which gatherings leave their mean plane."""
     height = np.einsum("mcj,mj->mc", vertices[faces], normals[labels])
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, labels, height.min(axis=1))
-    np.maximum.at(high, labels, height.max(axis=1))
+    low, high = extremes(labels, height.min(axis=1), height.max(axis=1), count)
     return high - low > tolerance
 
 

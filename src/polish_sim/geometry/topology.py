@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from polish_sim.arrays import Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints
 
 
 class Adjacency(NamedTuple):
@@ -23,7 +23,6 @@ class EdgeFaults(NamedTuple):
 
     open: int  #: Edges with one facet
     crowded: int  #: Edges with more than two facets
-    twisted: int  #: Edges whose two facets disagree about which side is outside
     first_crowded: Ints  #: Vertices of the first crowded edge, shape (2,) or (0,)
 
 
@@ -44,15 +43,12 @@ def find_adjacency(faces: Ints) -> Adjacency:
 
 
 def find_edge_faults(faces: Ints) -> EdgeFaults:
-    """Count the edges where the mesh is open, crowded or twisted."""
+    """Count the edges where the mesh is open or crowded."""
     start, end, order, key = sorted_half_edges(faces)
     begins, counts = equal_runs(key)
-    a, b = paired_half_edges(order, key)
     crowded = order[begins[counts > 2]]
     example = np.array([start[crowded[0]], end[crowded[0]]]) if len(crowded) else np.empty(0)
-    return EdgeFaults(
-        int((counts == 1).sum()), len(crowded), int((start[a] == start[b]).sum()), example.astype(np.int32)
-    )
+    return EdgeFaults(int((counts == 1).sum()), len(crowded), example.astype(np.int32))
 
 
 def paired_half_edges(order: Indices, key: Indices) -> tuple[Indices, Indices]:
@@ -76,6 +72,14 @@ def label_pieces(links: Indices, count: int) -> tuple[int, Ints]:
     graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
     pieces, labels = connected_components(graph, directed=False)
     return int(pieces), labels.astype(np.int32)
+
+
+def extremes(labels: Ints, low: Array, high: Array, count: int) -> tuple[Array, Array]:
+    """Least of some values and greatest of others, rows (n, ...), over those of each of ``count`` labels (n,)."""
+    least, most = np.full((count, *low.shape[1:]), np.inf), np.full((count, *high.shape[1:]), -np.inf)
+    np.minimum.at(least, labels, low)
+    np.maximum.at(most, labels, high)
+    return least, most
 
 
 def corner_fans(adjacency: Adjacency, passable: Bools) -> tuple[int, Ints]:

@@ -12,6 +12,7 @@ from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry.repair.skin import Skin, place
 from polish_sim.geometry.topology import (
+    extremes,
     facet_links,
     find_adjacency,
     label_pieces,
@@ -87,9 +88,7 @@ def find_shells(skin: Skin) -> Shells:
     closed = np.ones(count, dtype=bool)
     closed[labels[(adjacency.facets < 0).any(axis=1)]] = False
     corners = skin.vertices[skin.faces]
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, labels, corners.min(axis=1))
-    np.maximum.at(high, labels, corners.max(axis=1))
+    low, high = extremes(labels, corners.min(axis=1), corners.max(axis=1), count)
     centred = corners - 0.5 * (low + high)[labels][:, None, :]
     sixfold = np.einsum("mj,mj->m", centred[:, 0], np.cross(centred[:, 1], centred[:, 2]))
     volumes = np.where(closed, np.bincount(labels, weights=sixfold, minlength=count) / 6.0, 0.0)
