@@ -171,8 +171,7 @@ def prepare(page: Path, folder: Path) -> None:
     if "LOG.csv" in text:
         sys.path.insert(0, str(ROOT))
         from polish_sim.motion.serial_chain import link_parameters
-        from tests.identification.logs import played, write_log
-        from tests.identification.motions import SIGMA, known_robot
+        from tests.identification.known import SIGMA, known_robot, played, write_log
 
         known = known_robot()
         loaded = known.model.truth()

@@ -22,9 +22,7 @@ from polish_sim.identification.robot_model import read_chain
 from polish_sim.identification.settings import GEARS, IdentifySettings
 from polish_sim.motion.serial_chain import link_parameters
 from tests.cli.conftest import Tool
-from tests.identification.chains import ODD
-from tests.identification.logs import RATE, played, write_log
-from tests.identification.motions import SIGMA, known_robot
+from tests.identification.known import ODD, RATE, SIGMA, known_robot, played, write_log
 
 
 def _log(file: Path, still: slice = slice(0)) -> Path:

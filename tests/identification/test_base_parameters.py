@@ -18,7 +18,7 @@ from polish_sim.identification.regressor import (
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.identification.stepwise import rest_rows
 from polish_sim.models import robot_model_path
-from tests.identification.chains import arm_chain, arm_model, inverse_dynamics, odd_model
+from tests.identification.known import arm_chain, arm_model, inverse_dynamics, odd_model
 
 TERMS = ("viscous", "armature")
 

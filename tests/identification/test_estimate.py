@@ -20,7 +20,7 @@ from polish_sim.identification.estimate import (
 )
 from polish_sim.identification.regressor import States
 from polish_sim.identification.stepwise import carried, fit_rest, rest_rows, sum_rows
-from tests.identification.motions import SIGMA, known_robot, noisy
+from tests.identification.known import SIGMA, known_robot, noisy
 
 KNOWN = known_robot()
 

@@ -25,9 +25,7 @@ from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import RobotClearance
 from polish_sim.identification.use_motion import use_states
 from polish_sim.motion import forward
-from tests.identification.chains import arm_model
-from tests.identification.logs import RATE, played, write_log
-from tests.identification.motions import LIMITS, SIGMA, known_robot
+from tests.identification.known import LIMITS, RATE, SIGMA, arm_model, known_robot, played, write_log
 
 KNOWN = known_robot(terms=("coulomb", "viscous"))
 OTHERS = [known_robot(200, ("coulomb", "viscous"), seed) for seed in range(10, 18)]

@@ -15,8 +15,7 @@ from polish_sim.identification.log_file import read_robot_log, spline_states
 from polish_sim.identification.regressor import FULL, States
 from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
 from polish_sim.scenario_file import override
-from tests.identification.logs import joined, played, slow_passes, write_log
-from tests.identification.motions import SIGMA, known_robot
+from tests.identification.known import SIGMA, joined, known_robot, played, slow_passes, write_log
 
 IDEAL = RobotConfig(arm="ideal")
 HELD_BY_LINKS = ["robot.arm=ur5e", "robot.real.servo_side=link", "robot.real.kinematics=exact"]

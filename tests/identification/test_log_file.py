@@ -10,7 +10,7 @@ import pytest
 from polish_sim.errors import InputError
 from polish_sim.identification.log_file import RobotLog, periodic_states, read_robot_log, spline_states
 from polish_sim.motion.serial_chain import HINGE, SLIDE
-from tests.identification.motions import known_robot
+from tests.identification.known import known_robot
 
 NAMES = ["time_s", *(f"q{j}_rad" for j in range(1, 7)), *(f"torque{j}_nm" for j in range(1, 7))]
 KNOWN = known_robot(1000)

@@ -13,8 +13,7 @@ from polish_sim.identification.payload import Payload, body_of, fit_payload, fit
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, parameters_of, pseudo_inertia
 from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, carry, own_parameters, read_chain
 from polish_sim.motion.serial_chain import link_parameters
-from tests.identification.chains import arm_chain, arm_model
-from tests.identification.motions import known_robot, noisy
+from tests.identification.known import arm_chain, arm_model, known_robot, noisy
 
 KNOWN = known_robot()
 

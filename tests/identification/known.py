@@ -1,0 +1,155 @@
+"""Robots, motions and logs of which everything is known."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.identification.estimate import BaseParameters, base_of
+from polish_sim.identification.excitation import random_motion
+from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
+from polish_sim.identification.log_file import log_columns
+from polish_sim.identification.regressor import FULL, States, TorqueModel
+from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
+from polish_sim.models import robot_model_path
+from polish_sim.motion.serial_chain import SerialChain
+
+Array = NDArray[np.float64]
+ODD = """<mujoco><option gravity="1 2 -9"/><worldbody><body pos="0.1 0.2 0.3" euler="20 30 40">
+  <joint name="a" axis="1 2 3" pos="0.01 0.02 0.03" damping="2" armature="0.1"/>
+  <joint name="b" type="slide" axis="0.3 -1 0.2"/>
+  <inertial mass="2" pos="0.1 0 0.05" fullinertia="0.05 0.06 0.04 0.001 0.002 -0.003"/>
+  <body pos="0.3 0 0.1" euler="-50 10 5"><joint name="c" axis="0 1 1" ref="30"/>
+    <inertial mass="1.5" pos="0 0.1 0" diaginertia="0.01 0.02 0.015"/>
+    <body pos="0 0 0.2" euler="0 90 0"><inertial mass="0.5" pos="0.02 0 0" diaginertia="0.001 0.002 0.0015"/>
+      <body pos="0.1 0 0"><joint name="d" axis="0 0 1" pos="0 0.1 0"/>
+        <inertial mass="0.7" pos="0 0 0.1" diaginertia="0.003 0.002 0.004"/></body></body></body>
+</body></worldbody></mujoco>"""
+
+
+def arm_model() -> mujoco.MjModel:
+    """The cell's robot, its gravity not compensated, without contacts, stops and Coulomb friction."""
+    model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
+    model.body_gravcomp[:] = 0.0
+    return _bare(model)
+
+
+def odd_model() -> mujoco.MjModel:
+    """Two joints on one body, a slide, tilted axes, a welded body, a joint that does not start at zero."""
+    return _bare(mujoco.MjModel.from_xml_string(ODD))
+
+
+def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
+    off = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONTACT | off.mjDSBL_LIMIT)
+    return model
+
+
+@cache
+def arm_chain() -> SerialChain:
+    """The six axes of the cell's robot, tool and head part of the last link."""
+    return read_chain(arm_model(), ARM_JOINTS)
+
+
+def inverse_dynamics(model: mujoco.MjModel, q: Array, qd: Array, qdd: Array) -> Array:
+    """MuJoCo's torques of the first joints; further joints stand still."""
+    data, n = mujoco.MjData(model), q.shape[1]
+    torques = np.empty_like(q)
+    for row in range(len(q)):
+        data.qpos[:n], data.qvel[:n], data.qacc[:n] = q[row], qd[row], qdd[row]
+        mujoco.mj_inverse(model, data)
+        torques[row] = data.qfrc_inverse[:n]
+    return torques
+
+
+SIGMA = np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
+LIMITS = MotionLimits(
+    np.array([[-0.9, 0.9]] * 6) * np.pi, np.full(6, 3.0), np.full(6, 12.0), np.array([150.0] * 3 + [28.0] * 3)
+)
+
+
+class Known(NamedTuple):
+    """A robot of which everything is known, and one of its motions."""
+
+    model: TorqueModel
+    base: BaseParameters
+    truth: Array
+    motion: FourierMotion
+    states: States
+    torque: Array
+
+    def with_still(self, joints: slice) -> FourierMotion:
+        """The motion with some joints held in the middle of theirs."""
+        coefficients = self.motion.coefficients.copy()
+        coefficients[joints, 1:] = 0.0
+        return FourierMotion(coefficients)
+
+
+def known_robot(samples: int = 2000, terms: tuple[str, ...] = FULL, seed: int = 0) -> Known:
+    """The arm on a random motion of one period, its torques without noise."""
+    model = TorqueModel(arm_chain(), terms)
+    base = base_of(model)
+    motion = random_motion(LIMITS, np.random.default_rng(seed))
+    states = motion(np.arange(samples) / samples * motion.period)
+    truth = model.truth()
+    return Known(model, base, base.combination @ truth, motion, states, model.torque(states, truth))
+
+
+def noisy(torque: Array, rng: np.random.Generator) -> Array:
+    """Torques as a sensor with `SIGMA` reads them."""
+    return torque + rng.normal(size=torque.shape) * SIGMA
+
+
+RATE = 250.0
+
+
+def write_log(
+    file: Path, model: TorqueModel, states: States, sigma: float | Array = 0.0, truth: Array | None = None,
+    seed: int = 0,
+) -> Path:  # fmt: skip
+    """Write states and their torques, with noise, as a log at `RATE`; ``truth`` (p,) if it is not the model's own."""
+    torque = model.torque(states, model.truth() if truth is None else truth)
+    torque = torque + np.random.default_rng(seed).normal(size=torque.shape) * sigma
+    q, force = log_columns(model.chain.geometry.kind.tolist())
+    table = np.column_stack([np.arange(len(torque)) / RATE, states.q, torque])
+    np.savetxt(file, table, delimiter=",", header=",".join(["time_s", *q, *force]), comments="", fmt="%.9g")
+    return file
+
+
+def played(motion: FourierMotion, periods: int) -> States:
+    """A periodic motion entered and left at rest."""
+    end = periods * motion.period + 4.0
+    return started_and_stopped(motion, np.arange(round(end * RATE)) / RATE, 2.0, end)
+
+
+def slow_passes(start: Array, seconds: float = 60.0) -> States:
+    """Every joint goes to and fro at 0.1 rad/s, each at its own beat, from and to rest."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    beat = 2.0 * np.pi / (14.0 + 2.3 * np.arange(len(start)))
+    gate = np.clip(np.minimum(t, t[-1] - t), 0.0, 1.0)[:, None]
+    gate = gate**3 * (10.0 - 15.0 * gate + 6.0 * gate**2)
+    speed = 0.1 * gate * np.tanh(15.0 * np.sin(np.outer(t, beat)))
+    q = start + np.cumsum(speed, axis=0) / RATE
+    return States(q, speed, np.gradient(speed, 1.0 / RATE, axis=0))
+
+
+def joined(*parts: States) -> States:
+    """Parts one after the other, each from and to rest, with a smooth way of three seconds between them."""
+    pieces = [parts[0]]
+    for part in parts[1:]:
+        x = np.arange(1.0, 3.0 * RATE)[:, None] / (3.0 * RATE)
+        way = part.q[0] - pieces[-1].q[-1]
+        pieces += [
+            States(
+                pieces[-1].q[-1] + way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2),
+                way / 3.0 * 30.0 * x**2 * (1.0 - x) ** 2,
+                way / 9.0 * 60.0 * x * (1.0 - 3.0 * x + 2.0 * x**2),
+            ),
+            part,
+        ]  # fmt: skip
+    return States(*(np.concatenate(part) for part in zip(*pieces, strict=True)))
