@@ -90,14 +90,20 @@ class Known(NamedTuple):
         return FourierMotion(coefficients)
 
 
+@cache
 def known_robot(samples: int = 2000, terms: tuple[str, ...] = FULL, seed: int = 0) -> Known:
     """The arm on a random motion of one period, its torques without noise."""
-    model = TorqueModel(arm_chain(), terms)
-    base = base_of(model)
+    model, base = _arm(terms)
     motion = random_motion(LIMITS, np.random.default_rng(seed))
     states = motion(np.arange(samples) / samples * motion.period)
     truth = model.truth()
     return Known(model, base, base.combination @ truth, motion, states, model.torque(states, truth))
+
+
+@cache
+def _arm(terms: tuple[str, ...]) -> tuple[TorqueModel, BaseParameters]:
+    model = TorqueModel(arm_chain(), terms)
+    return model, base_of(model)
 
 
 def noisy(torque: Array, rng: np.random.Generator) -> Array:
