@@ -48,7 +48,7 @@ TOOL_MOUNT = [
     (1.15, 0.032, 0.052, 0.160, 0.0),
     (0.10, 0.012, 0.060, 0.090, 0.040),
 ]
-HEAD = [(0.18, 0.010, 0.110, 0.196, 0.0), (0.12, 0.025, 0.196, 0.220, 0.0)]
+SLIDING_HEAD = [(0.18, 0.010, 0.110, 0.196, 0.0), (0.12, 0.025, 0.196, 0.220, 0.0)]
 
 
 def cylinders(parts):
@@ -78,7 +78,7 @@ def build_model():
     # The head slides against the tool axis: its joint frame is the flange turned half a turn about x.
     turned = placement * pin.SE3(pin.utils.rotate("x", np.pi), np.zeros(3))
     head = model.addJoint(parent, pin.JointModelPZ(), turned, "head")
-    model.appendBodyToJoint(head, cylinders(HEAD), pin.SE3(pin.utils.rotate("x", np.pi), np.zeros(3)))
+    model.appendBodyToJoint(head, cylinders(SLIDING_HEAD), pin.SE3(pin.utils.rotate("x", np.pi), np.zeros(3)))
     return model
 
 
