@@ -53,15 +53,14 @@ def noise_option(name: str, of: str, default: str) -> Own:
 class Means(NamedTuple):
     """One of the three calibrations, as its options ask for it: how it is done, written and shown."""
 
-    kind: str  #: Of the table of many seeds; its claims, unless others are named
+    kind: str  #: Of the table of many seeds; from a file its claims are those of ``<kind>-data``
     what: str  #: What is found, for titles
-    how: str  #: From simulated measurements, for titles
-    claims: str  #: Those of simulated measurements
-    data_claims: str  #: Those of a file
+    claims: str  #: Asked of simulated measurements
     run: Callable[[int], Any]  #: Simulates and calibrates with a seed
     read: Callable[[Path], Any]  #: Calibrates from a file
     notes: Callable[[Any], tuple[str, ...]]
     write: Callable[[Any, Path], None]
+    how: str = ""  #: How simulated measurements are taken, for titles
 
 
 @takes(
@@ -88,14 +87,13 @@ def tcp(given: Given) -> int:
 
     def run(seed: int) -> TcpCalibration:
         gears = _gears(given, seed)
-        read = gears and gears[0].reading("follower", gears[1])
-        return run_tcp_calibration(replace(trial, seed=seed, read=read))
+        return run_tcp_calibration(replace(trial, seed=seed, read=gears and gears[0].reading("follower", gears[1])))
 
-    def measured(file: Path) -> TcpCalibration:
+    def read(file: Path) -> TcpCalibration:
         return calibrate_tcp_from(read_tool_measurements(file))
 
     claims = "tcp-gears" if _elastic(given) else "tcp"
-    return _calibrate(given, Means("tcp", "tool frame", "", claims, "tcp-data", run, measured, _tcp_notes, _write_tcp))
+    return _calibrate(given, Means("tcp", "tool frame", claims, run, read, _tcp_notes, _write_tcp))
 
 
 @takes(
@@ -124,12 +122,11 @@ def base(given: Given) -> int:
         gears = _gears(given, seed)
         return run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
 
-    def measured(file: Path) -> BasesFound:
+    def read(file: Path) -> BasesFound:
         return calibrate_base_from(read_base_measurements(file, method))
 
     claims, write = "base-gears" if _elastic(given) else kind, partial(_write_base, _pair(given))
-    how = f" by {method}"
-    return _calibrate(given, Means(kind, "bases", how, claims, f"{kind}-data", run, measured, _base_notes, write))
+    return _calibrate(given, Means(kind, "bases", claims, run, read, _base_notes, write, f" by {method}"))
 
 
 @takes(
@@ -157,11 +154,11 @@ def arm(given: Given) -> int:
         gears = _gears(given, seed)
         return run_arm_calibration(replace(trial, seed=seed, rest=gears and partial(gears[0].rest, rng=gears[1])))
 
-    def measured(file: Path) -> ArmsFound:
+    def read(file: Path) -> ArmsFound:
         return calibrate_arm_from(read_tracked(file))
 
     write = partial(_write_arm, _pair(given))
-    return _calibrate(given, Means("arm", "arms", "", "arm", "arm-data", run, measured, _arm_notes, write))
+    return _calibrate(given, Means("arm", "arms", "arm", run, read, _arm_notes, write))
 
 
 def _elastic(given: Given) -> bool:
@@ -210,7 +207,7 @@ def _calibrate(given: Given, means: Means) -> int:
         else:
             found = means.run(first) if data is None else means.read(data)
             means.write(found, folder.draft)
-            claims = CALIBRATIONS[means.claims if data is None else means.data_claims]
+            claims = CALIBRATIONS[means.claims if data is None else f"{means.kind}-data"]
             title = f"{means.what}{means.how}, seed {first}" if data is None else f"{means.what} from {data.name}"
             outcome = Outcome(claims, title, {"this calibration": found.figures}, notes=means.notes(found))
     return outcome.finish(folder.final, check=bool(given["--check"]))

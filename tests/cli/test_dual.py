@@ -95,7 +95,6 @@ def test_a_spoilt_calibration_is_one_message(spoil: str, run_dual: Tool, tmp_pat
     ("words", "said"),
     [
         (["--stepover", "3"], "--stepover would change nothing in 'run dual'"),
-        (["--mode", "assist"], "--mode would change nothing in 'run dual'"),
         (["--standoff", "200"], "--standoff 200 is outside 0 to 100 mm"),
         (["--master-path", "gone.csv"], "cannot read the poses 'gone.csv'"),
         (

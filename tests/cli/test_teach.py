@@ -75,7 +75,3 @@ def test_a_path_to_follow_is_checked_before_anything_moves(polish_sim: Tool) -> 
     assert "--follow says where the hand goes: leave --duration out." in " ".join(
         polish_sim("run", "teach", "--follow", "rim", "--duration", 1)[2].split()
     )
-
-
-def test_hand_options_belong_to_teach(polish_sim: Tool) -> None:
-    assert "--mode would change nothing in 'run arc'" in polish_sim("run", "arc", "--mode", "assist")[2]

@@ -222,12 +222,6 @@ def two_stretches() -> PlanResult:
     return measure_given_path(lifted, scenario.part, scenario.plan, scenario.process, scenario.pad)
 
 
-def test_a_path_of_two_stretches_is_pressed_in_two_strokes() -> None:
-    plan = two_stretches()
-    scenario = dual("process.feed_m_s=0.05")
-    assert len(prepare_dual(scenario, plan).strokes) == 2
-
-
 @pytest.mark.parametrize(
     ("changes", "kind", "said"),
     [

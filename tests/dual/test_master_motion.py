@@ -143,16 +143,20 @@ def write_motion(file: Path, times: Array, poses: Array, flange: bool = False) -
     return f"dual.master_path={file}"
 
 
-@pytest.mark.parametrize("flange", [False, True])
-def test_a_file_of_a_motion_is_followed_like_the_motion_itself(tmp_path: Path, flange: bool) -> None:
+@pytest.fixture(scope="module")
+def turning() -> DualTask:
     setting = ("dual.master_turn_rad_s=0.2", "dual.master_arc_radius_m=0.1", "dual.master_speed_m_s=0.02")
-    task = prepare_dual(dual(*SHORT, *setting))
+    return prepare_dual(dual(*SHORT, *setting))
+
+
+@pytest.mark.parametrize("flange", [False, True])
+def test_a_file_of_a_motion_is_followed_like_the_motion_itself(turning: DualTask, tmp_path: Path, flange: bool) -> None:
     times = 7.0 + np.linspace(0.0, 3.0, 31)
-    poses = task.work.way(task.reach.T_master_work, times - times[0])
-    given = task.frames.believed.master_flange(poses) if flange else poses
+    poses = turning.work.way(turning.reach.T_master_work, times - times[0])
+    given = turning.frames.believed.master_flange(poses) if flange else poses
     again = prepare_dual(dual(*SHORT, write_motion(tmp_path / "way.csv", times, given, flange)))
     moments = np.linspace(0.0, 3.0, 100)
-    asked, read = (one.work.way(one.reach.T_master_work, moments) for one in (task, again))
+    asked, read = (one.work.way(one.reach.T_master_work, moments) for one in (turning, again))
     np.testing.assert_allclose(read, asked, atol=2e-6)
     rows = again.master.spacing * np.arange(len(again.master.q))
     played = forward(again.master.q) @ again.frames.believed.T_flange_gripper

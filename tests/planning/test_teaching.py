@@ -9,43 +9,49 @@ import pytest
 
 from polish_sim.arrays import Array
 from polish_sim.errors import PlanError
-from polish_sim.geometry import fit_surface, load_part
+from polish_sim.geometry import Surface, fit_surface, load_part
 from polish_sim.hand_guiding.teaching import Recording, simplified, teach_path
 from polish_sim.models import workpiece_path
 
 RADIUS, SPEED = 0.08, 0.05
 
 
-def circle(tremor: float = 0.0, still: float = 0.0, height: float = 0.0) -> Recording:
+def circle(tremor: float = 0.0, still: float = 0.0, height: float = 0.02) -> Recording:
     """Once round a level circle at constant speed, held still before and after, with a tremor of 10 Hz."""
     duration = 2.0 * np.pi * RADIUS / SPEED
     t = np.arange(0.0, duration + 2.0 * still, 0.004)
     angle = np.clip((t - still) / duration, 0.0, 1.0) * 2.0 * np.pi
     radius = RADIUS + tremor * np.sin(2.0 * np.pi * 10.0 * t)
     positions = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(t), height)], axis=1)
-    return Recording(t, positions, np.tile([0.0, 0.0, 1.0], (len(t), 1)))
+    return Recording(t, positions)
+
+
+@pytest.fixture(scope="module")
+def plate() -> Surface:
+    """Level, its top at 20 mm."""
+    return fit_surface(load_part(workpiece_path("plate")))
 
 
 def off_circle(points: Array) -> Array:
     return np.abs(np.linalg.norm(points[:, :2], axis=1) - RADIUS)
 
 
-def test_a_steady_hand_s_circle_comes_back_within_its_tolerance() -> None:
-    taught = teach_path(circle(), None, 4.0, 0.0003, 0.002)
+def test_a_steady_hand_s_circle_comes_back_within_its_tolerance(plate: Surface) -> None:
+    taught = teach_path(circle(), plate, 4.0, 0.0003, 0.002)
     assert off_circle(taught.path.positions_work)[3:-3].max() < 1e-4
     assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=5e-3)
     assert np.diff(taught.path.s).max() < 0.0025
 
 
-def test_tremor_is_filtered_to_a_fifth() -> None:
+def test_tremor_is_filtered_to_a_fifth(plate: Surface) -> None:
     shaky = circle(tremor=0.0005)
-    taught = teach_path(shaky, None, 4.0, 0.0003, 0.002)
+    taught = teach_path(shaky, plate, 4.0, 0.0003, 0.002)
     rms = float(np.sqrt(np.mean(off_circle(taught.path.positions_work)[3:-3] ** 2)))
     assert rms < 0.2 * float(np.sqrt(np.mean(off_circle(shaky.positions) ** 2)))
 
 
-def test_standing_still_at_the_ends_is_no_path() -> None:
-    taught = teach_path(circle(still=3.0), None, 4.0, 0.0003, 0.002)
+def test_standing_still_at_the_ends_is_no_path(plate: Surface) -> None:
+    taught = teach_path(circle(still=3.0), plate, 4.0, 0.0003, 0.002)
     assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=0.02)
     assert np.diff(taught.path.s).min() > 0.001
 
@@ -78,7 +84,7 @@ def test_a_straight_line_keeps_its_ends_only() -> None:
     np.testing.assert_array_equal(simplified(line, 1e-6), [0, 49])
 
 
-def test_a_tool_that_was_hardly_moved_teaches_nothing() -> None:
+def test_a_tool_that_was_hardly_moved_teaches_nothing(plate: Surface) -> None:
     record = circle()
     with pytest.raises(PlanError, match="too little to teach a path"):
-        teach_path(record._replace(positions=0.01 * record.positions), None, 4.0, 0.0003, 0.002)
+        teach_path(record._replace(positions=0.01 * record.positions), plate, 4.0, 0.0003, 0.002)

@@ -23,7 +23,6 @@ from polish_sim.cell.robot import brakes_of
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Target
-from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, kernel
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
@@ -172,13 +171,8 @@ def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
     """The master as the host computes it, and its flange at the first row so, shape (4, 4)."""
     base = data.body(f"{MASTER}base")
     arm = build_host_arm(rows.table, transform(base.xmat.reshape(3, 3), base.xpos), np.eye(4))
-    _read_at_rest(arm, np.ascontiguousarray(rows.q[0]))
+    read_encoders.py_func(arm, rows.q[0], 0)
     return arm, transform(arm.turn.reshape(3, 3), arm.place)
-
-
-@njit(cache=True, error_model="numpy")
-def _read_at_rest(arm: HostArm, q: Array) -> None:
-    read_encoders(arm, q, 0)
 
 
 # The master at every step: its servos driven along their rows, the part carried, what the host makes of it.

@@ -208,13 +208,15 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
     process = trace.phase == PROCESS
     shift = trace.part_shift_m[process]
     speed = _speed(trace.time_s, trace.tool_on_part_m)[process]
+    R = R_base_work[:: max(1, len(R_base_work) // TURNS)]
+    turns = Rotation.from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:])
     return {
         "tracking_error_max_m": tracking.tolist(),
         "tracking_error_worst_m": float(tracking.max()),
         "relative_error_rms_m": float(np.sqrt(np.mean(relative**2))),
         "relative_error_p95_m": float(np.percentile(relative, 95.0)),
         "relative_error_max_m": float(relative.max()),
-        "master_turn_rad": _turned(R_base_work[:: max(1, len(R_base_work) // TURNS)]),
+        "master_turn_rad": float(turns.magnitude().sum()),
         "master_way_m": float(np.linalg.norm(shift[-1] - shift[0])),
         "speed_mean_m_s": float(speed.mean()),
         "speed_std_m_s": float(speed.std()),
@@ -226,11 +228,6 @@ def _speed(time: Array, points: Array) -> Array:
     early, late = (np.clip(time + shift, time[0], time[-1]) for shift in (-0.5 * SPEED_S, 0.5 * SPEED_S))
     gone = _along(time, points, late) - _along(time, points, early)
     return np.asarray(np.linalg.norm(gone, axis=1) / (late - early))
-
-
-def _turned(R: Array) -> float:
-    """Sum of the turns from one rotation to the next [rad], (n, 3, 3)."""
-    return float(Rotation.from_matrix(np.swapaxes(R[:-1], 1, 2) @ R[1:]).magnitude().sum()) if len(R) > 1 else 0.0
 
 
 def _along(s: Array, values: Array, places: Array) -> Array:

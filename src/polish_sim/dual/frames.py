@@ -191,8 +191,7 @@ def settled_bases(config: DualConfig) -> DualConfig:
             f"'dual.follower_pose' is {_pose_text(_follower_pose(config))}, but '{file}' was measured on "
             f"simulated robots that stand at {_pose_text(planted)}: leave one of them out."
         )
-    turn = Rotation.from_matrix(planted[:3, :3]).as_rotvec()
-    return replace(config, follower_pose=tuple(float(number) for number in (*planted[:3, 3], *turn)))
+    return replace(config, follower_pose=tuple(_pose_numbers(planted)))
 
 
 def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> ClosedChain:
@@ -219,8 +218,11 @@ def _follower_pose(config: DualConfig) -> Array:
 
 def _pose_text(T: Array) -> str:
     """A pose as `--set dual.follower_pose` takes it; rounded to nanometres."""
-    numbers = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()]
-    return "[" + ",".join(f"{number:.9g}" for number in numbers) + "]"
+    return "[" + ",".join(f"{number:.9g}" for number in _pose_numbers(T)) + "]"
+
+
+def _pose_numbers(T: Array) -> list[float]:
+    return [float(number) for number in (*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec())]
 
 
 def calibrated_frames(

@@ -211,7 +211,7 @@ def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, read: Array) 
     read = np.ascontiguousarray(read[::every])
     T_work_tool = inverse(task.reach.T_base_work) @ forward(read) @ tool_on_flange()
     clock: Array = np.arange(len(read)) * np.float64(every * scenario.simulation.timestep_s)
-    record = Recording(clock, T_work_tool[:, :3, 3], -T_work_tool[:, :3, 2])
+    record = Recording(clock, T_work_tool[:, :3, 3])
     taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)
     moving = dragged.table.phase[::every] == MOVING
     figures: dict[str, Any] = dict(measure_taught(record.positions[moving], taught.path, task.path))

@@ -28,7 +28,6 @@ class Recording(NamedTuple):
 
     time: Array  #: Evenly spaced [s], shape (n,)
     positions: Array  #: Tool point [m], shape (n, 3)
-    axes: Array  #: Unit tool axis, from the part to the tool, shape (n, 3)
 
 
 class Taught(NamedTuple):
@@ -36,32 +35,24 @@ class Taught(NamedTuple):
 
     path: ToolPath
     knots: int  #: Corners of the simplified recording, which are the knots of the fit
-    off_surface: float  #: Largest distance by which the fitted way was moved onto the part [m]; 0 without one
+    off_surface: float  #: Largest distance by which the fitted way was moved onto the part [m]
 
 
-def teach_path(
-    record: Recording, surface: Surface | None, filter_hz: float, tolerance: float, spacing: float
-) -> Taught:
+def teach_path(record: Recording, surface: Surface, filter_hz: float, tolerance: float, spacing: float) -> Taught:
     """Make a path, all of it process, from a recording.
 
     Args:
         record: The recording; hardly moved: PlanError.
-        surface: The part it was shown on: points are put on it, its normals become tool axes. None: the recording's.
+        surface: The part it was shown on: points are put on it, its normals become tool axes.
         filter_hz: Low-pass, forth and back [Hz].
         tolerance: The filtered way is simplified within this distance [m].
         spacing: Distance of the path's points [m].
     """
-    smooth = _low_passed(record, filter_hz)
-    way = _even(_moving(smooth), EVEN_M)
-    s = arc_length(way.positions)
-    corners = simplified(way.positions, tolerance)
-    knots = _knots(s, s[corners])
-    count = max(2, round(s[-1] / spacing))
-    at = np.linspace(0.0, s[-1], count + 1)
-    points = np.asarray(make_lsq_spline(s, way.positions, knots, DEGREE)(at))
-    axes = unit(np.asarray(make_lsq_spline(s, way.axes, knots, DEGREE)(at)))
-    if surface is None:
-        return Taught(_path(points, axes, np.zeros(len(points))), len(corners), 0.0)
+    way = _even(_moving(record, filter_hz))
+    s = arc_length(way)
+    corners = simplified(way, tolerance)
+    at = np.linspace(0.0, s[-1], max(2, round(s[-1] / spacing)) + 1)
+    points = np.asarray(make_lsq_spline(s, way, _knots(s, s[corners]), DEGREE)(at))
     found = surface.closest(points)
     off = float(np.linalg.norm(points - found.positions, axis=1).max())
     return Taught(path_through(surface, found), len(corners), off)
@@ -89,39 +80,30 @@ def simplified(points: Array, tolerance: float) -> Indices:
     return np.array(sorted(kept))
 
 
-def _low_passed(record: Recording, filter_hz: float) -> Recording:
+def _moving(record: Recording, filter_hz: float) -> Array:
+    """The low-passed way from where the hand begins to where it ends."""
     rate = 1.0 / float(np.median(np.diff(record.time)))
     sections = butter(2, min(filter_hz / (0.5 * rate), 0.99), output="sos")
-    positions, axes = (sosfiltfilt(sections, column, axis=0) for column in (record.positions, record.axes))
-    return Recording(record.time, np.asarray(positions), unit(np.asarray(axes)))
-
-
-def _moving(record: Recording) -> Recording:
-    """From where the hand begins to where it ends."""
-    speed = np.linalg.norm(np.gradient(record.positions, record.time, axis=0), axis=1)
+    positions = np.asarray(sosfiltfilt(sections, record.positions, axis=0))
+    speed = np.linalg.norm(np.gradient(positions, record.time, axis=0), axis=1)
     usual = float(np.percentile(speed, 75))
     going = np.flatnonzero(speed > MOVING_SHARE * usual)
     whole = slice(int(going[0]), int(going[-1]) + 1) if len(going) else slice(0, 0)
-    length = float(arc_length(record.positions[whole])[-1]) if len(going) > 1 else 0.0
+    length = float(arc_length(positions[whole])[-1]) if len(going) > 1 else 0.0
     if length < SHORTEST_M:
         raise PlanError(
             f"the tool was moved by {1e3 * length:.2f} mm: too little to teach a path. Drag it further than "
             f"{1e3 * SHORTEST_M:g} mm."
         )
-    return Recording(*(column[whole] for column in record))
+    return positions[whole]
 
 
-def _even(record: Recording, spacing: float) -> Recording:
+def _even(positions: Array) -> Array:
     """The same way at even distances."""
-    s = arc_length(record.positions)
+    s = arc_length(positions)
     rising = np.concatenate([[True], np.diff(s) > 0.0])
-    at = np.linspace(0.0, s[-1], max(8 * (DEGREE + 1), math.ceil(s[-1] / spacing)))
-    columns = (record.time[:, None], record.positions, record.axes)
-    time, positions, axes = (
-        np.stack([np.interp(at, s[rising], column[rising, k]) for k in range(column.shape[1])], axis=1)
-        for column in columns
-    )
-    return Recording(time[:, 0], positions, unit(axes))
+    at = np.linspace(0.0, s[-1], max(8 * (DEGREE + 1), math.ceil(s[-1] / EVEN_M)))
+    return np.stack([np.interp(at, s[rising], column) for column in positions[rising].T], axis=1)
 
 
 def _knots(s: Array, corners: Array) -> Array:
