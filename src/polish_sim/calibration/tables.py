@@ -26,7 +26,7 @@ JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
 XYZ_MM: Final = ("x_mm", "y_mm", "z_mm")
 UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
 FULL_TURN: Final = 2.0 * np.pi + 0.01  #: A rotation vector is no longer than this [rad]
-_LARGEST_RATIO = 100.0
+_LARGEST_RATIO = 100.0  # of a line's distance and that of the middle one
 REACH: Final = (0.02, 5.0)  #: From any robot's base to its flange or tip, in the middle of all lines [m]
 
 
@@ -39,6 +39,12 @@ def no_rotations(R: Array, tolerance: float = ROTATION_TOLERANCE) -> Bools:
 
 class Measured(Columns):
     """Columns of measurements: lengths with their unit, orientations in three forms."""
+
+    def refuse(self, wrong: Bools, said: Callable[[int], str]) -> None:
+        """Refuse the first wrong row, (n,), naming its line; ``said``: what is wrong with it."""
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(f"'{self.file}', {self.place(row)}: {said(row)}")
 
     def points(self, prefix: str, what: str) -> Array:
         """Points from columns ``<prefix>x_mm`` to ``<prefix>z_mm``, or the same in metres (``_m``) [m], shape (n, 3).
@@ -55,7 +61,15 @@ class Measured(Columns):
         names = [f"{prefix}{axis}_{unit}" for axis in "xyz"]
         self.need(names, f"{what}, in mm (or in m: {', '.join(f'{prefix}{axis}_m' for axis in 'xyz')})")
         points = UNITS[unit] * self.numbers(names)
-        self._refuse_mixed(points, what)
+        distance = np.linalg.norm(points, axis=1)
+        middle = float(np.median(distance))
+        self.refuse(
+            (distance > _LARGEST_RATIO * middle) | (distance * _LARGEST_RATIO < middle),
+            lambda row: (
+                f"{what} is {1e3 * distance[row]:.4g} mm from the origin, in the other lines about "
+                f"{1e3 * middle:.4g} mm. Are units mixed (mm, m)?"
+            ),
+        )
         return points
 
     def reached_points(self, prefix: str, what: str) -> Array:
@@ -69,18 +83,6 @@ class Measured(Columns):
                 f"robot works there. Are these numbers in {unit}, as the header says?"
             )
         return points
-
-    def _refuse_mixed(self, points: Array, what: str) -> None:
-        """Refuse lines a hundred times as far away as the middle one, or as near."""
-        distance = np.linalg.norm(points, axis=1)
-        middle = float(np.median(distance))
-        wrong = (distance > _LARGEST_RATIO * middle) | (distance * _LARGEST_RATIO < middle)
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            raise InputError(
-                f"'{self.file}', {self.place(row)}: {what} is {1e3 * distance[row]:.4g} mm from the origin, in the "
-                f"other lines about {1e3 * middle:.4g} mm. Are units mixed (mm, m)?"
-            )
 
     def rotations(self, what: str) -> Array:
         """Rotations (n, 3, 3) of a unit quaternion, a rotation vector or a matrix by rows; names a wrong line."""
@@ -96,17 +98,12 @@ class Measured(Columns):
                 f"'{self.file}' says nowhere how {what} stood. Wanted one of: {known}. It has: {', '.join(self.texts)}."
             )
         values = self.numbers(given)
-        if given == ROTATION_VECTOR and (np.linalg.norm(values, axis=1) > FULL_TURN).any():
-            row = int(np.argmax(np.linalg.norm(values, axis=1) > FULL_TURN))
-            raise InputError(
-                f"'{self.file}', {self.place(row)}: rx_rad to rz_rad turn by more than once round. Are they degrees?"
-            )
+        if given == ROTATION_VECTOR:
+            far = np.linalg.norm(values, axis=1) > FULL_TURN
+            self.refuse(far, lambda _: "rx_rad to rz_rad turn by more than once round. Are they degrees?")
         R = forms[given](values)
-        wrong = no_rotations(R)
-        if wrong.any():
-            said = "a unit quaternion" if given == QUATERNION else "a rotation matrix (orthonormal, right-handed)"
-            place = self.place(int(np.argmax(wrong)))
-            raise InputError(f"'{self.file}', {place}: {given[0]} to {given[-1]} are not {said}.")
+        wanted = "a unit quaternion" if given == QUATERNION else "a rotation matrix (orthonormal, right-handed)"
+        self.refuse(no_rotations(R), lambda _: f"{given[0]} to {given[-1]} are not {wanted}.")
         return np.asarray(R)
 
 

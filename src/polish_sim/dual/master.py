@@ -122,12 +122,10 @@ def read_master_path(file: Path) -> MasterPath:
     times = columns.numbers((TIME,))[:, 0]
     if len(times) < 2:
         raise InputError(f"'{file}' has one pose: a motion needs two or more.")
-    early = np.flatnonzero(np.diff(times) <= 0.0)
-    if len(early):
-        row = int(early[0]) + 1
-        raise InputError(
-            f"'{file}', {columns.place(row)}: {TIME} is {times[row]:g} after {times[row - 1]:g}, it must increase."
-        )
+    columns.refuse(
+        np.diff(times, prepend=-np.inf) <= 0.0,
+        lambda row: f"{TIME} is {times[row]:g} after {times[row - 1]:g}, it must increase.",
+    )
     _refuse_jumps(columns, what, times, poses)
     return MasterPath(times - times[0], poses, of_flange, columns)
 
@@ -136,14 +134,14 @@ def _refuse_jumps(columns: Measured, what: str, times: Array, poses: Array) -> N
     steps = np.diff(times)
     way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     turn = Rotation.from_matrix(np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]).magnitude()
-    jumps = np.flatnonzero((way > JUMP_M_S * steps) | (turn > JUMP_RAD_S * steps))
-    if len(jumps):
-        k = int(jumps[0])
-        raise InputError(
-            f"'{columns.file}', {columns.place(k + 1)}: {what} would jump by {1e3 * way[k]:.4g} mm and "
-            f"{np.degrees(turn[k]):.4g} deg in {steps[k]:.4g} s. A UR5e does {1e3 * JUMP_M_S:g} mm/s and "
-            f"{np.degrees(JUMP_RAD_S):g} deg/s at most: give the poses between, or more time."
-        )
+    columns.refuse(
+        np.r_[False, (way > JUMP_M_S * steps) | (turn > JUMP_RAD_S * steps)],
+        lambda row: (
+            f"{what} would jump by {1e3 * way[row - 1]:.4g} mm and {np.degrees(turn[row - 1]):.4g} deg in "
+            f"{steps[row - 1]:.4g} s. A UR5e does {1e3 * JUMP_M_S:g} mm/s and {np.degrees(JUMP_RAD_S):g} deg/s at "
+            "most: give the poses between, or more time."
+        ),
+    )
 
 
 class MasterMotion(NamedTuple):

@@ -19,7 +19,7 @@ from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.tables import JOINTS, XYZ_MM, Calibration, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.bases import ROBOTS, robots_of
 from polish_sim.dual.calibration.matched_points import kabsch, moved_frame, point_slopes, relative_frame
-from polish_sim.errors import CalibrationError, InputError
+from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
 from polish_sim.spatial import apply
 from polish_sim.tables import csv_text
@@ -270,13 +270,13 @@ def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
     given = JOINTS_DEG if JOINTS_DEG[0] in columns.texts else JOINTS
     columns.need(given, "joint angles as the robot reads them, all in rad or all in deg")
     q = columns.numbers(given) * (np.pi / 180.0 if given is JOINTS_DEG else 1.0)
-    wrong = np.abs(q).max(axis=1) > TURNS * 2.0 * np.pi
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise InputError(
-            f"'{file}', {columns.place(row)}: a joint angle of {np.abs(q[row]).max():.4g} rad is more than the joints "
-            "turn. Are they in degrees? Then name the columns q1_deg to q6_deg."
-        )
+    columns.refuse(
+        np.abs(q).max(axis=1) > TURNS * 2.0 * np.pi,
+        lambda row: (
+            f"a joint angle of {np.abs(q[row]).max():.4g} rad is more than the joints turn. Are they in "
+            "degrees? Then name the columns q1_deg to q6_deg."
+        ),
+    )
     seen = columns.points("", "the target's position seen by the tracker")
     return {robot: TrackedArm(q[robots == robot], seen[robots == robot]) for robot in ROBOTS}
 

@@ -83,9 +83,7 @@ class AxisArcs:
         robots = robots_of(columns)
         columns.need(["axis"], "which joint turned: 1 or 2")
         axes = columns.numbers(["axis"])[:, 0]
-        if not np.isin(axes, (1.0, 2.0)).all():
-            row = int(np.argmin(np.isin(axes, (1.0, 2.0))))
-            raise InputError(f"'{columns.file}', {columns.place(row)}: axis is {axes[row]:g}, wanted 1 or 2.")
+        columns.refuse(~np.isin(axes, (1.0, 2.0)), lambda row: f"axis is {axes[row]:g}, wanted 1 or 2.")
         points = columns.points("", "the target's position")
         which = {robot: [(robots == robot) & (axes == axis) for axis in (1, 2)] for robot in ROBOTS}
         for robot, masks in which.items():
@@ -280,10 +278,9 @@ def method_named(name: str) -> type[BaseMeasurements]:
 def robots_of(columns: Measured) -> NDArray[np.str_]:
     """Whose measurement each line is, master or follower, (n,); InputError for another name or a missing robot."""
     columns.need(["robot"], "whose measurement a line is: master or follower (or 1, 2)")
-    for row, text in enumerate(columns.texts["robot"]):
-        if text.lower() not in _NAMES:
-            raise InputError(f"'{columns.file}', {columns.place(row)}: robot is '{text}', wanted master or follower.")
-    robots = np.array([_NAMES[text.lower()] for text in columns.texts["robot"]])
+    texts = columns.texts["robot"]
+    robots = np.array([_NAMES.get(text.lower(), "") for text in texts])
+    columns.refuse(robots == "", lambda row: f"robot is '{texts[row]}', wanted master or follower.")
     for robot in ROBOTS:
         if not (robots == robot).any():
             raise InputError(

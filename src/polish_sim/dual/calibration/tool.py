@@ -280,13 +280,9 @@ def read_tool_measurements(file: Path) -> ToolMeasurements:
 def _kinds(columns: Measured) -> NDArray[np.str_]:
     if KIND_COLUMN not in columns.texts:
         return np.full(len(columns), TOUCH)
-    kinds = [text.lower() or TOUCH for text in columns.texts[KIND_COLUMN]]
-    for row, kind in enumerate(kinds):
-        if kind not in KINDS:
-            raise InputError(
-                f"'{columns.file}', {columns.place(row)}: unknown kind '{kind}'. Known: {', '.join(KINDS)}."
-            )
-    return np.array(kinds)
+    kinds = np.array([text.lower() or TOUCH for text in columns.texts[KIND_COLUMN]])
+    columns.refuse(~np.isin(kinds, KINDS), lambda row: f"unknown kind '{kinds[row]}'. Known: {', '.join(KINDS)}.")
+    return kinds
 
 
 def _the_one(columns: Measured, kinds: NDArray[np.str_], kind: str) -> int:
