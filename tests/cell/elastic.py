@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from scipy.linalg import eig
 
-from polish_sim.cell import build_scene, tool_on_flange
+from polish_sim.cell import build_scene
 from polish_sim.cell.engine import engine_views, mj_step1, mj_step2, register_engine
 from polish_sim.cell.gears import drive_joints, elastic_torque, follow_joints, hear_joints
 from polish_sim.cell.real_arm import build_real_arm
@@ -106,7 +106,7 @@ def joints_at(q: Array, *settings: str, gravity: bool = True) -> Joints:
         model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
     data.qpos[:6] = data.ctrl[0:12:2] = q
-    arm = build_real_arm(scenario, model, data, q, tool_on_flange())
+    arm = build_real_arm(scenario, model, data, q)
     mujoco.mj_forward(model, data)
     return Joints(model, data, arm, scenario.simulation.timestep_s)
 

@@ -135,13 +135,8 @@ def test_a_raster_line_neighbours_the_line_before_run_the_other_way() -> None:
     there = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
     back = np.stack([x[::-1], 0.0 * x + 0.008, 0.0 * x], axis=1)
     rows = nearest_earlier(np.concatenate([there, back]), 0.0005, 0.012)
-    assert (rows[: len(x)] == -1).all()
+    assert (rows[: len(x)] == -1).all()  # places of the same strand are no neighbours
     np.testing.assert_array_equal(rows[len(x) + 60 :], np.arange(len(x))[::-1][60:])
-
-
-def test_places_of_the_same_strand_are_no_neighbours() -> None:
-    x = np.arange(0.0, 0.2, 0.0005)
-    assert (nearest_earlier(np.stack([x, 0.0 * x, 0.0 * x], axis=1), 0.0005, 0.012) == -1).all()
 
 
 def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning() -> None:

@@ -14,7 +14,6 @@ from tests.cell.cells import (
     EVERY_STEP,
     TOUCH,
     EachStep,
-    Law,
     along_tool,
     cell_for,
     free_stroke,
@@ -80,26 +79,6 @@ def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant() ->
     look, run = watched(cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses, feed=0.2)))
     assert run.trace.tcp_speed_m_s.max() > 0.15
     assert np.max(look.worst) < 1e-9
-
-
-def chirp(measurement: Any, _target: Any) -> Array:
-    """Up and down, faster and faster, by some tenths of a millimetre."""
-    t = measurement.clock[0]
-    return np.array([0.0, 0.0, 0.01 * np.sin(2.0 * np.pi * (1.0 + 4.0 * t) * t), 0.0, 0.0, 0.0])
-
-
-def test_shaken_in_free_space_the_tool_weighs_2_kg() -> None:
-    """m of reading = m (a - g), a from the tool's logged places: nothing of the engine's accelerations."""
-    stroke = free_stroke(tool_pose(0.0, -0.5, 0.2), hold=2.5)
-    run = cell_for(ideal("arc", EVERY_STEP, "robot.linear_acceleration_m_s2=20"), stroke, controller=Law(chirp)).run()
-    height = run.trace.tcp_position_m[:, 2]
-    acceleration = np.diff(height, 2) / 1e-6
-    felt = -run.log["wrench_raw_sensor"][1:-1, 2].astype(float) - 2.0 * 9.81  # tool z looks down
-    assert np.ptp(acceleration) > 1.0
-    best = max(
-        (np.polyfit(acceleration[5:-5], felt[5 + k : len(felt) - 5 + k], 1) for k in (-1, 0, 1)), key=lambda p: p[0]
-    )
-    assert best[0] == pytest.approx(2.0, rel=0.02)
 
 
 def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant() -> None:

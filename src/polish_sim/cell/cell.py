@@ -33,7 +33,7 @@ from polish_sim.cell.real_arm import build_real_arm, is_real
 from polish_sim.cell.real_part import build_part_motion, no_part
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
-from polish_sim.cell.scene import tool_on_flange, touching
+from polish_sim.cell.scene import touching
 from polish_sim.cell.set_points import SetPoints
 from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, cycle_time
 from polish_sim.cell.wrist_sensor import (
@@ -298,7 +298,7 @@ class Cell:
         """Joints with gears; None: the engine's servos move the links themselves."""
         if not is_real(self.scenario):
             return None
-        return build_real_arm(self.scenario, self.model, self.data, q_start, tool_on_flange())
+        return build_real_arm(self.scenario, self.model, self.data, q_start)
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
         advance(self.kernel, self.real_arm, recorder, self.law, draws, steps)

@@ -44,7 +44,7 @@ def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
     model = build_scene(scenario, None, None)
     data = mujoco.MjData(model)
     data.qpos[:6] = q[0]
-    arm = build_real_arm(scenario, model, data, q[0], tool_on_flange())
+    arm = build_real_arm(scenario, model, data, q[0])
     tool, head = model.site("tool").id, float(model.body("head").mass[0])
     abouts, rested = [], data.qpos[:6] - q[0]
     for pose, weight in zip(q, weights(model, q + rested), strict=True):

@@ -12,7 +12,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews, engine_views, mj_step1, mj_step2, register_engine
 from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints
 from polish_sim.cell.real_arm import build_real_arm, built_table, is_real
-from polish_sim.cell.scene import build_scene, tool_on_flange, touching
+from polish_sim.cell.scene import build_scene, touching
 from polish_sim.config import Scenario
 from polish_sim.errors import ProtectiveStop, ReachError
 from polish_sim.kernel_cache import njit
@@ -69,7 +69,7 @@ def play_joints(
     played, arm = Played(q, qd, torque, motor, read, NOMINAL.copy()), None
     if is_real(scenario):
         played.table[:] = built_table(scenario, model, wanted.q[0])
-        arm = build_real_arm(scenario, model, data, wanted.q[0], tool_on_flange())
+        arm = build_real_arm(scenario, model, data, wanted.q[0])
     mujoco.mj_forward(model, data)
     _play(arm, engine_views(model, data), wanted, played, still)
     if not np.isfinite(played.q).all():

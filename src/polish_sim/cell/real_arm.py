@@ -14,7 +14,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
-from polish_sim.cell.scene import bend_links
+from polish_sim.cell.scene import bend_links, tool_on_flange
 from polish_sim.config import RealArmConfig, Scenario
 from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
@@ -176,13 +176,11 @@ def _points(q: Array, table: Array) -> Array:
     return np.asarray((link_frames(q, table)[:, 6, None] @ _TARGETS[:, :, None])[..., :3, 0])
 
 
-def build_real_arm(
-    scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, q_start: Array, T_flange_tool: Array
-) -> RealArm:
+def build_real_arm(scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, q_start: Array) -> RealArm:
     """The one robot of a scene, bent as built; its host has the nominal table and its tool; see `build_joints`."""
     links = [model.body(f"link_{number}") for number in range(1, 7)]
     bend_links(links, [model.joint(int(link.jntadr[0])) for link in links], built_table(scenario, model, q_start))
-    return build_joints(scenario, model, data, q_start, build_host_arm(NOMINAL, np.eye(4), T_flange_tool))
+    return build_joints(scenario, model, data, q_start, build_host_arm(NOMINAL, np.eye(4), tool_on_flange()))
 
 
 def build_joints(

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.cell import tool_on_flange
 from polish_sim.cell.engine import (
     EngineViews,
     correct_reading,
@@ -179,7 +178,7 @@ def run_guided(
     data = mujoco.MjData(arm.model)
     data.qpos[:6] = q_start
     if arm.elastic is not None:
-        joints = build_real_arm(arm.elastic, arm.model, data, q_start, tool_on_flange())
+        joints = build_real_arm(arm.elastic, arm.model, data, q_start)
     mujoco.mj_forward(arm.model, data)
     if data.ncon:
         raise ReachError("the arm cannot be guided from here: its links touch. Choose another start.")
