@@ -19,7 +19,17 @@ from polish_sim.identification.model_file import write_portable
 from polish_sim.models import workpiece_names, workpiece_path
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, transform
-from tests.cell.cells import EVERY_STEP, TOUCH, along_tool, cell_for, ideal, joints_at, part_under, pressing_stroke
+from tests.cell.cells import (
+    EVERY_STEP,
+    TOUCH,
+    along_tool,
+    cell_for,
+    ideal,
+    joints_at,
+    on_plane,
+    part_under,
+    pressing_stroke,
+)
 from tests.cell.fields import sphere
 
 HEAD = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", "head.travel_m=0.02"]
@@ -126,3 +136,10 @@ def test_a_world_turned_about_the_robots_axis_changes_no_quantity_in_tool_and_jo
     np.testing.assert_allclose(here.log["q_rad"][:, 1:], there.log["q_rad"][:, 1:], atol=1e-6)
     turned = Rotation.from_rotvec([0.0, 0.0, angle]).apply(here.trace.tcp_position_m)
     np.testing.assert_allclose(there.trace.tcp_position_m, turned, atol=1e-9)
+
+
+def test_a_cell_spends_no_time_on_the_engines_timers() -> None:
+    cell = on_plane("process.max_feed_s=0.1")
+    before = [stage.duration for stage in cell.data.timer]
+    assert cell.run().steps > 100
+    assert [stage.duration for stage in cell.data.timer] == before

@@ -47,7 +47,7 @@ class Observer(Protocol):
 class Silent(Observer):
     """Looks on and says nothing."""
 
-    frame_every_s = 0.2
+    frame_every_s = 0.5
 
 
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.

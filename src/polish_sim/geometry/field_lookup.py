@@ -31,7 +31,7 @@ class DistanceField(NamedTuple):
     bricks: NDArray[np.float32]  #: Distances at the nodes [m], shape (k, 9, 9, 9)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     """Signed distance [m] and its gradient at (x, y, z) [m], as (d, gx, gy, gz), for loops over many points.
 
