@@ -144,7 +144,7 @@ def rows_folder(out: Path | None, kind: str, what: str, holds: Sequence[str] = (
     """
     folder = out if out is not None else unused(RESULTS / kind)
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"'{folder}' exists and is not a folder. Choose another with --out.")
+        raise InputError(_taken(folder))
     if folder.is_dir() and any(folder.iterdir()) and not all((folder / name).exists() for name in holds):
         raise InputError(f"'{folder}' holds something that is not a {what}. Choose another folder with --out.")
     try:

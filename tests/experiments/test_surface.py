@@ -110,7 +110,7 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap) -> None:
 def polish_with_a_balanced_tool(scenario: Scenario, plan: PlanResult) -> tuple[dict[str, float | int], float]:
     """Figures of a run, and how far it came [m], with the tool's mass moved onto its axis."""
     place = prepare_surface(scenario, plan).place
-    cell = build_cell(scenario, place, build_part(scenario, place), hold=0.0, lift=scenario.plan.clearance_m)
+    cell = build_cell(scenario, place, build_part(scenario, place))
     mount = cell.model.body("tool_mount")
     assert mount.ipos[0] > 0.002  # the cable's connector
     mount.ipos[0], mount.iquat[:], mount.inertia[:] = 0.0, (1.0, 0.0, 0.0, 0.0), (0.0037, 0.0037, 0.0011)

@@ -25,7 +25,7 @@ from polish_sim.cell.limits import check_contact_settings
 from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
 from polish_sim.cell.set_points import FORCE
-from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, Stroke, begin_next_stroke, cycle_time
+from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, begin_next_stroke, cycle_time
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course, Measurement, Target, measurement_of, target_of
@@ -86,14 +86,9 @@ class Stage:
         self.rebuilds = any(not key.startswith(_LIVE) for key in ranges)
         self.moving = scenario.experiment == "surface"
         self.place: Workplace = prepare_surface(scenario).place if self.moving else place_force(scenario)
-        self.strokes = self.strokes_for(scenario)
+        self.strokes = strokes_for(scenario, self.place)
         surface = self.place.region.surface
         self.middle: Array = surface.vertices[surface.faces].mean(axis=(0, 1))
-
-    def strokes_for(self, scenario: Scenario) -> list[Stroke]:
-        """The strokes on the nominal part."""
-        hold, lift = (0.0, scenario.plan.clearance_m) if self.moving else (scenario.process.hold_s, 0.0)
-        return strokes_for(scenario, self.place, hold, lift)
 
     def form(self, scenario: Scenario) -> RealPart:
         """The part as bent by a scenario's seed, where it should be."""
@@ -104,7 +99,8 @@ class Stage:
 
     def build(self, scenario: Scenario, part: RealPart) -> Cell:
         """A cell that follows the path on a part."""
-        return cell_for(scenario, self.place, part, self.strokes_for(scenario) if self.rebuilds else self.strokes)
+        strokes = strokes_for(scenario, self.place) if self.rebuilds else self.strokes
+        return cell_for(scenario, self.place, part, strokes)
 
     def displaced(self, form: RealPart, config: Any, rng: np.random.Generator) -> RealPart:
         """A bent part where an episode finds it."""

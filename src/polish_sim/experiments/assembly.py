@@ -139,16 +139,14 @@ def modelled_depth(scenario: Scenario, force: float) -> float:
     return depth_for(force, scenario.pad.stiffness_n_m * scenario.head.spring_scale)
 
 
-def build_cell(scenario: Scenario, place: Workplace, part: RealPart, hold: float, lift: float) -> Cell:
-    """Set the cell up for a path on a part of ``build_part``, not yet run; its host believes its calibrated payload.
-
-    The tool stays ``hold`` [s] at the end of a stroke and is lifted by ``lift`` [m]; 0 for no retract.
-    """
-    return cell_for(scenario, place, part, strokes_for(scenario, place, hold, lift))
+def build_cell(scenario: Scenario, place: Workplace, part: RealPart) -> Cell:
+    """Set the cell up for a path on a part of ``build_part``, not yet run; its host believes its calibrated payload."""
+    return cell_for(scenario, place, part, strokes_for(scenario, place))
 
 
-def strokes_for(scenario: Scenario, place: Workplace, hold: float, lift: float) -> list[Stroke]:
-    """The strokes of a cell on the nominal part; arguments as of `build_cell`."""
+def strokes_for(scenario: Scenario, place: Workplace) -> list[Stroke]:
+    """The strokes of a cell on the nominal part; in ``force`` the tool holds at the end, else it is lifted."""
+    hold, lift = (scenario.process.hold_s, 0.0) if scenario.experiment == "force" else (0.0, scenario.plan.clearance_m)
     placed = placed_tool(place.path, place.reach)
     return placed_strokes(within_noise(scenario, place.mesh.noise), place.path, placed, hold, lift)
 

@@ -78,7 +78,7 @@ def prepare_force(scenario: Scenario, observer: Observer | None = None) -> Force
     observer = observer or Silent()
     place = place_force(scenario, observer)
     observer.stage("prepare the cell")
-    cell = build_cell(scenario, place, build_part(scenario, place), scenario.process.hold_s, lift=0.0)
+    cell = build_cell(scenario, place, build_part(scenario, place))
     return ForceTask(cell, place.path, place.reach)
 
 

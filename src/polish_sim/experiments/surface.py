@@ -182,7 +182,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     path = plan.path
     observer.stage("prepare the cell")
     part = build_part(scenario, place)
-    cell = build_cell(scenario, place, part, hold=0.0, lift=scenario.plan.clearance_m)
+    cell = build_cell(scenario, place, part)
     refuse_shaking(scenario, cell, reach.q_start)
     observer.stage("simulate")
     run = cell.run(observer)

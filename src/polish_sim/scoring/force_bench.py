@@ -131,7 +131,7 @@ def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = 
     ``friction``: Coulomb friction of the joints; without it the loop is linear but for its limits.
     """
     calm = quiet(scenario)
-    cell = build_cell(calm, bench.place, bench.part, calm.process.hold_s, lift=0.0)
+    cell = build_cell(calm, bench.place, bench.part)
     if not friction:
         cell.model.dof_frictionloss[:] = 0.0
     if gain != 1.0:

@@ -70,9 +70,7 @@ def setup_key(scenario: Scenario) -> Hashable:
 def _measure(task: Task) -> Row:
     scenario = task.scenario
     place = prepare_surface(scenario).place if scenario.experiment == "surface" else place_force(scenario)
-    part = build_part(scenario, place)
-    hold, lift = (0.0, scenario.plan.clearance_m) if task.case.moving else (scenario.process.hold_s, 0.0)
-    run = build_cell(scenario, place, part, hold, lift).run()
+    run = build_cell(scenario, place, build_part(scenario, place)).run()
     if run.interrupted:
         raise KeyboardInterrupt
     return _figures(task, scenario, place, run) | {
