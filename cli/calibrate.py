@@ -158,7 +158,7 @@ def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
 
 
 def _write(folder: Path, found: PayloadCalibration) -> None:
-    from polish_sim.analysis.payload_plot import ResidualData, plot_drift, plot_residuals
+    from polish_sim.analysis.payload_plot import plot_drift, plot_residuals
     from polish_sim.analysis.run_record import CONFIG
     from polish_sim.calibration import residual_table, write_calibration
     from polish_sim.scenario_file import to_toml
@@ -167,10 +167,8 @@ def _write(folder: Path, found: PayloadCalibration) -> None:
     write_calibration(folder / CALIBRATION, estimate)
     if found.scenario is not None:
         (folder / CONFIG).write_text(to_toml(found.scenario), encoding="utf-8")
-    data = ResidualData(
-        readings.time, estimate.residuals, estimate.noise, estimate.used, returned=found.scenario is not None
-    )
-    plots = {"residuals.png": plot_residuals(data, _facts(found))}
+    left = readings.time, estimate.residuals, estimate.noise, estimate.used
+    plots = {"residuals.png": plot_residuals(*left, found.scenario is not None, _facts(found))}
     if found.long_run is not None:
         plots["drift.png"] = plot_drift(*found.long_run)
     write_found(folder, found.figures, residual_table(readings, estimate, found.q), plots)

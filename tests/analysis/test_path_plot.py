@@ -36,10 +36,15 @@ def test_from_above_the_path_lies_where_it_was_planned(result, figure):
     assert flat.get_ylabel() == "to the back (+y) [mm]"
 
 
-def test_no_side_the_part_hides_is_drawn_through_it(tmp_path):
-    box = tmp_path / "box.stl"
-    trimesh.creation.box((60, 60, 60)).export(box)
-    result = plan_part(PartConfig(str(box), up="z"), PlanConfig(region="all", stepover_m=0.03))
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    file = tmp_path_factory.mktemp("box") / "box.stl"
+    trimesh.creation.box((60, 60, 60)).export(file)
+    return PartConfig(str(file), up="z")
+
+
+def test_no_side_the_part_hides_is_drawn_through_it(box):
+    result = plan_part(box, PlanConfig(region="all", stepover_m=0.03))
     solid, flat, _ = plot_plan(result).axes
     tops = np.concatenate([line.vertices for piece in flat.collections[1:] for line in piece.get_paths()])
     assert np.abs(tops).max() < 29.0  # of the top alone, which keeps off its rim; walls would lie at 30
@@ -54,12 +59,9 @@ def test_no_side_the_part_hides_is_drawn_through_it(tmp_path):
     assert not (strokes.max(axis=0) > 29.9)[1]
 
 
-@pytest.mark.parametrize(("side", "right"), [((30.0, 0.0, 0.0), 1), ((0.0, -30.0, 0.0), 0)])
-def test_a_side_of_the_part_is_seen_along_its_face(tmp_path, side, right):
-    box = tmp_path / "box.stl"
-    trimesh.creation.box((60, 60, 60)).export(box)
-    region = "point:" + ",".join(f"{x:g}" for x in side)
-    result = plan_part(PartConfig(str(box), up="z"), PlanConfig(region=region, stepover_m=0.02))
+@pytest.mark.parametrize(("side", "right"), [("point:30,0,0", 1), ("point:0,-30,0", 0)])
+def test_a_side_of_the_part_is_seen_along_its_face(box, side, right):
+    result = plan_part(box, PlanConfig(region=side, stepover_m=0.02))
     _, flat, _ = plot_plan(result).axes
     drawn = np.concatenate([line.vertices for piece in flat.collections[1:] for line in piece.get_paths()])
     process = result.path.positions_work[result.path.process] * 1e3

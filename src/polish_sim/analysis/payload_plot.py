@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,41 +14,42 @@ from polish_sim.arrays import Array, Bools
 AXES = "xyz"
 
 
-class ResidualData(NamedTuple):
-    """What is left of the readings after the fit."""
-
-    time: Array  #: [s], shape (n,)
-    residuals: Array  #: [N, N m], shape (n, 6)
-    noise: Array  #: Standard deviation of one reading [N, N m], shape (6,)
-    used: Bools  #: Which readings the fit rests on, shape (n,)
-    returned: bool  #: Whether the last reading is in the first one's pose
-
-
 @styled
-def plot_residuals(data: ResidualData, facts: Sequence[str]) -> Figure:
-    """Residuals of force and torque in every pose, and over time, with bands of one and two noise deviations."""
+def plot_residuals(
+    time: Array, residuals: Array, noise: Array, used: Bools, returned: bool, facts: Sequence[str]
+) -> Figure:
+    """Residuals of force and torque in every pose, and over time, with bands of one and two noise deviations.
+
+    Args:
+        time: Of the readings [s], shape (n,).
+        residuals: What is left of them after the fit [N, N m], shape (n, 6).
+        noise: Standard deviation of one reading [N, N m], shape (6,).
+        used: Which readings the fit rests on, shape (n,).
+        returned: Whether the last reading is in the first one's pose.
+        facts: Figures for the head.
+    """
     figure = new_figure(10.0, 6.0)
     grid = figure.subplots(2, 2, sharey="row", width_ratios=(1.35, 1.0))
-    number = np.arange(1, len(data.time) + 1)
+    number = np.arange(1, len(time) + 1)
     groups = ((slice(0, 3), 1.0, "force residual [N]"), (slice(3, 6), 1e3, "torque residual [mN m]"))
     for (bars, over_time), (rows, scale, label) in zip(grid, groups, strict=True):
-        values, noise = data.residuals[:, rows] * scale, data.noise[rows][0] * scale
+        values, deviation = residuals[:, rows] * scale, noise[rows][0] * scale
         for axes in (bars, over_time):
-            _noise_band(axes, noise)
+            _noise_band(axes, deviation)
         for axis in range(3):
             bars.bar(number + 0.25 * (axis - 1), values[:, axis], 0.22, color=AXIS_COLORS[axis], label=AXES[axis])
             over_time.plot(
-                data.time, values[:, axis], MARKS[axis] + "-", color=AXIS_COLORS[axis], ms=4, lw=0.9, label=AXES[axis]
+                time, values[:, axis], MARKS[axis] + "-", color=AXIS_COLORS[axis], ms=4, lw=0.9, label=AXES[axis]
             )
-        for k in np.flatnonzero(~data.used):
+        for k in np.flatnonzero(~used):
             bars.axvspan(k + 0.55, k + 1.45, color=GREY, alpha=0.35, lw=0)
-            over_time.axvline(data.time[k], color=GREY, alpha=0.5, lw=4)
+            over_time.axvline(time[k], color=GREY, alpha=0.5, lw=4)
         bars.set_ylabel(label)
         bars.set_xlim(0.3, len(number) + 0.7)
         # An outlier would flatten everything else.
-        reach = max(4.0 * noise, 1.1 * float(np.abs(values[data.used]).max(initial=0.0)), 1e-9)
+        reach = max(4.0 * deviation, 1.1 * float(np.abs(values[used]).max(initial=0.0)), 1e-9)
         bars.set_ylim(-reach, reach)
-    grid[1, 0].set_xlabel("reading" + (" (the last is in the first one's pose)" if data.returned else ""))
+    grid[1, 0].set_xlabel("reading" + (" (the last is in the first one's pose)" if returned else ""))
     grid[1, 1].set_xlabel("time [s]; a slope would be drift")
     head(figure, "Calibration of the payload", facts, legend=grid[0, 1:])
     return figure

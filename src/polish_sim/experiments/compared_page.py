@@ -124,26 +124,20 @@ def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, 
     """
     first, model = records[0], cell_model(records[0])
     page = run_page(first, model)
-    every = [shown_rows(clock(record.log), numbers(record.log, "q_rad")) for record in records]
-    pages = [
-        run_plots(record, run_motion(record, model, kept), kept) for record, kept in zip(records, every, strict=True)
-    ]
-    times = [clock(record.log)[kept] for record, kept in zip(records, every, strict=True)]
-    plots = []
-    for plot in page.plots:
-        lines = list(plot.lines)
-        for at, line in enumerate(lines):
-            if line.label in ALIKE:
-                same = [
-                    np.interp(page.motion.time, time, other.values, right=np.nan)
-                    for time, drawn in zip(times, pages, strict=True)
-                    for twin in drawn
-                    if twin.title == plot.title
-                    for other in twin.lines
-                    if other.label == line.label
-                ]
-                lines[at] = line._replace(low=np.fmin.reduce(same), high=np.fmax.reduce(same))
-        plots.append(plot._replace(lines=lines))
+    curves: dict[tuple[str, str], list[Array]] = {}
+    for record in records:
+        time = clock(record.log)
+        kept = shown_rows(time, numbers(record.log, "q_rad"))
+        for plot in run_plots(record, run_motion(record, model, kept), kept):
+            for line in (line for line in plot.lines if line.label in ALIKE):
+                values = np.interp(page.motion.time, time[kept], line.values, right=np.nan)
+                curves.setdefault((plot.title, line.label), []).append(values)
+
+    def banded(plot: Plot, line: Line) -> Line:
+        same = curves.get((plot.title, line.label))
+        return line._replace(low=np.fmin.reduce(same), high=np.fmax.reduce(same)) if same else line
+
+    plots = [plot._replace(lines=[banded(plot, line) for line in plot.lines]) for plot in page.plots]
     figures = _figures(claims_shown([first.scenario]), columns, list(columns.values()))
     return page._replace(
         title=f"{first.scenario.experiment}, {first.scenario.controller.label}, {len(records)} seeds",
