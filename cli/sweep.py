@@ -186,9 +186,9 @@ def duration(seconds: float) -> str:
 
 def run_and_show(study: Study, table: RunTable, given: Given) -> int:
     """Do the runs, write table, summary and page, print what came of them; 130 if it was interrupted."""
+    from polish_sim.experiments.assembly import user_files
     from polish_sim.kernel_cache import is_warm
     from polish_sim.source_stamp import package_hash
-    from polish_sim.studies.study import user_files
     from polish_sim.studies.table import run_study, write_summary
     from polish_sim.workers import open_workers
 

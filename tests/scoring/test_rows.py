@@ -98,12 +98,12 @@ def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -
     file = tmp_path / "mine.py"
     file.write_text(CONTROLLER.format(body="return target.twist"))
     task = Task(SHORT, user_entry(f"{file}:Press"), 0)
-    key = row_key(task)
-    assert row_key(task) == key
-    assert row_key(task._replace(seed=1)) != key
-    assert row_key(task._replace(case=replace(SHORT, settings=("process.hold_s=2",)))) != key
+    key = row_key(task, {})
+    assert row_key(task, {}) == key
+    assert row_key(task._replace(seed=1), {}) != key
+    assert row_key(task._replace(case=replace(SHORT, settings=("process.hold_s=2",))), {}) != key
     file.write_text(CONTROLLER.format(body="return 0 * target.twist"))
-    assert row_key(task) != key
+    assert row_key(task, {}) != key
 
 
 def test_a_user_s_controller_that_fails_is_a_protective_stop_and_not_stable(tmp_path: Path) -> None:

@@ -13,10 +13,11 @@ import pytest
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.errors import PolishSimError
+from polish_sim.experiments.assembly import config_hash
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.studies.page import pareto, sweep_page
-from polish_sim.studies.study import Axis, Run, Study, config_hash, read_axis, read_study, to_text
+from polish_sim.studies.study import Axis, Run, Study, read_axis, read_study, to_text
 from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, missing_runs, read_rows, run_row, run_study
 from polish_sim.workers import Result
 

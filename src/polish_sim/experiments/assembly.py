@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -32,6 +34,7 @@ from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.stroke_motion import within_noise
 from polish_sim.models import part_path
 from polish_sim.planning.request import check_asked, check_part_words
+from polish_sim.scenario_file import FILE_KEYS
 
 if TYPE_CHECKING:
     from polish_sim.cell.contact import RealPart
@@ -132,6 +135,27 @@ def place_key(scenario: Scenario) -> Hashable:
     dates = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
     forces = scenario.process.contact_force_n, scenario.head.stiffness_n_m, scenario.safety.singular_value_limit
     return scenario.experiment, part, scenario.plan, scenario.pad, scenario.smoothing.rule, forces, dates
+
+
+def user_files(scenario: Scenario) -> list[Path]:
+    """Files a scenario names, of its controller first."""
+    words = [scenario.controller.name.rpartition(":")[0], scenario.plan.region.partition(":")[2]]
+    words += [getattr(getattr(scenario, section), name) for section, name in FILE_KEYS if section != "part"]
+    parts = [scenario.part.file, scenario.part.real_file, scenario.part.fixture_file]
+    return [file for file in (*map(Path, words), *(part_path(name) for name in parts if name)) if file.is_file()]
+
+
+def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
+    """What identifies a run: its full config, with the contents of the files it names (kept in ``hashes``)."""
+    files = user_files(scenario)
+    for file in files:
+        if file not in hashes:
+            hashes[file] = hashlib.sha256(file.read_bytes()).hexdigest()
+    text = json.dumps(asdict(scenario), sort_keys=True)
+    for file in files:
+        # A file moved elsewhere is still the same.
+        text = text.replace(json.dumps(str(file))[1:-1], f"{file.name}#{hashes[file]}")
+    return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
 def modelled_depth(scenario: Scenario, force: float) -> float:

@@ -1,14 +1,13 @@
 """The rows of a score on disk, one line each as they come, so that a broken-off score goes on where it was.
 
 A line counts as long as the key beside it is the key of the row that is wanted: the whole scenario, the user's
-controller file and the package's own source enter it. Change any of them, and the row is measured anew.
+files and the package's own source enter it. Change any of them, and the row is measured anew.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Hashable
-from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -19,12 +18,11 @@ from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments.assembly import Workplace, build_cell, build_part, modelled_depth, place_key
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part, config_hash, modelled_depth, place_key
 from polish_sim.experiments.force import hold_done, place_force
 from polish_sim.experiments.part_setup import path_done
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.row_file import Row, RowFile, plain
-from polish_sim.scenario_file import to_toml
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import FIGURES, measure_score
 from polish_sim.source_stamp import package_hash
@@ -117,29 +115,20 @@ class Journal:
     def __init__(self, folder: Path) -> None:
         self._file = RowFile(folder)
         self._known = dict(self._file.read())
+        self._hashes: dict[Path, str] = {}
 
     def row(self, task: Task) -> Row | None:
         """The row of a task, if it was measured before."""
-        return self._known.get(row_key(task))
+        return self._known.get(row_key(task, self._hashes))
 
     def add(self, task: Task, row: Row) -> None:
         """Append a row."""
-        key = row_key(task)
+        key = row_key(task, self._hashes)
         self._file.add(key, row)
         self._known[key] = plain(row)
 
 
-def row_key(task: Task) -> str:
-    """What a row depends on, as a hash: scenario, controller file and this package's source."""
-    scenario = task.scenario
-    digest = hashlib.sha256(package_hash().encode())
-    name = scenario.controller.name
-    file = Path(name.rpartition(":")[0])
-    if file.is_file():
-        # A file moved elsewhere is still the same controller.
-        digest.update(file.read_bytes())
-        name = f"{file.name}:{name.rpartition(':')[2]}"
-    named = replace(scenario, controller=replace(scenario.controller, name=name))
-    digest.update(to_toml(named).encode())
-    digest.update(f"{task.case.name}|{task.entry.label}".encode())
-    return digest.hexdigest()[:24]
+def row_key(task: Task, hashes: dict[Path, str]) -> str:
+    """What a row depends on, as a hash: scenario, the files it names (see `config_hash`), this package's source."""
+    words = package_hash(), config_hash(task.scenario, hashes), task.case.name, task.entry.label
+    return hashlib.sha256("|".join(words).encode()).hexdigest()[:24]

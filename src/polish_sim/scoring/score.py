@@ -47,9 +47,9 @@ def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> l
 
 def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> dict[str, Any]:
     """What a score is of, to compare it with another: controllers, cases, seeds, one hash of all they depend on."""
-    digest = hashlib.sha256()
+    digest, hashes = hashlib.sha256(), dict[Path, str]()
     for task in list_tasks(cases, entries, seeds):
-        digest.update(row_key(task).encode())
+        digest.update(row_key(task, hashes).encode())
     return {
         "of": "score",
         "controllers": [entry.label for entry in entries],

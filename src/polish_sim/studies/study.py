@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -17,8 +15,7 @@ from polish_sim.analysis.run_record import changed_words
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.registry import ROWS, default_scenario
-from polish_sim.models import part_path
-from polish_sim.scenario_file import FILE_KEYS, override, parse_value
+from polish_sim.scenario_file import override, parse_value
 from polish_sim.toml_text import read_toml, toml_text, value_text
 
 STUDY: Final = "study.toml"
@@ -250,27 +247,3 @@ def _flat(table: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]
             yield from _flat(value, f"{place}{key}.")
         else:
             yield f"{place}{key}", value
-
-
-# What a run depends on.
-
-
-def user_files(scenario: Scenario) -> list[Path]:
-    """Files a scenario names, of its controller first."""
-    words = [scenario.controller.name.rpartition(":")[0], scenario.plan.region.partition(":")[2]]
-    words += [getattr(getattr(scenario, section), name) for section, name in FILE_KEYS if section != "part"]
-    parts = [scenario.part.file, scenario.part.real_file, scenario.part.fixture_file]
-    return [file for file in (*map(Path, words), *(part_path(name) for name in parts if name)) if file.is_file()]
-
-
-def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
-    """What identifies a run: its full config, with the contents of the files it names (kept in ``hashes``)."""
-    files = user_files(scenario)
-    for file in files:
-        if file not in hashes:
-            hashes[file] = hashlib.sha256(file.read_bytes()).hexdigest()
-    text = json.dumps(asdict(scenario), sort_keys=True)
-    for file in files:
-        # A file moved elsewhere is still the same.
-        text = text.replace(json.dumps(str(file))[1:-1], f"{file.name}#{hashes[file]}")
-    return hashlib.sha256(text.encode()).hexdigest()[:24]

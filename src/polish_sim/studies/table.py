@@ -17,12 +17,12 @@ from typing import Any, Final
 from polish_sim.analysis.run_record import RunRecord, package_versions, write_json, write_record
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.exchange import read_path
-from polish_sim.experiments.assembly import Memory, place_key
+from polish_sim.experiments.assembly import Memory, config_hash, place_key
 from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.row_file import Row, RowFile, whole_file
 from polish_sim.source_stamp import package_hash
-from polish_sim.studies.study import Run, Study, config_hash
+from polish_sim.studies.study import Run, Study
 from polish_sim.workers import Workers, local_copy
 
 RUNS: Final = "runs.parquet"
