@@ -72,13 +72,6 @@ def test_the_tangent_is_the_derivative_of_the_position(table: PathTable) -> None
         np.testing.assert_allclose(sample(table, s).tangent, slope, atol=1e-6)
 
 
-def test_position_and_tangent_are_continuous_at_the_rows(table: PathTable) -> None:
-    for row in range(1, 300, 13):
-        before, after = sample(table, row * table.spacing - 1e-12), sample(table, row * table.spacing + 1e-12)
-        np.testing.assert_allclose(before.position, after.position, atol=1e-11)
-        np.testing.assert_allclose(before.tangent, after.tangent, atol=1e-8)
-
-
 def test_beyond_its_ends_it_stays_at_them(table: PathTable) -> None:
     for outside, inside in ((-1.0, 0.0), (table.length + 1.0, table.length)):
         for left, right in zip(sample(table, outside), sample(table, inside), strict=True):

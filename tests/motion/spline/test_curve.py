@@ -7,7 +7,16 @@ import pytest
 
 from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.spline.curve import Curve, curve_rates, fit_curve, polyline_of
+from polish_sim.motion.spline.curve import (
+    Curve,
+    cross,
+    curve_rates,
+    dot,
+    fit_curve,
+    inverse_root,
+    normalized,
+    polyline_of,
+)
 from tests.motion.spline.strokes import TOLERANCES, circle, distance_from, random_stroke, stroke
 
 
@@ -78,3 +87,38 @@ def test_a_turn_on_the_spot_is_a_curve_too() -> None:
 def test_a_tolerance_nothing_can_meet_names_the_place() -> None:
     with pytest.raises(SmoothingError, match=r"smoothing\.tolerance_m"):
         fit(*stroke(np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1.0, 0]])), (1e-13, 1e-3))
+
+
+# Derivatives carried along are those of the closed form.
+
+T = np.linspace(0.0, 3.0, 7)
+ZERO = np.zeros_like(T)
+GROWING = np.exp(2.0 * T)
+
+
+def unit_circle() -> np.ndarray:
+    """(cos t, sin t, 0) and three derivatives."""
+    return np.stack([np.stack([np.cos(T + k * np.pi / 2), np.sin(T + k * np.pi / 2), ZERO], axis=1) for k in range(4)])
+
+
+def test_the_inverse_root_of_an_exponential_is_an_exponential() -> None:
+    found = inverse_root(np.stack([2.0**k * GROWING for k in range(4)]))
+    np.testing.assert_allclose(found, [(-1.0) ** k * np.exp(-T) for k in range(4)], rtol=1e-12)
+
+
+def test_a_growing_spiral_normalized_is_the_circle() -> None:
+    # Derivatives of e^t (cos t, sin t): turned by 45 deg and longer by sqrt 2 each time.
+    spiral = np.stack([
+        2.0 ** (k / 2) * np.exp(T)[:, None]
+        * np.stack([np.cos(T + k * np.pi / 4), np.sin(T + k * np.pi / 4), ZERO], axis=1)
+        for k in range(4)
+    ])  # fmt: skip
+    np.testing.assert_allclose(normalized(spiral), unit_circle(), atol=1e-12)
+
+
+def test_products_of_a_circle_with_itself_are_constant() -> None:
+    c = unit_circle()
+    np.testing.assert_allclose(dot(c, c), [ZERO + 1.0, ZERO, ZERO, ZERO], atol=1e-12)
+    turning = cross(c[:3], c[1:])
+    np.testing.assert_allclose(turning[0], np.tile([0.0, 0.0, 1.0], (len(T), 1)), atol=1e-12)
+    np.testing.assert_allclose(turning[1:], 0.0, atol=1e-12)
