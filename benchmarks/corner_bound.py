@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.corner_program import Corner, least_time_lost
 from benchmarks.exact_stop import plan_exact_stop
-from polish_sim.motion.rules.certified_rule import plan_certified
+from polish_sim.motion.certified.smoother import plan_certified
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_path

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from polish_sim.analysis.style import BLUE, GREEN, GREY, head, line_look, new_figure, styled
 from polish_sim.motion.certified.connector import Peaks
 from polish_sim.motion.certified.corner import CornerShapes, corner_kernel, corner_shapes, time_lost
-from polish_sim.motion.certified.kernel import FAR, Corner, Figures, Kernel, new_kernel, side_of
+from polish_sim.motion.certified.kernel import FAR, Corner, Figures, Kernel, side_of
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,8 @@ def corner_of(tip: float, axis: float, cosine: float) -> Corner:
 
 def kernel_of(shapes: CornerShapes, turn: float) -> Sampled:
     """Round a turn [rad] of the tip and sample it: rows of a and b are derivatives 0 to 3."""
-    kernel = new_kernel()
-    durations, a, b = kernel
+    kernel = Kernel()
+    durations, a, b = kernel.durations, kernel.remaining, kernel.gone
     figures = corner_kernel(corner_of(1.0, 0.0, float(np.cos(turn))), shapes, kernel)
     t = durations[:, None] * np.linspace(0.0, 1.0, 40)
     times = (t + (np.cumsum(durations) - durations)[:, None]).ravel()
@@ -122,7 +122,7 @@ def _round_many(count: int, corner: Corner, shapes: CornerShapes, kernel: Kernel
 
 def microseconds(shapes: CornerShapes, corner: Corner, count: int = 20000) -> float:
     """Time of one corner, the best of five [us]."""
-    kernel = new_kernel()
+    kernel = Kernel()
     _round_many(1, corner, shapes, kernel)
     best = np.inf
     for _ in range(5):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.random_paths import KINDS, draw_path
 from benchmarks.table import Row, print_rows
-from polish_sim.motion.certified.segment_limits import SegmentWork, new_segment_work, segment_limits
+from polish_sim.motion.certified.segment_limits import SegmentWork, segment_limits
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, arm_or_none, chain_in_base, six
 from polish_sim.motion.segment_rates import REACHED, Segment, chain_rates, chain_segment
@@ -50,7 +50,7 @@ def _repeat(
 
 def prove(chain: Chain, k: int, arm: Arm, limits: SmoothingLimits) -> Proven | None:
     """Prove segment k of a chain that begins at the arm's start; None if it cannot be."""
-    tool, motion, work = np.zeros(6), np.zeros(6), new_segment_work()
+    tool, motion, work = np.zeros(6), np.zeros(6), SegmentWork()
     segment, ratio = chain_segment(chain_in_base(chain, arm), k), limits.tip_speed / limits.axis_speed
     scale = max(segment.length, segment.angle * ratio, abs(segment.roll) * ratio)
     arguments = (segment, scale, limits.values(), arm, arm.q_start, motion, work)

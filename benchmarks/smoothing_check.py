@@ -27,7 +27,7 @@ from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
 from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import Samples, Schedule, sample_schedule, turning
-from polish_sim.motion.segment_rates import joint_motion
+from polish_sim.motion.segment_rates import sampled_joints
 
 Array = NDArray[np.float64]
 
@@ -76,9 +76,7 @@ def sample_times(schedule: Schedule) -> Array:
 
 def joint_shares(samples: Samples, path: RandomPath, limits: SmoothingLimits) -> Array:
     """Largest shares of joint speed, acceleration and jerk, shape (3,); the joints' motion confirmed by the table."""
-    linear = np.ascontiguousarray(samples.tips[:, 1:].swapaxes(0, 1))
-    angular = np.ascontiguousarray(samples.spins.swapaxes(0, 1))
-    motion = joint_motion(samples.tips[:, 0], samples.rotations, linear, angular, path.arm)
+    motion = sampled_joints(samples, path.arm)
     jet = tool_jet(np.stack(motion), path.arm.T_flange_tool)
     for order in range(4):
         for column, wanted in ((3, samples.tips[:, order]), (2, samples.axes[:, order])):
@@ -93,7 +91,7 @@ def tool_shares(samples: Samples, limits: SmoothingLimits) -> Array:
     """Largest shares of tip and axis speed, acceleration and jerk, shape (6,)."""
     tip = np.linalg.norm(samples.tips[:, 1:], axis=2).max(axis=0)
     axis = np.linalg.norm(turning(samples.axes), axis=2).max(axis=0)
-    return np.asarray(np.concatenate([tip, axis]) / np.array(limits.values()[:6]))
+    return np.asarray(np.concatenate([tip, axis]) / np.array(limits.values().item()[:6]))
 
 
 def judge_motion(chain: Chain, schedule: Schedule, path: RandomPath, limits: SmoothingLimits) -> Array:

@@ -20,7 +20,7 @@ from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import sample_schedule
-from polish_sim.motion.segment_rates import joint_motion
+from polish_sim.motion.segment_rates import sampled_joints
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 
@@ -75,8 +75,7 @@ def against_toppra(names: Iterable[str] = ("certified",)) -> Iterator[Row]:
     for name in names:
         motion = RULES[name](chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, arm, None)
         samples = sample_schedule(*motion, np.arange(0.0, motion[1].end, SAMPLE_S))
-        linear, angular = np.moveaxis(samples.tips[:, 1:], 1, 0), np.moveaxis(samples.spins, 1, 0)
-        q = joint_motion(samples.tips[:, 0], samples.rotations, linear, angular, arm).q
+        q = sampled_joints(samples, arm).q
         best = toppra_time(samples.tips[:, 0], q)
         yield Row(f"{name}: cycle time", f"{motion[1].end:.4f} s", "-")
         yield Row("    toppra along it, no jerk limits", f"{best:.4f} s", "-")

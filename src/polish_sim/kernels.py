@@ -32,7 +32,7 @@ class Record:
     """Base of records: annotate the fields of a subclass, then call it with values; the other fields are zero.
 
     The call returns a `numpy.record` that owns its memory. Fields are ``float``, ``int``, ``bool``, another record or
-    an array of fixed shape such as ``Vector3``.
+    an array of fixed shape such as ``Vector3``, ``Annotated[Indices, (n,)]`` or ``Annotated[list[Other], (n,)]``.
     """
 
     dtype: ClassVar[Any]
@@ -60,7 +60,9 @@ class Record:
 def _format(hint: Any) -> Any:
     """Type of a field for numpy."""
     if get_origin(hint) is Annotated:
-        return (np.float64, get_args(hint)[1])
+        array, shape = get_args(hint)
+        (element,) = get_args(array) if get_origin(array) is list else get_args(get_args(array)[1])
+        return (element.dtype if issubclass(element, Record) else element, shape)
     if hint in _SCALARS:
         return _SCALARS[hint]
     return hint.dtype

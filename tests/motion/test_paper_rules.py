@@ -14,9 +14,9 @@ from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
 from polish_sim.motion.rules.paper_rules import plan_joint_acceleration, plan_joint_jerk, second_time, third_time
-from polish_sim.motion.rules.rule import RULES, Smoothed
-from polish_sim.motion.rules.schedule import sample_schedule
-from polish_sim.motion.segment_rates import JointRates, joint_motion
+from polish_sim.motion.rules.rule import RULES
+from polish_sim.motion.rules.schedule import Smoothed, sample_schedule
+from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 
@@ -36,9 +36,7 @@ def arm() -> Arm:
 def joint_peaks(smoothed: Smoothed, arm: Arm) -> np.ndarray:
     """Largest speed, acceleration and jerk of each joint, shape (3, 6)."""
     times = np.linspace(0.0, smoothed.schedule.end, 20_011)[1:-1] + 1e-7
-    samples = sample_schedule(*smoothed, times)
-    linear, angular = np.moveaxis(samples.tips[:, 1:], 1, 0), np.moveaxis(samples.spins, 1, 0)
-    rates = joint_motion(samples.tips[:, 0], samples.rotations, linear, angular, arm)
+    rates = sampled_joints(sample_schedule(*smoothed, times), arm)
     return np.stack([np.abs(column).max(axis=0) for column in rates[1:]])
 
 

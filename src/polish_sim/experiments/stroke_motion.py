@@ -19,7 +19,7 @@ from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
 from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
-from polish_sim.motion.segment_rates import joint_motion
+from polish_sim.motion.segment_rates import sampled_joints
 from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
 from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
@@ -150,9 +150,7 @@ STROKE_RULES: Mapping[str, StrokeRule] = {
 
 def joints_keep(limits: SmoothingLimits, chain: Chain, schedule: Schedule, arm: Arm) -> bool:
     """Whether all joints are within their limits at every row of a motion; between rows nothing is looked at."""
-    tool = sample_schedule(chain, schedule, row_times(schedule.end))
-    linear, angular = tool.tips[:, 1:].swapaxes(0, 1), tool.spins.swapaxes(0, 1)
-    joints = joint_motion(tool.tips[:, 0], tool.rotations, linear, angular, arm)
+    joints = sampled_joints(sample_schedule(chain, schedule, row_times(schedule.end)), arm)
     rates = ((joints.first, limits.joint_speed), (joints.second, limits.joint_acceleration))
     kept = all(bool(np.all(np.abs(rate) <= np.array(limit))) for rate, limit in rates)
     return kept and bool(np.all(np.abs(joints.third) <= np.array(limits.joint_jerk)))

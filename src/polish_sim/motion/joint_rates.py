@@ -7,38 +7,35 @@ the joints have none, found by adding the links' motions up from the base.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
+from typing import Annotated
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Matrix4, Matrix6, Record, Vector6
 from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
 
-
-class ArmState(NamedTuple):
-    """Work space of one arm; all in the base frame. Link k turns with all joints up to k."""
-
-    rows: Array  #: The arm's table as `joint_rows`, shape (6, 5)
-    q: Array  #: Joint angles [rad], shape (6,)
-    axes: Array  #: Unit joint axes, shape (6, 3)
-    links: Array
-    """From joint k's axis to the next one's, the last to the tool point [m], shape (6, 3); their sum, from the base's
-    origin, is the tool point."""
-    jacobian: Array  #: Joint speeds to (linear; angular) velocity of the tool point, shape (6, 6)
-    inverse: Array  #: Its inverse, shape (6, 6)
-    twists: Array  #: Wanted (linear; angular) velocity of the tool and its next derivatives, shape (4, 6)
-    rates: Array  #: First to third derivative of the joint angles, shape (3, 6)
-    scratch: Array  #: Shape (6, 12)
+_ROWS = joint_rows(NOMINAL)
+Links = Annotated[Array, (6, 3)]
+Rates = Annotated[Array, (3, 6)]
 
 
-def new_arm_state(table: Array = NOMINAL) -> ArmState:
-    """Fresh work space of an arm with a table, shape (4, 6)."""
-    shapes = ((6,), (6, 3), (6, 3), (6, 6), (6, 6), (4, 6), (3, 6), (6, 12))
-    return ArmState(joint_rows(table), *(np.zeros(shape) for shape in shapes))
+class ArmState(Record):
+    """Work space of one UR5e; all in the base frame. Link k turns with all joints up to k."""
+
+    T: Matrix4  #: T_base_tool
+    q: Vector6  #: Joint angles [rad]
+    axes: Links  #: Unit joint axes
+    links: Links
+    """From joint k's axis to the next one's, the last to the tool point [m]; their sum, from the base's origin, is the
+    tool point."""
+    jacobian: Matrix6  #: Joint speeds to (linear; angular) velocity of the tool point
+    inverse: Matrix6
+    twists: Rates  #: Wanted (linear; angular) velocity of the tool and its next two derivatives
+    rates: Rates  #: First to third derivative of the joint angles
+    scratch: Annotated[Array, (6, 12)]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def place_arm(state: ArmState, T_flange_tool: Array) -> bool:
     """Fill all but rates and twists for the angles in ``state.q``; whether the Jacobian could be inverted."""
     _fill_links(state, T_flange_tool)
@@ -46,7 +43,7 @@ def place_arm(state: ArmState, T_flange_tool: Array) -> bool:
     return invert(state.jacobian, state.inverse, state.scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _fill_links(state: ArmState, T_flange_tool: Array) -> None:
     """Axes and link vectors by the chain of Denavit-Hartenberg frames."""
     T = state.scratch[:3, :4]
@@ -57,7 +54,7 @@ def _fill_links(state: ArmState, T_flange_tool: Array) -> None:
         for i in range(3):
             state.axes[k, i] = T[i, 2]
             T[i, 3] = 0.0
-        advance_frame(T, state.rows[k], state.q[k])
+        advance_frame(T, _ROWS[k], state.q[k])
         for i in range(3):
             state.links[k, i] = T[i, 3]
     x, y, z = T_flange_tool[0, 3], T_flange_tool[1, 3], T_flange_tool[2, 3]
@@ -65,7 +62,7 @@ def _fill_links(state: ArmState, T_flange_tool: Array) -> None:
         state.links[5, i] += T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _fill_jacobian(state: ArmState) -> None:
     """Columns z x (tool point - joint); z."""
     J, axes, links = state.jacobian, state.axes, state.links
@@ -77,17 +74,15 @@ def _fill_jacobian(state: ArmState) -> None:
         J[3, i], J[4, i], J[5, i] = x, y, z
 
 
-@njit(cache=True, error_model="numpy")
-def solve_rates(state: ArmState, orders: int) -> None:
-    """Write the first ``orders`` (1 to 3) derivatives of q that give the tool the motion in ``twists``."""
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def solve_rates(state: ArmState) -> None:
+    """Write the three derivatives of q that give the tool the motion in ``twists``."""
     _solve(state, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if orders > 1:
-        solve_second(state)
-    if orders > 2:
-        _solve_third(state)
+    _solve_second(state)
+    _solve_third(state)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b: float, c: float) -> None:
     """rates[row] = inverse (twists[row] - (x, y, z; a, b, c))."""
     t = state.twists
@@ -98,8 +93,8 @@ def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b:
         state.rates[row, i] = m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3] * a + m[i, 4] * b + m[i, 5] * c
 
 
-@njit(cache=True, error_model="numpy")
-def solve_second(state: ArmState) -> None:
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+def _solve_second(state: ArmState) -> None:
     """q'' after q': every link's turning w and its derivative e without q'', from the base outwards."""
     axes, links, q1 = state.axes, state.links, state.rates[0]
     wx, wy, wz, ex, ey, ez = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -118,7 +113,7 @@ def solve_second(state: ArmState) -> None:
     _solve(state, 1, lx, ly, lz, ex, ey, ez)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _solve_third(state: ArmState) -> None:
     """q''' after q' and q'': turning w, its derivative e with q'', its second derivative f without q'''."""
     axes, links, q1, q2 = state.axes, state.links, state.rates[0], state.rates[1]
@@ -144,7 +139,7 @@ def _solve_third(state: ArmState) -> None:
     _solve(state, 2, lx, ly, lz, fx, fy, fz)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def invert(matrix: Array, inverse: Array, scratch: Array) -> bool:
     """Invert a 6x6 matrix by Gauss-Jordan elimination with row pivoting; ``scratch``: (6, 12).
 

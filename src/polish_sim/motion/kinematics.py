@@ -192,7 +192,7 @@ def _near(angle: float, reference: float) -> float:
     return angle + _TURN * math.floor((reference - angle) / _TURN + 0.5)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
     """Write joint angles ``q`` (6,) [rad] that bring the flange to ``T`` (4, 4), closed form; False if there are none.
 

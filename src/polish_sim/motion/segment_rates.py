@@ -10,10 +10,12 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.joint_rates import ArmState, new_arm_state, place_arm, solve_rates
+from polish_sim.kernels import Matrix3, Record, Vector3, kernel
+from polish_sim.motion.joint_rates import ArmState, place_arm, solve_rates
 from polish_sim.motion.kinematics import JOINT_LIMITS, inverse_on_branch
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, chain_in_base
+from polish_sim.motion.rules.schedule import Samples
 
 REACHED, UNREACHABLE, SINGULAR, BEYOND = 0, 1, 2, 3  #: Of a place; BEYOND: a joint is out of its range
 
@@ -27,34 +29,35 @@ class JointRates(NamedTuple):
     third: Array
 
 
-class Segment(NamedTuple):
-    """One segment in the base frame; arrays may be views of a chain's rows."""
+class Segment(Record):
+    """One segment in the base frame."""
 
-    tip: Array  #: Start [m], shape (3,)
-    rotation: Array  #: R_base_tool at the start, shape (3, 3)
+    tip: Vector3  #: Start [m]
+    rotation: Matrix3  #: R_base_tool at the start
     length: float
-    direction: Array  #: Unit, or zero, shape (3,)
+    direction: Vector3  #: Unit, or zero
     angle: float
-    turn_axis: Array  #: Unit, or zero, shape (3,)
+    turn_axis: Vector3  #: Unit, or zero
     roll: float
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
 def chain_segment(chain: Chain, k: int) -> Segment:
     """Segment k of a chain that is given in the base frame."""
-    return Segment(
-        chain.tips[k],
-        chain.rotations[k],
-        chain.lengths[k],
-        chain.directions[k],
-        chain.angles[k],
-        chain.turn_axes[k],
-        chain.rolls[k],
-    )
+    segment = Segment()
+    _copy_segment(chain, k, segment)
+    return segment
 
 
-@njit(cache=True, error_model="numpy")
-def tool_pose(segment: Segment, u: float, T: Array) -> None:
+@kernel
+def _copy_segment(chain: Chain, k: int, segment: Segment) -> None:
+    """Write segment k of a chain that is given in the base frame."""
+    segment.tip[:], segment.rotation[:], segment.length = chain.tips[k], chain.rotations[k], chain.lengths[k]
+    segment.direction[:], segment.angle = chain.directions[k], chain.angles[k]
+    segment.turn_axis[:], segment.roll = chain.turn_axes[k], chain.rolls[k]
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+def _tool_pose(segment: Segment, u: float, T: Array) -> None:
     """Write T_base_tool, shape (4, 4), at progress u: exp(u angle n) R exp(u roll z)."""
     R, n = segment.rotation, segment.turn_axis
     c, s = math.cos(u * segment.roll), math.sin(u * segment.roll)
@@ -77,8 +80,8 @@ def tool_pose(segment: Segment, u: float, T: Array) -> None:
     T[3, 3] = 1.0
 
 
-@njit(cache=True, error_model="numpy")
-def segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+def _segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
     """Write first to third derivative of the tool's pose by u, as twists (3, 6): only the roll's axis turns."""
     n, a, roll = segment.turn_axis, segment.angle, segment.roll
     ox, oy, oz = T_base_tool[0, 2], T_base_tool[1, 2], T_base_tool[2, 2]
@@ -94,7 +97,7 @@ def segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
     twists[2, 5] = roll * a * (n[0] * py - n[1] * px)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def within_range(q: Array) -> bool:
     """Whether all joints are within their range."""
     inside = True
@@ -103,56 +106,63 @@ def within_range(q: Array) -> bool:
     return inside
 
 
-@njit(cache=True, error_model="numpy")
-def reach_pose(state: ArmState, T_base_tool: Array, arm: Arm, q_near: Array) -> int:
-    """Bring the tool to a pose (4, 4) in the base on the branch of ``q_near`` (6,) [rad], and place the arm.
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def reach_pose(state: ArmState, arm: Arm) -> int:
+    """Bring the tool to the state's pose on the branch its joint angles are on, and place the arm.
 
     Returns REACHED, UNREACHABLE or SINGULAR.
     """
-    flange, T = state.scratch, arm.T_tool_flange
+    flange, T_base_tool, T = state.scratch, state.T, arm.T_tool_flange
     for i in range(3):
         a, b, c = T_base_tool[i, 0], T_base_tool[i, 1], T_base_tool[i, 2]
         for j in range(4):
             flange[i, j] = a * T[0, j] + b * T[1, j] + c * T[2, j]
         flange[i, 3] += T_base_tool[i, 3]
-    if not inverse_on_branch(flange, q_near, state.q):
+    if not inverse_on_branch(flange, state.q, state.q):
         return UNREACHABLE
     return REACHED if place_arm(state, arm.T_flange_tool) else SINGULAR
 
 
-@njit(cache=True, error_model="numpy")
-def rates_at(state: ArmState, segment: Segment, u: float, arm: Arm, q_near: Array, T: Array) -> int:
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def rates_at(state: ArmState, segment: Segment, u: float, arm: Arm) -> int:
     """Write q and its three derivatives by progress at u of a segment (base frame) into ``state``.
 
-    ``q_near`` (6,) [rad] says which branch, may be ``state.q``; ``T`` (4, 4) is a work array. Returns as `reach_pose`.
+    Its joint angles say which branch. Returns as `reach_pose`.
     """
-    tool_pose(segment, u, T)
-    status = reach_pose(state, T, arm, q_near)
+    _tool_pose(segment, u, state.T)
+    status = reach_pose(state, arm)
     if status == REACHED:
-        segment_twists(segment, T, state.twists)
-        solve_rates(state, 3)
-    return status
+        _segment_twists(segment, state.T, state.twists)
+        solve_rates(state)
+    return int(status)
+
+
+@kernel
+def _keep_rates(state: ArmState, out: JointRates, row: int) -> None:
+    """Write the joint angles and their derivatives into a row."""
+    for j in range(6):
+        out.q[row, j] = state.q[j]
+        out.first[row, j] = state.rates[0, j]
+        out.second[row, j] = state.rates[1, j]
+        out.third[row, j] = state.rates[2, j]
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_rates(chain: Chain, nodes: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
+def _fill_rates(
+    chain: Chain, nodes: Array, arm: Arm, segment: Segment, state: ArmState, out: JointRates
+) -> tuple[int, int]:
     """Rates at every node of every segment in order; (status, row) of the first that fails, or (REACHED, -1)."""
-    T = np.empty((4, 4))
     state.q[:] = arm.q_start
     for k in range(chain.lengths.shape[0]):
-        segment = chain_segment(chain, k)
+        _copy_segment(chain, k, segment)
         for i in range(nodes.shape[0]):
             row = k * nodes.shape[0] + i
-            status = rates_at(state, segment, nodes[i], arm, state.q, T)
+            status = rates_at(state, segment, nodes[i], arm)
             if status == REACHED and not within_range(state.q):
                 status = BEYOND
             if status != REACHED:
                 return status, row
-            for j in range(6):
-                out.q[row, j] = state.q[j]
-                out.first[row, j] = state.rates[0, j]
-                out.second[row, j] = state.rates[1, j]
-                out.third[row, j] = state.rates[2, j]
+            _keep_rates(state, out, row)
     return REACHED, -1
 
 
@@ -166,7 +176,9 @@ def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
     """
     count = len(chain.lengths) * len(nodes)
     out = JointRates(*(np.full((count, 6), np.nan) for _ in range(4)))
-    status, row = _fill_rates(chain_in_base(chain, arm), np.asarray(nodes, dtype=float), arm, new_arm_state(), out)
+    status, row = _fill_rates(
+        chain_in_base(chain, arm), np.asarray(nodes, dtype=float), arm, Segment(), ArmState(), out
+    )
     if status != REACHED:
         k, i = divmod(row, len(nodes))
         raise unreachable(status, k, chain.tips[k] + nodes[i] * chain.lengths[k] * chain.directions[k])
@@ -195,10 +207,16 @@ def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, a
     poses[:, 3, 3] = 1.0
     twists = np.ascontiguousarray(np.concatenate([linear @ R.T, angular @ R.T], axis=2).swapaxes(0, 1))
     out = JointRates(*(np.full((len(tips), 6), np.nan) for _ in range(4)))
-    status, row = _fill_motion(poses, twists, arm, new_arm_state(), out)
+    status, row = _fill_motion(poses, twists, arm, ArmState(), out)
     if status != REACHED:
         raise unreachable(status, row, tips[row])
     return out
+
+
+def sampled_joints(tool: Samples, arm: Arm) -> JointRates:
+    """Joint motion (n, 6) of a sampled tool motion; see `joint_motion`."""
+    linear, angular = tool.tips[:, 1:].swapaxes(0, 1), tool.spins.swapaxes(0, 1)
+    return joint_motion(tool.tips[:, 0], tool.rotations, linear, angular, arm)
 
 
 @njit(cache=True, error_model="numpy")
@@ -206,18 +224,13 @@ def _fill_motion(poses: Array, twists: Array, arm: Arm, state: ArmState, out: Jo
     """Joint rates of every sample; (status, row) of the first that fails, or (REACHED, -1)."""
     state.q[:] = arm.q_start
     for row in range(poses.shape[0]):
-        status = reach_pose(state, poses[row], arm, state.q)
+        state.T[:] = poses[row]
+        status = reach_pose(state, arm)
         if status != REACHED:
             return status, row
-        for i in range(3):
-            for j in range(6):
-                state.twists[i, j] = twists[row, i, j]
-        solve_rates(state, 3)
-        for j in range(6):
-            out.q[row, j] = state.q[j]
-            out.first[row, j] = state.rates[0, j]
-            out.second[row, j] = state.rates[1, j]
-            out.third[row, j] = state.rates[2, j]
+        state.twists[:] = twists[row]
+        solve_rates(state)
+        _keep_rates(state, out, row)
     return REACHED, -1
 
 

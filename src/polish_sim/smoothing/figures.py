@@ -12,9 +12,9 @@ from polish_sim.arrays import Array, Indices
 from polish_sim.exchange import WayPoints
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, Place, measure_deviation, raw_places
-from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits
+from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, build_arm
 from polish_sim.motion.rules.schedule import Samples, Schedule, index_schedule, sample_schedule, turning
-from polish_sim.motion.segment_rates import joint_motion
+from polish_sim.motion.segment_rates import sampled_joints
 
 ORDERS: Final = ("speed", "acceleration", "jerk")
 EDGE: Final = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
@@ -73,9 +73,7 @@ def sample_motion(chain: Chain, schedule: Schedule, times: Array, arm: Arm | Non
     tool = sample_schedule(chain, schedule, times)
     if arm is None:
         return Motion(times, tool, np.empty((4, len(times), 0)))
-    linear, angular = np.moveaxis(tool.tips[:, 1:], 1, 0), np.moveaxis(tool.spins, 1, 0)
-    q = joint_motion(np.ascontiguousarray(tool.tips[:, 0]), tool.rotations, linear, angular, arm)
-    return Motion(times, tool, np.stack(q))
+    return Motion(times, tool, np.stack(sampled_joints(tool, arm)))
 
 
 def sample_in_blocks(chain: Chain, schedule: Schedule, times: Iterator[Array], arm: Arm | None) -> Iterator[Motion]:
@@ -83,7 +81,7 @@ def sample_in_blocks(chain: Chain, schedule: Schedule, times: Iterator[Array], a
     for block in times:
         motion = sample_motion(chain, schedule, block, arm)
         yield motion
-        arm = None if arm is None else arm._replace(q_start=motion.q[0, -1].copy())
+        arm = None if arm is None else build_arm(arm.T_base_work, arm.T_flange_tool, motion.q[0, -1])
 
 
 def stretch_times(schedule: Schedule) -> Iterator[Array]:

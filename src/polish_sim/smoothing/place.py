@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -21,15 +20,15 @@ from polish_sim.experiments.placement import (
     tool_rotations,
 )
 from polish_sim.motion import track
-from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
+from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
-from polish_sim.motion.rules.rule import RULES, Smoothed, part_of
+from polish_sim.motion.rules.rule import RULES, part_of
+from polish_sim.motion.rules.schedule import Smoothed
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import apply, transform
 
 FEW = 3  #: Segments that suffice to have a rule compiled
 SAME_M, SAME_RAD = 1e-9, 1e-9  #: A way point that differs less than this from the one before is left out
-HALF_TURN = math.pi - 1e-6  #: A turn of the tool axis beyond this has no plane of its own [rad]
 STEP_M, STEP_RAD = 0.02, 0.1  #: The reach is checked at least this often on the way between two points
 
 
@@ -179,7 +178,7 @@ def smooth_path(task: SmoothingTask, rule: str) -> Smoothed:
     if rule not in RULES:
         raise unknown_name("rule", rule, RULES)
     chain, arm = task.placed.chain, task.placed.arm
-    return Smoothed(*RULES[rule](chain, task.limits, task.tolerance, task.axis_tolerance, arm, task.feeds))
+    return RULES[rule](chain, task.limits, task.tolerance, task.axis_tolerance, arm, task.feeds)
 
 
 def feeds_on_way(path: ToolPath, rows: Indices) -> Array | None:

@@ -21,18 +21,19 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
 from polish_sim.log import RunLog, Trace
-from polish_sim.motion import forward, inverse_near, track
+from polish_sim.motion import forward, track
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.rules.chain import Chain, build_chain
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, load_limits
-from polish_sim.motion.rules.rule import RULES, Smoothed
-from polish_sim.motion.rules.schedule import sample_schedule, stretched
-from polish_sim.motion.segment_rates import JointRates, joint_motion
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits
+from polish_sim.motion.rules.rule import RULES
+from polish_sim.motion.rules.schedule import Smoothed, sample_schedule, stretched
+from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.motion.timed_path import marks_on, places_at
 from polish_sim.planning.toolpath import PROCESS, ToolPath
+from polish_sim.smoothing.figures import ORDERS
 from polish_sim.smoothing.place import place_path
 from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_tracking, measure_tracking
-from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_path
+from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 from polish_sim.spatial import transform
 
 PLAYED = 2
@@ -53,7 +54,10 @@ def prepare_smooth(scenario: Scenario) -> SmoothTask:
     """Take the scenario's path, or that of the paper's trial, and lay it before the robot."""
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), TRIAL_LIMITS) if file else TRIAL_LIMITS
-    chain, arm = _given(scenario) if scenario.plan.file else _trial()
+    if scenario.plan.file:
+        chain, arm = _given(scenario)
+    else:
+        chain, arm = build_chain(*trial_path()), trial_arm(tool_on_flange(), _NEAR)
     return SmoothTask(chain, marks_along(chain), arm, limits)
 
 
@@ -81,25 +85,12 @@ def _given(scenario: Scenario) -> tuple[Chain, Arm]:
     return placed.chain, placed.arm
 
 
-def _trial() -> tuple[Chain, Arm]:
-    path, T_flange_tool = trial_path(), tool_on_flange()
-    first = transform(path.rotations[0], path.tips[0]) @ np.linalg.inv(T_flange_tool)
-    return build_chain(path.tips, path.rotations), build_arm(np.eye(4), T_flange_tool, inverse_near(first, _NEAR))
-
-
 class RulePlay(NamedTuple):
     """A path played with one rule, one row a step of the simulation."""
 
-    rule: str
-    time: Array  #: [s], shape (n,)
-    place: Array  #: Arc length of the path the targets are at [m], shape (n,)
+    seen: PlayedRule  #: What rules are compared by
     targets: JointRates
     played: Played
-
-    @property
-    def error(self) -> Array:
-        """Target less joint position by the encoders of the servos [rad], shape (n, 6)."""
-        return np.asarray(self.targets.q - self.played.read)
 
 
 def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
@@ -110,22 +101,21 @@ def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
 
 def trace_of_rule(play: RulePlay) -> Trace:
     """The exact trace of one rule, with no contact."""
-    n = len(play.time)
+    time, place, n = play.seen.time, play.seen.place, len(play.seen.time)
     (tips, frames), (wanted, wanted_frames) = _tool(play.played.q, play.played.table), _tool(play.targets.q)
     off, axes = wanted - tips, wanted_frames[:, :, 2]
     across = off - np.sum(off * axes, axis=1)[:, None] * axes
     turned = Rotation.from_matrix(wanted_frames) * Rotation.from_matrix(frames).inv()
     nothing = np.zeros(n)
     return Trace(
-        play.time, np.full(n, PLAYED, np.int8), nothing, np.linalg.norm(off, axis=1), np.linalg.norm(across, axis=1),
-        turned.magnitude(), tips, _speed(tips, play.time), play.place, np.zeros((n, 3)), nothing,
-        nothing, off, np.zeros((n, 3)),
+        time, np.full(n, PLAYED, np.int8), nothing, np.linalg.norm(off, axis=1), np.linalg.norm(across, axis=1),
+        turned.magnitude(), tips, _speed(tips, time), place, np.zeros((n, 3)), nothing, nothing, off, np.zeros((n, 3)),
     )  # fmt: skip
 
 
 def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, Array]:
     """Columns of the log."""
-    time, played, targets = play.time[::every], play.played, play.targets
+    time, played, targets = play.seen.time[::every], play.played, play.targets
     (tips, frames), (wanted, wanted_frames) = _tool(played.q[::every], played.table), _tool(targets.q[::every])
     read = {"encoder_q_rad": played.read[::every]} if real else {}
     return {
@@ -138,7 +128,7 @@ def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, A
         "target_position_m": wanted,
         "target_quaternion_wxyz": Rotation.from_matrix(wanted_frames).as_quat(scalar_first=True),
         "tcp_speed_m_s": _speed(tips, time),
-        "path_s_m": play.place[::every],
+        "path_s_m": play.seen.place[::every],
         "phase": np.full(len(time), float(PLAYED)),
         "rule": np.full(len(time), float(number)),
         "target_q_rad": targets.q[::every],
@@ -171,7 +161,7 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
     observer.stage("smooth with every rule")
     asked = scenario.smoothing
     made = {
-        name: Smoothed(*plan(task.chain, task.limits, asked.tolerance_m, asked.axis_tolerance_rad, task.arm, None))
+        name: plan(task.chain, task.limits, asked.tolerance_m, asked.axis_tolerance_rad, task.arm, None)
         for name, plan in RULES.items()
     }
     observer.stage("simulate")
@@ -185,10 +175,11 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
     figures: dict[str, Any] = {}
     for play, (name, smoothed) in zip(own, made.items(), strict=True):
         figures |= _named(name, "", {"cycle_time_s": smoothed.schedule.end} | _peaks_over_limits(play, task.limits))
-    figures |= _compared(own, task.limits, "") | _compared(even, task.limits, "_at_equal_time")
+    for plays, when in ((own, ""), (even, "_at_equal_time")):
+        figures |= _compared({play.seen.rule: play.seen for play in plays}, task.limits, when)
     figures |= {"rules": list(made), "joint_jerk_limits_rad_s3": list(task.limits.joint_jerk), "equal_time_s": slowest}
     plays, wall = own + even, time.perf_counter() - started
-    simulated, steps = sum(float(play.time[-1]) for play in plays), sum(len(play.time) for play in plays)
+    simulated, steps = sum(float(play.seen.time[-1]) for play in plays), sum(len(play.seen.time) for play in plays)
     figures |= free_figures(scenario, task.arm.T_base_work, steps, simulated, wall)
     return RunResult(scenario, log_of_rules(own, scenario), trace_of_rule(own[-1]), figures, None, False)
 
@@ -197,28 +188,21 @@ def play_rule(scenario: Scenario, task: SmoothTask, rule: str, smoothed: Smoothe
     """Play one rule's motion: joint angles and speeds to the servos, one pair a step."""
     chain, schedule = smoothed
     clock = np.arange(0.0, schedule.end + AFTER_S, scenario.simulation.timestep_s)
-    tool = sample_schedule(chain, schedule, clock)
-    targets = joint_motion(
-        tool.tips[:, 0], tool.rotations, tool.tips[:, 1:].swapaxes(0, 1), tool.spins.swapaxes(0, 1), task.arm
-    )
+    targets = sampled_joints(sample_schedule(chain, schedule, clock), task.arm)
     played: Played = play_joints(scenario, JointTargets(targets.q, targets.first))
     marks = marks_on(chain, task.chain.tips, task.chain.rotations, task.marks)
-    return RulePlay(rule, clock, places_at(chain, schedule, marks, clock), targets, played)
+    places = places_at(chain, schedule, marks, clock)
+    return RulePlay(PlayedRule(rule, clock, places, targets.q - played.read, targets.third), targets, played)
 
 
 def _peaks_over_limits(play: RulePlay, limits: SmoothingLimits) -> dict[str, float]:
     """Largest joint speed, acceleration and jerk by their limits."""
-    asked = play.targets
-    return {
-        "joint_speed_ratio_max": float((np.abs(asked.first) / limits.joint_speed).max()),
-        "joint_acceleration_ratio_max": float((np.abs(asked.second) / limits.joint_acceleration).max()),
-        "joint_jerk_ratio_max": float((np.abs(asked.third) / limits.joint_jerk).max()),
-    }
+    asked = zip(ORDERS, play.targets[1:], limits.values().joint, strict=True)
+    return {f"joint_{name}_ratio_max": float((np.abs(rate) / limit).max()) for name, rate, limit in asked}
 
 
-def _compared(plays: list[RulePlay], limits: SmoothingLimits, when: str) -> dict[str, Any]:
+def _compared(known: dict[str, PlayedRule], limits: SmoothingLimits, when: str) -> dict[str, Any]:
     """Tracking of all rules, and of all but the reference against it."""
-    known = {play.rule: PlayedRule(play.rule, play.time, play.place, play.error, play.targets.third) for play in plays}
     figures: dict[str, Any] = {}
     for rule, play in known.items():
         figures |= _named(rule, when, measure_tracking(play))

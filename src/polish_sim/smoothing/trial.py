@@ -10,13 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from polish_sim.arrays import Array
 from polish_sim.motion.kinematics import inverse_near
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, six
 from polish_sim.spatial import rotation_to_axis, transform, unit
-
-Array = NDArray[np.float64]
 
 TRIAL_LIMITS = SmoothingLimits(joint_acceleration=six(3.0))
 """The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the paper's."""
@@ -26,8 +24,8 @@ DOME = 0.3  #: Radius of the dome the tool stands square to [m]
 TOP = (0.45, 0.0, 0.2)  #: Its highest point in the base frame [m]
 _LEGS = (30.0, 15.0, 25.0, 20.0, 18.0, 25.75)  # of one arm, as drawn [mm]
 _TURNS = (60.0, -45.0, 90.0, -60.0, 75.0, -30.0)  # after each leg, 90 in all [deg]
-_TOOL = 0.15  # of the tool point before the flange [m]
-_HOME = (0.0, -2.0, 2.0, -1.6, -1.6, 0.0)
+_TOOL = transform(np.eye(3), np.array([0.0, 0.0, 0.15]))
+_HOME = np.array([0.0, -2.0, 2.0, -1.6, -1.6, 0.0])
 
 
 class TrialPath(NamedTuple):
@@ -57,9 +55,11 @@ def _on_dome(flat: Array) -> Array:
     return np.column_stack([flat, np.sqrt(DOME**2 - np.sum(flat**2, axis=1)) - DOME])
 
 
-def trial_arm() -> Arm:
-    """A UR5e with a tool of 150 mm along the flange's axis, the path given in its base frame."""
+def trial_arm(T_flange_tool: Array = _TOOL, q_near: Array = _HOME) -> Arm:
+    """A UR5e with a tool, by default of 150 mm along the flange's axis, the path given in its base frame.
+
+    ``q_near`` (6,) [rad] says the configuration it begins in.
+    """
     path = trial_path()
-    T_flange_tool = transform(np.eye(3), np.array([0.0, 0.0, _TOOL]))
     first = transform(path.rotations[0], path.tips[0]) @ np.linalg.inv(T_flange_tool)
-    return build_arm(np.eye(4), T_flange_tool, inverse_near(first, np.array(_HOME)))
+    return build_arm(np.eye(4), T_flange_tool, inverse_near(first, q_near))

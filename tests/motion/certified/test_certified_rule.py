@@ -11,7 +11,7 @@ from benchmarks.random_paths import draw_path
 from benchmarks.smoothing_rules import random_path
 from polish_sim.motion.certified.segment_limits import FINE
 from polish_sim.motion.certified.smoother import Smoother, join_pieces
-from polish_sim.motion.rules.certified_rule import plan_certified as plan
+from polish_sim.motion.certified.smoother import plan_certified as plan
 from polish_sim.motion.rules.chain import build_chain, chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, six

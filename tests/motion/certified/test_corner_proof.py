@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from polish_sim.motion import forward
 from polish_sim.motion.certified.bends import fill_plain
 from polish_sim.motion.certified.connector import Peaks
-from polish_sim.motion.certified.kernel import PIECES, Kernel, Side, copy_scaled, new_kernel, side_of
-from polish_sim.motion.certified.proof import Sides, Slowdown, fourth_spin, joint_shares, new_proof_work, prove_kernel
+from polish_sim.motion.certified.kernel import PIECES, Kernel, Side, copy_scaled, side_of
+from polish_sim.motion.certified.proof import ProofWork, Sides, Slowdown, fourth_spin, joint_shares, prove_kernel
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, arm_or_none, build_arm, chain_in_base
 from polish_sim.motion.rules.schedule import Samples, Schedule, sample_schedule, turning
-from polish_sim.motion.segment_rates import chain_segment, joint_motion
+from polish_sim.motion.segment_rates import chain_segment, sampled_joints
 
 T_FLANGE_TOOL = np.eye(4)
 T_FLANGE_TOOL[:3, 3] = [0.01, -0.02, 0.2]
@@ -53,7 +53,7 @@ def random_kernel(rng: np.random.Generator, size: float) -> Kernel:
 
 
 def scaled(kernel: Kernel, scale: float, slowdown: float) -> Kernel:
-    out = new_kernel()
+    out = Kernel()
     copy_scaled(kernel, scale**3, scale * slowdown, out)
     return out
 
@@ -90,7 +90,7 @@ def axis_of(corner: Corner) -> Side:
 
 def proof_of(corner: Corner, kernel: Kernel, limits: SmoothingLimits, arm: Arm | None) -> Slowdown:
     sides, q = sides_of(corner), corner.arm.q_start
-    return prove_kernel(axis_of(corner), sides, kernel, limits.values(), arm_or_none(arm), q, new_proof_work())
+    return prove_kernel(axis_of(corner), sides, kernel, limits.values(), arm_or_none(arm), q, ProofWork())
 
 
 def sampled(corner: Corner, kernel: Kernel, per_piece: int) -> tuple[np.ndarray, Samples]:
@@ -114,10 +114,7 @@ def used(corner: Corner, kernel: Kernel, limits: SmoothingLimits) -> np.ndarray:
     samples = sampled(corner, kernel, 40)[1]
     axis = np.linalg.norm(turning(samples.axes), axis=2).max(axis=0)
     axis_limits = (limits.axis_speed, limits.axis_acceleration, limits.axis_jerk)
-    linear = np.ascontiguousarray(samples.tips[:, 1:].swapaxes(0, 1))
-    motion = joint_motion(
-        samples.tips[:, 0], samples.rotations, linear, np.ascontiguousarray(samples.spins.swapaxes(0, 1)), corner.arm
-    )
+    motion = sampled_joints(samples, corner.arm)
     joint = [np.abs(rate) / limit for rate, limit in zip(motion[1:], limits.values().joint, strict=True)]
     return np.concatenate([axis / axis_limits, [share.max() for share in joint]])
 
@@ -134,7 +131,7 @@ def random_size(rng: np.random.Generator) -> float:
 
 
 def test_the_joints_shares_of_a_kernel_are_proven_and_nearly_exact() -> None:
-    rng, tool, reached = np.random.default_rng(3), new_proof_work(), []
+    rng, tool, reached = np.random.default_rng(3), ProofWork(), []
     for _ in range(150):
         corner = random_corner(rng)
         kernel = random_kernel(rng, random_size(rng))
@@ -210,7 +207,7 @@ def test_a_straight_path_at_constant_speed_is_not_slowed() -> None:
     corner = random_corner(np.random.default_rng(5))
     ways = np.array([[-0.001, 0.0, 0.0], [0.0, 0.0, 0.0], [0.001, 0.0, 0.0]])
     chain = build_chain(corner.chain.tips[1] + ways, np.repeat(corner.chain.rotations[1:2], 3, axis=0))
-    kernel = new_kernel()
+    kernel = Kernel()
     fill_plain(0.5e-3, 0.03, kernel)
     corner = Corner(chain_in_base(chain, corner.arm), corner.arm, (0.001, 0.001))
     assert proof_of(corner, kernel, SmoothingLimits(), corner.arm).factor == 1.0

@@ -16,18 +16,18 @@ from polish_sim.motion.certified.connector import (
     least_distance,
     least_peak,
 )
-from polish_sim.motion.certified.kernel import PIECES, measure_peaks, new_kernel, runs_forwards, side_of
+from polish_sim.motion.certified.kernel import PIECES, Kernel, measure_peaks, runs_forwards, side_of
 from polish_sim.motion.certified.line import (
+    Law,
     Motion,
     fill_bend_kernel,
     fill_law,
     gone_at,
     law_at,
-    new_law,
     time_at,
     turn_at,
 )
-from polish_sim.motion.certified.merge import chord_deviation, empty_run
+from polish_sim.motion.certified.merge import Run, chord_deviation
 from polish_sim.motion.certified.segment_limits import choose_limits, rest_to_rest, worst_share
 
 PAPER = Peaks(0.05, 0.5, 10.0)
@@ -57,12 +57,9 @@ def _random_ends(rng, limits):
     return Ends(*side(), *side())
 
 
-def test_a_short_rest_to_rest_run_takes_four_cube_roots():
-    assert connector_time(Ends(0, 0, 0, 0), 5e-5, PAPER) == pytest.approx(4 * math.cbrt(5e-5 / 20), rel=1e-9)
-
-
-def test_a_long_rest_to_rest_run_is_distance_over_speed_plus_both_ramps():
-    assert connector_time(Ends(0, 0, 0, 0), 0.05, PAPER) == pytest.approx(1.0 + 0.1 + 0.05, rel=1e-9)
+@pytest.mark.parametrize(("distance", "time"), [(5e-5, 4 * math.cbrt(5e-5 / 20)), (0.05, 1.0 + 0.1 + 0.05)])
+def test_rest_to_rest_takes_four_cube_roots_or_distance_over_speed_plus_both_ramps(distance, time):
+    assert connector_time(Ends(0.0, 0.0, 0.0, 0.0), distance, PAPER) == pytest.approx(time, rel=1e-9)
 
 
 def test_pieces_lead_from_one_end_to_the_other_within_the_limits():
@@ -109,7 +106,7 @@ def test_time_falls_as_the_peak_rises():
 
 
 def _law(speed=0.03, acceleration=0.2):
-    law = new_law()
+    law = Law()
     durations, jerks = np.zeros(7), np.zeros(7)
     durations[:4] = 0.05, 0.02, 0.05, 0.1
     jerks[:3] = 2.0, 0.0, -3.0
@@ -142,7 +139,7 @@ def test_a_bend_keeps_to_its_room():
 def test_a_bend_s_load_is_the_largest_of_the_tip_s_motion():
     law, angle = _law(), 0.1
     turning = turn_at(law, 4e-3, 1.5e-3, 1e-3, 1e-3)
-    kernel = new_kernel()
+    kernel = Kernel()
     nearest = fill_bend_kernel(law, turning, 4e-3, kernel)
     load = measure_peaks(side_of(1.0, 1.0, math.cos(angle), Peaks(1.0, 1.0, 1.0), 1.0, False), kernel, PIECES)
     old, new = np.array([1.0, 0.0]), np.array([math.cos(angle), math.sin(angle)])
@@ -228,7 +225,7 @@ def test_where_no_speed_is_slow_enough_nothing_is_chosen() -> None:
 
 
 def _run_merge(tips, tilts):
-    run = empty_run()
+    run = Run()
     for i, (tip, tilt) in enumerate(zip(tips, tilts, strict=True)):
         run.tips[i] = tip
         c, s = math.cos(tilt), math.sin(tilt)

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.motion import forward, link_frames
-from polish_sim.motion.certified.segment_limits import new_segment_work, segment_limits
+from polish_sim.motion.certified.segment_limits import SegmentWork, segment_limits
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, arm_or_none, build_arm, chain_in_base
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, chain_rates, chain_segment
@@ -57,7 +57,7 @@ def shares(chain: Chain, arm: Arm, scale: float, motion: np.ndarray, limits: Smo
 def proven(chain: Chain, arm: Arm, scale: float, limits: SmoothingLimits) -> tuple[int, np.ndarray, np.ndarray]:
     segment: Segment = chain_segment(chain_in_base(chain, arm), 0)
     motion, q = np.zeros(6), arm.q_start.copy()
-    status = segment_limits(segment, scale, limits.values(), arm, q, motion, new_segment_work())
+    status = segment_limits(segment, scale, limits.values(), arm, q, motion, SegmentWork())
     return status, motion[:3], q
 
 
@@ -85,7 +85,7 @@ def test_without_joints_the_tool_alone_binds() -> None:
     chain, arm, scale = next(random_segments(1, 2))
     motion = np.zeros(6)
     segment = chain_segment(chain_in_base(chain, arm), 0)
-    segment_limits(segment, scale, TIGHT.values(), arm_or_none(None), arm.q_start.copy(), motion, new_segment_work())
+    segment_limits(segment, scale, TIGHT.values(), arm_or_none(None), arm.q_start.copy(), motion, SegmentWork())
     tip, axis = chain.lengths[0] / scale, chain.angles[0] / scale
     assert motion[0] == pytest.approx(min(0.05 / tip, TIGHT.axis_speed / axis), rel=1e-8)
     assert motion[2] == pytest.approx(min(10.0 / tip, TIGHT.axis_jerk / axis), rel=1e-8)
@@ -104,9 +104,10 @@ def test_near_the_wrist_s_singularity_speeds_fall_and_stay_proven(q5: float) -> 
             angles=np.zeros(1),
             rolls=np.zeros(1),
         )
-        status, motion, _ = proven(moved, arm._replace(q_start=q), float(moved.lengths[0]), SmoothingLimits())
+        arm = build_arm(arm.T_base_work, T_FLANGE_TOOL, q)
+        status, motion, _ = proven(moved, arm, float(moved.lengths[0]), SmoothingLimits())
         assert status == REACHED
-        share = shares(moved, arm._replace(q_start=q), float(moved.lengths[0]), motion, SmoothingLimits())
+        share = shares(moved, arm, float(moved.lengths[0]), motion, SmoothingLimits())
         assert share.max() <= 1.0
 
 

@@ -29,7 +29,7 @@ _OVER_STOPS = 1.5  #: Else it must be passed at so many times the mean speed fro
 _ROUNDING = 1.0 - 1e-9
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 def _turn_size(side: Side) -> float:
     """|t2 - t1| of tip or axis per generalised length."""
     one, two = side.first, side.second
@@ -58,7 +58,7 @@ def _greatest_turning(side: Side, limit: float) -> float:
     return (math.sqrt(mixed * mixed + 1.0 - LINE_SHARE * LINE_SHARE) - mixed) * limit / turn
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 def _ratio(limit: float, share: float) -> float:
     return limit / share if share > 0.0 else math.inf
 
@@ -121,7 +121,7 @@ def fill_plain(size: float, speed: float, kernel: Kernel) -> None:
     set_cubic(kernel.gone[1], cube, 0.5 * speed, jerk * half, -jerk)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def may_string(segments: Segments, lines: Lines, line: int, k: int) -> bool:
     """Whether segment ``k`` goes on the open line: a short one on either side, and a bend that holds nothing up."""
     first, bend = lines.first[line], segments.bends[k, 1]
@@ -146,7 +146,7 @@ def _braking_way(limits: Peaks) -> float:
     return v * math.sqrt(v / j) if v * j <= a * a else 0.5 * v * (v / a + a / j)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 def _alike(first: float, second: float) -> bool:
     return min(first, second) >= _NEAR_FULL * max(first, second)
 

@@ -185,7 +185,7 @@ def _triangle_time(side: Side, speed: float) -> float:
     return max(math.sqrt(change / (side.limits.jerk * ROUNDING)), change / (side.limits.acceleration * ROUNDING))
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _best_shape(corner: Corner, harder: float, shapes: CornerShapes, kernel: Kernel) -> Figures:
     """Fill the better one of the kernels made for the tip's corner and for the axis's."""
     along = corner.along
@@ -222,7 +222,7 @@ def _turns(side: Side) -> bool:
     return side.first > 0.0 and side.second > 0.0 and side.cosine < 1.0
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _fit_shape(made_for: Side, corner: Corner, shapes: CornerShapes, kernel: Kernel) -> tuple[Figures, bool]:
     """Fill the kernel made for one side's corner, scaled until both sides keep limits and tolerances."""
     most, along, rate = made_for.limits, corner.along, max(made_for.first, made_for.second)

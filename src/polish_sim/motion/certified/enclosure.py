@@ -11,36 +11,28 @@ the arm does not leave its branch. (Rounding is met by a slack of 1e-9, not by d
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
+from typing import Annotated
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.joint_rates import ArmState, new_arm_state
+from polish_sim.kernels import Matrix6, Record, Vector6
+from polish_sim.motion.joint_rates import ArmState, Rates
 
 MOST_GUESSES = 8
 HOPELESS = 2.5  #: A guess that implies so many times itself will not settle
 _ROUNDING = 1.0 + 1e-9
 
 
-class Enclosure(NamedTuple):
+class Enclosure(Record):
     """Work space of one arm and bounds on a piece."""
 
     arm: ArmState  #: The arm at the middle of the piece, with its rates by progress
-    T: Array  #: T_base_tool there, shape (4, 4)
-    speeds: Array  #: Norm of each link's angular velocity and its two derivatives at the middle, shape (3, 6)
-    gains: Array  #: Norms of the inverse Jacobian's rows, linear and angular part, and of the links [m], shape (3, 6)
-    drift: Array  #: Absolute values of inverse(J) J' at the middle, shape (6, 6)
-    fourth: Array  #: Size of the fourth derivative of q at the middle, but for what the twist's own gives, shape (6,)
-    rates: Array  #: Bounds of |q'|, |q''|, |q'''|, |q''''| on the piece, shape (4, 6)
-    implied: Array  #: What a guess of |q''''| implies for it, shape (6,)
-
-
-def new_enclosure() -> Enclosure:
-    """Fresh work space."""
-    shapes = (4, 4), (3, 6), (3, 6), (6, 6), (6,), (4, 6), (6,)
-    return Enclosure(new_arm_state(), *(np.zeros(shape) for shape in shapes))
+    speeds: Rates  #: Norm of each link's angular velocity and its two derivatives at the middle
+    gains: Rates  #: Norms of the inverse Jacobian's rows, linear and angular part, and of the links [m]
+    drift: Matrix6  #: Absolute values of inverse(J) J' at the middle
+    fourth: Vector6  #: Size of the fourth derivative of q at the middle, but for what the twist's own gives
+    rates: Annotated[Array, (4, 6)]  #: Bounds of |q'|, |q''|, |q'''|, |q''''| on the piece
+    implied: Vector6  #: What a guess of |q''''| implies for it
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -122,7 +114,7 @@ def measure_link_speeds(e: Enclosure) -> None:
         e.fourth[i] = abs(total)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 def spread_rates(e: Enclosure, r: float) -> None:
     """Bounds of q', q'', q''' within r of the middle from that of q'''' (Taylor with remainder)."""
     for i in range(6):
@@ -169,7 +161,7 @@ def imply_fourth(e: Enclosure, r: float, fourth_twist: float) -> None:
         e.implied[i] = total * _ROUNDING
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def enclose(e: Enclosure, r: float, fourth_twist: float) -> int:
     """Bound the joint derivatives within ``r`` (progress) of the middle, where the arm is placed and its rates known.
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated
 
-import numpy as np
-
-from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record, Vector2
 from polish_sim.motion.certified import window
 from polish_sim.motion.certified.bends import LINE_SHARE, fill_plain, off_line, plain_kernel
 from polish_sim.motion.certified.connector import Ends, Peaks, least_distance
-from polish_sim.motion.certified.corner import CornerShapes, corner_kernel, corner_shapes, time_lost
+from polish_sim.motion.certified.corner import CornerShapes, corner_kernel, time_lost
 from polish_sim.motion.certified.kernel import (
     PIECES,
     Corner,
@@ -20,16 +18,15 @@ from polish_sim.motion.certified.kernel import (
     Kernel,
     copy_scaled,
     measure_peaks,
-    new_kernel,
     runs_forwards,
     scaled_figures,
     side_of,
     with_less,
 )
 from polish_sim.motion.certified.merge import Shares
-from polish_sim.motion.certified.proof import ProofWork, Sides, Slowdown, new_proof_work, prove_kernel
-from polish_sim.motion.certified.segment_limits import FASTEST, SHARPEST, SegmentWork, new_segment_work, segment_limits
-from polish_sim.motion.certified.window import FULL_LEVELS, LEVELS, Corners, Lines, Segments, kernel_of, peaks_of
+from polish_sim.motion.certified.proof import ProofWork, Sides, Slowdown, prove_kernel
+from polish_sim.motion.certified.segment_limits import FASTEST, SHARPEST, SegmentWork, segment_limits
+from polish_sim.motion.certified.window import FULL_LEVELS, LEVELS, Corners, Lines, Segments, peaks_of
 from polish_sim.motion.rules.limits import Arm, LimitValues
 from polish_sim.motion.segment_rates import Segment
 
@@ -38,22 +35,20 @@ _REFITTED, _REFITS = 1.02, 2  #: Kernels the joints slow down by more are made a
 _SLACK = 1.0 + 1e-9
 
 
-class Course(NamedTuple):
+class Course(Record):
     """What stays the same along a stream."""
 
     limits: LimitValues
     bend_limits: LimitValues  #: The same with the share of joint acceleration and jerk that is left for bends
-    tolerances: tuple[float, float]  #: Of tip and axis [m, rad]
+    tolerances: Vector2  #: Of tip and axis [m, rad]
     shares: Shares
-    shapes: CornerShapes
     arm: Arm
 
 
-class Robot(NamedTuple):
+class Robot(Record):
     """Work space of proofs."""
 
-    vectors: Array  #: Tip, direction and turn axis of two segments in the base frame, shape (2, 3, 3)
-    frames: Array  #: Their start frames, shape (2, 3, 3)
+    sides: Annotated[list[Segment], (2,)]  #: Two segments in the base frame
     work: SegmentWork
     proof: ProofWork
     kernel: Kernel  #: A kernel or a bend to be looked at
@@ -62,48 +57,43 @@ class Robot(NamedTuple):
 
 def new_course(limits: LimitValues, tolerances: tuple[float, float], shares: Shares, arm: Arm) -> Course:
     """Put together what stays the same along a stream."""
-    left = limits.joint * np.array([1.0, 1.0 - LINE_SHARE, 1.0 - LINE_SHARE])[:, None]
-    return Course(limits, limits._replace(joint=left), tolerances, shares, corner_shapes(), arm)
-
-
-def new_robot() -> Robot:
-    """Fresh work space."""
-    two = np.zeros((2, 3, 3))
-    return Robot(two, two.copy(), new_segment_work(), new_proof_work(), new_kernel(), new_kernel())
+    course = Course(limits, limits, tolerances, shares, arm)
+    course.bend_limits.joint[1:] *= 1.0 - LINE_SHARE
+    return course
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def base_segment(segments: Segments, k: int, arm: Arm, robot: Robot, slot: int) -> Segment:
-    """Segment ``k`` as seen from the robot's base, kept in one of two slots."""
-    chain, frame, T = segments.chain, robot.frames[slot], arm.T_base_work
-    tip, direction, turn_axis = robot.vectors[slot, 0], robot.vectors[slot, 1], robot.vectors[slot, 2]
+def set_side(side: Segment, segments: Segments, k: int, arm: Arm) -> None:
+    """Write segment ``k`` as seen from the robot's base."""
+    R, T = segments.rotations[k], arm.T_base_work
+    tip, frame, direction, turn_axis = side.tip, side.rotation, side.direction, side.turn_axis
+    side.length, side.angle, side.roll = segments.lengths[k], segments.angles[k], segments.rolls[k]
     for i in range(3):
         tip[i], direction[i], turn_axis[i] = T[i, 3], 0.0, 0.0
         for j in range(3):
-            tip[i] += T[i, j] * chain.tips[k, j]
-            direction[i] += T[i, j] * chain.directions[k, j]
-            turn_axis[i] += T[i, j] * chain.turn_axes[k, j]
-            R = chain.rotations[k]
+            tip[i] += T[i, j] * segments.tips[k, j]
+            direction[i] += T[i, j] * segments.directions[k, j]
+            turn_axis[i] += T[i, j] * segments.turn_axes[k, j]
             frame[i, j] = T[i, 0] * R[0, j] + T[i, 1] * R[1, j] + T[i, 2] * R[2, j]
-    return Segment(tip, frame, chain.lengths[k], direction, chain.angles[k], turn_axis, chain.rolls[k])
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def fill_limits(segments: Segments, k: int, feed: float, limits: LimitValues, arm: Arm, robot: Robot) -> int:
     """Write generalised length of segment ``k``, the limits along it and the joints at its end; returns a status.
 
     Its geometry and the joints at its start are known, ``feed`` is a cap on the tip's speed [m/s].
     """
-    chain, row, q = segments.chain, segments.limits[k], segments.q[k + 1]
+    row, q = segments.limits[k], segments.q[k + 1]
     # Tip length that takes as long as a turn of the axis by one radian, at full speed [m].
     some = math.isinf(limits.axis_speed) or math.isinf(limits.tip_speed)
     radius = 1.0 if some else limits.tip_speed / limits.axis_speed
-    span = max(chain.lengths[k], max(chain.angles[k], abs(chain.rolls[k])) * radius)
+    span = max(segments.lengths[k], max(segments.angles[k], abs(segments.rolls[k])) * radius)
     segments.spans[k] = span
     for j in range(6):
         q[j] = segments.q[k, j]
-    status = segment_limits(base_segment(segments, k, arm, robot, 0), span, limits, arm, q, row, robot.work)
-    cap = feed * span / chain.lengths[k] if chain.lengths[k] > 0.0 else math.inf
+    set_side(robot.sides[0], segments, k, arm)
+    status = segment_limits(robot.sides[0], span, limits, arm, q, row, robot.work)
+    cap = feed * span / segments.lengths[k] if segments.lengths[k] > 0.0 else math.inf
     for i in range(0, 6, 3):
         row[i] = min(row[i], FASTEST, cap)
         row[i + 2] = min(row[i + 2], SHARPEST)
@@ -112,18 +102,18 @@ def fill_limits(segments: Segments, k: int, feed: float, limits: LimitValues, ar
     return int(status)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def corner_at(segments: Segments, k: int, course: Course, old: Peaks, new: Peaks) -> Corner:
     """The corner before segment ``k``, with limits along both sides and what merging has left of the tolerances.
 
     Where the joints hold a segment back, tip and axis are held back as much at its corners: there is then little left
     to slow down.
     """
-    chain, limits, spans, used = segments.chain, course.limits, segments.spans, segments.used
+    limits, spans, used = course.limits, segments.spans, segments.used
     along = cosine = 0.0
     for i in range(3):
-        along += chain.directions[k - 1, i] * chain.directions[k, i]
-        cosine += chain.turn_axes[k - 1, i] * chain.turn_axes[k, i]
+        along += segments.directions[k - 1, i] * segments.directions[k, i]
+        cosine += segments.turn_axes[k - 1, i] * segments.turn_axes[k, i]
     first, second = _held_back(segments, k - 1, limits), _held_back(segments, k, limits)
     acceleration, jerk = min(first[0], second[0]), min(first[1], second[1])
     tip = Peaks(limits.tip_speed, limits.tip_acceleration * acceleration, limits.tip_jerk * jerk)
@@ -132,8 +122,8 @@ def corner_at(segments: Segments, k: int, course: Course, old: Peaks, new: Peaks
     off_axis = max(course.tolerances[1] - max(used[k - 1, 1], used[k, 1]), 0.0)
     one, two = spans[k - 1], spans[k]
     return Corner(
-        side_of(chain.lengths[k - 1] / one, chain.lengths[k] / two, along, tip, off_tip, False),
-        side_of(chain.angles[k - 1] / one, chain.angles[k] / two, cosine, axis, off_axis, True),
+        side_of(segments.lengths[k - 1] / one, segments.lengths[k] / two, along, tip, off_tip, False),
+        side_of(segments.angles[k - 1] / one, segments.angles[k] / two, cosine, axis, off_axis, True),
         Peaks(min(old.speed, new.speed), min(old.acceleration, new.acceleration), min(old.jerk, new.jerk)),
         (one, two),
     )
@@ -143,7 +133,7 @@ def corner_at(segments: Segments, k: int, course: Course, old: Peaks, new: Peaks
 def _held_back(segments: Segments, k: int, limits: LimitValues) -> tuple[float, float]:
     """Shares of acceleration and jerk that the joints leave of what tip and axis allow along a segment."""
     row, span = segments.limits[k], segments.spans[k]
-    tip, axis = segments.chain.lengths[k] / span, segments.chain.angles[k] / span
+    tip, axis = segments.lengths[k] / span, segments.angles[k] / span
     acceleration, jerk = math.sqrt(row[0] * row[2]), math.inf
     if tip > 0.0:
         acceleration, jerk = min(acceleration, limits.tip_acceleration / tip), limits.tip_jerk / tip
@@ -157,7 +147,9 @@ def prove(
     segments: Segments, k: int, corner: Corner, kernel: Kernel, limits: LimitValues, arm: Arm, robot: Robot
 ) -> Slowdown:
     """Prove a kernel or a bend before segment ``k`` for axis and joints."""
-    old, new = base_segment(segments, k - 1, arm, robot, 0), base_segment(segments, k, arm, robot, 1)
+    old, new = robot.sides[0], robot.sides[1]
+    set_side(old, segments, k - 1, arm)
+    set_side(new, segments, k, arm)
     return prove_kernel(corner.axis, Sides(old, new, corner.spans), kernel, limits, arm, segments.q[k], robot.proof)
 
 
@@ -167,7 +159,7 @@ def bend_at(segments: Segments, k: int, course: Course) -> Corner:
     return corner_at(segments, k, course, peaks_of(segments.limits, k - 1), peaks_of(segments.limits, k))
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def slow_bend(segments: Segments, k: int, course: Course, robot: Robot) -> None:
     """Slow the bend before segment ``k`` down for the joints."""
     bend, corner = segments.bends[k], bend_at(segments, k, course)
@@ -175,7 +167,7 @@ def slow_bend(segments: Segments, k: int, course: Course, robot: Robot) -> None:
     bend[1] /= prove(segments, k, corner, robot.kernel, course.bend_limits, course.arm, robot).factor
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def bend_holds(segments: Segments, k: int, nearest: float, course: Course, robot: Robot) -> bool:
     """Whether the bend before segment ``k``, in the robot's kernel, keeps limits and tolerances at every instant.
 
@@ -194,8 +186,10 @@ def bend_holds(segments: Segments, k: int, nearest: float, course: Course, robot
     return prove(segments, k, corner, kernel, course.limits, course.arm, robot).factor <= _SLACK
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, course: Course, robot: Robot) -> None:
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+def fill_corner(
+    segments: Segments, lines: Lines, corners: Corners, k: int, course: Course, shapes: CornerShapes, robot: Robot
+) -> None:
     """Find the kernels of the corner before line ``k`` and lay out its states, from an exact stop to the full one."""
     i = lines.first[k]
     corner = corner_at(segments, i, course, peaks_of(lines.limits, k - 1), peaks_of(lines.limits, k))
@@ -204,12 +198,12 @@ def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, cour
     window.set_state(corners, k, 0, stop, 0.0, 1.0)
     full, factor, asked, soonest = stop, math.inf, corner, math.inf
     for _ in range(1 + _REFITS):
-        figures, proof = _fit_kernel(segments, i, asked, lines, corner, k, course, robot)
+        figures, proof = _fit_kernel(segments, i, asked, lines, corner, k, course, shapes, robot)
         lost = time_lost(scaled_figures(figures, 1.0, proof.factor), corner.along)
         if not lost < soonest:
             break
         full, factor, soonest = figures, proof.factor, lost
-        copy_scaled(robot.kernel, 1.0, 1.0, kernel_of(corners, k))
+        copy_scaled(robot.kernel, 1.0, 1.0, corners.kernels[k])
         if factor <= _REFITTED:
             break
         tip, axis = with_less(asked.tip, proof.joints), with_less(asked.axis, proof.joints)
@@ -221,7 +215,7 @@ def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, cour
         for state in range(levels - 1, 0, -1):
             scale = state / (levels - 1)
             if scale < 1.0:
-                copy_scaled(kernel_of(corners, k), scale**3, scale, robot.scaled)
+                copy_scaled(corners.kernels[k], scale**3, scale, robot.scaled)
                 factor = prove(segments, i, corner, robot.scaled, course.limits, course.arm, robot).factor
             figures = scaled_figures(full, scale**3, scale * factor)
             window.set_state(corners, k, state, figures, scale**3, scale * factor)
@@ -231,11 +225,12 @@ def fill_corner(segments: Segments, lines: Lines, corners: Corners, k: int, cour
 
 @njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _fit_kernel(
-    segments: Segments, i: int, asked: Corner, lines: Lines, corner: Corner, k: int, course: Course, robot: Robot
-) -> tuple[Figures, Slowdown]:
+    segments: Segments, i: int, asked: Corner, lines: Lines, corner: Corner, k: int, course: Course,
+    shapes: CornerShapes, robot: Robot,
+) -> tuple[Figures, Slowdown]:  # fmt: skip
     """Fill the robot's kernel, as large as tolerances, lines and the arm allow; its figures before it is slowed."""
     kernel = robot.kernel
-    figures = corner_kernel(asked, course.shapes, kernel)
+    figures = corner_kernel(asked, shapes, kernel)
     scale = _room_scale(lines, k, figures.size)
     proof = Slowdown(1.0, Peaks(0.0, 0.0, 0.0))
     for _ in range(_SHRINKS):

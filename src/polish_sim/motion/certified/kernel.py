@@ -10,12 +10,11 @@ speed below its control points.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
+from typing import Annotated, NamedTuple
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record
 from polish_sim.motion.certified.connector import Peaks
 
 HALF = 6  #: Pieces of half a kernel
@@ -57,17 +56,12 @@ class Figures(NamedTuple):
     duration: float  #: [s]
 
 
-class Kernel(NamedTuple):
+class Kernel(Record):
     """Pieces of a corner's kernel or of a bend."""
 
-    durations: Array  #: [s], shape (PIECES,); 0 for one that is not used
-    remaining: Array  #: c0 .. c3 of a in each piece [m], shape (PIECES, 4)
-    gone: Array  #: c0 .. c3 of b [m], shape (PIECES, 4)
-
-
-def new_kernel() -> Kernel:
-    """Room for a kernel."""
-    return Kernel(np.zeros(PIECES), np.zeros((PIECES, 4)), np.zeros((PIECES, 4)))
+    durations: Annotated[Array, (PIECES,)]  #: [s]; 0 for one that is not used
+    remaining: Annotated[Array, (PIECES, 4)]  #: c0 .. c3 of a in each piece [m]
+    gone: Annotated[Array, (PIECES, 4)]  #: c0 .. c3 of b [m]
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -120,7 +114,7 @@ def integrate_knots(kernel: Kernel) -> Figures:
 
     Durations are symmetric, columns 0 and 1 of ``remaining`` hold a'' at both ends of every piece.
     """
-    durations, remaining, gone = kernel
+    durations, remaining, gone = kernel.durations, kernel.remaining, kernel.gone
     position = rate = time = 0.0
     start = remaining[0, 0]
     # b: the knots of a from the last to the first.

@@ -7,28 +7,28 @@ of it in the kernel before. The law is shared out to the line's segments, bends 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
+from typing import Annotated, NamedTuple
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record
 from polish_sim.motion.certified.bends import fill_plain
 from polish_sim.motion.certified.connector import CONNECTOR_PIECES, Ends, Peaks, fill_connector
-from polish_sim.motion.certified.kernel import PIECES, Kernel, copy_scaled, new_kernel, set_cubic
-from polish_sim.motion.certified.window import MOST_STRUNG, Corners, Lines, Segments, decided, kernel_of
+from polish_sim.motion.certified.kernel import PIECES, Kernel, copy_scaled, set_cubic
+from polish_sim.motion.certified.window import MOST_STRUNG, ROOM, Corners, Lines, Segments, decided
 
 _STEPS = 60
 _SHRINKS = 40
 _SHRINK = 0.9
 _SEGMENT_ROWS = 2 * CONNECTOR_PIECES + 4  #: Most rows of a segment without kernels: into it by two, along it, out of it
+_ROWS = ROOM * (_SEGMENT_ROWS + 2 * PIECES)  #: Most rows of the outbox
 
 
-class Law(NamedTuple):
+class Law(Record):
     """Way s along a line over time, as cubic pieces that follow one another."""
 
-    starts: Array  #: Begin of each piece and end of the last, from the law's start [s], (CONNECTOR_PIECES + 1,)
-    cubics: Array  #: c0..c3 in the time from the piece's start, shape (CONNECTOR_PIECES, 4)
+    starts: Annotated[Array, (CONNECTOR_PIECES + 1,)]  #: Begin of each and end of the last, from the law's start [s]
+    cubics: Annotated[Array, (CONNECTOR_PIECES, 4)]  #: c0..c3 in the time from the piece's start
 
 
 class Motion(NamedTuple):
@@ -49,11 +49,6 @@ class Turning(NamedTuple):
 
 
 _NO_TURN = Turning(0.0, 0.0, (0.0, 0.0))
-
-
-def new_law() -> Law:
-    """Room for a law."""
-    return Law(np.zeros(CONNECTOR_PIECES + 1), np.zeros((CONNECTOR_PIECES, 4)))
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -211,25 +206,25 @@ def fill_bend_kernel(law: Law, turning: Turning, vertex: float, kernel: Kernel) 
     return max(left.way, gone.way) if time >= end else math.inf
 
 
-class MotionPieces(NamedTuple):
-    """Segments of the merged chain that are decided on, and when each is passed (as in Schedule)."""
+class Outbox(Record):
+    """Room for `MotionPieces` that wait to be taken away."""
 
-    tips: Array  #: Way points the segments end at [m], shape (m, 3)
-    rotations: Array  #: Tool frames there, shape (m, 3, 3)
-    way_points: Indices  #: Their numbers among the way points fed, shape (m,)
-    segments: Indices  #: Segment of each row, counted from the path's start, shape (r,)
-    starts: Array  #: [s], shape (r,)
-    durations: Array  #: [s], shape (r,)
-    coefficients: Array  #: Progress as a cubic in time, shape (r, 4)
+    tips: Annotated[Array, (ROOM, 3)]
+    rotations: Annotated[Array, (ROOM, 3, 3)]
+    way_points: Annotated[Indices, (ROOM,)]
+    segments: Annotated[Indices, (_ROWS,)]
+    starts: Annotated[Array, (_ROWS,)]
+    durations: Annotated[Array, (_ROWS,)]
+    coefficients: Annotated[Array, (_ROWS, 4)]
 
 
-class Pen(NamedTuple):
+class Pen(Record):
     """What emission writes with, and to."""
 
-    outbox: MotionPieces  #: Room for what waits to be taken away
+    outbox: Outbox
     law: Law
-    pieces: Array  #: Durations and jerks of a connector, shape (2, CONNECTOR_PIECES)
-    bends: Array  #: Begin, duration and both jerks of the bend before each segment of a line, (MOST_STRUNG + 1, 4)
+    pieces: Annotated[Array, (2, CONNECTOR_PIECES)]  #: Durations and jerks of a connector
+    bends: Annotated[Array, (MOST_STRUNG + 1, 4)]  #: Begin, duration, both jerks of the bend before a line's segments
     kernel: Kernel  #: Work space
 
 
@@ -240,14 +235,6 @@ class Share(NamedTuple):
     way: float  #: Where it begins along the line [m]
     span: float  #: Its length [m]
     start: float  #: When the law begins [s]
-
-
-def new_pen(segments: int) -> Pen:
-    """Room for so many segments in the outbox, and work space."""
-    rows, indices = segments * (_SEGMENT_ROWS + 2 * PIECES), np.int64
-    places = np.zeros((segments, 3)), np.zeros((segments, 3, 3)), np.zeros(segments, indices)
-    box = MotionPieces(*places, np.zeros(rows, indices), np.zeros(rows), np.zeros(rows), np.zeros((rows, 4)))
-    return Pen(box, new_law(), np.zeros((2, CONNECTOR_PIECES)), np.zeros((MOST_STRUNG + 1, 4)), new_kernel())
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -275,7 +262,7 @@ def lay_bend(segments: Segments, i: int, n: int, vertex: float, share: float, pe
     return turning
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def emit_line(
     segments: Segments, lines: Lines, corners: Corners, pen: Pen, k: int, number: int, row: int, time: float
 ) -> tuple[int, float]:
@@ -336,7 +323,7 @@ def _emit_share(pen: Pen, share: Share, incoming: Turning, outgoing: Turning, ro
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _write(rows: MotionPieces, row: int, share: Share, time: float, duration: float, motion: Motion) -> int:
+def _write(rows: Outbox, row: int, share: Share, time: float, duration: float, motion: Motion) -> int:
     rows.segments[row], rows.starts[row], rows.durations[row] = share.number, share.start + time, duration
     cubic, span = rows.coefficients[row], share.span
     cubic[0], cubic[1] = motion.way / span, motion.speed / span
@@ -355,7 +342,7 @@ def _emit_kernel(corners: Corners, k: int, end: float, share: Share, pen: Pen, r
     if state.duration > 0.0 and length < 0.0:
         fill_plain(state.size, state.speed, kernel)
     elif state.duration > 0.0:
-        copy_scaled(kernel_of(corners, k), length, corners.scales[k, chosen, 1], kernel)
+        copy_scaled(corners.kernels[k], length, corners.scales[k, chosen, 1], kernel)
     else:
         return row, time
     cubics, span = (kernel.gone, share.span) if end == 0.0 else (kernel.remaining, -share.span)

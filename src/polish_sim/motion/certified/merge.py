@@ -8,37 +8,31 @@ has not used of the tolerance is left to the corners at its ends.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
+from typing import Annotated
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record
 
 MOST_MERGED = 32  #: Most way points a chord stands for
 WIDEST_TURN = 0.5  #: Most the tool's axis turns along a chord, and its roll [rad]
 
 
-class Run(NamedTuple):
+class Run(Record):
     """Way points since the last one that stays, oldest first."""
 
-    tips: Array  #: [m], shape (MOST_MERGED + 1, 3)
-    rotations: Array  #: Tool frames, shape (MOST_MERGED + 1, 3, 3)
-    feeds: Array  #: Caps on the tip's speed on the way to them [m/s], shape (MOST_MERGED + 1,)
+    tips: Annotated[Array, (MOST_MERGED + 1, 3)]  #: [m]
+    rotations: Annotated[Array, (MOST_MERGED + 1, 3, 3)]  #: Tool frames
+    feeds: Annotated[Array, (MOST_MERGED + 1,)]  #: Caps on the tip's speed on the way to them [m/s]
 
 
-class Shares(NamedTuple):
+class Shares(Record):
     """What merging may use up."""
 
     tip: float  #: [m]
     axis: float  #: [rad]
     length: float  #: A chord and a segment are not joined if both are longer [m]
     turn: float  #: The same for turns of the tool's axis [rad]
-
-
-def empty_run() -> Run:
-    """A run without way points."""
-    return Run(np.zeros((MOST_MERGED + 1, 3)), np.zeros((MOST_MERGED + 1, 3, 3)), np.full(MOST_MERGED + 1, np.inf))
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)

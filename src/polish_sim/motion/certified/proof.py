@@ -15,14 +15,15 @@ Slowed by tau every speed falls by tau, every acceleration by tau^2, every jerk 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Matrix3, Record, Vector4
 from polish_sim.motion.certified.connector import Peaks
-from polish_sim.motion.certified.enclosure import Enclosure, enclose, new_enclosure
+from polish_sim.motion.certified.enclosure import Enclosure, enclose
 from polish_sim.motion.certified.kernel import PIECES, Kernel, Side, measure_peaks
 from polish_sim.motion.joint_rates import solve_rates
 from polish_sim.motion.rules.limits import Arm, LimitValues, is_there
@@ -41,14 +42,14 @@ class Sides(NamedTuple):
     spans: tuple[float, float]  #: Generalised lengths of both [m]
 
 
-class ProofWork(NamedTuple):
+class ProofWork(Record):
     """Work space: the tool's motion in a kernel, and the joints'."""
 
     enclosure: Enclosure
-    rates: Array  #: Progress of one segment and three derivatives, shape (4,)
-    axis: Array  #: Tool axis and three derivatives, shape (4, 3)
-    R: Array  #: R_base_tool, shape (3, 3)
-    spin: Array  #: Angular velocity and two derivatives [rad/s..], shape (3, 3)
+    rates: Vector4  #: Progress of one segment and three derivatives
+    axis: Annotated[Array, (4, 3)]  #: Tool axis and three derivatives
+    R: Matrix3  #: R_base_tool
+    spin: Matrix3  #: Angular velocity and two derivatives [rad/s..]
 
 
 class Slowdown(NamedTuple):
@@ -58,12 +59,7 @@ class Slowdown(NamedTuple):
     joints: Peaks  #: Shares of the joints' limits without it; zeros without an arm
 
 
-def new_proof_work() -> ProofWork:
-    """Fresh work space."""
-    return ProofWork(new_enclosure(), *(np.zeros(shape) for shape in (4, (4, 3), (3, 3), (3, 3))))
-
-
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def prove_kernel(
     axis: Side, sides: Sides, kernel: Kernel, limits: LimitValues, arm: Arm, q: Array, work: ProofWork
 ) -> Slowdown:
@@ -106,7 +102,7 @@ def axis_peaks(axis: Side, kernel: Kernel) -> Peaks:
     return Peaks(peaks.speed * _ROUNDING, acceleration * _ROUNDING, math.hypot(along, across) * _ROUNDING)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 def _most(cubic: Array, t: float) -> tuple[float, float, float, float]:
     """Largest absolute values of a cubic and its derivatives on [0, t], the first two by control points."""
     c0, c1, c2, c3 = cubic[0], cubic[1], cubic[2], cubic[3]
@@ -116,7 +112,7 @@ def _most(cubic: Array, t: float) -> tuple[float, float, float, float]:
     return place, rate, max(abs(2.0 * c2), abs(2.0 * c2 + 6.0 * c3 * t)), abs(6.0 * c3)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def joint_shares(sides: Sides, kernel: Kernel, joint: Array, arm: Arm, q: Array, work: ProofWork) -> Peaks:
     """Largest shares of the joints' limits (3, 6) on the whole kernel; infinite where nothing could be proven.
 
@@ -134,9 +130,9 @@ def joint_shares(sides: Sides, kernel: Kernel, joint: Array, arm: Arm, q: Array,
         while done < 1.0:
             r = 0.5 * width * duration
             move_tool(sides, kernel, p, done * duration + r, work)
-            confirmed = reach_pose(e.arm, e.T, arm, e.arm.q) == REACHED
+            confirmed = reach_pose(e.arm, arm) == REACHED
             if confirmed:
-                solve_rates(e.arm, 3)
+                solve_rates(e.arm)
                 confirmed = enclose(e, r, fourth) > 0
             if not confirmed:
                 width *= 0.5
@@ -153,9 +149,9 @@ def joint_shares(sides: Sides, kernel: Kernel, joint: Array, arm: Arm, q: Array,
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def move_tool(sides: Sides, kernel: Kernel, p: int, t: float, work: ProofWork) -> None:
-    """Write the tool's pose and three derivatives at [s] ``t`` of piece ``p`` into the enclosure's T and arm.twists."""
+    """Write the tool's pose and three derivatives at [s] ``t`` of piece ``p`` into the enclosure's arm."""
     e, R, spin, rates = work.enclosure, work.R, work.spin, work.rates
-    T, twists, new = e.T, e.arm.twists, sides.new
+    T, twists, new = e.arm.T, e.arm.twists, sides.new
     for i in range(3):
         T[i, 3], T[3, i] = new.tip[i], 0.0
         for j in range(3):

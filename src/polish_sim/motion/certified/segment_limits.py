@@ -11,13 +11,14 @@ programme): the best A beside a V is known in closed form, V is found by a golde
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.certified.enclosure import Enclosure, enclose, new_enclosure
+from polish_sim.kernels import Record
+from polish_sim.motion.certified.enclosure import Enclosure, enclose
+from polish_sim.motion.joint_rates import Rates
 from polish_sim.motion.kinematics import JOINT_LIMITS
 from polish_sim.motion.rules.limits import Arm, LimitValues, is_there
 from polish_sim.motion.segment_rates import BEYOND, REACHED, SINGULAR, Segment, rates_at, within_range
@@ -39,21 +40,16 @@ cut while its bounds exceed values known to occur by more than this share of a l
 cut any more if confirmed [-]; share of a limit from which on it counts."""
 
 
-class SegmentWork(NamedTuple):
-    """Work space of `segment_limits`, made once per stream."""
+class SegmentWork(Record):
+    """Work space of `segment_limits`."""
 
     enclosure: Enclosure
-    most: Array  #: Largest bounds of |q'|, |q''|, |q'''| over the pieces seen, shape (3, 6)
-    middle: Array  #: Largest of them in the middle of a piece, where they are exact, shape (3, 6)
-    excess: Array  #: How far a piece's bounds are above these, shape (3, 6)
+    most: Rates  #: Largest bounds of |q'|, |q''|, |q'''| over the pieces seen
+    middle: Rates  #: Largest of them in the middle of a piece, where they are exact
+    excess: Rates  #: How far a piece's bounds are above these
 
 
-def new_segment_work() -> SegmentWork:
-    """Fresh work space."""
-    return SegmentWork(new_enclosure(), np.zeros((3, 6)), np.zeros((3, 6)), np.zeros((3, 6)))
-
-
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 def worst_share(rates: Array, scale: float, motion: Array, joint: Array) -> float:
     """Largest share of a joint's limit used at speed, acceleration and jerk ``motion`` along l."""
     v, a, j = motion[0] / scale, motion[1] / scale, motion[2] / scale
@@ -66,7 +62,7 @@ def worst_share(rates: Array, scale: float, motion: Array, joint: Array) -> floa
     return worst
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 def rest_to_rest(way: float, v: float, a: float, j: float) -> float:
     """Least time from rest to rest over a way: the S-curve's three boxes (paper file, time-optimal three-box)."""
     c = min(a / j, math.sqrt(v / j), np.cbrt(0.5 * way / j))
@@ -184,7 +180,7 @@ def choose_limits(most: Array, scale: float, joint: Array, way: float, motion: A
     return found
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def segment_limits(
     segment: Segment, scale: float, limits: LimitValues, arm: Arm, q_near: Array, motion: Array, work: SegmentWork
 ) -> int:
@@ -215,7 +211,7 @@ def segment_limits(
     return _lower_to_joints(segment, scale, limits, arm, q_near, motion, work) if is_there(arm) else REACHED
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _lower_to_joints(
     segment: Segment, scale: float, limits: LimitValues, arm: Arm, q_near: Array, motion: Array, work: SegmentWork
 ) -> int:
@@ -234,7 +230,7 @@ def _lower_to_joints(
             found = _choose_both(scale, limits, tool, motion, work)
         status = REACHED if found else SINGULAR
     if status == REACHED:
-        status = rates_at(e.arm, segment, 1.0, arm, e.arm.q, e.T)
+        status = rates_at(e.arm, segment, 1.0, arm)
         for j in range(6):
             q_near[j] = e.arm.q[j]
     return status
@@ -254,7 +250,7 @@ def _choose_both(
     )
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _bound_joints(
     segment: Segment, scale: float, limits: LimitValues, arm: Arm, q_near: Array, motion: Array, grain: Grain,
     work: SegmentWork,
@@ -275,7 +271,7 @@ def _bound_joints(
         if pieces > MOST_PIECES:
             return SINGULAR
         r = 0.5 * width
-        status = rates_at(e.arm, segment, start + r, arm, e.arm.q, e.T)
+        status = rates_at(e.arm, segment, start + r, arm)
         if status != REACHED and width < COARSE[1]:
             return status
         guesses = enclose(e, r, fourth) if status == REACHED else 0

@@ -14,93 +14,79 @@ so that one more line adds at most its own time from rest to rest.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
+from typing import Annotated, Any
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record
 from polish_sim.motion.certified.connector import Ends, Peaks, connector_time
-from polish_sim.motion.certified.kernel import PIECES, Figures, Kernel
-from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.certified.kernel import Figures, Kernel
 
 LOOKAHEAD = 8  #: A line of segments is given out once so many lines after it are known
 CAPACITY = 448  #: Segments the buffers hold
 MOST_STRUNG = 12  #: Most segments a line has
+BLOCK = 128  #: Way points taken in at once: the rows they give fit the outbox, their segments the buffers
+ROOM = BLOCK + (LOOKAHEAD + 2) * MOST_STRUNG  #: Segments the outbox holds
 FULL_LEVELS, LEVELS = 4, 8  #: States of a corner: exact stop to full kernel, then plain kernels up to their largest
 
 
-class Segments(NamedTuple):
-    """The merged chain as far as it is kept, and what may be done along each of its segments."""
+class Segments(Record):
+    """The merged chain as far as it is kept (as `Chain`), and what may be done along each of its segments."""
 
-    chain: Chain
-    spans: Array  #: Generalised length l of each segment [m]: of the tip, or a turn worth as much time, (CAPACITY,)
-    limits: Array
-    """Speed, acceleration and jerk along l [m/s, m/s^2, m/s^3], then those from rest to rest, shape (CAPACITY, 6)."""
-    bends: Array  #: Length [m] and largest speed [m/s] of the bend before each segment, shape (CAPACITY, 2)
-    used: Array  #: What merging has used of tip and axis tolerance [m, rad], shape (CAPACITY, 2)
-    raw_ends: Indices  #: Number of the way point each segment ends at, shape (CAPACITY,)
-    q: Array  #: Joint angles at the way points [rad], shape (CAPACITY + 1, 6)
+    tips: Annotated[Array, (CAPACITY + 1, 3)]
+    axes: Annotated[Array, (CAPACITY + 1, 3)]
+    rotations: Annotated[Array, (CAPACITY + 1, 3, 3)]
+    lengths: Annotated[Array, (CAPACITY,)]
+    directions: Annotated[Array, (CAPACITY, 3)]
+    angles: Annotated[Array, (CAPACITY,)]
+    turn_axes: Annotated[Array, (CAPACITY, 3)]
+    rolls: Annotated[Array, (CAPACITY,)]
+    spans: Annotated[Array, (CAPACITY,)]  #: Generalised length l of each [m]: of the tip, or a turn worth as much time
+    limits: Annotated[Array, (CAPACITY, 6)]
+    """Speed, acceleration and jerk along l [m/s, m/s^2, m/s^3], then those from rest to rest."""
+    bends: Annotated[Array, (CAPACITY, 2)]  #: Length [m] and largest speed [m/s] of the bend before each
+    used: Annotated[Array, (CAPACITY, 2)]  #: What merging has used of tip and axis tolerance [m, rad]
+    raw_ends: Annotated[Indices, (CAPACITY,)]  #: Number of the way point each ends at
+    q: Annotated[Array, (CAPACITY + 1, 6)]  #: Joint angles at the way points [rad]
 
 
-class Lines(NamedTuple):
+class Lines(Record):
     """Line k strings segments first[k] to first[k + 1] - 1 together; often it is just one."""
 
-    first: Indices  #: Shape (CAPACITY + 1,)
-    spans: Array  #: Generalised length [m], shape (CAPACITY,)
-    limits: Array
-    """Speed, acceleration and jerk of the law along it [m/s, m/s^2, m/s^3], then those from rest to rest,
-    shape (CAPACITY, 6)."""
-    rooms: Array  #: What corners may take of its start and of its end [m], shape (CAPACITY, 2)
+    first: Annotated[Indices, (CAPACITY + 1,)]
+    spans: Annotated[Array, (CAPACITY,)]  #: Generalised length [m]
+    limits: Annotated[Array, (CAPACITY, 6)]
+    """Speed, acceleration and jerk of the law along it [m/s, m/s^2, m/s^3], then those from rest to rest."""
+    rooms: Annotated[Array, (CAPACITY, 2)]  #: What corners may take of its start and of its end [m]
 
 
-class Corners(NamedTuple):
+class Corners(Record):
     """Corner k lies between lines k - 1 and k."""
 
-    durations: Array  #: Of the full kernel's pieces [s], shape (CAPACITY + 1, PIECES)
-    remaining: Array  #: Their cubics: what remains of the old segment [m], shape (CAPACITY + 1, PIECES, 4)
-    gone: Array  #: Their cubics: what is gone of the new segment [m], shape (CAPACITY + 1, PIECES, 4)
-    scales: Array  #: Factors on its lengths and times in each state; negative: plain kernel, (CAPACITY + 1, LEVELS, 2)
-    states: Array  #: `Figures` of each state, shape (CAPACITY + 1, LEVELS, 4)
-    levels: Indices  #: Number of states in use, shape (CAPACITY + 1,)
-    costs: Array  #: Least time to the end of a corner passed in a state, or infinite, shape (CAPACITY + 1, LEVELS)
-    origins: Indices  #: State of the corner before on the way there, shape (CAPACITY + 1, LEVELS)
-    chosen: Indices  #: The state that is decided on, -1 before that, shape (CAPACITY + 1,)
-
-
-def new_buffers(q_start: Array) -> tuple[Segments, Lines, Corners]:
-    """Buffers of a path that begins at corner 0, at rest, with the joints at ``q_start`` [rad], shape (6,)."""
-    n, m, index = CAPACITY, CAPACITY + 1, np.int64
-    shapes = (m, 3), (m, 3), (m, 3, 3), n, (n, 3), n, (n, 3), n
-    chain = Chain(*(np.zeros(shape) for shape in shapes))
-    plain = np.zeros(n), np.zeros((n, 6)), np.zeros((n, 2)), np.zeros((n, 2))
-    segments = Segments(chain, *plain, np.zeros(n, index), np.zeros((m, 6)))
-    segments.q[0] = q_start
-    lines = Lines(np.zeros(m, index), np.zeros(n), np.zeros((n, 6)), np.zeros((n, 2)))
-    kernels = np.zeros((m, PIECES)), np.zeros((m, PIECES, 4)), np.zeros((m, PIECES, 4))
-    corners = Corners(
-        *kernels, np.zeros((m, LEVELS, 2)), np.zeros((m, LEVELS, 4)), np.ones(m, index), np.full((m, LEVELS), np.inf),
-        np.zeros((m, LEVELS), index), np.full(m, -1, index),
-    )  # fmt: skip
-    corners.costs[0, 0], corners.chosen[0] = 0.0, 0
-    return segments, lines, corners
+    kernels: Annotated[list[Kernel], (CAPACITY + 1,)]  #: The full ones
+    scales: Annotated[Array, (CAPACITY + 1, LEVELS, 2)]
+    """Factors on its lengths and times in each state; negative: plain kernel."""
+    states: Annotated[Array, (CAPACITY + 1, LEVELS, 4)]  #: `Figures` of each state
+    levels: Annotated[Indices, (CAPACITY + 1,)]  #: Number of states in use
+    costs: Annotated[Array, (CAPACITY + 1, LEVELS)]  #: Least time to the end of a corner passed in a state, or infinite
+    origins: Annotated[Indices, (CAPACITY + 1, LEVELS)]  #: State of the corner before on the way there
+    chosen: Annotated[Indices, (CAPACITY + 1,)]  #: The state that is decided on, -1 before that
 
 
 def move_to_front(segments: Segments, lines: Lines, corners: Corners, line: int, last: int) -> int:
     """Drop the lines before ``line``; ``last`` is the one that may be open. Returns how many segments were dropped."""
     moved = int(lines.first[line])
-    for rows in (*segments.chain, *segments[1:]):
+    for rows in _columns(segments):
         rows[: len(rows) - moved] = rows[moved:].copy()
-    for rows in (*lines, *corners):
+    for rows in (*_columns(lines), *_columns(corners)):
         rows[: last + 1 - line] = rows[line : last + 1].copy()
     lines.first[: last + 1 - line] -= moved
     return moved
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
-def kernel_of(corners: Corners, k: int) -> Kernel:
-    """The full kernel of corner ``k``."""
-    return Kernel(corners.durations[k], corners.remaining[k], corners.gone[k])
+def _columns(record: Any) -> list[Any]:
+    """All fields of a record."""
+    return [record[name] for name in record.dtype.names]
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -148,7 +134,7 @@ def run_time(lines: Lines, k: int, first: Figures, second: Figures) -> float:
     return connector_time(ends, max(distance, 0.0), limits_between(lines, k, first.speed, second.speed))
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def reach_corner(lines: Lines, corners: Corners, k: int) -> None:
     """Fill least times and origins of the states of corner ``k`` from those of corner ``k - 1``."""
     for j in range(corners.levels[k]):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import Field, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError
-from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Matrix4, Record, Vector6, kernel
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.spatial import apply, inverse
 from polish_sim.toml_text import read_toml
@@ -29,7 +29,7 @@ def six(value: float) -> tuple[float, ...]:
     return (value,) * 6
 
 
-class LimitValues(NamedTuple):
+class LimitValues(Record):
     """`SmoothingLimits` as compiled kernels take them: plain numbers and arrays, SI."""
 
     tip_speed: float
@@ -38,7 +38,7 @@ class LimitValues(NamedTuple):
     axis_speed: float
     axis_acceleration: float
     axis_jerk: float
-    joint: Array  #: Speed, acceleration and jerk of the six joints, shape (3, 6)
+    joint: Annotated[Array, (3, 6)]  #: Speed, acceleration and jerk of the six joints
 
 
 def limit(default: float, unit: str, scale: float) -> Any:
@@ -85,8 +85,8 @@ class SmoothingLimits:
     def values(self) -> LimitValues:
         """The same for compiled kernels."""
         joint = np.array([self.joint_speed, self.joint_acceleration, self.joint_jerk], dtype=float)
-        numbers: list[Any] = [float(getattr(self, name)) for name in LimitValues._fields[:-1]]
-        return LimitValues._make([*numbers, joint])
+        numbers = {name: getattr(self, name) for name in LimitValues.dtype.names if name != "joint"}
+        return LimitValues(**numbers, joint=joint)
 
 
 SECTIONS = ("tip", "axis", "joint")  #: Of the TOML file, whose values have the units users of robots think in
@@ -158,28 +158,26 @@ def _positive(where: str, value: Any, place: str) -> float:
     return float(value)
 
 
-class Arm(NamedTuple):
-    """A UR5e with a tool before a part; arrays a compiled kernel can take."""
+class Arm(Record):
+    """A UR5e with a tool before a part, as compiled kernels take it."""
 
-    T_base_work: Array  #: Pose of the frame the chain is given in, shape (4, 4)
-    T_flange_tool: Array  #: The tool on the flange, shape (4, 4)
-    T_tool_flange: Array  #: Its inverse, shape (4, 4)
-    q_start: Array  #: Joint angles at or near the first way point, which say the arm's configuration [rad], (6,)
+    T_base_work: Matrix4  #: Pose of the frame the chain is given in
+    T_flange_tool: Matrix4  #: The tool on the flange
+    T_tool_flange: Matrix4  #: Its inverse
+    q_start: Vector6  #: Joint angles at or near the first way point, which say the arm's configuration [rad]
 
 
 def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
     """Put an arm together; see `Arm` for the arguments."""
-    # Copies: a read-only array is another type, and kernels would be compiled once more for it.
-    T_work, T_tool = (np.array(T, dtype=float, order="C") for T in (T_base_work, T_flange_tool))
-    return Arm(T_work, T_tool, np.ascontiguousarray(inverse(T_tool)), np.array(q_start, dtype=float))
+    return Arm(T_base_work, T_flange_tool, inverse(np.asarray(T_flange_tool, dtype=float)), q_start)
 
 
 def arm_or_none(arm: Arm | None) -> Arm:
     """The arm, or one of the same type that stands for none: kernels are then compiled for both at once."""
-    return Arm(np.eye(4), np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(6)) if arm is None else arm
+    return Arm(np.eye(4)) if arm is None else arm
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel
 def is_there(arm: Arm) -> bool:
     """Whether there is an arm, see `arm_or_none`."""
     return bool(arm.T_flange_tool[3, 3] != 0.0)

@@ -13,8 +13,8 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.rules.rule import NODES, ProgressLimits, Smoothed, rate_blocks, tool_limits
-from polish_sim.motion.rules.schedule import Schedule
+from polish_sim.motion.rules.rule import NODES, ProgressLimits, rate_blocks, tool_limits
+from polish_sim.motion.rules.schedule import Schedule, Smoothed
 from polish_sim.motion.segment_rates import JointRates
 
 TriplesAt = Callable[[Array, Indices], Array]

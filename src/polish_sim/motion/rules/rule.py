@@ -10,17 +10,9 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.lazy import FunctionOnUse
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.rules.schedule import Schedule
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
+from polish_sim.motion.rules.schedule import Smoothed
 from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
-
-
-class Smoothed(NamedTuple):
-    """The segments passed, the given ones or fewer where the rule joins short ones, and when they are passed."""
-
-    chain: Chain
-    schedule: Schedule
-
 
 Rule = Callable[[Chain, SmoothingLimits, float, float, Arm | None, Array | None], Smoothed]
 """Plans the motion along a chain, within limits of tool and joints and tolerances of tip [m] and tool axis [rad].
@@ -30,7 +22,7 @@ the segments [m/s], shape (n,), infinite where there is none; None for no such l
 out of reach or singular, a SmoothingError if no speed keeps the joint limits."""
 
 RULES: Mapping[str, Rule] = {
-    "certified": FunctionOnUse("polish_sim.motion.rules.certified_rule", "plan_certified"),
+    "certified": FunctionOnUse("polish_sim.motion.certified.smoother", "plan_certified"),
     "joint-jerk": FunctionOnUse("polish_sim.motion.rules.paper_rules", "plan_joint_jerk"),
     "joint-acceleration": FunctionOnUse("polish_sim.motion.rules.paper_rules", "plan_joint_acceleration"),
 }
@@ -63,7 +55,7 @@ def rate_blocks(chain: Chain, arm: Arm) -> Iterator[tuple[slice, JointRates]]:
     for begin in range(0, len(chain.lengths), BLOCK):
         rows = slice(begin, min(begin + BLOCK, len(chain.lengths)))
         rates = chain_rates(part_of(chain, rows), NODES, arm)
-        arm = arm._replace(q_start=rates.q[-1, -1].copy())
+        arm = build_arm(arm.T_base_work, arm.T_flange_tool, rates.q[-1, -1])
         yield rows, rates
 
 

@@ -30,6 +30,13 @@ class Schedule(NamedTuple):
     end: float  #: When the last segment has arrived [s]: the cycle time
 
 
+class Smoothed(NamedTuple):
+    """The segments passed, the given ones or fewer where the rule joins short ones, and when they are passed."""
+
+    chain: Chain
+    schedule: Schedule
+
+
 def stretched(schedule: Schedule, factor: float) -> Schedule:
     """Pass a schedule slower by a factor: speeds fall by it, accelerations by its square, jerks by its cube."""
     powers = factor ** -np.arange(4.0)
@@ -229,7 +236,7 @@ def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None
     spin[1, 2] += phi_1 * u2
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def follow_axis(R: Array, spin: Array, axis: Array) -> None:
     """Axis and derivatives from the angular velocity w: o' = w x o and so on."""
     for i in range(3):
