@@ -105,8 +105,8 @@ def _announced(content: bytes) -> int:
 
 def _parse_binary_stl(content: bytes, path: Path) -> Array:
     head = content[:512]
-    printable = sum(byte in b"\t\n\r" or 32 <= byte < 127 for byte in head)
-    if len(content) < _HEADER_BYTES or (b"\0" not in head and printable > 0.95 * len(head)):
+    readable = sum(byte in b"\t\n\r" or 32 <= byte < 127 for byte in head)
+    if len(content) < _HEADER_BYTES or (b"\0" not in head and readable > 0.95 * len(head)):
         raise MeshError(
             f"{path}: not an STL file (neither a binary header nor the word 'solid' of an ASCII STL). "
             "Export the part as STL."
