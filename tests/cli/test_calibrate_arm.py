@@ -106,19 +106,3 @@ def test_degrees_and_metres_are_read_as_what_they_are(tmp_path: Path, tracked: l
     for robot in usual:
         np.testing.assert_allclose(other[robot].q, usual[robot].q, atol=1e-12)
         np.testing.assert_allclose(other[robot].seen, usual[robot].seen, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--poses", "19"], "--poses 19 is outside 20 to"),
-        (["--length-error", "5"], "--length-error 5 is outside 0 to 2 mm"),
-        (["--data", "gone.csv"], "cannot read the measurements 'gone.csv'"),
-        (["--data", "gone.csv", "--seed", "1"], "--seed would change nothing with --data"),
-    ],
-)
-def test_options_that_cannot_be_are_refused(polish_sim: Tool, tmp_path: Path, words: list[str], said: str) -> None:
-    code, _, err = polish_sim("calibrate", "arm", *words, "--out", "out")
-    assert code == 2
-    assert said in err
-    assert not list(tmp_path.iterdir())

@@ -38,25 +38,6 @@ def test_worse_instruments_fall_short(polish_sim: Tool, tmp_path: Path) -> None:
     assert figures["sources"]["bases"]["predicted_rms_m"] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--draws", "29"], "--draws 29 is outside 30 to 100000"),
-        (["--tracker-noise", "-1"], "--tracker-noise -1 is outside 0 to 10 mm"),
-        (["--touch-noise", "nan"], "--touch-noise nan is outside 0 to 10 mm"),
-        (["--marks", "2"], "--marks 2 is outside 3 to 100"),
-        (["--closing", "-1"], "--closing -1 is outside 0 to 1000"),
-        (["--seed", "-1"], "--seed -1 is outside"),
-        (["--tracker-noise", "0", "--touch-noise", "0"], "leaves no error to share out"),
-    ],
-)
-def test_what_cannot_be_drawn_is_one_error(words: list[str], said: str, polish_sim: Tool, tmp_path: Path) -> None:
-    code, out, err = polish_sim("calibrate", "budget", *words, "--out", "no")
-    assert (code, out) == (2, "")
-    assert said in err
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(("after", "kept"), [(30, True), (3, False)])
 def test_broken_off_what_was_drawn_is_kept_if_it_is_enough(
     after: int, kept: bool, polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -1,4 +1,4 @@
-"""`polish-sim calibrate tcp` and `calibrate base` as a user calls them."""
+"""`polish-sim calibrate tcp` and `calibrate base` as a user calls them, and what calibrations of two robots refuse."""
 
 from __future__ import annotations
 
@@ -256,6 +256,17 @@ def test_files_that_are_none_are_one_message(polish_sim: Tool, tmp_path: Path) -
         (("tcp", "--arm", "ur10"), "unknown --arm 'ur10'. Known: ideal, ur5e."),
         (("base", "--method", "handshake", "--arm", "ur5e"), "--arm ur5e is for --method circles and poses"),
         (("base", "--points", "5"), "5 points are too few for a circle"),
+        (("arm", "--poses", "19"), "--poses 19 is outside 20 to"),
+        (("arm", "--length-error", "5"), "--length-error 5 is outside 0 to 2 mm"),
+        (("arm", "--data", "gone.csv"), "cannot read the measurements 'gone.csv'"),
+        (("arm", "--data", "gone.csv", "--seed", "1"), "--seed would change nothing with --data"),
+        (("budget", "--draws", "29"), "--draws 29 is outside 30 to 100000"),
+        (("budget", "--tracker-noise", "-1"), "--tracker-noise -1 is outside 0 to 10 mm"),
+        (("budget", "--touch-noise", "nan"), "--touch-noise nan is outside 0 to 10 mm"),
+        (("budget", "--marks", "2"), "--marks 2 is outside 3 to 100"),
+        (("budget", "--closing", "-1"), "--closing -1 is outside 0 to 1000"),
+        (("budget", "--seed", "-1"), "--seed -1 is outside"),
+        (("budget", "--tracker-noise", "0", "--touch-noise", "0"), "leaves no error to share out"),
     ],
 )
 def test_options_that_cannot_be_are_one_message(
