@@ -39,18 +39,8 @@ PartFile = Annotated[
 
 
 @takes(
-    *(
-        "--units",
-        "--up",
-        "--fixture",
-        *PATH_OPTIONS,
-        "--pad-diameter",
-        "--contact-force",
-        "--feed",
-        "--dual",
-        *PAIR_OPTIONS,
-    ),
-    *("--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
+    *("--units", "--up", "--fixture", *PATH_OPTIONS, "--pad-diameter", "--contact-force", "--feed", "--dual"),
+    *(*PAIR_OPTIONS, "--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
 )
 def plan(part: PartFile, given: Given) -> None:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png.
@@ -274,34 +264,26 @@ def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
 
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
-    mm, cm2, percent = 1e3, 1e4, 1e2
+    mm, cm2, percent, dash = 1e3, 1e4, 1e2, console.number_or_dash
     stands = "out of reach" if "smallest_singular_value" in m else "see metrics.json"
     if "T_base_work" in m:
         stands = place_in_mm(row[3] for row in m["T_base_work"][:3])
     cycle = "cycle time: with air, touch-down and lifts" + ("" if "T_base_work" in m else "; tool's limits alone")
-    spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
+    spread = " / ".join(dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
     return [
         ["facets", "", str(m["facets"])],
         ["region, of the part's surface", "cm^2", f"{m['region_area_m2'] * cm2:.1f} of {m['part_area_m2'] * cm2:.1f}"],
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
-        ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], 1.0, ".1f")],
-        [
-            cycle,
-            "s",
-            console.number_or_dash(m["cycle_time_s"], 1.0, ".1f"),
-        ],
-        [
-            "way at the full feed, starts and stops included",
-            "%",
-            console.number_or_dash(m["feed_kept"], percent, ".1f"),
-        ],
-        ["least feed, starts and stops left out", "mm/s", console.number_or_dash(m["feed_least_m_s"], mm, ".2f")],
-        ["  at, along the path with its leads", "m", console.number_or_dash(m["feed_least_at_m"], 1.0, ".3f")],
-        ["motion beside the path, at most", "mm", console.number_or_dash(m["smoothed_off_max_m"], mm, ".2g")],
-        ["  tool axis", "deg", console.number_or_dash(m["smoothed_axis_off_max_rad"], math.degrees(1.0), ".2g")],
-        ["step-over, mean", "mm", console.number_or_dash(m["stepover_mean_m"], mm, ".2f")],
+        ["time in contact, smoothed motion", "s", dash(m["motion_time_s"], 1.0, ".1f")],
+        [cycle, "s", dash(m["cycle_time_s"], 1.0, ".1f")],
+        ["way at the full feed, starts and stops included", "%", dash(m["feed_kept"], percent, ".1f")],
+        ["least feed, starts and stops left out", "mm/s", dash(m["feed_least_m_s"], mm, ".2f")],
+        ["  at, along the path with its leads", "m", dash(m["feed_least_at_m"], 1.0, ".3f")],
+        ["motion beside the path, at most", "mm", dash(m["smoothed_off_max_m"], mm, ".2g")],
+        ["  tool axis", "deg", dash(m["smoothed_axis_off_max_rad"], math.degrees(1.0), ".2g")],
+        ["step-over, mean", "mm", dash(m["stepover_mean_m"], mm, ".2f")],
         ["step-over, p5 / p95", "mm", spread],
         ["region covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
         ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],

@@ -12,11 +12,14 @@ import trimesh
 from numpy.typing import NDArray
 
 from polish_sim.config import PartConfig, PlanConfig
-from polish_sim.geometry import ClosestPoints, Region, fit_surface, load_part, select_region
+from polish_sim.geometry import ClosestPoints, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.models import workpiece_path
 from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
 Array = NDArray[np.float64]
+UP = np.array([0.0, 0.0, 1.0])
 
 
 class Ball:
@@ -52,6 +55,51 @@ class Bar:
 def on_surface(positions: Array, normals: Array) -> ClosestPoints:
     count = len(positions)
     return ClosestPoints(positions, normals, np.zeros(count, np.int32), np.tile([1.0, 0.0, 0.0], (count, 1)))
+
+
+def circle(radius: float, height: float = 0.0, count: int = 400, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
+    """Points of a level circle, counter-clockwise, shape (count, 3)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    flat = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) + centre
+    return np.column_stack([flat, np.full(count, height)])
+
+
+def square(half: float, count: int = 200) -> Array:
+    """Points of a square in the plane z = 0, counter-clockwise, shape (4 count, 3)."""
+    side, edge = np.linspace(-half, half, count, endpoint=False), np.full(count, half)
+    corners = [(side, -edge), (edge, side), (-side, edge), (-edge, -side)]
+    return np.concatenate([np.stack([x, y, 0.0 * x], axis=1) for x, y in corners])
+
+
+def level(points: Array, closed: bool = False) -> Curve:
+    """A curve through points, shape (n, 2) or (n, 3), on ground that looks up."""
+    points = np.column_stack([points, np.zeros((len(points), 3 - np.shape(points)[1]))])
+    return Curve(points, np.tile(UP, (len(points), 1)), closed)
+
+
+def path_through(points: Array, axes: Array = UP, feed: Array | None = None) -> ToolPath:
+    """A path in contact all along points (n, 3) [m]."""
+    points = np.asarray(points, dtype=float)
+    axes = np.broadcast_to(np.asarray(axes, dtype=float), points.shape).copy()
+    zeros, segment = np.zeros(len(points)), np.full(len(points), PROCESS, np.int8)
+    return ToolPath(points, axes, arc_length(points), zeros.astype(np.int64), segment, zeros, feed=feed)
+
+
+def moved(mesh: trimesh.Trimesh, x: float, y: float, z: float) -> trimesh.Trimesh:
+    return mesh.apply_translation([x, y, z])
+
+
+def pocket(wall_mm: float = 30.0, ring_mm: float = 40.0) -> trimesh.Trimesh:
+    """A square pocket 120 x 120 mm in a block, its floor at z = 0, the wall of a given height and thickness around."""
+    outer = moved(trimesh.creation.box((120 + 2 * ring_mm, 120 + 2 * ring_mm, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10)
+    inner = moved(trimesh.creation.box((120, 120, wall_mm)), 0, 0, wall_mm / 2)
+    return trimesh.boolean.difference([outer, inner], engine="manifold")
+
+
+def surface_of(mesh: trimesh.Trimesh, folder: Path) -> Surface:
+    """The surface of a closed mesh given in mm."""
+    mesh.export(folder / "solid.stl")
+    return fit_surface(load_part(folder / "solid.stl", "mm", "z"))
 
 
 def prism(inside: Callable[[Array, Array], Array], size_mm: float, cell_mm: float = 5.0) -> trimesh.Trimesh:

@@ -7,70 +7,44 @@ import pytest
 import trimesh
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
-from polish_sim.geometry import fit_surface, load_part
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning import plan_part
 from polish_sim.planning.moves.leads import (
     LEADS,
     Air,
+    Move,
     Remark,
     choose_leads,
     normal_lead,
     notes_of,
-    process_move,
     tangent_lead,
     with_leads,
 )
 from polish_sim.planning.moves.travel import travel
 from polish_sim.planning.moves.way_out import RIM_POINTS, rim_depths
-from tests.planning.shapes import plan_of
+from polish_sim.planning.toolpath import PROCESS
+from tests.planning.shapes import UP, plan_of, surface_of
 
-UP = np.array([0.0, 0.0, 1.0])
 CLEARANCE = 0.03
 STEPOVER = 0.008
-
-
-def solid(mesh, tmp_path):
-    """The surface of a closed mesh given in mm."""
-    mesh.export(tmp_path / "solid.stl")
-    return fit_surface(load_part(tmp_path / "solid.stl", "mm", "z"))
 
 
 def slab_with_wall(tmp_path, height=60.0):
     """A slab 200 x 100 x 10 mm, its top at z = 0, with a wall across the middle."""
     slab = trimesh.creation.box((200.0, 100.0, 10.0), trimesh.transformations.translation_matrix([0, 0, -5]))
     wall = trimesh.creation.box((10.0, 100.0, height), trimesh.transformations.translation_matrix([0, 0, height / 2]))
-    return solid(trimesh.boolean.union([slab, wall], engine="manifold"), tmp_path)
+    return surface_of(trimesh.boolean.union([slab, wall], engine="manifold"), tmp_path)
 
 
 def stroke(x0, x1, y=0.0):
     """A straight stroke over the top of the slab."""
     x = np.linspace(x0, x1, 60)
     positions = np.stack([x, 0.0 * x + y, 0.0 * x], axis=1)
-    return process_move(positions, np.tile(UP, (60, 1)), np.zeros(60, dtype=np.int64))
-
-
-def test_heights_are_negative_inside_a_box_and_positive_outside(tmp_path):
-    box = solid(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
-    points = np.array([[0.0, 0.0, 0.06], [0.0, 0.0, 0.045], [0.06, 0.06, 0.0], [-0.048, 0.0, 0.0]])
-    assert signed_distances(box, points) == pytest.approx([0.01, -0.005, np.hypot(0.01, 0.01), -0.002], abs=1e-9)
-
-
-def test_outside_a_knife_edge_and_its_tips_is_not_inside(tmp_path):
-    """A wedge of 20 deg: outside its edge a point lies far behind one of the two faces."""
-    half = 0.1 * np.tan(np.radians(10.0)) * 1e3
-    wedge = trimesh.convex.convex_hull(
-        [(0, y, 0) for y in (-50, 50)] + [(-100, y, z) for y in (-50, 50) for z in (-half, half)]
-    )
-    part = solid(wedge, tmp_path)
-    rng = np.random.default_rng(0)
-    points = rng.uniform(-0.08, 0.08, (4000, 3)) * [1.0, 1.0, 0.4]
-    inside = (np.abs(points[:, 2]) < -np.tan(np.radians(10.0)) * points[:, 0]) & (np.abs(points[:, 1]) < 0.05)
-    assert ((signed_distances(part, points) < 0.0) == inside).all()
+    return Move(positions, np.tile(UP, (60, 1)), PROCESS, np.zeros(60, dtype=np.int64))
 
 
 def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
-    box = solid(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
+    box = surface_of(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
     beside = np.array([[0.06, 0.0, 0.0]])
     assert rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
     depth = rim_depths(box, beside, UP[None], 0.025)[0]
@@ -98,7 +72,7 @@ def test_without_anything_between_the_tool_travels_straight(tmp_path):
 
 
 def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
-    part = solid(trimesh.creation.box((100.0, 100.0, 10.0)), tmp_path)
+    part = surface_of(trimesh.creation.box((100.0, 100.0, 10.0)), tmp_path)
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
     first, second = (with_leads(move, normal_lead, CLEARANCE) for move in (top, below))
@@ -121,7 +95,7 @@ def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_with_a_note(tmp
 
 @pytest.mark.parametrize("name", LEADS)
 def test_on_a_free_plate_every_lead_is_kept(tmp_path, name):
-    part = solid(trimesh.creation.box((200.0, 200.0, 10.0)), tmp_path)
+    part = surface_of(trimesh.creation.box((200.0, 200.0, 10.0)), tmp_path)
     move = stroke(-0.05, 0.05)._replace(positions=stroke(-0.05, 0.05).positions + [0.0, 0.0, 0.005])
     leads = choose_leads(move, name, Air(part, 0.025, CLEARANCE, UP), STEPOVER)
     assert leads.start.shape is LEADS[name]
@@ -149,11 +123,10 @@ def bowl(radius_mm):
 @pytest.mark.parametrize(("radius_mm", "kept"), [(30.0, False), (500.0, True)])
 def test_in_a_tight_bowl_a_tangent_ramp_would_leave_through_the_side(tmp_path, radius_mm, kept):
     """The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg) long: 20.5 mm for 30 mm radius, the ramp 29 mm."""
-    bowl(radius_mm).export(tmp_path / "bowl.stl")
-    part = fit_surface(load_part(tmp_path / "bowl.stl", "mm", "z"))
+    part = surface_of(bowl(radius_mm), tmp_path)
     angle = np.linspace(0.0, 0.2 * 30.0 / radius_mm, 40) - 0.1
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
-    move = process_move(-1e-3 * radius_mm * normal, normal, np.zeros(40, dtype=np.int64))
+    move = Move(-1e-3 * radius_mm * normal, normal, PROCESS, np.zeros(40, dtype=np.int64))
     chosen = choose_leads(move, "tangent", Air(part, 0.0, CLEARANCE, UP), STEPOVER)
     assert (chosen.start.shape is tangent_lead) == kept
 

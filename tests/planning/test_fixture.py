@@ -16,7 +16,7 @@ from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.geometry.fixture import joined_meshes, joined_surfaces, load_fixture
 from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
-from tests.planning.test_pad_in_part import moved
+from tests.planning.shapes import moved
 from tests.planning.tools import volumes_in_part
 
 CLEARANCE, YIELDS = 0.001, 20.0 / 20000.0

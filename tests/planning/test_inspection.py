@@ -10,23 +10,13 @@ import trimesh
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
-from polish_sim.geometry import fit_surface, load_part
 from polish_sim.planning import inspect_path
-from polish_sim.planning.quality.pad_fit import measure_pad_reach
+from polish_sim.planning.quality.figures import measure_pad_reach
 from polish_sim.planning.quality.spacing import guess_stepover
-from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
-from tests.planning.shapes import shipped_plan
+from tests.planning.shapes import path_through, shipped_plan, surface_of
 
 PLATE = PartConfig("plate", up="z")
 TOP = 0.02
-
-
-def path_through(points, axes=(0.0, 0.0, 1.0)):
-    points = np.asarray(points, dtype=float)
-    count = len(points)
-    axes = np.broadcast_to(np.asarray(axes, dtype=float), points.shape).copy()
-    zeros = np.zeros(count)
-    return ToolPath(points, axes, arc_length(points), zeros.astype(np.int64), np.full(count, PROCESS, np.int8), zeros)
 
 
 def raster(spacing=0.01, reach=0.1, top=TOP):
@@ -124,6 +114,7 @@ def test_on_a_sphere_the_tool_axis_turns_by_one_over_its_radius():
     found = shipped_plan("sphere_100").figures
     assert found["max_axis_rate_rad_m"] == pytest.approx(1.0 / 0.1, rel=0.01)
     assert found["max_axis_lean_rad"] < 0.02
+    assert found["unreachable_area_m2"] == 0.0
 
 
 def test_the_face_under_the_path_is_found_when_it_is_not_the_top():
@@ -174,7 +165,7 @@ def test_no_points_in_contact_are_refused():
         inspect_path(lifted, PLATE, PlanConfig(stepover_m=0.01))
 
 
-def channel(file, radius, half_angle, length=100.0, flat=40.0):
+def channel(folder, radius, half_angle, length=100.0, flat=40.0):
     """A sheet with a channel of circular section along y, in mm, seen from inside the circle."""
     angle = np.linspace(-half_angle, half_angle, 49)
     x = radius * np.sin(angle)
@@ -185,14 +176,13 @@ def channel(file, radius, half_angle, length=100.0, flat=40.0):
     vertices = np.stack([np.repeat(x, len(y)), np.tile(y, len(x)), np.repeat(z, len(y))], axis=1)
     k = (np.arange(len(x) - 1)[:, None] * len(y) + np.arange(len(y) - 1)).ravel()
     faces = np.concatenate([np.stack(c, 1) for c in ((k, k + len(y), k + 1), (k + 1, k + len(y), k + len(y) + 1))])
-    trimesh.Trimesh(vertices, faces, process=False).export(file)
-    return fit_surface(load_part(file, "mm", "z"))
+    return surface_of(trimesh.Trimesh(vertices, faces, process=False), folder)
 
 
 @pytest.mark.parametrize("radius", [10.0, 24.0])
 def test_a_channel_tighter_than_the_pad_is_out_of_reach_over_its_whole_area(tmp_path, radius):
     """Arc length times length; the outermost facets lie half in the flat."""
-    surface = channel(tmp_path / "channel.stl", radius, np.pi / 4.0)
+    surface = channel(tmp_path, radius, np.pi / 4.0)
     found = measure_pad_reach(surface, len(surface.faces), 0.025)
     assert found.area_m2 == pytest.approx(1e-6 * radius * np.pi / 2.0 * 100.0, rel=0.05)
     assert len(found.places) == 1
@@ -201,9 +191,5 @@ def test_a_channel_tighter_than_the_pad_is_out_of_reach_over_its_whole_area(tmp_
 
 
 def test_a_channel_wider_than_the_pad_is_within_reach(tmp_path):
-    surface = channel(tmp_path / "channel.stl", 27.0, np.pi / 4.0)
+    surface = channel(tmp_path, 27.0, np.pi / 4.0)
     assert measure_pad_reach(surface, len(surface.faces), 0.025).area_m2 == 0.0
-
-
-def test_a_convex_part_is_within_reach():
-    assert shipped_plan("sphere_100").figures["unreachable_area_m2"] == 0.0

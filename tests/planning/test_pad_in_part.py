@@ -15,22 +15,10 @@ from polish_sim.exchange.urscript import urscript_text
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.planning import inspect_path, measure_given_path, plan_part, plan_path
 from polish_sim.planning.quality.tool_room import Discs, standing_above
-from tests.planning.shapes import shipped_plan
+from tests.planning.shapes import UP, moved, pocket, shipped_plan, surface_of
 
-UP = np.array([0.0, 0.0, 1.0])
 RADIUS = 0.010
 PAD = PadConfig(radius_m=RADIUS)
-
-
-def moved(mesh, x, y, z):
-    return mesh.apply_translation([x, y, z])
-
-
-def pocket(wall_mm=30.0, ring_mm=40.0):
-    """A square pocket 120 x 120 mm in a block, its floor at z = 0, the wall of a given height and thickness around."""
-    outer = moved(trimesh.creation.box((120 + 2 * ring_mm, 120 + 2 * ring_mm, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10)
-    inner = moved(trimesh.creation.box((120, 120, wall_mm)), 0, 0, wall_mm / 2)
-    return trimesh.boolean.difference([outer, inner], engine="manifold")
 
 
 def planned(mesh, file, pad=PAD, **keys):
@@ -39,20 +27,15 @@ def planned(mesh, file, pad=PAD, **keys):
     return plan_part(PartConfig(str(file), up="z"), plan, pad=pad)
 
 
-def surface_of(mesh, file):
-    mesh.export(file)
-    return fit_surface(load_part(file, "mm", "z"))
-
-
 def disc(x, y, z=0.0, low=1e-3):
     return Discs(np.array([[x, y, z]]), UP[None], np.array([low]), np.array([low + 0.5 * RADIUS]), RADIUS)
 
 
-@pytest.mark.parametrize("gap", [0.0005, 0.004, 0.0099])
+@pytest.mark.parametrize("gap", [0.0005, 0.0099])
 @pytest.mark.parametrize("thickness", [40.0, 1.0])
 def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(tmp_path, gap, thickness):
     """However thin the wall is: the pad has to get past it."""
-    part = surface_of(pocket(ring_mm=thickness), tmp_path / "pocket.stl")
+    part = surface_of(pocket(ring_mm=thickness), tmp_path)
     found = standing_above(part, disc(0.060 - gap, 0.013))
     assert found.depths[0] == pytest.approx(RADIUS - gap, abs=1e-9)
     assert found.reaches[0] == pytest.approx(RADIUS - gap, abs=1e-9)
@@ -60,7 +43,7 @@ def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(tmp
 
 
 def test_the_disc_is_no_deeper_in_a_step_than_the_step_is_high(tmp_path):
-    part = surface_of(pocket(wall_mm=3.0), tmp_path / "step.stl")
+    part = surface_of(pocket(wall_mm=3.0), tmp_path)
     assert standing_above(part, disc(0.0595, 0.013)).depths[0] == pytest.approx(0.003, abs=1e-9)
     assert standing_above(part, disc(0.0595, 0.013, low=0.0031)).depths[0] == 0.0
 
@@ -71,7 +54,7 @@ def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says(tmp_path):
     polygon = trimesh.path.polygons.Polygon(outline)
     ramp = trimesh.creation.extrude_polygon(polygon, 80.0)
     ramp.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    part = surface_of(moved(ramp, 0, 40, 0), tmp_path / "ramp.stl")
+    part = surface_of(moved(ramp, 0, 40, 0), tmp_path)
     found = standing_above(part, disc(0.0, 0.0))
     assert found.depths[0] == pytest.approx(0.005 * np.sin(np.pi / 4), abs=1e-9)
     # What stands no higher than 1 mm does not count: the ramp does so from x = 6 mm on.
@@ -108,21 +91,6 @@ def test_a_path_in_a_pocket_shows_how_deep_the_pad_is_in_the_wall_and_a_plan_kee
     cured = planned(pocket(), tmp_path / "pocket.stl")
     assert cured.figures["pad_in_part_max_m"] == 0.0
     assert not any("into the part" in note for note in cured.notes)
-
-
-def test_a_boss_in_the_middle_of_the_region_is_run_into_from_all_sides(tmp_path):
-    boss = moved(trimesh.creation.cylinder(2.0, 20.0), 0, 0, 10)
-    plate = moved(trimesh.creation.box((120, 120, 20)), 0, 0, -10)
-    mesh = trimesh.boolean.union([plate, boss], engine="manifold")
-    result = on_path(mesh, tmp_path / "boss.stl", region="point:40,40,0")
-    away = np.linalg.norm(result.path.positions_work[result.path.process, :2], axis=1).min()
-    assert result.figures["pad_in_part_max_m"] == pytest.approx(RADIUS - (away - 0.002), abs=2e-4)
-
-
-@pytest.mark.parametrize("name", ["plate_two_holes", "saddle", "freeform"])
-def test_on_curved_places_and_over_edges_the_pad_is_not_in_the_part(name):
-    figures = shipped_plan(name).figures
-    assert (figures["pad_in_part_max_m"], figures["pad_in_part_length_m"]) == (0.0, 0.0)
 
 
 def test_inspect_finds_what_the_plan_finds_and_a_pad_that_yields_more_is_in_it_over_less(in_pocket):

@@ -8,30 +8,20 @@ import numpy as np
 import pytest
 
 from polish_sim.config import PlanConfig
+from polish_sim.geometry.topology import label_within
 from polish_sim.planning import plan_path
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.ground.triangulation import label_pieces
+from polish_sim.planning.ground.triangulation import half_edges
 from polish_sim.planning.patterns.pitch import Shares, match_turns, spread_shares
 from polish_sim.planning.patterns.spiral import place_seams
-from tests.planning.shapes import region_of, shipped_plan
+from tests.planning.shapes import UP, circle, level, region_of, shipped_plan, square
 
 STEP = 0.008
-UP = np.array([0.0, 0.0, 1.0])
 NOWHERE = np.empty((0, 3))
 
 
-def square(half, count=200):
-    side = np.linspace(-half, half, count, endpoint=False)
-    edge = np.full(count, half)
-    corners = [(side, -edge), (edge, side), (-side, edge), (-edge, -side)]
-    points = np.concatenate([np.stack([x, y, 0.0 * x], axis=1) for x, y in corners])
-    return Curve(points, np.tile(UP, (len(points), 1)), True)
-
-
-def circle(radius, count=400):
-    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-    points = radius * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
-    return Curve(points, np.tile(UP, (count, 1)), True)
+def closed(points):
+    return level(points, closed=True)
 
 
 def path_in_contact(name, **keys):
@@ -65,23 +55,9 @@ def test_what_is_not_done_yet_lies_on_the_left_or_on_the_right(order, direction,
     assert (side * (left * to_what_is_left).sum(axis=1) > 0.0).mean() > 0.95
 
 
-@pytest.mark.parametrize("angle", [0.3, 2.0, 4.5])
-def test_the_spiral_begins_near_the_place_asked_for(angle):
-    wanted = np.array([0.052 * np.cos(angle), 0.052 * np.sin(angle), 0.02])
-    begin = path_in_contact("sphere_100", start=tuple(wanted))[0]
-    assert np.linalg.norm(begin[:2] - wanted[:2]) < 2.0 * STEP
-
-
-@pytest.mark.parametrize("wanted", [(0.09, 0.09), (-0.09, -0.09), (0.09, 0.04)])
-def test_near_a_corner_too_it_begins_beside_the_place_asked_for(wanted):
-    """The first turn runs half a step-over inside the border, 4 mm from where the path shall begin."""
-    begin = path_in_contact("plate", start=(*wanted, 0.02))[0]
-    assert np.linalg.norm(begin[:2] - wanted) < STEP
-
-
 def test_half_way_between_two_square_turns_lies_a_square():
     """The corner of the inner one is the partner of the whole corner of the outer one."""
-    outer, inner = square(0.05), square(0.042)
+    outer, inner = closed(square(0.05)), closed(square(0.042))
     match = match_turns(outer, inner, 0.05, 0.042, STEP)
     assert match.beside.all()
     assert np.diff(match.outer).min() >= 0.0
@@ -92,7 +68,7 @@ def test_half_way_between_two_square_turns_lies_a_square():
 
 def test_turns_that_do_not_lie_beside_each_other_are_told():
     """An inner circle one step-over inside a square touches its sides' offsets but not its corners'."""
-    outer, inner = square(0.05), circle(0.042)
+    outer, inner = closed(square(0.05)), closed(circle(0.042))
     match = match_turns(outer, inner, 0.05, 0.0, STEP)
     assert 0.05 < match.beside.mean() < 0.6
 
@@ -100,7 +76,7 @@ def test_turns_that_do_not_lie_beside_each_other_are_told():
 def test_the_spiral_becomes_archimedean_turn_by_turn():
     """Spacing of neighbouring rounds away from the step: one step-over but for 4% of it."""
     radii = 0.3 - STEP * np.arange(20)
-    curves = [circle(r, 2000) for r in radii]
+    curves = [closed(circle(r, count=2000)) for r in radii]
     matches = [match_turns(a, b, 0.0, 0.0, STEP) for a, b in pairwise(curves)]
     shares = spread_shares([c.length for c in curves], matches, 0.03, False, STEP)
     phase = np.linspace(0.1, 0.9, 50)
@@ -114,7 +90,7 @@ def test_the_spiral_becomes_archimedean_turn_by_turn():
 
 def test_the_step_inwards_keeps_its_distance_from_the_one_before():
     """On straight turns a slope p moves on by sqrt(1 + p^2) step-overs from turn to turn."""
-    curves = [circle(3.0, 40_000), circle(3.0 - STEP, 40_000)]
+    curves = [closed(circle(3.0, count=40_000)), closed(circle(3.0 - STEP, count=40_000))]
     matches = [match_turns(*curves, 0.0, 0.0, STEP)]
     first, second = spread_shares([c.length for c in curves], matches, 8.0 * STEP, False, STEP)
     near = first.length + STEP * np.linspace(-3.0, 0.0, 200)
@@ -129,7 +105,7 @@ def test_the_step_inwards_keeps_its_distance_from_the_one_before():
 
 
 def test_the_seam_keeps_away_from_corners():
-    curves = [square(0.05 - STEP * i) for i in range(5)]
+    curves = [closed(square(0.05 - STEP * i)) for i in range(5)]
     seams = place_seams(curves, STEP, NOWHERE, NOWHERE, NOWHERE)
     begin = curves[0].at(seams.s[:1])[0][0]
     assert np.sort(np.abs(begin[:2]))[0] < 0.02
@@ -140,6 +116,6 @@ def test_pieces_of_a_strip_are_told_apart():
     """Six triangles in a row; without its third and fourth vertex the strip falls into two."""
     triangles = np.array([[k, k + 1, k + 2] for k in range(6)])
     inside = np.array([True, True, False, False, True, True, True, True])
-    count, labels = label_pieces(triangles, inside)
+    count, labels = label_within(half_edges(triangles), inside)
     assert count == 2
     assert labels.tolist() == [0, 0, -1, -1, 1, 1, 1, 1]

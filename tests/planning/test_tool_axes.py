@@ -1,4 +1,4 @@
-"""The tool axis: lead and tilt on a plane and a sphere, and smoothing that keeps within its bound."""
+"""The tool axis: lead and tilt, smoothing that keeps within its bound, turns over creases."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from polish_sim.config import PlanConfig
 from polish_sim.planning.ground.ground import prepare_ground
-from polish_sim.planning.moves.stroke import STEEPEST, angles_between, lean, smooth_axes
+from polish_sim.planning.moves.stroke import STEEPEST, angles_between, lean, smooth_axes, soften_creases
 from polish_sim.planning.planner import plan_on
 from tests.planning.shapes import region_of
 
@@ -43,13 +43,6 @@ def test_on_its_leads_the_tool_keeps_the_lean_it_lands_and_leaves_with():
     assert path.axes_work[: rows[0]] == pytest.approx(np.tile(path.axes_work[rows[0]], (rows[0], 1)))
     after = path.axes_work[rows[-1] + 1 :]
     assert after == pytest.approx(np.tile(path.axes_work[rows[-1]], (len(after), 1)))
-
-
-def test_walked_the_other_way_the_tool_leans_the_other_way():
-    axis = lean(np.array([[0.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]), LEAD, 0.0)[0]
-    other = lean(np.array([[0.0, 0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0]]), LEAD, 0.0)[0]
-    assert axis[0] == pytest.approx(np.sin(LEAD))
-    assert other[0] == pytest.approx(-np.sin(LEAD))
 
 
 def wobbling(amplitude, wave=0.01, length=0.1):
@@ -117,3 +110,21 @@ def test_a_plan_reports_the_largest_deviation_and_keeps_its_bound():
 def test_without_smoothing_nothing_deviates():
     planned, _, _ = leaned("sphere_100")
     assert planned.figures["axis_deviation_max_rad"] == 0.0
+
+
+def test_over_a_crease_the_axis_turns_on_a_stretch_and_is_the_normal_elsewhere():
+    s = np.linspace(0.0, 0.1, 401)
+    angle = np.where(s < 0.05, 0.2, -0.2)
+    normals = np.stack([np.sin(angle), 0.0 * s, np.cos(angle)], axis=1)
+    axes = soften_creases(normals, s, 0.004)
+    turned = np.arcsin(axes[:, 0])
+    crease = 0.049875  # half-way between the points beside it
+    assert turned == pytest.approx(np.interp(s, [crease - 0.004, crease + 0.004], [0.2, -0.2]), abs=3e-3)
+    away = np.abs(s - 0.05) > 0.0081
+    assert axes[away] == pytest.approx(normals[away], abs=1e-12)
+
+
+def test_on_a_smooth_part_nothing_is_softened():
+    s = np.linspace(0.0, 0.1, 101)
+    normals = np.stack([np.sin(s / 0.03), 0.0 * s, np.cos(s / 0.03)], axis=1)
+    assert soften_creases(normals, s, 0.004) is normals

@@ -1,27 +1,23 @@
-"""The path as data, its leads, its tool axes and the pressing offset."""
+"""The path as data, its leads and the pressing offset."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import SEGMENTS, pressed
-from polish_sim.planning.moves.leads import LEADS, process_move, with_leads
-from polish_sim.planning.moves.stroke import lean, soften_creases
-from polish_sim.planning.planner import plan_path
+from polish_sim.planning.moves.leads import LEADS, Move, with_leads, with_way_down
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath
-from tests.planning.shapes import region_of, shipped_plan
+from tests.planning.shapes import UP, shipped_plan
 
-UP = np.array([0.0, 0.0, 1.0])
 CLEARANCE = 0.03
 
 
 def straight(count=50):
     x = np.linspace(0.0, 0.05, count)
     positions = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
-    return process_move(positions, np.tile(UP, (count, 1)), np.zeros(count, dtype=np.int64))
+    return Move(positions, np.tile(UP, (count, 1)), PROCESS, np.zeros(count, dtype=np.int64))
 
 
 def test_a_path_cannot_be_changed_after_it_was_made():
@@ -81,32 +77,20 @@ def test_the_arc_lands_along_the_path():
     assert np.degrees(np.arctan2(-landing[2], landing[0])) < 4.0
 
 
-def test_lead_and_tilt_lean_the_tool_forward_and_to_the_left():
-    axes = lean(UP[None], np.array([[1.0, 0.0, 0.0]]), np.radians(10.0), np.radians(5.0))[0]
-    assert np.degrees(np.arctan2(axes[0], axes[2])) == pytest.approx(10.0)
-    assert np.degrees(np.arctan2(axes[1], axes[2])) == pytest.approx(5.0)
+def test_the_way_down_ends_where_contact_begins_and_leaves_the_rest_alone():
+    planned = shipped_plan("sphere_100").path
+    bare = planned.rows(planned.process)
+    path = with_way_down(bare, 0.03)
+    added = len(path.s) - len(bare.s)
+    assert path.segment[0] == APPROACH
+    assert list(dict.fromkeys(path.segment.tolist()))[:3] == [APPROACH, LEAD_IN, PROCESS]
+    assert (path.positions_work[added:] == bare.positions_work).all()
+    heights = (path.positions_work[: added + 1] - bare.positions_work[0]) @ bare.axes_work[0]
+    assert heights[0] == pytest.approx(0.03)
+    assert heights[-1] == 0.0
+    assert (np.diff(heights) < 0.0).all()
 
 
-def test_a_plan_with_a_lead_angle_leans_everywhere():
-    path = plan_path(region_of("sphere_100"), PlanConfig(lead_angle_rad=0.2))
-    foot = region_of("sphere_100").surface.closest(path.positions_work[path.process])
-    cosine = (foot.normals * path.axes_work[path.process]).sum(axis=1)
-    assert cosine == pytest.approx(np.full(len(cosine), np.cos(0.2)), abs=1e-9)
-
-
-def test_over_a_crease_the_axis_turns_on_a_stretch_and_is_the_normal_elsewhere():
-    s = np.linspace(0.0, 0.1, 401)
-    angle = np.where(s < 0.05, 0.2, -0.2)
-    normals = np.stack([np.sin(angle), 0.0 * s, np.cos(angle)], axis=1)
-    axes = soften_creases(normals, s, 0.004)
-    turned = np.arcsin(axes[:, 0])
-    crease = 0.049875  # half-way between the points beside it
-    assert turned == pytest.approx(np.interp(s, [crease - 0.004, crease + 0.004], [0.2, -0.2]), abs=3e-3)
-    away = np.abs(s - 0.05) > 0.0081
-    assert axes[away] == pytest.approx(normals[away], abs=1e-12)
-
-
-def test_on_a_smooth_part_nothing_is_softened():
-    s = np.linspace(0.0, 0.1, 101)
-    normals = np.stack([np.sin(s / 0.03), 0.0 * s, np.cos(s / 0.03)], axis=1)
-    assert soften_creases(normals, s, 0.004) is normals
+def test_a_path_that_begins_in_the_air_stays_as_it_is():
+    planned = shipped_plan("sphere_100").path
+    assert with_way_down(planned, 0.03) is planned

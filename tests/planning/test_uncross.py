@@ -6,31 +6,30 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.moves.uncross import uncross
 from polish_sim.planning.patterns.run import SurfaceRun
-from polish_sim.planning.quality.crossings import count_self_crossings
-from tests.planning.shapes import Floor
+from polish_sim.planning.quality.crossings import find_crossings
+from tests.planning.shapes import Floor, level
 
 STEPOVER = 0.008
 FLOOR = Floor()
 
 
-def run_along(points):
+def run_along(points, number=0):
     """A run of points half a millimetre apart on the plane z = 0."""
-    points = np.column_stack([points, np.zeros(len(points))])
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    even = np.linspace(0.0, s[-1], int(s[-1] / 5e-4) + 2)
-    line = np.stack([np.interp(even, s, points[:, k]) for k in range(3)], axis=1)
-    return SurfaceRun(FLOOR.closest(line), np.zeros(len(line), dtype=np.int64))
+    curve = level(points)
+    line = curve.at(np.linspace(0.0, curve.length, int(curve.length / 5e-4) + 2))[0]
+    return SurfaceRun(FLOOR, FLOOR.closest(line), np.full(len(line), number))
 
 
 def uncrossed(*lines):
-    return uncross([(run_along(np.asarray(line)), FLOOR) for line in lines], STEPOVER)
+    """What is left of lines, and the number of the line each piece was a part of."""
+    done = uncross([run_along(np.asarray(line), number) for number, line in enumerate(lines)], STEPOVER)
+    return done, [int(run.pass_index[0]) for run in done.runs]
 
 
 def crossings(runs):
-    return count_self_crossings([Curve(run.positions, run.points.normals, False) for run in runs])
+    return len(find_crossings([run.curve for run in runs]))
 
 
 def eight(size):
@@ -59,25 +58,25 @@ FIGURES = {
 def test_nothing_crosses_after_the_cuts_and_no_place_is_far_from_what_is_left(figure):
     before = [run_along(np.asarray(line)) for line in FIGURES[figure]]
     assert crossings(before) > 0
-    done = uncross([(run, FLOOR) for run in before], STEPOVER)
-    assert crossings([item.run for item in done.runs]) == 0
+    done = uncross(before, STEPOVER)
+    assert crossings(done.runs) == 0
     assert len(done.cuts) >= crossings(before)
-    left = np.concatenate([item.run.positions for item in done.runs])
+    left = np.concatenate([run.positions for run in done.runs])
     gone = cKDTree(left).query(np.concatenate([run.positions for run in before]))[0]
     assert gone.max() < 0.55 * STEPOVER
 
 
 def test_runs_that_do_not_cross_stay_what_they_are():
     runs = [run_along([(0.0, y), (0.1, y)]) for y in (0.0, 0.01)]
-    done = uncross([(run, FLOOR) for run in runs], STEPOVER)
-    assert [item.run for item in done.runs] == runs
+    done = uncross(runs, STEPOVER)
+    assert done.runs == runs
     assert len(done.cuts) == 0
 
 
 def test_a_cut_is_a_fraction_of_a_stepover_wide():
-    done = uncrossed([(-0.1, 0.0), (0.1, 0.0)], [(0.0, -0.05), (0.0, 0.05)])
-    assert sorted(item.origin for item in done.runs) == [0, 1, 1]
-    ends = [item.run.positions[[0, -1], 1] for item in done.runs if item.origin == 1]
+    done, lines = uncrossed([(-0.1, 0.0), (0.1, 0.0)], [(0.0, -0.05), (0.0, 0.05)])
+    assert lines == [0, 1, 1]
+    ends = [run.positions[[0, -1], 1] for run in done.runs[1:]]
     assert ends[1][0] - ends[0][1] == pytest.approx(2.0 * 0.15 * STEPOVER, rel=1e-6)
     assert done.cuts == pytest.approx(np.zeros((1, 3)), abs=1e-12)
 
@@ -85,11 +84,10 @@ def test_a_cut_is_a_fraction_of_a_stepover_wide():
 def test_a_dead_end_beyond_a_crossing_is_dropped_where_others_cover_it():
     """A comb of lines a step-over apart, and one that goes over the last of them and ends on its far side."""
     lines = [[(-0.05, y), (0.05, y)] for y in STEPOVER * np.arange(-3, 4)]
-    done = uncrossed(*lines, [(0.0, -0.06), (0.0, -2.5 * STEPOVER)])
-    assert [item.origin for item in done.runs] == list(range(8))
-    assert crossings([item.run for item in done.runs]) == 0
+    done, left = uncrossed(*lines, [(0.0, -0.06), (0.0, -2.5 * STEPOVER)])
+    assert left == list(range(8))
+    assert crossings(done.runs) == 0
 
 
 def test_a_short_end_beyond_a_crossing_is_kept_where_nothing_else_covers_it():
-    done = uncrossed([(-0.05, 0.0), (0.05, 0.0)], [(0.0, -0.06), (0.0, 0.02)])
-    assert sorted(item.origin for item in done.runs) == [0, 1, 1]
+    assert uncrossed([(-0.05, 0.0), (0.05, 0.0)], [(0.0, -0.06), (0.0, 0.02)])[1] == [0, 1, 1]

@@ -22,8 +22,8 @@ from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.log import RunLog, Trace
-from polish_sim.planning.ground.triangulation import Triangulation, triangulate
-from polish_sim.planning.quality.points import build_point_grid
+from polish_sim.planning.ground.triangulation import Triangulation, build_point_grid, triangulate
+from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import unit
 
 # How the pad moved on the part, and how hard it pressed, in short straight steps (log, trace -> PadMotion).
@@ -91,7 +91,7 @@ def _pad_poses(log: RunLog, trace: Trace, origin: Array, R_base_part: Array, mar
     R_work_base = _turned(rows, Rotation.from_matrix(R_base_part), marks).inv()
     R_work_tool = R_work_base * _turned(rows, logged, marks)
     tips = trace.tcp_position_m - trace.part_shift_m
-    tips = np.stack([np.interp(marks, trace.time_s, tips[:, k]) for k in range(3)], axis=1)
+    tips = interpolate(marks, trace.time_s, tips)
     travel = np.interp(marks, trace.time_s, trace.pad_travel_m)
     faces = R_work_base.apply(tips - origin) - travel[:, None] * R_work_tool.as_matrix()[:, :, 2]
     return faces, R_work_tool

@@ -28,6 +28,7 @@ from polish_sim.experiments.surface import remove_material
 from polish_sim.log import RunLog, Trace, with_column
 from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
+from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import apply, inverse
 
 
@@ -177,9 +178,9 @@ def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: 
     part = trace.phase == PROCESS
     s = trace.path_s_m[part]
     tracking = np.einsum("nij,ni->nj", R_base_work, trace.target_error_m[part])
-    relative = trace.tool_on_part_m[part] - _along(wanted.s, wanted.points, s)
+    relative = trace.tool_on_part_m[part] - interpolate(s, wanted.s, wanted.points)
     if pressing:
-        axes = _along(wanted.s, wanted.axes, s)
+        axes = interpolate(s, wanted.s, wanted.axes)
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
         tracking, relative = (e - np.sum(e * axes, axis=1)[:, None] * axes for e in (tracking, relative))
     return PairErrors(tracking, relative)
@@ -226,10 +227,5 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
 def _speed(time: Array, points: Array) -> Array:
     """Speed of a point (n, 3) over ``SPEED_S`` around every time [s]: the servos' trembling is no way done, (n,)."""
     early, late = (np.clip(time + shift, time[0], time[-1]) for shift in (-0.5 * SPEED_S, 0.5 * SPEED_S))
-    gone = _along(time, points, late) - _along(time, points, early)
+    gone = interpolate(late, time, points) - interpolate(early, time, points)
     return np.asarray(np.linalg.norm(gone, axis=1) / (late - early))
-
-
-def _along(s: Array, values: Array, places: Array) -> Array:
-    """Values (n, 3) at places of the path, linear between them, shape (k, 3)."""
-    return np.stack([np.interp(places, s, values[:, k]) for k in range(3)], axis=1)

@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from polish_sim.arrays import Array
 from polish_sim.errors import PlanError, SmoothingError
 from polish_sim.geometry import Region, Surface
-from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, ToolPath, arc_length
+from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, ToolPath, arc_length, interpolate
 
 # A closed curve through points with four continuous derivatives: a periodic quintic spline.
 
@@ -100,8 +100,7 @@ def _curve_between(surface: Surface, outer: Array, inner: Array) -> ClosedSpline
 def _resampled(loop: Array, count: int) -> Array:
     """Points at equal steps along a closed polyline, its end left out, shape (count, 3)."""
     s = arc_length(loop)
-    places = np.linspace(0.0, s[-1], count, endpoint=False)
-    return np.stack([np.interp(places, s, loop[:, k]) for k in range(3)], axis=1)
+    return interpolate(np.linspace(0.0, s[-1], count, endpoint=False), s, loop)
 
 
 def _with_way_down(positions: Array, axes: Array, bend: Array, clearance: float) -> ToolPath:

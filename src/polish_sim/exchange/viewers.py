@@ -15,7 +15,7 @@ from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, cylinder, free_tool, page_html
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.ground.triangulation import triangulate
-from polish_sim.planning.toolpath import LINK, PROCESS
+from polish_sim.planning.toolpath import LINK, PROCESS, interpolate
 from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
 
 # The path as coloured triangles for viewers: a thin tube along it (plan -> Tube).
@@ -102,7 +102,7 @@ def _tube_faces(rings: int) -> Ints:
 def colors_along(share: Array) -> Colors:
     """Colour of a share of the path, 0 to 1, shape (n, 3)."""
     steps = np.linspace(0.0, 1.0, len(VIRIDIS))
-    return np.stack([np.interp(share, steps, VIRIDIS[:, k]) for k in range(3)], axis=1).round().astype(np.uint8)
+    return interpolate(share, steps, VIRIDIS).round().astype(np.uint8)
 
 
 def _joined(pieces: list[Tube]) -> Tube:

@@ -33,7 +33,7 @@ from polish_sim.experiments.part_setup import (
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.stroke_motion import within_noise
 from polish_sim.models import part_path
-from polish_sim.planning.request import check_asked, check_part_words
+from polish_sim.planning.feasibility import check_asked, check_part_words
 from polish_sim.scenario_file import FILE_KEYS
 
 if TYPE_CHECKING:

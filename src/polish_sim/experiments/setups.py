@@ -25,10 +25,10 @@ from polish_sim.geometry.fixture import joined_meshes, joined_surfaces, load_fix
 from polish_sim.geometry.orientation import SIDES, UP_CONE, side_name
 from polish_sim.geometry.regions.patches import facing, middle_points
 from polish_sim.geometry.regions.region import SLIVER_SHARE, patches_of
+from polish_sim.planning.feasibility import check_asked
 from polish_sim.planning.moves.travel import nearest_neighbours, turned
 from polish_sim.planning.part_plan import load_mesh, prepare_region
 from polish_sim.planning.quality.tool_room import Tool
-from polish_sim.planning.request import check_asked
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import unit
 

@@ -92,6 +92,14 @@ def corner_fans(adjacency: Adjacency, passable: Bools) -> tuple[int, Ints]:
     return count, labels.reshape(-1, 3)
 
 
+def label_within(links: Indices, inside: Bools) -> tuple[int, Indices]:
+    """Label connected pieces of the nodes ``inside`` (n,) by links (k, 2): how many; each node's, -1 outside, (n,)."""
+    labels = np.full(len(inside), -1, dtype=np.int64)
+    number = np.cumsum(inside) - 1
+    count, labels[inside] = label_pieces(number[links[inside[links].all(axis=1)]], int(inside.sum()))
+    return count, labels
+
+
 def facet_links(adjacency: Adjacency, keep: Bools | None = None) -> Indices:
     """List pairs of neighbouring facets, shape (k, 2); ``keep`` (m, 3) marks the edges that count."""
     linked = adjacency.facets >= 0

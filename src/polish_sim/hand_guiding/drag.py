@@ -41,7 +41,7 @@ from polish_sim.hand_guiding.teach import (
 from polish_sim.hand_guiding.teaching import Recording, Taught, path_through, teach_path
 from polish_sim.models import part_path
 from polish_sim.motion import forward
-from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length, interpolate
 from polish_sim.spatial import apply, inverse
 
 # A hand that drags the tool along a path, with the wander, tremor and wobble of a person's.
@@ -70,7 +70,7 @@ def drag_table(
     end = begin + s[-1] / drag.speed_m_s + RAMP_S
     t: Array = np.arange(round((end + hand.after_s) / dt)) * np.float64(dt)
     way = np.clip(_way(t - begin, s[-1] / drag.speed_m_s) * drag.speed_m_s, 0.0, s[-1])
-    points = np.stack([np.interp(way, s, positions[:, k]) for k in range(3)], axis=1)
+    points = interpolate(way, s, positions)
     turned = RotationSpline(s, Rotation.from_matrix(rotations))(way)
     moving = (t >= begin) & (t < end)
     # The hand's unsteadiness sets in as it sets off, so that the tool starts where the servos hold it.
@@ -155,7 +155,7 @@ def _rim(surface: Surface, loop: Array) -> ToolPath:
     """A closed border as a path with the surface's normals, a point every millimetre."""
     s = arc_length(loop)
     at = np.linspace(0.0, s[-1], max(4, round(s[-1] / SPACING_M)) + 1)
-    return path_through(surface, surface.closest(np.stack([np.interp(at, s, column) for column in loop.T], axis=1)))
+    return path_through(surface, surface.closest(interpolate(at, s, loop)))
 
 
 MODE = "assist"  #: The mode a path is taught in, unless another is asked for

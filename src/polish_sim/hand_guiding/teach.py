@@ -32,6 +32,7 @@ from polish_sim.hand_guiding.cell import GuidingRun, HandMotion, run_guided
 from polish_sim.hand_guiding.figures import compare_modes, measure_drift, measure_move
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.log import RunLog, Trace
+from polish_sim.planning.toolpath import arc_length
 
 # What the hand does in `run teach`: holds, moves, holds, lets go.
 
@@ -125,7 +126,7 @@ def trace_of_move(play: PlayedMove) -> Trace:
     error = play.table.motion.positions[:n] - rows["tool"]
     off = np.linalg.norm(error, axis=1)
     turned = Rotation.from_matrix(play.table.motion.rotations[:n]) * Rotation.from_matrix(rows["R_base_tool"]).inv()
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rows["tool"], axis=0), axis=1))])
+    way = arc_length(rows["tool"])
     return Trace(
         rows["time"], play.table.phase[:n], nothing, off, off, turned.magnitude(), rows["tool"],
         rows["speed"], way, np.zeros((n, 3)), nothing, nothing, error, np.zeros((n, 3)),

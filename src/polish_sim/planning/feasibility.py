@@ -1,27 +1,35 @@
-"""Whether region, step-over and pad fit each other (errors before planning, notes after it)."""
+"""Whether a request can be met, and region, step-over and pad fit (errors before planning, notes after it)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from polish_sim.errors import PlanError, place_in_mm
+from polish_sim.errors import PlanError, place_in_mm, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
-from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
+from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, check_unit, metres_per_unit
+from polish_sim.geometry.orientation import check_up
+from polish_sim.geometry.regions.region import check_choice
 from polish_sim.geometry.step_file import ENDINGS
+from polish_sim.models import part_path
 from polish_sim.planning.curves.offset_curve import CurveSet
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.ground import Ground, footprint
+from polish_sim.planning.moves.leads import LEADS
+from polish_sim.planning.patterns import PATTERNS
+from polish_sim.planning.quality.access import AVOID, Access
 from polish_sim.planning.quality.coverage import pad_depths
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 
 if TYPE_CHECKING:
-    from polish_sim.config import PadConfig, PlanConfig
-    from polish_sim.planning.quality.access import Access
+    from polish_sim.config import PadConfig, PartConfig, PlanConfig
     from polish_sim.planning.quality.figures import Quality
     from polish_sim.planning.quality.located import PathOnSurface
     from polish_sim.planning.toolpath import ToolPath
+
+ORDERS: Final = ("inward", "outward")
+DIRECTIONS: Final = ("climb", "conventional")
 
 NARROWEST = 0.5
 """A region narrower than this share of the pad's diameter, seen from above, cannot carry it; a wider one is planned,
@@ -34,10 +42,58 @@ LITTLE_OVERLAP, ALL_COVERED = 0.8, 0.995
 """Turns this share of the pad's diameter apart hardly overlap; so much of a region counts as all of it."""
 
 FEW = 20  #: One vertex in so many is asked first how far it is from the border
+RIM_ONLY_M = 1e-4  #: A pad whose middle is held off the ground by less still touches with it [m]
 
 
-RIM_ONLY_M = 1e-4
-"""A pad whose middle is held off the ground by less still touches with it [m]."""
+def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
+    """Refuse a request no part could meet, before anything is loaded.
+
+    Raises:
+        InputError: An unknown name.
+        PlanError: A step-over wider than the pad.
+    """
+    check_part_words(part, plan)
+    check_plan_words(plan)
+    check_stepover(plan, pad)
+
+
+def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
+    """Refuse unknown names of part, unit, side and region before the part is loaded.
+
+    Raises:
+        InputError: Naming what is valid.
+    """
+    part_path(part.file)
+    check_unit(part.unit)
+    check_up(part.up)
+    check_choice(plan.region)
+
+
+def check_plan_words(plan: PlanConfig) -> None:
+    """Refuse unknown names of the plan.
+
+    Raises:
+        InputError: Unknown pattern, lead-in, order or direction.
+    """
+    for kind, name, known in (
+        ("pattern", plan.pattern, PATTERNS),
+        ("lead-in", plan.lead_in, LEADS),
+        ("order", plan.order, ORDERS),
+        ("direction", plan.direction, DIRECTIONS),
+        ("way to avoid walls", plan.avoid, AVOID),
+    ):
+        if name not in known:
+            raise unknown_name(kind, name, known)
+
+
+def check_stepover(plan: PlanConfig, pad: PadConfig) -> None:
+    """Refuse a step-over wider than the pad with a PlanError."""
+    diameter = 2.0 * pad.radius_m
+    if plan.stepover_m > diameter:
+        raise PlanError(
+            f"a step-over of {plan.stepover_m * 1e3:.4g} mm would leave stripes: the pad measures "
+            f"{diameter * 1e3:.4g} mm. Set a step-over below that; a sixth of it is usual."
+        )
 
 
 def widest_piece(region: Region) -> float:

@@ -11,13 +11,13 @@ import numpy as np
 from polish_sim.arrays import Array, Bools
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
-from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, select_region
+from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.geometry.fixture import load_fixture
 from polish_sim.planning.feasibility import access_notes
 from polish_sim.planning.ground.ground import Ground, bridge_holes
-from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, accessible, load_mesh
+from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, PreparedRegion, accessible, choose_region, load_mesh
 from polish_sim.planning.quality.coverage import strictly_covered
-from polish_sim.planning.quality.figures import Quality, measure_quality, part_figures, without_spacing
+from polish_sim.planning.quality.figures import Quality, part_figures, without_spacing
 from polish_sim.planning.quality.located import with_points_between
 from polish_sim.planning.quality.spacing import guess_stepover
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
@@ -106,14 +106,9 @@ def _reason(mesh: PartMesh, path: ToolPath, middle: float, even: float) -> str:
     if even > MOSTLY_EVEN:
         side = "pressed in already" if middle < 0.0 else "lifted off"
         return f"It is {side} by {1e3 * abs(middle):.2f} mm along most of it: give the path on the surface itself."
-    sizes = _extent(path), np.ptp(mesh.vertices, axis=0)
+    sizes = np.ptp(path.positions_work[path.process], axis=0), np.ptp(mesh.vertices, axis=0)
     own, part = (" x ".join(f"{1e3 * value:.0f}" for value in size) for size in sizes)
     return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
-
-
-def _extent(path: ToolPath) -> Array:
-    """Size of the path in contact along x, y and z [m], shape (3,)."""
-    return np.asarray(np.ptp(path.positions_work[path.process], axis=0))
 
 
 NAMED = 3  #: So many of the places the pad cannot touch are named
@@ -166,17 +161,17 @@ def inspect_path(
         plan = replace(PlanConfig(), stepover_m=guessed_stepover(path, pad, notes))
     mesh = load_mesh(part, observer)
     surface = fit_surface(mesh, plan.feature_angle_rad)
-    region = _chosen(surface, mesh, plan)
+    region = choose_region(mesh, surface, plan)
     offset = offset_from(surface, path, _bridges(region, plan))
     check_on_part(offset, mesh, path, OFF_PART_M, 2.0 * pad.radius_m)
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     if observer is not None:
         observer.stage("measure the path")
-    fixture = load_fixture(part.fixture_file, mesh)
-    ground, access = accessible(region, surface, plan, Tool(pad, process.contact_force_n, fixture), path)
-    quality = measure_quality(ground, path, plan.stepover_m, process, pad, surface, access, fixture)
+    tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
+    given = PreparedRegion(mesh, surface, region, plan, process, tool, *accessible(region, surface, plan, tool, path))
+    quality, access = given.measure(path), given.access
     notes += access_notes(access, plan, pad)
-    ground = ground if access is None else access.asked
+    ground = given.ground if access is None else access.asked
     if guess_stepover(path) is None:
         quality = without_spacing(quality, pad)
     quality.figures.update(
@@ -186,7 +181,7 @@ def inspect_path(
         height_above_part_max_m=float(offset.heights.max()),
         beyond_part_max_m=float(offset.sideways.max()),
     )
-    notes = [*mesh.notes, *(fixture.notes if fixture else ()), *region.notes, *notes, *_findings(quality, offset, pad)]
+    notes = [*given.part_notes, *notes, *_findings(quality, offset, pad)]
     strict = strictly_covered(ground.mesh.vertices, ground.mesh.normals, quality.runs, plan.stepover_m)
     return Inspection(mesh, surface, ground, path, plan, quality, strict, tuple(notes))
 
@@ -209,11 +204,6 @@ def guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
     return found
 
 
-def _chosen(surface: Surface, mesh: PartMesh, plan: PlanConfig) -> Region:
-    margins = plan.edge_margin_m, plan.hole_margin_m
-    return select_region(surface, mesh, plan.region, plan.feature_angle_rad, *margins)
-
-
 def _bridges(region: Region, plan: PlanConfig) -> list[Surface]:
     """The pieces of a region with small holes, these closed as the pad runs over them."""
     bridged = (bridge_holes(piece, plan.bridge_m) for piece in region.components())
@@ -231,7 +221,7 @@ def _region_of(
         for k in np.linspace(0, len(offset.feet) - 1, 7).astype(np.int64)[[3, 1, 5, 2, 4]]:
             name = "point:" + ",".join(f"{1e3 * value:.6g}" for value in offset.feet[k])
             there = replace(plan, region=name)
-            region = _chosen(surface, mesh, there)
+            region = choose_region(mesh, surface, there)
             if _share_on(region, there, offset) >= MOSTLY:
                 notes.append(f"the path runs on another face than the largest that looks up: the one at {name[6:]} mm")
                 return region, there

@@ -17,8 +17,10 @@ from polish_sim.geometry.fixture import Fixture, joined_meshes, joined_surfaces,
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
     access_notes,
+    check_asked,
     check_request,
     check_start,
+    check_stepover,
     edge_distance,
     in_another_unit,
     overlap_notes,
@@ -36,7 +38,6 @@ from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.figures import Quality, measure_quality, pad_coverage, part_figures
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
-from polish_sim.planning.request import check_asked, check_stepover
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
@@ -119,7 +120,8 @@ def plan_mesh(
     begin = time.perf_counter() - spent_s
     check_stepover(plan, pad)
     observer.stage("fit the surface")
-    surface, region = _choose(mesh, plan)
+    surface = fit_surface(mesh, plan.feature_angle_rad)
+    region = choose_region(mesh, surface, plan)
     check_start(surface, plan)
     observer.stage("plan the path")
     ready = prepare_region(mesh, surface, region, plan, process, Tool(pad, process.contact_force_n, fixture))
@@ -166,11 +168,11 @@ def measure_given_path(
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
     mesh = load_mesh(part, observer)
     observer.stage("fit the surface")
-    surface, region = _choose(mesh, plan)
+    surface = fit_surface(mesh, plan.feature_angle_rad)
+    region = choose_region(mesh, surface, plan)
     observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
-    ground, access = accessible(region, surface, plan, tool, path)
-    given = PreparedRegion(mesh, surface, region, plan, process, tool, ground, access)
+    given = PreparedRegion(mesh, surface, region, plan, process, tool, *accessible(region, surface, plan, tool, path))
     quality = given.measure(path)
     off = quality.figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
@@ -195,6 +197,12 @@ class PreparedRegion:
     access: Access | None
     notes: tuple[str, ...] = ()  #: On what was chosen
 
+    @property
+    def part_notes(self) -> tuple[str, ...]:
+        """On the part, its fixture and the region."""
+        fixture = self.tool.fixture
+        return (*self.mesh.notes, *(fixture.notes if fixture else ()), *self.region.notes)
+
     def measure(self, path: ToolPath) -> Quality:
         """Measure a path."""
         spacing, pad, fixture = self.plan.stepover_m, self.tool.pad, self.tool.fixture
@@ -204,9 +212,7 @@ class PreparedRegion:
         """The plan, with ``remarks`` on how the path was made or given among its notes."""
         figures = part_figures(self.mesh, self.surface, self.region) | quality.figures
         notes = (
-            *self.mesh.notes,
-            *(self.tool.fixture.notes if self.tool.fixture else ()),
-            *self.region.notes,
+            *self.part_notes,
             *self.notes,
             *access_notes(self.access, self.plan, self.tool.pad),
             *remarks,
@@ -242,7 +248,7 @@ def prepare_region(
             refused.append(too_small(mesh, width, taken, tool.force))
             continue
         try:
-            within = _region(surface, mesh, asked) if kept else region
+            within = choose_region(mesh, surface, asked) if kept else region
             wide, fitted = check_request(within, taken, mesh), tool._replace(pad=taken)
             ground, access = accessible(wide, surface, asked, fitted)
         except PlanError as error:
@@ -324,12 +330,8 @@ def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMes
     return load_part(part_path(part.file), part.unit, part.up)
 
 
-def _choose(mesh: PartMesh, plan: PlanConfig) -> tuple[Surface, Region]:
-    surface = fit_surface(mesh, plan.feature_angle_rad)
-    return surface, _region(surface, mesh, plan)
-
-
-def _region(surface: Surface, mesh: PartMesh, plan: PlanConfig) -> Region:
+def choose_region(mesh: PartMesh, surface: Surface, plan: PlanConfig) -> Region:
+    """The region a plan asks for."""
     margins = plan.edge_margin_m, plan.hole_margin_m
     return select_region(surface, mesh, plan.region, plan.feature_angle_rad, *margins)
 

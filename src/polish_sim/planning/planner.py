@@ -12,7 +12,9 @@ from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.fixture import joined_surfaces
-from polish_sim.planning.ground.ground import Ground, Piece, prepare_ground
+from polish_sim.planning.curves.turns import Report
+from polish_sim.planning.feasibility import check_plan_words
+from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import (
     Air,
     Move,
@@ -27,14 +29,14 @@ from polish_sim.planning.moves.stroke import Stroke, give_axes
 from polish_sim.planning.moves.travel import order_blocks, travel
 from polish_sim.planning.moves.uncross import uncross
 from polish_sim.planning.patterns import PATTERNS
-from polish_sim.planning.patterns.run import PatternRequest, Report, SurfaceRun
+from polish_sim.planning.patterns.run import PatternRequest, SurfaceRun
 from polish_sim.planning.quality.leaning import Leaning
 from polish_sim.planning.quality.tool_room import APART, Tool, ground_under, pressed_places
-from polish_sim.planning.request import check_plan_words
-from polish_sim.planning.toolpath import ToolPath, arc_length
+from polish_sim.planning.toolpath import ToolPath, arc_length, stretches
 
 CUT_APART: Final = 0.1  #: Whether the tool is in the part is looked at so many pad radii apart along a stroke
 NO_WAY: Final = "the tool cannot come there without running into the part"
+TOO_NARROW: Final = "a piece of the region too narrow for a turn half a step-over inside its border is left out"
 CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
 
 
@@ -51,13 +53,6 @@ class Planned(NamedTuple):
         contact = self.path.process[1:] & self.path.process[:-1]
         air = float(np.diff(self.path.s)[~contact].sum())
         return {"air_length_m": air, "axis_deviation_max_rad": self.axis_deviation_max_rad}
-
-
-class PieceRun(NamedTuple):
-    """A run and the surface its points belong to."""
-
-    run: SurfaceRun
-    surface: Surface
 
 
 class Placed(NamedTuple):
@@ -77,12 +72,7 @@ def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = Non
         InputError: Unknown pattern, lead-in, order or direction.
         PlanError: The step-over does not fit the region.
     """
-    return path_on(prepare_ground(region, plan), plan, on_progress)
-
-
-def path_on(ground: Ground, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
-    """As `plan_path`, on ground prepared before."""
-    return plan_on(ground, plan, on_progress).path
+    return plan_on(prepare_ground(region, plan), plan, on_progress).path
 
 
 def plan_on(
@@ -94,7 +84,7 @@ def plan_on(
     avoid: Array | None = None,
     leaning: Leaning | None = None,
 ) -> Planned:
-    """As `path_on`, with notes, and clear of the whole part.
+    """As `plan_path` on ground prepared before, with notes, and clear of the whole part.
 
     Args:
         ground: The region, prepared.
@@ -110,16 +100,20 @@ def plan_on(
         PlanError: The region is too narrow for the step-over.
     """
     check_plan_words(plan)
-    found = _cover(ground, plan, on_progress or _silent)
-    blocks = [block for block in found if block]
-    if not blocks:
+    found = _cover(ground, plan, on_progress or (lambda share: None))
+    if not any(found):
         raise PlanError(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "
             "inside the border. Set a smaller step-over or a larger region."
         )
-    remarks = [_left_out(piece) for piece, block in zip(ground.pieces, found, strict=True) if not block]
-    blocks = _uncrossed(blocks, plan.stepover_m, remarks)
-    runs = _in_order(blocks, PATTERNS[plan.pattern].one_way, plan.start)
+    remarks = [
+        Remark(TOO_NARROW, piece.mesh.vertices.mean(axis=0))
+        for piece, runs in zip(ground.pieces, found, strict=True)
+        if not runs
+    ]
+    done = uncross([run for runs in found for run in runs], plan.stepover_m)
+    remarks += [Remark(CUT_HERE, place) for place in done.cuts]
+    runs = _in_order(done.runs, PATTERNS[plan.pattern].one_way, plan.start)
     alone = ground.region.surface if part is None else part
     obstacle = joined_surfaces(alone, tool.fixture if tool else None)
     radius = 0.0 if tool is None else tool.pad.radius_m
@@ -127,54 +121,35 @@ def plan_on(
     return assemble(runs, plan, air, remarks, np.empty((0, 3)) if avoid is None else avoid, leaning)
 
 
-def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[PieceRun]]:
+def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[SurfaceRun]]:
     """Call the pattern for each piece: the runs of each, none where it is too narrow."""
     total = sum(piece.region.area_m2 for piece in ground.pieces)
     done, found = 0.0, []
     for piece in ground.pieces:
         share = piece.region.area_m2 / total
-        runs = PATTERNS[plan.pattern].plan(
-            PatternRequest(
-                piece.region,
-                piece.mesh,
-                plan,
-                lambda x, done=done, share=share: report(done + share * x),  # type: ignore[misc]
-            )
+        request = PatternRequest(
+            piece.region,
+            piece.mesh,
+            plan,
+            lambda x, done=done, share=share: report(done + share * x),  # type: ignore[misc]
         )
-        found.append([PieceRun(run, piece.region.surface) for run in runs])
+        found.append(PATTERNS[plan.pattern].plan(request))
         done += share
     return found
 
 
-def _left_out(piece: Piece) -> Remark:
-    what = "a piece of the region too narrow for a turn half a step-over inside its border is left out"
-    return Remark(what, piece.mesh.vertices.mean(axis=0))
-
-
-def _uncrossed(blocks: Sequence[Sequence[PieceRun]], stepover: float, remarks: list[Remark]) -> list[list[PieceRun]]:
-    """Blocks whose runs cross nowhere; appends remarks where a run had to be cut."""
-    owner = [number for number, block in enumerate(blocks) for _ in block]
-    done = uncross([item for block in blocks for item in block], stepover)
-    remarks += [Remark(CUT_HERE, place) for place in done.cuts]
-    out: list[list[PieceRun]] = [[] for _ in blocks]
-    for item in done.runs:
-        out[owner[item.origin]].append(PieceRun(item.run, item.surface))
-    return [block for block in out if block]
-
-
-def _in_order(blocks: Sequence[Sequence[PieceRun]], one_way: bool, start: tuple[float, ...]) -> list[PieceRun]:
-    """All runs in an order with short ways through the air; those of a one-way pattern are walked as they are."""
-    runs = [run for block in blocks for run in block]
-    ends = np.array([item.run.positions[[0, -1]] for item in runs])
+def _in_order(runs: Sequence[SurfaceRun], one_way: bool, start: tuple[float, ...]) -> list[SurfaceRun]:
+    """Runs in an order with short ways through the air; those of a one-way pattern are walked as they are."""
+    ends = np.array([run.positions[[0, -1]] for run in runs])
     tour = order_blocks(ends, not one_way, np.array(start) if start else None)
     return [
-        runs[int(index)]._replace(run=runs[int(index)].run.backwards()) if backwards else runs[int(index)]
+        runs[int(index)].backwards() if backwards else runs[int(index)]
         for index, backwards in zip(tour.order, tour.backwards, strict=True)
     ]
 
 
 def assemble(
-    runs: Sequence[PieceRun],
+    runs: Sequence[SurfaceRun],
     plan: PlanConfig,
     air: Air,
     remarks: Sequence[Remark],
@@ -190,10 +165,8 @@ def assemble(
     curvature: list[Array] = []
     all_remarks, lost = list(remarks), []
     passes, deviation = 0, 0.0
-    for item in runs:
-        for whole in _clear_of_part(
-            item, give_axes(item.run, item.surface, plan, passes, leaning), plan, air, avoid, all_remarks
-        ):
+    for run in runs:
+        for whole in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, avoid, all_remarks):
             placed = _place(whole, moves[-1] if moves else None, plan, air)
             if placed is None:
                 lost.append(whole.process.positions)
@@ -207,7 +180,7 @@ def assemble(
             curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
             moves += placed.moves
     if not moves:
-        lost = lost or [item.run.positions for item in runs]
+        lost = lost or [run.positions for run in runs]
     all_remarks += _out_of_reach(lost, plan.stepover_m, nothing_left=not moves)
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
@@ -217,14 +190,14 @@ def assemble(
 
 
 def _clear_of_part(
-    item: PieceRun, whole: Stroke, plan: PlanConfig, air: Air, avoid: Array, remarks: list[Remark]
+    run: SurfaceRun, whole: Stroke, plan: PlanConfig, air: Air, avoid: Array, remarks: list[Remark]
 ) -> Sequence[Stroke]:
     """The stretches of a stroke on which no body of the tool is in the part; appends remarks on the others."""
     if air.tool is None:
         return [whole]
-    move, points = whole.process, item.run.points
+    move, points = whole.process, run.points
     rows = every(move.positions, CUT_APART * air.pad_radius)
-    under = ground_under(item.surface, points.facets[rows], points.barycentric[rows])
+    under = ground_under(run.surface, points.facets[rows], points.barycentric[rows])
     places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
     found = air.tool.stands_in(air.alone or air.part, places)
     near = [np.linalg.norm(places.middles - place, axis=1) < APART * air.pad_radius for place in avoid]
@@ -238,9 +211,8 @@ def _clear_of_part(
     clear = np.ones(len(move.positions), dtype=bool)
     for first, last in zip(rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True):
         clear[first : last + 1] = False
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], clear, [False]]).astype(int))).reshape(-1, 2)
     s = arc_length(move.positions)
-    return [whole.rows(a, b - 1) for a, b in ends if s[b - 1] - s[a] > plan.stepover_m]
+    return [whole.rows(first, last) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m]
 
 
 def _place(whole: Stroke, previous: Move | None, plan: PlanConfig, air: Air) -> Placed | None:
@@ -272,7 +244,3 @@ def _out_of_reach(lost: Sequence[Array], stepover: float, nothing_left: bool) ->
         )
     what = f"{len(lost)} strokes, about {area * 1e6:.3g} mm^2, are left out: {NO_WAY}"
     return [Remark(what, lost[0][0])]
-
-
-def _silent(share: float) -> None:
-    """Ignore progress."""

@@ -65,6 +65,11 @@ def arc_length(positions: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(chords)])
 
 
+def interpolate(where: Array, s: Array, columns: Array) -> Array:
+    """Columns (n, k) given at growing ``s`` (n,), linearly in between, at places ``where`` (m,): shape (m, k)."""
+    return np.stack([np.interp(where, s, column) for column in columns.T], axis=1)
+
+
 def stretches(wanted: Bools) -> list[tuple[int, int]]:
     """First and last row of every run of true values, (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]])))

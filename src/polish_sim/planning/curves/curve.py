@@ -12,12 +12,14 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
+from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
 # Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built from.
 
 ITERATIONS = 20
 TOLERANCE_M = 1e-11
+TINY = 1e-300
 
 
 class SurfaceQuery(Protocol):
@@ -59,9 +61,16 @@ def step_on_surface(
     return foot
 
 
-# Nearest points on the two chords that meet in a point of a polyline (curve and points -> feet); compiled.
+def foot_on_chord(away: Array, chord: Array) -> tuple[Array, Array]:
+    """Where along chords (..., d) the nearest point to points ``away`` (..., d) from their beginnings lies.
 
-TINY = 1e-300
+    Returns shares of the chords, 0 to 1, and distances, shape (...).
+    """
+    share = np.clip((away * chord).sum(axis=-1) / np.maximum((chord**2).sum(axis=-1), TINY), 0.0, 1.0)
+    return share, np.linalg.norm(away - share[..., None] * chord, axis=-1)
+
+
+# Nearest points on the two chords that meet in a point of a polyline (curve and points -> feet); compiled.
 
 
 @njit(cache=True, error_model="numpy")
@@ -123,8 +132,7 @@ class Curve:
         """Positions, normals and arc length with the first point repeated at the end of a closed curve."""
         rows = np.arange(len(self.positions) + self.closed) % len(self.positions)
         positions, normals = self.positions[rows], self.normals[rows]
-        chords = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-        return positions, normals, np.concatenate([[0.0], np.cumsum(chords)])
+        return positions, normals, arc_length(positions)
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -144,6 +152,10 @@ class Curve:
     def backwards(self) -> Curve:
         """The same curve run through the other way."""
         return Curve(self.positions[::-1], self.normals[::-1], self.closed)
+
+    def even(self, spacing: float, least: int) -> Array:
+        """Arc lengths all round a closed curve at equal steps, not much longer than a spacing [m], so many or more."""
+        return np.linspace(0.0, self.length, max(int(self.length / spacing), least), endpoint=False)
 
     def wrap(self, s: Array) -> Array:
         """Bring arc lengths into the curve's range: around a closed curve, to the ends of an open one."""
@@ -173,6 +185,10 @@ class Curve:
         margin = 1e-6 * self.length
         inner = inner[(inner > first + margin) & (inner < last - margin)]
         return self.at(np.concatenate([[first], inner, [last]]))
+
+    def along(self, s: float, way: float) -> Array:
+        """Positions from an arc length on, over a way [m]; against the curve's direction if that is negative."""
+        return self.between(s, s + way)[0] if way >= 0.0 else self.between(s + way, s)[0][::-1]
 
     def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
         """Nearest points of the curve, on its chords, to points (n, 3) [m]; beyond the limit [m] distances are inf."""

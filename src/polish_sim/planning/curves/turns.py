@@ -24,13 +24,6 @@ FAR = 6.0  #: Vertices that only see turns on the other side of the part are tho
 Waiting = dict[int, list[Indices]]  #: Vertices by the number of the turn at which they are to be looked at
 
 
-class Measured(NamedTuple):
-    """The vertices near the turns so far."""
-
-    rows: Indices  #: Their numbers, shape (k,)
-    distances: Array  #: How far they are; lower bounds beyond the next turn [m], shape (k,)
-
-
 class Front:
     """Distances of the vertices not covered yet, from turn to turn."""
 
@@ -48,8 +41,11 @@ class Front:
         """Distance from turn to turn; of the first from the border [m]."""
         return self.stepover if number else self.first
 
-    def look(self, rows: Indices, curves: CurveSet, number: int) -> Measured:
-        """Bring the distances of vertices to the turns of a number up to date."""
+    def look(self, rows: Indices, curves: CurveSet, number: int) -> Array:
+        """Bring the distances of vertices (k,) to the turns of a number up to date.
+
+        Returns them, lower bounds beyond the next turn [m], shape (k,).
+        """
         cap, reach = FAR * self.stepover, self.step(number) + BEYOND * self.stepover
         points = self.mesh.vertices[rows]
         distances = self._at_least(rows, curves)
@@ -62,7 +58,7 @@ class Front:
         self.which[rows[near]] = np.where(exact & same_side, which, -1)
         self.values[rows] = np.minimum(distances, cap)
         self._bounds[rows] = distances + self._level(number)
-        return Measured(rows, distances)
+        return distances
 
     def _at_least(self, rows: Indices, curves: CurveSet) -> Array:
         """Lower bounds of the distances of vertices to turns: those of their scouts less the ways to them [m]."""
@@ -128,7 +124,7 @@ THIN = 1.1  #: What is left inside a turn needs another one if its middle is fur
 EVEN = 0.5  #: A ring's width may vary by this many step-overs for turns to run from border to border
 AT_BORDER = 0.05  #: The first turn may be off by this share of half a step-over before turns are stretched
 STRETCH = 0.03  #: Turns of a ring may be further apart by this share of the step-over for one less of them to do
-Report = Callable[[float], None]
+Report = Callable[[float], None]  #: Called with the share of the work done, 0 to 1
 
 
 @dataclass(eq=False)
@@ -231,12 +227,12 @@ def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> t
     """One step inwards: the pieces left, their new turns hung below those they come from; and the vertices covered."""
     step, curves = front.step(number), CurveSet(tuple(turn.curve for turn in piece.turns))
     waiting = {turn: list(parts) for turn, parts in piece.waiting.items()}
-    near = front.look(np.concatenate([np.empty(0, dtype=np.int64), *waiting.pop(number, [])]), curves, number)
-    reached = near.distances <= step * (1.0 + ROUNDING)
-    lines = level_lines(front.mesh, front.values, step, front.triangles_around(near.rows))
-    covered = near.rows[reached]
+    near = _all_rows({number: waiting.pop(number, [])})
+    reached = front.look(near, curves, number) <= step * (1.0 + ROUNDING)
+    lines = level_lines(front.mesh, front.values, step, front.triangles_around(near))
+    covered = near[reached]
     front.values[covered] = 0.0
-    front.put_off(near.rows[~reached], number, waiting)
+    front.put_off(near[~reached], number, waiting)
     pieces = []
     for own, rest in _parts(front, piece, lines, waiting):
         rows = _all_rows(rest) if all(turn <= number + 1 for turn in rest) else None

@@ -16,7 +16,7 @@ from polish_sim.geometry import Region
 from polish_sim.geometry.bezier import edge_control, edge_middle, into_plane, quadratic_normals
 from polish_sim.geometry.cut import Clipped
 from polish_sim.geometry.regions.patches import join
-from polish_sim.geometry.surface import Surface, boundary_loops, build_surface
+from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, trace_border
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.planning.ground.triangulation import Triangulation, triangulate
 from polish_sim.spatial import perpendicular, unit
@@ -40,31 +40,14 @@ class _Rim(NamedTuple):
 def bridge_holes(region: Region, widest: float) -> Bridged:
     """Close the holes of a region a pad bridges, up to the diameter ``widest`` [m]."""
     surface = region.surface
-    rims = [rim for rim in _rims(surface) if _diameter(surface, rim) <= widest]
+    rims = [_Rim(*np.array(loop, dtype=np.int64).T) for loop in trace_border(surface)]
+    rims = [rim for rim in rims if _diameter(surface, rim) <= widest]
     if not rims or len(rims) == len(region.boundary_loops):
         return Bridged(region, len(surface.faces), 0)
     for rim in rims:
         surface = _close(surface, rim)
     loops = boundary_loops(surface)
     return Bridged(replace(region, surface=surface, boundary_loops=loops), len(region.surface.faces), len(rims))
-
-
-def _rims(surface: Surface) -> list[_Rim]:
-    """Every border loop as edges in order, the surface on the left."""
-    facets, edges = np.nonzero(surface.neighbours < 0)
-    starts = surface.faces[facets, edges]
-    by_start = {int(v): (int(f), int(e)) for v, f, e in zip(starts, facets, edges, strict=True)}
-    rims = []
-    while by_start:
-        here = next(iter(by_start))
-        loop = []
-        while here in by_start:
-            facet, edge = by_start.pop(here)
-            loop.append((facet, edge))
-            here = int(surface.faces[facet, (edge + 1) % 3])
-        if len(loop) >= 3 and here == int(surface.faces[loop[0]]):
-            rims.append(_Rim(*np.array(loop, dtype=np.int64).T))
-    return rims
 
 
 def _diameter(surface: Surface, rim: _Rim) -> float:

@@ -32,6 +32,10 @@ class Move(NamedTuple):
     segment: int
     pass_index: Indices
 
+    def rows(self, kept: slice) -> Move:
+        """Some of its points."""
+        return Move(self.positions[kept], self.axes[kept], self.segment, self.pass_index[kept])
+
 
 def normal_lead(height: float) -> Array:
     """Straight down along the tool axis: the tool never touches the part sideways."""
@@ -91,11 +95,6 @@ def landing(process: Move, at_start: bool, shape: LeadShape, clearance: float) -
         turn = np.full(len(line), process.pass_index[end])
         moves.append(Move(line, np.tile(axis, (len(line), 1)), code, turn))
     return moves[0], moves[1]
-
-
-def process_move(positions: Array, axes: Array, pass_index: Indices) -> Move:
-    """Points in contact as a move."""
-    return Move(positions, axes, PROCESS, pass_index)
 
 
 def concatenate(moves: Sequence[Move]) -> tuple[Array, Array, NDArray[np.int8], Indices]:
@@ -207,8 +206,8 @@ def _choose(process: Move, at_start: bool, name: str, air: Air, ball: Ball, step
     for around, shapes, where, remark in tries:
         for row in where:
             for shape, clearance in shapes:
-                cut = _from(process, at_start, row)
-                if _is_clear(cut, at_start, shape, clearance, around, ball):
+                cut = slice(row, None) if at_start else slice(row + 1)
+                if _is_clear(process.rows(cut), at_start, shape, clearance, around, ball):
                     place = process.positions[last]
                     return Landing(shape, clearance, row, Remark(remark, place) if remark else None)
     return None
@@ -221,14 +220,6 @@ def _rows_along(process: Move, at_start: bool, stepover: float) -> list[int]:
     away = away[away < LONGEST_CUT * s[-1]]
     rows = np.searchsorted(s, away) if at_start else np.searchsorted(s, s[-1] - away, side="right") - 1
     return [int(row) for row in rows if 0 < row < len(s) - 1]
-
-
-def _from(process: Move, at_start: bool, row: int) -> Move:
-    """A stroke that begins or ends at one of its points."""
-    kept = np.s_[row:] if at_start else np.s_[: row + 1]
-    return process._replace(
-        positions=process.positions[kept], axes=process.axes[kept], pass_index=process.pass_index[kept]
-    )
 
 
 def _is_clear(process: Move, at_start: bool, shape: LeadShape, clearance: float, air: Air, ball: Ball) -> bool:
@@ -289,7 +280,7 @@ def with_way_down(path: ToolPath, clearance: float) -> ToolPath:
     if not path.process[0]:
         return path
     first = slice(0, 2)
-    contact = process_move(path.positions_work[first], path.axes_work[first], path.pass_index[first])
+    contact = Move(path.positions_work[first], path.axes_work[first], PROCESS, path.pass_index[first])
     lead, above = landing(contact, True, normal_lead, clearance)
     positions, axes, segment, pass_index = concatenate([above, lead])
     positions = np.concatenate([positions, path.positions_work])

@@ -9,11 +9,10 @@ from scipy.ndimage import uniform_filter1d
 
 from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig
-from polish_sim.geometry import Surface
-from polish_sim.planning.moves.leads import Move, process_move
+from polish_sim.planning.moves.leads import Move
 from polish_sim.planning.patterns.run import SurfaceRun
 from polish_sim.planning.quality.leaning import Leaning
-from polish_sim.planning.toolpath import arc_length
+from polish_sim.planning.toolpath import PROCESS, arc_length, interpolate
 from polish_sim.spatial import unit
 
 # The tool axis at every point: the normal, turned gradually over creases, leaned by lead and tilt, smoothed.
@@ -46,9 +45,7 @@ def soften_creases(normals: Array, s: Array, reach: float) -> Array:
     if len(jumps) == 0:
         return normals
     even = np.linspace(s[0], s[-1], max(int((s[-1] - s[0]) * SAMPLES / reach), 2) + 1)
-    sampled = np.stack([np.interp(even, s, normals[:, k]) for k in range(3)], axis=1)
-    mean = uniform_filter1d(sampled, 2 * SAMPLES + 1, axis=0, mode="nearest")
-    softened = np.stack([np.interp(s, even, mean[:, k]) for k in range(3)], axis=1)
+    softened = _averaged(normals, s, even, 2 * SAMPLES + 1)
     index = np.clip(np.searchsorted(jumps, s), 1, max(len(jumps) - 1, 1))
     away = np.minimum(np.abs(s - jumps[index - 1]), np.abs(s - jumps[np.minimum(index, len(jumps) - 1)]))
     far = np.clip(away / reach - 1.0, 0.0, 1.0)[:, None]
@@ -66,16 +63,18 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
         return axes
     count = max(int(np.ceil((s[-1] - s[0]) * PER_WINDOW / length)), 8)
     even = np.linspace(s[0], s[-1], count + 1)
-    sampled = np.stack([np.interp(even, s, axes[:, k]) for k in range(3)], axis=1)
-    window = max(round(length / (even[1] - even[0])), 1) | 1
-    mean = uniform_filter1d(sampled, window, axis=0, mode="nearest")
-    wanted = unit(np.stack([np.interp(s, even, mean[:, k]) for k in range(3)], axis=1))
+    wanted = unit(_averaged(axes, s, even, max(round(length / (even[1] - even[0])), 1) | 1))
     allowed = np.clip(STEEPEST - angles_between(axes, normals), 0.0, bound)
     angle = angles_between(axes, wanted)
     # Turn towards the mean by the angle allowed, in the plane of both.
     square = unit(wanted - axes * (wanted * axes).sum(axis=1, keepdims=True))
     turn = np.minimum(angle, allowed)[:, None]
     return unit(np.cos(turn) * axes + np.sin(turn) * square)
+
+
+def _averaged(vectors: Array, s: Array, even: Array, window: int) -> Array:
+    """Means of vectors (n, 3) given at ``s`` (n,) over so many evenly spaced places ``even``, at ``s`` again."""
+    return interpolate(s, even, uniform_filter1d(interpolate(even, s, vectors), window, axis=0, mode="nearest"))
 
 
 def angles_between(first: Array, second: Array) -> Array:
@@ -96,15 +95,11 @@ class Stroke(NamedTuple):
 
     def rows(self, first: int, last: int) -> Stroke:
         """The stroke from one of its points to another, both included."""
-        kept = np.s_[first : last + 1]
-        move = self.process
-        short = process_move(move.positions[kept], move.axes[kept], move.pass_index[kept])
-        return Stroke(short, self.curvature[kept], self.axis_deviation_rad)
+        kept = slice(first, last + 1)
+        return self._replace(process=self.process.rows(kept), curvature=self.curvature[kept])
 
 
-def give_axes(
-    run: SurfaceRun, surface: Surface, plan: PlanConfig, first_pass: int, leaning: Leaning | None = None
-) -> Stroke:
+def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leaning | None = None) -> Stroke:
     """Set the tool on a run: along the normal, softened over creases, leaned by lead and tilt, smoothed.
 
     The run is in the direction it is walked; ``first_pass`` numbers the first of its passes. ``leaning`` turns the tool
@@ -119,7 +114,7 @@ def give_axes(
     axes = smooth_axes(leaned, run.points.normals, s, plan.axis_smoothing_m, plan.axis_deviation_rad)
     passes = run.pass_index - int(run.pass_index.min()) + first_pass
     return Stroke(
-        process_move(run.positions, axes, passes),
-        surface.normal_curvature(run.points.facets, run.points.barycentric, tangents),
+        Move(run.positions, axes, PROCESS, passes),
+        run.surface.normal_curvature(run.points.facets, run.points.barycentric, tangents),
         float(angles_between(leaned, axes).max()) if axes is not leaned else 0.0,
     )

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array
-from polish_sim.geometry import ClosestPoints, Surface
+from polish_sim.geometry import ClosestPoints
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.run import SurfaceRun
 from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import Strands
-from polish_sim.planning.toolpath import arc_length
+from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import unit
 
 CUT = 0.15  #: A strand is cut this far on either side of a crossing, in step-overs; twice as far every round after
@@ -31,18 +31,10 @@ DEAD_END = 3.0  #: Pieces shorter than this many step-overs are dropped if other
 BESIDE = 0.5  #: A piece covers what lies within this many step-overs of it
 
 
-class OnSurface(NamedTuple):
-    """A run, the surface it lies on, and which of the given runs it was a part of."""
-
-    run: SurfaceRun
-    surface: Surface
-    origin: int
-
-
 class Uncrossed(NamedTuple):
     """Runs that cross neither themselves nor each other."""
 
-    runs: tuple[OnSurface, ...]  #: What is left, in the order given, pieces of one run one after the other
+    runs: list[SurfaceRun]  #: What is left, in the order given, pieces of one run one after the other
     cuts: Array  #: Where a strand was cut [m], shape (k, 3)
 
 
@@ -54,28 +46,22 @@ class Cut(NamedTuple):
     last: float
 
 
-def uncross(runs: Sequence[tuple[SurfaceRun, Surface]], stepover: float) -> Uncrossed:
+def uncross(runs: Sequence[SurfaceRun], stepover: float) -> Uncrossed:
     """Cut a short stretch out of one of two strands wherever finished runs cross, and return where."""
-    items = [OnSurface(run, surface, k) for k, (run, surface) in enumerate(runs)]
-    places = np.empty((0, 3))
+    left, places = list(runs), np.empty((0, 3))
     for number in range(ROUNDS):
-        curves = [_curve(item.run) for item in items]
-        found = find_crossings(curves).places if items else places[:0]
+        found = find_crossings([run.curve for run in left])
         if len(found) == 0:
             break
         half = CUT * stepover * 2.0**number
-        items = _without(items, _choose_cuts(curves, found, stepover, half), stepover)
+        left = _without(left, _choose_cuts(left, found, stepover, half), stepover)
         places = np.concatenate([places, found])
-    return Uncrossed(tuple(items), places)
+    return Uncrossed(left, places)
 
 
-def _curve(run: SurfaceRun) -> Curve:
-    return Curve(run.positions, run.points.normals, False)
-
-
-def _choose_cuts(curves: Sequence[Curve], places: Array, stepover: float, half: float) -> list[Cut]:
+def _choose_cuts(runs: Sequence[SurfaceRun], places: Array, stepover: float, half: float) -> list[Cut]:
     """Which strand is cut at each place: one cut there already, else the one that ends sooner."""
-    strands = Strands(curves)
+    strands = Strands([run.curve for run in runs])
     samples = strands.sample(FINE * stepover)
     tree = cKDTree(samples.points)
     cuts: list[Cut] = []
@@ -103,60 +89,57 @@ def _cost(cut: Cut, others: Sequence[Cut], lengths: Array) -> float:
     return min(cut.first, float(lengths[cut.run]) - cut.last)
 
 
-def _without(items: Sequence[OnSurface], cuts: Sequence[Cut], stepover: float) -> list[OnSurface]:
+def _without(runs: Sequence[SurfaceRun], cuts: Sequence[Cut], stepover: float) -> list[SurfaceRun]:
     """Take stretches out of runs, and drop short pieces that cover nothing others do not."""
-    pieces: list[OnSurface] = []
+    pieces: list[SurfaceRun] = []
     suspects: list[int] = []
-    for number, item in enumerate(items):
+    for number, whole in enumerate(runs):
         own = sorted((cut.first, cut.last) for cut in cuts if cut.run == number)
-        for run in _split(item, own) if own else [item.run]:
-            length = arc_length(run.positions)[-1]
-            if own and length < DEAD_END * stepover:
+        for run in _split(whole, own) if own else [whole]:
+            if own and run.curve.length < DEAD_END * stepover:
                 suspects.append(len(pieces))
-            pieces.append(item._replace(run=run))
-    suspects.sort(key=lambda k: arc_length(pieces[k].run.positions)[-1])
+            pieces.append(run)
+    suspects.sort(key=lambda k: pieces[k].curve.length)
     gone: set[int] = set()
     for k in suspects:
-        others = [_curve(piece.run) for j, piece in enumerate(pieces) if j != k and j not in gone]
+        others = [piece.curve for j, piece in enumerate(pieces) if j != k and j not in gone]
         if others and _covered(pieces[k], others, stepover):
             gone.add(k)
     return [piece for k, piece in enumerate(pieces) if k not in gone]
 
 
-def _split(item: OnSurface, cuts: Sequence[tuple[float, float]]) -> list[SurfaceRun]:
+def _split(run: SurfaceRun, cuts: Sequence[tuple[float, float]]) -> list[SurfaceRun]:
     """What is left of a run between stretches taken out (from, to), sorted [m]."""
-    s = arc_length(item.run.positions)
+    s = run.curve.knots
     kept, begin = [], 0.0
     for first, last in cuts:
         kept.append((begin, first))
         begin = max(begin, last)
     kept.append((begin, float(s[-1])))
     shortest = 1e-3 * float(s[-1])
-    return [_stretch(item, s, low, high) for low, high in kept if high - low > min(shortest, 1e-4)]
+    return [_stretch(run, low, high) for low, high in kept if high - low > min(shortest, 1e-4)]
 
 
-def _stretch(item: OnSurface, s: Array, low: float, high: float) -> SurfaceRun:
+def _stretch(run: SurfaceRun, low: float, high: float) -> SurfaceRun:
     """A run from one arc length to another [m], its ends on the surface."""
+    s, ends = run.curve.knots, np.array([low, high])
     margin = min(1e-3 * (high - low), 1e-5)
     inner = np.flatnonzero((s > low + margin) & (s < high - margin))
-    ends = np.array([low, high])
-    tips = np.stack([np.interp(ends, s, item.run.positions[:, k]) for k in range(3)], axis=1)
-    found = item.surface.closest(tips)
-    own: tuple[NDArray[Any], ...] = item.run.points
-    tip: tuple[NDArray[Any], ...] = found
-    columns = [np.concatenate([b[:1], a[inner], b[1:]]) for a, b in zip(own, tip, strict=True)]
+    own: tuple[NDArray[Any], ...] = run.points
+    tips: tuple[NDArray[Any], ...] = run.surface.closest(interpolate(ends, s, run.positions))
+    columns = [np.concatenate([tip[:1], a[inner], tip[1:]]) for a, tip in zip(own, tips, strict=True)]
     index = np.clip(np.searchsorted(s, ends, side="right") - 1, 0, len(s) - 1)
-    passes = item.run.pass_index[np.concatenate([index[:1], inner, index[1:]])]
-    return SurfaceRun(ClosestPoints(*columns), passes)
+    passes = run.pass_index[np.concatenate([index[:1], inner, index[1:]])]
+    return SurfaceRun(run.surface, ClosestPoints(*columns), passes)
 
 
-def _covered(item: OnSurface, others: Sequence[Curve], stepover: float) -> bool:
+def _covered(piece: SurfaceRun, others: Sequence[Curve], stepover: float) -> bool:
     """Whether others cover everything a piece does."""
-    samples = Strands([_curve(item.run)]).sample(0.25 * stepover)
+    samples = Strands([piece.curve]).sample(0.25 * stepover)
     first = unit(np.gradient(samples.points, axis=0))
     second = np.cross(samples.normals, first)
     angle = np.arange(8) * (0.25 * np.pi)
     around = np.cos(angle)[:, None, None] * first + np.sin(angle)[:, None, None] * second
     beside = (samples.points + BESIDE * stepover * around).reshape(-1, 3)
-    found = item.surface.closest(np.concatenate([samples.points, beside]))
+    found = piece.surface.closest(np.concatenate([samples.points, beside]))
     return bool(strictly_covered(found.positions, found.normals, others, stepover).all())

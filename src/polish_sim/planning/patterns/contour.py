@@ -4,32 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig
-from polish_sim.geometry import ClosestPoints, Surface
+from polish_sim.geometry import Surface
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import adapted_spacing
-from polish_sim.planning.patterns.nested import chains, nested_turns
-from polish_sim.planning.patterns.run import FINE, FURTHEST_M, ROUNDING, SHARPENING, PatternRequest, SurfaceRun
+from polish_sim.planning.patterns.nested import CANDIDATES, chains, nested_turns, places_near
+from polish_sim.planning.patterns.run import (
+    FINE,
+    FURTHEST_M,
+    ROUNDING,
+    SHARPENING,
+    PatternRequest,
+    SurfaceRun,
+    averaged_twice,
+)
 
 STEP_LENGTH = 1.25  #: Length of the step from loop to loop along them, in step-overs
 SHARE_OF_LOOP = 0.15  #: It is at most this share of the smaller loop
 FURTHEST_STEP = 1.8  #: Where a loop's neighbour is further away than this many step-overs the tool is lifted
-CANDIDATES = 96
-NEAR_START = 4  #: A path may begin as many step-overs along the loop from where it is asked to
 CORNER = 30.0  #: A wish to step far from corners: a corner costs as much as this many step-overs from the wanted start
-
-
-class _Order(NamedTuple):
-    """How the loops are followed."""
-
-    outward: bool
-    reverse: bool  #: Whether loops run with the inside on their right
 
 
 def contour_runs(request: PatternRequest) -> list[SurfaceRun]:
@@ -37,53 +34,51 @@ def contour_runs(request: PatternRequest) -> list[SurfaceRun]:
     plan, surface = request.plan, request.region.surface
     outward = plan.order == "outward"
     # With what is not done yet on the left, loops that go inwards have the inside on their left.
-    order = _Order(outward, reverse=outward != (plan.direction == "climb"))
+    reverse = outward != (plan.direction == "climb")
     runs = []
     for chain in chains(nested_turns(request).roots, request.stepover):
-        loops = [_rounded(surface, turn.curve, request.stepover, order.reverse) for turn in chain]
-        starts = _starts(loops, request.stepover, order, plan)
-        runs += _joined(surface, loops, starts, request.stepover, order)
+        loops = [_rounded(surface, turn.curve, request.stepover, reverse) for turn in chain]
+        starts = _starts(loops, request.stepover, outward, plan)
+        runs += _joined(surface, loops, starts, request.stepover, outward)
     return runs[::-1] if outward else runs
 
 
 def _rounded(surface: Surface, turn: Curve, stepover: float, reverse: bool) -> Curve:
     """A turn with round corners and points of equal chord error, on the surface."""
-    count = max(int(turn.length / (FINE * stepover)), 12)
-    even = turn.at(np.linspace(0.0, turn.length, count, endpoint=False))[0]
-    window = min(round(ROUNDING / FINE), count // 6) | 1
+    even = turn.at(turn.even(FINE * stepover, 12))[0]
+    window = min(round(ROUNDING / FINE), len(even) // 6) | 1
     on = surface.closest(_mean(even + SHARPENING * (even - _mean(even, window)), window))
     smooth = Curve(on.positions, on.normals, True)
     chords = adapted_spacing(smooth, min(stepover, 8.0 * FURTHEST_M))
     found = surface.closest(smooth.at(np.concatenate([[0.0], np.cumsum(chords)[:-1]]))[0])
-    order = slice(None, None, -1) if reverse else slice(None)
-    return Curve(found.positions[order], found.normals[order], True)
+    loop = Curve(found.positions, found.normals, True)
+    return loop.backwards() if reverse else loop
 
 
 def _mean(ring: Array, window: int) -> Array:
     """Mean of a ring of points weighted by a triangle of twice the window."""
-    once = uniform_filter1d(ring, window, axis=0, mode="wrap")
-    return np.asarray(uniform_filter1d(once, window, axis=0, mode="wrap"))
+    return averaged_twice(ring, window, "wrap")
 
 
-def _starts(loops: Sequence[Curve], stepover: float, order: _Order, plan: PlanConfig) -> list[float]:
+def _starts(loops: Sequence[Curve], stepover: float, outward: bool, plan: PlanConfig) -> list[float]:
     """Where each loop begins: on a line traced outwards from the innermost, nearest point to nearest point."""
-    first = loops[-1] if order.outward else loops[0]
-    lines = _lines_outwards(loops, stepover, order)
-    if plan.start and not order.outward:
-        lines = np.concatenate([lines, _lines_from(loops, np.array(plan.start), stepover, order)], axis=1)
+    lines = _lines_outwards(loops, stepover, outward)
+    if plan.start and not outward:
+        lines = np.concatenate([lines, _lines_from(loops, np.array(plan.start), stepover)], axis=1)
     cost = sum(_sharpness(loop, s, stepover) for loop, s in zip(loops, lines, strict=True))
     for outer, inner, s in zip(loops[:-1], loops[1:], lines[1:], strict=True):
         cost = cost + np.maximum(outer.nearest(inner.at(s)[0]).distances / stepover - 1.1, 0.0)
     if plan.start:
-        places = first.at(lines[-1] if order.outward else lines[0])[0]
+        begin = -1 if outward else 0
+        places = loops[begin].at(lines[begin])[0]
         cost = cost + CORNER * np.linalg.norm(places - np.array(plan.start), axis=1) / stepover
     best = int(np.argmin(np.round(cost, 6)))
     return [float(line[best]) for line in lines]
 
 
-def _lines_outwards(loops: Sequence[Curve], stepover: float, order: _Order) -> Array:
+def _lines_outwards(loops: Sequence[Curve], stepover: float, outward: bool) -> Array:
     """Lines from places all round the innermost loop, each step leading on so that it slants; arc lengths (k, n)."""
-    sign = 1.0 if order.outward else -1.0
+    sign = 1.0 if outward else -1.0
     lines = [np.linspace(0.0, loops[-1].length, CANDIDATES, endpoint=False)]
     for inner, outer in zip(loops[:0:-1], loops[-2::-1], strict=True):
         foot = outer.nearest(inner.at(lines[-1])[0])
@@ -91,10 +86,9 @@ def _lines_outwards(loops: Sequence[Curve], stepover: float, order: _Order) -> A
     return np.array(lines[::-1])
 
 
-def _lines_from(loops: Sequence[Curve], start: Array, stepover: float, order: _Order) -> Array:
+def _lines_from(loops: Sequence[Curve], start: Array, stepover: float) -> Array:
     """Lines inwards from places of the outermost loop near a start (3,), likewise; they may run into corners."""
-    around = stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1)
-    lines = [loops[0].wrap(loops[0].nearest(start[None]).s + around)]
+    lines = [places_near(loops[0], start[None], stepover)]
     for outer, inner in pairwise(loops):
         lines.append(inner.nearest(outer.at(lines[-1] + _step_length(inner, outer, stepover))[0]).s)
     return np.array(lines)
@@ -111,10 +105,10 @@ def _sharpness(loop: Curve, s: Array, stepover: float) -> Array:
 
 
 def _joined(
-    surface: Surface, loops: Sequence[Curve], starts: Sequence[float], stepover: float, order: _Order
+    surface: Surface, loops: Sequence[Curve], starts: Sequence[float], stepover: float, outward: bool
 ) -> list[SurfaceRun]:
     """Loops in their order, with steps between them where they lie side by side."""
-    rows = list(range(len(loops)))[:: -1 if order.outward else 1]
+    rows = list(range(len(loops)))[:: -1 if outward else 1]
     parts: list[list[tuple[Array, int]]] = [[]]
     for number, k in enumerate(rows):
         lap = loops[k].between(starts[k], starts[k] + loops[k].length)[0]
@@ -128,7 +122,11 @@ def _joined(
             parts.append([])
         else:
             parts[-1].append((step, number))
-    return [_on_surface(surface, part) for part in parts]
+    runs = []
+    for part in parts:
+        points = surface.closest(np.concatenate([positions for positions, _ in part]))
+        runs.append(SurfaceRun(surface, points, np.repeat([number for _, number in part], [len(p) for p, _ in part])))
+    return runs
 
 
 def _step(here: Curve, s: float, there: Curve, arrive: float, stepover: float) -> Array | None:
@@ -144,8 +142,3 @@ def _step(here: Curve, s: float, there: Curve, arrive: float, stepover: float) -
     share = np.linspace(0.0, 1.0, max(int(2.0 * length / FURTHEST_M), 8) + 1)[1:-1]
     from_here, from_there = here.at(s + share * length)[0], there.at(arrive - (1.0 - share) * ahead)[0]
     return np.asarray(from_here + share[:, None] * (from_there - from_here))
-
-
-def _on_surface(surface: Surface, parts: Sequence[tuple[Array, int]]) -> SurfaceRun:
-    points: ClosestPoints = surface.closest(np.concatenate([positions for positions, _ in parts]))
-    return SurfaceRun(points, np.repeat([number for _, number in parts], [len(p) for p, _ in parts]))

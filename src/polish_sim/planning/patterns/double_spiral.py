@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices
@@ -24,7 +23,7 @@ from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.patterns.fermat import connect
 from polish_sim.planning.patterns.leftover import finish_middle
 from polish_sim.planning.patterns.nested import all_turns, with_loops
-from polish_sim.planning.patterns.run import PatternRequest, Run, dense
+from polish_sim.planning.patterns.run import PatternRequest, Run, averaged_twice, dense
 from polish_sim.planning.quality.located import Samples, Strands
 from polish_sim.planning.quality.spacing import along, neighbours_beside
 from polish_sim.planning.toolpath import arc_length
@@ -60,16 +59,13 @@ def even_out(request: PatternRequest, runs: Sequence[Run], rounds: int) -> list[
     """Spread the gaps between strands evenly in so many ``rounds``; strands that follow a border stay."""
     surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
     lines = [run.positions for run in runs]
-    border = cKDTree(np.concatenate([_closed(curve, 0.1 * stepover) for curve in border_curves(mesh)]))
+    rings = [np.concatenate([curve.positions, curve.positions[:1]]) for curve in border_curves(mesh)]
+    border = cKDTree(np.concatenate([dense(ring, 0.1 * stepover) for ring in rings]))
     for _ in range(rounds):
         path = _sampled(surface, lines, stepover)
         free = border.query(path.points)[0] > AT_BORDER * stepover
         lines = _moved(mesh, path, free, stepover)
     return [Run(line, _passes(run, line)) for run, line in zip(runs, lines, strict=True)]
-
-
-def _closed(curve: Curve, spacing: float) -> Array:
-    return dense(np.concatenate([curve.positions, curve.positions[:1]]), spacing)
 
 
 def _sampled(surface: Surface, lines: Sequence[Array], stepover: float) -> Samples:
@@ -91,7 +87,8 @@ def _moved(mesh: Triangulation, path: Samples, free: Bools, stepover: float) -> 
     out = []
     for first, last in zip(path.first[:-1], path.first[1:], strict=True):
         rows = slice(first, last)
-        move = _mean(balance[rows]) + DRAWN * _mean(drawn[rows]) / np.maximum(_mean(places[rows]), FEW)
+        shift, pull, count = (averaged_twice(part[rows], WINDOW, "nearest") for part in (balance, drawn, places))
+        move = shift + DRAWN * pull / np.maximum(count, FEW)
         move = np.where(free[rows], np.clip(move, -MOST * stepover, MOST * stepover), 0.0)
         out.append(path.points[rows] + move[:, None] * sides[rows])
     return out
@@ -117,11 +114,6 @@ def _drawn(mesh: Triangulation, path: Samples, sides: Array, stepover: float) ->
     count = len(path.points)
     drawn: Array = np.bincount(at, weights, count).astype(np.float64)
     return drawn, np.bincount(at, minlength=count).astype(np.float64)
-
-
-def _mean(values: Array) -> Array:
-    once = uniform_filter1d(values, WINDOW, mode="nearest")
-    return np.asarray(uniform_filter1d(once, WINDOW, mode="nearest"))
 
 
 def _passes(run: Run, line: Array) -> Indices:

@@ -23,7 +23,7 @@ from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.fermat_pocket import Layout, Pocket, find_contacts, grow_tree, split_pockets
 from polish_sim.planning.patterns.leftover import finish_middle
 from polish_sim.planning.patterns.nested import all_turns, nested_turns
-from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
+from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run, numbered
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
 
@@ -177,7 +177,7 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
     for _ in range(TRIES):
         lines = connect([turn.curve for turn in turns], stepover, request.plan.start)
         runs = [finish_run(surface, line, stepover) for line in lines]
-        where = find_crossings([Curve(run.positions, run.points.normals, False) for run in runs]).places
+        where = find_crossings([run.curve for run in runs])
         if len(where) == 0:
             break
         # Only loops that close gaps may be left out: those beside a crossing.
@@ -197,8 +197,7 @@ def _strokes_between(request: PatternRequest, lines: Sequence[Run], runs: Sequen
         if len(fresh) < 2 or arc_length(fresh)[-1] < WORTH_A_STROKE * request.stepover:
             continue
         stroke = finish_run(request.region.surface, Run(fresh, np.zeros(len(fresh), dtype=np.int64)), request.stepover)
-        curves = [Curve(run.positions, run.points.normals, False) for run in (*runs, *added, stroke)]
-        if not len(find_crossings(curves).places):
+        if not len(find_crossings([run.curve for run in (*runs, *added, stroke)])):
             added.append(stroke)
     return added
 
@@ -241,8 +240,7 @@ def _walk(curves: Sequence[Curve], links: Sequence[Link], begin: End, end: End) 
             break
         here, line = partner[there]
         parts[-1] = np.concatenate([points, line])
-    index = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    return Run(np.concatenate(parts), index)
+    return numbered(parts)
 
 
 def _along(curve: Curve, here: End, ends: Sequence[End]) -> tuple[End, Array]:
@@ -251,8 +249,4 @@ def _along(curve: Curve, here: End, ends: Sequence[End]) -> tuple[End, Array]:
     facing = [end for end in ends if end.onwards != here.onwards]
     ways = [float(np.mod(sign * (end.s - here.s), curve.length)) for end in facing]
     nearest = int(np.argmin(ways))
-    if here.onwards:
-        points = curve.between(here.s, here.s + ways[nearest])[0]
-    else:
-        points = curve.between(here.s - ways[nearest], here.s)[0][::-1]
-    return facing[nearest], points
+    return facing[nearest], curve.along(here.s, sign * ways[nearest])

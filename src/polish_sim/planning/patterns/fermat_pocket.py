@@ -62,8 +62,7 @@ def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
 
 def sample_turns(curves: Sequence[Curve], stepover: float) -> tuple[Array, Indices]:
     """Evenly spaced points of all turns (n, 3), and whose they are."""
-    spacing = stepover / SAMPLES
-    stations = [np.linspace(0.0, c.length, max(int(c.length / spacing), 8), endpoint=False) for c in curves]
+    stations = [curve.even(stepover / SAMPLES, 8) for curve in curves]
     points = np.concatenate([c.at(s)[0] for c, s in zip(curves, stations, strict=True)])
     return points, np.repeat(np.arange(len(curves)), [len(s) for s in stations])
 
@@ -171,7 +170,7 @@ def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
     """The longest row from a turn downwards that one line crosses squarely."""
     row = [parent if parent >= 0 else first]
     curve = layout.curves[row[0]]
-    s = np.linspace(0.0, curve.length, max(int(curve.length * SAMPLES / layout.stepover), 16), endpoint=False)
+    s = curve.even(layout.stepover / SAMPLES, 16)
     free = _use(layout, row[0], s, NARROW), _use(layout, row[0], s, STEEPEST)
     away = np.zeros(len(s))
     if parent < 0 and len(layout.start):
@@ -252,9 +251,8 @@ def _width(layout: Layout, turn: int, steps: float) -> float:
 def _misfit(layout: Layout, turn: int, other: int, s: Array, steps: float) -> Array:
     """How far two turns miss their distance within a seam's length, in units of what is tolerable."""
     curve = layout.curves[turn]
-    count = max(int(curve.length * SAMPLES / layout.stepover), 16)
-    even = np.linspace(0.0, curve.length, count, endpoint=False)
-    points = curve.at(even)[0]
+    points = curve.at(curve.even(layout.stepover / SAMPLES, 16))[0]
+    count = len(points)
     feet = layout.curves[other].nearest(points)
     gap = feet.distances / layout.stepover
     # A third turn between the two, or the other side of one of them, must not be crossed.

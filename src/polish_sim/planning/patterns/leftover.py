@@ -11,12 +11,13 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.geometry.topology import label_within
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import Turn, distance_to
-from polish_sim.planning.ground.triangulation import Triangulation, label_pieces
+from polish_sim.planning.ground.triangulation import Triangulation, each_once, half_edges
 from polish_sim.planning.patterns.run import Run, dense, join, with_round_corners
 from polish_sim.planning.quality.coverage import STRICT
-from polish_sim.planning.quality.crossings import count_self_crossings
+from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
@@ -117,7 +118,7 @@ def _largest_place(mesh: Triangulation, rest: Indices, open_places: Bools) -> tu
     """The connected piece of largest area among the triangles of the rest, and that area [m^2]."""
     if not open_places.any():
         return open_places, 0.0
-    _, labels = label_pieces(rest, open_places)
+    _, labels = label_within(half_edges(rest), open_places)
     areas = np.bincount(labels[open_places], weights=mesh.vertex_areas[open_places])
     largest = _largest(areas)
     return labels == largest, float(areas[largest])
@@ -133,10 +134,8 @@ def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Arr
     rows = np.flatnonzero(place)
     number = np.full(len(place), -1)
     number[rows] = np.arange(len(rows))
-    sides = np.concatenate([rest[:, [0, 1]], rest[:, [1, 2]], rest[:, [2, 0]]])
-    ends = np.sort(number[sides[place[sides].all(axis=1)]], axis=1)
-    keys = np.sort(ends[:, 0] * len(rows) + ends[:, 1])  # np.unique hashes, which takes longer
-    edges = np.stack(np.divmod(keys[np.diff(keys, prepend=-1) > 0], len(rows)), axis=1)
+    sides = half_edges(rest)
+    edges = each_once(number[sides[place[sides].all(axis=1)]], len(rows))
     depth = np.minimum(distance[rows], DEEPEST * stepover)
     points = mesh.vertices[rows]
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
@@ -216,7 +215,7 @@ def _turns_clear(mesh: Triangulation, trace: Array, way: Array, stepover: float)
     """Whether a run that goes on into a way, its corners rounded, does not cross its own last stretch."""
     points = with_round_corners(np.concatenate([trace[-4 * TAIL_POINTS :], way]), stepover)
     normals = mesh.normals[mesh.tree.query(points)[1]]
-    return count_self_crossings([Curve(points, normals, False)]) == 0
+    return len(find_crossings([Curve(points, normals, False)])) == 0
 
 
 def _is_clear(mesh: Triangulation, turns: Sequence[Array], start: Array, way: Array, stepover: float) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array
+from polish_sim.geometry.surface import enclosed
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import LevelLine, level_lines, nearest_of
 from polish_sim.planning.curves.turns import RingTurns, Turn, border_curves, distance_to, grow_turns, ring_turns
@@ -107,6 +108,15 @@ def chains(roots: Sequence[Turn], stepover: float, shortest: float = 0.0) -> lis
     return out
 
 
+CANDIDATES = 96  #: So many lines across the turns are tried
+NEAR_START = 4  #: Step-overs along a turn from the start asked for within which a path may begin, to avoid corners
+
+
+def places_near(turn: Curve, start: Array, stepover: float) -> Array:
+    """Arc lengths of places of a turn near a start (1, 3) [m]."""
+    return turn.wrap(turn.nearest(start).s + stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1))
+
+
 def without_tails(curve: Curve, width: float) -> Curve:
     """A closed curve without the parts that run out and back along themselves, both sides nearer than ``width`` [m]."""
     while len(curve.positions) > 8:
@@ -142,8 +152,7 @@ def _without_slivers(roots: Sequence[Turn], stepover: float) -> list[Turn]:
 
 def _area(ring: Array) -> float:
     """Area within a closed ring of points (n, 3), seen square on [m^2]."""
-    ring = ring - ring[0]
-    return 0.5 * float(np.linalg.norm(np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)))
+    return enclosed(np.concatenate([ring, ring[:1]]))
 
 
 def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, shallowest: float) -> list[Turn]:

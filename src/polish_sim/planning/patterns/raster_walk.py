@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Indices
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import nearest_of
-from polish_sim.planning.toolpath import arc_length
+from polish_sim.planning.toolpath import arc_length, interpolate
 from polish_sim.spatial import unit
 
 ENDS = 1.05  #: Distance of the lines' ends from the border, in step-overs
@@ -53,10 +53,8 @@ class _Ends:
         found = []
         for sign in (1.0, -1.0):
             ways = np.mod(sign * (self.s[mates] - self.s[end]), curve.length)
-            k, way = int(mates[ways.argmin()]), float(ways.min())
-            s = float(self.s[end])
-            points = curve.between(s, s + way)[0] if sign > 0.0 else curve.between(s - way, s)[0][::-1]
-            found.append((k, points))
+            way = curve.along(float(self.s[end]), sign * float(ways.min()))
+            found.append((int(mates[ways.argmin()]), way))
         return found
 
 
@@ -150,8 +148,7 @@ def _without_end(line: Array, length: float) -> Array:
     s = arc_length(line)
     end = max(float(s[-1] - length), 0.0)
     kept = line[s < end - 1e-12]
-    tip = np.array([np.interp(end, s, line[:, k]) for k in range(3)])
-    return np.concatenate([kept, tip[None]])
+    return np.concatenate([kept, interpolate(np.array([end]), s, line)])
 
 
 def fillet(start: Array, corner: Array, end: Array, count: int = 16) -> Array:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface
+from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import stations
+from polish_sim.planning.curves.turns import Report
 from polish_sim.planning.ground.triangulation import Triangulation
-from polish_sim.planning.toolpath import arc_length
+from polish_sim.planning.toolpath import arc_length, interpolate
 
 ROUNDING = 0.5  #: A corner is rounded over this much on either side, as a share of the step-over
 SHARPENING = 2.0  #: How often what rounding takes off a corner is put on before; so turns cut off less of it
@@ -36,6 +40,7 @@ class Run(NamedTuple):
 class SurfaceRun:
     """A run finished: smooth, dense, its points on the surface."""
 
+    surface: Surface  #: The surface its points belong to
     points: ClosestPoints
     pass_index: Indices
 
@@ -44,13 +49,21 @@ class SurfaceRun:
         """Points on the surface [m], shape (n, 3)."""
         return self.points.positions
 
+    @cached_property
+    def curve(self) -> Curve:
+        """The line as an open curve."""
+        return Curve(self.positions, self.points.normals, False)
+
     def backwards(self) -> SurfaceRun:
         """The same line followed the other way; turns are numbered anew from its new beginning."""
-        points = self.points
-        turned = ClosestPoints(
-            points.positions[::-1], points.normals[::-1], points.facets[::-1], points.barycentric[::-1]
-        )
-        return SurfaceRun(turned, self.pass_index.max() - self.pass_index[::-1])
+        columns: tuple[NDArray[Any], ...] = self.points
+        points = ClosestPoints(*(column[::-1] for column in columns))
+        return replace(self, points=points, pass_index=self.pass_index.max() - self.pass_index[::-1])
+
+
+def numbered(parts: Sequence[Array]) -> Run:
+    """A run of parts (n, 3) [m] one after the other, each a pass of its own."""
+    return Run(np.concatenate(parts), np.repeat(np.arange(len(parts)), [len(part) for part in parts]))
 
 
 def join(first: Run, second: Run) -> Run:
@@ -60,11 +73,14 @@ def join(first: Run, second: Run) -> Run:
     )
 
 
-def dense(positions: Array, spacing: float) -> Array:
-    """Points of a polyline no further apart than a spacing [m], its corners cut by at most half of it, (n, 3)."""
+def dense(positions: Array, spacing: float, least: int = 0) -> Array:
+    """Points of a polyline no further apart than a spacing [m], its corners cut by at most half of it, (n, 3).
+
+    They are the ends of that many chords or more.
+    """
     s = arc_length(positions)
-    where = np.linspace(0.0, s[-1], int(np.ceil(s[-1] / spacing - WHOLE)) + 1)
-    return np.stack([np.interp(where, s, positions[:, k]) for k in range(3)], axis=1)
+    count = max(int(np.ceil(s[-1] / spacing - WHOLE)), least)
+    return interpolate(np.linspace(0.0, s[-1], count + 1), s, positions)
 
 
 def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
@@ -79,16 +95,13 @@ def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     where = stations(s, np.clip(np.sqrt(8.0 * CHORD_ERROR_M / curvature), CLOSEST_M, FURTHEST_M))
     found = surface.closest(spline(where))
     index = passes[np.searchsorted(knots, where, side="right") - 1]
-    return SurfaceRun(found, index)
+    return SurfaceRun(surface, found, index)
 
 
 def with_round_corners(positions: Array, stepover: float) -> Array:
     """Evenly spaced points along a polyline (n, 3), its corners rounded; shape (m, 3) [m]."""
-    knots = arc_length(positions)
-    count = max(int(np.ceil(knots[-1] / (FINE * stepover) - WHOLE)), 8)
-    s = np.linspace(0.0, knots[-1], count + 1)
-    even = np.stack([np.interp(s, knots, positions[:, k]) for k in range(3)], axis=1)
-    window = min(round(ROUNDING / FINE), count // 3)
+    even = dense(positions, FINE * stepover, least=8)
+    window = min(round(ROUNDING / FINE), (len(even) - 1) // 3)
     sharpened = even + SHARPENING * (even - _rounded(even, window))
     return _rounded(sharpened, window)
 
@@ -108,9 +121,12 @@ def _moving_average(points: Array, window: int) -> Array:
     return np.asarray(averaged[pad : pad + len(points)])
 
 
-# What a pattern is asked to cover (region and plan -> pattern).
+def averaged_twice(values: Array, window: int, mode: str) -> Array:
+    """Mean weighted by a triangle of twice the window along the first axis; ``mode`` continues the ends."""
+    return np.asarray(uniform_filter1d(uniform_filter1d(values, window, 0, mode=mode), window, 0, mode=mode))
 
-Report = Callable[[float], None]  #: Called with the share of the work done, 0 to 1
+
+# What a pattern is asked to cover (region and plan -> pattern).
 
 
 class PatternRequest(NamedTuple):

@@ -17,10 +17,10 @@ from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.patterns.double_spiral import double_spirals
 from polish_sim.planning.patterns.leftover import finish_middle, middle_ends
-from polish_sim.planning.patterns.nested import chains, grown_turns
+from polish_sim.planning.patterns.nested import CANDIDATES, chains, grown_turns, places_near
 from polish_sim.planning.patterns.pitch import Match, Shares, beside, match_turns, spread_shares
-from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run
-from polish_sim.planning.quality.crossings import count_self_crossings
+from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, finish_run, numbered
+from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
 
 # Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns -> seams).
@@ -35,9 +35,7 @@ ODD, OVER_CORNER = 0.1, 0.5
 """A line across turns costs where its steps differ from a step-over by more than the first; where the path shall begin
 somewhere they may go over corners, where they are longer."""
 HEAD = 0.3  #: Where beside its first step inwards the line begins, as a share of the step: it must not touch itself
-NEAR_START = 4  #: Step-overs along the turn from the start asked for within which a path may begin, to avoid corners
 CORNER = np.radians(30.0)  #: Turning within half a step-over that counts as a corner [rad]
-CANDIDATES = 96
 SAME = 1e-6  #: Prices this close are equal; the first place along the turn wins
 
 
@@ -93,8 +91,7 @@ def _outwards(curves: Sequence[Curve], stepover: float) -> Array:
 
 def _inwards(curves: Sequence[Curve], start: Array, stepover: float) -> Array:
     """Lines from places of the outermost turn near a start (1, 3), likewise; they may run into corners."""
-    middle = curves[0].nearest(start).s
-    lines = [curves[0].wrap(middle + stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1))]
+    lines = [places_near(curves[0], start, stepover)]
     for outer, inner in pairwise(curves):
         lines.append(inner.nearest(outer.at(lines[-1])[0]).s)
     return np.array(lines)
@@ -130,8 +127,7 @@ def _room(curve: Curve, s: Array, corners: Array) -> Array:
 def _corners(curve: Curve, stepover: float) -> Array:
     """Arc lengths of the points at which a closed curve turns sharply [m]."""
     reach = 0.25 * stepover
-    count = max(int(curve.length / (0.25 * reach)), 8)
-    s = np.linspace(0.0, curve.length, count, endpoint=False)
+    s = curve.even(0.25 * reach, 8)
     ahead, behind = curve.tangents(s + 0.5 * reach, 0.5 * reach), curve.tangents(s - 0.5 * reach, 0.5 * reach)
     return s[(ahead * behind).sum(axis=1) < np.cos(CORNER)]
 
@@ -143,38 +139,30 @@ JOINING_ROOM = 0.3  #: A step inwards needs this many step-overs more than its l
 JOINING_SAME = 1e-5  #: Shares this little below nothing are nothing
 
 
-def _first_break(curves: Sequence[Curve], seams: Seams, stepover: float) -> int:
+def _first_break(matches: Sequence[Match], band: float, stepover: float) -> int:
     """Number of turns that can be joined: up to the first whose step inwards would leave the next turn's side."""
-    reach = 0.5 * seams.band + JOINING_ROOM * stepover
-    for i, match in enumerate(_matches(curves, seams, stepover)):
+    reach = 0.5 * band + JOINING_ROOM * stepover
+    for i, match in enumerate(matches):
         on_step = np.zeros(len(match.beside), dtype=bool)
         for places in (match.outer, match.inner):
             on_step |= np.minimum(places, places[-1] - places) < reach
         if not match.beside[on_step].all():
             return i + 1
-    return len(curves)
+    return len(matches) + 1
 
 
-def _join_turns(curves: Sequence[Curve], seams: Seams, to_border: bool, stepover: float) -> Run:
+def _join_turns(
+    curves: Sequence[Curve], seams: Seams, matches: Sequence[Match], to_border: bool, stepover: float
+) -> Run:
     """Wind from the outermost of closed turns to the innermost; to_border: whether that one follows a border."""
-    matches = _matches(curves, seams, stepover)
     if not matches:
-        return _number([curves[0].between(seams.s[0], seams.s[0] + curves[0].length - GAP * stepover)[0]])
+        return numbered([curves[0].between(seams.s[0], seams.s[0] + curves[0].length - GAP * stepover)[0]])
     shares = spread_shares([curve.length for curve in curves], matches, seams.band, to_border, stepover)
     parts = [_round(curves, seams.s, matches, shares[i], i) for i in range(len(curves) - 1)]
     begin = seams.s[0] - (0.5 - HEAD) * seams.band
     parts[0] = np.concatenate([curves[0].between(begin, seams.s[0])[0][:-1], parts[0]])
     parts.append(_last_round(curves, seams.s, matches[-1], shares))
-    return _number(parts)
-
-
-def _matches(curves: Sequence[Curve], seams: Seams, stepover: float) -> list[Match]:
-    pairs = zip(curves[:-1], curves[1:], seams.s[:-1], seams.s[1:], strict=True)
-    return [match_turns(*pair, stepover) for pair in pairs]
-
-
-def _number(parts: Sequence[Array]) -> Run:
-    return Run(np.concatenate(parts), np.repeat(np.arange(len(parts)), [len(part) for part in parts]))
+    return numbered(parts)
 
 
 def _round(curves: Sequence[Curve], seams: Array, matches: Sequence[Match], share_of: Shares, i: int) -> Array:
@@ -247,11 +235,13 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
         # The path begins on the first line, or outwards at the end of the last.
         outer, inner = nowhere if outward or lines else start, start if outward and not waiting else nowhere
         seams = place_seams(curves, pitch, ends, outer, inner)
-        count = _first_break(curves, seams, pitch)
+        pairs = zip(curves[:-1], curves[1:], seams.s[:-1], seams.s[1:], strict=True)
+        matches = [match_turns(*pair, pitch) for pair in pairs]
+        count = _first_break(matches, seams.band, pitch)
         if count < len(chain):
             waiting[:0] = [chain[:count], chain[count:]]
         else:
-            lines.append(_join_turns(curves, seams, to_border, pitch))
+            lines.append(_join_turns(curves, seams, matches, to_border, pitch))
     return _in_order(_finished(request, lines, finish_middle(mesh, lines, stepover)), outward)
 
 
@@ -293,4 +283,4 @@ def _shortened(line: Run, begun: int, stepover: float) -> Iterator[Run]:
 
 
 def _crossings(runs: Sequence[SurfaceRun | None]) -> int:
-    return count_self_crossings([Curve(run.positions, run.points.normals, False) for run in runs if run is not None])
+    return len(find_crossings([run.curve for run in runs if run is not None]))

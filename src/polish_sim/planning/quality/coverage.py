@@ -11,11 +11,10 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.curve import Curve, foot_on_chord
 from polish_sim.planning.ground.ground import Ground
-from polish_sim.planning.ground.triangulation import Triangulation
+from polish_sim.planning.ground.triangulation import Triangulation, build_point_grid, cells_between, thin
 from polish_sim.planning.quality.located import PathOnSurface, Strands
-from polish_sim.planning.quality.points import build_point_grid, thin
 from polish_sim.spatial import unit
 
 STRICT = 0.55  #: A place counts as covered if the path passes within this many step-overs
@@ -39,10 +38,7 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
     low, high = path.first[path.run[near]], path.first[path.run[near] + 1] - 1
     for other in (np.maximum(near - 1, low), np.minimum(near + 1, high)):
         chord = path.points[other] - path.points[near]
-        away = points[rows] - path.points[near]
-        share = (away * chord).sum(axis=1) / np.maximum((chord**2).sum(axis=1), 1e-300)
-        foot = np.clip(share, 0.0, 1.0)[:, None] * chord
-        distance = np.minimum(distance, np.linalg.norm(away - foot, axis=1))
+        distance = np.minimum(distance, foot_on_chord(points[rows] - path.points[near], chord)[1])
     covered = np.zeros(len(points), dtype=bool)
     covered[rows[distance <= limit]] = True
     return covered
@@ -151,16 +147,13 @@ def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
     s, t = (np.concatenate([[0.0], np.cumsum(way)]) for way in (length, length * slowness))
     rows = rows_apart(on, s, STEP * pad.radius_m)
-    tilts = np.stack([(on.axes * on.principal).sum(axis=1), (on.axes * _second(on)).sum(axis=1)], axis=1)
+    second = np.cross(on.normals, on.principal)
+    tilts = np.stack([(on.axes * way).sum(axis=1) for way in (on.principal, second)], axis=1)
     depths = pad_depths(on.curvatures[rows], pad, on.forces[rows], tilts[rows])
     joined = on.stretch_of[rows[1:]] == on.stretch_of[rows[:-1]]
     a, b = rows[:-1][joined], rows[1:][joined]
     mean = 0.5 * (depths[:-1] + depths[1:])[joined]
     return PadSteps(on.positions[a], on.positions[b], unit(on.axes[a] + on.axes[b]), mean, t[b] - t[a])
-
-
-def _second(on: PathOnSurface) -> Array:
-    return np.cross(on.normals, on.principal)
 
 
 def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Indices:
@@ -196,9 +189,7 @@ def _sum_up(points, point_normals, steps, radius, grid):  # type: ignore[no-unty
     for k in range(len(steps.start)):
         a, b, axis = steps.start[k], steps.end[k], steps.axes[k]
         for d in range(3):
-            least, most = min(a[d], b[d]) - reach - grid.low[d], max(a[d], b[d]) + reach - grid.low[d]
-            low[d] = int(max(np.floor(least / grid.cell), 0))
-            high[d] = int(min(np.floor(most / grid.cell), grid.size[d] - 1)) + 1
+            low[d], high[d] = cells_between(grid, d, min(a[d], b[d]) - reach, max(a[d], b[d]) + reach)
         if low[2] >= high[2]:
             continue
         for i in range(low[0], high[0]):

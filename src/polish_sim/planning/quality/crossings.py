@@ -8,16 +8,15 @@ where they go, so that a path through another's waypoint crosses once and one th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.geometry.topology import label_pieces
-from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.curve import Curve, foot_on_chord
 from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments_of
-from polish_sim.planning.toolpath import arc_length
+from polish_sim.planning.toolpath import arc_length, interpolate
 from polish_sim.spatial import perpendicular, unit
 
 # Contacts, places where paths meet within a micron, cross or only touch.
@@ -28,19 +27,13 @@ from polish_sim.spatial import perpendicular, unit
 END_PAIRS = 60  #: Pairs of segments looked at from either end of a place where paths meet
 
 
-class Contacts(NamedTuple):
-    """Crossings, contacts judged."""
-
-    alone: Indices  #: Pairs that cross properly, away from contacts
-    through: Array  #: Where paths cross through contacts [m], shape (k, 3)
-
-
-def _crossings_through_contacts(
+def _crossings_with_contacts(
     chords: Segments, i: Indices, j: Indices, proper: Bools, contact: Bools, places: Array
-) -> Contacts:
+) -> Array:
     """Judge every chain of contacts between segments ``i`` and ``j`` (n,) [m], the second one later along the path.
 
     ``proper`` pairs cross each other's inside, ``contact`` pairs meet in any other way, at ``places`` (n, 3) [m].
+    Returns where paths cross, away from contacts first [m], shape (k, 3); a crossing beside a contact belongs to it.
     """
     rows = np.flatnonzero(proper | contact)
     label = _chains(chords, i[rows], j[rows])
@@ -52,7 +45,7 @@ def _crossings_through_contacts(
     for chain in np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1):
         if len(chain) and _crosses(chords, i[chain], j[chain]):
             through.append(places[chain[len(chain) // 2]])
-    return Contacts(alone, np.array(through).reshape(-1, 3))
+    return np.concatenate([places[alone], np.array(through).reshape(-1, 3)])
 
 
 def _chains(chords: Segments, i: Indices, j: Indices) -> Indices:
@@ -123,15 +116,11 @@ class _Line:
 
     def at(self, s: float) -> Array:
         """The point at an arc length [m], shape (2,)."""
-        return np.array([np.interp(s, self.s, self.points[:, k]) for k in (0, 1)])
+        return interpolate(np.array([s]), self.s, self.points)[0]
 
     def feet(self, points: Array) -> tuple[Array, Array]:
         """Arc lengths of the nearest points, and their distances [m], each (k,)."""
-        chord = np.diff(self.points, axis=0)
-        square = np.maximum((chord**2).sum(axis=1), 1e-300)
-        away = points[:, None] - self.points[:-1]
-        share = np.clip((away * chord).sum(axis=2) / square, 0.0, 1.0)
-        gap = np.linalg.norm(away - share[:, :, None] * chord, axis=2)
+        share, gap = foot_on_chord(points[:, None] - self.points[:-1], np.diff(self.points, axis=0))
         nearest = gap.argmin(axis=1)
         rows = np.arange(len(points))
         return self.s[nearest] + share[rows, nearest] * np.diff(self.s)[nearest], gap[rows, nearest]
@@ -182,31 +171,18 @@ def _side(one: _Line, other: _Line, s: float, ahead: bool) -> int:
     return 1 if angle < left_wedge else -1
 
 
-class Crossings(NamedTuple):
-    """Where paths cross."""
-
-    places: Array  #: Points [m], shape (k, 3)
-
-
-def count_self_crossings(runs: Sequence[Curve]) -> int:
-    """Number of crossings on the same side of the part, within runs and between them; see `find_crossings`."""
-    return len(find_crossings(runs).places)
-
-
-def find_crossings(runs: Sequence[Curve]) -> Crossings:
-    """Find every place where runs in contact, open curves, cross themselves or each other."""
+def find_crossings(runs: Sequence[Curve]) -> Array:
+    """Every place where runs in contact, open curves, cross themselves or each other [m], shape (k, 3)."""
     if not runs:
-        return Crossings(np.empty((0, 3)))
+        return np.empty((0, 3))
     chords = segments_of(runs)
     i, j = _near_pairs(chords)
     signs, near, places = _classify(chords, i, j)
     proper = near & (signs[:, 0] * signs[:, 1] < 0) & (signs[:, 2] * signs[:, 3] < 0)
     contact = near & ~proper
     if not contact.any():
-        return Crossings(places[proper])
-    # A crossing beside a contact belongs to it.
-    alone, through = _crossings_through_contacts(chords, i, j, proper, contact, places)
-    return Crossings(np.concatenate([places[alone], through]))
+        return places[proper]
+    return _crossings_with_contacts(chords, i, j, proper, contact, places)
 
 
 def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:

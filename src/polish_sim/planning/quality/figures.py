@@ -12,14 +12,14 @@ from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Region, Surface
 from polish_sim.geometry.fixture import Fixture
+from polish_sim.geometry.topology import label_within
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.quality.access import Access
 from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import PathOnSurface, locate
-from polish_sim.planning.quality.pad_fit import PadReach, measure_pad_reach
-from polish_sim.planning.quality.spacing import Stepover, measure_stepover
+from polish_sim.planning.quality.spacing import Stepover, measure_stepover, stepover_of
 from polish_sim.planning.quality.tool_room import PadInPart, find_pad_in_part
 from polish_sim.planning.toolpath import ToolPath, arc_length
 
@@ -82,6 +82,64 @@ def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
     return AxisRate(np.concatenate(along), rate, Peak(float(rate[k]), where[k]))
 
 
+# Places more hollow than the pad is round (surface, pad -> PadReach).
+
+QUARTERS = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0], [2.0, 2.0, 2.0]]) / 6.0
+"""Middles of the four quarters of a facet, barycentric."""
+
+
+class HollowPlace(NamedTuple):
+    """A connected place the pad cannot touch."""
+
+    position: Array  #: Where it is tightest [m], shape (3,)
+    area_m2: float
+    radius_m: float  #: Radius of curvature there [m]
+
+
+class PadReach(NamedTuple):
+    """The parts of a region a pad cannot touch."""
+
+    area_m2: float
+    hollow: Array  #: Share of each facet that is too hollow, shape (m,)
+    tightness: Array  #: Pad radius over each facet's smallest radius of curvature, negative hollow, shape (m,)
+    places: tuple[HollowPlace, ...]  #: Connected places, largest first
+
+
+def measure_pad_reach(surface: Surface, facets: int, radius: float) -> PadReach:
+    """Find where the surface is hollow in any direction with a radius smaller than the pad's: area and places.
+
+    A disc that touches such a place with its middle would have to bend further than its own radius. Facets after the
+    first ``facets`` close holes.
+    """
+    smallest = np.stack([_smallest_curvature(surface, facets, weights) for weights in QUARTERS], axis=1)
+    hollow = (smallest * radius < -1.0).mean(axis=1)
+    areas = surface.facet_areas[:facets] * hollow
+    across = surface.neighbours[:facets]
+    one, edge = np.nonzero((across >= 0) & (across < facets))
+    count, label = label_within(np.column_stack([one, across[one, edge]]), hollow > 0.0)
+    places = []
+    middle = np.full((1, 3), 1.0 / 3.0)
+    for number in range(count):
+        rows = np.flatnonzero(label == number)
+        tight = rows[int(smallest[rows].min(axis=1).argmin())]
+        position = surface.evaluate(np.array([tight], dtype=np.int32), middle).positions[0]
+        places.append(HollowPlace(position, float(areas[rows].sum()), float(-1.0 / smallest[tight].min())))
+    places.sort(key=lambda place: -place.area_m2)
+    return PadReach(float(areas.sum()), hollow, radius * smallest.min(axis=1), tuple(places))
+
+
+def _smallest_curvature(surface: Surface, facets: int, weights: Array) -> Array:
+    """Smaller principal curvature at one place of every facet [1/m], shape (m,)."""
+    a, b, c, d, e, f = np.tensordot(weights, surface.shape[:facets], axes=(0, 1)).T  # diagonal, then the others
+    trace = a + b + c
+    square = a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)
+    # Of a symmetric operator in the tangent plane: k1 + k2 and k1^2 + k2^2.
+    return np.asarray(0.5 * trace - np.sqrt(np.maximum(0.5 * square - 0.25 * trace * trace, 0.0)))
+
+
+# Everything that is measured of a path on a region, coverage, spacing and crossings included.
+
+
 @dataclass(frozen=True, eq=False)
 class Quality:
     """Everything measured of a path on a region."""
@@ -121,12 +179,12 @@ def measure_quality(
         pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad, fixture),
         spacing=measure_stepover(on.runs, stepover),
         axis_rate=_measure_axis_rate(on),
-        crossings=find_crossings(on.runs).places,
+        crossings=find_crossings(on.runs),
         runs=on.runs,
     )
     strict = strict_share(ground.mesh, ground.part_facets, on.runs, stepover)
     quality.figures.update(
-        path_figures(on, path, process)
+        _path_figures(on, path, process)
         | _spacing_figures(quality.spacing, pad)
         | _coverage_figures(quality, strict)
         | quality.pad_in_part.figures
@@ -143,24 +201,23 @@ def measure_quality(
 
 def without_spacing(quality: Quality, pad: PadConfig) -> Quality:
     """The same where no stretch of the path runs beside another: distances between turns are none, not a number."""
-    nan = float("nan")
-    none = Stepover(nan, nan, nan, nan, nan, quality.spacing.excluded, np.empty(0))
+    none = stepover_of(np.empty(0), quality.spacing.excluded)
     return replace(quality, spacing=none, figures=quality.figures | _spacing_figures(none, pad))
 
 
-def path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> dict[str, Any]:
+def _path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> dict[str, Any]:
     """Length, time and lifts of a path."""
     length = sum(run.length for run in on.runs)
     return {
         "path_length_m": length,
-        **path_times(path, process),
+        **_path_times(path, process),
         "retracts": len(on.runs),
         "lifts": len(on.runs) - 1,
         "max_distance_to_surface_m": float(on.distances.max()),
     }
 
 
-def path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
+def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
     """Time in contact, at the path's own feed or the process', and with the rest at the approach speed [s]."""
     chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
     pressing = path.process[1:] & path.process[:-1]
@@ -172,12 +229,7 @@ def path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
 
 def _spacing_figures(spacing: Stepover, pad: PadConfig) -> dict[str, Any]:
     return {
-        "stepover_min_m": spacing.min_m,
-        "stepover_p5_m": spacing.p5_m,
-        "stepover_mean_m": spacing.mean_m,
-        "stepover_p95_m": spacing.p95_m,
-        "stepover_max_m": spacing.max_m,
-        "stepover_excluded": spacing.excluded,
+        **{f"stepover_{name}": value for name, value in spacing._asdict().items() if name != "distances_m"},
         "overlap": 1.0 - spacing.mean_m / (2.0 * pad.radius_m),
     }
 

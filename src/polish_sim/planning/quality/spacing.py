@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.curves.curve import Curve
+from polish_sim.planning.curves.curve import Curve, foot_on_chord
+from polish_sim.planning.ground.triangulation import build_point_grid, cells_between
 from polish_sim.planning.quality.located import Samples, Strands
-from polish_sim.planning.quality.points import build_point_grid
-from polish_sim.planning.toolpath import ToolPath
+from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import unit
 
 SAMPLES = 8  #: Samples per step-over along the path
@@ -46,11 +46,15 @@ def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
     sides_of = neighbours_beside(path, sides, stepover)
     out = _corners(path) | _last_half_turns(path, sides_of)
     found = [_refine(strands, path, beside, ~out & (beside >= 0) & ~out[beside], stepover) for beside in sides_of]
-    kept = np.concatenate(found)
+    return stepover_of(np.concatenate(found), float(out.mean()))
+
+
+def stepover_of(kept: Array, excluded: float) -> Stepover:
+    """The figures of some distances (k,) [m], a share of the path left out."""
     if len(kept) == 0:
-        return Stepover(np.nan, np.nan, np.nan, np.nan, np.nan, float(out.mean()), kept)
+        return Stepover(*5 * (np.nan,), excluded, kept)
     p5, p95 = (float(value) for value in np.percentile(kept, [5.0, 95.0]))
-    return Stepover(float(kept.min()), p5, float(kept.mean()), p95, float(kept.max()), float(out.mean()), kept)
+    return Stepover(float(kept.min()), p5, float(kept.mean()), p95, float(kept.max()), excluded, kept)
 
 
 def along(path: Samples) -> Array:
@@ -85,16 +89,15 @@ def neighbours_beside(path: Samples, sides: Array, stepover: float) -> tuple[Ind
 @njit(cache=True, error_model="numpy")
 def _nearest_beside(points, sides, run, s, grid, reach, own):  # type: ignore[no-untyped-def]
     found = np.full((2, len(points)), -1, np.int64)
-    nx, ny, nz = grid.size[0], grid.size[1], grid.size[2]
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        i0, i1 = _cells(x, grid.low[0], grid.cell, nx, reach)
-        j0, j1 = _cells(y, grid.low[1], grid.cell, ny, reach)
-        k0, k1 = _cells(z, grid.low[2], grid.cell, nz, reach)
+        i0, i1 = cells_between(grid, 0, x - reach, x + reach)
+        j0, j1 = cells_between(grid, 1, y - reach, y + reach)
+        k0, k1 = cells_between(grid, 2, z - reach, z + reach)
         left, right = reach * reach, reach * reach
         for a in range(i0, i1):
             for b in range(j0, j1):
-                row = (a * ny + b) * nz
+                row = (a * grid.size[1] + b) * grid.size[2]
                 for q in range(grid.first[row + k0], grid.first[row + k1]):
                     j = grid.items[q]
                     if run[j] == run[i] and abs(s[j] - s[i]) <= own:
@@ -112,14 +115,6 @@ def _nearest_beside(points, sides, run, s, grid, reach, own):  # type: ignore[no
                         right = far2
                         found[1, i] = j
     return found
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _cells(x, low, cell, count, reach):  # type: ignore[no-untyped-def]
-    """First and one past the last cell within reach along one axis."""
-    first = int(max(np.floor((x - reach - low) / cell), 0))
-    last = int(min(np.floor((x + reach - low) / cell), count - 1)) + 1
-    return first, last
 
 
 def _last_half_turns(path: Samples, sides: tuple[Indices, Indices]) -> Bools:
@@ -154,9 +149,7 @@ def _refine(strands: Strands, path: Samples, beside: Indices, wanted: Bools, ste
         nearer, moved = np.full(len(rows), np.inf), s
         for k in (0, 1):
             chord = knots[k + 1] - knots[k]
-            share = ((points - knots[k]) * chord).sum(axis=1) / np.maximum((chord**2).sum(axis=1), 1e-300)
-            share = np.clip(share, 0.0, 1.0)
-            gap = np.linalg.norm(points - knots[k] - share[:, None] * chord, axis=1)
+            share, gap = foot_on_chord(points - knots[k], chord)
             moved = np.where(gap < nearer, s + (k - 1 + share) * reach, moved)
             nearer = np.minimum(gap, nearer)
         s, best = np.clip(moved, 0.0, strands.lengths[run]), nearer
@@ -178,16 +171,11 @@ LOOP = 3.0  #: A neighbour on the same run is at least so many times as far alon
 
 def guess_stepover(path: ToolPath) -> float | None:
     """Median distance between neighbouring turns of a path [m]; None if no stretch of it runs beside another."""
-    index = np.flatnonzero(path.process)
-    stretches = [
-        rows
-        for rows in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
-        if len(rows) > 1 and np.ptp(path.s[rows])
-    ]
-    if not stretches:
+    rows = [slice(first, last + 1) for first, last in stretches(path.process) if path.s[last] > path.s[first]]
+    if not rows:
         return None
     # No surface yet: the tool axis stands in for its normal.
-    runs = [Curve(path.positions_work[rows], path.axes_work[rows], False) for rows in stretches]
+    runs = [Curve(path.positions_work[some], path.axes_work[some], False) for some in rows]
     strands = Strands(runs)
     total = float(strands.lengths.sum())
     for coarse in COARSER:

@@ -1,0 +1,164 @@
+"""What can be asked for: one call per pattern, where a path begins, and requests that cannot be met."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polish_sim import measure_path, plan_contour, plan_fermat, plan_raster, plan_spiral
+from polish_sim.config import PadConfig, PartConfig, PlanConfig
+from polish_sim.errors import InputError, PlanError
+from polish_sim.planning import PATTERNS, plan_part, plan_path
+from polish_sim.planning.feasibility import pad_notes
+from polish_sim.planning.ground.ground import prepare_ground
+from polish_sim.planning.planner import plan_on
+from polish_sim.planning.quality.located import locate
+from tests.planning.shapes import prism, region_of, shipped_plan
+
+STEP, STEPOVER = 0.008, 0.01
+
+
+@pytest.fixture(scope="module")
+def cap():
+    return region_of("sphere_100")
+
+
+@pytest.mark.parametrize("plan", [plan_spiral, plan_contour, plan_fermat, plan_raster])
+def test_every_pattern_has_its_call_and_lies_on_the_sphere(cap, plan):
+    path = plan(cap, STEPOVER)
+    assert path.positions_work.shape == path.axes_work.shape == (len(path.s), 3)
+    away = np.linalg.norm(path.positions_work[path.process] - [0.0, 0.0, -0.065], axis=1)
+    assert away == pytest.approx(0.1, abs=1e-5)
+    assert measure_path(path, cap, STEPOVER)["coverage_stepover"] > 0.97
+
+
+def test_every_registered_pattern_is_covered_by_a_call():
+    assert set(PATTERNS) == {"spiral", "contour", "fermat", "raster"}
+
+
+def test_a_call_is_the_plan_it_stands_for(cap):
+    wishes = PlanConfig(pattern="raster", stepover_m=STEPOVER, raster_direction=(1.0, 1.0, 0.0), lead_in="arc")
+    one = plan_raster(cap, STEPOVER, along=(1.0, 1.0, 0.0), plan=PlanConfig(lead_in="arc"))
+    other = plan_path(cap, wishes)
+    assert np.array_equal(one.positions_work, other.positions_work)
+
+
+def test_order_and_start_are_passed_on(cap):
+    outward = plan_spiral(cap, STEPOVER, order="outward")
+    first, last = outward.positions_work[outward.process][[0, -1]]
+    assert np.hypot(*first[:2]) < np.hypot(*last[:2])
+    begun = plan_spiral(cap, STEPOVER, start=(0.0, -0.05, 0.02))
+    assert begun.positions_work[begun.process][0][1] < -0.04
+
+
+def test_more_force_covers_no_less(cap):
+    path = plan_raster(cap, 0.03)
+    light, firm = (measure_path(path, cap, 0.03, pad_radius=0.01, contact_force=n)["coverage"] for n in (1.0, 30.0))
+    assert light < firm <= 1.0
+    assert measure_path(replace(path, force=np.full(len(path.s), 30.0)), cap, 0.03, 0.01, 1.0)["coverage"] >= light
+
+
+def told(result):
+    return [note for note in result.notes if "from the start asked for" in note]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "start", "within"),
+    [
+        ("spiral", "sphere_100", (0.0497, 0.0154, 0.02), 2.0),
+        ("spiral", "plate", (0.09, 0.09, 0.02), 1.0),
+        ("spiral", "plate", (0.09, 0.04, 0.02), 1.0),
+        ("contour", "sphere_100", (0.0, -0.05, 0.03), 2.0),
+        ("fermat", "freeform", (0.0, -0.1, 0.03), 5.0),
+        ("raster", "cylinder", (0.07, 0.05, 0.022), 3.0),
+        ("raster", "cylinder", (-0.07, 0.05, 0.022), 3.0),
+    ],
+)
+def test_a_path_begins_near_its_start_and_says_where_if_that_is_two_step_overs_off(pattern, name, start, within):
+    """Also near a corner; of a spiral the first turn runs half a step-over inside the border."""
+    plan = PlanConfig(pattern=pattern, stepover_m=STEP, start=start, raster_direction=(0.0, 1.0, 0.0))
+    result = plan_part(PartConfig(name), plan)
+    away = result.path.positions_work[result.path.process][0] - start
+    flat = np.linalg.norm(away[:2])
+    assert flat < within * STEP
+    assert bool(told(result)) == (np.linalg.norm(away) > 2.0 * STEP)
+
+
+def test_an_outward_path_says_that_it_begins_in_the_middle():
+    result = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.016, start=(-0.09, 0.09, 0.02), order="outward"))
+    assert np.linalg.norm(result.path.positions_work[result.path.process][0, :2]) < 0.02
+    assert told(result)[0].endswith("; an outward path begins in the middle")
+
+
+BAD = {
+    "an unknown pattern": (
+        PartConfig("plate"),
+        PlanConfig(pattern="star"),
+        InputError,
+        "unknown pattern .star.. .*Known: ",
+    ),
+    "an unknown lead-in": (PartConfig("plate"), PlanConfig(lead_in="jump"), InputError, "arc, normal, tangent"),
+    "no step-over": (PartConfig("plate"), PlanConfig(stepover_m=0.0), PlanError, "positive"),
+    "a step-over beyond the pad": (PartConfig("plate"), PlanConfig(stepover_m=0.06), PlanError, "stripes"),
+    "a margin that leaves nothing": (
+        PartConfig("sphere_50"),
+        PlanConfig(edge_margin_m=0.05),
+        PlanError,
+        "nothing of the region is left 50 mm inside its border",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_request_that_cannot_be_met_says_why(case):
+    part, plan, error, text = BAD[case]
+    with pytest.raises(error, match=text):
+        plan_part(part, plan)
+
+
+def test_a_start_far_off_the_part_is_refused_with_the_nearest_place():
+    with pytest.raises(PlanError, match=r"is 4900 mm away from the part\. The nearest point of the part is \(100, "):
+        plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.016, start=(5.0, 0.0, 0.02)))
+
+
+def test_a_part_narrower_than_the_pad_is_refused(tmp_path):
+    rod = prism(lambda x, y: np.abs(y) < 10, 100.0)
+    rod.export(tmp_path / "rod.stl")
+    part, plan = PartConfig(str(tmp_path / "rod.stl")), PlanConfig(stepover_m=STEP)
+    with pytest.raises(PlanError, match="narrower than half the pad: 20 mm"):
+        plan_part(part, plan, pad=PadConfig(choice="given"))
+    # One nobody asked for gives way; a step-over asked for stays.
+    chosen = plan_part(part, PlanConfig(stepover_m=0.005))
+    assert (chosen.tool.pad.radius_m, chosen.plan.stepover_m) == (0.010, 0.005)
+
+
+def test_turns_a_pad_apart_say_what_they_leave_and_closer_ones_do_not():
+    apart = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.05))
+    said = [note for note in apart.notes if "closes the gaps" in note]
+    assert f"covers {100.0 * apart.figures['coverage']:.1f}%" in said[0]
+    assert apart.figures["coverage"] < 0.99
+    closer = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.025))
+    assert not [note for note in closer.notes if "closes the gaps" in note]
+
+
+def test_a_pad_wider_than_the_ring_is_mentioned():
+    assert any("hangs over" in note for note in shipped_plan("wheel_hub_rim").notes)
+
+
+def test_where_the_rim_carries_alone_the_note_says_where_and_how_far_the_middle_is_off():
+    """Over a bowl of radius R the ground rises a^2 / 2R under the rim, which 20 N presses in by a sqrt(F / k R)."""
+    radius, rounds = 0.065, np.zeros((2, 3))
+    points = np.column_stack([np.linspace(0.0, 0.01, 2), rounds[:, 0], rounds[:, 0]])
+    up = np.tile([0.0, 0.0, 1.0], (2, 1))
+    ground = prepare_ground(region_of("plate"), PlanConfig(stepover_m=0.05))
+    for pad, off_mm in ((0.025, 4.808 - 3.101), (0.010, 0.0)):
+        on = locate(ground, plan_on(ground, PlanConfig(stepover_m=0.05)).path)._replace(
+            positions=points, axes=up, normals=up, curvatures=np.full((2, 2), -1.0 / radius), forces=np.full(2, 20.0)
+        )
+        found = [note for note in pad_notes(ground, on, PadConfig(radius_m=pad)) if "rim carries alone" in note]
+        assert len(found) == (off_mm > 0.0)
+        if found:
+            assert f"its middle up to {off_mm:.2g} mm off" in found[0]
+            assert "the radius is 65 mm" in found[0]
