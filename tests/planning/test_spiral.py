@@ -1,4 +1,4 @@
-"""The continuous spiral: where it runs, which way, and how it steps inwards (paper 1, section 1.3, fig. 6)."""
+"""Spiral and contour: where they run, which way, and how the spiral steps inwards (paper 1, section 1.3, fig. 6)."""
 
 from __future__ import annotations
 
@@ -119,3 +119,33 @@ def test_pieces_of_a_strip_are_told_apart():
     count, labels = label_within(half_edges(triangles), inside)
     assert count == 2
     assert labels.tolist() == [0, 0, -1, -1, 1, 1, 1, 1]
+
+
+# Contour: closed loops one inside the other.
+
+
+def loops_of(path):
+    """Points of each pass in contact."""
+    passes = path.pass_index[path.process]
+    return [path.positions_work[path.process][passes == number] for number in np.unique(passes)]
+
+
+def turning(loop):
+    """Area swept about the z axis [m^2], positive counter-clockwise."""
+    return 0.5 * np.sum(np.cross(loop[:-1], loop[1:])[:, 2])
+
+
+@pytest.mark.parametrize(("order", "sign"), [("inward", 1.0), ("outward", -1.0)])
+@pytest.mark.parametrize(("direction", "way"), [("conventional", 1.0), ("climb", -1.0)])
+def test_what_closed_loops_have_not_done_yet_lies_on_the_left_unless_climbing(order, sign, direction, way):
+    plan = PlanConfig(pattern="contour", stepover_m=STEP, order=order, direction=direction)
+    loops = loops_of(plan_path(region_of("sphere_100"), plan))
+    sizes = [np.linalg.norm(loop[:, :2], axis=1).mean() for loop in loops]
+    assert (np.diff(sizes) * sign < 0.0).all()
+    assert all(turning(loop) * sign * way > 0.0 for loop in loops)
+    # Each comes back to exactly where it began.
+    for loop in loops:
+        again = (loop == loop[0]).all(axis=1)
+        assert again.sum() == 2
+        radius = np.linalg.norm(loop[: np.flatnonzero(again)[1] + 1, :2], axis=1)
+        assert np.ptp(radius) < 0.02 * STEP + 0.02 * radius.mean()
