@@ -124,12 +124,15 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
 def _in_small_facets(vertices: Array, faces: Ints) -> Array:
     """Corners of facets without long edges, shape (m, 3, 3): long facets cannot be drawn in order of their distance."""
     corners, longest = vertices[faces], LONGEST_EDGE * float(np.ptp(vertices, axis=0).max())
-    if np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= longest:
-        return corners
-    from trimesh.remesh import subdivide_to_size  # slow to import
-
-    vertices, faces = subdivide_to_size(vertices, faces, longest, max_iter=20)  # type: ignore[no-untyped-call]
-    return np.asarray(vertices[faces])
+    while True:
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        long = edges.max(axis=1) > longest
+        if not long.any():
+            return corners
+        whole = corners[long]
+        middles = 0.5 * (whole + np.roll(whole, -1, axis=1))  # of the edges 0-1, 1-2, 2-0
+        cut = [np.stack([whole[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
+        corners = np.concatenate([corners[~long], *cut, middles])
 
 
 def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, views: Views) -> _Seen:
