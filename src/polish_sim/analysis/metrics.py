@@ -174,7 +174,9 @@ def measure_arc(trace: Trace) -> Figures:
     part = steady_feed(trace.phase == PROCESS, trace.time_s, trace.path_s_m)
     time, speed = trace.time_s[part], trace.tcp_speed_m_s[part]
     distance = distance_to_circle(trace.tcp_position_m[part], PAPER_ARC)
-    deviation = moving_average(time, speed, SPEED_WINDOW_S) - _commanded_feed(time, trace.path_s_m[part])
+    # The median leaves ramps at the ends out.
+    feed = _reduce(np.median, np.diff(trace.path_s_m[part]) / np.diff(time))
+    deviation = moving_average(time, speed, SPEED_WINDOW_S) - feed
     return {
         "tracking_error_max_m": _reduce(np.max, distance),
         "tracking_error_rms_m": _rms(distance),
@@ -264,11 +266,6 @@ def steady_feed(fed: Bools, time: Array, path_s: Array) -> Bools:
     if len(at_feed):
         steady[rows[at_feed[-1]] + 1 :] = False
     return steady
-
-
-def _commanded_feed(time: Array, path_s: Array) -> float:
-    """Feed of the target [m/s]: the median leaves ramps at the ends out."""
-    return float(np.median(np.diff(path_s) / np.diff(time))) if len(time) > 1 else math.nan
 
 
 def time_step(time: Array) -> float:

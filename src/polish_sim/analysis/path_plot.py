@@ -40,7 +40,6 @@ from polish_sim.spatial import unit
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import StopMark
-    from polish_sim.config import PlanConfig
     from polish_sim.planning import PlanResult
 
 
@@ -115,7 +114,9 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
         cross_out(solid, frame @ stop.on_path(path) * MM)
         cross_out(flat, (views.flat @ stop.on_path(path))[:2] * MM)
     _finish(figure, flat, scale, views)
-    _head(figure, flat, result, name or _what(result.plan), views)
+    # The file of a path that was given: its pattern is not known.
+    plan = result.plan
+    _head(figure, flat, result, name or Path(plan.file).name or plan.pattern.capitalize(), views)
     if stop:
         say_stop(figure, stop.text)
     return figure
@@ -243,11 +244,6 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:
     tips = shown[rows] + height * seen.towards[rows]
     lines = np.stack([shown[rows], tips], axis=1)
     solid.add_collection3d(Line3DCollection(lines, colors=GREY, lw=0.6, zorder=4))
-
-
-def _what(plan: PlanConfig) -> str:
-    """The pattern; of a path that was given its file, for that knows the pattern."""
-    return Path(plan.file).name if plan.file else plan.pattern.capitalize()
 
 
 def cross_out(axes: Any, place: Array) -> None:

@@ -74,8 +74,10 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
     for index, (record, flat) in enumerate(zip(records, grid, strict=False)):
         removal, color = _of(record), SERIES[index % len(SERIES)]
         _draw_flat(flat, removal, views_of(removal.normals, removal.up))
-        flat.set_title(f"{_name(record)}\n{_spread(record)}", fontsize=9.0, color=color)
-        share.plot(*_outline(removal), **line_look(index))
+        run = f"{record.scenario.controller.label}, {_pattern(record)} ({record.name})"
+        flat.set_title(f"{run}\n{_spread(record)}", fontsize=9.0, color=color)
+        edges, shares = _histogram(removal)
+        share.plot(0.5 * (edges[1:] + edges[:-1]), shares, **line_look(index))
         if index % columns:
             flat.set_ylabel("")
     for flat in grid[len(records) :]:
@@ -94,19 +96,10 @@ def _of(record: RunRecord) -> RemovalMap:
     return record.removal
 
 
-def _name(record: RunRecord) -> str:
-    return f"{record.scenario.controller.label}, {_pattern(record)} ({record.name})"
-
-
 def _pattern(record: RunRecord) -> str:
     if record.scenario.plan.file:
         return "given path"
     return "once around the rim" if record.scenario.experiment == "dual" else record.scenario.plan.pattern
-
-
-def _shown(removal: RemovalMap) -> Array:
-    """Removal over its mean; what was not touched at all lies below the scale."""
-    return np.where(removal.exposure > 0.0, removal.relative, -1.0)
 
 
 def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
@@ -114,7 +107,9 @@ def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
     vertices = removal.vertices @ views.flat.T * MM
     facing = (removal.normals[removal.triangles] @ views.flat[2]).min(axis=1) > 0.0
     seen = Triangulation(vertices[:, 0], vertices[:, 1], removal.triangles[facing])
-    flat.tripcolor(seen, _shown(removal), norm=SCALE, cmap=removal_colors(), shading="gouraud", rasterized=True)
+    # What was not touched at all lies below the scale.
+    shown = np.where(removal.exposure > 0.0, removal.relative, -1.0)
+    flat.tripcolor(seen, shown, norm=SCALE, cmap=removal_colors(), shading="gouraud", rasterized=True)
     for level, dashes in ((UNDER, ":"), (OVER, "-")):
         if removal.relative.min() < level < removal.relative.max():
             flat.tricontour(seen, removal.relative, levels=[level], colors="black", linewidths=0.7, linestyles=dashes)
@@ -173,11 +168,6 @@ def _histogram(removal: RemovalMap) -> tuple[Array, Array]:
     edges = np.linspace(0.0, TOP + 0.5, BINS + 1)
     found, _ = np.histogram(removal.relative, edges, weights=np.where(removal.exposure > 0.0, removal.areas, 0.0))
     return edges, 100.0 * found / removal.areas.sum() * 0.1 / (edges[1] - edges[0])
-
-
-def _outline(removal: RemovalMap) -> tuple[Array, Array]:
-    edges, shares = _histogram(removal)
-    return 0.5 * (edges[1:] + edges[:-1]), shares
 
 
 def _spread(record: RunRecord) -> str:

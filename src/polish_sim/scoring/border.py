@@ -196,7 +196,8 @@ def plot_border(border: Border) -> Figure:
         _draw_line(axes, border, name)
         _draw_runs(axes, border, name)
         _draw_reach(axes)
-        axes.set_title(f"{name}: {_count(border, name)} stable", fontsize=9.5)
+        rests = [rest.stable for row in border.rests[name] for rest in row]
+        axes.set_title(f"{name}: {sum(rests)} of {len(rests)} runs stable", fontsize=9.5)
         axes.set_xlabel("latency, sensor and command [ms]")
     panels[0].set_ylabel("springs by what the plan takes them for [-]")
     _scale(panels[0], border)
@@ -213,7 +214,7 @@ def _draw_line(axes: Axes, border: Border, name: str) -> None:
 
 def _draw_runs(axes: Axes, border: Border, name: str) -> None:
     runs = [
-        (1e3 * latency, scale, _kind(rest))
+        (1e3 * latency, scale, "rest" if rest.resting else "swing" if rest.stable else "unstable")
         for latency, row in zip(border.latencies, border.rests[name], strict=True)
         for scale, rest in zip(border.scales, row, strict=True)
     ]
@@ -227,10 +228,6 @@ _LOOKS = {
     "swing": ("cell: swings by less than ±2 N", "d", YELLOW),
     "unstable": ("cell: unstable", "x", ORANGE),
 }
-
-
-def _kind(rest: Rest) -> str:
-    return "rest" if rest.resting else "swing" if rest.stable else "unstable"
 
 
 def _draw_reach(axes: Axes) -> None:
@@ -247,8 +244,3 @@ def _scale(axes: Axes, border: Border) -> None:
     axes.yaxis.set_major_locator(FixedLocator([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0]))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-
-
-def _count(border: Border, name: str) -> str:
-    rests = [rest for row in border.rests[name] for rest in row]
-    return f"{sum(rest.stable for rest in rests)} of {len(rests)} runs"
