@@ -9,8 +9,7 @@ from polish_sim.motion.certified.segment_limits import choose_limits
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.rules.paper_rules import filter_times, singular_segment, stop_triples
-from polish_sim.motion.rules.rule import ProgressLimits
+from polish_sim.motion.rules.paper_rules import ProgressLimits, filter_times, singular_segment, stop_triples
 from polish_sim.motion.rules.schedule import Smoothed
 from polish_sim.motion.segment_rates import JointRates
 

@@ -20,9 +20,9 @@ from polish_sim.experiments.placement import (
     tool_rotations,
 )
 from polish_sim.motion import track
-from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes
+from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes, part_of
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
-from polish_sim.motion.rules.rule import RULES, part_of
+from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import Smoothed
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import apply, transform

@@ -84,6 +84,12 @@ def chain_from_axes(tips: Array, axes: Array) -> Chain:
     return build_chain(tips, rotation_to_axis(directions, np.eye(3)[int(along.argmin())]))
 
 
+def part_of(chain: Chain, rows: slice) -> Chain:
+    """Some neighbouring segments of a chain."""
+    points = slice(rows.start, rows.stop + 1)
+    return Chain(*(array[points] for array in chain[:3]), *(array[rows] for array in chain[3:]))
+
+
 def repeated_points(tips: Array, rotations: Array) -> Bools:
     """Which way points repeat the one before them, in tip and tool axis, shape (m,); a turn about the axis is kept
     for the next one."""

@@ -2,20 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import SmoothingError
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.chain import Chain, part_of
 from polish_sim.motion.rules.fir import corner_overlap, corner_speed, fir_schedule, sorted_times
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.rules.rule import NODES, ProgressLimits, rate_blocks, tool_limits
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
-from polish_sim.motion.segment_rates import JointRates
+from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
+
+NODES = chebyshev_nodes(9)  #: Progress at which joint derivatives are taken; the paper takes forward differences
+BLOCK = 4096  #: Segments whose joint derivatives are in memory at once
+
+
+class ProgressLimits(NamedTuple):
+    """Largest rates of progress of n segments that tool (and feed) allow."""
+
+    speed: Array  #: [1/s], shape (n,)
+    acceleration: Array  #: [1/s^2], shape (n,)
+    jerk: Array  #: [1/s^3], shape (n,)
+
+
+def tool_limits(chain: Chain, limits: SmoothingLimits, feeds: Array | None) -> ProgressLimits:
+    """Tip and axis share one progress: the smaller limit counts (paper 4, eq. 5, 9)."""
+    feed = np.full(len(chain.lengths), np.inf) if feeds is None else np.asarray(feeds, dtype=float)
+    with np.errstate(divide="ignore"):
+        return ProgressLimits(
+            np.minimum(np.minimum(limits.tip_speed, feed) / chain.lengths, limits.axis_speed / chain.angles),
+            np.minimum(limits.tip_acceleration / chain.lengths, limits.axis_acceleration / chain.angles),
+            np.minimum(limits.tip_jerk / chain.lengths, limits.axis_jerk / chain.angles),
+        )
+
+
+def rate_blocks(chain: Chain, arm: Arm) -> Iterator[tuple[slice, JointRates]]:
+    """Joint derivatives by progress at `NODES`, arrays (k, nodes, 6), for ``BLOCK`` segments at a time."""
+    for begin in range(0, len(chain.lengths), BLOCK):
+        rows = slice(begin, min(begin + BLOCK, len(chain.lengths)))
+        rates = chain_rates(part_of(chain, rows), NODES, arm)
+        arm = build_arm(arm.T_base_work, arm.T_flange_tool, rates.q[-1, -1])
+        yield rows, rates
+
 
 TriplesAt = Callable[[Array, Indices], Array]
 """(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others; infinite

@@ -19,19 +19,15 @@ from polish_sim.motion.rules.schedule import turning
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.curve import CurveRates
 
-PLANNED_SHARE = 0.97
-"""Of acceleration and jerk limits planned with: the curve goes on between the places looked at."""
-SLOWEST_TURN = 1e-9
-"""A rate below this counts as this: what does not move bounds nothing."""
+PLANNED_SHARE = 0.97  #: Of acceleration and jerk limits planned with: the curve goes on between the places looked at
+SLOWEST_TURN = 1e-9  #: A rate below this counts as this: what does not move bounds nothing
 
 
 class Bounded(NamedTuple):
     """One quantity at n places of a curve."""
 
-    rates: Array
-    """X1, X2, X3, shape (3, n, d)."""
-    limits: Array
-    """Largest Euclidean norm of its speed, acceleration and jerk that is planned with, shape (3,)."""
+    rates: Array  #: X1, X2, X3, shape (3, n, d)
+    limits: Array  #: Largest Euclidean norm of its speed, acceleration and jerk that is planned with, shape (3,)
 
 
 def bounded_quantities(rates: CurveRates, limits: SmoothingLimits, arm: Arm | None) -> list[Bounded]:

@@ -63,22 +63,17 @@ DEGREE = 5
 LONGEST_SPAN = 0.0025
 """Between knots [m]: a bend is spread over six spans, more gains nothing at the feeds of polishing, and where bends are
 that long the curve is within micrometres of the chain."""
-STEEPEST_GRADING = 2.0
-"""Neighbouring knot spans differ by this factor at most."""
+STEEPEST_GRADING = 2.0  #: Neighbouring knot spans differ by this factor at most
 MOST_HALVINGS = 24
-LOOKS = 8
-"""Places per knot span at which the curve is compared with the chain."""
-TURN_LENGTH = 0.001
-"""A turn of the tool by one radian on the spot counts as so much way [m]."""
+LOOKS = 8  #: Places per knot span at which the curve is compared with the chain
+TURN_LENGTH = 0.001  #: A turn of the tool by one radian on the spot counts as so much way [m]
 
 
 class Polyline(NamedTuple):
     """What a curve is drawn along: rows of numbers over a parameter."""
 
-    u: Array
-    """Parameter: way of the tip [m], rising, shape (n,)."""
-    values: Array
-    """Tip (3), x axis (3), z axis (3) of the tool, place on the path, shape (n, 10)."""
+    u: Array  #: Parameter: way of the tip [m], rising, shape (n,)
+    values: Array  #: Tip (3), x axis (3), z axis (3) of the tool, place on the path, shape (n, 10)
 
     def at(self, u: Array) -> Array:
         """Its values in between, shape (m, 10)."""
@@ -89,8 +84,7 @@ class Curve(NamedTuple):
     """Tool frames along a parameter u from 0 to ``length``."""
 
     spline: BSpline
-    length: float
-    """[m]."""
+    length: float  #: [m]
 
     @property
     def knots(self) -> Array:
@@ -101,16 +95,11 @@ class Curve(NamedTuple):
 class CurveRates(NamedTuple):
     """A curve at n values of its parameter with derivatives to it."""
 
-    tips: Array
-    """[m], shape (4, n, 3)."""
-    axes: Array
-    """Unit tool axis, shape (4, n, 3)."""
-    rotations: Array
-    """Tool frames, shape (n, 3, 3)."""
-    spins: Array
-    """Angular velocity per u and its first two derivatives [rad/m^k], shape (3, n, 3)."""
-    places: Array
-    """Arc length of the path [m], shape (4, n)."""
+    tips: Array  #: [m], shape (4, n, 3)
+    axes: Array  #: Unit tool axis, shape (4, n, 3)
+    rotations: Array  #: Tool frames, shape (n, 3, 3)
+    spins: Array  #: Angular velocity per u and its first two derivatives [rad/m^k], shape (3, n, 3)
+    places: Array  #: Arc length of the path [m], shape (4, n)
 
 
 def polyline_of(chain: Chain, places: Array) -> Polyline:

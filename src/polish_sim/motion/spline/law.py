@@ -34,18 +34,12 @@ from polish_sim.motion.spline.program import Rows, maximize
 class Squares(NamedTuple):
     """How b and its derivatives follow from n + 1 control values with n knots."""
 
-    knots: Array
-    """[m], rising, shape (n,)."""
-    values: Array
-    """Of b at the knots; row k is about centre k + 1, as are the slopes, shape (n, 3)."""
-    slopes: Array
-    """Of b_u at the knots [1/m], shape (n, 3)."""
-    bends: Array
-    """Of b_uu on the spans; row k is about centre k + 1 [1/m^2], shape (n - 1, 3)."""
-    end_values: Array
-    """Of b at the end of every span, about its centre, shape (n - 1, 3)."""
-    end_slopes: Array
-    """Of b_u there [1/m], shape (n - 1, 3)."""
+    knots: Array  #: [m], rising, shape (n,)
+    values: Array  #: Of b at the knots; row k is about centre k + 1, as are the slopes, shape (n, 3)
+    slopes: Array  #: Of b_u at the knots [1/m], shape (n, 3)
+    bends: Array  #: Of b_uu on the spans; row k is about centre k + 1 [1/m^2], shape (n - 1, 3)
+    end_values: Array  #: Of b at the end of every span, about its centre, shape (n - 1, 3)
+    end_slopes: Array  #: Of b_u there [1/m], shape (n - 1, 3)
 
 
 def squares_on(knots: Array) -> Squares:
@@ -74,30 +68,23 @@ def around(stencils: Array, controls: Array) -> Array:
 
 # Acceleration and jerk along a curve as linear functions of b = u'^2 (Bounded, Squares -> rows).
 
-NEAR = 0.9
-"""Share of a limit from which a row is asked for."""
+NEAR = 0.9  #: Share of a limit from which a row is asked for
 
 
 class Terms(NamedTuple):
     """A quantity's acceleration at every knot, or its jerk over u' at one end of every span."""
 
-    factors: Array
-    """Of three control values about a centre, k + 1 for row k, over the limit, shape (m, 3, d)."""
-    ways: Array
-    """The quantity's own direction there, zero where it stands still, shape (m, d)."""
-    squares: Array | None
-    """Factors of b there, of jerks; None: acceleration, shape (m, 3)."""
+    factors: Array  #: Of three control values about a centre, k + 1 for row k, over the limit, shape (m, 3, d)
+    ways: Array  #: The quantity's own direction there, zero where it stands still, shape (m, d)
+    squares: Array | None  #: Factors of b there, of jerks; None: acceleration, shape (m, 3)
 
 
 class Cuts(NamedTuple):
     """Directions in which terms are to stay below 1 (over u', if they are jerks)."""
 
-    numbers: Indices
-    """Of the terms, shape (m,)."""
-    factors: Array
-    """Shape (m, 3)."""
-    squares: Array | None
-    """As of the terms, of all of them."""
+    numbers: Indices  #: Of the terms, shape (m,)
+    factors: Array  #: Shape (m, 3)
+    squares: Array | None  #: As of the terms, of all of them
 
 
 def terms_of(law: Squares, quantity: Bounded) -> tuple[Terms, Terms, Terms]:
@@ -165,23 +152,17 @@ def _both_signs(terms: Terms, numbers: Indices, ways: Array) -> Cuts:
 MOST_ROUNDS = 20
 LEAST_ROUNDS = 3
 """Of laws with many knots: what these leave beyond a limit is little, and slowed down for (``keep_limits``)."""
-ROUND_KNOTS = 20_000
-"""Knots of all further rounds together."""
-KEPT = 1.01
-"""Excess over what is planned with at which the rounds end."""
-EVEN = 1e-4
-"""Caps are even where means of neighbouring squares are no more than this share above one of them."""
-LEAST = 1e-6
-"""Least share of a first guess a control value is taken for."""
+ROUND_KNOTS = 20_000  #: Knots of all further rounds together
+KEPT = 1.01  #: Excess over what is planned with at which the rounds end
+EVEN = 1e-4  #: Caps are even where means of neighbouring squares are no more than this share above one of them
+LEAST = 1e-6  #: Least share of a first guess a control value is taken for
 
 
 class Launch(NamedTuple):
     """Constant jerk from rest, and mirrored at the other end into rest."""
 
-    jerk: float
-    """[m/s^3]."""
-    duration: float
-    """[s]."""
+    jerk: float  #: [m/s^3]
+    duration: float  #: [s]
 
     @property
     def way(self) -> float:
@@ -207,11 +188,9 @@ class Law(NamedTuple):
     """b(u) between the launches."""
 
     squares: Squares
-    controls: Array
-    """Its control values [m^2/s^2], shape (n + 1,)."""
+    controls: Array  #: Its control values [m^2/s^2], shape (n + 1,)
     launch: Launch
-    landing: Launch
-    """Played backwards."""
+    landing: Launch  #: Played backwards
 
 
 def plan_law(knots: Array, caps: Array, quantities: list[Bounded], launch: Launch) -> Law:
@@ -306,18 +285,14 @@ def _bounds(most: Array, size: Array, fixed: Bools) -> Rows:
 
 # Between the knots: a law is slowed down where it goes beyond a limit, and for a while before and after.
 
-LOOKS = 4
-"""Places in every span of the law at which limits are looked at."""
-MOST_SLOWED = 1.0005
-"""A law that keeps its limits when it takes this much more time is slowed as a whole."""
+LOOKS = 4  #: Places in every span of the law at which limits are looked at
+MOST_SLOWED = 1.0005  #: A law that keeps its limits when it takes this much more time is slowed as a whole
 MOST_DIPS = 16
 DIP_TIME = 0.05
 """Before and after a place at which the law is slowed down; twice as long after every ``DIPS`` tries [s]."""
 DIPS = 2
-DIP_STEP = 0.005
-"""Of the clock that dips are drawn on [s]."""
-DIP_MORE = 1.002
-"""A dip is deeper than needed by this factor: its own slopes take some of the limits."""
+DIP_STEP = 0.005  #: Of the clock that dips are drawn on [s]
+DIP_MORE = 1.002  #: A dip is deeper than needed by this factor: its own slopes take some of the limits
 
 
 def keep_limits(law: Law, quantities: list[Bounded]) -> tuple[Law, float]:
@@ -380,18 +355,13 @@ KNOT_TIME = 0.02
 SETTLED = 0.3
 """After a stretch that is passed more slowly than wanted, and before one, the speed has settled: several times what
 jerk limits take to build up an acceleration [s]."""
-KNOTS_PER_SPAN = 4
-"""Least number of knots of the law in a span between knots of the curve."""
-LAUNCH_TIME = 0.005
-"""Of constant jerk from rest, at most [s]."""
-LAUNCH_SHARE = 0.9
-"""Of the largest jerk from rest."""
-BEFORE_LIMITS = 0.97
-"""Of the speed at which a limit would be met, at the end of the launch."""
+KNOTS_PER_SPAN = 4  #: Least number of knots of the law in a span between knots of the curve
+LAUNCH_TIME = 0.005  #: Of constant jerk from rest, at most [s]
+LAUNCH_SHARE = 0.9  #: Of the largest jerk from rest
+BEFORE_LIMITS = 0.97  #: Of the speed at which a limit would be met, at the end of the launch
 LAUNCH_GROWTH = 1.2
 """After it the time from rest grows by this factor from knot to knot, until knots are ``KNOT_TIME`` apart."""
-SAME_KNOT = 2e-5
-"""Knots nearer than this count as one [m]."""
+SAME_KNOT = 2e-5  #: Knots nearer than this count as one [m]
 
 
 def divided(knots: Array, parts: int) -> Array:

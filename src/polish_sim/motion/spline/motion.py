@@ -42,18 +42,12 @@ class Passage(NamedTuple):
     """Spans of u'' = a + beta (u - u0) between launch and landing."""
 
     launch: Launch
-    landing: Launch
-    """Played backwards."""
-    times: Array
-    """When each begins and, last, when the landing does [s], shape (n,)."""
-    places: Array
-    """u there [m], shape (n,)."""
-    speeds: Array
-    """u' [m/s], shape (n,)."""
-    accelerations: Array
-    """u'' [m/s^2], shape (n,)."""
-    bends: Array
-    """beta [1/s^2], shape (n - 1,)."""
+    landing: Launch  #: Played backwards
+    times: Array  #: When each begins and, last, when the landing does [s], shape (n,)
+    places: Array  #: u there [m], shape (n,)
+    speeds: Array  #: u' [m/s], shape (n,)
+    accelerations: Array  #: u'' [m/s^2], shape (n,)
+    bends: Array  #: beta [1/s^2], shape (n - 1,)
 
     @property
     def duration(self) -> float:
@@ -120,27 +114,22 @@ def _waves(t: Array, beta: Array) -> tuple[Array, Array]:
 
 MOST_HALVINGS = 6
 """How often spans of the law that are beyond a limit between their knots are halved, of laws with few knots."""
-HALVED_KNOTS = 8_000
-"""Knots of all halvings together."""
+HALVED_KNOTS = 8_000  #: Knots of all halvings together
 
 
 class Feed(NamedTuple):
     """The wanted rate of the place on the path."""
 
-    places: Array
-    """[m], rising, shape (n,)."""
-    speeds: Array
-    """[m/s], positive, shape (n,)."""
+    places: Array  #: [m], rising, shape (n,)
+    speeds: Array  #: [m/s], positive, shape (n,)
 
 
 class _Look(NamedTuple):
     """What bounds the speed along a curve."""
 
-    caps: Array
-    """Largest u' by the feed, at the knots [m/s], shape (n,)."""
+    caps: Array  #: Largest u' by the feed, at the knots [m/s], shape (n,)
     at_knots: list[Bounded]
-    between: list[Bounded]
-    """At the knots divided by ``LOOKS``."""
+    between: list[Bounded]  #: At the knots divided by ``LOOKS``
 
 
 class SplineMotion(NamedTuple):

@@ -18,28 +18,20 @@ from scipy.sparse import csc_array, csr_array
 from polish_sim.arrays import Array, Bools, Indices
 
 MOST_STEPS: Final = 60
-TOLERANCE: Final = 1e-9
-"""Of the relative gap between primal and dual value, and of the violation of a row."""
-LIKELY: Final = 0.5
-"""Rows beyond this share of their end at ``guess`` are asked for from the first round on ..."""
-TIGHT: Final = 0.9
-"""... and beyond this share those beside them too."""
-BESIDE: Final = 16
-"""So many rows of the set before and after a row are beside it: they break once it is kept."""
-BROKEN: Final = 1e-6
-"""What a row left out may be beyond its end, which is about 1."""
+TOLERANCE: Final = 1e-9  #: Of the relative gap between primal and dual value, and of the violation of a row
+LIKELY: Final = 0.5  #: Rows beyond this share of their end at ``guess`` are asked for from the first round on ...
+TIGHT: Final = 0.9  #: ... and beyond this share those beside them too
+BESIDE: Final = 16  #: So many rows of the set before and after a row are beside it: they break once it is kept
+BROKEN: Final = 1e-6  #: What a row left out may be beyond its end, which is about 1
 MOST_ROUNDS: Final = 12
 
 
 class Rows(NamedTuple):
     """Row i: sum over k of ``factors[i, k] x[centers[i] - 1 + k] <= ends[i]``; unknowns beyond either end are 0."""
 
-    centers: Indices
-    """From 0 to n, of n unknowns, shape (m,)."""
-    factors: Array
-    """Shape (m, 3)."""
-    ends: Array
-    """Shape (m,)."""
+    centers: Indices  #: From 0 to n, of n unknowns, shape (m,)
+    factors: Array  #: Shape (m, 3)
+    ends: Array  #: Shape (m,)
 
 
 def join_rows(rows: list[Rows]) -> Rows:
