@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi, chi2
 
@@ -96,6 +97,41 @@ def test_without_closing_touches_bases_and_tip_stay_as_they_were_found() -> None
     found = adjust_pair(parts, MARKS, none, NOISE)
     np.testing.assert_allclose(found.T_master_follower, parts.T_master_follower, atol=1e-12)
     np.testing.assert_allclose(found.tip, parts.tip, atol=1e-12)
+
+
+def test_it_is_the_least_squares_of_an_independent_solver() -> None:
+    """The same residuals written down in another way and left to scipy's finite differences."""
+    rng = np.random.default_rng(3)
+    parts, closing = measured(true_parts(rng), true_touches(rng), rng)
+
+    def chain(x: Array) -> tuple[Array, Array, Array]:
+        T_mf = from_pose([*x[:3], *x[3:6]])
+        return T_mf, x[6:9], from_pose([*x[9:12], *x[12:15]])
+
+    def residuals(x: Array) -> Array:
+        T_mf, tip, T_fw = chain(x)
+        turn = Rotation.from_matrix(T_mf[:3, :3] @ parts.T_master_follower[:3, :3].T).as_rotvec()
+        base = np.r_[T_mf[:3, 3] - parts.T_master_follower[:3, 3], turn]
+        rows = [np.linalg.solve(np.linalg.cholesky(parts.bases_covariance), base)]
+        rows.append(np.linalg.solve(np.linalg.cholesky(parts.tip_covariance), tip - parts.tip))
+        for m, seen, C in zip(MARKS, parts.marks_flange, parts.marks_covariance, strict=True):
+            rows.append(np.linalg.solve(np.linalg.cholesky(C), apply(T_fw, m[None])[0] - seen))
+        for T_1, T_2, k in zip(closing.T_master_flange, closing.T_follower_flange, closing.mark, strict=True):
+            ends = apply(T_mf @ T_2, tip[None]) - apply(T_1 @ T_fw, MARKS[k : k + 1])
+            rows.append(ends[0] / NOISE)
+        return np.concatenate(rows)
+
+    start = np.concatenate(
+        [
+            T_MASTER_FOLLOWER[:3, 3], Rotation.from_matrix(T_MASTER_FOLLOWER[:3, :3]).as_rotvec(), TIP,
+            T_FLANGE_WORK[:3, 3], Rotation.from_matrix(T_FLANGE_WORK[:3, :3]).as_rotvec(),
+        ]
+    )  # fmt: skip
+    T_mf, tip, T_fw = chain(least_squares(residuals, start, jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
+    found = adjust_pair(parts, MARKS, closing, NOISE)
+    np.testing.assert_allclose(found.T_master_follower, T_mf, atol=2e-8)
+    np.testing.assert_allclose(found.tip, tip, atol=2e-8)
+    np.testing.assert_allclose(found.T_flange_work, T_fw, atol=2e-8)
 
 
 def test_errors_are_the_cramer_rao_bound_and_each_source_adds_its_share() -> None:
