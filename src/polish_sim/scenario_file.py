@@ -18,11 +18,12 @@ N = TypeVar("N", int, float)
 PRESETS = ("sensor.model",)  #: Keys whose words stand for values of others; they are set first
 AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 FILE_KEYS = (
-    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("plan", "file"), ("payload", "file")),
+    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow")),
     *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
-    *(("dual", "master_path"), ("drag", "follow"), ("guide", "model_file")),
+    *(("dual", "master_path"), ("guide", "model_file")),
 )
-"""Section and name of the keys that name a file; a controller's name and a region may hold one."""
+"""Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a region may
+hold one."""
 COUNTS = {3: "three", 6: "six"}
 _ROBOT_BEFORE_ARMS = {
     *("command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s"),

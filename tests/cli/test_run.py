@@ -44,21 +44,19 @@ def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(poli
     assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "T_base_work", "versions"} <= set(figures)
 
 
-def test_the_folder_s_config_runs_again_to_the_same_log(polish_sim: Tool, tmp_path: Path) -> None:
-    assert polish_sim(*ARC, "--out", "again")[0] == 0
+def test_config_prints_what_a_bare_run_uses_and_the_folder_s_config_gives_the_same_log(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
+    _, toml, _ = polish_sim("config", "arc")
+    (tmp_path / "mine.toml").write_text(toml)
+    assert polish_sim("run", "arc", "--config", "mine.toml", "--out", "again")[0] == 0
+    assert (tmp_path / "again/config.toml").read_text() == toml
     assert polish_sim(*ARC, "--seed", "3", "--out", "first")[0] == 0
     assert polish_sim("run", "arc", "--config", "first/config.toml", "--out", "again", "--overwrite")[0] == 0
     assert (tmp_path / "first/config.toml").read_text() == (tmp_path / "again/config.toml").read_text()
     first, again = read_log(tmp_path / "first/log.npz"), read_log(tmp_path / "again/log.npz")
     for name in COLUMNS:
         np.testing.assert_array_equal(first[name], again[name])
-
-
-def test_the_default_config_is_what_a_bare_run_uses(polish_sim: Tool, tmp_path: Path) -> None:
-    _, toml, _ = polish_sim("config", "arc")
-    (tmp_path / "mine.toml").write_text(toml)
-    assert polish_sim("run", "arc", "--config", "mine.toml", "--out", "run")[0] == 0
-    assert (tmp_path / "run/config.toml").read_text() == toml
 
 
 def test_check_is_1_when_a_figure_falls_short_and_0_when_all_are_met(polish_sim: Tool) -> None:

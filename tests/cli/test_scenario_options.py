@@ -152,11 +152,14 @@ def test_a_file_for_another_experiment_is_refused(tmp_path: Path) -> None:
         built({}, **{"--config": file})
 
 
-def test_a_controller_s_own_file_is_written_from_the_root_and_shown_by_its_name(
+def test_a_user_s_files_are_written_from_the_root_and_a_controller_s_is_shown_by_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "mine.py").touch()
+    (tmp_path / "mine.toml").touch()
     monkeypatch.chdir(tmp_path)
+    limits = built({}, **{"--set": ["smoothing.limits_file=mine.toml"]}).smoothing.limits_file
+    assert limits == str(tmp_path.resolve() / "mine.toml")
     controller = built({"--controller": "mine.py:Down"}).controller
     assert controller.name == f"{tmp_path.resolve() / 'mine.py'}:Down"
     assert controller.label == "mine.py:Down"

@@ -139,7 +139,7 @@ def place_key(scenario: Scenario) -> Hashable:
 
 def user_files(scenario: Scenario) -> list[Path]:
     """Files a scenario names, of its controller first."""
-    words = [scenario.controller.name.rpartition(":")[0], scenario.plan.region.partition(":")[2]]
+    words = [scenario.controller.name.rpartition(":")[0], scenario.plan.region.partition(":")[2], scenario.plan.file]
     words += [getattr(getattr(scenario, section), name) for section, name in FILE_KEYS if section != "part"]
     parts = [scenario.part.file, scenario.part.real_file, scenario.part.fixture_file]
     return [file for file in (*map(Path, words), *(part_path(name) for name in parts if name)) if file.is_file()]
