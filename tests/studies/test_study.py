@@ -15,7 +15,7 @@ from polish_sim.analysis.claim import Claim
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.assembly import config_hash
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.scenario_file import override
+from polish_sim.scenario_file import FILE_KEYS, override
 from polish_sim.studies.page import pareto, sweep_page
 from polish_sim.studies.study import Axis, Run, Study, read_axis, read_study, to_text
 from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, missing_runs, read_rows, run_row, run_study
@@ -141,6 +141,15 @@ def test_a_run_is_known_by_its_config_and_the_contents_of_its_files(tmp_path: Pa
     one = hashed("a", "class Mine: pass")
     assert hashed("b", "class Mine: pass") == one
     assert len({one, hashed("a", "class Mine: 1"), hashed("a", "class Mine: pass", 0.2)}) == 3
+
+
+@pytest.mark.parametrize("key", ["plan.file", *map(".".join, FILE_KEYS)])
+def test_every_key_that_names_a_file_counts_by_the_file_s_content(key: str, tmp_path: Path) -> None:
+    file, hashes = tmp_path / "file", set()
+    for text in ("a", "b"):
+        file.write_text(text)
+        hashes.add(config_hash(override(ARC, [f"{key}={file}"]), {}))
+    assert len(hashes) == 2
 
 
 def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path: Path) -> None:
