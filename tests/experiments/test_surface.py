@@ -107,6 +107,12 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap) -> None:
     assert 0.01 < moment["on"] - moment["off"] < 0.3 * 20.0 * 0.025
 
 
+def test_a_host_at_500_hz_holds_the_force_too(cap: Cap) -> None:
+    slow = changed(cap, "simulation.control_every=2")
+    assert slow.stop_reason is None
+    assert slow.figures["force_max_deviation_n"] < 4.0
+
+
 def polish_with_a_balanced_tool(scenario: Scenario, plan: PlanResult) -> tuple[dict[str, float | int], float]:
     """Figures of a run, and how far it came [m], with the tool's mass moved onto its axis."""
     place = prepare_surface(scenario, plan).place
