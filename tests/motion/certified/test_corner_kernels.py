@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numba import njit
 
 from polish_sim.motion.certified.connector import Peaks
 from polish_sim.motion.certified.corner import corner_kernel, corner_shapes, time_lost
@@ -13,22 +12,14 @@ SPEED, ACCELERATION, JERK, TOLERANCE = 0.05, 0.5, 10.0, 2e-5
 AXIS = np.radians([10.0, 100.0, 2000.0, 0.02])
 
 
-@njit
-def round_corners(weights, limits, shapes, figures, kernels):
-    for i in range(len(weights)):
-        w, m = weights[i], limits[i]
-        one, two = np.sqrt(w[0]), np.sqrt(w[1])
-        tip = side_of(one, two, w[2] / max(one * two, 1e-300), Peaks(m[0], m[1], m[2]), m[3], False)
-        axis = side_of(w[3], w[4], w[5], Peaks(m[4], m[5], m[6]), m[7], True)
-        corner = Corner(tip, axis, Peaks(m[8], m[9], m[10]), (w[6], w[7]))
-        f = corner_kernel(corner, shapes, kernels[i])
-        figures[i, 0], figures[i, 1], figures[i, 2], figures[i, 3] = f.size, f.speed, f.acceleration, f.duration
-
-
 def kernels(weights, limits):
     """Kernels of n corners: figures (n, 4), durations (n, P), remaining and gone (n, P, 4)."""
     figures, filled = np.zeros((len(weights), 4)), np.zeros(len(weights), Kernel.dtype)
-    round_corners(np.asarray(weights, float), np.asarray(limits, float), SHAPES, figures, filled)
+    for i, (w, m) in enumerate(zip(np.asarray(weights, float), np.asarray(limits, float), strict=True)):
+        one, two = np.sqrt(w[:2])
+        tip = side_of(one, two, w[2] / max(one * two, 1e-300), Peaks(*m[:3]), m[3], False)
+        axis = side_of(w[3], w[4], w[5], Peaks(*m[4:7]), m[7], True)
+        figures[i] = corner_kernel(Corner(tip, axis, Peaks(*m[8:11]), (w[6], w[7])), SHAPES, filled[i])
     return figures, filled["durations"], filled["remaining"], filled["gone"]
 
 
