@@ -174,6 +174,8 @@ def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
 
 def test_an_interrupt_keeps_what_was_recorded() -> None:
     class Hand(Silent):
+        frame_every_s = 0.2
+
         def frame(self, model: object, data: mujoco.MjData) -> None:
             if data.time > 0.5:
                 signal.raise_signal(signal.SIGINT)
