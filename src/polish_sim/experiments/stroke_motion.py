@@ -20,7 +20,6 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, si
 from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule
 from polish_sim.motion.segment_rates import sampled_joints
-from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline
 from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
 
@@ -99,6 +98,8 @@ def within_noise(scenario: Scenario, noise: Noise) -> Scenario:
 
 def along_a_curve(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits allow it."""
+    from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline  # slow to import
+
     asked = scenario.smoothing
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     limits, tolerances = cell_limits(scenario, stroke.limits, math.inf), (asked.tolerance_m, asked.axis_tolerance_rad)
