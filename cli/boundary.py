@@ -90,7 +90,13 @@ def _interrupts_kept(swallowed: list[object]) -> Iterator[None]:
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is what an error comes from: of a C++ module broken off while it is loaded, an `ImportError`."""
+    """Whether Ctrl-C is what an error comes from.
+
+    Of a C++ module broken off while it is loaded comes an `ImportError` with its cause, of a call of a C function one
+    of ctypes that only names it.
+    """
+    if isinstance(error, ctypes.ArgumentError) and KeyboardInterrupt.__name__ in str(error):
+        return True
     seen: list[BaseException] = []
     while error is not None and error not in seen:
         seen.append(error)

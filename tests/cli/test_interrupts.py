@@ -104,7 +104,17 @@ def load_c_module() -> None:
         raise ImportError("initialization failed") from interrupt
 
 
-@pytest.mark.parametrize("command", [compile_kernels, go_on_for_ever, load_c_module])
+class Argument:
+    @property
+    def _as_parameter_(self) -> int:
+        raise KeyboardInterrupt
+
+
+def call_c_function() -> None:
+    ctypes.CDLL(None).abs(Argument())  # ctypes makes an error of its own of it
+
+
+@pytest.mark.parametrize("command", [compile_kernels, go_on_for_ever, load_c_module, call_c_function])
 def test_ctrl_c_that_is_dropped_or_taken_for_another_error_is_no_bug_of_ours(
     command: Callable[[], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
