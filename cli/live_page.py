@@ -443,7 +443,9 @@ class Replay:
                 step = (now - before) * min(page.speed, FASTEST)
             elif page.steps:
                 page.steps, step = page.steps - 1, STEP_S
-            before, self._time = now, min(self._time + step, self._end)
+            before = now
+            if step:  # while it waits, the time is the page's: what somebody enters there must not be lost
+                self._time = min(self._time + step, self._end)
             row = max(int(np.searchsorted(motion.time, self._time + 1e-9)), 1)
             if page.worked is not None and row != shown:
                 if row < shown:
@@ -457,7 +459,7 @@ class Replay:
                        float(motion.asked[k]), float(motion.speed[k])),
                 self._rows(k),
             )  # fmt: skip
-            if told:
+            if told and self._moment.value != round(self._time, 2):
                 self._moment.value = round(self._time, 2)
             time.sleep(0.5 / SHOWN_HZ)
 
