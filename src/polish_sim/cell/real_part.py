@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Bools
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import PartConfig
+from polish_sim.config.cell import PAD_TOP
 from polish_sim.geometry.distance_field import bend_field, build_distance_field
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.field_lookup import NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernels import Record, Vector3, kernel
-from polish_sim.planning.quality.tool_room import PAD_TOP
 from polish_sim.spatial import transform
 
 WAVELENGTHS = (0.04, 0.15)  # of the form error [m]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Final
 
 from polish_sim.config.key import DIAMETER, HERTZ_OR_FULL, NEWTON, OUTPUT, PER_MINUTE, RUN, SENSOR, TOOL, Option, key
 
@@ -170,6 +171,9 @@ class HeadConfig:
     spring_scale: float = key(
         1.0, "real springs of head and pad by what plan and controller take them for [-]", 0.05, 20.0
     )
+
+
+PAD_TOP: Final = 0.022  #: Height of pad and backing plate in the model [m]; the plate is no wider than the pad
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,8 @@ from polish_sim.experiments.part_setup import (
 )
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.stroke_motion import within_noise
+from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.models import part_path
-from polish_sim.planning.feasibility import check_asked, check_part_words
 from polish_sim.scenario_file import FILE_KEYS
 
 if TYPE_CHECKING:
@@ -228,6 +228,8 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
         return
     if scenario.experiment in ON_PART:
         if plans:
+            from polish_sim.planning.feasibility import check_asked  # slow to import
+
             check_asked(scenario.part, scenario.plan, scenario.pad)
         else:
             check_part_words(scenario.part, scenario.plan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,8 +23,10 @@ from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.log import PHASES, RemovalMap, RunLog
 from polish_sim.motion import track
 from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, box, cylinder
-from polish_sim.planning import PlanResult
 from polish_sim.spatial import apply, transform
+
+if TYPE_CHECKING:
+    from polish_sim.planning import PlanResult
 
 JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 ROWS_PER_S: Final = 50.0

@@ -8,11 +8,9 @@ import numpy as np
 
 from polish_sim.errors import PlanError, place_in_mm, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
-from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, check_unit, metres_per_unit
-from polish_sim.geometry.orientation import check_up
-from polish_sim.geometry.regions.region import check_choice
+from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
+from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.geometry.step_file import ENDINGS
-from polish_sim.models import part_path
 from polish_sim.planning.curves.offset_curve import CurveSet
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.ground import Ground, footprint
@@ -55,18 +53,6 @@ def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
     check_part_words(part, plan)
     check_plan_words(plan)
     check_stepover(plan, pad)
-
-
-def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
-    """Refuse unknown names of part, unit, side and region before the part is loaded.
-
-    Raises:
-        InputError: Naming what is valid.
-    """
-    part_path(part.file)
-    check_unit(part.unit)
-    check_up(part.up)
-    check_choice(plan.region)
 
 
 def check_plan_words(plan: PlanConfig) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from polish_sim.arrays import Array, Ints
 from polish_sim.errors import InputError
 from polish_sim.geometry.cut import Clipped
 from polish_sim.geometry.features import facet_normals, smooth_edges
-from polish_sim.geometry.mesh import PartMesh
-from polish_sim.geometry.orientation import UP_CONE
+from polish_sim.geometry.mesh import PartMesh, check_unit
+from polish_sim.geometry.orientation import UP_CONE, check_up
 from polish_sim.geometry.regions.choice import (
     CHOICES,
     Whole,
@@ -35,6 +35,10 @@ from polish_sim.geometry.regions.choice import (
 from polish_sim.geometry.regions.margin import Room, keep_roomy, trim
 from polish_sim.geometry.regions.patches import connected, facing, join, unpinch
 from polish_sim.geometry.surface import Surface, boundary_loops, connected_facets
+from polish_sim.models import part_path
+
+if TYPE_CHECKING:
+    from polish_sim.config import PartConfig, PlanConfig
 
 
 class Choice(NamedTuple):
@@ -154,6 +158,18 @@ def check_choice(choice: str) -> None:
     if name not in known or choice.endswith(":"):
         raise InputError(f"unknown region '{choice}'. Valid: {CHOICES}.")
     known[name].read(argument)
+
+
+def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
+    """Refuse unknown names of part, unit, side and region before the part is loaded.
+
+    Raises:
+        InputError: Naming what is valid.
+    """
+    part_path(part.file)
+    check_unit(part.unit)
+    check_up(part.up)
+    check_choice(plan.region)
 
 
 def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, ...] = ()) -> Region:

@@ -9,6 +9,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.config import HeadConfig, PadConfig
+from polish_sim.config.cell import PAD_TOP
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.geometry.closest import box_distance2
@@ -30,7 +31,6 @@ class Body(NamedTuple):
     radius: float  #: [m]
 
 
-PAD_TOP: Final = 0.022  #: Height of pad and backing plate [m]; the plate is no wider than the pad
 BEHIND_PAD: Final = (
     Body("shaft", PAD_TOP, 0.060, 0.009),
     Body("spindle", 0.060, 0.102, 0.0325),
