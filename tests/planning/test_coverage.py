@@ -8,7 +8,8 @@ import pytest
 from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import prepare_ground
-from polish_sim.planning.ground.triangulation import thin, triangulate
+from polish_sim.planning.ground.points import thin
+from polish_sim.planning.ground.triangulation import triangulate
 from polish_sim.planning.quality.coverage import (
     PadSteps,
     pad_depths,

@@ -22,7 +22,8 @@ from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
 from polish_sim.log import RunLog, Trace
-from polish_sim.planning.ground.triangulation import Triangulation, build_point_grid, triangulate
+from polish_sim.planning.ground.points import build_point_grid
+from polish_sim.planning.ground.triangulation import Triangulation, triangulate
 from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import unit
 

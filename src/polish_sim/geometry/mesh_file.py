@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import re
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -125,7 +128,7 @@ def _parse_binary_stl(content: bytes, path: Path) -> Array:
 
 
 def _parse_text_stl(content: bytes, path: Path) -> Array:
-    """The corners of the facets; a file that ends before its last solid does, or splits a facet, is refused."""
+    """The facets as trimesh reads them, if it reads all: it drops a solid that is cut short without a word."""
     text = _SOLID_NAME.sub(rb"\1", content.replace(b"\r", b"\n"))
     words = text.lower()
     if b"vertex" not in words and b"facet" in words.split():
@@ -139,12 +142,22 @@ def _parse_text_stl(content: bytes, path: Path) -> Array:
             f"{path}: the ASCII STL is cut short after {count_text(whole, 'whole facet')} "
             "(no 'endsolid' at its end). Export or copy it again."
         )
-    numbers = text_numbers(b"\n".join(rows))
-    solids = [solid.partition(b"solid")[2].count(b"vertex") for solid in words.split(b"endsolid")[:-1]]
-    all_whole = all(len(row.split()) == 3 for row in rows) and not any(count % 3 for count in solids)
-    if numbers is None or len(numbers) != 3 * len(rows) or sum(solids) != len(rows) or not all_whole:
+    if any(len(row.split()) != 3 for row in rows):
         raise _bad_vertex(rows, path)
-    return numbers.reshape(-1, 3, 3)
+    logging.getLogger("trimesh").setLevel(logging.ERROR)  # it warns of normals, which are not used
+    from trimesh.exchange.stl import load_stl_ascii  # slow to import
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            loaded = load_stl_ascii(io.StringIO(text.decode("latin-1")))
+        except ValueError:
+            loaded = {}
+    solids = [loaded] if "vertices" in loaded else list(loaded.get("geometry", {}).values())
+    vertices = np.concatenate([np.empty((0, 3)), *(solid["vertices"] for solid in solids)])
+    if len(vertices) != len(rows):
+        raise _bad_vertex(rows, path)
+    return vertices.reshape(-1, 3, 3)
 
 
 def _bad_vertex(rows: list[bytes], path: Path) -> MeshError:

@@ -75,7 +75,7 @@ def _listed(values: Array) -> list[list[float | None]]:
 def fit_gears(log: RobotLog, real: RealArmConfig, period: float = 0.0) -> GearFit:
     """Find the gears of a log with both sides' encoders; of ``real`` what a catalogue says is used, the rest is truth.
 
-    A slope the torques do not reach, and what cannot be told apart, is NaN.
+    Slopes beyond the logged torques, and parameters that the log does not determine, are NaN.
     """
     assert log.gears is not None
     n = log.q.shape[1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,7 +12,6 @@ from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
 from polish_sim.geometry.topology import counting_order, facets_at_edges, label_within
-from polish_sim.kernel_cache import njit
 
 MAX_TRIANGLES = 1_500_000
 ALIKE = 1.0 + 1e-9  #: Lengths that differ by less are equal: rounding must not decide how patches are split
@@ -124,10 +122,6 @@ def _long_edges(vertices: Array, triangles: Indices, longest_edge: float) -> Boo
     return np.stack([np.einsum("ij,ij->i", side, side) > limit2 for side in sides])
 
 
-SPLIT_ONE, SPLIT_THREE = ((0, 3, 2), (3, 1, 2)), ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
-"""Pieces of a triangle with one edge split, and with all three: corners are 0 to 2, middles 3 to 5."""
-
-
 def _split(
     triangles: Indices, corners: Array, owners: Indices, split: Indices, vertices: Array
 ) -> tuple[Indices, Array, Indices]:
@@ -135,7 +129,7 @@ def _split(
     many = (split >= 0).sum(axis=1)
     kept = many == 0
     out = [(triangles[kept], corners[kept], owners[kept])]
-    for number, pieces in ((1, SPLIT_ONE), (2, None), (3, SPLIT_THREE)):
+    for number, pieces in ((1, _split_one), (2, _split_two), (3, _split_three)):
         rows = np.flatnonzero(many == number)
         # Turn each triangle so that its split edges stand first.
         lead = split[rows] >= 0
@@ -146,7 +140,7 @@ def _split(
         )
         where = np.take_along_axis(corners[rows], order[:, :, None], 1)
         where = np.concatenate([where, 0.5 * (where + np.roll(where, -1, axis=1))], axis=1)
-        for piece in _split_two(ids, vertices) if pieces is None else _rows(ids, *pieces):
+        for piece in pieces(ids, vertices):
             out.append(
                 (np.take_along_axis(ids, piece, 1), np.take_along_axis(where, piece[:, :, None], 1), owners[rows])
             )
@@ -155,6 +149,10 @@ def _split(
 
 def _rows(ids: Indices, *picks: tuple[int, int, int]) -> list[Indices]:
     return [np.tile(pick, (len(ids), 1)) for pick in picks]
+
+
+def _split_one(ids: Indices, vertices: Array) -> list[Indices]:
+    return _rows(ids, (0, 3, 2), (3, 1, 2))
 
 
 def _split_two(ids: Indices, vertices: Array) -> list[Indices]:
@@ -167,6 +165,10 @@ def _split_two(ids: Indices, vertices: Array) -> list[Indices]:
     return [corner, np.where(first, a, c), np.where(first, b, d)]
 
 
+def _split_three(ids: Indices, vertices: Array) -> list[Indices]:
+    return _rows(ids, (0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
+
+
 def _finish(surface: Surface, vertices: Array, triangles: Indices, corners: Array, owners: Indices) -> Triangulation:
     """Normals from one triangle around each vertex, areas of the flat triangles."""
     place = np.zeros(len(vertices), dtype=np.int64)
@@ -175,86 +177,3 @@ def _finish(surface: Surface, vertices: Array, triangles: Indices, corners: Arra
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return Triangulation(found.positions, found.normals, triangles, areas, owners)
-
-
-# Points sorted into the cells of a grid, for kernels that visit what lies near (points -> PointGrid).
-#
-# The grid only speeds a search up: every visitor tests exact distances, so no answer depends on where cells begin.
-
-MOST_ACROSS = 96  #: Cells along the longest side: beyond so many the table itself would cost more than it saves
-
-
-class PointGrid(NamedTuple):
-    """Numbers of points, cell by cell."""
-
-    low: Array  #: Corner of the first cell [m], shape (3,)
-    cell: float  #: Side of a cell [m]
-    size: Indices  #: Cells along x, y and z, shape (3,)
-    first: Indices  #: Where each cell's points begin in `items`, one more at the end, shape (cells + 1,)
-    items: Indices  #: Numbers of the points, sorted by cell, shape (n,)
-
-
-def build_point_grid(points: Array, cell: float) -> PointGrid:
-    """Sort points (n, 3) [m], at least one, into cells of a side [m]; larger ones where they spread too far for it."""
-    low = points.min(axis=0)
-    spread = points.max(axis=0) - low
-    cell = max(cell, float(spread.max()) / MOST_ACROSS, 1e-9)
-    where = ((points - low) / cell).astype(np.int64)
-    size = where.max(axis=0) + 1
-    flat = (where[:, 0] * size[1] + where[:, 1]) * size[2] + where[:, 2]
-    items = np.argsort(flat, kind="stable")
-    first = np.searchsorted(flat[items], np.arange(int(size.prod()) + 1))
-    return PointGrid(low, cell, size, first.astype(np.int64), items.astype(np.int64))
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def cells_between(grid, axis, least, most):  # type: ignore[no-untyped-def]
-    """First and one past the last cell between two coordinates [m] along one axis."""
-    first = int(max(np.floor((least - grid.low[axis]) / grid.cell), 0))
-    last = int(min(np.floor((most - grid.low[axis]) / grid.cell), grid.size[axis] - 1)) + 1
-    return first, last
-
-
-# Some of many points, spread evenly, each standing for those around it (points -> Thinned).
-#
-# Points are taken in their own order, so the choice does not depend on the frame they are given in.
-
-
-class Thinned(NamedTuple):
-    """Which points were kept, and which of them stands for each."""
-
-    kept: Indices  #: Numbers of the points kept, shape (k,)
-    stands_for: Indices  #: Place in `kept` of the one nearest to each point, shape (n,)
-
-
-def thin(points: Array, spacing: float) -> Thinned:
-    """Keep points (n, 3) [m] no closer than a spacing [m] to each other, every other one within it of one kept."""
-    grid = build_point_grid(points, spacing)
-    cells = ((points - grid.low) / grid.cell).astype(np.int64)
-    kept = np.flatnonzero(_keep(points, cells, grid.size, spacing))
-    return Thinned(kept, np.asarray(cKDTree(points[kept]).query(points)[1], dtype=np.int64))
-
-
-@njit(cache=True, error_model="numpy")
-def _keep(points, cells, size, spacing):  # type: ignore[no-untyped-def]
-    kept = np.zeros(len(points), np.bool_)
-    # Kept points of each cell as a chain: the last one kept, and for each point the one kept before it.
-    last = np.full(size[0] * size[1] * size[2], -1, np.int64)
-    before = np.full(len(points), -1, np.int64)
-    for i in range(len(points)):
-        free = True
-        for a in range(max(cells[i, 0] - 1, 0), min(cells[i, 0] + 2, size[0])):
-            for b in range(max(cells[i, 1] - 1, 0), min(cells[i, 1] + 2, size[1])):
-                for c in range(max(cells[i, 2] - 1, 0), min(cells[i, 2] + 2, size[2])):
-                    j = last[(a * size[1] + b) * size[2] + c]
-                    while j >= 0 and free:
-                        dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
-                        dz = points[i, 2] - points[j, 2]
-                        free = dx * dx + dy * dy + dz * dz >= spacing * spacing
-                        j = before[j]
-        if free:
-            kept[i] = True
-            cell = (cells[i, 0] * size[1] + cells[i, 1]) * size[2] + cells[i, 2]
-            before[i] = last[cell]
-            last[cell] = i
-    return kept

@@ -14,7 +14,7 @@ from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.regions.region import cut_region
 from polish_sim.planning.ground.ground import Ground
-from polish_sim.planning.ground.triangulation import thin
+from polish_sim.planning.ground.points import thin
 from polish_sim.planning.quality.leaning import Leaning, find_leaning, pressed_from
 from polish_sim.planning.quality.tool_room import (
     FIXTURE,

@@ -13,7 +13,8 @@ from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, foot_on_chord
 from polish_sim.planning.ground.ground import Ground
-from polish_sim.planning.ground.triangulation import Triangulation, build_point_grid, cells_between, thin
+from polish_sim.planning.ground.points import build_point_grid, cells_between, thin
+from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.quality.located import PathOnSurface, Strands
 from polish_sim.spatial import unit
 

@@ -16,7 +16,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.planning.ground.triangulation import Triangulation, thin
+from polish_sim.planning.ground.points import thin
+from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.quality.coverage import pad_depths
 from polish_sim.planning.quality.tool_room import Places, Tool, UnderPad, most_hollow, pressed_places
 from polish_sim.spatial import perpendicular, unit

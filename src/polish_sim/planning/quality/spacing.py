@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, foot_on_chord
-from polish_sim.planning.ground.triangulation import build_point_grid, cells_between
+from polish_sim.planning.ground.points import build_point_grid, cells_between
 from polish_sim.planning.quality.located import Samples, Strands
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import unit

@@ -1,0 +1,92 @@
+"""Points sorted into the cells of a grid, for kernels that visit what lies near, and points thinned evenly.
+
+The grid only speeds a search up: every visitor tests exact distances, so no answer depends on where cells begin.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from polish_sim.arrays import Array, Indices
+from polish_sim.kernel_cache import njit
+
+MOST_ACROSS = 96  #: Cells along the longest side: beyond so many the table itself would cost more than it saves
+
+
+class PointGrid(NamedTuple):
+    """Numbers of points, cell by cell."""
+
+    low: Array  #: Corner of the first cell [m], shape (3,)
+    cell: float  #: Side of a cell [m]
+    size: Indices  #: Cells along x, y and z, shape (3,)
+    first: Indices  #: Where each cell's points begin in `items`, one more at the end, shape (cells + 1,)
+    items: Indices  #: Numbers of the points, sorted by cell, shape (n,)
+
+
+def build_point_grid(points: Array, cell: float) -> PointGrid:
+    """Sort points (n, 3) [m], at least one, into cells of a side [m]; larger ones where they spread too far for it."""
+    low = points.min(axis=0)
+    spread = points.max(axis=0) - low
+    cell = max(cell, float(spread.max()) / MOST_ACROSS, 1e-9)
+    where = ((points - low) / cell).astype(np.int64)
+    size = where.max(axis=0) + 1
+    flat = (where[:, 0] * size[1] + where[:, 1]) * size[2] + where[:, 2]
+    items = np.argsort(flat, kind="stable")
+    first = np.searchsorted(flat[items], np.arange(int(size.prod()) + 1))
+    return PointGrid(low, cell, size, first.astype(np.int64), items.astype(np.int64))
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def cells_between(grid, axis, least, most):  # type: ignore[no-untyped-def]
+    """First and one past the last cell between two coordinates [m] along one axis."""
+    first = int(max(np.floor((least - grid.low[axis]) / grid.cell), 0))
+    last = int(min(np.floor((most - grid.low[axis]) / grid.cell), grid.size[axis] - 1)) + 1
+    return first, last
+
+
+# Some of many points, spread evenly, each standing for those around it (points -> Thinned).
+#
+# Points are taken in their own order, so the choice does not depend on the frame they are given in.
+
+
+class Thinned(NamedTuple):
+    """Which points were kept, and which of them stands for each."""
+
+    kept: Indices  #: Numbers of the points kept, shape (k,)
+    stands_for: Indices  #: Place in `kept` of the one nearest to each point, shape (n,)
+
+
+def thin(points: Array, spacing: float) -> Thinned:
+    """Keep points (n, 3) [m] no closer than a spacing [m] to each other, every other one within it of one kept."""
+    grid = build_point_grid(points, spacing)
+    cells = ((points - grid.low) / grid.cell).astype(np.int64)
+    kept = np.flatnonzero(_keep(points, cells, grid.size, spacing))
+    return Thinned(kept, np.asarray(cKDTree(points[kept]).query(points)[1], dtype=np.int64))
+
+
+@njit(cache=True, error_model="numpy")
+def _keep(points, cells, size, spacing):  # type: ignore[no-untyped-def]
+    kept = np.zeros(len(points), np.bool_)
+    # Kept points of each cell as a chain: the last one kept, and for each point the one kept before it.
+    last = np.full(size[0] * size[1] * size[2], -1, np.int64)
+    before = np.full(len(points), -1, np.int64)
+    for i in range(len(points)):
+        free = True
+        for a in range(max(cells[i, 0] - 1, 0), min(cells[i, 0] + 2, size[0])):
+            for b in range(max(cells[i, 1] - 1, 0), min(cells[i, 1] + 2, size[1])):
+                for c in range(max(cells[i, 2] - 1, 0), min(cells[i, 2] + 2, size[2])):
+                    j = last[(a * size[1] + b) * size[2] + c]
+                    while j >= 0 and free:
+                        dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
+                        dz = points[i, 2] - points[j, 2]
+                        free = dx * dx + dy * dy + dz * dz >= spacing * spacing
+                        j = before[j]
+        if free:
+            kept[i] = True
+            cell = (cells[i, 0] * size[1] + cells[i, 1]) * size[2] + cells[i, 2]
+            before[i] = last[cell]
+            last[cell] = i
+    return kept
