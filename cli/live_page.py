@@ -1,4 +1,4 @@
-"""The page of a cell in the browser: scene, force and time, of a run while it goes or again from its folder.
+"""The page of a cell in the browser: scene, force, time and buttons, as `live_view` fills it.
 
 Texts that may name a user's files go to the page as escaped HTML.
 """
@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import html
 import math
-import queue
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import trimesh
@@ -18,25 +17,12 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell.faults import FAULTS, as_planned, lacking_for
-from polish_sim.cell.observer import STOPPING
-from polish_sim.cell.set_points import FEED, FORCE
-from polish_sim.cell.stroke import cycle_time
-from polish_sim.cli.pictures import FrameSink
 from polish_sim.cli.view import Address, close_server, open_server, say_address
-from polish_sim.experiments.run_page import part_body, scene_solids
-from polish_sim.spatial import apply, inverse, transform
-
-if TYPE_CHECKING:
-    from polish_sim.cell import Stroke
-    from polish_sim.config import Scenario
-    from polish_sim.page.page import Body
-    from polish_sim.page.page import Page as SavedPage
+from polish_sim.spatial import apply, inverse
 
 SHOWN_HZ: Final = 30.0  #: Moments sent to the page per second, at most
 GAUGES_HZ: Final = 10.0  #: As often numbers, plot, trace and colours
 PLOT_S: Final = 12.0  #: Length of the plot [s]
-SETTLED_S: Final = 0.25  #: A slider counts when it has rested this long [s]
 PAUSE, GO_ON, STEP = "pause", "go on", "step"
 SPEEDS: Final = {"¼ x": 0.25, "1 x": 1.0, "4 x": 4.0, "fastest": math.inf}
 PART, TOOL, CELL = "part", "tool", "cell"
@@ -47,8 +33,6 @@ MARKS: Final = np.array([(200, 204, 210), (38, 70, 140), (0, 140, 140), (110, 19
 APART: Final = 1e-3  #: Places of a trace, at least [m]
 PATH_M, TRACE_M = 0.0006, 0.0012  #: Width of their lines [m]
 DOTS_M: Final = 3e-4  #: Dots are drawn so far above the part [m]
-FASTEST, STEP_S = 30.0, 0.02  #: Of a playback: speed, and one step [s]
-STAGES: Final = ("zero the sensor", "travel", "approach", "seek contact", "touch down", "process", "retract", "done")
 
 
 class Moment(NamedTuple):
@@ -266,217 +250,3 @@ def numbers_text(title: str, moment: Moment, paused: bool) -> str:
         f"<div style='position:relative;height:12px;background:#8883;border-radius:4px;margin:3px 0'>"
         f"{bar}{mark if known else ''}</div>"
     )
-
-
-# A run while it goes.
-
-
-class LiveView(FrameSink):
-    """Shows a run in the browser, lets it wait, and hands on what somebody changes there."""
-
-    every_s = 0.012  #: A whole number of log rows at the usual rate
-
-    def __init__(self, asked: Address, title: str) -> None:
-        self._asked, self._title = asked, title
-        self._cell: Any = None
-        self._stopping = False
-        self._wanted: dict[str, tuple[float, float]] = {}  # set points under a hand: value and when it was moved
-        self._faults: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._rows: list[tuple[float, float, float]] = []  # time, force and set force
-        self._next = 0.0  # when the next moment is due
-
-    def __enter__(self) -> LiveView:
-        self.page = Page(self._asked, self._title)
-        return self
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        end = "The run is over" if error is None else "The run was broken off"
-        self.page.close(f"{end}. 'polish-sim view' with its folder shows it again.")
-
-    def stage(self, text: str) -> None:
-        """Say what is going on; in the handler of Ctrl-C, which may have come anywhere, the page is left alone."""
-        self._stopping = text == STOPPING
-        if not self._stopping:
-            self.page.say(text)
-
-    def start(self, cell: Any) -> None:
-        """Offer what can be changed in the cell that is about to run."""
-        self._cell, gui, process = cell, self.page.server.gui, cell.scenario.process
-        self._total, force, feed = cycle_time(cell.strokes), process.contact_force_n, 1e3 * process.feed_m_s
-        if cell.on_part and cell.scenario.controller.name != "position":
-            top = max(force, min(2.0 * force, 0.8 * cell.scenario.safety.force_limit_n))
-            self._slider(gui, "Force [N]", FORCE, (min(1.0, force), top, 0.5, force), 1.0)
-        self.page.scale(2.0 * force)
-        self._slider(gui, "Feed [mm/s]", FEED, (0.05 * feed, feed, 0.05 * feed, feed), 1e-3)
-        with gui.add_folder("Faults", expand_by_default=False):
-            for name in FAULTS:
-                if not lacking_for(name, cell.on_part, bool(cell.arm)):
-                    button = gui.add_button(name, hint=FAULTS[name].text, color="gray")
-                    button.on_click(lambda _, name=name: self._faults.put(name))
-        self._changed = gui.add_html("")
-
-    def _slider(self, gui: Any, label: str, name: str, scale: tuple[float, ...], si: float) -> None:
-        def moved(event: Any) -> None:
-            self._wanted[name] = si * event.target.value, time.monotonic()
-
-        gui.add_slider(label, *scale).on_update(moved)
-
-    def take(self, model: Any, data: Any) -> None:
-        """Show one moment; wait as long as it lasts, or until somebody lets the run go on."""
-        page = self.page
-        if not page.built:
-            self._build(model, data)
-        moment = self._moment(data)
-        passed = max(0.0, moment.time - self._rows[-1][0]) if self._rows else 0.0
-        self._rows = [*self._rows[-round(PLOT_S / self.every_s) :], (moment.time, moment.force, moment.asked)]
-        if page.worked is not None:
-            page.worked.add(page.on_part(moment), np.array([moment.force * passed]))
-        self._next = max(self._next + passed / page.speed, time.monotonic() - 0.1)
-        while True:
-            self._attend()
-            page.show(moment, np.array(self._rows))
-            if self._stopping or not (page.paused or time.monotonic() < self._next):
-                return
-            if page.paused and page.steps:
-                page.steps -= 1
-                return
-            time.sleep(0.01 if page.paused else min(0.01, max(0.0, self._next - time.monotonic())))
-
-    def _attend(self) -> None:
-        """Hand on what was changed in the page: a fault at once, a set point when its slider rests."""
-        happened = [self._faults.get() for _ in range(self._faults.qsize())]
-        for name, (value, at) in list(self._wanted.items()):
-            if time.monotonic() - at >= SETTLED_S:
-                del self._wanted[name]
-                happened.append(f"{name}={value:.6g}")
-        for what in happened:
-            self._cell.let_happen(what)
-        if happened:
-            said = "<br>".join(map(str, self._cell.asked[-8:]))
-            self._changed.content = block(f"<b>changed by hand</b>, kept in config.toml<br>{said}")
-
-    def _build(self, model: Any, data: Any) -> None:
-        part, path, cell, radius = part_body(model), np.empty((0, 3)), self._cell, 0.0
-        if cell is not None and cell.on_part:
-            path, radius = np.concatenate([on_surface(each) for each in cell.strokes]), cell.scenario.pad.radius_m
-            if part >= 0:
-                path = apply(inverse(poses_of(data)[part]), path)
-        self.page.build(model.nbody - 1, scene_solids(model), part, path, radius)
-        self.page.plot.visible = cell is not None and cell.on_part
-
-    def _moment(self, data: Any) -> Moment:
-        cell, poses, none = self._cell, poses_of(data), math.nan
-        if cell is None:
-            return Moment(data.time, none, "", poses, data.site("tool").xpos, none, none, none)
-        state, e, part = cell.state, cell.kernel.engine, self.page.part
-        if part >= 0 and not cell.arm:
-            poses[part, :3, 3] += cell.kernel.part.position - state.motion.rest
-        force, stop = float(state.wrench[2]), int(state.status.stop)
-        sunk = e.qpos[6] + force / cell.scenario.pad.stiffness_n_m
-        return Moment(
-            time=float(state.status.steps) * e.dt,
-            total=self._total,
-            stage=f"protective stop: {cell.reasons[stop]}" if stop else STAGES[state.sequence.stage],
-            poses=poses,
-            pad=data.site_xpos[e.tool_site] - sunk * data.site_xmat[e.tool_site].reshape(3, 3)[:, 2],
-            force=force,
-            asked=float(state.target.force[0]) if state.target.contact[0] > 0.0 else none,
-            speed=float(np.linalg.norm(state.measurement.twist[:3])),
-        )
-
-    def as_run(self, scenario: Scenario) -> Scenario:
-        """The scenario with what was changed by hand, so that it gives this run again."""
-        return scenario if self._cell is None else as_planned(scenario, self._cell.asked)
-
-
-def poses_of(data: Any) -> Array:
-    """Poses of a model's bodies in the world, shape (k, 4, 4)."""
-    return transform(data.xmat[1:].reshape(-1, 3, 3), data.xpos[1:])
-
-
-def on_surface(stroke: Stroke) -> Array:
-    """Points of a stroke on the unpressed surface, base frame [m], shape (n, 3)."""
-    table = stroke.process
-    axes = Rotation.from_quat(table.quaternions, scalar_first=True).as_matrix()[:, :, 2]
-    depth = stroke.depth * stroke.force / stroke.force[0]
-    return np.asarray(table.positions - depth[:, None] * axes)
-
-
-# A saved run again.
-
-
-class Replay:
-    """Plays the rows of a saved run."""
-
-    def __init__(self, asked: Address, saved: SavedPage, radius: float) -> None:
-        self._asked, self._saved, self._radius = asked, saved, radius
-        self._time, self._end = 0.0, max(round(float(saved.motion.time[-1]), 2), 0.01)
-
-    def __enter__(self) -> Replay:
-        saved = self._saved
-        self._page = page = Page(self._asked, saved.title)
-        page.build(len(saved.bodies), saved.solids, saved.part_body, saved.path, self._radius)
-        page.scale(1.1 * max(1.0, float(np.nanmax(saved.motion.force))))
-        self._moment = page.server.gui.add_slider("Moment [s]", 0.0, self._end, 0.01, 0.0)
-        self._moment.on_update(self._seek)
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self._page.close("Closed.")
-
-    def _seek(self, event: Any) -> None:
-        if event.client is not None:
-            self._time = float(event.target.value)
-
-    def play(self) -> None:
-        """Show moment after moment until Ctrl-C."""
-        page, saved, shown, before = self._page, self._saved, 0, time.monotonic()
-        motion, poses = saved.motion, body_poses(saved.bodies, saved.motion.joints)
-        pads = motion.pad
-        if page.part >= 0:
-            part = poses[:, page.part]
-            pads = np.einsum("nji,nj->ni", part[:, :3, :3], pads - part[:, :3, 3])
-        impulses = np.nan_to_num(motion.force) * np.diff(motion.time, prepend=motion.time[0])
-        while True:
-            now, step = time.monotonic(), 0.0
-            if not page.paused:
-                step = (now - before) * min(page.speed, FASTEST)
-            elif page.steps:
-                page.steps, step = page.steps - 1, STEP_S
-            before = now
-            if step:  # while it waits, the time is the page's: what somebody enters there must not be lost
-                self._time = min(self._time + step, self._end)
-            row = max(int(np.searchsorted(motion.time, self._time + 1e-9)), 1)
-            if page.worked is not None and row != shown:
-                if row < shown:
-                    page.worked.clear()
-                new = slice(shown if row > shown else 0, row)
-                page.worked.add(pads[new], impulses[new])
-            shown, k = row, row - 1
-            stage = "the end" if self._time >= self._end else "playback"
-            told = page.show(
-                Moment(self._time, self._end, stage, poses[k], motion.pad[k], float(motion.force[k]),
-                       float(motion.asked[k]), float(motion.speed[k])),
-                self._rows(k),
-            )  # fmt: skip
-            if told and self._moment.value != round(self._time, 2):
-                self._moment.value = round(self._time, 2)
-            time.sleep(0.5 / SHOWN_HZ)
-
-    def _rows(self, k: int) -> Array:
-        motion = self._saved.motion
-        some = slice(int(np.searchsorted(motion.time, motion.time[k] - PLOT_S)), k + 1)
-        return np.stack([motion.time[some], motion.force[some], motion.asked[some]], axis=1)
-
-
-def body_poses(bodies: Sequence[Body], joints: Array) -> Array:
-    """Where bodies are in the world at rows of joints (n, k) [rad, m], shape (n, len(bodies), 4, 4)."""
-    poses = np.tile(np.eye(4), (len(joints), len(bodies), 1, 1))
-    for number, body in enumerate(bodies):
-        own, anchor = np.asarray(body.rest, dtype=float), np.asarray(body.anchor)
-        if body.joint >= 0:
-            by = joints[:, body.joint, None] * np.asarray(body.axis)
-            turn = np.eye(3) if body.slide else np.asarray(Rotation.from_rotvec(by).as_matrix())
-            own = own @ transform(turn, by if body.slide else anchor - turn @ anchor)
-        poses[:, number] = own if body.parent < 0 else poses[:, body.parent] @ own
-    return poses

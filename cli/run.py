@@ -123,7 +123,7 @@ def run(row: Experiment, given: Given) -> int:
         if seeds is None:
             sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
             if live is not None:
-                from polish_sim.cli.live_page import LiveView
+                from polish_sim.cli.live_view import LiveView
 
                 sinks.append(LiveView(live, row.title(scenario)))
             outcome = run_once(scenario, plan, folder.draft, sinks, bool(video))

@@ -158,7 +158,7 @@ def view(run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder mad
     asked = asked_address(given)
     # Lazy: --help must not wait for numpy.
     from polish_sim.analysis.run_record import read_record
-    from polish_sim.cli.live_page import Replay
+    from polish_sim.cli.live_view import Replay
     from polish_sim.experiments.compared_page import saved_page
 
     record = read_record(run)

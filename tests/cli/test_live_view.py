@@ -46,7 +46,7 @@ def free_port() -> int:
 def test_a_run_that_is_shown_writes_the_same_bytes_and_leaves_nothing_behind() -> None:
     from rich.progress import Progress
 
-    from polish_sim.cli.live_page import LiveView
+    from polish_sim.cli.live_view import LiveView
     from polish_sim.cli.progress import ProgressObserver
 
     scenario, threads, port = override(default_scenario("force"), SHORT), set(threading.enumerate()), free_port()
