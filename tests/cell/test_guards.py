@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import Cell, CellRun, RealPart, Silent, build_scene, no_part
-from polish_sim.cell.guards import CRASH, REASONS
+from polish_sim.cell.guards import CRASH, REASONS, forget_shares, guard_shares
 from polish_sim.geometry import load_part
 from polish_sim.geometry.field_lookup import DistanceField
 from polish_sim.models import part_path
@@ -186,3 +186,18 @@ def test_an_interrupt_keeps_what_was_recorded() -> None:
     assert run.stop_reason is None
     assert run.steps * 0.001 == pytest.approx(0.6, abs=0.001)  # the chunk of 0.2 s it fell into
     keeps_its_log(run)
+
+
+def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place() -> None:
+    cell = on_plane("process.hold_s=1")
+    run = cell.run()
+    assert run.stop_reason is None
+    shares, log = guard_shares(cell.state.guards), run.log
+    force = np.linalg.norm(log["wrench_measured_tool"][:, :3], axis=1)
+    assert shares["force"].share == pytest.approx(force.max() / cell.scenario.safety.force_limit_n)
+    assert shares["force"].time_s == pytest.approx(log["time_s"][force.argmax()])
+    assert shares["force"].at_m == pytest.approx(log["path_s_m"][force.argmax()])
+    assert 0.0 < shares["near a singularity"].share < 1.0
+    assert shares["sensor overloaded"].share == 0.0  # the sensor has no such limit
+    forget_shares(cell.state.guards)
+    assert all(share == (0.0, 0.0, 0.0) for share in guard_shares(cell.state.guards).values())

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import mujoco
 import numpy as np
@@ -92,6 +92,25 @@ MEASURED: Mapping[int, tuple[float, str]] = MappingProxyType(
 )
 """Of what a limit is set for: factor and form of what was measured [SI]."""
 
+SHARES: Mapping[str, int] = MappingProxyType(
+    {
+        "force": FORCE,
+        "torque": TORQUE,
+        "contact lost": LOST,
+        "near a singularity": SINGULAR,
+        "reading jumped": JUMP,
+        "host silent": SILENT_HOST,
+        "spindle too slow": SPINDLE,
+        "part too high": HIGH,
+        "part too low": LOW,
+        "surface risen": RISEN,
+        "surface fallen": FALLEN,
+        "sensor overloaded": OVERLOAD,
+    }
+)
+"""Guards of which the largest share of their limit is kept."""
+
+CODES = 25
 FOLLOW_S = 0.005  # the reading is compared with itself, smoothed over this time
 SPINDLE_SHARE = 0.8  # of the commanded speed, at least
 HELD_S = 0.1  # the force within a tenth of the wanted one for this long counts as held
@@ -115,6 +134,40 @@ class Guards(Record):
     depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
     was_held: bool  #: Whether the force has been held since contact
     found: float  #: What was measured when a limit was exceeded, see ``MEASURED``
+    shares: Annotated[Array, (CODES,)]
+    """Largest share of its limit that was reached, by code [-]; limit over value where the limit is the least allowed
+    value."""
+    places: Annotated[Array, (CODES,)]  #: Arc length of the path there [m]
+    times: Annotated[Array, (CODES,)]  #: And when [s]
+
+
+class GuardShare(NamedTuple):
+    """How near a guard was to its limit."""
+
+    share: float  #: Largest share of the limit that was reached [-]; 1 trips it
+    at_m: float  #: Arc length of the path there [m]
+    time_s: float  #: [s]
+
+
+def guard_shares(guards: Guards) -> dict[str, GuardShare]:
+    """How near each guard of `SHARES` has been to its limit since `forget_shares`, by its name."""
+    return {
+        name: GuardShare(*(float(kept[code]) for kept in (guards.shares, guards.places, guards.times)))
+        for name, code in SHARES.items()
+    }
+
+
+def forget_shares(guards: Guards) -> None:
+    """Begin anew to note the largest shares."""
+    guards.shares[:] = guards.places[:] = guards.times[:] = 0.0
+
+
+@kernel
+def _note(state: CellState, code: int, share: float, t: float) -> None:
+    """Keep the share of a guard's limit if it is the largest so far."""
+    guards = state.guards
+    if share > guards.shares[code]:
+        guards.shares[code], guards.places[code], guards.times[code] = share, state.target.path[0], t
 
 
 class CrashPoints(NamedTuple):
@@ -148,9 +201,11 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
         size += abs(reading[i])
     if not math.isfinite(finite) or size == 0.0:
         return NO_READING
-    if sensor.errors.overload > 0.0 and sensor.load > sensor.errors.overload:
-        guards.found = sensor.load
-        return OVERLOAD
+    if sensor.errors.overload > 0.0:
+        _note(state, OVERLOAD, sensor.load / sensor.errors.overload, t)
+        if sensor.load > sensor.errors.overload:
+            guards.found = sensor.load
+            return OVERLOAD
     if t - sensor.changed > guards.sensor_timeout and t > 2.0 * guards.sensor_timeout:
         return FROZEN
     share = dt / FOLLOW_S if t > 0.0 else 1.0
@@ -158,10 +213,11 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
         smooth[i] += share * (reading[i] - smooth[i])
         jump += (reading[i] - smooth[i]) ** 2
     limit = max(guards.jump, 2.0 * sequence.floor)
-    if jump > limit * limit and sequence.stage != TARE:
-        guards.found = math.sqrt(jump)
-        return JUMP
-    return NO_STOP
+    if sequence.stage == TARE:
+        return NO_STOP
+    guards.found = math.sqrt(jump)
+    _note(state, JUMP, guards.found / limit, t)
+    return JUMP if guards.found > limit else NO_STOP
 
 
 @kernel
@@ -180,28 +236,37 @@ def check_guards(
     ``on_part``: there is a part to press on; ``planned`` is the target's planned depth below its surface [m].
     """
     guards, dt, robot, w, target = state.guards, e.dt, state.speedl, state.measurement.wrench, state.target
+    t = count * dt
     guards.found = math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    _note(state, FORCE, guards.found / guards.force, t)
     if guards.found > guards.force:
         return FORCE
     guards.found = math.sqrt(w[3] ** 2 + w[4] ** 2 + w[5] ** 2)
+    _note(state, TORQUE, guards.found / guards.torque, t)
     if guards.found > guards.torque:
         return TORQUE
     guards.found = robot.weakest
+    _note(state, SINGULAR, guards.singular_value / robot.weakest, t)
     if robot.weakest < guards.singular_value:
         return SINGULAR
     guards.found = robot.age
-    if robot.number > 0 and robot.age >= robot.timeout:
-        return SILENT_HOST
+    if robot.number > 0:
+        _note(state, SILENT_HOST, robot.age / robot.timeout, t)
+        if robot.age >= robot.timeout:
+            return SILENT_HOST
     spindle = state.spindle
-    if on_part and spindle.speed < SPINDLE_SHARE * spindle.commanded:
+    if on_part and spindle.commanded > 0.0:
         guards.found = spindle.speed / spindle.commanded
-        return SPINDLE
-    moved = _check_surface(state, planned, dt)
+        _note(state, SPINDLE, SPINDLE_SHARE / guards.found, t)
+        if guards.found < SPINDLE_SHARE:
+            return SPINDLE
+    moved = _check_surface(state, planned, dt, t)
     if moved != NO_STOP:
         return moved
     in_process = target.contact[0] > 0.0
     guards.lost = guards.lost + dt if in_process and w[2] < 0.1 * target.force[0] else 0.0
     guards.found = guards.lost
+    _note(state, LOST, guards.lost / guards.contact_lost, t)
     if guards.lost > guards.contact_lost:
         return LOST
     first, rim = count % _CRASH_ROUNDS, crash.points.shape[0] - crash.pad
@@ -216,7 +281,7 @@ def check_guards(
 
 
 @kernel
-def _check_surface(state: CellState, planned: float, dt: float) -> int:
+def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int:
     """Whether the surface is where it was planned: when contact is found, and from then on.
 
     How far the springs are pressed in is only known once the force is held in the process; from there on the tool's
@@ -236,6 +301,7 @@ def _check_surface(state: CellState, planned: float, dt: float) -> int:
     if landing and sequence.time == 0.0:
         guards.holding, guards.depth, guards.was_held = 0.0, depth, False
         guards.found = depth
+        _note(state, LOW if depth > 0.0 else HIGH, abs(depth) / guards.offset, t)
         if abs(depth) > guards.offset:
             return LOW if depth > 0.0 else HIGH
     room = guards.offset
@@ -246,6 +312,8 @@ def _check_surface(state: CellState, planned: float, dt: float) -> int:
         if guards.holding >= HELD_S:
             guards.depth, guards.was_held = depth, True
     guards.found = depth - guards.depth
+    _note(state, FALLEN, guards.found / room, t)
+    _note(state, RISEN, -guards.found / guards.offset, t)
     if guards.found > room:
         return FALLEN
     return RISEN if guards.found < -guards.offset else NO_STOP
