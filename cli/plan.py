@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 import typer
 
 from polish_sim.cli import console
+from polish_sim.cli.boundary import DONE, STOPPED
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Scenario
@@ -40,9 +41,9 @@ PartFile = Annotated[
 
 @takes(
     *("--units", "--up", "--fixture", *PATH_OPTIONS, "--pad-diameter", "--contact-force", "--feed", "--dual"),
-    *(*PAIR_OPTIONS, "--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
+    *(*PAIR_OPTIONS, "--controller", "--proof", "--seed", "--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
 )
-def plan(part: PartFile, given: Given) -> None:
+def plan(part: PartFile, given: Given) -> int:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png.
 
     With --region all every side is planned, in as few setups as possible: a folder each, and a table.
@@ -66,7 +67,7 @@ def plan(part: PartFile, given: Given) -> None:
     wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         if scenario.plan.region == ALL and not dual and not scenario.part.pose:
-            show = plan_setups(scenario, folder.draft, wanted, observer)
+            show, unreached = plan_setups(scenario, folder.draft, wanted, observer), ""
         else:
             result, unreached = plan_once(scenario, folder.draft, wanted, observer)
             show = partial(_show_plan, result, unreached, dual)
@@ -74,6 +75,7 @@ def plan(part: PartFile, given: Given) -> None:
     console.say_folder(folder.final)
     if (folder.final / "setup_1").is_dir():
         console.say(f"run each: polish-sim run surface --path {folder.final / 'setup_1'}")
+    return STOPPED if unreached else DONE
 
 
 class Wanted(NamedTuple):
@@ -91,6 +93,7 @@ def plan_once(
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
     from polish_sim.exchange.viewers import path_page
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
+    from polish_sim.experiments.proof import prove
     from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.run_page import plan_page
     from polish_sim.page.page import page_html
@@ -99,13 +102,16 @@ def plan_once(
     dual = scenario.experiment == "dual"
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
-    plots = {"path.png": plot_plan(result, "Once around the rim" if dual else "")}
+    plots: dict[str, Figure] = {}
     begin = time.perf_counter()
     reach, unreached = None, ""
     if not dual:
         reach, unreached = place(scenario, result, plots, wanted.reach_map, observer)
     if unreached and not forced:
         return result, unreached
+    if reach is not None and scenario.safety.proof != "none":
+        result, scenario = prove(scenario, result, observer)
+    plots["path.png"] = plot_plan(result, "Once around the rim" if dual else "")
     observer.stage("time the motion")
     strokes = cycle_strokes(scenario, result.path, result.mesh.noise, observer.progress, reach)
     result.figures.update(time_figures(strokes))
@@ -123,7 +129,9 @@ def plan_once(
 
 
 def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
-    for note in (*result.notes, *filter(None, [unreached])):
+    from polish_sim.experiments.proof import proof_notes
+
+    for note in (*result.notes, *proof_notes(result), *filter(None, [unreached])):
         console.note(f"note: {note}")
     if dual:
         from polish_sim.dual.gripper import seat_notes

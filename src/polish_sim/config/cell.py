@@ -225,6 +225,12 @@ class SafetyConfig:
     tool_in_part: str = key(
         "refuse", "a path on which the tool runs into the part: refuse, before anything moves, or allow"
     )
+    proof: str = key(
+        "nominal",
+        "a plan is played in the cell and mended before it is used: none, nominal (on the part as drawn), or a number "
+        "of parts drawn by seeds besides",
+        option=Option("--proof", RUN, "none|nominal|N"),
+    )
     stop_latency_s: float = key(0.004, "from a protective stop to the brakes [s]", 0.0, 0.1)
     stop_deceleration_m_s2: float = key(4.0, "deceleration of a protective stop [m/s^2]", 0.1, 50.0)
     retract_speed_m_s: float = key(

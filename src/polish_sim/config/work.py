@@ -68,6 +68,13 @@ class PlanConfig:
         "a finished path to run: plan folder, path.json, CSV or APT file; empty = plan anew",
         option=Option("--path", PATH, "PLAN"),
     )
+    begin_m: float = key(
+        0.0,
+        "a finished path is run from this arc length on; what lies before counts as done [m]",
+        0.0,
+        1e4,
+        option=Option("--from", PATH, "MM", MM),
+    )
     pattern: str = key("spiral", "spiral, raster, contour or fermat", option=Option("--pattern", PATH, "NAME"))
     region: str = key(
         "auto",

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
@@ -32,7 +32,8 @@ from polish_sim.planning.feasibility import (
     widest_piece,
 )
 from polish_sim.planning.ground.ground import Ground, prepare_ground
-from polish_sim.planning.moves.leads import with_way_down
+from polish_sim.planning.moves.leads import Air, with_way_down
+from polish_sim.planning.moves.leave_out import leave_out
 from polish_sim.planning.planner import plan_on, plan_path
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.figures import Quality, measure_quality, pad_coverage, part_figures
@@ -41,6 +42,7 @@ from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
+FIRST_FORCE: Final = 0.5  #: Share of the force with which a plan goes on behind a place
 ROUNDS = 4  #: A path on which the tool is found in the part is planned so often, those places left out
 
 
@@ -62,6 +64,25 @@ class _Silent:
         """Ignore."""
 
 
+SLOWED, LEFT_OUT = "slowed", "left out"
+
+
+class Mend(NamedTuple):
+    """What was changed about a path, and why."""
+
+    what: str  #: ``SLOWED`` or ``LEFT_OUT``
+    why: str
+    share: float  #: Of the planned feed [-]; 0 where it is left out
+    length_m: float  #: Of the path
+    places: Array  #: Points of the path [m], shape (n, 3)
+
+
+def mend_of(what: str, why: str, share: float, path: ToolPath, rows: Bools) -> Mend:
+    """What is changed about some rows of a path (n,)."""
+    length = float(np.diff(path.s)[rows[1:] & rows[:-1]].sum())
+    return Mend(what, why, share, length, path.positions_work[rows])
+
+
 @dataclass(frozen=True, eq=False)
 class PlanResult:
     """A finished plan."""
@@ -78,6 +99,46 @@ class PlanResult:
     """Tool points at which the tool is in the part [m], shape (k, 3)."""
     tool: Tool = field(default_factory=lambda: Tool(PadConfig(), ProcessConfig().contact_force_n))
     """What it was planned for, or measured with."""
+    ready: PreparedRegion | None = field(default=None, repr=False)
+    """What another path on the same region is measured with; None once the plan has been sent elsewhere."""
+    mends: tuple[Mend, ...] = ()  #: What was changed after the path had been played in the cell
+    proof: Mapping[str, Any] | None = None  #: What it was proven for, as path.json has it; None if it was not
+
+    @property
+    def air(self) -> Air:
+        """What the lifted tool keeps clear of."""
+        tool, part = self.tool, self.surface
+        obstacle = joined_surfaces(part, tool.fixture)
+        return Air(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.region.up, tool, part)
+
+    def along(self, path: ToolPath, mends: Sequence[Mend]) -> PlanResult:
+        """The plan with another path on the same region; ``mends`` say where and why it is shorter."""
+        assert self.ready is not None
+        quality = self.ready.measure(path)
+        figures = {**self.figures, **quality.figures}
+        inside = quality.pad_in_part.positions
+        return replace(self, path=path, figures=figures, in_part=inside)
+
+    def behind(self, s: float) -> PlanResult:
+        """The plan from an arc length ``s`` [m] of its path on: the tool lands there, and its force rises gradually.
+
+        Raises:
+            PlanError: Nothing of the path in contact is left behind it.
+        """
+        path = self.path
+        remaining = leave_out(path, path.process & (path.s < s), self.plan, self.air)
+        if remaining is None:
+            end = float(path.s[path.process][-1])
+            raise PlanError(
+                f"nothing of the path is left behind {1e3 * s:.4g} mm, it ends at {1e3 * end:.4g} mm (--from)."
+            )
+        left = remaining.path
+        force = left.force_at(left.s, self.tool.force)
+        landed = left.s[left.process][0]
+        rising = np.clip((left.s - landed) / (2.0 * self.tool.pad.radius_m), 0.0, 1.0)
+        eased = replace(left, force=force * (FIRST_FORCE + (1.0 - FIRST_FORCE) * rising))
+        done = mend_of(LEFT_OUT, "it was polished before (--from)", 0.0, path, remaining.lost)
+        return replace(self.along(eased, [done]), mends=(done,))
 
     @property
     def standing(self) -> tuple[PartMesh, Surface]:
@@ -221,7 +282,7 @@ class PreparedRegion:
         within = self.access.region if self.access else self.region
         inside = quality.pad_in_part.positions
         return PlanResult(
-            self.mesh, self.surface, within, path, figures, self.plan, notes, self.access, inside, self.tool
+            self.mesh, self.surface, within, path, figures, self.plan, notes, self.access, inside, self.tool, self
         )
 
 
