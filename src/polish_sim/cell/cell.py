@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -35,6 +35,7 @@ from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
 from polish_sim.cell.scene import touching
 from polish_sim.cell.set_points import SetPoints
+from polish_sim.cell.snapshot import CellSnapshot, cell_memory, restore_cell, save_cell
 from polish_sim.cell.stroke import Stroke, begin_next_stroke, build_sequence, cycle_time
 from polish_sim.cell.wrist_sensor import (
     DRAWS,
@@ -64,6 +65,13 @@ class CellRun(NamedTuple):
     steps: int
     wall_s: float  #: Time spent stepping [s]
     safety: SafetyRecord  #: Faults and guards
+
+
+class Played(NamedTuple):
+    """What was recorded of a piece of a run."""
+
+    rows: Array  #: Of the log
+    trace: NDArray[np.void]  #: ``TraceStep`` of every step
 
 
 class PayloadErrors(NamedTuple):
@@ -121,18 +129,17 @@ class Cell:
             )
         forces = [float(stroke.force.max()) for stroke in strokes if stroke.contact]
         self.carried: Payload = carried_payload(model, self.data, self.arm)
-        self._touched: str | None = None
         self.strokes, self._fixture = tuple(strokes), fixture or no_part()
         self._crash_points = crash_points(model, self.arm)
         self._start = _Start(
             q_start, max(forces, default=scenario.process.contact_force_n), self._tangential_mass(),
             self.data.qpos.copy(), copy(self.real_arm), model.dof_damping.copy(),
         )  # fmt: skip
+        rate = scenario.simulation.log_rate_hz
+        self._every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
         self._prepare(scenario, part)
         self.compensate(self.carried.mass, self.carried.center)
         self.use_controller(controller)
-        rate = scenario.simulation.log_rate_hz
-        self._every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
 
     def begin_again(self, scenario: Scenario, part: RealPart, rng: np.random.Generator) -> None:
         """Go back to the start, for a run of another ``scenario``, part and sensor.
@@ -159,10 +166,12 @@ class Cell:
         check_step_limits(scenario, force, mass, part.field.band)
         check_rates(scenario)
         self.on_part = any(stroke.contact for stroke in self.strokes)
-        self.scenario, self.set_points, self._touched = scenario, SetPoints(scenario.process), None
+        self.scenario, self.set_points = scenario, SetPoints(scenario.process)
+        self.touched: str | None = None  #: The links in contact at a protective stop
+        self.stroke_number, self.draws = 0, np.empty((0, DRAWS))
         self.faults = FaultClock(planned_events(scenario, self.on_part, bool(self.arm)), self.set_points)
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
-        self.kernel = self._build_kernel(part)
+        self.kernel, self.recorder = self._build_kernel(part), build_recorder(0, self._every, self.more_columns)
 
     def use_controller(self, controller: Controller) -> None:
         """Reset a controller and let it drive the cell from now on."""
@@ -247,47 +256,94 @@ class Cell:
         status, dt = self.state.status, self.kernel.engine.dt
         chunk = max(1, round(watcher.frame_every_s / dt))
         chunk += -chunk % self._every
-        recorder = build_recorder(chunk, self._every, self.more_columns)
-        rows: list[Array] = []
-        traces: list[NDArray[np.void]] = []
+        played: list[Played] = []
         total = cycle_time(self.strokes)
         started = time.perf_counter()
-        draws = np.empty((0, DRAWS))
         watcher.start(self)
         with interrupts_noted(watcher) as interrupt:
-            for stroke in self.strokes:
-                if status.arrived:
-                    status.arrived = False
-                    begin_next_stroke(self.state.sequence)
-                self.kernel = self.kernel._replace(stroke=self.set_points.begin(stroke))
-                while not (status.ended or status.arrived or interrupt.seen):
-                    self.faults.inject_due(self.kernel)
-                    steps = self.faults.steps_to_next(self.kernel, chunk)
-                    # What a stroke left over goes on to the next: the noise must not depend on the chunks.
-                    draws = np.concatenate([draws, self.rng.standard_normal((chunk - len(draws), DRAWS))])
-                    self._advance(recorder, draws, steps)
-                    draws = draws[recorder.filled.steps :]
-                    # Returns at the stop, before the retract: the contact that caused it is still there.
-                    if status.stop != NO_STOP and self._touched is None:
-                        self._touched = touching(self.model, self.data)
-                    rows.append(recorder.rows[: recorder.filled.rows].copy())
-                    traces.append(recorder.trace[: recorder.filled.steps].copy())
-                    watcher.progress(min(status.steps * dt, total), total)
-                    watcher.frame(self.model, self.data)
-                if interrupt.seen or status.ended:
-                    break
-        if not rows:
+            while not (self.done or interrupt.seen):
+                played.append(self.play(chunk))
+                watcher.progress(min(status.steps * dt, total), total)
+                watcher.frame(self.model, self.data)
+        if not played:
             raise KeyboardInterrupt
-        wall = time.perf_counter() - started
+        return self.result(played, interrupt.seen, time.perf_counter() - started)
+
+    @property
+    def done(self) -> bool:
+        """Whether the last stroke is done, or a stop is over."""
+        status = self.state.status
+        return bool(status.ended or (status.arrived and self.stroke_number == len(self.strokes) - 1))
+
+    def play(self, steps: int) -> Played:
+        """Run on for at most ``steps``: to the stroke's end, to a stop, or to where a fault or a change is due.
+
+        Call it until `done`: where a stroke has ended the next one is begun, after a stop the robot brakes and
+        retracts. The bytes do not depend on how a run is cut.
+        """
+        status = self.state.status
+        if status.arrived:
+            status.arrived = False
+            begin_next_stroke(self.state.sequence)
+            self.begin_stroke(self.stroke_number + 1)
+        elif status.steps == 0:
+            self.begin_stroke(0)
+        self.faults.inject_due(self.kernel)
+        if len(self.recorder.trace) < steps:
+            longer = build_recorder(steps, self._every, self.more_columns)
+            self.recorder = longer._replace(filled=self.recorder.filled)
+        # What is left over is used in the next call: the noise must not depend on how a run is cut.
+        if len(self.draws) < steps:
+            self.draws = np.concatenate([self.draws, self.rng.standard_normal((steps - len(self.draws), DRAWS))])
+        self._advance(self.recorder, self.draws, self.faults.steps_to_next(self.kernel, steps))
+        filled = self.recorder.filled
+        self.draws = self.draws[filled.steps :]
+        # Returns at the stop, before the retract: the contact that caused it is still there.
+        if status.stop != NO_STOP and self.touched is None:
+            self.touched = touching(self.model, self.data)
+        return Played(self.recorder.rows[: filled.rows].copy(), self.recorder.trace[: filled.steps].copy())
+
+    def result(self, played: Sequence[Played], interrupted: bool = False, wall_s: float = 0.0) -> CellRun:
+        """The run that its pieces make, from the first step on."""
+        trace = np.concatenate([piece.trace for piece in played])
         return CellRun(
-            self._log(np.concatenate(rows)),
-            trace_from(np.concatenate(traces)),
+            self._log(np.concatenate([piece.rows for piece in played])),
+            trace_from(trace),
             self._stop_reason(),
-            interrupt.seen or self._was_interrupted(),
-            sum(len(t) for t in traces),
-            wall,
+            interrupted or self._was_interrupted(),
+            len(trace),
+            wall_s,
             record_safety(self.kernel, self.faults),
         )
+
+    def begin_stroke(self, number: int) -> None:
+        """Let the loop work on a stroke; where it is in it stays as it is."""
+        self.stroke_number = number
+        self.kernel = self.kernel._replace(stroke=self.set_points.begin(self.strokes[number]))
+
+    def use_strokes(self, strokes: Sequence[Stroke], course: Course | None = None) -> None:
+        """Go on with other strokes on the same part, and their ``course`` for a controller that prepares for it.
+
+        The one under way is replaced by that of its number; its time and place go on.
+        """
+        self.strokes, self.course = tuple(strokes), course
+        self.begin_stroke(min(self.stroke_number, len(self.strokes) - 1))
+        if course is not None and isinstance(self.controller, CompiledController):
+            saved = save_cell(self)
+            self.use_controller(self.controller)
+            restore_cell(self, saved)
+
+    def memory(self) -> list[NDArray[Any]]:
+        """What the loop remembers outside the engine's state and the law's memory, as arrays."""
+        return cell_memory(self)
+
+    def save(self) -> CellSnapshot:
+        """Copy everything that changes while it runs; between two calls of `play`."""
+        return save_cell(self)
+
+    def restore(self, saved: CellSnapshot) -> None:
+        """Go back to where it was saved. Strokes and course stay those it has now; run on, it gives the same bytes."""
+        restore_cell(self, saved)
 
     def _set_joints(self, q_start: Array) -> None:
         """Positions and controls at the start."""
@@ -316,7 +372,7 @@ class Cell:
             return None
         if code == CONTROLLER_ERROR and isinstance(self.law, PythonLaw):
             return f"{self.reasons[code]}: {self.law.message}"
-        return f"{self.reasons[code]} ({self._touched} touch)" if self._touched else self.reasons[code]
+        return f"{self.reasons[code]} ({self.touched} touch)" if self.touched else self.reasons[code]
 
     def _tangential_mass(self) -> float:
         """Least inertia the tool point shows against a push across the tool axis [kg]."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
@@ -53,7 +55,7 @@ from polish_sim.dual.carrier import (
     see_tool_on_part,
 )
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel
+from polish_sim.kernels import kernel, memory_of
 from polish_sim.log import RunLog, with_column
 
 MASTER_HALTED, MASTER_SILENT = 21, 22
@@ -110,6 +112,11 @@ class PairCell(Cell):
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
         arms = self.real_arm, self.master_arm, self.host_arm if self.real_arm is None else None
         advance_pair(self.kernel, *arms, self.master, recorder, self.law, draws, steps)
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Those of the cell, and the master's."""
+        records = [self.master.state, *([] if self.master_arm is None else [self.master_arm])]
+        return [*super().memory(), *map(memory_of, records), self.master.line]
 
     def _log(self, rows: Array) -> RunLog:
         return with_column(super()._log(rows), "master_q_rad", rows[:, ROW_WIDTH:])

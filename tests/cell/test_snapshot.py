@@ -1,0 +1,69 @@
+"""A cell goes back to where it was saved, and runs on as if it had never been further."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polish_sim.cell import Cell
+from polish_sim.cell.cell import CellRun, Played
+from polish_sim.experiments import default_scenario, prepare_surface
+from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.scenario_file import override
+
+SHORT = ("part.file=plate", "plan.stepover_m=0.05", "process.feed_m_s=0.06", "process.approach_speed_m_s=0.02",
+         "simulation.log_rate_hz=0")  # fmt: skip
+
+
+def cell(*changes: str, seed: int = 500) -> Cell:
+    scenario = replace(override(default_scenario("surface"), [*SHORT, *changes]), seed=seed)
+    task = prepare_surface(scenario)
+    return build_cell(scenario, task.place, build_part(scenario, task.place))
+
+
+def play_to_the_end(one: Cell, piece: int) -> list[Played]:
+    played = []
+    while not one.done:
+        played.append(one.play(piece))
+    return played
+
+
+@pytest.mark.parametrize("controller", ["hybrid-pi", "hybrid-adaptive"])
+@pytest.mark.parametrize("arm", ["ideal", "ur5e"])
+def test_a_restored_cell_runs_on_with_the_bytes_of_a_run_that_was_never_cut(controller: str, arm: str) -> None:
+    settings = (f"controller.name={controller}", f"robot.arm={arm}", "process.max_feed_s=2",
+                "faults.events='sensor-noise@contact+1'", "process.changes='force_n=15@contact+0.7'")  # fmt: skip
+    whole, one = cell(*settings).run(), cell(*settings)
+    assert whole.trace.phase.max() >= 2
+    before = [one.play(1000), one.play(777)]
+    saved = one.save()
+    same_bytes(one.result([*before, *play_to_the_end(one, 301)]), whole)
+    one.restore(saved)
+    same_bytes(one.result([*before, *play_to_the_end(one, 500)]), whole)
+
+
+@pytest.mark.parametrize("controller", ["hybrid-pi", "hybrid-adaptive"])
+def test_strokes_and_course_can_be_exchanged_on_the_way(controller: str) -> None:
+    """Exchanged for equal ones nothing changes; for slower ones the run takes longer, and what was done stays."""
+    one = cell(f"controller.name={controller}", "process.max_feed_s=2")
+    before = [one.play(3000)]
+    saved = one.save()
+    first = one.result([*before, *play_to_the_end(one, 500)])
+    one.restore(saved)
+    one.use_strokes(one.strokes, one.course)
+    same_bytes(one.result([*before, *play_to_the_end(one, 500)]), first)
+    one.restore(saved)
+    slow = [s._replace(motion=s.motion._replace(rates=0.5 * s.motion.rates)) for s in one.strokes]
+    one.use_strokes(slow, one.course)
+    slower = one.result([*before, *play_to_the_end(one, 500)])
+    fed, fed_slowly = (np.ptp(run.trace.path_s_m) for run in (first, slower))
+    assert 0.5 < fed_slowly / fed < 0.75
+
+
+def same_bytes(run: CellRun, other: CellRun) -> None:
+    assert run.stop_reason == other.stop_reason
+    assert run.safety == other.safety
+    assert run.trace.normal_force_n.tobytes() == other.trace.normal_force_n.tobytes()
+    assert all(run.log[name].tobytes() == other.log[name].tobytes() for name in ("q_rad", "wrench_measured_tool"))
