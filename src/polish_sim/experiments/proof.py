@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import FORCE_BANDS_N
-from polish_sim.arrays import Array, Bools
 from polish_sim.cell import Cell, Observer, Silent
 from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
@@ -38,8 +37,8 @@ from polish_sim.experiments.assembly import (
 )
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
-from polish_sim.planning.part_plan import LEFT_OUT, SLOWED, Mend, mend_of
 from polish_sim.planning.moves.leave_out import leave_out
+from polish_sim.planning.part_plan import LEFT_OUT, SLOWED, Mend, mend_of
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
@@ -370,9 +369,10 @@ def proof_notes(plan: PlanResult) -> list[str]:
 
 
 def path_key(path: ToolPath) -> str:
-    """What identifies a path."""
+    """What identifies a path, to a micrometre."""
     columns = (path.positions_work, path.axes_work, path.segment, path.force, path.feed)
-    content = b"".join(np.ascontiguousarray(column).tobytes() for column in columns if column is not None)
+    # Read from a file axes are made unit again: their last bits differ.
+    content = b"".join(np.round(1e6 * column).astype(np.int64).tobytes() for column in columns if column is not None)
     return hashlib.sha256(content).hexdigest()[:24]
 
 
