@@ -35,6 +35,7 @@ from polish_sim.experiments.assembly import (
     place_key,
     strokes_for,
 )
+from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.leave_out import leave_out
@@ -199,7 +200,9 @@ class _Prover:
         """Leave a margin to every limit, and to that of the surface's place what the part as drawn may be off."""
         guards, part = cell.state.guards, self.scenario.part
         kept = 1.0 - MARGIN
-        guards.force, guards.torque, guards.jump = kept * guards.force, kept * guards.torque, kept * guards.jump
+        asked = largest_force(self.scenario, self.path)
+        guards.force = asked + kept * (guards.force - asked)
+        guards.torque, guards.jump = kept * guards.torque, kept * guards.jump
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
         extent = float(np.linalg.norm(np.ptp(self.path.positions_work[self.path.process], axis=0)))
         drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m
@@ -263,9 +266,11 @@ class _Prover:
 
     def _keep_shares(self, cell: Cell, margin: float) -> None:
         """Keep how near the guards came to their limits, those of the scenario, in a whole pass."""
-        offset = float(cell.state.guards.offset) / self.scenario.safety.offset_limit_m
-        for name, (share, at_m, _) in guard_shares(cell.state.guards).items():
-            self._note(name, share * (offset if guard.SHARES[name] in OFFSETS else 1.0 - margin), at_m)
+        safety, guards = self.scenario.safety, cell.state.guards
+        limits = {guard.FORCE: float(guards.force) / safety.force_limit_n}
+        limits |= dict.fromkeys(OFFSETS, float(guards.offset) / safety.offset_limit_m)
+        for name, (share, at_m, _) in guard_shares(guards).items():
+            self._note(name, share * limits.get(guard.SHARES[name], 1.0 - margin), at_m)
         for name, kept in self._passing.items():
             self.shares[name] = max(kept, self.shares.get(name, kept))
 
