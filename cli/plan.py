@@ -203,11 +203,11 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
     rows = []
     for number, result in enumerate(done, 1):
         m = result.figures
-        sizes = (1e4 * m["region_area_m2"], 1e4 * m["unreachable_area_m2"])
+        sizes = (1e4 * m["region_area_m2"], 1e4 * m["left_out_area_m2"])
         shares = f"{100.0 * m['coverage']:.1f}", str(m["retracts"]), f"{m['path_length_m']:.2f}"
         cycle = console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")
         rows.append([f"setup_{number}", describe(result.mesh.up), *(f"{size:.1f}" for size in sizes), *shares, cycle])
-    headings = ["setup", "up", "region, cm^2", "out of reach", "covered, %", "strokes", "path, m", "cycle time, s"]
+    headings = ["setup", "up", "region, cm^2", "left out", "covered, %", "strokes", "path, m", "cycle time, s"]
     console.table(f"setups of {done[0].mesh.name}", headings, rows, left=2)
     whole, lost = (1e4 * area[name] for name in ("part_area_m2", "unreached_area_m2"))
     console.say(f"of the part's {whole:.1f} cm^2 no setup reaches {lost:.1f} cm^2")
@@ -281,6 +281,8 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     return [
         ["facets", "", str(m["facets"])],
         ["region, of the part's surface", "cm^2", f"{m['region_area_m2'] * cm2:.1f} of {m['part_area_m2'] * cm2:.1f}"],
+        ["  polished", "cm^2", f"{m['polished_area_m2'] * cm2:.4g}"],
+        *([f"  left out: {reason}", "cm^2", f"{area * cm2:.3g}"] for reason, area in m["left_out"].items()),
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
@@ -296,7 +298,6 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["region covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
         ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
         ["crossings of the path with itself", "", str(m["self_crossings"])],
-        ["out of the tool's reach", "cm^2", f"{m['unreachable_area_m2'] * cm2:.3g}"],
         ["tool in the part, at most", "mm", f"{m['pad_in_part_max_m'] * mm:.3g}"],
         ["retracts", "", str(m["retracts"])],
         ["tool axis turned by smoothing, at most", "deg", f"{math.degrees(m['axis_deviation_max_rad']):.3g}"],

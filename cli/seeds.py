@@ -93,7 +93,6 @@ def _run_all(
     interrupted = False
     with console.progress() as observer:
         way, scenario = plan_to_run(scenario, plan, observer, draft)
-        way = None if way is None else replace(way, ready=None)
         observer.stage(f"simulate {count_text(len(seeds), 'seed')} on {count_text(workers, 'core')}")
         if not is_warm():
             console.note(FIRST_START)

@@ -136,11 +136,12 @@ def test_a_part_narrower_than_the_pad_is_refused(tmp_path):
 
 def test_turns_a_pad_apart_say_what_they_leave_and_closer_ones_do_not():
     apart = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.05))
-    said = [note for note in apart.notes if "closes the gaps" in note]
-    assert f"covers {100.0 * apart.figures['coverage']:.1f}%" in said[0]
+    missed = sum(row.area_m2 for row in apart.area.left_out.values())
+    assert apart.figures["coverage"] == pytest.approx(1.0 - missed / apart.figures["region_area_m2"])
     assert apart.figures["coverage"] < 0.99
+    assert [note for note in apart.notes if "left out" in note]
     closer = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.025))
-    assert not [note for note in closer.notes if "closes the gaps" in note]
+    assert not [note for note in closer.notes if "left out" in note]
 
 
 def test_a_pad_wider_than_the_ring_is_mentioned():

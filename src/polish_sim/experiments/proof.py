@@ -310,7 +310,7 @@ class _Prover:
                 "--region."
             )
         lost = remaining.lost
-        self._kept(mend_of(LEFT_OUT, failure.why, 0.0, path, lost), s[lost].min() - before)
+        self._kept(mend_of(LEFT_OUT, f"when it was played, {failure.why}", 0.0, path, lost), s[lost].min() - before)
         self.path, self.share = remaining.path, self.share[remaining.source]
 
     def _kept(self, mend: Mend, until: float) -> None:
@@ -323,9 +323,8 @@ class _Prover:
     def result(self) -> Proven:
         """The plan as it passed, and the scenario it runs in: its part stands where it stood here."""
         task, scenario, plan = self.task_now(), self.scenario, self.plan
-        mends = (*plan.mends, *self.mends)
         if any(mend.what == LEFT_OUT for mend in self.mends):
-            plan = plan.along(task.plan.path, mends)
+            plan = plan.along(task.plan.path, self.mends)
             # Of another path another place might be chosen.
             scenario = replace(scenario, part=replace(scenario.part, pose=to_pose(self.task.reach.T_base_work)))
         process, largest = scenario.process, max(share for share, _ in self.shares.values())
@@ -335,9 +334,10 @@ class _Prover:
             "margin": MARGIN, "settings": settings_key(scenario), "path": path_key(task.plan.path),
             "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": list(scenario.part.pose),
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
-            "mends": [_mend_facts(mend) for mend in mends],
+            "mends": [_mend_facts(mend) for mend in (*self.plan.mends, *self.mends)],
         }  # fmt: skip
         figures = {**plan.figures, "proven": 1, "proof_largest_share": largest, "proof_played_s": self.played_s}
+        mends = (*self.plan.mends, *self.mends)
         plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures)
         final = SurfaceTask(plan, task.reach, task.shape)
         final.place.keep_fields_of(self.task.place)

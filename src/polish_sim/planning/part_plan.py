@@ -16,14 +16,13 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_par
 from polish_sim.geometry.fixture import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
-    access_notes,
     check_asked,
     check_request,
     check_start,
     check_stepover,
     edge_distance,
     in_another_unit,
-    overlap_notes,
+    lean_notes,
     pad_notes,
     start_notes,
     stepover_notes,
@@ -36,7 +35,8 @@ from polish_sim.planning.moves.leads import Air, with_way_down
 from polish_sim.planning.moves.leave_out import leave_out
 from polish_sim.planning.planner import plan_on, plan_path
 from polish_sim.planning.quality.access import Access, find_access
-from polish_sim.planning.quality.figures import Quality, measure_quality, pad_coverage, part_figures
+from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
+from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
 from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
@@ -94,13 +94,13 @@ class PlanResult:
     figures: dict[str, Any]  #: The keys of metrics.json of a plan folder
     plan: PlanConfig
     notes: tuple[str, ...]  #: What was assumed, and what the user should know about the pad on this part
-    access: Access | None = None  #: What the tool reaches of the region asked for; None if all of it
+    ready: PreparedRegion  #: What it was planned on and is measured with
+    area: AreaAccount  #: Where every cm^2 of the region asked for is
+    cuts: tuple[CutOut, ...] = ()  #: What was cut out of the path
     in_part: Array = field(default_factory=lambda: np.empty((0, 3)))
     """Tool points at which the tool is in the part [m], shape (k, 3)."""
     tool: Tool = field(default_factory=lambda: Tool(PadConfig(), ProcessConfig().contact_force_n))
     """What it was planned for, or measured with."""
-    ready: PreparedRegion | None = field(default=None, repr=False)
-    """What another path on the same region is measured with; None once the plan has been sent elsewhere."""
     mends: tuple[Mend, ...] = ()  #: What was changed after the path had been played in the cell
     proof: Mapping[str, Any] | None = None  #: What it was proven for, as path.json has it; None if it was not
 
@@ -112,12 +112,17 @@ class PlanResult:
         return Air(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.region.up, tool, part)
 
     def along(self, path: ToolPath, mends: Sequence[Mend]) -> PlanResult:
-        """The plan with another path on the same region; ``mends`` say where and why it is shorter."""
-        assert self.ready is not None
-        quality = self.ready.measure(path)
-        figures = {**self.figures, **quality.figures}
-        inside = quality.pad_in_part.positions
-        return replace(self, path=path, figures=figures, in_part=inside)
+        """The plan with another path on the same region; ``mends`` say where and why it is slower or shorter."""
+        cuts = (
+            *self.cuts,
+            *(CutOut(mend.why.partition(":")[0], mend.places) for mend in mends if mend.what == LEFT_OUT),
+        )
+        quality = self.ready.measure(path, cuts)
+        notes = (*(note for note in self.notes if note not in self.area.notes), *quality.area.notes)
+        return replace(
+            self, path=path, figures={**self.figures, **quality.figures}, notes=notes, area=quality.area, cuts=cuts,
+            in_part=quality.pad_in_part.positions, mends=(*self.mends, *mends),
+        )  # fmt: skip
 
     def behind(self, s: float) -> PlanResult:
         """The plan from an arc length ``s`` [m] of its path on: the tool lands there, and its force rises gradually.
@@ -138,7 +143,7 @@ class PlanResult:
         rising = np.clip((left.s - landed) / (2.0 * self.tool.pad.radius_m), 0.0, 1.0)
         eased = replace(left, force=force * (FIRST_FORCE + (1.0 - FIRST_FORCE) * rising))
         done = mend_of(LEFT_OUT, "it was polished before (--from)", 0.0, path, remaining.lost)
-        return replace(self.along(eased, [done]), mends=(done,))
+        return self.along(eased, [done])
 
     @property
     def standing(self) -> tuple[PartMesh, Surface]:
@@ -199,7 +204,7 @@ def plan_mesh(
         )
         planned_s = time.perf_counter() - begin
         observer.stage("measure the path")
-        quality = ready.measure(planned.path)
+        quality = ready.measure(planned.path, planned.cuts)
         if not quality.pad_in_part.max_m:
             break
         avoid = np.concatenate([avoid, quality.pad_in_part.positions])
@@ -208,8 +213,7 @@ def plan_mesh(
                         "Set a smaller --pad-diameter or another --region.")  # fmt: skip
     remarks = [*planned.notes, *start_notes(planned.path, ready.plan)]
     remarks += stepover_notes(quality.figures["stepover_mean_m"], ready.plan)
-    remarks += overlap_notes(quality.figures["coverage"], ready.plan, ready.tool.pad)
-    result = ready.result(planned.path, quality, remarks)
+    result = ready.result(planned.path, quality, remarks, planned.cuts)
     return replace(result, figures={**result.figures, **planned.figures, "plan_time_s": planned_s})
 
 
@@ -233,7 +237,7 @@ def measure_given_path(
     region = choose_region(mesh, surface, plan)
     observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
-    given = PreparedRegion(mesh, surface, region, plan, process, tool, *accessible(region, surface, plan, tool, path))
+    given = given_region(mesh, surface, region, plan, process, tool)
     quality = given.measure(path)
     off = quality.figures["max_distance_to_surface_m"]
     if off > OFF_PART_M:
@@ -250,12 +254,13 @@ class PreparedRegion:
 
     mesh: PartMesh
     surface: Surface
-    region: Region
+    region: Region  #: All of the region asked for
     plan: PlanConfig
     process: ProcessConfig
     tool: Tool
-    ground: Ground
-    access: Access | None
+    ground: Ground  #: What of it a path may run on
+    asked: AskedRegion
+    access: Access | None  #: What the tool reaches of it; None if all
     notes: tuple[str, ...] = ()  #: On what was chosen
 
     @property
@@ -264,26 +269,28 @@ class PreparedRegion:
         fixture = self.tool.fixture
         return (*self.mesh.notes, *(fixture.notes if fixture else ()), *self.region.notes)
 
-    def measure(self, path: ToolPath) -> Quality:
-        """Measure a path."""
+    def measure(self, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
+        """Measure a path with ``cuts`` in it."""
         spacing, pad, fixture = self.plan.stepover_m, self.tool.pad, self.tool.fixture
-        return measure_quality(self.ground, path, spacing, self.process, pad, self.surface, self.access, fixture)
+        return measure_quality(self.asked, path, spacing, self.process, pad, self.surface, fixture, cuts)
 
-    def result(self, path: ToolPath, quality: Quality, remarks: Sequence[str]) -> PlanResult:
+    def result(
+        self, path: ToolPath, quality: Quality, remarks: Sequence[str], cuts: tuple[CutOut, ...] = ()
+    ) -> PlanResult:
         """The plan, with ``remarks`` on how the path was made or given among its notes."""
-        figures = part_figures(self.mesh, self.surface, self.region) | quality.figures
+        figures = part_figures(self.mesh, self.surface) | quality.figures
         notes = (
             *self.part_notes,
             *self.notes,
-            *access_notes(self.access, self.plan, self.tool.pad),
+            *lean_notes(self.access, self.plan, self.tool.pad),
+            *quality.area.notes,
             *remarks,
             *pad_notes(self.ground, locate(self.ground, path), self.tool.pad),
         )
         within = self.access.region if self.access else self.region
         inside = quality.pad_in_part.positions
-        return PlanResult(
-            self.mesh, self.surface, within, path, figures, self.plan, notes, self.access, inside, self.tool, self
-        )
+        found = figures, self.plan, notes, self, quality.area, cuts, inside, self.tool
+        return PlanResult(self.mesh, self.surface, within, path, *found)
 
 
 PAD_CHOICES: Final = ("auto", "given")
@@ -311,7 +318,7 @@ def prepare_region(
         try:
             within = choose_region(mesh, surface, asked) if kept else region
             wide, fitted = check_request(within, taken, mesh), tool._replace(pad=taken)
-            ground, access = accessible(wide, surface, asked, fitted)
+            found = accessible(region, wide, surface, asked, fitted, MARGIN if kept else NARROW)
         except PlanError as error:
             refused.append(too_small(mesh, width, taken, tool.force) if kept else error)
             continue
@@ -321,7 +328,7 @@ def prepare_region(
             f"(--pad-diameter).{in_another_unit(mesh, width, pad.radius_m)}"
         )
         notes = () if taken is pad else (note,)
-        return PreparedRegion(mesh, surface, wide, asked, process, fitted, ground, access, notes)
+        return PreparedRegion(mesh, surface, region, asked, process, fitted, *found, notes)
     raise refused[0]
 
 
@@ -345,33 +352,53 @@ def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Itera
         yield small, replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin))
 
 
-def accessible(
-    region: Region,
-    part: Surface,
-    plan: PlanConfig,
-    tool: Tool,
-    path: ToolPath | None = None,
-) -> tuple[Ground, Access | None]:
-    """The ground of a region that the tool reaches, and its access, None where that is all that was asked for.
+ON_SURFACE_M: Final = 1e-6  #: Places this close to a surface are on it [m]
 
-    Where a ``path`` made before does not keep to what the tool reaches, all of the region counts.
+
+def accessible(
+    region: Region, wide: Region, part: Surface, plan: PlanConfig, tool: Tool, reason: str
+) -> tuple[Ground, AskedRegion, Access | None]:
+    """The ground that the tool reaches of what is ``wide`` enough of a region, all of it, and its access.
+
+    ``reason`` names why the rest of it is left out. The access is None where the tool reaches all.
 
     Raises:
         PlanError: The tool reaches no place, or the step-over does not fit.
     """
-    asked = prepare_ground(region, plan)
-    try:
-        access = find_access(asked, region, part, tool, plan)
-    except PlanError:
-        if path is None:
-            raise
-        return asked, None
+    whole = prepare_ground(region, plan)
+    access = find_access(whole, wide, part, tool, plan)
     if access is None:
-        return asked, None
-    ground = prepare_ground(access.region, plan)
-    if path is not None and locate(ground, path).distances.max() > OFF_PART_M:
-        return asked, None
-    return ground, access
+        asked, within = AskedRegion(whole), wide
+    else:
+        asked = AskedRegion(whole, access.reasons, access.why, access.touched, access.left_out_m2)
+        within = access.region
+    if wide is not region:
+        places = whole.mesh.vertices
+        off = np.linalg.norm(wide.surface.closest(places).positions - places, axis=1) > ON_SURFACE_M
+        asked = asked.without(off, reason)
+    return whole if within is region else prepare_ground(within, plan), asked, access
+
+
+def given_region(
+    mesh: PartMesh, surface: Surface, region: Region, plan: PlanConfig, process: ProcessConfig, tool: Tool
+) -> PreparedRegion:
+    """A region to measure a path on that was made before: the tool may reach none of it, the path says."""
+    try:
+        found = accessible(region, region, surface, plan, tool, NARROW)
+    except PlanError:
+        ground = prepare_ground(region, plan)
+        found = ground, AskedRegion(ground), None
+    return PreparedRegion(mesh, surface, region, plan, process, tool, *found)
+
+
+def with_path(plan: PlanResult, path: ToolPath, cuts: Sequence[CutOut] = (), remarks: Sequence[str] = ()) -> PlanResult:
+    """A plan with another path, measured anew: ``cuts`` were cut out of it since, each with its reason.
+
+    Figures of the old path that are not measured here, of its time and place, are kept.
+    """
+    ready, all_cuts = plan.ready, (*plan.cuts, *cuts)
+    result = ready.result(path, ready.measure(path, all_cuts), remarks, all_cuts)
+    return replace(result, figures=plan.figures | result.figures)
 
 
 def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadConfig) -> float:
@@ -381,8 +408,8 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
         return float(plan.figures["coverage"])
     if np.count_nonzero(done & plan.path.process) < 2:
         return 0.0
-    ground = prepare_ground(plan.region, plan.plan)
-    return pad_coverage(ground, plan.path.rows(done), process, pad, plan.access)
+    account = account_area(plan.ready.asked, plan.path.rows(done), process, pad)
+    return account.polished_m2 / account.region_m2
 
 
 def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMesh:
@@ -478,7 +505,7 @@ def measure_path(
     """
     ground = prepare_ground(region, PlanConfig(stepover_m=stepover))
     process, pad = ProcessConfig(contact_force_n=contact_force), PadConfig(radius_m=pad_radius)
-    return measure_quality(ground, path, stepover, process, pad).figures
+    return measure_quality(AskedRegion(ground), path, stepover, process, pad).figures
 
 
 def _point(values: Point) -> tuple[float, ...]:
