@@ -93,7 +93,7 @@ def plan_once(
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
     from polish_sim.exchange.viewers import path_page
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
-    from polish_sim.experiments.proof import prove
+    from polish_sim.experiments.proof import prove_with_a_pad_that_fits
     from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.run_page import plan_page
     from polish_sim.page.page import page_html
@@ -110,7 +110,7 @@ def plan_once(
     if unreached and not forced:
         return result, unreached
     if reach is not None and scenario.safety.proof != "none":
-        result, scenario = prove(scenario, result, observer)
+        result, scenario = prove_with_a_pad_that_fits(scenario, result, observer)
     plots["path.png"] = plot_plan(result, "Once around the rim" if dual else "")
     observer.stage("time the motion")
     strokes = cycle_strokes(scenario, result.path, result.mesh.noise, observer.progress, reach)

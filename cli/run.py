@@ -313,7 +313,7 @@ def plan_to_run(
         return None, scenario
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import write_plan
-    from polish_sim.experiments.proof import is_proven, proof_notes, prove
+    from polish_sim.experiments.proof import is_proven, proof_notes, prove_with_a_pad_that_fits
     from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.stroke_motion import check_stroke_rule
     from polish_sim.planning import measure_given_path, plan_part
@@ -333,7 +333,7 @@ def plan_to_run(
         if is_proven(scenario, plan.path, known):
             plan = replace(plan, proof=known)
         else:
-            plan, scenario = prove(scenario, plan, observer)
+            plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
         for text in proof_notes(plan):
             console.note(f"note: {text}")
     if folder is not None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -23,7 +23,7 @@ from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
 from polish_sim.cell.guards import NO_STOP, guard_shares
 from polish_sim.cell.stroke import PROCESS, cycle_time
-from polish_sim.config import FaultsConfig, PartConfig, PlanConfig, Scenario
+from polish_sim.config import FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
 from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.experiments.assembly import (
     PLACES,
@@ -37,9 +37,9 @@ from polish_sim.experiments.assembly import (
 )
 from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
-from polish_sim.planning import PlanResult
+from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.moves.leave_out import leave_out
-from polish_sim.planning.part_plan import LEFT_OUT, SLOWED, Mend, mend_of
+from polish_sim.planning.part_plan import LEFT_OUT, PAD_SIZES_M, SLOWED, Mend, mend_of
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
@@ -47,6 +47,10 @@ MARGIN: Final = 0.2
 """Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
 SLOWER: Final = 0.5  #: A stretch that fails is slowed to this share of its feed
 SLOWEST: Final = 0.2  #: Share of the planned feed below which slowing is given up
+PLAYED: Final = "when it was played, "
+MUCH: Final = 0.05  #: Share of the region from which a smaller pad is tried for what fails when it is played
+MUCH_SMALLER, MOST_PADS = 0.7, 2  #: Share of the pad's size from which on others are tried, and how many
+WORTH_A_PAD: Final = 1.02  #: Times as much it has to polish
 PROOFS: Final = ("none", "nominal")
 MOST_SEEDS: Final = 1000
 CHUNK_S: Final = 0.25  #: Simulated time between looks [s]
@@ -127,6 +131,50 @@ def prove(scenario: Scenario, plan: PlanResult, observer: Observer | None = None
     if len(prover.mends) > before:
         prover.settle(None)
     return prover.result()
+
+
+def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: Observer | None = None) -> Proven:
+    """As `prove`; where playing it leaves out much, smaller pads are tried, unless the user asked for this one.
+
+    Raises:
+        PolishSimError: As of `prove`, of the first pad.
+    """
+    best: Proven | None = None
+    failed: PlanError | None = None
+    for pad, planned in _pads_from(scenario, plan.tool.pad):
+        try:
+            part = (scenario.part, planned, scenario.process, pad, observer)
+            found = prove(replace(scenario, pad=pad), plan if pad is scenario.pad else plan_part(*part), observer)
+        except PlanError as error:
+            failed = failed or error
+            continue
+        if best is None or found.plan.area.polished_m2 > WORTH_A_PAD * best.plan.area.polished_m2:
+            best = found
+        if _lost(found.plan) < MUCH * found.plan.area.region_m2:
+            break
+    if best is None:
+        assert failed is not None
+        raise failed
+    return best
+
+
+def _pads_from(scenario: Scenario, pad: PadConfig) -> Iterator[tuple[PadConfig, PlanConfig]]:
+    """The pad a plan has, then smaller ones with the step-over in proportion, each with what is to be planned."""
+    yield scenario.pad, scenario.plan
+    usual, asked = PadConfig(), scenario.plan
+    if scenario.pad.choice != "auto" or scenario.pad.radius_m != usual.radius_m or asked.file:
+        return
+    smaller = [size for size in PAD_SIZES_M if size < MUCH_SMALLER * 2.0 * pad.radius_m]
+    for size in smaller[:MOST_PADS]:
+        stepover = min(asked.stepover_m, size)
+        if asked.stepover_m == PlanConfig().stepover_m:
+            stepover *= 0.5 * size / usual.radius_m
+        yield replace(scenario.pad, radius_m=0.5 * size), replace(asked, stepover_m=stepover)
+
+
+def _lost(plan: PlanResult) -> float:
+    """What of the region was left out because it failed when it was played [m^2]."""
+    return sum(row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith(PLAYED))
 
 
 class _Saved(NamedTuple):
@@ -310,7 +358,7 @@ class _Prover:
                 "--region."
             )
         lost = remaining.lost
-        self._kept(mend_of(LEFT_OUT, f"when it was played, {failure.why}", 0.0, path, lost), s[lost].min() - before)
+        self._kept(mend_of(LEFT_OUT, f"{PLAYED}{failure.why}", 0.0, path, lost), s[lost].min() - before)
         self.path, self.share = remaining.path, self.share[remaining.source]
 
     def _kept(self, mend: Mend, until: float) -> None:
@@ -336,7 +384,17 @@ class _Prover:
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
             "mends": [_mend_facts(mend) for mend in (*self.plan.mends, *self.mends)],
         }  # fmt: skip
-        figures = {**plan.figures, "proven": 1, "proof_largest_share": largest, "proof_played_s": self.played_s}
+        stands = {
+            "T_base_work": task.reach.T_base_work.tolist(),
+            "smallest_singular_value": task.reach.smallest_singular_value,
+        }
+        figures = {
+            **plan.figures,
+            **stands,
+            "proven": 1,
+            "proof_largest_share": largest,
+            "proof_played_s": self.played_s,
+        }
         mends = (*self.plan.mends, *self.mends)
         plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures)
         final = SurfaceTask(plan, task.reach, task.shape)
