@@ -131,8 +131,10 @@ def plan_once(
 def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     from polish_sim.experiments.proof import proof_notes
 
-    for note in (*result.notes, *proof_notes(result), *filter(None, [unreached])):
+    for note in (*result.notes, *proof_notes(result)):
         console.note(f"note: {note}")
+    if unreached:
+        console.note(f"error: {unreached} The plan is written, unproven.")
     if dual:
         from polish_sim.dual.gripper import seat_notes
 

@@ -370,7 +370,7 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
         settings["process"].pop("feed_m_s", None)
         # Where it was slowed it was for the feed it was proven at.
         path = replace(path, feed=None) if proof and proof["slowed"] else path
-    if proof and proof["pose"] and given.get("--part-pose") is None:
+    if proof and given.get("--part-pose") is None:
         settings["part"]["pose"] = proof["pose"]
     if given.get("--pad-diameter") is not None:
         settings.pop("pad", None)

@@ -371,16 +371,17 @@ class _Prover:
     def result(self) -> Proven:
         """The plan as it passed, and the scenario it runs in: its part stands where it stood here."""
         task, scenario, plan = self.task_now(), self.scenario, self.plan
+        pose = to_pose(task.reach.T_base_work)
         if any(mend.what == LEFT_OUT for mend in self.mends):
             plan = plan.along(task.plan.path, self.mends)
             # Of another path another place might be chosen.
-            scenario = replace(scenario, part=replace(scenario.part, pose=to_pose(self.task.reach.T_base_work)))
+            scenario = replace(scenario, part=replace(scenario.part, pose=pose))
         process, largest = scenario.process, max(share for share, _ in self.shares.values())
         proof = {
             "arm": scenario.robot.arm, "controller": scenario.controller.label, "feed_m_s": process.feed_m_s,
             "contact_force_n": process.contact_force_n, "seed": scenario.seed, "proof": scenario.safety.proof,
             "margin": MARGIN, "settings": settings_key(scenario), "path": path_key(task.plan.path),
-            "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": list(scenario.part.pose),
+            "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": pose,
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
             "mends": [_mend_facts(mend) for mend in (*self.plan.mends, *self.mends)],
         }  # fmt: skip
