@@ -129,9 +129,7 @@ def plan_once(
 
 
 def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
-    from polish_sim.experiments.proof import proof_notes
-
-    for note in (*result.notes, *proof_notes(result)):
+    for note in result.notes:
         console.note(f"note: {note}")
     if unreached:
         console.note(f"error: {unreached} The plan is written, unproven.")

@@ -324,18 +324,16 @@ def plan_to_run(
     plan = plan_part(*asked) if given is None else measure_given_path(given, *asked)
     if scenario.plan.begin_m > 0.0:
         plan = plan.behind(scenario.plan.begin_m)
-    for text in plan.notes:
-        console.note(f"note: {text}")
     if folder is None or row.name != "surface" or scenario.safety.proof == "none":
         pass
     else:
         known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
         if is_proven(scenario, plan.path, known):
-            plan = replace(plan, proof=known)
+            plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))
         else:
             plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
-        for text in proof_notes(plan):
-            console.note(f"note: {text}")
+    for text in plan.notes:
+        console.note(f"note: {text}")
     if folder is not None:
         write_plan(folder, plan)
         save_plots(folder, {"path.png": plot_plan(plan)})

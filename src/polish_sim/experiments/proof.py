@@ -24,7 +24,7 @@ from polish_sim.cell.cell import CellSnapshot
 from polish_sim.cell.guards import NO_STOP, guard_shares
 from polish_sim.cell.stroke import PROCESS, cycle_time
 from polish_sim.config import FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
-from polish_sim.errors import InputError, PlanError, place_in_mm
+from polish_sim.errors import InputError, PlanError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
     PLACES,
     Same,
@@ -397,7 +397,8 @@ class _Prover:
             "proof_played_s": self.played_s,
         }
         mends = (*self.plan.mends, *self.mends)
-        plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures)
+        notes = (*plan.notes, *proof_notes(proof))
+        plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures, notes=notes)
         final = SurfaceTask(plan, task.reach, task.shape)
         final.place.keep_fields_of(self.task.place)
         PLACES.get((place_key(scenario), Same(plan)), lambda: final)
@@ -405,30 +406,25 @@ class _Prover:
 
 
 def _mend_facts(mend: Mend) -> dict[str, Any]:
-    facts = mend._asdict()
-    return {**facts, "places": None, "at_m": mend.places[0].tolist()}
+    return {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()}
 
 
-def proof_notes(plan: PlanResult) -> list[str]:
+def proof_notes(proof: Mapping[str, Any]) -> list[str]:
     """What was played, how near it came to its limits, and what was mended, for the user."""
-    if plan.proof is None:
-        return []
-    proof = plan.proof
     name, worst = max(proof["limits"].items(), key=lambda item: item[1]["share"])
     notes = [
         f"proven: played in the cell with {proof['controller']} at {1e3 * proof['feed_m_s']:.4g} mm/s and "
-        f"{proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit came the guard of "
-        f"'{name}', {100.0 * worst['share']:.0f}% at {worst['at_m']:.3f} m of the path"
+        f"{proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: {name}, "
+        f"{100.0 * worst['share']:.0f}% at {1e3 * worst['at_m']:.4g} mm of the path"
     ]
-    groups: dict[tuple[str, float, str], list[Mend]] = {}
-    for mend in plan.mends:
-        why = mend.why.partition(":")[0]
-        groups.setdefault((mend.what, mend.share, why), []).append(mend)
+    groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
+    for mend in proof["mends"]:
+        groups.setdefault((mend["what"], mend["share"], mend["why"].partition(":")[0]), []).append(mend)
     for (what, share, why), alike in groups.items():
-        length = 1e3 * sum(mend.length_m for mend in alike)
         to = f"{what} to {100.0 * share:.0f}% of the feed" if what == SLOWED else what
-        more = f" and {len(alike) - 1} more places" if len(alike) > 1 else ""
-        notes.append(f"{to}: {length:.3g} mm of the path at {place_in_mm(alike[0].places[0])}{more}, because {why}")
+        length = 1e3 * sum(mend["length_m"] for mend in alike)
+        more = "" if len(alike) == 1 else f" and {count_text(len(alike) - 1, 'more place')}"
+        notes.append(f"{to}: {length:.3g} mm of the path at {place_in_mm(alike[0]['at_m'])}{more}, because {why}")
     return notes
 
 
