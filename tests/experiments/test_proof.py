@@ -1,4 +1,4 @@
-"""A plan is played in the cell before it is used: what fails is slowed or left out, and then it passes on drawn parts."""
+"""A plan is played in the cell before it is used: what fails is slowed or left out; then it passes on drawn parts."""
 
 from __future__ import annotations
 
