@@ -50,6 +50,7 @@ SLOWEST: Final = 0.2  #: Share of the planned feed below which slowing is given 
 PLAYED: Final = "when it was played, "
 MUCH: Final = 0.05  #: Share of the region from which a smaller pad is tried for what fails when it is played
 MUCH_SMALLER, MOST_PADS = 0.7, 2  #: Share of the pad's size from which on others are tried, and how many
+LEAST_POLISHED: Final = 0.1  #: Share of the region below which a plan is refused
 WORTH_A_PAD: Final = 1.02  #: Times as much it has to polish
 PROOFS: Final = ("none", "nominal")
 MOST_SEEDS: Final = 1000
@@ -145,6 +146,7 @@ def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: O
         try:
             part = (scenario.part, planned, scenario.process, pad, observer)
             found = prove(replace(scenario, pad=pad), plan if pad is scenario.pad else plan_part(*part), observer)
+            refuse_almost_nothing(found.plan)
         except PlanError as error:
             failed = failed or error
             continue
@@ -156,6 +158,22 @@ def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: O
         assert failed is not None
         raise failed
     return best
+
+
+def refuse_almost_nothing(plan: PlanResult) -> None:
+    """Refuse a plan that polishes next to nothing of the region asked for.
+
+    Raises:
+        PlanError: Saying how much, and why the most of the rest is left out.
+    """
+    area = plan.area
+    if area.polished_m2 >= LEAST_POLISHED * area.region_m2:
+        return
+    reason, row = next(iter(area.left_out.items()))
+    raise PlanError(
+        f"only {1e4 * area.polished_m2:.3g} of the region's {1e4 * area.region_m2:.3g} cm^2 would be polished; "
+        f"{1e4 * row.area_m2:.3g} cm^2 are left out: {reason}. Set another --pad-diameter, another --region or --up."
+    )
 
 
 def _pads_from(scenario: Scenario, pad: PadConfig) -> Iterator[tuple[PadConfig, PlanConfig]]:
