@@ -11,7 +11,7 @@ from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.part_plan import with_path
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.figures import account_area
-from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
+from polish_sim.planning.quality.tool_room import BEHIND_PAD
 from polish_sim.planning.toolpath import RETRACT
 
 
@@ -23,7 +23,7 @@ def planned(folder, solid, pad_mm=50.0, **plan) -> PlanResult:
 
 
 def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_what_was_cut(tmp_path):
-    wall = trimesh.creation.box((40, 120, 120)).apply_translation((110, 0, 55))
+    wall = trimesh.creation.box((40, 120, 90)).apply_translation((110, 0, 40))
     strip = trimesh.creation.box((120, 15, 10)).apply_translation((0, 100, 0))
     result = planned(tmp_path, trimesh.boolean.union([trimesh.creation.box((200, 120, 10)), wall, strip]),
                      region="box:-200,-200,-1,90,200,6")  # fmt: skip
@@ -33,8 +33,8 @@ def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_wh
     assert sum(m["left_out"].values()) == pytest.approx(m["left_out_area_m2"], rel=1e-12)
     assert m["coverage"] == pytest.approx(m["polished_area_m2"] / m["region_area_m2"])
     assert m["left_out"]["component narrower than half the pad"] == pytest.approx(0.120 * 0.015, rel=0.02)
-    # The spindle's housing, 32.5 mm in radius, keeps 1 mm from the wall and what the part may lie otherwise.
-    middle = next(body for body in BEHIND_PAD if body.name == "spindle").radius + 0.001 + UNSURE_M
+    # The spindle's housing, 32.5 mm in radius, keeps 1 mm from the wall.
+    middle = next(body for body in BEHIND_PAD if body.name == "spindle").radius + 0.001
     strip_m2 = 0.120 * (middle - 0.025)
     assert 0.9 * strip_m2 < m["left_out"]["spindle too near the part"] < 1.1 * strip_m2 + 2 * 0.22 * 0.025**2
 

@@ -182,7 +182,9 @@ class PadConfig:
 
     radius_m: float = key(0.025, "pad radius [m]", 0.001, 0.2, option=Option("--pad-diameter", TOOL, "MM", DIAMETER))
     choice: str = key(
-        "auto", "auto: a face narrower than the default pad gets one that fits; given: the pad is what radius_m says"
+        "auto",
+        "auto: a face narrower than the default pad gets one that fits and a step-over in proportion; "
+        "stepover: with the step-over asked for; given: the pad is what radius_m says",
     )
     stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
     points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)

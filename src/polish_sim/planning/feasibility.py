@@ -17,13 +17,11 @@ from polish_sim.planning.ground.ground import Ground, footprint
 from polish_sim.planning.moves.leads import LEADS
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.quality.access import AVOID, TILT, Access
-from polish_sim.planning.quality.coverage import pad_depths
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 
 if TYPE_CHECKING:
     from polish_sim.config import PadConfig, PartConfig, PlanConfig
     from polish_sim.planning.quality.figures import Quality
-    from polish_sim.planning.quality.located import PathOnSurface
     from polish_sim.planning.toolpath import ToolPath
 
 ORDERS: Final = ("inward", "outward")
@@ -38,7 +36,6 @@ FAR_START = 2.0  #: A path that begins further from there than so many step-over
 AS_ASKED = 0.05  #: A mean step-over this close to the one asked for, relative, is not remarked upon
 
 FEW = 20  #: One vertex in so many is asked first how far it is from the border
-RIM_ONLY_M = 1e-4  #: A pad whose middle is held off the ground by less still touches with it [m]
 
 
 def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
@@ -193,32 +190,15 @@ def stepover_notes(mean: float, plan: PlanConfig) -> list[str]:
     ]
 
 
-def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
-    """What the user should know about this pad on this region, with places in mm."""
-    notes = []
-    if ground.holes:
-        holes = "1 small hole is" if ground.holes == 1 else f"{ground.holes} small holes are"
-        notes.append(f"{holes} run over by the pad (plan.bridge_m sets up to which size)")
-    depth = _depth_below(ground, pad.radius_m)
-    if depth is not None:
-        notes.append(
-            f"the region is at most {2e3 * depth:.3g} mm wide between its borders: "
-            f"the pad ({2e3 * pad.radius_m:.3g} mm) hangs over"
-        )
-    # Where the ground rises less under the rim than the force presses a pad in on a plane, its middle touches.
-    hollow = np.flatnonzero(-0.5 * on.curvatures[:, 1] * pad.radius_m**2 > on.forces / pad.stiffness_n_m)
-    held_off = -pad_depths(on.curvatures[hollow], pad, on.forces[hollow])
-    if held_off.max(initial=0.0) > RIM_ONLY_M:
-        share, worst = float((held_off > 0.0).sum() / len(on.forces)), int(hollow[held_off.argmax()])
-        notes.append(
-            f"hollow ground: along {100.0 * share:.0f}% of the path the pad's rim carries alone, its middle up to "
-            f"{1e3 * held_off.max():.2g} mm off, most at {place_in_mm(on.positions[worst])}, where the radius is "
-            f"{-1e3 / on.curvatures[worst, 1]:.3g} mm; more --contact-force or a smaller --pad-diameter brings it down"
-        )
-    return notes
+def hole_notes(ground: Ground) -> list[str]:
+    """How many holes the pad runs over."""
+    if not ground.holes:
+        return []
+    holes = "1 small hole is" if ground.holes == 1 else f"{ground.holes} small holes are"
+    return [f"{holes} run over by the pad (plan.bridge_m sets up to which size)"]
 
 
-def _depth_below(ground: Ground, limit: float) -> float | None:
+def depth_below(ground: Ground, limit: float) -> float | None:
     """How far the region's middle is from its borders if that is less than a limit [m]; None if it is not."""
     borders, points = CurveSet(border_curves(ground.mesh)), ground.mesh.vertices
     # A few places are mostly enough to see that there is room.

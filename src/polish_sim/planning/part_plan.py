@@ -16,14 +16,16 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_par
 from polish_sim.geometry.fixture import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
+    NARROWEST,
     check_asked,
     check_request,
     check_start,
     check_stepover,
+    depth_below,
     edge_distance,
+    hole_notes,
     in_another_unit,
     lean_notes,
-    pad_notes,
     start_notes,
     stepover_notes,
     too_small,
@@ -37,7 +39,6 @@ from polish_sim.planning.planner import plan_on, plan_path
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
 from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
-from polish_sim.planning.quality.located import locate
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
@@ -285,7 +286,7 @@ class PreparedRegion:
             *lean_notes(self.access, self.plan, self.tool.pad),
             *quality.area.notes,
             *remarks,
-            *pad_notes(self.ground, locate(self.ground, path), self.tool.pad),
+            *hole_notes(self.ground),
         )
         within = self.access.region if self.access else self.region
         inside = quality.pad_in_part.positions
@@ -293,7 +294,7 @@ class PreparedRegion:
         return PlanResult(self.mesh, self.surface, within, path, *found)
 
 
-PAD_CHOICES: Final = ("auto", "given")
+PAD_CHOICES: Final = ("auto", "stepover", "given")  #: What is chosen: pad and step-over, the pad, nothing
 PAD_SIZES_M: Final = (0.05, 0.04, 0.03, 0.025, 0.02, 0.016, 0.012, 0.01, 0.008, 0.006, 0.005, 0.004, 0.003, 0.002)
 """Diameters a pad is chosen from."""
 MOST_SUNK: Final = 0.25  #: A pad is not chosen that the force presses in by more than this share of its radius
@@ -308,7 +309,10 @@ def prepare_region(
         PlanError: None does; says why the first does not.
     """
     width, pad, refused = widest_piece(region), tool.pad, list[PlanError]()
+    hanging_over: PreparedRegion | None = None
     for taken, asked in _pads(pad, plan, width, tool.force):
+        if hanging_over is not None and 2.0 * taken.radius_m > width:
+            continue
         kept = (
             "" if asked.edge_margin_m == plan.edge_margin_m else f", {1e3 * asked.edge_margin_m:.2g} mm off the edges"
         )
@@ -322,6 +326,11 @@ def prepare_region(
         except PlanError as error:
             refused.append(too_small(mesh, width, taken, tool.force) if kept else error)
             continue
+        between = depth_below(found[1].ground, NARROWEST * taken.radius_m) if _is_free(taken) else None
+        if between is not None:
+            hanging_over = PreparedRegion(mesh, surface, region, asked, process, fitted, *found)
+            width = min(width, 2.0 * between)
+            continue
         note = (
             f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm{kept} chosen: the "
             f"default pad of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide "
@@ -329,7 +338,14 @@ def prepare_region(
         )
         notes = () if taken is pad else (note,)
         return PreparedRegion(mesh, surface, region, asked, process, fitted, *found, notes)
+    if hanging_over is not None:
+        return hanging_over
     raise refused[0]
+
+
+def _is_free(pad: PadConfig) -> bool:
+    """Whether a pad is the default one, which nobody asked for."""
+    return pad.choice != "given" and pad.radius_m == PadConfig().radius_m
 
 
 def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Iterator[tuple[PadConfig, PlanConfig]]:
@@ -341,12 +357,12 @@ def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Itera
     if pad.choice not in PAD_CHOICES:
         raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
     diameter, standard = 2.0 * pad.radius_m, PlanConfig().stepover_m
-    free = pad.choice == "auto" and pad.radius_m == PadConfig().radius_m
-    smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if free else []
+    smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if _is_free(pad) else []
     if diameter <= width or not smaller:
         yield pad, plan
     for size in smaller:
-        wanted = standard * size / diameter if plan.stepover_m == standard else plan.stepover_m
+        chosen = pad.choice == "auto" and plan.stepover_m == standard
+        wanted = standard * size / diameter if chosen else plan.stepover_m
         stepover, small = min(wanted, size), replace(pad, radius_m=0.5 * size)
         margin = edge_distance(small, force) + plan.tool_clearance_m - 0.5 * stepover
         yield small, replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin))
