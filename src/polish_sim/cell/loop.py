@@ -207,7 +207,7 @@ def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
             _tare(state, m.wrench)
         else:
             state.status.tares, state.status.spread = 0, 0.0
-    if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target):
+    if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target, state.guards.offset):
         trip(state.status, guards.MISSING, t)
 
 

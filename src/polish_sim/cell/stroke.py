@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from polish_sim.arrays import Array
 from polish_sim.control.signals import Target
 from polish_sim.kernels import Record, Vector2, Vector3, Vector4, kernel
@@ -15,7 +18,7 @@ from polish_sim.spatial import rotation_from_quaternion
 TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = range(8)
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
 TARE_TIME = 0.25  # readings averaged for zeroing [s]
-TOUCH_DOWN_TIME = 0.35  # from measured contact to the start of the feed [s]
+TOUCH_DOWN_TIME = 0.5  # from measured contact to the start of the feed [s]
 RETRACT_SPEED = 0.02  # [m/s]
 
 
@@ -52,6 +55,7 @@ class Sequence(Record):
     rate: float  #: At which that time passes [-]
     rate_change: float  #: [1/s]
     row: int  #: Of the process table
+    pressed: float  #: Time for which the reading has counted as contact [s]
     floor: float  #: Five standard deviations of the measured force in free space: less is no contact [N]
     quaternion: Vector4  #: Work array, as the three that follow
     tangent: Vector3
@@ -97,6 +101,18 @@ BUILD_UP = 0.04  # in which the acceleration along the path is built up [s]
 FALL = 4.0  # times as fast as it rises the rate of the motion may fall
 TRAVEL_SPEED = 0.05  # between two strokes, in free space [m/s]
 TRAVEL_PACE = Pace(TRAVEL_SPEED, 0.5, 5.0)
+TURN_SPEED = 0.25  # of the tool in free space: the wrists' gears then shake it by less than counts as contact [rad/s]
+
+
+def air_length(positions: Array, rotations: Array, speed: float) -> Array:
+    """Length of a way through the air to its points [m], shape (n,); at a ``speed`` [m/s] along it the tool turns no
+    faster than ``TURN_SPEED``.
+
+    The way's points are (n, 3) [m] and its tool frames (n, 3, 3).
+    """
+    turns = (Rotation.from_matrix(rotations[1:]) * Rotation.from_matrix(rotations[:-1]).inv()).magnitude()
+    ways = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(np.maximum(ways, speed / TURN_SPEED * turns))])
 
 
 @kernel
@@ -215,17 +231,19 @@ def _sink(table: PathTable, s: float, state: Sequence, depth: float, speed: floa
 # Transitions use only what the host computer knows: the clock, the path and the *measured* force.
 
 LEAST_SHARE = 0.02  # of the planned feed a controller can slow it to: the run must end
+LASTS = 0.05  # a reading that lasts longer is no swing of the arm, whose modes are above 13 Hz [s]
 SWINGS_FOR = 0.15  # after the approach starts an elastic arm swings: the sensor feels its tool, not a part [s]
 
 
 @kernel
 def advance_sequence(
-    stroke: Stroke, state: Sequence, measured_force: float, granted: float, dt: float, target: Target
+    stroke: Stroke, state: Sequence, measured_force: float, granted: float, dt: float, target: Target, reach: float
 ) -> bool:
     """Move the target on by one step; False if contact was sought down to the search depth and not found.
 
     ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned feed
-    the controller grants, limited to ``LEAST_SHARE`` to 1.
+    the controller grants, limited to ``LEAST_SHARE`` to 1. Further than ``reach`` [m] above where the part should be,
+    a reading must last to be contact.
     """
     state.time += dt
     stage = state.stage
@@ -236,7 +254,9 @@ def advance_sequence(
         state.s = state.speed = 0.0
     elif stage in (APPROACH, SEEK):
         swinging = stage == APPROACH and state.time < SWINGS_FOR
-        if measured_force > max(stroke.threshold, state.floor) and not swinging:
+        pressed = measured_force > max(stroke.threshold, state.floor) and not swinging
+        state.pressed = state.pressed + dt if pressed else 0.0
+        if pressed and (state.depth > -reach or state.pressed > LASTS):
             _enter(state, TOUCH_DOWN)
         elif stage == APPROACH and state.s >= stroke.lead_in.length:
             state.depth = 0.0
