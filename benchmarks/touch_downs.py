@@ -53,7 +53,7 @@ def main() -> None:
             rate = asked.seeds / (time.perf_counter() - begun)
             print(
                 f"{part:16s} {controller:16s} {asked.seeds:5d} runs, {rate:4.1f}/s: largest {largest[0]:5.2f} N "
-                f"(seed {largest[1]}), contact lost {lost[0]:.3f} s, {len(stops)} stops",
+                f"(seed {largest[1]}), contact lost {lost:.3f} s, {len(stops)} stops",
                 flush=True,
             )
             print(*(f"    {stop}" for stop in stops[:3]), sep="\n", end="\n" if stops else "")

@@ -253,7 +253,7 @@ def read_number(name: str, text: str, unit: Unit, low: float, high: float, meani
         message = f"{name} {number_text(number)} is outside {bounds}{': ' if meaning else ''}{meaning}."
         if unit.name.startswith("mm") and low <= number <= high:
             metres = unit.name.replace("mm", "m", 1)
-            message += f" For {number_text(number)} {metres} write {number_text(number / unit.si)}."
+            message += f" For {number_text(number)} {metres} write {number_text(1e3 * number)}."
         raise ConfigError(message)
     return number * unit.si
 

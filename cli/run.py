@@ -243,6 +243,7 @@ def run_once(
         bool(figures["interrupted"]),
         undrawn,
         (*(load(row.notes)(figures) if row.notes else ()), *missed),
+        tuple(figures.get("bad_figures", ())),
         other_conditions(scenario),
     )
 

@@ -64,6 +64,7 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
         interrupted,
         undrawn,
         tuple(missed),
+        tuple(f"seed {seed}: {text}" for seed, figures in runs.items() for text in figures.get("bad_figures", ())),
         other_conditions(scenario),
     )
 

@@ -8,7 +8,7 @@ import trimesh
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.planning import PlanResult, plan_part
-from polish_sim.planning.part_plan import with_path
+from polish_sim.planning.part_plan import LEFT_OUT, Mend
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.figures import account_area
 from polish_sim.planning.quality.tool_room import BEHIND_PAD
@@ -52,7 +52,7 @@ def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     account = account_area(result.ready.asked, rest, ProcessConfig(), result.tool.pad, [cut])
     # 120 mm less the two radii the pad covers from the turns on either side.
     assert account.figures["left_out"]["shakes"] == pytest.approx(0.120 * (0.120 - 0.050), rel=0.15)
-    again = with_path(result, rest, [cut]).figures
+    again = result.along(rest, [Mend(LEFT_OUT, "shakes", 0.0, 0.12, cut.positions)]).figures
     assert again["left_out"] == account.figures["left_out"]
     assert again["polished_area_m2"] + again["left_out_area_m2"] == pytest.approx(again["region_area_m2"], rel=1e-9)
 

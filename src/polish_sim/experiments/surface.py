@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.metrics import measure_removal, measure_surface
+from polish_sim.analysis.metrics import AREAS, measure_removal, measure_surface, shortcomings
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun, Observer, RealPart, Silent
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
@@ -169,6 +169,8 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     figures |= cell.payload_errors._asdict()
     figures |= shape_figures(task.shape, path)
     figures |= feed_figures(cell.strokes)
+    figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
+    figures["bad_figures"] = shortcomings(figures, scenario.process.contact_force_n)
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map
     )  # fmt: skip

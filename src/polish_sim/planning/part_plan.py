@@ -240,10 +240,11 @@ def measure_given_path(
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
     given = given_region(mesh, surface, region, plan, process, tool)
     quality = given.measure(path)
-    off = quality.figures["max_distance_to_surface_m"]
+    contact = path.positions_work[path.process]
+    off = float(np.linalg.norm(surface.closest(contact).positions - contact, axis=1).max())
     if off > OFF_PART_M:
         raise PlanError(
-            f"the path lies up to {1e3 * off:.2f} mm off the region of this part, more than {1e3 * OFF_PART_M:g} mm. "
+            f"the path lies up to {1e3 * off:.2f} mm off the surface of this part, more than {1e3 * OFF_PART_M:g} mm. "
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
     return given.result(with_way_down(path, plan.clearance_m), quality, wall_notes(quality))
@@ -405,16 +406,6 @@ def given_region(
         ground = prepare_ground(region, plan)
         found = ground, AskedRegion(ground), None
     return PreparedRegion(mesh, surface, region, plan, process, tool, *found)
-
-
-def with_path(plan: PlanResult, path: ToolPath, cuts: Sequence[CutOut] = (), remarks: Sequence[str] = ()) -> PlanResult:
-    """A plan with another path, measured anew: ``cuts`` were cut out of it since, each with its reason.
-
-    Figures of the old path that are not measured here, of its time and place, are kept.
-    """
-    ready, all_cuts = plan.ready, (*plan.cuts, *cuts)
-    result = ready.result(path, ready.measure(path, all_cuts), remarks, all_cuts)
-    return replace(result, figures=plan.figures | result.figures)
 
 
 def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadConfig) -> float:
