@@ -257,7 +257,7 @@ def check_guards(
     spindle = state.spindle
     if on_part and spindle.commanded > 0.0:
         guards.found = spindle.speed / spindle.commanded
-        _note(state, SPINDLE, SPINDLE_SHARE / guards.found, t)
+        _note(state, SPINDLE, (1.0 - guards.found) / (1.0 - SPINDLE_SHARE), t)
         if guards.found < SPINDLE_SHARE:
             return SPINDLE
     moved = _check_surface(state, planned, dt, t)

@@ -237,13 +237,21 @@ SWINGS_FOR = 0.15  # after the approach starts an elastic arm swings: the sensor
 
 @kernel
 def advance_sequence(
-    stroke: Stroke, state: Sequence, measured_force: float, granted: float, dt: float, target: Target, reach: float
+    stroke: Stroke,
+    state: Sequence,
+    measured_force: float,
+    granted: float,
+    dt: float,
+    target: Target,
+    reach: float,
+    deeper: float,
 ) -> bool:
     """Move the target on by one step; False if contact was sought down to the search depth and not found.
 
     ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned feed
     the controller grants, limited to ``LEAST_SHARE`` to 1. Further than ``reach`` [m] above where the part should be,
-    a reading must last to be contact.
+    a reading must last to be contact. ``deeper`` [m] is how far the tool is below its target: from there it is lifted,
+    for springs stiffer than planned hold it above.
     """
     state.time += dt
     stage = state.stage
@@ -270,7 +278,7 @@ def advance_sequence(
         arrived = state.clock >= stroke.motion.duration and state.time >= stroke.hold
         if arrived or state.time >= stroke.feed_time:
             _enter(state, RETRACT if stroke.lift > 0.0 else DONE)
-            state.depth = 0.0
+            state.depth = -deeper
     elif stage == RETRACT and state.depth >= stroke.lift + stroke.depth:
         _enter(state, DONE)
     place_target(stroke, state, min(max(granted, LEAST_SHARE), 1.0), dt, target)
