@@ -228,9 +228,9 @@ class SafetyConfig:
         "refuse", "a path on which the tool runs into the part: refuse, before anything moves, or allow"
     )
     proof: str = key(
-        "nominal",
+        "1",
         "a plan is played in the cell and mended before it is used: none, nominal (on the part as drawn), or a number "
-        "of parts drawn by seeds besides",
+        "of parts as well that seeds displace and bend",
         option=Option("--proof", RUN, "none|nominal|N"),
     )
     stop_latency_s: float = key(0.004, "from a protective stop to the brakes [s]", 0.0, 0.1)

@@ -45,6 +45,7 @@ from polish_sim.spatial import to_pose
 
 MARGIN: Final = 0.2
 """Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
+DRAWN_MARGIN: Final = 0.1  #: The same on a part that is displaced and bent
 SLOWER: Final = 0.5  #: A stretch that fails is slowed to this share of its feed
 SLOWEST: Final = 0.2  #: Share of the planned feed below which slowing is given up
 PLAYED: Final = "when it was played, "
@@ -64,7 +65,8 @@ AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind th
 AROUND_M: Final = 0.004  #: And for at least this far [m]
 SAVE_EVERY_S: Final = 2.0  #: Simulated time between saved states [s]
 SAVED: Final = 12  #: States kept; with the beginnings of strokes
-MOST_MENDS: Final = 60  #: After which whole strokes that fail are left out
+MOST_SLOWED: Final = 20  #: Places after which the rest of the path is slowed
+MOST_MENDS: Final = 60  #: Places left out, after which whole strokes that fail are
 MOST_ROUNDS: Final = 4  #: A mended path is played whole at most so often
 DYNAMIC: Final = (guard.JUMP, guard.FORCE, guard.TORQUE, guard.OVERLOAD, guard.SPINDLE)
 """Guards that a slower feed keeps quiet."""
@@ -125,12 +127,17 @@ def prove(scenario: Scenario, plan: PlanResult, observer: Observer | None = None
     """
     prover = _Prover(scenario, plan, observer or Silent())
     seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario))
-    prover.settle(None)
+    if seeds:
+        # The whole path is played at the end on a drawn part, which asks for more.
+        prover.pass_through(None)
+    else:
+        prover.settle(None)
     before = len(prover.mends)
     for seed in seeds:
         prover.settle(seed)
     if len(prover.mends) > before:
-        prover.settle(None)
+        for seed in seeds[:-1]:
+            prover.settle(seed)
     return prover.result()
 
 
@@ -220,7 +227,7 @@ class _Prover:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
         for _ in range(MOST_ROUNDS):
             mended = len(self.mends)
-            self._pass_through(seed)
+            self.pass_through(seed)
             if len(self.mends) == mended:
                 return
             self.shares.clear()
@@ -230,7 +237,7 @@ class _Prover:
             "or another --region; --proof none runs it all the same."
         )
 
-    def _pass_through(self, seed: int | None) -> None:
+    def pass_through(self, seed: int | None) -> None:
         """Play the path once from its start to its end, going back a little for every mend."""
         nominal, usual = seed is None, self.scenario
         self.observer.stage(f"prove in the cell{'' if nominal else f', part of seed {seed}'}")
@@ -244,14 +251,14 @@ class _Prover:
         task, self._passing = self.task, {}
         place = self.task_now().place
         cell = cell_for(scenario, place, build_part(scenario, task.place), strokes_for(scenario, place))
-        if nominal:
-            self._tighten(cell)
+        margin = MARGIN if nominal else DRAWN_MARGIN
+        self._tighten(cell, margin, nominal)
         saved = [_Saved(-math.inf, cell.save())]
-        while (failure := self._play(cell, saved, MARGIN if nominal else 0.0)) is not None:
+        while (failure := self._play(cell, saved, margin)) is not None:
             self._mend(failure)
             saved[1:] = [state for state in saved[1:] if state.s <= self.kept_until]
             self._go_back(cell, scenario, saved[-1].state)
-        self._keep_shares(cell, MARGIN if nominal else 0.0)
+        self._keep_shares(cell, margin)
 
     def task_now(self) -> SurfaceTask:
         """The task with the path as it is mended so far, on the same part and in the same place."""
@@ -262,17 +269,18 @@ class _Prover:
         task.place.keep_fields_of(self.task.place)
         return task
 
-    def _tighten(self, cell: Cell) -> None:
-        """Leave a margin to every limit, and to that of the surface's place what the part as drawn may be off."""
+    def _tighten(self, cell: Cell, margin: float, nominal: bool) -> None:
+        """Leave a ``margin`` to every limit; to that of the surface's place, on the drawing, what the part may be off."""
         guards, part = cell.state.guards, self.scenario.part
-        kept = 1.0 - MARGIN
+        kept = 1.0 - margin
         asked = largest_force(self.scenario, self.path)
         guards.force = asked + kept * (guards.force - asked)
         guards.torque, guards.jump = kept * guards.torque, kept * guards.jump
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
         extent = float(np.linalg.norm(np.ptp(self.path.positions_work[self.path.process], axis=0)))
         drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m
-        guards.offset = max(guards.offset - drawn, LEAST_OFFSET * guards.offset)
+        less = drawn if nominal else margin * guards.offset
+        guards.offset = max(guards.offset - less, LEAST_OFFSET * guards.offset)
 
     def _go_back(self, cell: Cell, scenario: Scenario, state: CellSnapshot) -> None:
         """Let a cell go on from a saved state on the path as it is mended now."""
@@ -359,6 +367,9 @@ class _Prover:
         before = SLOWING_S * feed
         if failure.code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
             around = within & (np.abs(s - s[row]) <= max(AROUND_S * feed, AROUND_M))
+            if sum(mend.what == SLOWED for mend in self.mends) >= MOST_SLOWED:
+                # It fails everywhere: the rest of the path is slowed at once.
+                around = path.process & (s >= s[around].min())
             self.share[around] = np.minimum(self.share[around], slower)
             self._kept(mend_of(SLOWED, failure.why, slower, path, around), s[around].min() - before)
             return
@@ -367,7 +378,7 @@ class _Prover:
         near = sum(
             float(np.linalg.norm(mend.places - path.positions_work[row], axis=1).min()) < 2.0 * pad for mend in earlier
         )
-        half = math.inf if len(self.mends) > MOST_MENDS else 0.5 * pad * 2.0**near
+        half = math.inf if len(earlier) > MOST_MENDS else 0.5 * pad * 2.0**near
         remaining = leave_out(path, within & (np.abs(s - s[row]) <= half), self.plan.plan, self.plan.air)
         if remaining is None:
             raise PlanError(
