@@ -222,7 +222,7 @@ class PreparedRegion:
             *lean_notes(self.access, self.plan, self.tool.pad),
             *quality.area.notes,
             *remarks,
-            *hole_notes(self.ground),
+            *hole_notes(self.asked.ground),
         )
         within = self.access.region if self.access else self.region
         inside = quality.pad_in_part.positions
