@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw
 GALLERY: Final = Path(__file__).resolve().parent.parent / "results" / "gallery"
 RUNS: Final = {
     "surface": "run surface",
-    "position": "run surface --controller position",
+    "position": "run surface --controller position --proof none",
     "compared": "report surface position",
     "demo": "demo",
     "force": "run force",
