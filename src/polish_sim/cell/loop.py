@@ -207,7 +207,8 @@ def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
             _tare(state, m.wrench)
         else:
             state.status.tares, state.status.spread = 0, 0.0
-    if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target):
+    too_high = guards.depth_below(m, state.target, sequence.depth) < -state.guards.offset
+    if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target, too_high):
         trip(state.status, guards.MISSING, t)
 
 

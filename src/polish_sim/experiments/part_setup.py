@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import Stroke, Touch, tool_on_flange
-from polish_sim.cell.stroke import TRAVEL_PACE, feed_pace
+from polish_sim.cell.stroke import TRAVEL_PACE, TRAVEL_SPEED, air_length, feed_pace
 from polish_sim.config import PartConfig, ProcessConfig, Scenario
 from polish_sim.errors import MeshError, PlanError, place_in_mm, unknown_name
 from polish_sim.experiments.placement import Reach, tool_rotations
@@ -21,7 +21,7 @@ from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part
 from polish_sim.models import part_path
 from polish_sim.motion.rules.limits import Arm, build_arm
 from polish_sim.motion.timed_path import TimedPath, time_path
-from polish_sim.motion.trajectory import at_rows, build_path_table, with_feed_share
+from polish_sim.motion.trajectory import PathTable, at_rows, build_path_table, with_feed_share
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, ToolPath, pressed, stretches
 from polish_sim.spatial import apply
 
@@ -121,7 +121,7 @@ def placed_strokes(
         strokes.append(
             Stroke(
                 travel=travel_to(strokes, nominal[through], rotations[through]),
-                lead_in=build_path_table(nominal[before], rotations[before]),
+                lead_in=_air_table(nominal[before], rotations[before], process.approach_speed_m_s),
                 process=table,
                 motion=motion,
                 depth=float(depths[first]),
@@ -185,8 +185,12 @@ def travel_to(strokes: list[Stroke], way: Array, rotations: Array) -> TimedPath:
     last = strokes[-1]
     R_last = Rotation.from_quat(last.process.quaternions[-1], scalar_first=True).as_matrix()
     above = last.process.positions[-1] - (last.lift + last.depth) * R_last[:, 2]
-    table = build_path_table(np.concatenate([above[None], way]), np.concatenate([R_last[None], rotations]))
-    return time_path(table, TRAVEL_PACE)
+    return time_path(_air_table(np.vstack([above, way]), np.stack([R_last, *rotations]), TRAVEL_SPEED), TRAVEL_PACE)
+
+
+def _air_table(positions: Array, rotations: Array, speed: float) -> PathTable:
+    """A way through the air, followed at a ``speed`` [m/s]; where the tool turns it is as long as that takes."""
+    return build_path_table(positions, rotations, air_length(positions, rotations, speed))
 
 
 # The part's shape as it really is: its own mesh where one is given, else the drawing.
