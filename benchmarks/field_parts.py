@@ -1,291 +1,131 @@
-"""Parts as users have them, none of them shipped: planned and polished by the command, as a new user would.
+"""Parts by the hundred as users have them: drawn by a seed, planned with the proof, run as another seed draws them.
 
-The shapes are drawn here from formulas after things that are polished: blades, domes, housings, moulds, castings,
-scans. A folder given on the command line adds every mesh in it. Nothing was tuned on them.
+Each draw takes a family, its size and shape, a pad of 10 to 50 mm, an overlap, a feed of 10 to 40 mm/s and a
+controller; nothing was tuned on them. Rows go to a CSV as they are done; the same command goes on with what is missing.
 
-    python -m benchmarks.field_parts [--run] [--only NAME]... [FOLDER]
+    python -m benchmarks.field_parts [--count 100] [--seed 1] [--family NAME]... [--csv FILE] [--keep FOLDER]
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import csv
+import io
 import json
-import os
-import subprocess
-import sys
+import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+import time
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Final
 
 import numpy as np
-import trimesh
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from benchmarks.field_families import FAMILIES, draw_mesh
+from polish_sim.cli.boundary import DONE, execute
+from polish_sim.cli.main import commands
 
-STACK = "import numpy, scipy.optimize, scipy.spatial, mujoco, numba, matplotlib.pyplot"
-"""Times are given in units of importing this."""
-_FAST_RUN = ("--feed", "30")
-_BLOCKS = [
-    "door_panel",
-    "housing_pocket",
-    "boss_plate",
-    "ribbed_casting",
-    "bowl_60",
-    "bowl_22",
-    "trough",
-    "scan_plate",
-    "mould_half",
-]
-"""Their flat bottom is a larger smooth face than what is to be polished: they are planned with --up z."""
-
-
-class Outcome(NamedTuple):
-    """How a command ended."""
-
-    code: int
-    cpu_s: float
-    memory_mb: float
-    message: str
-    figures: dict[str, object]
+PADS_MM, OVERLAPS, FEEDS_MM_S = (10, 12, 16, 20, 25, 32, 40, 50), (30, 50, 60), (10, 15, 20, 30, 40)
+CONTROLLERS: Final = ("hybrid-pi", "hybrid-adaptive")
+LONGEST_M: Final = 3.0  #: The pad is drawn no smaller than gives about such a path
+FIRST_RUN_SEED: Final = 500
+COLUMNS: Final = (
+    *(
+        "number",
+        "family",
+        "size_mm",
+        "pad_mm",
+        "overlap",
+        "feed_mm_s",
+        "controller",
+        "outcome",
+        "reason",
+        "plan_s",
+        "run_s",
+    ),
+    *("path_m", "polished", "mends", "force_max_n", "error_max_n", "contact_lost_s"),
+)
 
 
-def _grid(width: float, depth: float, spacing: float) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Points of a rectangle about the origin (n,), (n,), and its triangles, up."""
-    columns, rows = round(width / spacing) + 1, round(depth / spacing) + 1
-    x, y = np.meshgrid(np.linspace(-width / 2, width / 2, columns), np.linspace(-depth / 2, depth / 2, rows))
-    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    corners = np.column_stack([first, first + 1, first + columns + 1, first, first + columns + 1, first + columns])
-    return x.ravel(), y.ravel(), corners.reshape(-1, 3)
+def _call(words: Sequence[str]) -> tuple[int, float, str]:
+    """Run a command in this process: its exit code, time [s] and what it said of errors."""
+    out, err, begin = io.StringIO(), io.StringIO(), time.perf_counter()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = execute(commands, list(words))
+    said = [line for line in err.getvalue().splitlines() if line.startswith(("error", "bad"))]
+    return code, time.perf_counter() - begin, " ".join(said)
 
 
-def _block(width: float, depth: float, spacing: float, height: Callable[[Array, Array], Array]) -> trimesh.Trimesh:
-    """A solid with a flat bottom at z = 0 under a height."""
-    x, y, faces = _grid(width, depth, spacing)
-    top = np.column_stack([x, y, height(x, y)])
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    _, index, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
-    rim = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)[index[count == 1]]
-    n = len(top)
-    walls = np.concatenate([np.column_stack([rim[:, 1], rim[:, 0], rim[:, 0] + n]),
-                            np.column_stack([rim[:, 1], rim[:, 0] + n, rim[:, 1] + n])])  # fmt: skip
-    bottom = top * [1.0, 1.0, 0.0]
-    return trimesh.Trimesh(np.concatenate([top, bottom]), np.concatenate([faces, faces[:, ::-1] + n, walls]))
-
-
-def _step(x: Array, width: float) -> Array:
-    """A smooth step from 0 to 1 over a width about 0."""
-    t = np.clip(x / width + 0.5, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
-
-
-def _box_distance(x: Array, y: Array, a: float, b: float, corner: float) -> Array:
-    """Signed distance to a rounded rectangle of half sides a and b in the plane."""
-    u, v = np.abs(x) - a + corner, np.abs(y) - b + corner
-    return np.hypot(np.maximum(u, 0.0), np.maximum(v, 0.0)) + np.minimum(np.maximum(u, v), 0.0) - corner
-
-
-def _figurine(noise: float) -> trimesh.Trimesh:
-    """A scan: a closed bumpy shape 150 mm tall whose vertices jitter along the normal."""
-    ball = trimesh.creation.icosphere(subdivisions=5)
-    v = np.array(ball.vertices)
-    bumps = 0.18 * np.sin(4.0 * v[:, 0] + 1.0) * np.cos(3.0 * v[:, 1]) + 0.12 * np.sin(5.0 * v[:, 2] + 2.0 * v[:, 0])
-    points = v * (1.0 + bumps)[:, None] * [45.0, 40.0, 70.0]
-    shape = trimesh.Trimesh(points, ball.faces)
-    jitter = np.random.default_rng(5).normal(scale=noise, size=len(points))
-    return trimesh.Trimesh(points + jitter[:, None] * shape.vertex_normals, ball.faces)
-
-
-def _blade() -> trimesh.Trimesh:
-    """A twisted blade 180 mm long with an airfoil of 70 mm, lying on its side, hub and tip closed."""
-    along, around = 60, 80
-    t = 2.0 * np.pi * np.arange(around) / around
-    chord = 0.5 * (1.0 - np.cos(t))
-    thick = 0.6 * (0.2969 * np.sqrt(chord) - 0.126 * chord - 0.3516 * chord**2 + 0.2843 * chord**3 - 0.1036 * chord**4)
-    rings = []
-    for s in np.linspace(0.0, 1.0, along):
-        size, twist = 70.0 * (1.0 - 0.4 * s), np.radians(5.0 + 25.0 * s)
-        x, z = size * (chord - 0.4), size * (np.sign(np.pi - t) * thick + 0.08 * np.sin(np.pi * chord))
-        x, z = np.cos(twist) * x + np.sin(twist) * z, -np.sin(twist) * x + np.cos(twist) * z
-        rings.append(np.column_stack([x, np.full(around, 180.0 * s), z]))
-    k = np.arange(along - 1)[:, None] * around
-    i, j = k + np.arange(around), k + (np.arange(around) + 1) % around
-    sides = np.stack([i, j, j + around, i, j + around, i + around], axis=-1).reshape(-1, 3)
-    ends = [[0, m + 1, m] for m in range(1, around - 1)]
-    last = (along - 1) * around
-    ends += [[last, last + m, last + m + 1] for m in range(1, around - 1)]
-    return trimesh.Trimesh(np.concatenate(rings), np.concatenate([sides, np.array(ends)]))
-
-
-def _revolved(profile: list[tuple[float, float]]) -> trimesh.Trimesh:
-    """A body of revolution about z of a profile of radius and height, its corners cut into short pieces."""
-    fine = [np.array(profile[0])]
-    for a, b in zip(np.array(profile[:-1]), np.array(profile[1:]), strict=True):
-        pieces = max(1, round(float(np.hypot(*(b - a))) / 3.0))
-        fine += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
-    return trimesh.creation.revolve(np.array(fine), sections=120)
-
-
-def _arc(center: tuple[float, float], radius: float, begin: float, end: float) -> list[tuple[float, float]]:
-    angles = np.radians(np.linspace(begin, end, 24))
-    return [(center[0] + radius * float(np.cos(a)), center[1] + radius * float(np.sin(a))) for a in angles]
-
-
-def _elbow() -> trimesh.Trimesh:
-    """A bend of pipe, 60 mm across, about a radius of 90 mm."""
-    along, around = 60, 72
-    bend, turn = np.meshgrid(
-        np.linspace(0.0, np.pi / 2, along), 2.0 * np.pi * np.arange(around) / around, indexing="ij"
-    )
-    reach = 90.0 + 30.0 * np.cos(turn)
-    points = np.stack([reach * np.cos(bend), reach * np.sin(bend), 30.0 * np.sin(turn)], axis=-1).reshape(-1, 3)
-    k = np.arange(along - 1)[:, None] * around
-    i, j = k + np.arange(around), k + (np.arange(around) + 1) % around
-    sides = np.stack([i, j + around, j, i, i + around, j + around], axis=-1).reshape(-1, 3)
-    ends = [[first, first + m, first + m + 1] for first in (0, len(points) - around) for m in range(1, around - 1)]
-    return trimesh.Trimesh(points, np.concatenate([sides, np.array(ends)]))
-
-
-def _helmet() -> trimesh.Trimesh:
-    """Half an ellipsoid, open below."""
-    shell = trimesh.creation.icosphere(subdivisions=5)
-    shell.apply_transform(np.diag([110.0, 90.0, 80.0, 1.0]))
-    return shell.slice_plane([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
-
-
-def _door(x: Array, y: Array) -> Array:
-    return 40.0 - x**2 / 9e3 - y**2 / 4e3 - 6.0 * np.exp(-((x - 90.0) ** 2) / 1800.0 - y**2 / 500.0)
-
-
-def _bowl(radius: float, rim: float, height: float) -> Callable[[Array, Array], Array]:
-    """A spherical hollow of a radius, up to the radius of its rim, in a block of a height."""
-    return lambda x, y: height - np.sqrt(np.maximum(radius**2 - np.minimum(np.hypot(x, y), rim) ** 2, 0.0))
-
-
-def _mould(x: Array, y: Array) -> Array:
-    return 50.0 - 15.0 * np.exp(-((x / 55.0) ** 2 + (y / 40.0) ** 2)) - 5.0 * _step(np.abs(y) - 60.0, 2.0)
-
-
-_BOTTLE = [(0.0, 0.0), (35.0, 0.0), *_arc((25.0, 80.0), 15.0, 0.0, 80.0), (14.0, 105.0), (14.0, 120.0), (0.0, 120.0)]
-_FLANGE = [(15.0, 0.0), (80.0, 0.0), (80.0, 12.0), (35.0, 12.0), (30.0, 40.0), (15.0, 40.0), (15.0, 0.0)]
-
-
-def _with_holes(plate: trimesh.Trimesh, places: list[tuple[float, float, float]]) -> trimesh.Trimesh:
-    """Drill holes of a radius at x, y."""
-    drills = [trimesh.creation.cylinder(r, 200.0, sections=48).apply_translation([x, y, 0.0]) for x, y, r in places]
-    return trimesh.boolean.difference([plate, *drills])
-
-
-def parts() -> dict[str, Callable[[], trimesh.Trimesh]]:
-    """Names and makers of the parts [mm]."""
-    scan_noise = np.random.default_rng(7)
-    return {
-        "dome": lambda: _revolved([(0.0, 0.0), (90.0, 0.0), *_arc((0.0, -110.0), 142.0, 51.0, 90.0)]),
-        "blade": _blade,
-        "door_panel": lambda: _block(500.0, 350.0, 5.0, _door),
-        "housing_pocket": lambda: _block(
-            180.0, 120.0, 1.5, lambda x, y: 30.0 - 18.0 * (1.0 - _step(_box_distance(x, y, 60.0, 35.0, 12.0), 2.0))
-        ),
-        "boss_plate": lambda: _block(
-            160.0, 160.0, 2.0, lambda x, y: 10.0 + 20.0 * (1.0 - _step(np.hypot(x - 20.0, y) - 22.0, 3.0))
-        ),
-        "ribbed_casting": lambda: _block(
-            200.0, 150.0, 2.0, lambda x, y: 12.0 + 8.0 * np.exp(-((np.mod(x + 25.0, 50.0) - 25.0) ** 2) / 40.0)
-        ),
-        "bowl_60": lambda: _block(160.0, 160.0, 2.0, _bowl(60.0, 52.0, 70.0)),
-        "bowl_22": lambda: _block(100.0, 100.0, 1.5, _bowl(22.0, 19.0, 40.0)),
-        "trough": lambda: _block(200.0, 120.0, 2.0, lambda x, y: 20.0 + y**2 / 160.0),
-        "wavy_coarse": lambda: _with_holes(
-            _block(105.0, 105.0, 5.0, lambda x, y: 15.0 + 2.0 * np.sin(x / 9.0) * np.cos(y / 11.0)), [(8.0, 5.0, 9.0)]
-        ),
-        "scan_plate": lambda: _block(
-            150.0, 100.0, 1.5, lambda x, y: 20.0 + 3.0 * np.sin(x / 40.0) + scan_noise.normal(scale=0.05, size=len(x))
-        ),
-        "scan_figurine": lambda: _figurine(0.08),
-        "bolted_plate": lambda: _with_holes(
-            trimesh.creation.box([160.0, 120.0, 12.0]).subdivide().subdivide(),
-            [(x, y, 4.5) for x in (-65.0, 65.0) for y in (-45.0, 45.0)] + [(0.0, 0.0, 20.0)],
-        ),
-        "small_cover": lambda: trimesh.creation.box([40.0, 23.0, 5.0]).subdivide().subdivide(),
-        "bottle": lambda: _revolved(_BOTTLE),
-        "flange": lambda: _revolved(_FLANGE),
-        "cone": lambda: trimesh.creation.cone(radius=70.0, height=60.0, sections=96),
-        "elbow": _elbow,
-        "helmet": _helmet,
-        "mould_half": lambda: _block(180.0, 140.0, 2.0, _mould),
-    }  # fmt: skip
-
-
-def _command(arguments: list[str], folder: Path) -> Outcome:
-    """Run one command in a process of its own."""
-    command = [str(Path(sys.executable).with_name("polish-sim")), *arguments, "--out", str(folder)]
-    errors = folder.with_suffix(".txt")
-    with errors.open("w") as stream:
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stream)
-        _, status, usage = os.wait4(process.pid, 0)
-    lines = [line for line in errors.read_text().splitlines() if line.startswith(("error", "protective stop"))]
+def _figures(folder: Path) -> dict[str, Any]:
     file = folder / "metrics.json"
-    figures = json.loads(file.read_text()) if file.is_file() else {}
-    cpu = usage.ru_utime + usage.ru_stime
-    return Outcome(os.waitstatus_to_exitcode(status), cpu, usage.ru_maxrss / 1e3, "".join(lines[:1]), figures)
+    return dict(json.loads(file.read_text())) if file.is_file() else {}
 
 
-def _unit() -> float:
-    """Processor time of importing the scientific stack [s]."""
-    times = []
-    for _ in range(3):
-        process = subprocess.Popen([sys.executable, "-c", STACK])
-        usage = os.wait4(process.pid, 0)[2]
-        times.append(usage.ru_utime + usage.ru_stime)
-    return min(times)
-
-
-def _files(folder: Path, names: list[str], more: Path | None) -> Iterator[Path]:
-    for name, make in parts().items():
-        if not names or name in names:
-            make().export(folder / f"{name}.stl")
-            yield folder / f"{name}.stl"
-    for file in sorted(more.iterdir()) if more else ():
-        if file.suffix.lower() in (".stl", ".obj", ".ply") and (not names or file.stem in names):
-            yield file
-
-
-def _line(name: str, plan: Outcome, run: Outcome | None, unit: float) -> str:
-    figures = plan.figures
-    if plan.code:
-        return f"{name:16s} {plan.cpu_s / unit:5.1f} x {plan.memory_mb:5.0f} MB  exit {plan.code}: {plan.message}"
-    share, left = figures.get("coverage_stepover"), figures.get("unreachable_area_m2")
-    text = f"{name:16s} {plan.cpu_s / unit:5.1f} x {plan.memory_mb:5.0f} MB  path {figures['path_length_m']:6.2f} m"
-    text += f", covered {100.0 * float(share):5.1f}%" if isinstance(share, float) else ""
-    text += f", left out {1e4 * float(left):5.1f} cm^2" if isinstance(left, float) else ""
-    text += f", cycle {figures['cycle_time_s']:6.1f} s"
-    if run is None:
-        return text
-    text += f" | run exit {run.code}"
-    if "cycle_time_s" in run.figures:
-        text += f", cycle {run.figures['cycle_time_s']:6.1f} s, force within 4 N {run.figures.get('force_within_4n')}"
-    return f"{text} {run.message}"
+def play(number: int, names: Sequence[str], seed: int, folder: Path) -> dict[str, Any]:
+    """Draw a part and settings, plan and run it; the row."""
+    rng, family = np.random.default_rng([seed, number]), names[number % len(names)]
+    mesh = draw_mesh(FAMILIES[family], rng)
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    pad, overlap, feed = (int(rng.choice(choices)) for choices in (PADS_MM, OVERLAPS, FEEDS_MM_S))
+    controller = str(rng.choice(CONTROLLERS))
+    while pad * (1.0 - 0.01 * overlap) < 0.4e-3 * size * size / LONGEST_M and pad < PADS_MM[-1]:
+        pad += 5
+    mesh.export(folder / f"{family}.stl")
+    row: dict[str, Any] = {
+        "number": number, "family": family, "size_mm": round(size), "pad_mm": pad, "overlap": overlap,
+        "feed_mm_s": feed, "controller": controller,
+    }  # fmt: skip
+    asked = ["--pad-diameter", str(pad), "--overlap", str(overlap), "--feed", str(feed), "--controller", controller]
+    plan, run = folder / "plan", folder / "run"
+    words = ["plan", str(folder / f"{family}.stl"), *FAMILIES[family].options, *asked, "--out", str(plan)]
+    code, row["plan_s"], said = _call(words)
+    if code != DONE:
+        return row | {"outcome": "refused" if code == 2 else f"plan exit {code}", "reason": said}
+    planned, proof = _figures(plan), json.loads((plan / "path.json").read_text())["proof"]
+    row |= {"path_m": planned["path_length_m"], "mends": len(proof["mends"]),
+            "polished": planned["polished_area_m2"] / planned["region_area_m2"]}  # fmt: skip
+    drawn = ["--seed", str(FIRST_RUN_SEED + number), "--controller", controller, "--out", str(run)]
+    code, row["run_s"], said = _call(["run", "surface", "--path", str(plan), *drawn])
+    done = _figures(run)
+    row |= {"force_max_n": done.get("peak_force_n"), "error_max_n": done.get("force_max_deviation_n"),
+            "contact_lost_s": done.get("contact_lost_s")}  # fmt: skip
+    bad = [text for text in done.get("bad_figures", []) if "left out" not in text]
+    outcome = "stopped" if code == 3 else f"run exit {code}" if code else "bad figures, said" if bad else "polished"
+    return row | {"outcome": outcome, "reason": said if code else "; ".join(bad)}
 
 
 def main() -> None:
-    """Print a line for each part."""
+    """Play the draws and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", nargs="?", type=Path, metavar="FOLDER")
-    parser.add_argument("--run", action="store_true", help="polish each planned part, at 30 mm/s")
-    parser.add_argument("--only", action="append", default=[], metavar="NAME")
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--family", action="append", choices=list(FAMILIES), default=[])
+    parser.add_argument("--csv", type=Path, default=Path("field_parts.csv"))
+    parser.add_argument("--keep", type=Path)
     asked = parser.parse_args()
-    unit = _unit()
-    print(f"times in units of importing the scientific stack ({unit:.2f} s)")
-    with tempfile.TemporaryDirectory() as name:
-        for file in _files(Path(name), asked.only, asked.folder):
-            options = [*(_FAST_RUN if asked.run else ()), *(("--up", "z") if file.stem in _BLOCKS else ())]
-            plan = _command(["plan", str(file), *options], Path(name) / f"plan_{file.stem}")
-            run = None
-            if asked.run and plan.code == 0:
-                path = ["--part", str(file), "--path", str(Path(name) / f"plan_{file.stem}"), *options]
-                run = _command(["run", "surface", *path], Path(name) / f"run_{file.stem}")
-            print(_line(file.stem, plan, run, unit), flush=True)
+    rows = list(csv.DictReader(asked.csv.open())) if asked.csv.is_file() else []
+    done = {int(row["number"]) for row in rows}
+    names = asked.family or list(FAMILIES)
+    with asked.csv.open("a", newline="") as stream:
+        writer = csv.DictWriter(stream, COLUMNS)
+        if not rows:
+            writer.writeheader()
+        for number in (k for k in range(asked.count) if k not in done):
+            folder = Path(tempfile.mkdtemp()) if asked.keep is None else asked.keep / f"{number:04d}"
+            folder.mkdir(parents=True, exist_ok=True)
+            row = play(number, names, asked.seed, folder)
+            if asked.keep is None:
+                shutil.rmtree(folder)
+            writer.writerow(row)
+            stream.flush()
+            rows.append({name: str(value) for name, value in row.items()})
+            print({name: round(v, 3) if isinstance(v, float) else v for name, v in row.items()}, flush=True)
+    counts = Counter(row["outcome"] for row in rows)
+    print(*(f"{count:4d}  {outcome}" for outcome, count in counts.most_common()), sep="\n")
+    shares = [float(row["polished"]) for row in rows if row.get("polished")]
+    print(f"polished share of the region: median {np.median(shares):.3f}, worst tenth {np.quantile(shares, 0.1):.3f}")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from benchmarks.field_parts import parts
+from benchmarks.field_shapes import parts
 from benchmarks.random_draw import draw_part
 from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, PlanConfig

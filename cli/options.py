@@ -253,7 +253,7 @@ def read_number(name: str, text: str, unit: Unit, low: float, high: float, meani
         message = f"{name} {number_text(number)} is outside {bounds}{': ' if meaning else ''}{meaning}."
         if unit.name.startswith("mm") and low <= number <= high:
             metres = unit.name.replace("mm", "m", 1)
-            message += f" For {number_text(number)} {metres} write {number_text(number / unit.si)}."
+            message += f" For {number_text(number)} {metres} write {number_text(1e3 * number)}."
         raise ConfigError(message)
     return number * unit.si
 
@@ -334,8 +334,9 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     for option, value in given.items():
         if value is not None and option in keys:
             scenario = merge(scenario, keys[option].table(value), "")
-    if given.get("--pad-diameter") is not None:
-        scenario = merge(scenario, {"pad": {"choice": "given"}}, "")
+    chosen = {"--stepover": "stepover", "--pad-diameter": "given"}
+    for option in (name for name in chosen if given.get(name) is not None):
+        scenario = merge(scenario, {"pad": {"choice": chosen[option]}}, "")
     if given.get("--allow-contact"):
         scenario = merge(scenario, {"safety": {"tool_in_part": "allow"}}, "")
     if given.get("--calibration") is not None:

@@ -39,6 +39,7 @@ class Outcome:
     interrupted: bool = False
     undrawn: str = ""  #: How to draw the pictures that are missing because of an interrupt after all was measured
     notes: tuple[str, ...] = ()  #: Lines to print above the table
+    bad: tuple[str, ...] = ()  #: What is bad about it though it went to its end, in sentences
     conditions: tuple[str, ...] = ()
     """Conditions that differ from those the figures are asked for; nothing is called met or not met then."""
 
@@ -64,11 +65,15 @@ class Outcome:
             console.note(f"error: protective stop: {reason}{end} The log is kept, stop included.")
         for text in self.notes:
             console.note(text)
+        for text in self.bad:
+            console.note(f"bad: {text}.")
         caption = ""
         if self.conditions:
             caption = f"'met' is left out: figures are asked for other conditions, here {', '.join(self.conditions)}."
         checked = None if self.conditions else self._checked
-        show_figures(self.claims, self.title, self.columns, checked, caption=caption)
+        show_figures(
+            self.claims, self.title + (": with bad figures" if self.bad else ""), self.columns, checked, caption=caption
+        )
 
     def exit_code(self, check: bool) -> int:
         """The code to end with; falling short counts only when it was asked to ``check``."""
@@ -76,7 +81,7 @@ class Outcome:
             return INTERRUPTED
         if self.stops:
             return STOPPED
-        return SHORT if check and shortfalls(self.claims, self._checked) else DONE
+        return SHORT if check and (self.bad or shortfalls(self.claims, self._checked)) else DONE
 
     @property
     def _checked(self) -> Mapping[str, Any]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 import typer
 
 from polish_sim.cli import console
+from polish_sim.cli.boundary import DONE, STOPPED
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Scenario
@@ -40,9 +41,9 @@ PartFile = Annotated[
 
 @takes(
     *("--units", "--up", "--fixture", *PATH_OPTIONS, "--pad-diameter", "--contact-force", "--feed", "--dual"),
-    *(*PAIR_OPTIONS, "--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
+    *(*PAIR_OPTIONS, "--controller", "--proof", "--seed", "--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
 )
-def plan(part: PartFile, given: Given) -> None:
+def plan(part: PartFile, given: Given) -> int:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png.
 
     With --region all every side is planned, in as few setups as possible: a folder each, and a table.
@@ -66,7 +67,7 @@ def plan(part: PartFile, given: Given) -> None:
     wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         if scenario.plan.region == ALL and not dual and not scenario.part.pose:
-            show = plan_setups(scenario, folder.draft, wanted, observer)
+            show, unreached = plan_setups(scenario, folder.draft, wanted, observer), ""
         else:
             result, unreached = plan_once(scenario, folder.draft, wanted, observer)
             show = partial(_show_plan, result, unreached, dual)
@@ -74,6 +75,7 @@ def plan(part: PartFile, given: Given) -> None:
     console.say_folder(folder.final)
     if (folder.final / "setup_1").is_dir():
         console.say(f"run each: polish-sim run surface --path {folder.final / 'setup_1'}")
+    return STOPPED if unreached else DONE
 
 
 class Wanted(NamedTuple):
@@ -91,6 +93,7 @@ def plan_once(
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
     from polish_sim.exchange.viewers import path_page
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
+    from polish_sim.experiments.proof import prove_with_a_pad_that_fits
     from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.run_page import plan_page
     from polish_sim.page.page import page_html
@@ -99,13 +102,16 @@ def plan_once(
     dual = scenario.experiment == "dual"
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
-    plots = {"path.png": plot_plan(result, "Once around the rim" if dual else "")}
+    plots: dict[str, Figure] = {}
     begin = time.perf_counter()
     reach, unreached = None, ""
     if not dual:
         reach, unreached = place(scenario, result, plots, wanted.reach_map, observer)
     if unreached and not forced:
         return result, unreached
+    if reach is not None and scenario.safety.proof != "none":
+        result, scenario = prove_with_a_pad_that_fits(scenario, result, observer)
+    plots["path.png"] = plot_plan(result, "Once around the rim" if dual else "")
     observer.stage("time the motion")
     strokes = cycle_strokes(scenario, result.path, result.mesh.noise, observer.progress, reach)
     result.figures.update(time_figures(strokes))
@@ -123,8 +129,10 @@ def plan_once(
 
 
 def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
-    for note in (*result.notes, *filter(None, [unreached])):
+    for note in result.notes:
         console.note(f"note: {note}")
+    if unreached:
+        console.note(f"error: {unreached} The plan is written, unproven.")
     if dual:
         from polish_sim.dual.gripper import seat_notes
 
@@ -195,11 +203,11 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
     rows = []
     for number, result in enumerate(done, 1):
         m = result.figures
-        sizes = (1e4 * m["region_area_m2"], 1e4 * m["unreachable_area_m2"])
+        sizes = (1e4 * m["region_area_m2"], 1e4 * m["left_out_area_m2"])
         shares = f"{100.0 * m['coverage']:.1f}", str(m["retracts"]), f"{m['path_length_m']:.2f}"
         cycle = console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")
         rows.append([f"setup_{number}", describe(result.mesh.up), *(f"{size:.1f}" for size in sizes), *shares, cycle])
-    headings = ["setup", "up", "region, cm^2", "out of reach", "covered, %", "strokes", "path, m", "cycle time, s"]
+    headings = ["setup", "up", "region, cm^2", "left out", "covered, %", "strokes", "path, m", "cycle time, s"]
     console.table(f"setups of {done[0].mesh.name}", headings, rows, left=2)
     whole, lost = (1e4 * area[name] for name in ("part_area_m2", "unreached_area_m2"))
     console.say(f"of the part's {whole:.1f} cm^2 no setup reaches {lost:.1f} cm^2")
@@ -273,6 +281,8 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     return [
         ["facets", "", str(m["facets"])],
         ["region, of the part's surface", "cm^2", f"{m['region_area_m2'] * cm2:.1f} of {m['part_area_m2'] * cm2:.1f}"],
+        ["  polished", "cm^2", f"{m['polished_area_m2'] * cm2:.4g}"],
+        *([f"  left out: {reason}", "cm^2", f"{area * cm2:.3g}"] for reason, area in m["left_out"].items()),
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
@@ -288,7 +298,6 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["region covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
         ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
         ["crossings of the path with itself", "", str(m["self_crossings"])],
-        ["out of the tool's reach", "cm^2", f"{m['unreachable_area_m2'] * cm2:.3g}"],
         ["tool in the part, at most", "mm", f"{m['pad_in_part_max_m'] * mm:.3g}"],
         ["retracts", "", str(m["retracts"])],
         ["tool axis turned by smoothing, at most", "deg", f"{math.degrees(m['axis_deviation_max_rad']):.3g}"],

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
 DEMO: Final = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
 COMMON_OPTIONS: Final = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
+PLAN_FACTS: Final = ("part", "fixture", "plan", "up", "pad", "contact_force_n", "feed_m_s", "proof")
 PICTURES_MISSING: Final = "pictures_missing"  #: In metrics.json, if broken off while pictures were drawn
 
 
@@ -202,7 +204,7 @@ def run_once(
             for sink in sinks:
                 stack.enter_context(sink)
             stack.enter_context(observer.compiling.ahead(scenario))
-            planned = plan_to_run(scenario, plan, observer, draft)
+            planned, scenario = plan_to_run(scenario, plan, observer, draft)
             record = simulate(scenario, planned, draft, observer, sinks)
             observer.stage("draw")
             stop = stop_mark(record.metrics)
@@ -241,6 +243,7 @@ def run_once(
         bool(figures["interrupted"]),
         undrawn,
         (*(load(row.notes)(figures) if row.notes else ()), *missed),
+        tuple(figures.get("bad_figures", ())),
         other_conditions(scenario),
     )
 
@@ -286,7 +289,7 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
         PolishSimError: If the part cannot be used, planned or reached.
     """
     with console.progress() as observer:
-        path, reach, held = check_experiment(scenario, plan_to_run(scenario, plan, observer, None), observer)
+        path, reach, held = check_experiment(scenario, plan_to_run(scenario, plan, observer, None)[0], observer)
     console.say(f"path: {path.length_m:.3f} m, {len(path.s)} points, all within reach")
     if scenario.experiment != "arc":
         console.say(f"part: its origin stands at {place_in_mm(reach.T_base_work[:3, 3])} of the robot base")
@@ -297,19 +300,21 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
 
 def plan_to_run(
     scenario: Scenario, given: ToolPath | None, observer: PlanObserver, folder: Path | None
-) -> PlanResult | None:
-    """Plan the path of a run, or measure the one that is given; None where none is planned ahead, as for two robots.
+) -> tuple[PlanResult | None, Scenario]:
+    """Plan the path of a run, or measure the one that is given, and prove it where it was not; None for two robots.
 
-    Without a ``folder`` for the plan's files and picture nothing is written.
+    Without a ``folder`` for the plan's files and picture nothing is written or proven. The scenario comes back with
+    the part where it was proven.
 
     Raises:
         PolishSimError: If the part cannot be used or planned.
     """
     row = experiment(scenario.experiment)
     if not (row.plans or (row.along_plan and given is not None)):
-        return None
+        return None, scenario
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import write_plan
+    from polish_sim.experiments.proof import is_proven, proof_notes, prove_with_a_pad_that_fits
     from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.stroke_motion import check_stroke_rule
     from polish_sim.planning import measure_given_path, plan_part
@@ -318,12 +323,22 @@ def plan_to_run(
         check_stroke_rule(scenario)
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     plan = plan_part(*asked) if given is None else measure_given_path(given, *asked)
+    if scenario.plan.begin_m > 0.0:
+        plan = plan.behind(scenario.plan.begin_m)
+    if folder is None or row.name != "surface" or scenario.safety.proof == "none":
+        pass
+    else:
+        known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
+        if is_proven(scenario, plan.path, known):
+            plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))
+        else:
+            plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
     for text in plan.notes:
         console.note(f"note: {text}")
     if folder is not None:
         write_plan(folder, plan)
         save_plots(folder, {"path.png": plot_plan(plan)})
-    return plan
+    return plan, scenario
 
 
 def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath, Scenario]:
@@ -339,7 +354,7 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
         raise InputError(f"plan.file is a finished plan: leave {', '.join(asked)} out.")
     path = read_path(source)
     facts = plan_facts(source)
-    named = {"plan": {"file": str(source.resolve())}}
+    named = {"plan": {"file": str(source.resolve()), "begin_m": scenario.plan.begin_m}}
     if not facts:
         return path, merge(scenario, named, "")
     chosen = given.get("--part") is not None or given.get("--path") is None
@@ -348,7 +363,14 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
     check_part(source, scenario.part.file, facts["part"])
     settings = planned_settings(source, facts, given)
     if given.get("--contact-force") is not None:
-        settings.pop("process", None)
+        settings["process"].pop("contact_force_n", None)
+    proof = facts["proof"]
+    if given.get("--feed") is not None:
+        settings["process"].pop("feed_m_s", None)
+        # Where it was slowed it was for the feed it was proven at.
+        path = replace(path, feed=None) if proof and proof["slowed"] else path
+    if proof and given.get("--part-pose") is None:
+        settings["part"]["pose"] = proof["pose"]
     if given.get("--pad-diameter") is not None:
         settings.pop("pad", None)
     return path, merge(merge(scenario, settings, ""), named, "")
@@ -379,7 +401,9 @@ def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> di
     """The settings a plan was made with, as a table of the scenario; older plans do not say pad, force and fixture."""
     from polish_sim.geometry.orientation import side_name
 
-    settings: dict[str, Any] = {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}}
+    settings: dict[str, Any] = {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}, "process": {}}
+    if facts.get("feed_m_s"):
+        settings["process"]["feed_m_s"] = facts["feed_m_s"]
     fixture = facts["fixture"]
     if fixture and given.get("--fixture") is None:
         what = f"made with the fixture '{fixture['file']}', which is gone or has changed"
@@ -389,7 +413,7 @@ def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> di
     if facts["pad"]:
         settings["part"]["up"] = side_name(facts["up"])
         settings["pad"] = {**facts["pad"], "choice": "given"}
-        settings["process"] = {"contact_force_n": facts["contact_force_n"]}
+        settings["process"]["contact_force_n"] = facts["contact_force_n"]
     return settings
 
 
@@ -401,7 +425,7 @@ def plan_facts(source: Path) -> dict[str, Any]:
     document = json.loads(file.read_text(encoding="utf-8"))
     if not {"part", "plan"} <= set(document):
         raise InputError(f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV.")
-    return {name: document.get(name) for name in ("part", "fixture", "plan", "up", "pad", "contact_force_n")}
+    return {name: document.get(name) for name in PLAN_FACTS}
 
 
 def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
 from polish_sim.cli.options import OWN, Given, Own, takes
-from polish_sim.cli.output_folder import rows_folder
+from polish_sim.cli.output_folder import claimed, rows_folder
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 from polish_sim.page import PAGE
@@ -41,6 +41,16 @@ ASKED: Final = "asked.json"  #: What the score in the folder is of
     Own("--reach", RUN, "", "The cases behind the figures asked, instead of the battery.", bool),
     Own("--ablate", RUN, "", "Leave out one law of the controller after the other.", bool),
     Own("--border", RUN, "", "Search springs and latencies up to which it stays stable, instead of scoring.", bool),
+    Own(
+        "--worst",
+        RUN,
+        "N",
+        "Search with N runs for the largest force, loss of contact and error, instead of scoring; "
+        "worst.toml repeats the worst run.",
+        int,
+        30,
+        1e6,
+    ),
     Own("--list", RUN, "", "List the cases and what is run in each.", bool),
     OWN["--check"],
     Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config for --controller; may be repeated.", list),
@@ -54,6 +64,8 @@ def score(given: Given) -> int:
     against, ablate, settings = given["--against"], bool(given["--ablate"]), given["--set"] or []
     if ablate and against is not None:
         raise InputError("--ablate compares a controller with itself: leave --against out.")
+    if given["--worst"]:
+        return find_worst(given)
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.scoring import BATTERY, REACH_CASES, ablations, asked_for, check_entries, choose_cases, user_entry
 
@@ -76,6 +88,41 @@ def score(given: Given) -> int:
     request = Request(cases, tuple(entries), seeds, reach, ablate, given["--workers"], given["--on"] or "local")
     with open_folder(out, asked_for(cases, entries, seeds), overwrite) as folder:
         return run_and_show(request, folder, bool(given["--check"]))
+
+
+def find_worst(given: Given) -> int:
+    """Search the worst runs of a controller, print them with the commands that repeat them, and write worst.toml."""
+    idle = [name for name in ("--against", "--seeds", "--case", "--reach", "--ablate", "--border") if given[name]]
+    if idle:
+        raise InputError(f"--worst searches one controller: leave {', '.join(idle)} out.")
+    from polish_sim.analysis.run_record import write_json
+    from polish_sim.scenario_file import override, to_toml
+    from polish_sim.scoring.worst import FIGURES, search_worst, worst_base
+
+    scenario = override(worst_base(given["--controller"] or "hybrid-pi"), given["--set"] or [])
+    with claimed(given["--out"], "score-worst", bool(given["--overwrite"])) as folder:
+        with console.progress() as observer:
+            observer.stage(f"search the worst of {scenario.controller.label}")
+            worst = search_worst(scenario, given["--worst"], observer.progress)
+        if not worst.found:
+            raise KeyboardInterrupt
+        for name in FIGURES:
+            (folder.draft / f"{name}.toml").write_text(to_toml(worst.found[name].scenario), encoding="utf-8")
+        (folder.draft / "worst.toml").write_text(to_toml(worst.found[FIGURES[0]].scenario), encoding="utf-8")
+        values = {name: found.value for name, found in worst.found.items()}
+        write_json(folder.draft / "metrics.json", {**values, "runs": worst.runs, "stops": worst.stops})
+    rows = []
+    for name, label, unit in zip(FIGURES, ("largest force", "contact lost", "largest error"), "NsN", strict=True):
+        found = worst.found[name]
+        drawn = found.scenario
+        where = f"{drawn.part.file}, springs x {drawn.head.spring_scale:g}, {1e3 * drawn.process.feed_m_s:.3g} mm/s"
+        rows.append([label, unit, f"{found.value:.3g}", where, "stopped" if found.stopped else ""])
+    console.table(f"worst of {scenario.controller.label}, {count_text(worst.runs, 'run')}, {worst.stops} stopped",
+                  ["figure", "unit", "worst", "where", "run"], rows)  # fmt: skip
+    for name in FIGURES:
+        console.say(f"to repeat: polish-sim run surface --config {folder.final / name}.toml")
+    console.say_folder(folder.final)
+    return DONE if worst.runs == given["--worst"] else INTERRUPTED
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,7 @@ def run_seeds(scenario: Scenario, plan: ToolPath | None, seeds: Sequence[int], d
         interrupted,
         undrawn,
         tuple(missed),
+        tuple(f"seed {seed}: {text}" for seed, figures in runs.items() for text in figures.get("bad_figures", ())),
         other_conditions(scenario),
     )
 
@@ -92,13 +93,12 @@ def _run_all(
     runs: dict[int, Figures] = {}
     interrupted = False
     with console.progress() as observer:
-        way = plan_to_run(scenario, plan, observer, draft)
+        way, scenario = plan_to_run(scenario, plan, observer, draft)
         observer.stage(f"simulate {count_text(len(seeds), 'seed')} on {count_text(workers, 'core')}")
         if not is_warm():
             console.note(FIRST_START)
         try:
-            # A path planned here is planned again by each process, once: that is faster than sending it with each seed.
-            doing = partial(_run_one, scenario, None if plan is None else way, draft)
+            doing = partial(_run_one, scenario, way, draft)
             with open_workers(count=workers) as crew, closing(crew.results(seeds, doing, lambda _: 0)) as results:
                 for seed, figures, trouble in results:
                     if trouble is not None:

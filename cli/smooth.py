@@ -15,7 +15,7 @@ from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config.key import DEG, MM, MM_S, OUTPUT, PATH, Unit
-from polish_sim.errors import InputError, PolishSimError, count_text, unknown_name
+from polish_sim.errors import InputError, PolishSimError, SmoothingError, count_text, unknown_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -189,6 +189,9 @@ def _prepare(
     return SmoothingTask(placed, limits, request.tolerance, request.axis_tolerance, feeds)
 
 
+NARROWER: Final = (1.0, 0.5, 0.25, 0.0)  #: Shares of the tolerance that are tried; 0 stops at every point
+
+
 def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> Measured:
     """Smooth by a rule, compiled before its time is taken, and measure the motion."""
     from polish_sim.smoothing.figures import measure_smoothing
@@ -197,7 +200,15 @@ def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> Measured:
     observer.stage(f"smooth by {rule}")
     prepare_rule(task, rule)
     begin = time.perf_counter()
-    smoothed = smooth_path(task, rule)
+    for share in NARROWER:
+        narrower = task._replace(tolerance=share * task.tolerance, axis_tolerance=share * task.axis_tolerance)
+        try:
+            smoothed = smooth_path(narrower, rule)
+            break
+        except SmoothingError as error:
+            if share == 0.0 or task.tolerance == 0.0:
+                raise
+            console.note(f"note: {rule} finds no motion within {share:.0%} of the tolerance: {error}")
     took = time.perf_counter() - begin
     observer.stage("measure")
     placed = task.placed

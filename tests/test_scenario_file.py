@@ -45,7 +45,6 @@ UNITS = {
 OTHER_UNITS = {
     "controller.orientation_i_hz": "[1/s]",
     "controller.position_rate_p": "[1/s]",
-    "controller.adaptive.force_rate_n_s": "[N/s]",
     "controller.adaptive.normal_rate_1_s": "[1/s]",
 }
 

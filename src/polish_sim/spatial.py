@@ -38,6 +38,12 @@ def from_pose(pose: Sequence[float]) -> Array:
     return transform(Rotation.from_rotvec(values[3:]).as_matrix(), values[:3])
 
 
+def to_pose(T: Array) -> tuple[float, ...]:
+    """UR-style pose of a transform (4, 4): x, y, z [m] and a rotation vector [rad]."""
+    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
+    return tuple(float(value) for value in (*T[:3, 3], *turn))
+
+
 # Rotations as the kernels need them: small, compiled, on plain arrays.
 
 

@@ -51,7 +51,7 @@ def test_a_path_that_touches_nothing_is_no_robot_program(tmp_path):
 
 def test_the_command_line_writes_what_is_asked_for(polish_sim: Polish) -> None:
     words = ("--export", "urscript", "--export", "html", "--set", "part.pose=[0.4, 0, 0.1, 0, 0, 0]")
-    assert polish_sim("plan", "sphere_100", *words, "--contact-force", "12", "--out", "plan")[0] == 0
+    assert polish_sim("plan", "sphere_100", *words, "--contact-force", "12", "--out", "plan")[0] == 3
     assert {"path.script", "path.html", "path.csv", "path.png"} <= {file.name for file in Path("plan").iterdir()}
     script = Path("plan/path.script").read_text()
     assert "global T_base_work = p[0.4, 0, 0.1, 0, 0, 0]" in script

@@ -10,7 +10,6 @@ from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.analysis.metrics import measure_surface
 from polish_sim.config import Scenario
-from polish_sim.errors import PlanError
 from polish_sim.experiments import RunResult, default_scenario, part_pose, prepare_surface, run_experiment
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.planning import PlanResult
@@ -38,12 +37,6 @@ def test_the_tool_strays_less_than_three_tenths_of_a_millimetre_from_its_path_on
     result = run_experiment(override(default_scenario("surface"), ["robot.arm=ideal", *FREEFORM]))
     assert result.figures["tracking_error_max_m"] < 0.3e-3
     assert result.figures["speed_mean_m_s"] == pytest.approx(0.01, rel=0.03)
-
-
-def test_a_feed_at_which_the_gears_error_would_trip_the_guard_is_refused_before_the_start() -> None:
-    changes = ["part.file=sphere_50", "process.feed_m_s=0.06", "plan.stepover_m=0.012"]
-    with pytest.raises(PlanError, match=r"joint \d turns at \d+ deg/s.* Set a lower --feed"):
-        run_experiment(override(default_scenario("surface"), changes))
 
 
 def test_no_loop_makes_the_elastic_arm_swing(freeform: RunResult) -> None:

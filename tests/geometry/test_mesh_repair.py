@@ -11,6 +11,7 @@ import trimesh
 
 from polish_sim.errors import MeshError
 from polish_sim.geometry import fit_surface, load_part, part_from_arrays
+from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.geometry.repair.holes import find_holes
 from polish_sim.geometry.repair.skin import Skin
 from tests.geometry.shapes import BLOCK, grid_faces
@@ -295,3 +296,12 @@ def test_triangles_without_neighbours_are_no_surface(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="14400 of 14400 facets have no neighbour, the first is facet 0"):
         load_part(file)
     assert time.process_time() - begin < 2.0
+
+
+def test_a_far_finer_mesh_becomes_light_and_keeps_its_shape() -> None:
+    """A ball of 327,680 facets in 2,000: every point stays within an edge of the ball, and the volume within 1%."""
+    ball = trimesh.creation.icosphere(subdivisions=7)
+    light = lighter_mesh(np.asarray(ball.vertices), np.asarray(ball.faces), 2000)
+    assert 1000 < len(light.faces) <= 2000
+    np.testing.assert_allclose(np.linalg.norm(light.vertices, axis=1), 1.0, atol=0.01)
+    assert trimesh.Trimesh(light.vertices, light.faces).volume == pytest.approx(ball.volume, rel=0.01)

@@ -121,7 +121,7 @@ def test_the_face_under_the_path_is_found_when_it_is_not_the_top():
     # The lower edge is chamfered by 2 mm.
     side = np.array([[(-0.1, y, z) for y in (-0.09, 0.09)][:: (-1) ** k] for k, z in enumerate((0.004, 0.01, 0.016))])
     found = inspect_path(path_through(side.reshape(-1, 3), (-1.0, 0.0, 0.0)), PLATE, pad=PadConfig(radius_m=0.005))
-    assert found.figures["area_m2"] == pytest.approx(0.2 * 0.018, rel=1e-6)
+    assert found.figures["region_area_m2"] == pytest.approx(0.2 * 0.018, rel=1e-6)
     assert found.plan.region.startswith("point:-100,")
 
 

@@ -101,7 +101,7 @@ def test_neighbouring_turns_keep_the_step_over_within_a_twentieth(name):
 def test_length_times_step_over_is_the_area(name, pattern, off):
     """Each turn sweeps a stripe one step-over wide; turns are counted once, the seam a little twice."""
     figures = shipped_plan(name, pattern).figures
-    assert figures["path_length_m"] * STEP == pytest.approx(figures["area_m2"], rel=off)
+    assert figures["path_length_m"] * STEP == pytest.approx(figures["region_area_m2"], rel=off)
 
 
 def test_the_axis_turns_smoothly_along_the_freeform():

@@ -22,7 +22,7 @@ from polish_sim.planning.moves.leads import Air
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, Tool
 from tests.planning.shapes import moved, pocket, surface_of
-from tests.planning.tools import volumes_in_part
+from tests.planning.tools import reached_share, volumes_in_part
 
 CLEARANCE = 0.001
 YIELDS = 20.0 / 20000.0
@@ -114,7 +114,7 @@ def test_no_body_of_the_tool_shares_volume_with_the_part_anywhere_on_the_plan(pl
     shared = volumes_in_part(result.path, part_of(name), 5e-4 * diameter_mm, YIELDS + hollow)
     assert max(shared.values()) < 0.05, shared
     assert result.figures["pad_in_part_max_m"] == 0.0
-    assert result.figures["coverage"] > 0.9
+    assert reached_share(result.figures) > 0.9
 
 
 def test_the_independent_check_finds_the_wall_a_plan_without_clearance_runs_into(planned):
@@ -137,18 +137,18 @@ def test_in_a_pocket_the_pad_reaches_all_but_the_corners_and_the_clearance(plann
     # The outermost turn keeps the clearance, and no more than a tenth of a step-over besides.
     widest = 2e3 * np.abs(result.path.positions_work[result.path.process, :2]).max()
     assert side - 0.2 * 0.2 * diameter_mm < widest < side + 1e-3
-    assert result.figures["coverage"] > 0.98
+    assert reached_share(result.figures) > 0.98
     (note,) = (note for note in result.notes if "left out" in note)
-    assert "the pad would come closer than 1 mm" in note
+    assert note.endswith("pad too near the part")
     # What is marked on the pictures is what no disc about a place of the inner square covers.
-    middles = 1e3 * result.access.triangles.mean(axis=1)[:, :2]
+    middles = 1e3 * result.area.left_out["pad too near the part"].triangles.mean(axis=1)[:, :2]
     beyond = np.linalg.norm(np.maximum(np.abs(middles) - 0.5 * side, 0.0), axis=1)
     assert beyond.min() > radius - 0.1 * diameter_mm
 
 
 def test_under_a_shelf_the_spindle_is_what_has_no_room(planned):
     result = planned("shelf", "raster", 20.0)
-    assert result.access.left_out[0].reason == "spindle"
+    assert next(iter(result.area.left_out)) == "spindle too near the part"
     # The board begins at x = 20 mm, 80 mm up: the spindle, 32.5 mm in radius there, keeps 1 mm from it.
     assert result.path.positions_work[result.path.process, 0].max() == pytest.approx(0.020 - 0.0335, abs=4e-4)
 
@@ -160,8 +160,8 @@ def test_a_tool_that_leans_away_reaches_more_and_is_nowhere_in_the_part(part, pl
     upright, leaned = (planned(name, pattern, 16.0, **keys) for keys in ({}, {"avoid": "tilt"}))
     gained = upright.figures["unreachable_area_m2"] - leaned.figures["unreachable_area_m2"]
     assert 1e4 * gained > gained_cm2
-    assert leaned.access.gained_m2 == pytest.approx(gained, rel=1e-6)
-    assert leaned.figures["coverage"] > 0.99
+    assert leaned.ready.access.gained_m2 == pytest.approx(gained, rel=1e-6)
+    assert reached_share(leaned.figures) > 0.99
     # Its rim goes a fifth of its radius deep, as on the most hollow ground, and no deeper.
     assert np.sin(leaned.figures["max_axis_lean_rad"]) < 0.2 + 1e-6
     shared = volumes_in_part(leaned.path, part_of(name), 0.008, YIELDS + 0.2 * 0.008)
@@ -222,7 +222,7 @@ def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
 def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(part, planned):
     result = planned("pocket", "contour", 20.0)
     large = measure_given_path(result.path, part("pocket"), result.plan, pad=PadConfig(radius_m=0.020))
-    for shown, label, kind, color in ((result, "out of the tool's reach", "out of reach", LEFT_OUT_COLOR),
+    for shown, label, kind, color in ((result, "left out: pad too near the part", "left out", LEFT_OUT_COLOR),
                                       (large, "tool in the part", "tool in the part", IN_PART_COLOR)):  # fmt: skip
         figure = plot_plan(shown)
         assert label in [text.get_text() for text in figure.legends[0].get_texts()]

@@ -71,3 +71,8 @@ def volumes_in_part(
             shared = (body.transform(place) ^ shape).volume() * 1e9
             worst[name] = max(worst.get(name, 0.0), shared)
     return worst
+
+
+def reached_share(figures) -> float:
+    """Share that is polished of what the tool reaches."""
+    return figures["polished_area_m2"] / (figures["region_area_m2"] - figures["unreachable_area_m2"])

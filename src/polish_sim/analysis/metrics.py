@@ -6,8 +6,8 @@ What each figure means is stated once, here; a figure that is not defined for a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,6 +150,31 @@ RAMP_UP_S = 1.0
 STEADY_AFTER_S = 0.5
 SPEED_WINDOW_S = 0.05
 BRAKING = 0.99  #: Share of the feed below which the target brakes at the end [-]
+
+
+AREAS: Final = ("region_area_m2", "polished_area_m2", "left_out_area_m2", "left_out")
+WITHIN_BAND: Final = 0.995  #: Share of the process in which the force is to be within its band
+MOST_FORCE: Final = 1.25  #: Of the set force: more is a blow
+LEFT_OUT: Final = 0.01  #: Share of the region that may be left out without a word
+
+
+def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
+    """What is bad about a run of ``surface``, in sentences; ``contact_force`` is the set one [N]."""
+    found, lost, within = [], figures["contact_lost_s"], figures["force_within_4n"]
+    if lost > 0.0:
+        found.append(f"contact was lost for {lost:.3g} s")
+    if within < WITHIN_BAND:
+        most = figures["force_max_deviation_n"]
+        found.append(
+            f"the force was outside ±4 N for {100.0 * (1.0 - within):.2g}% of the process, by up to {most:.1f} N"
+        )
+    if figures["peak_force_n"] > MOST_FORCE * contact_force:
+        found.append(f"the force reached {figures['peak_force_n']:.1f} N where {contact_force:.3g} N were set")
+    region, left = figures.get("region_area_m2", 0.0), figures.get("left_out_area_m2", 0.0)
+    if left > LEFT_OUT * region:
+        why = "; ".join(f"{1e4 * area:.3g} cm^2 {reason}" for reason, area in figures["left_out"].items())
+        found.append(f"{1e4 * left:.3g} of the region's {1e4 * region:.3g} cm^2 were left out ({why})")
+    return found
 
 
 class Circle(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,6 +23,7 @@ from polish_sim.analysis.style import (
     ORANGE,
     PINK,
     RED,
+    SKY,
     YELLOW,
     DepthPicture,
     Views,
@@ -35,6 +37,8 @@ from polish_sim.analysis.style import (
 )
 from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.mesh import lighter_mesh
+from polish_sim.planning.part_plan import LEFT_OUT as CUT
+from polish_sim.planning.part_plan import SLOWED
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, arc_length, stretches
 from polish_sim.spatial import unit
 
@@ -46,9 +50,11 @@ if TYPE_CHECKING:
 MM = 1e3
 COLORS = "viridis"
 LANDING, LEAVING = ORANGE, PINK
+LEFT_OUT = (YELLOW, SKY)  #: What is left out, for the first reasons
 MOST_FACETS = 8_000  #: Finer parts are drawn by a lighter copy: matplotlib takes 20 us for each, twice
 MOST_CHORDS = 3_000  #: So many draw the path in contact, for the same reason
 AXES_SHOWN = 90
+MOST_MARKS = 150  #: Of a kind of mend
 LEAD_POINTS = 120  #: At least so many along a lead: each is seen or hidden by itself
 ELEVATION, AZIMUTH = 38.0, -62.0
 TOWARDS_VIEWER = np.array(
@@ -110,6 +116,7 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
     _draw_contact(solid, flat, path, shown, seen, scale)
     _draw_leads(solid, flat, path, shown, seen)
     _draw_axes(solid, path, shown, seen)
+    _draw_mends(solid, flat, result, frame, seen)
     if stop:
         cross_out(solid, frame @ stop.on_path(path) * MM)
         cross_out(flat, (views.flat @ stop.on_path(path))[:2] * MM)
@@ -170,14 +177,16 @@ def _draw_part(solid: Any, flat: Axes, corners: Array, flat_corners: Array, tint
 
 
 def _draw_reach(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: _Seen) -> None:
-    """What the tool does not reach in a colour of its own, and in red where it is in the part."""
-    out = np.empty((0, 3, 3)) if result.access is None else result.access.triangles @ frame.T * MM
-    if len(out):
+    """What is left out in a colour for each reason, and in red where the tool is in the part."""
+    for (reason, row), color in zip(result.area.left_out.items(), chain(LEFT_OUT, repeat(GREY)), strict=False):
+        out = row.triangles @ frame.T * MM
+        if not len(out):
+            continue
         normals = unit(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]))
         near = out[seen_in(seen.space, out.mean(axis=1), normals)]
-        solid.add_collection3d(Poly3DCollection(near, facecolors=YELLOW, edgecolors=YELLOW, lw=0.3, zorder=2))
-        flat.add_collection(PolyCollection(list(seen.flat(out)[..., :2]), facecolors=YELLOW, edgecolors=YELLOW, lw=0.3))
-        flat.plot([], [], "s", color=YELLOW, label="out of the tool's reach")
+        solid.add_collection3d(Poly3DCollection(near, facecolors=color, edgecolors=color, lw=0.3, zorder=2))
+        flat.add_collection(PolyCollection(list(seen.flat(out)[..., :2]), facecolors=color, edgecolors=color, lw=0.3))
+        flat.plot([], [], "s", color=color, label=f"left out: {reason}")
     if len(result.in_part):
         at = result.in_part @ frame.T * MM
         solid.plot(*at.T, ".", color=RED, ms=5.0, zorder=30)
@@ -244,6 +253,20 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:
     tips = shown[rows] + height * seen.towards[rows]
     lines = np.stack([shown[rows], tips], axis=1)
     solid.add_collection3d(Line3DCollection(lines, colors=GREY, lw=0.6, zorder=4))
+
+
+def _draw_mends(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: _Seen) -> None:
+    """Where the path was slowed or left out after it had been played in the cell."""
+    slowed: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": "black", "mew": 0.6, "ms": 3.0}
+    left_out: dict[str, Any] = {"marker": "x", "color": "black", "mew": 0.9, "ms": 3.5}
+    for what, style in ((SLOWED, slowed), (CUT, left_out)):
+        places = [mend.places for mend in result.mends if mend.what == what]
+        if not places:
+            continue
+        at = np.concatenate(places)
+        at = at[:: max(1, len(at) // MOST_MARKS)] @ frame.T * MM
+        solid.plot(*at.T, linestyle="none", zorder=25, **style)
+        flat.plot(*seen.flat(at).T[:2], linestyle="none", zorder=25, label=f"{what} after playing it", **style)
 
 
 def cross_out(axes: Any, place: Array) -> None:

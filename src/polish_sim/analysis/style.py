@@ -7,11 +7,12 @@ or compared with, orange an event or a second series, red a protective stop.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import wraps
+from functools import cache, wraps
 from typing import Any, Final, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
+from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
@@ -66,12 +67,22 @@ _RC: Final[Any] = {
 }
 
 
+OTHER_SCRIPTS: Final = ("Noto Sans CJK JP", "Noto Sans CJK SC", "WenQuanYi Zen Hei", "IPAGothic", "Microsoft YaHei")
+"""Fonts for names of parts in Chinese and Japanese, where they are installed."""
+
+
+@cache
+def _fonts() -> list[str]:
+    known = {font.name for font in font_manager.fontManager.ttflist}
+    return ["DejaVu Sans", *(name for name in OTHER_SCRIPTS if name in known)]
+
+
 def styled(plot: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Draw a figure in the house style; matplotlib's own settings are back as they were afterwards."""
 
     @wraps(plot)
     def draw(*args: P.args, **kwargs: P.kwargs) -> Drawn:
-        with matplotlib.rc_context(_RC):
+        with matplotlib.rc_context(_RC | {"font.family": _fonts()}):
             return plot(*args, **kwargs)
 
     return draw

@@ -65,6 +65,7 @@ class CellRun(NamedTuple):
     steps: int
     wall_s: float  #: Time spent stepping [s]
     safety: SafetyRecord  #: Faults and guards
+    stroke: str = ""  #: Which of how many was under way at the end; empty where there is no part
 
 
 class Played(NamedTuple):
@@ -314,6 +315,7 @@ class Cell:
             len(trace),
             wall_s,
             record_safety(self.kernel, self.faults),
+            f"{self.stroke_number + 1} of {len(self.strokes)}" if self.on_part else "",
         )
 
     def begin_stroke(self, number: int) -> None:

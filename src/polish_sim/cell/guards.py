@@ -28,7 +28,6 @@ from polish_sim.models import robot_model_path
 
 if TYPE_CHECKING:
     from polish_sim.cell.kernel import CellState
-    from polish_sim.control.signals import Measurement, Target
 
 NO_STOP = 0
 FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE = range(1, 11)
@@ -258,7 +257,7 @@ def check_guards(
     spindle = state.spindle
     if on_part and spindle.commanded > 0.0:
         guards.found = spindle.speed / spindle.commanded
-        _note(state, SPINDLE, SPINDLE_SHARE / guards.found, t)
+        _note(state, SPINDLE, (1.0 - guards.found) / (1.0 - SPINDLE_SHARE), t)
         if guards.found < SPINDLE_SHARE:
             return SPINDLE
     moved = _check_surface(state, planned, dt, t)
@@ -293,8 +292,12 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     if target.contact[0] == 0.0:
         guards.holding, guards.depth, guards.was_held = 0.0, 0.0, False
         return NO_STOP
+    offset = 0.0
+    for i in range(3):
+        offset += target.rotation[i, 2] * (m.position[i] - target.position[i])
     landing = sequence.stage == TOUCH_DOWN
-    depth = depth_below(m, target, sequence.depth if landing else planned)
+    # Depth of the tool below the planned surface, which the target is pressed in by the stroke's depth.
+    depth = offset + (sequence.depth if landing else planned)
     if landing and sequence.time == 0.0:
         guards.holding, guards.depth, guards.was_held = 0.0, depth, False
         guards.found = depth
@@ -314,14 +317,6 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     if guards.found > room:
         return FALLEN
     return RISEN if guards.found < -guards.offset else NO_STOP
-
-
-@kernel
-def depth_below(m: Measurement, target: Target, pressed_in: float) -> float:
-    """Depth of the tool below the planned surface, which the target is below by ``pressed_in`` [m]."""
-    for i in range(3):
-        pressed_in += target.rotation[i, 2] * (m.position[i] - target.position[i])
-    return pressed_in
 
 
 @kernel

@@ -207,8 +207,11 @@ def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
             _tare(state, m.wrench)
         else:
             state.status.tares, state.status.spread = 0, 0.0
-    too_high = guards.depth_below(m, state.target, sequence.depth) < -state.guards.offset
-    if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, state.target, too_high):
+    target, deeper = state.target, 0.0
+    for i in range(3):
+        deeper += target.rotation[i, 2] * (m.position[i] - target.position[i])
+    reach = state.guards.offset
+    if not advance_sequence(stroke, sequence, m.wrench[2], state.answer.feed, dt, target, reach, deeper):
         trip(state.status, guards.MISSING, t)
 
 

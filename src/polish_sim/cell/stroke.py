@@ -18,7 +18,7 @@ from polish_sim.spatial import rotation_from_quaternion
 TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = range(8)
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
 TARE_TIME = 0.25  # readings averaged for zeroing [s]
-TOUCH_DOWN_TIME = 0.35  # from measured contact to the start of the feed [s]
+TOUCH_DOWN_TIME = 0.5  # from measured contact to the start of the feed [s]
 RETRACT_SPEED = 0.02  # [m/s]
 
 
@@ -55,10 +55,8 @@ class Sequence(Record):
     rate: float  #: At which that time passes [-]
     rate_change: float  #: [1/s]
     row: int  #: Of the process table
+    pressed: float  #: Time for which the reading has counted as contact [s]
     floor: float  #: Five standard deviations of the measured force in free space: less is no contact [N]
-    air: float  #: Mean of the measured force in the air lately [N]
-    swing: float  #: How far it lately swung below that [N]
-    pressed: float  #: Since when it is above what counts as contact [s]
     quaternion: Vector4  #: Work array, as the three that follow
     tangent: Vector3
     turning: Vector3
@@ -103,20 +101,18 @@ BUILD_UP = 0.04  # in which the acceleration along the path is built up [s]
 FALL = 4.0  # times as fast as it rises the rate of the motion may fall
 TRAVEL_SPEED = 0.05  # between two strokes, in free space [m/s]
 TRAVEL_PACE = Pace(TRAVEL_SPEED, 0.5, 5.0)
-TURN_SPEED = 0.2  # of the tool in free space: the gears of the wrists shake it by less than counts as contact [rad/s]
+TURN_SPEED = 0.25  # of the tool in free space: the wrists' gears then shake it by less than counts as contact [rad/s]
 
 
 def air_length(positions: Array, rotations: Array, speed: float) -> Array:
-    """Length of a way through the air to its points [m], shape (n,), where a turn counts as way.
+    """Length of a way through the air to its points [m], shape (n,); at a ``speed`` [m/s] along it the tool turns no
+    faster than ``TURN_SPEED``.
 
-    Followed at a ``speed`` [m/s] the tool turns no faster than ``TURN_SPEED``. The way is (n, 3) [m] and (n, 3, 3).
-    Gears with an error a of period 2 pi / n shake a load m at a lever l by m l a (n w)^2 when they turn at w, until
-    the arm no longer follows: the reading grows as w^2. `python -m benchmarks.shaking` measures it.
+    The way's points are (n, 3) [m] and its tool frames (n, 3, 3).
     """
-    turned = Rotation.from_matrix(rotations[1:]) * Rotation.from_matrix(rotations[:-1]).inv()
-    way = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    steps = np.maximum(way, speed / TURN_SPEED * turned.magnitude())
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    turns = (Rotation.from_matrix(rotations[1:]) * Rotation.from_matrix(rotations[:-1]).inv()).magnitude()
+    ways = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(np.maximum(ways, speed / TURN_SPEED * turns))])
 
 
 @kernel
@@ -234,25 +230,31 @@ def _sink(table: PathTable, s: float, state: Sequence, depth: float, speed: floa
 #
 # Transitions use only what the host computer knows: the clock, the path and the *measured* force.
 
-SWING_FADES = 0.3  # time in which the arm's swinging in the air is forgotten [s]
-SWING_ROOM = 1.5  # times its swing below the mean a reading must rise above it to be contact
-LASTS = 0.02  # half a swing of the arm's slowest mode [s]
 LEAST_SHARE = 0.02  # of the planned feed a controller can slow it to: the run must end
+LASTS = 0.05  # a reading that lasts longer is no swing of the arm, whose modes are above 13 Hz [s]
 SWINGS_FOR = 0.15  # after the approach starts an elastic arm swings: the sensor feels its tool, not a part [s]
 
 
 @kernel
 def advance_sequence(
-    stroke: Stroke, state: Sequence, measured_force: float, granted: float, dt: float, target: Target, too_high: bool
+    stroke: Stroke,
+    state: Sequence,
+    measured_force: float,
+    granted: float,
+    dt: float,
+    target: Target,
+    reach: float,
+    deeper: float,
 ) -> bool:
     """Move the target on by one step; False if contact was sought down to the search depth and not found.
 
     ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned feed
-    the controller grants, limited to ``LEAST_SHARE`` to 1. ``too_high``: the tool is where no part can be.
+    the controller grants, limited to ``LEAST_SHARE`` to 1. Further than ``reach`` [m] above where the part should be,
+    a reading must last to be contact. ``deeper`` [m] is how far the tool is below its target: from there it is lifted,
+    for springs stiffer than planned hold it above.
     """
     state.time += dt
     stage = state.stage
-    _watch_air(state, measured_force, dt)
     if stage == TARE and state.time >= TARE_START + TARE_TIME - 0.5 * dt:
         _enter(state, APPROACH if stroke.contact else PROCESS)
     elif stage == TRAVEL and state.clock >= stroke.travel.duration:
@@ -260,10 +262,9 @@ def advance_sequence(
         state.s = state.speed = 0.0
     elif stage in (APPROACH, SEEK):
         swinging = stage == APPROACH and state.time < SWINGS_FOR
-        least = max(stroke.threshold, state.floor, state.air + SWING_ROOM * state.swing)
-        state.pressed = state.pressed + dt if measured_force > least and not swinging else 0.0
-        # Where no part can be, a reading of a shaken arm must outlast a swing to be contact.
-        if state.pressed > (LASTS if too_high and state.swing > 0.5 * least else 0.0):
+        pressed = measured_force > max(stroke.threshold, state.floor) and not swinging
+        state.pressed = state.pressed + dt if pressed else 0.0
+        if pressed and (state.depth > -reach or state.pressed > LASTS):
             _enter(state, TOUCH_DOWN)
         elif stage == APPROACH and state.s >= stroke.lead_in.length:
             state.depth = 0.0
@@ -277,21 +278,11 @@ def advance_sequence(
         arrived = state.clock >= stroke.motion.duration and state.time >= stroke.hold
         if arrived or state.time >= stroke.feed_time:
             _enter(state, RETRACT if stroke.lift > 0.0 else DONE)
-            state.depth = 0.0
+            state.depth = -deeper
     elif stage == RETRACT and state.depth >= stroke.lift + stroke.depth:
         _enter(state, DONE)
     place_target(stroke, state, min(max(granted, LEAST_SHARE), 1.0), dt, target)
     return True
-
-
-@kernel
-def _watch_air(state: Sequence, force: float, dt: float) -> None:
-    """How the reading swings in the air: a shaken arm swings to both sides, contact only presses."""
-    if state.stage not in (TRAVEL, APPROACH, SEEK):
-        state.air = state.swing = 0.0
-        return
-    state.swing = max(state.air - force, state.swing * (1.0 - dt / SWING_FADES))
-    state.air += dt / SWING_FADES * (force - state.air)
 
 
 @kernel

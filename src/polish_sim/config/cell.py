@@ -182,7 +182,9 @@ class PadConfig:
 
     radius_m: float = key(0.025, "pad radius [m]", 0.001, 0.2, option=Option("--pad-diameter", TOOL, "MM", DIAMETER))
     choice: str = key(
-        "auto", "auto: a face narrower than the default pad gets one that fits; given: the pad is what radius_m says"
+        "auto",
+        "auto: a face narrower than the default pad gets one that fits and a step-over in proportion; "
+        "stepover: with the step-over asked for; given: the pad is what radius_m says",
     )
     stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
     points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)
@@ -224,6 +226,12 @@ class SafetyConfig:
     offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)
     tool_in_part: str = key(
         "refuse", "a path on which the tool runs into the part: refuse, before anything moves, or allow"
+    )
+    proof: str = key(
+        "1",
+        "a plan is played in the cell and mended before it is used: none, nominal (on the part as drawn), or a number "
+        "of parts as well that seeds displace and bend",
+        option=Option("--proof", RUN, "none|nominal|N"),
     )
     stop_latency_s: float = key(0.004, "from a protective stop to the brakes [s]", 0.0, 0.1)
     stop_deceleration_m_s2: float = key(4.0, "deceleration of a protective stop [m/s^2]", 0.1, 50.0)

@@ -36,7 +36,6 @@ class AdaptiveConfig:
     delay_share: float = key(0.5, "crossover times command delay, at most [-]", 0.05, 1.5)
     top_speed_m_s: float = key(0.1, "highest speed of the force loop [m/s]", 0.001, 1.0)
     acceleration_m_s2: float = key(1.2, "acceleration the force loop counts on [m/s^2]", 0.05, 20.0)
-    force_rate_n_s: float = key(800.0, "fastest rise of the force [N/s]", 1.0, 1e5)
     tool_center_m: float = key(0.1226, "height of the mass the sensor carries above the tool point [m]", 0.0, 1.0)
     stiff_first: float = key(5.0, "stiffness at first touch, as a multiple of the drawn one [-]", 1.0, 50.0)
     feed_error_n: float = key(1.0, "force error for which the feed is slowed [N]", 0.05, 50.0)

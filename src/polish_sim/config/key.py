@@ -19,6 +19,7 @@ class Unit(NamedTuple):
 MM: Final = Unit("mm", 1e-3)
 DEG: Final = Unit("deg", math.pi / 180.0)
 MM_S: Final = Unit("mm/s", 1e-3)
+FEED: Final = Unit("mm/s", 1e-3, {"auto": 0.01})  #: The feed to reach; a proof slows it where it has to
 DEG_S: Final = Unit("deg/s", math.pi / 180.0)
 SECOND: Final = Unit("s", 1.0)
 NEWTON: Final = Unit("N", 1.0)

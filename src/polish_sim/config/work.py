@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from polish_sim.config.key import AXIS, DEG, DIRECTION, MM, MM_S, NEWTON, PART, PATH, POSE, TOOL, Option, key
+from polish_sim.config.key import AXIS, DEG, DIRECTION, FEED, MM, NEWTON, PART, PATH, POSE, TOOL, Option, key
 
 MOST_LEAN_RAD = math.radians(40.0)  #: Further over the pad touches with its edge only
 
@@ -67,6 +67,13 @@ class PlanConfig:
         "",
         "a finished path to run: plan folder, path.json, CSV or APT file; empty = plan anew",
         option=Option("--path", PATH, "PLAN"),
+    )
+    begin_m: float = key(
+        0.0,
+        "a finished path is run from this arc length on; what lies before counts as done [m]",
+        0.0,
+        1e4,
+        option=Option("--from", PATH, "MM", MM),
     )
     pattern: str = key("spiral", "spiral, raster, contour or fermat", option=Option("--pattern", PATH, "NAME"))
     region: str = key(
@@ -164,7 +171,13 @@ class ProcessConfig:
     contact_force_n: float = key(
         20.0, "force to hold along the tool axis [N]", 0.5, 200.0, option=Option("--contact-force", TOOL, "N", NEWTON)
     )
-    feed_m_s: float = key(0.01, "speed along the path [m/s]", 1e-4, 0.5, option=Option("--feed", TOOL, "MM/S", MM_S))
+    feed_m_s: float = key(
+        0.01,
+        "speed along the path, slower where the plan was found to need it [m/s]",
+        1e-4,
+        0.5,
+        option=Option("--feed", TOOL, "auto|MM/S", FEED),
+    )
     approach_speed_m_s: float = key(0.005, "speed of the approach [m/s]", 1e-4, 0.1)
     hold_s: float = key(4.0, "how long `force` holds after first contact [s]", 1.0, 600.0)
     contact_threshold_n: float = key(

@@ -204,6 +204,8 @@ def _metadata(result: PlanResult) -> dict[str, Any]:
         "up": [float(value) for value in mesh.up],
         "pad": {"radius_m": pad.radius_m, "stiffness_n_m": pad.stiffness_n_m},
         "contact_force_n": result.tool.force,
+        "feed_m_s": result.ready.process.feed_m_s,
+        "proof": result.proof,
         "plan": {name: getattr(plan, name) for name in plan.__dataclass_fields__},
         "stepover_m": plan.stepover_m,
         "pattern": plan.pattern,

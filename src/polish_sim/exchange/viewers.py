@@ -15,6 +15,7 @@ from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, cylinder, free_tool, page_html
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.ground.triangulation import triangulate
+from polish_sim.planning.part_plan import SLOWED
 from polish_sim.planning.toolpath import LINK, PROCESS, interpolate
 from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
 
@@ -32,6 +33,7 @@ FIXTURE_COLOR: Final = (112, 124, 143)
 LEAD_COLOR: Final = (230, 120, 20)
 LEFT_OUT_COLOR: Final = (230, 159, 0)
 IN_PART_COLOR: Final = (224, 0, 32)
+SLOWED_COLOR: Final = (255, 255, 255)
 VIRIDIS: Final = np.array(
     [(68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142)]
     + [(31, 158, 137), (53, 183, 121), (109, 205, 89), (180, 222, 44), (253, 231, 37)]
@@ -129,7 +131,7 @@ FIGURES: Final[tuple[tuple[str, str, float, str], ...]] = (
     ("step-over, p95", "stepover_p95_m", MM, "{:.2f} mm"),
     ("covered by the pad", "coverage", 100.0, "{:.1f} %"),
     ("within 0.55 step-overs", "coverage_stepover", 100.0, "{:.1f} %"),
-    ("out of the tool's reach", "unreachable_area_m2", 1e4, "{:.3g} cm²"),
+    ("left out of the region", "left_out_area_m2", 1e4, "{:.3g} cm²"),
     ("tool in the part, at most", "pad_in_part_max_m", MM, "{:.3g} mm"),
     ("crossings", "self_crossings", 1.0, "{:.0f}"),
     ("retracts", "retracts", 1.0, "{:.0f}"),
@@ -186,16 +188,21 @@ def path_page(result: PlanResult, setup: ExportSetup) -> Page:
 
 
 def part_solids(result: PlanResult) -> list[Solid]:
-    """Part and fixture, what the tool does not reach, and a chip wherever it is in the part."""
+    """Part and fixture, what is left out of the region, and a chip wherever it is in the part."""
     vertices, faces = lighter_mesh(result.mesh.vertices, result.mesh.faces, MOST_FACETS)
     solids = [_solid("part", vertices, faces, PART_COLOR)]
     if result.tool.fixture is not None:
         fixture = result.tool.fixture.mesh
         solids.append(_solid("fixture", *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR))
-    out = np.empty((0, 3, 3)) if result.access is None else result.access.triangles
+    out = np.concatenate([np.empty((0, 3, 3)), *(row.triangles for row in result.area.left_out.values())])
+    slowed = np.concatenate([np.empty((0, 3)), *(mend.places for mend in result.mends if mend.what == SLOWED)])
     size, way = 0.3 * result.plan.stepover_m, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
     chips = result.in_part[:, None] + size * way
-    for kind, corners, color in (("out of reach", out, LEFT_OUT_COLOR), ("tool in the part", chips, IN_PART_COLOR)):
+    for kind, corners, color in (
+        ("left out", out, LEFT_OUT_COLOR),
+        ("tool in the part", chips, IN_PART_COLOR),
+        ("slowed", slowed[:, None] + size * way, SLOWED_COLOR),
+    ):
         if len(corners):
             triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
             solids.append(_solid(kind, corners.reshape(-1, 3), triangles, color))

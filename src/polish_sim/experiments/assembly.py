@@ -66,6 +66,10 @@ class Workplace:
         """Distances of the part as it is, before it is displaced and bent; sampled at first use and kept."""
         return self._fields(self.shape, scenario)
 
+    def keep_fields_of(self, other: Workplace) -> None:
+        """Take over the distances another place has sampled, of the same part under a path that goes further."""
+        self._kept.update(other._kept)
+
     def _fields(self, shape: RealShape, scenario: Scenario) -> PartFields:
         depth = modelled_depth(scenario, largest_force(scenario, self.path))
         key = (shape.given, scenario.pad.radius_m, depth)

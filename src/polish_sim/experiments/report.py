@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -125,7 +126,9 @@ def removed_something(record: RunRecord) -> bool:
 def save_plots(folder: Path, plots: Mapping[str, Figure]) -> None:
     """Save figures under their file names; each file appears when it is whole."""
     for name, figure in plots.items():
-        with whole_file(folder / name) as draft:
+        with whole_file(folder / name) as draft, warnings.catch_warnings():
+            # A name in a script that no installed font has is drawn as boxes.
+            warnings.filterwarnings("ignore", message="Glyph")
             figure.savefig(draft)
 
 

@@ -78,13 +78,14 @@ def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[s
     if T_base_work is not None:
         on_part = on_part if on_part.any() else apply(inverse(T_base_work), tip)
         where = f"{place_in_mm(on_part)} of the part, "
-    force = f"{run.trace.normal_force_n[row] + 0.0:.1f} N along the tool axis"
+    force = f"exact force {run.trace.normal_force_n[row] + 0.0:.1f} N along the tool axis"
+    along = f"{1e3 * float(run.trace.path_s_m[row]):.0f} mm along the path, stroke {run.stroke}, " if run.stroke else ""
     measured = f"measured {run.safety.protective_stop_measured}" if run.safety.protective_stop_measured else ""
     when = f"at {at:.2f} s"
     name = re.split(r"[:(]", limits)[0].strip()
     return {
-        "protective_stop": f"{limits}; {' '.join(filter(None, [measured, when]))}, tool at {where}"
-        f"{place_in_mm(tip)} of the base, {force}",
+        "protective_stop": f"{limits}; {' '.join(filter(None, [measured, when]))}, {along}tool at "
+        f"{where}{place_in_mm(tip)} of the base, {force}",
         "protective_stop_at": {
             "name": ", ".join(filter(None, [name, measured])),
             "time_s": at,

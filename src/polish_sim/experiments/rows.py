@@ -118,10 +118,11 @@ SURFACE: Final = Experiment(
     comparisons={"force.png": "polish_sim.analysis.surface_plot:plot_surface_runs"},
     options=(
         *(*PART_OPTIONS, "--fixture", "--real-part", *PATH_OPTIONS, "--path", "--allow-contact"),
-        *(*TOOL_OPTIONS, "--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
+        *(*TOOL_OPTIONS, "--feed", "--from", "--proof", *TRIAL_OPTIONS, *WATCH_OPTIONS),
     ),
     along_plan=True,
     plans=True,
+    only_with={"--path": ("--from",)},
     not_with=(Excludes("--path", FINISHED, PATH_OPTIONS),),
     paper={
         "part.file": "freeform",

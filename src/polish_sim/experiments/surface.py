@@ -9,11 +9,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.metrics import measure_removal, measure_surface
+from polish_sim.analysis.metrics import AREAS, measure_removal, measure_surface, shortcomings
 from polish_sim.arrays import Array
-from polish_sim.cell import Cell, CellRun, Observer, RealPart, Silent
-from polish_sim.cell.linear_arm import measure_shaking
-from polish_sim.cell.real_arm import is_real
+from polish_sim.cell import CellRun, Observer, RealPart, Silent
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -141,30 +139,6 @@ def refuse_collision(scenario: Scenario, plan: PlanResult) -> None:
         )
 
 
-SHAKEN: Final = 2.5  #: Estimated jump over the guard's limit from which all runs tried were stopped by it [-]
-
-
-def refuse_shaking(scenario: Scenario, cell: Cell, q_start: Array) -> None:
-    """Refuse a feed at which the gears' error of the real arm shakes the tool until the sensor's guard stops it.
-
-    A controller that sees the path ahead slows where joints turn fast; its runs are not looked at.
-
-    Raises:
-        PlanError: Saying where, by how much and what to do.
-    """
-    limit = scenario.safety.jump_limit_n
-    if not is_real(scenario) or not limit or cell.course is not None:
-        return
-    found = measure_shaking(scenario, cell.strokes, q_start)
-    if found.jump_n > SHAKEN * limit:
-        raise PlanError(
-            f"the feed is too fast for this arm's gears: {1e3 * found.at_m:.0f} mm along the path joint {found.joint} "
-            f"turns at {np.degrees(found.speed_rad_s):.0f} deg/s, and its transmission error would shake the wrist "
-            f"sensor's reading by about {found.jump_n:.0f} N, where its guard stops the robot at {limit:g} N "
-            "(safety.jump_limit_n). Set a lower --feed, or take --controller hybrid-adaptive, which slows there."
-        )
-
-
 def check_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:
     """The path of a run and how the arm reaches all of it; raises as `prepare_surface`."""
     task = prepare_surface(scenario, plan, observer)
@@ -183,7 +157,6 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     observer.stage("prepare the cell")
     part = build_part(scenario, place)
     cell = build_cell(scenario, place, part)
-    refuse_shaking(scenario, cell, reach.q_start)
     observer.stage("simulate")
     run = cell.run(observer)
     fed = run.trace.path_s_m[run.trace.phase == 2]
@@ -196,6 +169,8 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     figures |= cell.payload_errors._asdict()
     figures |= shape_figures(task.shape, path)
     figures |= feed_figures(cell.strokes)
+    figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
+    figures["bad_figures"] = shortcomings(figures, scenario.process.contact_force_n)
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map
     )  # fmt: skip

@@ -16,14 +16,12 @@ from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.ground import Ground, footprint
 from polish_sim.planning.moves.leads import LEADS
 from polish_sim.planning.patterns import PATTERNS
-from polish_sim.planning.quality.access import AVOID, Access
-from polish_sim.planning.quality.coverage import pad_depths
+from polish_sim.planning.quality.access import AVOID, TILT, Access
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 
 if TYPE_CHECKING:
     from polish_sim.config import PadConfig, PartConfig, PlanConfig
     from polish_sim.planning.quality.figures import Quality
-    from polish_sim.planning.quality.located import PathOnSurface
     from polish_sim.planning.toolpath import ToolPath
 
 ORDERS: Final = ("inward", "outward")
@@ -36,11 +34,8 @@ with a note where the pad hangs over."""
 START_REACH = 0.1  #: A start asked for may be off the part by this share of the part's size, as a region's point may
 FAR_START = 2.0  #: A path that begins further from there than so many step-overs is noted
 AS_ASKED = 0.05  #: A mean step-over this close to the one asked for, relative, is not remarked upon
-LITTLE_OVERLAP, ALL_COVERED = 0.8, 0.995
-"""Turns this share of the pad's diameter apart hardly overlap; so much of a region counts as all of it."""
 
 FEW = 20  #: One vertex in so many is asked first how far it is from the border
-RIM_ONLY_M = 1e-4  #: A pad whose middle is held off the ground by less still touches with it [m]
 
 
 def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
@@ -88,7 +83,7 @@ def widest_piece(region: Region) -> float:
 
 
 def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
-    """Refuse what cannot be polished sensibly, leave out components too narrow for the pad, with a note.
+    """Refuse what cannot be polished sensibly, leave out components too narrow for the pad.
 
     Raises:
         PlanError: All of the region is narrower than half the pad; names the units in which it would not be.
@@ -107,12 +102,7 @@ def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
     wide = [part for part, width in zip(components, widths, strict=True) if width >= NARROWEST * diameter]
     if len(wide) == len(components):
         return region
-    lost = region.area_m2 - sum(part.area_m2 for part in wide)
-    note = (
-        f"left out {len(components) - len(wide)} of {len(components)} components of the region, {lost * 1e6:.4g} mm^2 "
-        f"in all: narrower than half the pad ({NARROWEST * diameter * 1e3:.3g} mm); a smaller --pad-diameter takes them"
-    )
-    return merge_regions(wide, region.up, (*region.notes, note))
+    return merge_regions(wide, region.up, region.notes)
 
 
 def edge_distance(pad: PadConfig, force: float) -> float:
@@ -200,43 +190,15 @@ def stepover_notes(mean: float, plan: PlanConfig) -> list[str]:
     ]
 
 
-def overlap_notes(coverage: float, plan: PlanConfig, pad: PadConfig) -> list[str]:
-    """What turns that hardly overlap leave uncovered, ``coverage`` being the share the pad touches at its force."""
-    if plan.stepover_m < LITTLE_OVERLAP * 2.0 * pad.radius_m or coverage > ALL_COVERED:
+def hole_notes(ground: Ground) -> list[str]:
+    """How many holes the pad runs over."""
+    if not ground.holes:
         return []
-    return [
-        f"a step-over of {1e3 * plan.stepover_m:.4g} mm with a pad of {2e3 * pad.radius_m:.4g} mm covers "
-        f"{100.0 * coverage:.1f}%: the round pad misses corners, and touches with less than its diameter where the "
-        "part bends; a smaller step-over (or a larger --overlap) closes the gaps"
-    ]
+    holes = "1 small hole is" if ground.holes == 1 else f"{ground.holes} small holes are"
+    return [f"{holes} run over by the pad (plan.bridge_m sets up to which size)"]
 
 
-def pad_notes(ground: Ground, on: PathOnSurface, pad: PadConfig) -> list[str]:
-    """What the user should know about this pad on this region, with places in mm."""
-    notes = []
-    if ground.holes:
-        holes = "1 small hole is" if ground.holes == 1 else f"{ground.holes} small holes are"
-        notes.append(f"{holes} run over by the pad (plan.bridge_m sets up to which size)")
-    depth = _depth_below(ground, pad.radius_m)
-    if depth is not None:
-        notes.append(
-            f"the region is at most {2e3 * depth:.3g} mm wide between its borders: "
-            f"the pad ({2e3 * pad.radius_m:.3g} mm) hangs over"
-        )
-    # Where the ground rises less under the rim than the force presses a pad in on a plane, its middle touches.
-    hollow = np.flatnonzero(-0.5 * on.curvatures[:, 1] * pad.radius_m**2 > on.forces / pad.stiffness_n_m)
-    held_off = -pad_depths(on.curvatures[hollow], pad, on.forces[hollow])
-    if held_off.max(initial=0.0) > RIM_ONLY_M:
-        share, worst = float((held_off > 0.0).sum() / len(on.forces)), int(hollow[held_off.argmax()])
-        notes.append(
-            f"hollow ground: along {100.0 * share:.0f}% of the path the pad's rim carries alone, its middle up to "
-            f"{1e3 * held_off.max():.2g} mm off, most at {place_in_mm(on.positions[worst])}, where the radius is "
-            f"{-1e3 / on.curvatures[worst, 1]:.3g} mm; more --contact-force or a smaller --pad-diameter brings it down"
-        )
-    return notes
-
-
-def _depth_below(ground: Ground, limit: float) -> float | None:
+def depth_below(ground: Ground, limit: float) -> float | None:
     """How far the region's middle is from its borders if that is less than a limit [m]; None if it is not."""
     borders, points = CurveSet(border_curves(ground.mesh)), ground.mesh.vertices
     # A few places are mostly enough to see that there is room.
@@ -246,13 +208,14 @@ def _depth_below(ground: Ground, limit: float) -> float | None:
     return depth if depth < limit else None
 
 
-def access_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[str]:
-    """What the tool does not reach of the region asked for, and why; none if it reaches all of it."""
-    if access is None:
+def lean_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[str]:
+    """What leaning the tool gains, if that was asked for."""
+    if access is None or plan.avoid != TILT:
         return []
-    in_vain = plan.avoid == "tilt" and access.leaning is None
-    vain = f"leaning the tool (--avoid tilt) lets a pad of {2e3 * pad.radius_m:.3g} mm touch no more: it stands upright"
-    return [*([vain] if in_vain else []), *access.notes(pad, plan.tool_clearance_m)]
+    if access.leaning is None:
+        return [f"leaning the tool (--avoid tilt) lets a pad of {2e3 * pad.radius_m:.3g} mm touch no more: it stands "
+                "upright"]  # fmt: skip
+    return [f"{1e4 * access.gained_m2:.3g} cm^2 more are reached because the tool leans {access.leaning.note}"]
 
 
 def wall_notes(quality: Quality) -> list[str]:

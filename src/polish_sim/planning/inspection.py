@@ -13,9 +13,9 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.geometry.fixture import load_fixture
-from polish_sim.planning.feasibility import access_notes
+from polish_sim.planning.feasibility import lean_notes
 from polish_sim.planning.ground.ground import Ground, bridge_holes
-from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, PreparedRegion, accessible, choose_region, load_mesh
+from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, choose_region, given_region, load_mesh
 from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.figures import Quality, part_figures, without_spacing
 from polish_sim.planning.quality.located import with_points_between
@@ -168,14 +168,13 @@ def inspect_path(
     if observer is not None:
         observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
-    given = PreparedRegion(mesh, surface, region, plan, process, tool, *accessible(region, surface, plan, tool, path))
-    quality, access = given.measure(path), given.access
-    notes += access_notes(access, plan, pad)
-    ground = given.ground if access is None else access.asked
+    given = given_region(mesh, surface, region, plan, process, tool)
+    quality, ground = given.measure(path), given.asked.ground
+    notes += [*lean_notes(given.access, plan, pad), *quality.area.notes]
     if guess_stepover(path) is None:
         quality = without_spacing(quality, pad)
     quality.figures.update(
-        part_figures(mesh, surface, region),
+        part_figures(mesh, surface),
         stepover_expected_m=plan.stepover_m,
         height_above_part_min_m=float(offset.heights.min()),
         height_above_part_max_m=float(offset.heights.max()),

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
 from polish_sim.geometry.fixture import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
-    access_notes,
+    NARROWEST,
     check_asked,
     check_request,
     check_start,
     check_stepover,
+    depth_below,
     edge_distance,
+    hole_notes,
     in_another_unit,
-    overlap_notes,
-    pad_notes,
+    lean_notes,
     start_notes,
     stepover_notes,
     too_small,
@@ -32,15 +33,17 @@ from polish_sim.planning.feasibility import (
     widest_piece,
 )
 from polish_sim.planning.ground.ground import Ground, prepare_ground
-from polish_sim.planning.moves.leads import with_way_down
+from polish_sim.planning.moves.leads import Air, with_way_down
+from polish_sim.planning.moves.leave_out import leave_out
 from polish_sim.planning.planner import plan_on, plan_path
 from polish_sim.planning.quality.access import Access, find_access
-from polish_sim.planning.quality.figures import Quality, measure_quality, pad_coverage, part_figures
-from polish_sim.planning.quality.located import locate
+from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
+from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
+FIRST_FORCE: Final = 0.5  #: Share of the force with which a plan goes on behind a place
 ROUNDS = 4  #: A path on which the tool is found in the part is planned so often, those places left out
 
 
@@ -62,6 +65,25 @@ class _Silent:
         """Ignore."""
 
 
+SLOWED, LEFT_OUT = "slowed", "left out"
+
+
+class Mend(NamedTuple):
+    """What was changed about a path, and why."""
+
+    what: str  #: ``SLOWED`` or ``LEFT_OUT``
+    why: str
+    share: float  #: Of the planned feed [-]; 0 where it is left out
+    length_m: float  #: Of the path
+    places: Array  #: Points of the path [m], shape (n, 3)
+
+
+def mend_of(what: str, why: str, share: float, path: ToolPath, rows: Bools) -> Mend:
+    """What is changed about some rows of a path (n,)."""
+    length = float(np.diff(path.s)[rows[1:] & rows[:-1]].sum())
+    return Mend(what, why, share, length, path.positions_work[rows])
+
+
 @dataclass(frozen=True, eq=False)
 class PlanResult:
     """A finished plan."""
@@ -73,11 +95,56 @@ class PlanResult:
     figures: dict[str, Any]  #: The keys of metrics.json of a plan folder
     plan: PlanConfig
     notes: tuple[str, ...]  #: What was assumed, and what the user should know about the pad on this part
-    access: Access | None = None  #: What the tool reaches of the region asked for; None if all of it
+    ready: PreparedRegion  #: What it was planned on and is measured with
+    area: AreaAccount  #: Where every cm^2 of the region asked for is
+    cuts: tuple[CutOut, ...] = ()  #: What was cut out of the path
     in_part: Array = field(default_factory=lambda: np.empty((0, 3)))
     """Tool points at which the tool is in the part [m], shape (k, 3)."""
     tool: Tool = field(default_factory=lambda: Tool(PadConfig(), ProcessConfig().contact_force_n))
     """What it was planned for, or measured with."""
+    mends: tuple[Mend, ...] = ()  #: What was changed after the path had been played in the cell
+    proof: Mapping[str, Any] | None = None  #: What it was proven for, as path.json has it; None if it was not
+
+    @property
+    def air(self) -> Air:
+        """What the lifted tool keeps clear of."""
+        tool, part = self.tool, self.surface
+        obstacle = joined_surfaces(part, tool.fixture)
+        return Air(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.region.up, tool, part)
+
+    def along(self, path: ToolPath, mends: Sequence[Mend]) -> PlanResult:
+        """The plan with another path on the same region; ``mends`` say where and why it is slower or shorter."""
+        cuts = (
+            *self.cuts,
+            *(CutOut(mend.why.partition(":")[0], mend.places) for mend in mends if mend.what == LEFT_OUT),
+        )
+        quality = self.ready.measure(path, cuts)
+        notes = (*(note for note in self.notes if note not in self.area.notes), *quality.area.notes)
+        return replace(
+            self, path=path, figures={**self.figures, **quality.figures}, notes=notes, area=quality.area, cuts=cuts,
+            in_part=quality.pad_in_part.positions, mends=(*self.mends, *mends),
+        )  # fmt: skip
+
+    def behind(self, s: float) -> PlanResult:
+        """The plan from an arc length ``s`` [m] of its path on: the tool lands there, and its force rises gradually.
+
+        Raises:
+            PlanError: Nothing of the path in contact is left behind it.
+        """
+        path = self.path
+        remaining = leave_out(path, path.process & (path.s < s), self.plan, self.air)
+        if remaining is None:
+            end = float(path.s[path.process][-1])
+            raise PlanError(
+                f"nothing of the path is left behind {1e3 * s:.4g} mm, it ends at {1e3 * end:.4g} mm (--from)."
+            )
+        left = remaining.path
+        force = left.force_at(left.s, self.tool.force)
+        landed = left.s[left.process][0]
+        rising = np.clip((left.s - landed) / (2.0 * self.tool.pad.radius_m), 0.0, 1.0)
+        eased = replace(left, force=force * (FIRST_FORCE + (1.0 - FIRST_FORCE) * rising))
+        done = mend_of(LEFT_OUT, "it was polished before (--from)", 0.0, path, remaining.lost)
+        return self.along(eased, [done])
 
     @property
     def standing(self) -> tuple[PartMesh, Surface]:
@@ -138,7 +205,7 @@ def plan_mesh(
         )
         planned_s = time.perf_counter() - begin
         observer.stage("measure the path")
-        quality = ready.measure(planned.path)
+        quality = ready.measure(planned.path, planned.cuts)
         if not quality.pad_in_part.max_m:
             break
         avoid = np.concatenate([avoid, quality.pad_in_part.positions])
@@ -147,8 +214,7 @@ def plan_mesh(
                         "Set a smaller --pad-diameter or another --region.")  # fmt: skip
     remarks = [*planned.notes, *start_notes(planned.path, ready.plan)]
     remarks += stepover_notes(quality.figures["stepover_mean_m"], ready.plan)
-    remarks += overlap_notes(quality.figures["coverage"], ready.plan, ready.tool.pad)
-    result = ready.result(planned.path, quality, remarks)
+    result = ready.result(planned.path, quality, remarks, planned.cuts)
     return replace(result, figures={**result.figures, **planned.figures, "plan_time_s": planned_s})
 
 
@@ -172,12 +238,13 @@ def measure_given_path(
     region = choose_region(mesh, surface, plan)
     observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
-    given = PreparedRegion(mesh, surface, region, plan, process, tool, *accessible(region, surface, plan, tool, path))
+    given = given_region(mesh, surface, region, plan, process, tool)
     quality = given.measure(path)
-    off = quality.figures["max_distance_to_surface_m"]
+    contact = path.positions_work[path.process]
+    off = float(np.linalg.norm(surface.closest(contact).positions - contact, axis=1).max())
     if off > OFF_PART_M:
         raise PlanError(
-            f"the path lies up to {1e3 * off:.2f} mm off the region of this part, more than {1e3 * OFF_PART_M:g} mm. "
+            f"the path lies up to {1e3 * off:.2f} mm off the surface of this part, more than {1e3 * OFF_PART_M:g} mm. "
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
     return given.result(with_way_down(path, plan.clearance_m), quality, wall_notes(quality))
@@ -189,12 +256,13 @@ class PreparedRegion:
 
     mesh: PartMesh
     surface: Surface
-    region: Region
+    region: Region  #: All of the region asked for
     plan: PlanConfig
     process: ProcessConfig
     tool: Tool
-    ground: Ground
-    access: Access | None
+    ground: Ground  #: What of it a path may run on
+    asked: AskedRegion
+    access: Access | None  #: What the tool reaches of it; None if all
     notes: tuple[str, ...] = ()  #: On what was chosen
 
     @property
@@ -203,29 +271,31 @@ class PreparedRegion:
         fixture = self.tool.fixture
         return (*self.mesh.notes, *(fixture.notes if fixture else ()), *self.region.notes)
 
-    def measure(self, path: ToolPath) -> Quality:
-        """Measure a path."""
+    def measure(self, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
+        """Measure a path with ``cuts`` in it."""
         spacing, pad, fixture = self.plan.stepover_m, self.tool.pad, self.tool.fixture
-        return measure_quality(self.ground, path, spacing, self.process, pad, self.surface, self.access, fixture)
+        return measure_quality(self.asked, path, spacing, self.process, pad, self.surface, fixture, cuts)
 
-    def result(self, path: ToolPath, quality: Quality, remarks: Sequence[str]) -> PlanResult:
+    def result(
+        self, path: ToolPath, quality: Quality, remarks: Sequence[str], cuts: tuple[CutOut, ...] = ()
+    ) -> PlanResult:
         """The plan, with ``remarks`` on how the path was made or given among its notes."""
-        figures = part_figures(self.mesh, self.surface, self.region) | quality.figures
+        figures = part_figures(self.mesh, self.surface) | quality.figures
         notes = (
             *self.part_notes,
             *self.notes,
-            *access_notes(self.access, self.plan, self.tool.pad),
+            *lean_notes(self.access, self.plan, self.tool.pad),
+            *quality.area.notes,
             *remarks,
-            *pad_notes(self.ground, locate(self.ground, path), self.tool.pad),
+            *hole_notes(self.ground),
         )
         within = self.access.region if self.access else self.region
         inside = quality.pad_in_part.positions
-        return PlanResult(
-            self.mesh, self.surface, within, path, figures, self.plan, notes, self.access, inside, self.tool
-        )
+        found = figures, self.plan, notes, self, quality.area, cuts, inside, self.tool
+        return PlanResult(self.mesh, self.surface, within, path, *found)
 
 
-PAD_CHOICES: Final = ("auto", "given")
+PAD_CHOICES: Final = ("auto", "stepover", "given")  #: What is chosen: pad and step-over, the pad, nothing
 PAD_SIZES_M: Final = (0.05, 0.04, 0.03, 0.025, 0.02, 0.016, 0.012, 0.01, 0.008, 0.006, 0.005, 0.004, 0.003, 0.002)
 """Diameters a pad is chosen from."""
 MOST_SUNK: Final = 0.25  #: A pad is not chosen that the force presses in by more than this share of its radius
@@ -240,7 +310,10 @@ def prepare_region(
         PlanError: None does; says why the first does not.
     """
     width, pad, refused = widest_piece(region), tool.pad, list[PlanError]()
+    hanging_over: PreparedRegion | None = None
     for taken, asked in _pads(pad, plan, width, tool.force):
+        if hanging_over is not None and 2.0 * taken.radius_m > width:
+            continue
         kept = (
             "" if asked.edge_margin_m == plan.edge_margin_m else f", {1e3 * asked.edge_margin_m:.2g} mm off the edges"
         )
@@ -250,9 +323,14 @@ def prepare_region(
         try:
             within = choose_region(mesh, surface, asked) if kept else region
             wide, fitted = check_request(within, taken, mesh), tool._replace(pad=taken)
-            ground, access = accessible(wide, surface, asked, fitted)
+            found = accessible(region, wide, surface, asked, fitted, MARGIN if kept else NARROW)
         except PlanError as error:
             refused.append(too_small(mesh, width, taken, tool.force) if kept else error)
+            continue
+        between = depth_below(found[1].ground, NARROWEST * taken.radius_m) if _is_free(taken) else None
+        if between is not None:
+            hanging_over = PreparedRegion(mesh, surface, region, asked, process, fitted, *found)
+            width = min(width, 2.0 * between)
             continue
         note = (
             f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm{kept} chosen: the "
@@ -260,8 +338,15 @@ def prepare_region(
             f"(--pad-diameter).{in_another_unit(mesh, width, pad.radius_m)}"
         )
         notes = () if taken is pad else (note,)
-        return PreparedRegion(mesh, surface, wide, asked, process, fitted, ground, access, notes)
+        return PreparedRegion(mesh, surface, region, asked, process, fitted, *found, notes)
+    if hanging_over is not None:
+        return hanging_over
     raise refused[0]
+
+
+def _is_free(pad: PadConfig) -> bool:
+    """Whether a pad is the default one, which nobody asked for."""
+    return pad.choice != "given" and pad.radius_m == PadConfig().radius_m
 
 
 def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Iterator[tuple[PadConfig, PlanConfig]]:
@@ -273,44 +358,54 @@ def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Itera
     if pad.choice not in PAD_CHOICES:
         raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
     diameter, standard = 2.0 * pad.radius_m, PlanConfig().stepover_m
-    free = pad.choice == "auto" and pad.radius_m == PadConfig().radius_m
-    smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if free else []
+    smaller = [size for size in PAD_SIZES_M if size < diameter and size <= width] if _is_free(pad) else []
     if diameter <= width or not smaller:
         yield pad, plan
     for size in smaller:
-        wanted = standard * size / diameter if plan.stepover_m == standard else plan.stepover_m
+        chosen = pad.choice == "auto" and plan.stepover_m == standard
+        wanted = standard * size / diameter if chosen else plan.stepover_m
         stepover, small = min(wanted, size), replace(pad, radius_m=0.5 * size)
         margin = edge_distance(small, force) + plan.tool_clearance_m - 0.5 * stepover
         yield small, replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin))
 
 
-def accessible(
-    region: Region,
-    part: Surface,
-    plan: PlanConfig,
-    tool: Tool,
-    path: ToolPath | None = None,
-) -> tuple[Ground, Access | None]:
-    """The ground of a region that the tool reaches, and its access, None where that is all that was asked for.
+ON_SURFACE_M: Final = 1e-6  #: Places this close to a surface are on it [m]
 
-    Where a ``path`` made before does not keep to what the tool reaches, all of the region counts.
+
+def accessible(
+    region: Region, wide: Region, part: Surface, plan: PlanConfig, tool: Tool, reason: str
+) -> tuple[Ground, AskedRegion, Access | None]:
+    """The ground that the tool reaches of what is ``wide`` enough of a region, all of it, and its access.
+
+    ``reason`` names why the rest of it is left out. The access is None where the tool reaches all.
 
     Raises:
         PlanError: The tool reaches no place, or the step-over does not fit.
     """
-    asked = prepare_ground(region, plan)
-    try:
-        access = find_access(asked, region, part, tool, plan)
-    except PlanError:
-        if path is None:
-            raise
-        return asked, None
+    whole = prepare_ground(region, plan)
+    access = find_access(whole, wide, part, tool, plan)
     if access is None:
-        return asked, None
-    ground = prepare_ground(access.region, plan)
-    if path is not None and locate(ground, path).distances.max() > OFF_PART_M:
-        return asked, None
-    return ground, access
+        asked, within = AskedRegion(whole), wide
+    else:
+        asked = AskedRegion(whole, access.reasons, access.why, access.touched, access.left_out_m2)
+        within = access.region
+    if wide is not region:
+        places = whole.mesh.vertices
+        off = np.linalg.norm(wide.surface.closest(places).positions - places, axis=1) > ON_SURFACE_M
+        asked = asked.without(off, reason)
+    return whole if within is region else prepare_ground(within, plan), asked, access
+
+
+def given_region(
+    mesh: PartMesh, surface: Surface, region: Region, plan: PlanConfig, process: ProcessConfig, tool: Tool
+) -> PreparedRegion:
+    """A region to measure a path on that was made before: the tool may reach none of it, the path says."""
+    try:
+        found = accessible(region, region, surface, plan, tool, NARROW)
+    except PlanError:
+        ground = prepare_ground(region, plan)
+        found = ground, AskedRegion(ground), None
+    return PreparedRegion(mesh, surface, region, plan, process, tool, *found)
 
 
 def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadConfig) -> float:
@@ -320,8 +415,8 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
         return float(plan.figures["coverage"])
     if np.count_nonzero(done & plan.path.process) < 2:
         return 0.0
-    ground = prepare_ground(plan.region, plan.plan)
-    return pad_coverage(ground, plan.path.rows(done), process, pad, plan.access)
+    account = account_area(plan.ready.asked, plan.path.rows(done), process, pad)
+    return account.polished_m2 / account.region_m2
 
 
 def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMesh:
@@ -417,7 +512,7 @@ def measure_path(
     """
     ground = prepare_ground(region, PlanConfig(stepover_m=stepover))
     process, pad = ProcessConfig(contact_force_n=contact_force), PadConfig(radius_m=pad_radius)
-    return measure_quality(ground, path, stepover, process, pad).figures
+    return measure_quality(AskedRegion(ground), path, stepover, process, pad).figures
 
 
 def _point(values: Point) -> tuple[float, ...]:

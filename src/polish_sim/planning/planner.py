@@ -30,14 +30,17 @@ from polish_sim.planning.moves.travel import order_blocks, travel
 from polish_sim.planning.moves.uncross import uncross
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.patterns.run import PatternRequest, SurfaceRun
+from polish_sim.planning.quality.access import too_near
+from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.leaning import Leaning
 from polish_sim.planning.quality.tool_room import APART, Tool, ground_under, pressed_places
 from polish_sim.planning.toolpath import ToolPath, arc_length, stretches
 
 CUT_APART: Final = 0.1  #: Whether the tool is in the part is looked at so many pad radii apart along a stroke
 NO_WAY: Final = "the tool cannot come there without running into the part"
-TOO_NARROW: Final = "a piece of the region too narrow for a turn half a step-over inside its border is left out"
-CUT_HERE: Final = "the path would cross itself, one of the two strands is cut and the tool lifts there"
+TOO_NARROW: Final = "too narrow for a turn half a step-over inside its border"
+CUT_HERE: Final = "cut where the path would cross itself"
+SHORTENED: Final = "no room for the lead at the end of a stroke"
 
 
 class Planned(NamedTuple):
@@ -46,6 +49,7 @@ class Planned(NamedTuple):
     path: ToolPath
     axis_deviation_max_rad: float  #: Largest angle by which smoothing turned a tool axis [rad]
     notes: tuple[str, ...]  #: What was done differently from what was asked, and where
+    cuts: tuple[CutOut, ...] = ()  #: What is not followed
 
     @property
     def figures(self) -> Mapping[str, float]:
@@ -61,6 +65,7 @@ class Placed(NamedTuple):
     stroke: Stroke
     moves: list[Move]  #: Travel if there was a stroke before, approach, lead-in, process, lead-out, retract
     remarks: tuple[Remark, ...]
+    shortened: Array  #: What was cut off its ends [m], shape (k, 3)
 
 
 def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
@@ -106,19 +111,17 @@ def plan_on(
             f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "
             "inside the border. Set a smaller step-over or a larger region."
         )
-    remarks = [
-        Remark(TOO_NARROW, piece.mesh.vertices.mean(axis=0))
-        for piece, runs in zip(ground.pieces, found, strict=True)
-        if not runs
+    cuts = [
+        CutOut(TOO_NARROW, piece.mesh.vertices) for piece, runs in zip(ground.pieces, found, strict=True) if not runs
     ]
     done = uncross([run for runs in found for run in runs], plan.stepover_m)
-    remarks += [Remark(CUT_HERE, place) for place in done.cuts]
+    cuts.append(CutOut(CUT_HERE, done.cuts))
     runs = _in_order(done.runs, PATTERNS[plan.pattern].one_way, plan.start)
     alone = ground.region.surface if part is None else part
     obstacle = joined_surfaces(alone, tool.fixture if tool else None)
     radius = 0.0 if tool is None else tool.pad.radius_m
     air = Air(obstacle, radius, plan.clearance_m, ground.region.up, tool, alone)
-    return assemble(runs, plan, air, remarks, np.empty((0, 3)) if avoid is None else avoid, leaning)
+    return assemble(runs, plan, air, cuts, np.empty((0, 3)) if avoid is None else avoid, leaning)
 
 
 def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[SurfaceRun]]:
@@ -152,7 +155,7 @@ def assemble(
     runs: Sequence[SurfaceRun],
     plan: PlanConfig,
     air: Air,
-    remarks: Sequence[Remark],
+    cuts: Sequence[CutOut],
     avoid: Array,
     leaning: Leaning | None,
 ) -> Planned:
@@ -163,36 +166,41 @@ def assemble(
     """
     moves: list[Move] = []
     curvature: list[Array] = []
-    all_remarks, lost = list(remarks), []
+    remarks: list[Remark] = []
+    all_cuts = list(cuts)
     passes, deviation = 0, 0.0
     for run in runs:
-        for whole in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, avoid, all_remarks):
+        for whole in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, avoid, all_cuts):
             placed = _place(whole, moves[-1] if moves else None, plan, air)
             if placed is None:
-                lost.append(whole.process.positions)
+                all_cuts.append(CutOut(NO_WAY, whole.process.positions))
                 continue
             stroke = placed.stroke
+            all_cuts.append(CutOut(SHORTENED, placed.shortened))
             passes = int(stroke.process.pass_index.max()) + 1
             deviation = max(deviation, stroke.axis_deviation_rad)
-            all_remarks += placed.remarks
+            remarks += placed.remarks
             before = sum(len(move.positions) for move in placed.moves[:-3])
             after = sum(len(move.positions) for move in placed.moves[-2:])
             curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
             moves += placed.moves
     if not moves:
-        lost = lost or [run.positions for run in runs]
-    all_remarks += _out_of_reach(lost, plan.stepover_m, nothing_left=not moves)
+        raise PlanError(
+            f"the tool can reach no stroke of the path without running into the part, the first is at "
+            f"{place_in_mm(runs[0].positions[0])}. Choose a region that is open to the outside (--region), or a lower "
+            "approach (--set plan.clearance_m=...)."
+        )
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
     # The tool may come down again where it went up.
     path = path.rows(np.diff(path.s, prepend=-1.0) > 0.0)
-    return Planned(path, deviation, notes_of(all_remarks))
+    return Planned(path, deviation, notes_of(remarks), tuple(all_cuts))
 
 
 def _clear_of_part(
-    run: SurfaceRun, whole: Stroke, plan: PlanConfig, air: Air, avoid: Array, remarks: list[Remark]
+    run: SurfaceRun, whole: Stroke, plan: PlanConfig, air: Air, avoid: Array, cuts: list[CutOut]
 ) -> Sequence[Stroke]:
-    """The stretches of a stroke on which no body of the tool is in the part; appends remarks on the others."""
+    """The stretches of a stroke on which no body of the tool is in the part; appends the others to ``cuts``."""
     if air.tool is None:
         return [whole]
     move, points = whole.process, run.points
@@ -204,10 +212,8 @@ def _clear_of_part(
     hit = np.flatnonzero(np.any([found.depths > 0.0, *near], axis=0))
     if not len(hit):
         return [whole]
-    worst = hit[int(found.depths[hit].argmax())]
-    body, beside = air.tool.pairs[int(found.bodies[worst])]
-    what = f"stretches of the path on which the {body} would run into the {beside} are left out"
-    remarks.append(Remark(what, places.middles[worst]))
+    for number in np.unique(found.bodies[hit]):
+        cuts.append(CutOut(too_near(*air.tool.pairs[number]), places.middles[hit[found.bodies[hit] == number]]))
     clear = np.ones(len(move.positions), dtype=bool)
     for first, last in zip(rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True):
         clear[first : last + 1] = False
@@ -221,26 +227,12 @@ def _place(whole: Stroke, previous: Move | None, plan: PlanConfig, air: Air) -> 
     if chosen is None:
         return None
     start, end = chosen
-    stroke = whole.rows(start.row, end.row)
+    stroke, line = whole.rows(start.row, end.row), whole.process.positions
     parts = with_leads(stroke.process, start.shape, start.clearance, end.shape, end.clearance)
     if previous is not None:
         between, clear = travel(previous, parts[0], air)
         if not clear:
             return None
         parts = [between, *parts]
-    return Placed(stroke, parts, chosen.remarks)
-
-
-def _out_of_reach(lost: Sequence[Array], stepover: float, nothing_left: bool) -> list[Remark]:
-    """Remarks on strokes (n, 3) that were left out."""
-    if not lost:
-        return []
-    area = sum(float(arc_length(positions)[-1]) for positions in lost) * stepover
-    if nothing_left:
-        raise PlanError(
-            f"the tool can reach no stroke of the path without running into the part, the first is at "
-            f"{place_in_mm(lost[0][0])}. Choose a region that is open to the outside (--region), or a lower "
-            "approach (--set plan.clearance_m=...)."
-        )
-    what = f"{len(lost)} strokes, about {area * 1e6:.3g} mm^2, are left out: {NO_WAY}"
-    return [Remark(what, lost[0][0])]
+    shortened = np.concatenate([line[: start.row], line[end.row + 1 :]])
+    return Placed(stroke, parts, chosen.remarks, shortened)

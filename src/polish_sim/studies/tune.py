@@ -305,8 +305,10 @@ class Verdict(NamedTuple):
 
     @property
     def better(self) -> bool:
-        """Whether the tuned values are better in the goal and break no more conditions."""
-        return self.tuned_broken <= self.shipped_broken and self.tuned < self.shipped
+        """Whether the tuned values break fewer conditions, or no more and are better in the goal."""
+        if self.tuned_broken != self.shipped_broken:
+            return self.tuned_broken < self.shipped_broken
+        return self.tuned < self.shipped
 
 
 def judge_tuned(search: Search, best: Mapping[str, float], seeds: int, scorer: Scorer) -> list[Verdict]:

@@ -39,7 +39,6 @@ class AdaptiveGains(Record):
     delay_share: float  #: Crossover times command delay, at most [-]
     speed: float  #: Highest speed of the force loop [m/s]
     acceleration: float  #: The robot's [m/s^2]
-    force_rate: float  #: Fastest rise of the force [N/s]
     stiff_first: float  #: Stiffness assumed at first touch, as a multiple of ``stiffness`` [-]
     touch_down: bool  #: Whether the law is on
     estimates: bool  #: Whether the law ``stiffness`` is on
@@ -56,7 +55,7 @@ def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
         sensor_latency=config.sensor_latency_s, sensor_hz=config.sensor_bandwidth_hz, noise=config.usual_noise_n,
         command_delay=config.command_delay_s, crossover=config.crossover_rad_s, observer=config.observer_rad_s,
         delay_share=config.delay_share, speed=config.top_speed_m_s, acceleration=config.acceleration_m_s2,
-        force_rate=config.force_rate_n_s, stiff_first=config.stiff_first, touch_down="touch-down" in on,
+        stiff_first=config.stiff_first, touch_down="touch-down" in on,
         estimates="stiffness" in on, inertia="inertia" in on, arm_mode=2.0 * math.pi * config.arm_mode_hz,
     )  # fmt: skip
 

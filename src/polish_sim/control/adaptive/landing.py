@@ -6,8 +6,16 @@ there once the reading, at one of two low-passes (30 Hz for fast approaches, 5 H
 five standard deviations. Where it falls back it was noise, and the tool goes on as before.
 
 The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without overshoot:
-v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach, grows with the
-evidence of contact, and is bounded by the force's rate of rise. Nothing is integrated until the force has landed.
+v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach and grows with the
+evidence of contact. Nothing is integrated until the force has landed.
+
+Whatever stiffness is believed, the tool cannot strike. Let F be the last reading, u the travel into the part that it
+does not show yet (done since, and commanded but not done), k_max = 4 k the stiffest springs that are allowed for and
+a the robot's acceleration. Stopped as quickly as it can, the tool presses with at most
+
+    F + k_max (u + v^2 / 2 a) <= 1.25 F_set,    so    v <= sqrt(2 a ((1.25 F_set - F) / k_max - u)).
+
+Nothing in it is estimated: F is measured, u is known from encoders and commands.
 """
 
 from __future__ import annotations
@@ -30,6 +38,8 @@ _LARGEST_OFFSET = 1.5  # of the reading in the air [N]
 _SURE = 1.5  # further rise at which contact is beyond doubt [N]
 _SEEK_SLOWEST, _SEEK_FASTEST = 0.005, 0.02  # towards a part that should be there [m/s]
 _FOUND = 0.2  # contact that lasted this long was the part [s]
+MOST_SHARE = 1.25  # of the set force, which is not exceeded
+STIFFEST = 4.0  # times the drawn stiffness that the springs may have
 _BRAKING = 0.8  # share of the robot's acceleration that is planned with
 _LANDED = 0.01  # speed below which the landing ends [m/s]
 _LANDING_ENDS = 0.15  # time in which the observer's rate is faded in [s]
@@ -100,14 +110,23 @@ def seek_speed(memory: PressMemory) -> float:
 
 
 @kernel
-def speed_limit(g: AdaptiveGains, memory: PressMemory, stiffness: float) -> float:
-    """Highest speed along tool z for the evidence of contact there is and a ``stiffness`` [N/m]; result [m/s]."""
+def speed_limit(g: AdaptiveGains, memory: PressMemory) -> float:
+    """Highest speed along tool z for the evidence of contact there is [m/s]."""
     if not g.touch_down:
         return g.speed
     rise = memory.air.fast - memory.air.mean - fast_rise(memory)
     evidence = min(max(rise / _SURE, 0.0), 1.0)
-    believed = min(seek_speed(memory) + evidence * g.speed, g.speed)
-    return min(believed, max(g.force_rate / stiffness, _SEEK_SLOWEST))
+    return min(seek_speed(memory) + evidence * g.speed, g.speed)
+
+
+@kernel
+def strike_limit(g: AdaptiveGains, wanted: float, reading: float, unseen: float) -> float:
+    """Speed into the part [m/s] above which the stiffest springs allowed for could be pressed with too much.
+
+    ``wanted`` is the set force and ``reading`` the last one [N], ``unseen`` the travel it does not show yet [m].
+    """
+    room = (MOST_SHARE * wanted - reading) / (STIFFEST * g.stiffness) - max(unseen, 0.0)
+    return math.sqrt(2.0 * _BRAKING * g.acceleration * max(room, 0.0))
 
 
 @kernel

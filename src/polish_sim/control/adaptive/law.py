@@ -167,8 +167,10 @@ def press(
     force = state.stiffness * state.travel + force_loop.correction(g, memory, pace.crossover, state.landed, dt)
     # What the path will have asked for until then is no travel into the part.
     asked = 0.5 * (expected + expected_then) * memory.delay.delay
-    travel = (t.force[0] - force) / state.stiffness - (force_loop.under_way(memory, dt) - asked)
-    wanted = landing.quickest_stop(g, travel, pace.crossover, landing.speed_limit(g, memory, state.stiffness))
+    coming = force_loop.under_way(memory, dt) - asked
+    travel = (t.force[0] - force) / state.stiffness - coming
+    wanted = landing.quickest_stop(g, travel, pace.crossover, landing.speed_limit(g, memory))
+    wanted = min(wanted, landing.strike_limit(g, t.force[0], reading, state.travel - seen.path + coming))
     landing.note_landing(g, memory, wanted, dt)
     wanted += expected_then
     step = g.acceleration * dt

@@ -199,9 +199,9 @@ def _choose(process: Move, at_start: bool, name: str, air: Air, ball: Ball, step
         (air, [(LEADS[name], air.clearance)], [last], ""),
         (air, straight[:1], [last], f"the {name} {word} would run into the part, it goes straight along the tool axis"),
         (air, straight[1:], [last], f"there is no room for a {word} of the clearance asked for, it is lower"),
-        (air, straight, rows[:NEAR], f"a stroke is shortened to where its {word} is clear of the part"),
+        (air, straight, rows[:NEAR], ""),
         (point_only, straight, [last], f"even straight along the tool axis the pad runs into the part on the {word}"),
-        (point_only, straight, rows, f"a stroke is shortened to where its {word} is clear of the part"),
+        (point_only, straight, rows, ""),
     ]
     for around, shapes, where, remark in tries:
         for row in where:

@@ -226,7 +226,7 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     lines: list[Run] = []
     if len(waiting) > 1 and len(border_curves(mesh)) > 1 and plan.direction != "climb":
         doubled = [finish_run(request.region.surface, line, stepover) for line in double_spirals(request, roots)]
-        if not _crossings(doubled):  # on narrow or folded ground strands may be moved past each other
+        if doubled and not _crossings(doubled):  # on narrow or folded ground strands may be moved past each other
             return _in_order(doubled, outward)
     while waiting:
         chain = waiting.pop(0)
@@ -278,7 +278,7 @@ def _shortened(line: Run, begun: int, stepover: float) -> Iterator[Run]:
     ahead = arc_length(line.positions[begun:])
     for skipped in range(4):
         rows = begun + np.flatnonzero(ahead >= skipped * stepover)
-        if ahead[-1] > (skipped + 1) * stepover:
+        if len(rows) > 1 and ahead[-1] > (skipped + 1) * stepover:
             yield Run(line.positions[rows], line.pass_index[rows])
 
 

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools
-from polish_sim.config import PadConfig, PlanConfig
+from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.regions.region import cut_region
@@ -18,7 +18,6 @@ from polish_sim.planning.ground.points import thin
 from polish_sim.planning.quality.leaning import Leaning, find_leaning, pressed_from
 from polish_sim.planning.quality.tool_room import (
     FIXTURE,
-    PART,
     Places,
     Tool,
     UnderPad,
@@ -33,61 +32,22 @@ LITTLE: Final = 0.4  #: Little room, in pad radii
 TURN_INSIDE: Final = 0.45
 """The outermost turn keeps at least so many step-overs from the region's border: the border may be that much nearer to
 a wall than the pad."""
-HOLLOW: Final = "hollow"
+HOLLOW: Final = "too hollow for the pad"
 TRIM, TILT = "trim", "tilt"
 AVOID: Final = (TRIM, TILT)
 
 
-class LeftOut(NamedTuple):
-    """Ground out of the tool's reach for one reason."""
-
-    reason: str  #: The body of the tool that has no room, or that the ground is hollow
-    beside: str  #: What is in its way, the part or the fixture
-    area_m2: float
-    place: Array  #: A place of it [m], shape (3,)
-
-
 @dataclass(frozen=True, eq=False)
 class Access:
-    """The part of a region that the tool reaches; the region asked for is all of it."""
+    """The part of a region that the tool reaches."""
 
-    asked: Ground
     region: Region  #: Where the path may run
     touched: Array  #: Share of each vertex's area on the ground asked for that the pad can touch, shape (v,)
-    left_out: tuple[LeftOut, ...]  #: What it cannot, the largest first
+    reasons: tuple[str, ...]
+    why: Indices  #: Number of the reason why it cannot touch a vertex, -1 where it can, shape (v,)
+    left_out_m2: float  #: Area of what it cannot touch [m^2]
     leaning: Leaning | None = None  #: How the tool leans away from what stands beside it; None: not at all
     gained_m2: float = 0.0  #: How much more it touches for that [m^2]
-
-    @property
-    def left_out_m2(self) -> float:
-        """Area of what it cannot touch [m^2]."""
-        return float(sum(part.area_m2 for part in self.left_out))
-
-    @property
-    def triangles(self) -> Array:
-        """What it cannot touch, as triangles [m], shape (t, 3, 3)."""
-        mesh = self.asked.mesh
-        out = self.touched[mesh.triangles].mean(axis=1) < 0.5
-        return np.asarray(mesh.vertices[mesh.triangles[out & (mesh.owners < self.asked.part_facets)]])
-
-    def notes(self, pad: PadConfig, clearance: float) -> list[str]:
-        """What is left out and why, for the user."""
-        notes = []
-        if self.leaning is not None:
-            notes.append(f"{1e4 * self.gained_m2:.3g} cm^2 more are reached because the tool leans {self.leaning.note}")
-        for part in self.left_out:
-            if part.reason == HOLLOW:
-                why = f"hollow of less than {1e3 * hollow_radius(pad):.3g} mm radius, which the pad does not follow"
-            else:
-                why = (
-                    f"the {part.reason} would come closer than {1e3 * clearance:.3g} mm to the {part.beside} beside it"
-                )
-            todo = "; a smaller --pad-diameter gets further" if part.reason in (HOLLOW, "pad") else ""
-            notes.append(
-                f"left out {1e4 * part.area_m2:.3g} cm^2 of the region, at {place_in_mm(part.place)} and about (pad "
-                f"{2e3 * pad.radius_m:.3g} mm): {why}{todo}"
-            )
-        return notes
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +110,16 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     wanted = replace(room, surface=region.surface, shift=radius + relaxed, leaning=leaning)
     cut = cut_region(region, wanted, radius)
     gained = reach.area(ground) - upright.area(ground)
-    return Access(ground, cut or region, reach.touched, _left_out(ground, reach, tool), leaning, gained)
+    reasons = (*(too_near(*pair) for pair in tool.pairs), HOLLOW)
+    why = np.where(reach.hollow, len(tool.pairs), reach.rooms.argmin(axis=1))
+    why[reach.touched >= 0.5] = -1
+    missed = float(ground.mesh.part_areas(ground.part_facets).sum()) - reach.area(ground)
+    return Access(cut or region, reach.touched, reasons, why, missed, leaning, gained)
+
+
+def too_near(body: str, beside: str) -> str:
+    """The reason of what a body of the tool has no room for."""
+    return f"{body} too near the {beside}"
 
 
 class _Reach(NamedTuple):
@@ -234,18 +203,3 @@ def _touched(ground: Ground, least: Array, radius: float) -> Array:
     # A vertex stands for what is half the way to the next ones.
     wide = np.sqrt(np.maximum(ground.mesh.vertex_areas, 1e-300))
     return np.asarray(np.clip(0.5 + (radius - away) / wide, 0.0, 1.0))
-
-
-def _left_out(ground: Ground, reach: _Reach, tool: Tool) -> tuple[LeftOut, ...]:
-    """What is not touched, by what is in the way there."""
-    rooms, hollow, touched = reach.rooms, reach.hollow, reach.touched
-    areas = ground.mesh.part_areas(ground.part_facets) * (1.0 - touched)
-    names = (*tool.pairs, (HOLLOW, PART))
-    why = np.where(hollow, len(names) - 1, rooms.argmin(axis=1))
-    found = []
-    for number, (name, beside) in enumerate(names):
-        rows = np.flatnonzero((touched < 1.0) & (why == number))
-        if len(rows) and areas[rows].sum() > 0.0:
-            worst = rows[int(rooms[rows].min(axis=1).argmin())]
-            found.append(LeftOut(name, beside, float(areas[rows].sum()), ground.mesh.vertices[worst]))
-    return tuple(sorted(found, key=lambda part: -part.area_m2))

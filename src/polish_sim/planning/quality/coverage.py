@@ -257,7 +257,6 @@ class ExposureMap(NamedTuple):
     """Time under the pad, and its distribution over the region's area without holes."""
 
     times: Array  #: At every vertex of the region [s], shape (v,)
-    coverage: float  #: Share of the area with any
     mean_s: float
     median_s: float  #: Of what is under the pad at all
     variation: float  #: Standard deviation over mean
@@ -283,7 +282,6 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | N
     median = _median(times[under], areas[under])
     return ExposureMap(
         times=times[some.stands_for],
-        coverage=float(areas[under].sum()) / total,
         mean_s=mean,
         median_s=median,
         variation=spread / mean if mean > 0.0 else float("nan"),

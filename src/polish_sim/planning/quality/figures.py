@@ -10,12 +10,11 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, ProcessConfig
-from polish_sim.geometry import PartMesh, Region, Surface
+from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.fixture import Fixture
 from polish_sim.geometry.topology import label_within
 from polish_sim.planning.curves.curve import Curve
-from polish_sim.planning.ground.ground import Ground
-from polish_sim.planning.quality.access import Access
+from polish_sim.planning.quality.areas import AreaAccount, AskedRegion, CutOut, account_for
 from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.quality.located import PathOnSurface, locate
@@ -145,6 +144,7 @@ class Quality:
     """Everything measured of a path on a region."""
 
     figures: dict[str, Any]  #: The keys of metrics.json
+    area: AreaAccount  #: Where every cm^2 of the region is
     exposure: ExposureMap  #: Time under the pad
     reach: PadReach  #: Where the pad cannot touch
     pad_in_part: PadInPart  #: Where the pad runs into the part
@@ -155,27 +155,30 @@ class Quality:
 
 
 def measure_quality(
-    ground: Ground,
+    asked: AskedRegion,
     path: ToolPath,
     stepover: float,
     process: ProcessConfig,
     pad: PadConfig,
     part: Surface | None = None,
-    access: Access | None = None,
     fixture: Fixture | None = None,
+    cuts: Sequence[CutOut] = (),
 ) -> Quality:
     """Measure a path on a region: figures by their names in the contract, SI, and maps.
 
     path_length_m is the length in contact. The step-over [m] is planned or expected; ``process`` counts where the
     path has no force or feed of its own; the tool may run into the whole ``part``, or the region if not given, and
-    into its ``fixture``. With ``access``, what of the region the tool reaches, coverage is of what the pad can touch.
+    into its ``fixture``. ``cuts`` are what was cut out of the path: reasons in the account of the region's area.
     """
+    ground = asked.ground
     on = locate(ground, path, process)
-    asked, touched = (ground, None) if access is None else (access.asked, access.touched)
+    exposure = expose(ground, on, pad, asked.touched)
+    area = account_for(asked, exposure.times > 0.0, pad, cuts)
     quality = Quality(
         figures={},
-        exposure=expose(asked, on, pad, touched),
-        reach=measure_pad_reach(asked.region.surface, asked.part_facets, pad.radius_m),
+        area=area,
+        exposure=exposure,
+        reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
         pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad, fixture),
         spacing=measure_stepover(on.runs, stepover),
         axis_rate=_measure_axis_rate(on),
@@ -191,10 +194,10 @@ def measure_quality(
         | _sharpness_figures(on, quality)
         | {
             "length_ratio": sum(run.length for run in on.runs) * stepover / ground.region.area_m2,
-            "area_m2": ground.region.area_m2,
             "bridged_holes": ground.holes,
         }
-        | ({} if access is None else {"unreachable_area_m2": access.left_out_m2})
+        | ({} if asked.unreachable_m2 is None else {"unreachable_area_m2": asked.unreachable_m2})
+        | area.figures
     )
     return quality
 
@@ -237,7 +240,6 @@ def _spacing_figures(spacing: Stepover, pad: PadConfig) -> dict[str, Any]:
 def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
     exposure = quality.exposure
     return {
-        "coverage": exposure.coverage,
         "coverage_stepover": strict,
         "exposure_mean_s": exposure.mean_s,
         "exposure_median_s": exposure.median_s,
@@ -264,18 +266,17 @@ def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
     }
 
 
-def pad_coverage(
-    ground: Ground, path: ToolPath, process: ProcessConfig, pad: PadConfig, access: Access | None = None
-) -> float:
-    """Share of the area the pad can touch that it presses on somewhere along a path."""
-    asked, touched = (ground, None) if access is None else (access.asked, access.touched)
-    return expose(asked, locate(ground, path, process), pad, touched).coverage
+def account_area(
+    asked: AskedRegion, path: ToolPath, process: ProcessConfig, pad: PadConfig, cuts: Sequence[CutOut] = ()
+) -> AreaAccount:
+    """Where every cm^2 of a region is after a path with ``cuts`` in it: what the pad presses on, and the rest."""
+    return account_for(asked, expose(asked.ground, locate(asked.ground, path, process), pad).times > 0.0, pad, cuts)
 
 
-def part_figures(mesh: PartMesh, surface: Surface, region: Region) -> dict[str, Any]:
-    """Facets of the part, how far its smooth surface stands off the middles of them, rms [m], and areas [m^2]."""
-    areas = {"region_area_m2": region.area_m2, "part_area_m2": float(surface.facet_areas.sum())}
-    return {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface), **areas}
+def part_figures(mesh: PartMesh, surface: Surface) -> dict[str, Any]:
+    """Facets of the part, how far its smooth surface stands off the middles of them, rms [m], and its area [m^2]."""
+    area = float(surface.facet_areas.sum())
+    return {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface), "part_area_m2": area}
 
 
 def fit_rms(mesh: PartMesh, surface: Surface) -> float:

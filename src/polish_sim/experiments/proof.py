@@ -1,0 +1,481 @@
+"""Prove a plan: play it in the cell on the part as drawn, mend what fails where it fails, and play it again.
+
+The guards get limits tighter by a margin, so that a part that is displaced and bent as the scenario draws it runs too.
+Where a guard trips or the exact force leaves its band, the tool is slowed over that stretch; where slowing does not
+help, or the pad has lost the part, the stretch is left out and the tool lifts over it. Each mended path goes on from a
+state saved shortly before the place. A path that was mended is at last played whole: only that is the proof.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.analysis.metrics import FORCE_BANDS_N
+from polish_sim.cell import Cell, Observer, Silent
+from polish_sim.cell import guards as guard
+from polish_sim.cell.cell import CellSnapshot
+from polish_sim.cell.guards import NO_STOP, guard_shares
+from polish_sim.cell.stroke import PROCESS, cycle_time
+from polish_sim.config import FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
+from polish_sim.errors import InputError, PlanError, count_text, place_in_mm
+from polish_sim.experiments.assembly import (
+    PLACES,
+    Same,
+    build_part,
+    cell_for,
+    config_hash,
+    course_for,
+    place_key,
+    strokes_for,
+)
+from polish_sim.experiments.part_setup import largest_force
+from polish_sim.experiments.surface import SurfaceTask, prepare_surface
+from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning.moves.leave_out import leave_out
+from polish_sim.planning.part_plan import LEFT_OUT, PAD_SIZES_M, SLOWED, Mend, mend_of
+from polish_sim.planning.toolpath import ToolPath, stretches
+from polish_sim.spatial import to_pose
+
+MARGIN: Final = 0.2
+"""Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
+DRAWN_MARGIN: Final = 0.1  #: The same on a part that is displaced and bent
+SLOWER: Final = 0.5  #: A stretch that fails is slowed to this share of its feed
+SLOWEST: Final = 0.2  #: Share of the planned feed below which slowing is given up
+PLAYED: Final = "when it was played, "
+MUCH: Final = 0.05  #: Share of the region from which a smaller pad is tried for what fails when it is played
+MUCH_SMALLER, MOST_PADS = 0.7, 2  #: Share of the pad's size from which on others are tried, and how many
+LEAST_POLISHED: Final = 0.1  #: Share of the region below which a plan is refused
+WORTH_A_PAD: Final = 1.02  #: Times as much it has to polish
+PROOFS: Final = ("none", "nominal")
+MOST_SEEDS: Final = 1000
+CHUNK_S: Final = 0.25  #: Simulated time between looks [s]
+SETTLED_S: Final = 0.1  #: After the feed begins the force may settle for this long [s]
+SLOWING_S: Final = 0.5  #: Of the feed before a place that is mended may have changed too [s]
+LEAST_OFFSET: Final = 0.4  #: Share of the limit of the surface's place that is kept, however the part is drawn
+FED: Final = 2  #: Phase of the log in which the force is to be held
+BAND: Final = "force error"
+AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
+AROUND_M: Final = 0.004  #: And for at least this far [m]
+SAVE_EVERY_S: Final = 2.0  #: Simulated time between saved states [s]
+SAVED: Final = 12  #: States kept; with the beginnings of strokes
+MOST_SLOWED: Final = 20  #: Places after which the rest of the path is slowed
+MOST_MENDS: Final = 60  #: Places left out, after which whole strokes that fail are
+MOST_ROUNDS: Final = 4  #: A mended path is played whole at most so often
+DYNAMIC: Final = (guard.JUMP, guard.FORCE, guard.TORQUE, guard.OVERLOAD, guard.SPINDLE)
+"""Guards that a slower feed keeps quiet."""
+OFFSETS: Final = (guard.HIGH, guard.LOW, guard.RISEN, guard.FALLEN)  #: Guards of the surface's place
+HOPELESS: Final = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
+"""What no other path mends."""
+
+
+class Failure(NamedTuple):
+    """Where a plan fails."""
+
+    why: str
+    s: float  #: Arc length of the plan [m]
+    code: int  #: Of the guard; `NO_STOP` where the force left its band
+    landing: bool  #: Before the feed of a stroke began
+
+
+class Proven(NamedTuple):
+    """A plan as it was played to its end, and the scenario it runs in."""
+
+    plan: PlanResult  #: Its path slowed and cut, its ``proof`` says what was played
+    scenario: Scenario  #: Its part stands where it was played
+
+
+def settings_key(scenario: Scenario) -> str:
+    """What a proof depends on besides the path: arm, tool, sensor, controller, force, feed and limits."""
+    process = replace(scenario.process, changes="")
+    bare = replace(
+        scenario, experiment="surface", seed=0, part=PartConfig(), plan=PlanConfig(), process=process,
+        faults=FaultsConfig(), pad=replace(scenario.pad, choice="given"), safety=replace(scenario.safety, proof=""),
+        simulation=replace(scenario.simulation, log_rate_hz=0.0),
+    )  # fmt: skip
+    return config_hash(bare, {})
+
+
+def proof_seeds(scenario: Scenario) -> int:
+    """How many drawn parts a plan is proven on besides the part as drawn.
+
+    Raises:
+        InputError: ``safety.proof`` is neither none, nominal nor a count.
+    """
+    word = scenario.safety.proof
+    if word in PROOFS:
+        return 0
+    if not word.isdecimal() or not 1 <= int(word) <= MOST_SEEDS:
+        raise InputError(
+            f"--proof '{word}' is not known: give none, nominal, or the number of drawn parts, 1 to {MOST_SEEDS}."
+        )
+    return int(word)
+
+
+def prove(scenario: Scenario, plan: PlanResult, observer: Observer | None = None) -> Proven:
+    """Play a plan on the part as drawn, and on as many drawn parts as ``safety.proof`` says; mend what fails.
+
+    Raises:
+        PlanError: Nothing of the path can be polished, or no mend helps; says why and where.
+        PolishSimError: As of `prepare_surface`.
+    """
+    prover = _Prover(scenario, plan, observer or Silent())
+    seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario))
+    if seeds:
+        # The whole path is played at the end on a drawn part, which asks for more.
+        prover.pass_through(None)
+    else:
+        prover.settle(None)
+    before = len(prover.mends)
+    for seed in seeds:
+        prover.settle(seed)
+    if len(prover.mends) > before:
+        for seed in seeds[:-1]:
+            prover.settle(seed)
+    return prover.result()
+
+
+def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: Observer | None = None) -> Proven:
+    """As `prove`; where playing it leaves out much, smaller pads are tried, unless the user asked for this one.
+
+    Raises:
+        PolishSimError: As of `prove`, of the first pad.
+    """
+    best: Proven | None = None
+    failed: PlanError | None = None
+    for pad, planned in _pads_from(scenario, plan.tool.pad):
+        try:
+            part = (scenario.part, planned, scenario.process, pad, observer)
+            found = prove(replace(scenario, pad=pad), plan if pad is scenario.pad else plan_part(*part), observer)
+            refuse_almost_nothing(found.plan)
+        except PlanError as error:
+            failed = failed or error
+            continue
+        if best is None or found.plan.area.polished_m2 > WORTH_A_PAD * best.plan.area.polished_m2:
+            best = found
+        if _lost(found.plan) < MUCH * found.plan.area.region_m2:
+            break
+    if best is None:
+        assert failed is not None
+        raise failed
+    return best
+
+
+def refuse_almost_nothing(plan: PlanResult) -> None:
+    """Refuse a plan that polishes next to nothing of the region asked for.
+
+    Raises:
+        PlanError: Saying how much, and why the most of the rest is left out.
+    """
+    area = plan.area
+    if area.polished_m2 >= LEAST_POLISHED * area.region_m2:
+        return
+    reason, row = next(iter(area.left_out.items()))
+    raise PlanError(
+        f"only {1e4 * area.polished_m2:.3g} of the region's {1e4 * area.region_m2:.3g} cm^2 would be polished; "
+        f"{1e4 * row.area_m2:.3g} cm^2 are left out: {reason}. Set another --pad-diameter, another --region or --up."
+    )
+
+
+def _pads_from(scenario: Scenario, pad: PadConfig) -> Iterator[tuple[PadConfig, PlanConfig]]:
+    """The pad a plan has, then smaller ones with the step-over in proportion, each with what is to be planned."""
+    yield scenario.pad, scenario.plan
+    usual, asked = PadConfig(), scenario.plan
+    if scenario.pad.choice != "auto" or scenario.pad.radius_m != usual.radius_m or asked.file:
+        return
+    smaller = [size for size in PAD_SIZES_M if size < MUCH_SMALLER * 2.0 * pad.radius_m]
+    for size in smaller[:MOST_PADS]:
+        stepover = min(asked.stepover_m, size)
+        if asked.stepover_m == PlanConfig().stepover_m:
+            stepover *= 0.5 * size / usual.radius_m
+        yield replace(scenario.pad, radius_m=0.5 * size), replace(asked, stepover_m=stepover)
+
+
+def _lost(plan: PlanResult) -> float:
+    """What of the region was left out because it failed when it was played [m^2]."""
+    return sum(row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith(PLAYED))
+
+
+class _Saved(NamedTuple):
+    """A state to go on from."""
+
+    s: float  #: Everything of the path up to here has been played [m]
+    state: CellSnapshot
+
+
+class _Prover:
+    """A plan on its way to its proof."""
+
+    def __init__(self, scenario: Scenario, plan: PlanResult, observer: Observer) -> None:
+        self.task = prepare_surface(scenario, plan, observer)
+        self.plan, self.path, self.observer = plan, plan.path, observer
+        planned = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
+        self.scenario = replace(scenario, pad=plan.tool.pad, plan=planned)
+        self.share = np.ones(len(plan.path.s))  #: Of the planned feed, by rows of the path
+        self.mends: list[Mend] = []
+        self.shares: dict[str, tuple[float, float]] = {}
+        self.played_s, self.kept_until, self._unsettled_until = 0.0, 0.0, 0.0
+        self._passing: dict[str, tuple[float, float]] = {}
+
+    def settle(self, seed: int | None) -> None:
+        """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
+        for _ in range(MOST_ROUNDS):
+            mended = len(self.mends)
+            self.pass_through(seed)
+            if len(self.mends) == mended:
+                return
+            self.shares.clear()
+        raise PlanError(
+            f"the plan could not be proven: played in the cell it fails after {MOST_ROUNDS} rounds of mending, the "
+            f"last time because {self.mends[-1].why}. Set a lower --feed or --contact-force, a smaller --pad-diameter "
+            "or another --region; --proof none runs it all the same."
+        )
+
+    def pass_through(self, seed: int | None) -> None:
+        """Play the path once from its start to its end, going back a little for every mend."""
+        nominal, usual = seed is None, self.scenario
+        self.observer.stage(f"prove in the cell{'' if nominal else f', part of seed {seed}'}")
+        part = usual.part
+        if nominal:
+            part = replace(part, real_file="", displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0)
+        process = replace(usual.process, changes="")
+        scenario = replace(
+            usual, part=part, process=process, faults=FaultsConfig(), seed=usual.seed if seed is None else seed
+        )
+        task, self._passing = self.task, {}
+        place = self.task_now().place
+        cell = cell_for(scenario, place, build_part(scenario, task.place), strokes_for(scenario, place))
+        margin = MARGIN if nominal else DRAWN_MARGIN
+        self._tighten(cell, margin, nominal)
+        saved = [_Saved(-math.inf, cell.save())]
+        while (failure := self._play(cell, saved, margin)) is not None:
+            self._mend(failure)
+            saved[1:] = [state for state in saved[1:] if state.s <= self.kept_until]
+            self._go_back(cell, scenario, saved[-1].state)
+        self._keep_shares(cell, margin)
+
+    def task_now(self) -> SurfaceTask:
+        """The task with the path as it is mended so far, on the same part and in the same place."""
+        base = self.path.feed
+        usual = np.full(len(self.share), self.scenario.process.feed_m_s) if base is None else base
+        feed = base if (self.share == 1.0).all() else usual * self.share
+        task = SurfaceTask(replace(self.plan, path=replace(self.path, feed=feed)), self.task.reach, self.task.shape)
+        task.place.keep_fields_of(self.task.place)
+        return task
+
+    def _tighten(self, cell: Cell, margin: float, nominal: bool) -> None:
+        """Leave a ``margin`` to every limit; to that of the surface's place, on the drawing, what the part may be off."""
+        guards, part = cell.state.guards, self.scenario.part
+        kept = 1.0 - margin
+        asked = largest_force(self.scenario, self.path)
+        guards.force = asked + kept * (guards.force - asked)
+        guards.torque, guards.jump = kept * guards.torque, kept * guards.jump
+        guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
+        extent = float(np.linalg.norm(np.ptp(self.path.positions_work[self.path.process], axis=0)))
+        drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m
+        less = drawn if nominal else margin * guards.offset
+        guards.offset = max(guards.offset - less, LEAST_OFFSET * guards.offset)
+
+    def _go_back(self, cell: Cell, scenario: Scenario, state: CellSnapshot) -> None:
+        """Let a cell go on from a saved state on the path as it is mended now."""
+        place = self.task_now().place
+        strokes = strokes_for(scenario, place)
+        cell.use_strokes(strokes, course_for(cell.controller, scenario, place, strokes))
+        cell.restore(state)
+        sequence, motion = cell.state.sequence, cell.kernel.stroke.motion
+        if sequence.stage == PROCESS:
+            # The motion may have been timed anew: the clock is that of the place.
+            sequence.clock = np.interp(sequence.s, motion.places, np.arange(len(motion.places)) * motion.spacing)
+        self._unsettled_until = cell.state.status.steps * cell.kernel.engine.dt
+
+    def _play(self, cell: Cell, saved: list[_Saved], margin: float) -> Failure | None:
+        """Play on to the end or to the first failure; states are saved on the way."""
+        total, dt = cycle_time(cell.strokes), cell.kernel.engine.dt
+        status, next_save = cell.state.status, 0.0
+        while not cell.done:
+            steps = cell.play(round(CHUNK_S / dt)).trace
+            self.played_s += len(steps) * dt
+            t = status.steps * dt
+            self.observer.progress(min(t, total), total)
+            failure = self._failure(cell, steps, margin)
+            if failure is not None:
+                return failure
+            if t >= next_save or status.arrived:
+                saved.append(_Saved(_done_until(cell), cell.save()))
+                next_save = t + SAVE_EVERY_S
+                del saved[1:-SAVED]
+        return None
+
+    def _failure(self, cell: Cell, steps: NDArray[np.void], margin: float) -> Failure | None:
+        """What went wrong in the steps just played, if anything: the exact force left its band, or a guard tripped."""
+        status, limit, s = cell.state.status, FORCE_BANDS_N["surface"], steps["path_s_m"]
+        wanted = self.path.force_at(s, self.scenario.process.contact_force_n)
+        # After landing the force is given the time a step response takes to settle.
+        unsettled = np.where(steps["phase"] == FED, self._unsettled_until, steps["time_s"] + SETTLED_S)
+        unsettled = np.maximum.accumulate(unsettled)
+        self._unsettled_until = float(unsettled[-1])
+        error = np.where(steps["time_s"] > unsettled, np.abs(steps["normal_force_n"] - wanted), 0.0)
+        worst = int(error.argmax())
+        self._note(BAND, float(error[worst]) / limit, float(s[worst]))
+        beyond = np.flatnonzero(error > (1.0 - margin) * limit)
+        if len(beyond):
+            k = beyond[0]
+            said = f"the force leaves its band: {steps['normal_force_n'][k]:.1f} N of {wanted[k]:.3g} N asked"
+            return Failure(said, float(s[k]), NO_STOP, False)
+        if status.stop == NO_STOP:
+            return None
+        reason = cell.reasons[int(status.stop)].partition(":")[0].partition(" (")[0]
+        landing = cell.state.sequence.stage < PROCESS
+        return Failure(reason, float(cell.state.target.path[0]), int(status.stop), landing)
+
+    def _note(self, name: str, share: float, at_m: float) -> None:
+        if share > self._passing.get(name, (-1.0, 0.0))[0]:
+            self._passing[name] = share, at_m
+
+    def _keep_shares(self, cell: Cell, margin: float) -> None:
+        """Keep how near the guards came to their limits, those of the scenario, in a whole pass."""
+        safety, guards = self.scenario.safety, cell.state.guards
+        limits = {guard.FORCE: float(guards.force) / safety.force_limit_n}
+        limits |= dict.fromkeys(OFFSETS, float(guards.offset) / safety.offset_limit_m)
+        for name, (share, at_m, _) in guard_shares(guards).items():
+            self._note(name, share * limits.get(guard.SHARES[name], 1.0 - margin), at_m)
+        for name, kept in self._passing.items():
+            self.shares[name] = max(kept, self.shares.get(name, kept))
+
+    def _mend(self, failure: Failure) -> None:
+        """Slow the path where that may help, else leave out the place where it fails.
+
+        Raises:
+            PlanError: Nothing is left to polish, or no path would help.
+        """
+        path, s = self.path, self.path.s
+        process = np.flatnonzero(path.process)
+        row = int(process[np.abs(s[process] - failure.s).argmin()])
+        if failure.code in HOPELESS:
+            raise PlanError(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
+        first, last = next(pair for pair in stretches(path.process) if pair[0] <= row <= pair[1])
+        within = np.zeros(len(s), dtype=bool)
+        within[first : last + 1] = True
+        feed = self.share[row] * self.scenario.process.feed_m_s
+        slower = SLOWER * self.share[row]
+        before = SLOWING_S * feed
+        if failure.code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
+            around = within & (np.abs(s - s[row]) <= max(AROUND_S * feed, AROUND_M))
+            if sum(mend.what == SLOWED for mend in self.mends) >= MOST_SLOWED:
+                # It fails everywhere: the rest of the path is slowed at once.
+                around = path.process & (s >= s[around].min())
+            self.share[around] = np.minimum(self.share[around], slower)
+            self._kept(mend_of(SLOWED, failure.why, slower, path, around), s[around].min() - before)
+            return
+        pad = self.scenario.pad.radius_m
+        earlier = [mend for mend in self.mends if mend.what == LEFT_OUT]
+        near = sum(
+            float(np.linalg.norm(mend.places - path.positions_work[row], axis=1).min()) < 2.0 * pad for mend in earlier
+        )
+        half = math.inf if len(earlier) > MOST_MENDS else 0.5 * pad * 2.0**near
+        remaining = leave_out(path, within & (np.abs(s - s[row]) <= half), self.plan.plan, self.plan.air)
+        if remaining is None:
+            raise PlanError(
+                f"nothing of the path can be polished: played in the cell, every stroke fails, the last at "
+                f"{self._where(row)}: {failure.why}. Set a smaller --pad-diameter, a lower --contact-force or another "
+                "--region."
+            )
+        lost = remaining.lost
+        self._kept(mend_of(LEFT_OUT, f"{PLAYED}{failure.why}", 0.0, path, lost), s[lost].min() - before)
+        self.path, self.share = remaining.path, self.share[remaining.source]
+
+    def _kept(self, mend: Mend, until: float) -> None:
+        self.mends.append(mend)
+        self.kept_until = until
+
+    def _where(self, row: int) -> str:
+        return f"{place_in_mm(self.path.positions_work[row])} of the part"
+
+    def result(self) -> Proven:
+        """The plan as it passed, and the scenario it runs in: its part stands where it stood here."""
+        task, scenario, plan = self.task_now(), self.scenario, self.plan
+        pose = to_pose(task.reach.T_base_work)
+        if any(mend.what == LEFT_OUT for mend in self.mends):
+            plan = plan.along(task.plan.path, self.mends)
+            # Of another path another place might be chosen.
+            scenario = replace(scenario, part=replace(scenario.part, pose=pose))
+        process, largest = scenario.process, max(share for share, _ in self.shares.values())
+        proof = {
+            "arm": scenario.robot.arm, "controller": scenario.controller.label, "feed_m_s": process.feed_m_s,
+            "contact_force_n": process.contact_force_n, "seed": scenario.seed, "proof": scenario.safety.proof,
+            "margin": MARGIN, "settings": settings_key(scenario), "path": path_key(task.plan.path),
+            "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": pose,
+            "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
+            "mends": [_mend_facts(mend) for mend in (*self.plan.mends, *self.mends)],
+        }  # fmt: skip
+        stands = {
+            "T_base_work": task.reach.T_base_work.tolist(),
+            "smallest_singular_value": task.reach.smallest_singular_value,
+        }
+        figures = {
+            **plan.figures,
+            **stands,
+            "proven": 1,
+            "proof_largest_share": largest,
+            "proof_played_s": self.played_s,
+        }
+        mends = (*self.plan.mends, *self.mends)
+        notes = (*plan.notes, *proof_notes(proof))
+        plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures, notes=notes)
+        final = SurfaceTask(plan, task.reach, task.shape)
+        final.place.keep_fields_of(self.task.place)
+        PLACES.get((place_key(scenario), Same(plan)), lambda: final)
+        return Proven(plan, scenario)
+
+
+def _mend_facts(mend: Mend) -> dict[str, Any]:
+    return {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()}
+
+
+def proof_notes(proof: Mapping[str, Any]) -> list[str]:
+    """What was played, how near it came to its limits, and what was mended, for the user."""
+    name, worst = max(proof["limits"].items(), key=lambda item: item[1]["share"])
+    notes = [
+        f"proven: played in the cell with {proof['controller']} at {1e3 * proof['feed_m_s']:.4g} mm/s and "
+        f"{proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: {name}, "
+        f"{100.0 * worst['share']:.0f}% at {1e3 * worst['at_m']:.4g} mm of the path"
+    ]
+    groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
+    for mend in proof["mends"]:
+        groups.setdefault((mend["what"], mend["share"], mend["why"].partition(":")[0]), []).append(mend)
+    for (what, share, why), alike in groups.items():
+        to = f"{what} to {100.0 * share:.0f}% of the feed" if what == SLOWED else what
+        length = 1e3 * sum(mend["length_m"] for mend in alike)
+        more = "" if len(alike) == 1 else f" and {count_text(len(alike) - 1, 'more place')}"
+        notes.append(f"{to}: {length:.3g} mm of the path at {place_in_mm(alike[0]['at_m'])}{more}, because {why}")
+    return notes
+
+
+def path_key(path: ToolPath) -> str:
+    """What identifies a path, to a micrometre."""
+    columns = (path.positions_work, path.axes_work, path.segment, path.force, path.feed)
+    # Read from a file axes are made unit again: their last bits differ.
+    content = b"".join(np.round(1e6 * column).astype(np.int64).tobytes() for column in columns if column is not None)
+    return hashlib.sha256(content).hexdigest()[:24]
+
+
+def is_proven(scenario: Scenario, path: ToolPath, proof: Mapping[str, Any] | None) -> bool:
+    """Whether a plan folder's ``proof`` is of this path and these settings."""
+    return (
+        proof is not None
+        and proof["settings"] == settings_key(scenario)
+        and proof["path"] == path_key(path)
+        and scenario.safety.proof in ("nominal", proof["proof"])
+    )
+
+
+def _done_until(cell: Cell) -> float:
+    """Arc length of the plan up to which a change would not have changed what was played [m]."""
+    sequence, stroke = cell.state.sequence, cell.kernel.stroke
+    return stroke.start_s + (sequence.s if sequence.stage >= PROCESS else 0.0)

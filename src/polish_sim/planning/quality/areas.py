@@ -1,0 +1,141 @@
+"""Where every cm^2 of the region asked for is: polished, or left out for one reason (AskedRegion -> AreaAccount)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.config import PadConfig
+from polish_sim.errors import place_in_mm
+from polish_sim.planning.ground.ground import Ground
+
+NARROW: Final = "component narrower than half the pad"
+MARGIN: Final = "edge margin"
+UNCOVERED: Final = "not covered by the pattern"
+BORDER: Final = "at the border"
+WORTH_A_NOTE: Final = 1e-3  #: A reason gets a note if it leaves out more than this share of the region
+
+
+class CutOut(NamedTuple):
+    """A stretch of a path, or a place of the region, that is not followed."""
+
+    reason: str  #: Its row of the account
+    positions: Array  #: Tool points [m], shape (k, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class AskedRegion:
+    """All of the region asked for, and what of it was left out before a path was planned."""
+
+    ground: Ground  #: All of it, prepared
+    reasons: tuple[str, ...] = ()
+    why: Indices | None = None  #: Number of each vertex's reason, -1: it may be polished, shape (v,); None: all may be
+    touched: Array | None = None  #: Share of each vertex's area that the pad can touch, shape (v,); None: all
+    unreachable_m2: float | None = None  #: The area it cannot touch; None: all is in reach
+
+    def without(self, out: Bools, reason: str) -> AskedRegion:
+        """The same with some more vertices (v,) left out; an edge margin is under the pad all the same."""
+        before = np.full(len(out), -1) if self.why is None else self.why
+        why = np.where(out & (before < 0), len(self.reasons), before)
+        touched = self.touched
+        if reason != MARGIN:
+            touched = np.where(out, 0.0, 1.0 if touched is None else touched)
+        return replace(self, reasons=(*self.reasons, reason), why=why, touched=touched)
+
+    @property
+    def area_m2(self) -> float:
+        """Area of the region asked for [m^2]."""
+        return self.ground.region.area_m2
+
+    @property
+    def areas(self) -> Array:
+        """What each vertex of the ground stands for, in all the region's area [m^2], shape (v,)."""
+        flat = self.ground.mesh.part_areas(self.ground.part_facets)
+        return np.asarray(flat * (self.area_m2 / flat.sum()))
+
+
+class LeftOutRow(NamedTuple):
+    """What is left out for one reason."""
+
+    area_m2: float
+    triangles: Array  #: [m], shape (t, 3, 3)
+    place: Array  #: A place of it [m], shape (3,)
+
+
+@dataclass(frozen=True, eq=False)
+class AreaAccount:
+    """The region's area in rows that add up to it."""
+
+    region_m2: float
+    polished_m2: float
+    left_out: Mapping[str, LeftOutRow]  #: By reason, the largest first
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """The keys of metrics.json."""
+        return {
+            "region_area_m2": self.region_m2,
+            "polished_area_m2": self.polished_m2,
+            "left_out_area_m2": sum(row.area_m2 for row in self.left_out.values()),
+            "left_out": {reason: row.area_m2 for reason, row in self.left_out.items()},
+            "coverage": self.polished_m2 / self.region_m2,
+        }
+
+    @property
+    def notes(self) -> list[str]:
+        """What is left out, why, and where."""
+        return [
+            f"left out {1e4 * row.area_m2:.3g} cm^2 of the region, at {place_in_mm(row.place)} and about: {reason}"
+            for reason, row in self.left_out.items()
+            if row.area_m2 > WORTH_A_NOTE * self.region_m2
+        ]
+
+
+def account_for(asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Sequence[CutOut] = ()) -> AreaAccount:
+    """Sort the area of a region into rows.
+
+    What is not ``polished`` (v,) and was not left out before takes the reason of the nearest stretch within the pad's
+    radius that was left out; else it is at the region's border, or the pattern does not cover it.
+    """
+    mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
+    reasons = [*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED]
+    border, uncovered = len(reasons) - 2, len(reasons) - 1
+    why = np.full(len(areas), -1) if asked.why is None else np.where(polished, -1, asked.why)
+    missed = np.flatnonzero(~polished & (why < 0) & (areas > 0.0))
+    if len(missed):
+        before = why >= 0
+        sources = np.concatenate([mesh.vertices[before], *(cut.positions for cut in cuts)])
+        numbers = np.repeat(len(asked.reasons) + np.arange(len(cuts)), [len(cut.positions) for cut in cuts])
+        numbers = np.concatenate([why[before], numbers])
+        near_border = _within(mesh.vertices[mesh.border[:, 0]], mesh.vertices[missed], radius) >= 0
+        why[missed] = np.where(near_border, border, uncovered)
+        nearest = _within(sources, mesh.vertices[missed], radius)
+        why[missed[nearest >= 0]] = numbers[nearest[nearest >= 0]]
+    rows: dict[str, Bools] = {}
+    for number, reason in enumerate(reasons):
+        rows[reason] = rows.get(reason, False) | ((why == number) & (areas > 0.0))
+    left_out = {reason: _row(asked, areas, out) for reason, out in rows.items() if out.any()}
+    left_out = dict(sorted(left_out.items(), key=lambda named: -named[1].area_m2))
+    return AreaAccount(asked.area_m2, float(areas[why < 0].sum()), left_out)
+
+
+def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:
+    """The row of some vertices (v,)."""
+    mesh = asked.ground.mesh
+    shown = (out[mesh.triangles].sum(axis=1) >= 2) & (mesh.owners < asked.ground.part_facets)
+    where = mesh.vertices[out]
+    middle = np.linalg.norm(where - where.mean(axis=0), axis=1).argmin()
+    return LeftOutRow(float(areas[out].sum()), mesh.vertices[mesh.triangles[shown]], where[middle])
+
+
+def _within(sources: Array, points: Array, reach: float) -> Indices:
+    """Row of the source (k, 3) nearest to each point (n, 3), -1 where none is within reach [m], shape (n,)."""
+    if not len(sources):
+        return np.full(len(points), -1)
+    found, nearest = cKDTree(sources).query(points, distance_upper_bound=reach)
+    return np.where(np.isfinite(found), nearest, -1)

@@ -1,0 +1,103 @@
+"""A plan is played in the cell before it is used: what fails is slowed or left out; then it passes on drawn parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError, PlanError
+from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.experiments.proof import is_proven, prove
+from polish_sim.planning import PlanResult, ToolPath, measure_given_path
+from polish_sim.planning.part_plan import LEFT_OUT, SLOWED
+from polish_sim.planning.toolpath import PROCESS, arc_length
+from polish_sim.scenario_file import override
+
+
+def straight(begin: tuple[float, float], end: tuple[float, float]) -> ToolPath:
+    """A line on the shipped plate, whose top is 200 x 200 mm at z = 20 mm."""
+    points = np.linspace([*begin, 0.02], [*end, 0.02], 120)
+    n = len(points)
+    up = np.tile([0.0, 0.0, 1.0], (n, 1))
+    return ToolPath(points, up, arc_length(points), np.zeros(n, np.int64), np.full(n, PROCESS, np.int8), np.zeros(n))
+
+
+def planned(scenario: Scenario, path: ToolPath) -> PlanResult:
+    return measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad)
+
+
+@pytest.fixture(scope="module")
+def to_the_corner() -> tuple[Scenario, PlanResult]:
+    """From the middle of the plate into its corner, where a quarter of the pad is left to carry the force."""
+    scenario = override(
+        default_scenario("surface"),
+        ["part.file=plate", "process.feed_m_s=0.03", "process.contact_force_n=40.0", "safety.force_limit_n=80"],
+    )
+    return scenario, planned(scenario, straight((0.0, 0.0), (0.0995, 0.0995)))
+
+
+def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts(
+    to_the_corner: tuple[Scenario, PlanResult],
+) -> None:
+    scenario, plan = to_the_corner
+    stopped = run_experiment(replace(scenario, seed=501), plan)
+    assert stopped.stop_reason is not None
+    proven = prove(scenario, plan)
+    (mend,) = {mend.what for mend in proven.plan.mends}
+    assert mend == LEFT_OUT
+    cut = np.concatenate([mend.places for mend in proven.plan.mends])
+    assert np.abs(cut[:, :2] - 0.1).max() < 0.05  # [m], all of it near the corner
+    kept = proven.plan.path.process
+    assert np.isin(proven.plan.path.positions_work[kept], plan.path.positions_work).all()
+    for seed in (501, 502, 503):
+        run = run_experiment(replace(proven.scenario, seed=seed), proven.plan)
+        assert run.stop_reason is None
+        assert run.figures["path_done"] == 1.0
+        assert run.figures["force_max_deviation_n"] < 4.0
+
+
+def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings(
+    to_the_corner: tuple[Scenario, PlanResult],
+) -> None:
+    proven = prove(*to_the_corner)
+    proof = proven.plan.proof
+    assert proof is not None
+    assert proven.plan.figures["proven"] == 1
+    assert max(limit["share"] for limit in proof["limits"].values()) <= 0.8
+    assert is_proven(proven.scenario, proven.plan.path, proof)
+    assert is_proven(replace(proven.scenario, seed=77), proven.plan.path, proof)
+    faster = override(proven.scenario, ["process.feed_m_s=0.04"])
+    other_arm = override(proven.scenario, ["robot.arm=ideal"])
+    for changed in (faster, other_arm):
+        assert not is_proven(changed, proven.plan.path, proof)
+    assert not is_proven(proven.scenario, to_the_corner[1].path, proof)
+
+
+def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> None:
+    """Round the small sphere the wrist turns at 1 rad/s at 60 mm/s: its transmission error shakes the sensor."""
+    changes = ["part.file=sphere_50", "process.feed_m_s=0.06", "plan.stepover_m=0.012"]
+    scenario = override(default_scenario("surface"), changes)
+    from polish_sim.planning import plan_part
+
+    proven = prove(scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad))
+    assert {mend.what for mend in proven.plan.mends} >= {SLOWED}
+    assert proven.plan.path.feed is not None
+    assert proven.plan.path.feed.min() < 0.06
+    run = run_experiment(replace(proven.scenario, seed=504), proven.plan)
+    assert run.stop_reason is None
+
+
+def test_a_path_with_nothing_to_stand_on_is_refused(to_the_corner: tuple[Scenario, PlanResult]) -> None:
+    scenario, _ = to_the_corner
+    corner = planned(scenario, straight((0.092, 0.092), (0.0999, 0.0999)))
+    with pytest.raises(PlanError, match="nothing of the path can be polished"):
+        prove(scenario, corner)
+
+
+def test_a_word_that_is_no_proof_is_refused(to_the_corner: tuple[Scenario, PlanResult]) -> None:
+    scenario, plan = to_the_corner
+    with pytest.raises(InputError, match="none, nominal, or the number of drawn parts"):
+        prove(override(scenario, ["safety.proof=always"]), plan)
