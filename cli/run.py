@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.cell import Observer
     from polish_sim.cli.outcome import Outcome
-    from polish_sim.planning import PlanObserver, PlanResult, ToolPath
+    from polish_sim.planning import PlanResult, ToolPath
 
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
 DEMO: Final = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
@@ -299,7 +299,7 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
 
 
 def plan_to_run(
-    scenario: Scenario, given: ToolPath | None, observer: PlanObserver, folder: Path | None
+    scenario: Scenario, given: ToolPath | None, observer: Observer, folder: Path | None
 ) -> tuple[PlanResult | None, Scenario]:
     """Plan the path of a run, or measure the one that is given, and prove it where it was not; None for two robots.
 
@@ -329,7 +329,7 @@ def plan_to_run(
         pass
     else:
         known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
-        if is_proven(scenario, plan.path, known):
+        if known is not None and is_proven(scenario, plan.path, known):
             plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))
         else:
             plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from polish_sim import measure_path, plan_contour, plan_fermat, plan_raster, plan_spiral
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
@@ -138,3 +139,13 @@ def test_turns_a_pad_apart_say_what_they_leave_and_closer_ones_do_not():
     assert [note for note in apart.notes if "left out" in note]
     closer = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.025))
     assert not [note for note in closer.notes if "left out" in note]
+
+
+def test_an_angle_of_narrow_legs_gets_the_pad_that_fits_and_keeps_what_was_asked_for(tmp_path):
+    legs = [trimesh.creation.box((150, 22.9, 8)), trimesh.creation.box((22.9, 120, 8))]
+    legs[1].apply_translation((-63.55, 48.5, 0))
+    trimesh.boolean.union(legs).export(tmp_path / "angle.stl")
+    part, plan = PartConfig(str(tmp_path / "angle.stl"), unit="mm", up="z"), PlanConfig(stepover_m=0.008)
+    pads = [plan_part(part, plan, pad=PadConfig(choice=choice)) for choice in ("auto", "stepover", "given")]
+    assert [(result.tool.pad.radius_m, result.plan.stepover_m) for result in pads] == [
+        (0.010, pytest.approx(0.0032)), (0.010, 0.008), (0.025, 0.008)]  # fmt: skip

@@ -50,7 +50,9 @@ def cell_memory(cell: Cell) -> list[NDArray[Any]]:
 
 def save_cell(cell: Cell) -> CellSnapshot:
     """Copy what changes while a cell runs; between two calls of `Cell.play`."""
-    controller, course = cell.controller, None
+    controller = cell.controller
+    memory: Any
+    course: Any = None
     if isinstance(controller, CompiledController):
         memory, course = _memory_of_law(controller).copy(), controller.course
     else:

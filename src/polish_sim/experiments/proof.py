@@ -130,6 +130,8 @@ def prove(scenario: Scenario, plan: PlanResult, observer: Observer | None = None
     if seeds:
         # The whole path is played at the end on a drawn part, which asks for more.
         prover.pass_through(None)
+        if prover.mends:
+            prover.shares.clear()
     else:
         prover.settle(None)
     before = len(prover.mends)
@@ -270,7 +272,7 @@ class _Prover:
         return task
 
     def _tighten(self, cell: Cell, margin: float, nominal: bool) -> None:
-        """Leave a ``margin`` to every limit; to that of the surface's place, on the drawing, what the part may be off."""
+        """Leave a ``margin`` to every limit; to the surface's place on the drawing, what the part may be off it."""
         guards, part = cell.state.guards, self.scenario.part
         kept = 1.0 - margin
         asked = largest_force(self.scenario, self.path)

@@ -35,7 +35,7 @@ START_REACH = 0.1  #: A start asked for may be off the part by this share of the
 FAR_START = 2.0  #: A path that begins further from there than so many step-overs is noted
 AS_ASKED = 0.05  #: A mean step-over this close to the one asked for, relative, is not remarked upon
 
-FEW = 20  #: One vertex in so many is asked first how far it is from the border
+FEW = 20  #: Of many vertices one in so many is asked how far it is from the border
 
 
 def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
@@ -198,14 +198,11 @@ def hole_notes(ground: Ground) -> list[str]:
     return [f"{holes} run over by the pad (plan.bridge_m sets up to which size)"]
 
 
-def depth_below(ground: Ground, limit: float) -> float | None:
-    """How far the region's middle is from its borders if that is less than a limit [m]; None if it is not."""
-    borders, points = CurveSet(border_curves(ground.mesh)), ground.mesh.vertices
-    # A few places are mostly enough to see that there is room.
-    if borders.at_least(points[::FEW]).max() >= limit:
-        return None
-    depth = float(borders.nearest(points).nearest.distances.max())
-    return depth if depth < limit else None
+def width_between_borders(ground: Ground) -> float:
+    """How wide a region is between its borders in the mean: places on a strip are a quarter of that off them [m]."""
+    mesh, some = ground.mesh, slice(None, None, FEW if len(ground.mesh.vertices) > 100 * FEW else 1)
+    distances = CurveSet(border_curves(mesh)).nearest(mesh.vertices[some]).nearest.distances
+    return 4.0 * float(np.average(distances, weights=mesh.vertex_areas[some]))
 
 
 def lean_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[str]:

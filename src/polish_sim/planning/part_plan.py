@@ -21,7 +21,6 @@ from polish_sim.planning.feasibility import (
     check_request,
     check_start,
     check_stepover,
-    depth_below,
     edge_distance,
     hole_notes,
     in_another_unit,
@@ -31,6 +30,7 @@ from polish_sim.planning.feasibility import (
     too_small,
     wall_notes,
     widest_piece,
+    width_between_borders,
 )
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import Air, with_way_down
@@ -240,8 +240,10 @@ def measure_given_path(
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
     given = given_region(mesh, surface, region, plan, process, tool)
     quality = given.measure(path)
-    contact = path.positions_work[path.process]
-    off = float(np.linalg.norm(surface.closest(contact).positions - contact, axis=1).max())
+    # Over holes that the pad runs over it is off the part, at the border of what is left out off the region.
+    contact, bodies = path.positions_work[path.process], (surface, given.asked.ground.region.surface)
+    away = [np.linalg.norm(body.closest(contact).positions - contact, axis=1) for body in bodies]
+    off = float(np.min(away, axis=0).max())
     if off > OFF_PART_M:
         raise PlanError(
             f"the path lies up to {1e3 * off:.2f} mm off the surface of this part, more than {1e3 * OFF_PART_M:g} mm. "
@@ -287,7 +289,7 @@ class PreparedRegion:
             *lean_notes(self.access, self.plan, self.tool.pad),
             *quality.area.notes,
             *remarks,
-            *hole_notes(self.ground),
+            *hole_notes(self.asked.ground),
         )
         within = self.access.region if self.access else self.region
         inside = quality.pad_in_part.positions
@@ -327,15 +329,15 @@ def prepare_region(
         except PlanError as error:
             refused.append(too_small(mesh, width, taken, tool.force) if kept else error)
             continue
-        between = depth_below(found[1].ground, NARROWEST * taken.radius_m) if _is_free(taken) else None
-        if between is not None:
+        between = width_between_borders(found[1].ground) if _is_free(taken) else width
+        if between < 2.0 * NARROWEST * taken.radius_m:
             hanging_over = PreparedRegion(mesh, surface, region, asked, process, fitted, *found)
-            width = min(width, 2.0 * between)
+            width = min(width, between)
             continue
         note = (
             f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm{kept} chosen: the "
             f"default pad of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide "
-            f"(--pad-diameter).{in_another_unit(mesh, width, pad.radius_m)}"
+            f"(--pad-diameter).{in_another_unit(mesh, widest_piece(region), pad.radius_m)}"
         )
         notes = () if taken is pad else (note,)
         return PreparedRegion(mesh, surface, region, asked, process, fitted, *found, notes)

@@ -47,8 +47,8 @@ def leave_out(path: ToolPath, gone: Bools, plan: PlanConfig, air: Air) -> Remain
         same = same and not gone[first : last + 1].any()
         if same:
             rows = np.arange(begin, end + 1)
-            columns = (path.positions_work, path.axes_work, path.segment, path.pass_index)
-            blocks.append(_Block(*(column[rows] for column in columns), rows))
+            places, axes = path.positions_work[rows], path.axes_work[rows]
+            blocks.append(_Block(places, axes, path.segment[rows], path.pass_index[rows], rows))
         else:
             for kept in stretches(~gone[first : last + 1]):
                 block = _placed(path, first + kept[0], first + kept[1], plan, air, blocks[-1] if blocks else None)

@@ -47,7 +47,7 @@ FEW = 0.2  #: Fewer places per point than this draw less
 def double_spirals(request: PatternRequest, roots: Sequence[Turn]) -> list[Run]:
     """Join nested turns to one line that winds in and out around all holes, or to few; none without turns."""
     mesh, stepover = request.mesh, request.stepover
-    turns = all_turns(with_loops(request, roots, SHALLOWEST).roots)
+    turns = list(all_turns(with_loops(request, roots, SHALLOWEST).roots))
     if not turns:
         return []
     joined = connect([turn.curve for turn in turns], stepover, request.plan.start)
