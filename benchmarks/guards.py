@@ -16,14 +16,15 @@ from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
 
-from polish_sim.cell import FAULTS
+from polish_sim.cell import FAULTS, Cell, Silent
+from polish_sim.cell.guards import guard_shares
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.scenario_file import override
 
 FIRST_SEED = 500
 DRIVERS = ("hybrid-pi", "hybrid-adaptive")
 PARTS = {"freeform": "0.016", "sphere_50": "0.012", "saddle": "0.016", "wheel_hub_rim": "0.016"}  # step-overs [m]
-FEEDS = (0.01, 0.03)  # [m/s]
+FEEDS = (0.01, 0.02, 0.03, 0.04)  # [m/s]
 SENSORS = ("external", "axia80")
 FED_S = 8.0
 MOMENTS = ("0.6", "contact+1")
@@ -45,7 +46,7 @@ def healthy(seeds: int, parts: Sequence[str]) -> Iterator[Case]:
         settings = (
             f"part.file={part}", f"plan.stepover_m={PARTS[part]}", f"process.feed_m_s={feed}",
             f"sensor.model={sensor}", f"controller.name={driver}", f"process.max_feed_s={FED_S}",
-            "process.approach_speed_m_s=0.02",
+            "process.approach_speed_m_s=0.02", "safety.proof=none",
         )  # fmt: skip
         for seed in range(FIRST_SEED, FIRST_SEED + seeds):
             yield Case(f"{part} {1e3 * feed:.0f} mm/s {sensor} {driver}", "surface", settings, seed)
@@ -63,10 +64,18 @@ def faulty(seeds: int) -> Iterator[Case]:
             yield Case(f"{name} | {moment}", "force", settings, seed)
 
 
-def run(case: Case) -> RunResult:
+class Keeper(Silent):
+    """Keeps the cell that ran."""
+
+    def start(self, cell: Cell) -> None:
+        """Keep it."""
+        self.cell = cell
+
+
+def run(case: Case, keeper: Keeper) -> RunResult:
     """Run one case."""
     scenario = override(default_scenario(case.experiment), list(case.settings))
-    return run_experiment(replace(scenario, seed=case.seed))
+    return run_experiment(replace(scenario, seed=case.seed), None, keeper)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,11 +88,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cases = healthy(given.seeds, given.part or list(PARTS)) if given.what == "healthy" else faulty(given.seeds)
     alarms, shares, delays, count = {}, {}, {}, 0
     for case in cases:
-        figures, count = run(case).figures, count + 1
+        keeper = Keeper()
+        figures, count = run(case, keeper).figures, count + 1
         stop = figures["protective_stop"]
         reason = "" if stop is None else figures["protective_stop_at"]["name"]
-        for name, share in figures.get("guard_shares", {}).items():
-            shares[name] = max(shares.get(name, (0.0, "")), (share["share"], f"{case.group} seed {case.seed}"))
+        for name, near in guard_shares(keeper.cell.state.guards).items():
+            shares[name] = max(shares.get(name, (0.0, "")), (near.share, f"{case.group} seed {case.seed}"))
         if stop is not None:
             alarms[reason.split(",")[0]] = alarms.get(reason.split(",")[0], 0) + 1
         delays.setdefault(case.group, []).append((figures["fault_to_stop_s"], reason, figures["peak_force_n"]))
