@@ -41,6 +41,9 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
     robot = table.get("robot")
     if isinstance(robot, dict) and robot.keys() == _ROBOT_BEFORE_ARMS:
         robot["arm"] = "ideal"
+    adaptive = table.get("controller", {}).get("adaptive") if isinstance(table.get("controller"), dict) else None
+    if isinstance(adaptive, dict):
+        adaptive.pop("force_rate_n_s", None)  # of files before the bound on the landing's speed took its place
     return merge(base, table, "")
 
 

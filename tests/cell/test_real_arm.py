@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from polish_sim.cell.gears import elastic_torque, slip, update_twist
-from polish_sim.cell.linear_arm import gears_about, joints_about, motion_matrices, reading_jumps, slipping_gears
 from polish_sim.cell.real_arm import gear_twists, weights
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import default_scenario, run_experiment
@@ -186,27 +185,3 @@ def test_the_same_seed_gives_the_same_arm_and_another_another():
 def test_bad_settings_are_refused(setting, message):
     with pytest.raises((ConfigError, InputError), match=message):
         run_experiment(override(ARC, [REAL, setting]))
-
-
-def test_where_joints_turn_slowly_the_links_follow_the_gears_error_and_the_sensor_reads_their_acceleration():
-    about = joints_about(SURFACE, HOME[None])[0]
-    gears = gears_about(SURFACE, about, slipping_gears(about.arm, 5e-5))
-    real, carried = SURFACE.robot.real, about.carried
-    for j in (0, 2, 4):
-        speed = np.zeros(6)
-        speed[j] = 0.01
-        waves = 2.0 * real.gear_ratio * speed[j] * np.array([1.0, 2.0])
-        swing = 0.5 * real.gear_error_rad[j] * np.array([1.0, real.second_harmonic])
-        lever = np.linalg.norm(about.jacobian[:3, j])
-        expected = (carried * lever * swing * waves**2 * waves * 0.005).sum()
-        assert reading_jumps(SURFACE, about, gears, speed)[j] == pytest.approx(expected, rel=0.02)
-
-
-def test_the_arm_shakes_most_where_the_gears_error_meets_its_first_mode():
-    about = joints_about(SURFACE, HOME[None])[0]
-    gears = gears_about(SURFACE, about, slipping_gears(about.arm, 5e-5))
-    mass, stiffness, _ = motion_matrices(about, gears)
-    first = math.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.min())
-    at = [share * first / (2.0 * SURFACE.robot.real.gear_ratio) for share in (0.4, 1.0)]
-    slow, meets = (reading_jumps(SURFACE, about, gears, np.array([speed, 0, 0, 0, 0, 0]))[0] for speed in at)
-    assert meets > 10.0 * slow

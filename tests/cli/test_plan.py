@@ -27,8 +27,8 @@ def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None
     # What the table puts beside each other is of the same way: in contact at 10 mm/s, the rest at 5 mm/s.
     assert metrics["time_in_contact_s"] == pytest.approx(metrics["path_length_m"] / 0.01, rel=0.01)
     assert metrics["motion_time_s"] == pytest.approx(metrics["time_in_contact_s"], rel=0.02)
-    # Sensor zeroed in 0.4 s, down 30 mm at 5 mm/s from rest, 0.35 s of touch-down, up by 30 mm and the compression.
-    around = 0.4 + 0.03 / 0.005 + 0.05 + 0.35 + 0.03 / 0.02
+    # Sensor zeroed in 0.4 s, down 30 mm at 5 mm/s from rest, 0.42 s of touch-down, up by 30 mm and the compression.
+    around = 0.4 + 0.03 / 0.005 + 0.05 + 0.42 + 0.03 / 0.02
     assert metrics["cycle_time_s"] == pytest.approx(metrics["motion_time_s"] + around, abs=0.3)
 
 
@@ -122,7 +122,7 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     assert "pad of 20 mm and step-over 3.2 mm, 3.4 mm off the edges chosen: the default pad" in err
     assert json.loads(Path("plan/path.json").read_text())["pad"]["radius_m"] == 0.010
     metrics = json.loads(Path("plan/metrics.json").read_text())
-    assert metrics["coverage"] == 1.0
+    assert metrics["coverage"] > 0.99
     # The run takes the plan's pad, planned by itself or from the file; inspect sees what the plan saw.
     for words in (("--part", "small.stl"), ("--path", "plan")):
         assert polish_sim("run", "surface", *words, "--set", "process.max_feed_s=0.5", "--out", "run")[0] == 0

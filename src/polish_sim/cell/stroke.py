@@ -18,7 +18,7 @@ from polish_sim.spatial import rotation_from_quaternion
 TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = range(8)
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
 TARE_TIME = 0.25  # readings averaged for zeroing [s]
-TOUCH_DOWN_TIME = 0.5  # from measured contact to the start of the feed [s]
+TOUCH_DOWN_TIME = 0.42  # from measured contact to the start of the feed [s]
 RETRACT_SPEED = 0.02  # [m/s]
 
 
