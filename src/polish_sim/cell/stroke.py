@@ -56,6 +56,8 @@ class Sequence(Record):
     rate_change: float  #: [1/s]
     row: int  #: Of the process table
     pressed: float  #: Time for which the reading has counted as contact [s]
+    air: float  #: Mean of the measured force in the air lately [N]
+    swing: float  #: How far it lately swung below that [N]
     floor: float  #: Five standard deviations of the measured force in free space: less is no contact [N]
     quaternion: Vector4  #: Work array, as the three that follow
     tangent: Vector3
@@ -231,7 +233,9 @@ def _sink(table: PathTable, s: float, state: Sequence, depth: float, speed: floa
 # Transitions use only what the host computer knows: the clock, the path and the *measured* force.
 
 LEAST_SHARE = 0.02  # of the planned feed a controller can slow it to: the run must end
-LASTS = 0.05  # a reading that lasts longer is no swing of the arm, whose modes are above 13 Hz [s]
+LASTS = 0.02  # half a swing of the arm's slowest mode [s]
+SWING_FADES = 0.3  # time in which the arm's swinging in the air is forgotten [s]
+SWING_ROOM = 1.5  # times its swing below the mean a reading must rise above it to be contact
 SWINGS_FOR = 0.15  # after the approach starts an elastic arm swings: the sensor feels its tool, not a part [s]
 
 
@@ -250,11 +254,12 @@ def advance_sequence(
 
     ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned feed
     the controller grants, limited to ``LEAST_SHARE`` to 1. Further than ``reach`` [m] above where the part should be,
-    a reading must last to be contact. ``deeper`` [m] is how far the tool is below its target: from there it is lifted,
-    for springs stiffer than planned hold it above.
+    the reading of a shaken arm must last to be contact. ``deeper`` [m] is how far the tool is below its target: from
+    there it is lifted, for springs stiffer than planned hold it above.
     """
     state.time += dt
     stage = state.stage
+    _watch_air(state, measured_force, dt)
     if stage == TARE and state.time >= TARE_START + TARE_TIME - 0.5 * dt:
         _enter(state, APPROACH if stroke.contact else PROCESS)
     elif stage == TRAVEL and state.clock >= stroke.travel.duration:
@@ -262,9 +267,10 @@ def advance_sequence(
         state.s = state.speed = 0.0
     elif stage in (APPROACH, SEEK):
         swinging = stage == APPROACH and state.time < SWINGS_FOR
-        pressed = measured_force > max(stroke.threshold, state.floor) and not swinging
-        state.pressed = state.pressed + dt if pressed else 0.0
-        if pressed and (state.depth > -reach or state.pressed > LASTS):
+        least = max(stroke.threshold, state.floor, state.air + SWING_ROOM * state.swing)
+        state.pressed = state.pressed + dt if measured_force > least and not swinging else 0.0
+        shaken = state.swing > 0.5 * least and state.depth + deeper < -reach
+        if state.pressed > (LASTS if shaken else 0.0):
             _enter(state, TOUCH_DOWN)
         elif stage == APPROACH and state.s >= stroke.lead_in.length:
             state.depth = 0.0
@@ -283,6 +289,16 @@ def advance_sequence(
         _enter(state, DONE)
     place_target(stroke, state, min(max(granted, LEAST_SHARE), 1.0), dt, target)
     return True
+
+
+@kernel
+def _watch_air(state: Sequence, force: float, dt: float) -> None:
+    """How the reading swings in the air: a shaken arm swings to both sides, contact only presses."""
+    if state.stage not in (TRAVEL, APPROACH, SEEK):
+        state.air = state.swing = 0.0
+        return
+    state.swing = max(state.air - force, state.swing * (1.0 - dt / SWING_FADES))
+    state.air += dt / SWING_FADES * (force - state.air)
 
 
 @kernel
