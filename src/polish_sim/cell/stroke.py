@@ -103,7 +103,7 @@ BUILD_UP = 0.04  # in which the acceleration along the path is built up [s]
 FALL = 4.0  # times as fast as it rises the rate of the motion may fall
 TRAVEL_SPEED = 0.05  # between two strokes, in free space [m/s]
 TRAVEL_PACE = Pace(TRAVEL_SPEED, 0.5, 5.0)
-TURN_SPEED = 0.25  # of the tool in free space: the wrists' gears then shake it by less than counts as contact [rad/s]
+TURN_SPEED = 0.2  # of the tool in free space: the wrists' gears then shake it by less than counts as contact [rad/s]
 
 
 def air_length(positions: Array, rotations: Array, speed: float) -> Array:
