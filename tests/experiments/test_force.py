@@ -95,7 +95,7 @@ def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra: tuple[str, 
 def test_springs_and_latency_it_was_not_told_of(scale: float, sensor: float, command: float) -> None:
     result = pressed(f"head.spring_scale={scale}", f"sensor.latency_s={sensor}", f"robot.command_latency_s={command}")
     assert result.stop_reason is None
-    # Springs a fifth as stiff give by 20 mm; no faster than cannot strike on stiff ones, about 30 mm/s, that takes 0.7 s.
+    # Springs a fifth as stiff give by 20 mm: at the 30 mm/s that cannot strike on stiff ones that takes 0.7 s.
     assert result.figures["settling_time_1n_s"] < (0.9 if scale < 1.0 else 0.6)
     assert result.figures["steady_std_n"] < 0.3
 
