@@ -102,7 +102,7 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     figures = metrics_of(tmp_path / "stopped")
     said = str(figures["protective_stop"])
     found = re.fullmatch(
-        r"wrist sensor reading jumped by more than safety.jump_limit_n = 9: [^;]*; measured [\d.]+ N at ([\d.]+) s, "
+        r"wrist sensor reading jumped by more than safety.jump_limit_n = 15: [^;]*; measured [\d.]+ N at ([\d.]+) s, "
         r"10 mm along the path, stroke 1 of 1, tool at \(([^)]*)\) mm of the part, "
         r"\(([^)]*)\) mm of the base, exact force ([\d.]+) N along the tool axis",
         said,

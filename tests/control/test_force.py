@@ -21,7 +21,7 @@ def press(gains: PiGains, dt: float, seconds: float, receding: float = 0.0, stat
     state = PiMemory() if state is None else state
     force, forces = 0.0, []
     for _ in range(round(seconds / dt)):
-        rate = force_pi(FORCE, force, gains, dt, state)
+        rate = force_pi(FORCE, force, 1e9, gains, dt, state)
         force += STIFFNESS * (rate - receding) * dt
         forces.append(force)
     return np.array(forces)
@@ -62,14 +62,14 @@ def test_without_the_integral_the_error_is_the_speed_over_the_gain() -> None:
 def test_the_rate_never_exceeds_its_limit() -> None:
     rng, state = np.random.default_rng(1), PiMemory()
     gains = PiGains(0.004, 0.05, 0.03, 50.0)
-    rates = [force_pi(FORCE, force, gains, 0.001, state) for force in rng.normal(20.0, 60.0, 5000)]
+    rates = [force_pi(FORCE, force, 1e9, gains, 0.001, state) for force in rng.normal(20.0, 60.0, 5000)]
     assert np.abs(rates).max() == gains.limit
 
 
 def test_ten_seconds_in_the_air_do_not_wind_the_integral_up() -> None:
     gains, state = PiGains(0.004, 0.012, 0.05, UNFILTERED), PiMemory()
     for _ in range(10_000):
-        assert force_pi(FORCE, 0.0, gains, 0.001, state) == gains.limit
+        assert force_pi(FORCE, 0.0, 1e9, gains, 0.001, state) == gains.limit
     assert state.integral == 0.0
     after_waiting = press(gains, 0.001, 1.0, state=state)
     np.testing.assert_array_equal(after_waiting, press(gains, 0.001, 1.0))
@@ -77,14 +77,14 @@ def test_ten_seconds_in_the_air_do_not_wind_the_integral_up() -> None:
 
 def test_a_loaded_integral_unwinds_while_the_rate_is_still_at_its_limit() -> None:
     gains, state = PiGains(0.004, 0.012, 0.05, UNFILTERED), PiMemory(20.0)
-    rate = force_pi(FORCE, FORCE + 5.0, gains, 0.001, state)
+    rate = force_pi(FORCE, FORCE + 5.0, 1e9, gains, 0.001, state)
     assert rate == gains.limit
     assert state.integral == pytest.approx(20.0 - 5.0 * 0.001)
 
 
 def test_the_low_pass_starts_at_the_first_reading_not_at_zero() -> None:
     state = PiMemory()
-    assert force_pi(FORCE, 18.0, PiGains(0.004, 0.0, 1.0, 10.0), 0.001, state) == pytest.approx(0.004 * 2.0)
+    assert force_pi(FORCE, 18.0, 1e9, PiGains(0.004, 0.0, 1.0, 10.0), 0.001, state) == pytest.approx(0.004 * 2.0)
 
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-3, 0.02])

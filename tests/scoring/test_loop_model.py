@@ -125,12 +125,12 @@ def test_servos_pass_slow_commands_whole_and_swing_over_at_25_hz() -> None:
 
 def test_filtered_pi_is_the_compiled_law() -> None:
     law, gains, state = pi_law(0.004, 0.012, 10.0, 0.001), PiGains(0.004, 0.012, 1.0, 10.0), PiMemory()
-    force_pi(0.0, 0.0, gains, 0.001, state)  # the law's filter begins at its first reading
+    force_pi(0.0, 0.0, 1e9, gains, 0.001, state)  # the law's filter begins at its first reading
     s, rng = np.zeros(2), np.random.default_rng(1)
     for reading in rng.normal(size=200):
         speed = law.C @ s + law.D * reading
         s = law.A @ s + law.B * reading
-        assert force_pi(0.0, reading, gains, 0.001, state) == pytest.approx(speed, rel=1e-9, abs=1e-15)
+        assert force_pi(0.0, reading, 1e9, gains, 0.001, state) == pytest.approx(speed, rel=1e-9, abs=1e-15)
 
 
 @pytest.mark.parametrize(

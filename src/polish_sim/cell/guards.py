@@ -21,7 +21,7 @@ from polish_sim.arrays import Array, Ints
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.stroke import TARE, TOUCH_DOWN
-from polish_sim.config import Scenario
+from polish_sim.config import Scenario, SensorConfig
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
 from polish_sim.kernels import Record, Vector3, kernel
 from polish_sim.models import robot_model_path
@@ -111,7 +111,8 @@ SHARES: Mapping[str, int] = MappingProxyType(
 """Guards of which the largest share of their limit is kept."""
 
 CODES = 25
-FOLLOW_S = 0.005  # the reading is compared with itself, smoothed over this time
+FOLLOW_S = 0.002  # the reading is compared with itself, smoothed over this time
+SEEN_S = 0.1  # for this long a jump is watched
 SPINDLE_SHARE = 0.8  # of the commanded speed, at least
 HELD_S = 0.1  # the force within a tenth of the wanted one for this long counts as held
 _CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this many steps
@@ -125,7 +126,8 @@ class Guards(Record):
     torque: float  #: [N m]
     contact_lost: float  #: [s]
     sensor_timeout: float  #: [s]
-    jump: float  #: Of the reading against itself smoothed [N]; infinite for none
+    jump: float  #: Of the force, at once [N]; infinite for none
+    jump_share: float  #: Of such a jump that the reading against itself smoothed shows [-]
     singular_value: float  #: [-]
     offset: float  #: Of the surface from where it was planned [m]
     lost: float  #: Time without contact so far [s]
@@ -186,8 +188,31 @@ def build_guards(scenario: Scenario) -> Guards:
     return Guards(
         force=safety.force_limit_n, torque=safety.torque_limit_nm, contact_lost=safety.contact_lost_s,
         sensor_timeout=safety.sensor_timeout_s if restless else math.inf, jump=safety.jump_limit_n or math.inf,
+        jump_share=_jump_share(sensor, scenario.simulation.timestep_s, scenario.controller.adaptive.arm_mode_hz),
         singular_value=safety.singular_value_limit, offset=safety.offset_limit_m,
     )  # fmt: skip
+
+
+def _jump_share(sensor: SensorConfig, dt: float, mode_hz: float) -> float:
+    """How much of a jump [-] the guard sees: a step of one through the sensor, compared with itself smoothed.
+
+    No less than of a swing of one at the arm's mode [Hz], so that the arm may swing by as much as the force may jump.
+    """
+    t = np.arange(0.0, SEEN_S, dt)
+    return max(_most_seen(sensor, dt, force) for force in (np.ones_like(t), np.sin(2.0 * np.pi * mode_hz * t)))
+
+
+def _most_seen(sensor: SensorConfig, dt: float, force: Array) -> float:
+    """The largest difference [N] between a reading and itself smoothed, of a ``force`` (n,) that begins at a time 0."""
+    blend = 1.0 - math.exp(-2.0 * math.pi * sensor.bandwidth_hz / sensor.rate_hz) if sensor.bandwidth_hz else 1.0
+    reading = smooth = most = due = 0.0
+    for k, value in enumerate(force):
+        if k * dt >= due:
+            due += 1.0 / sensor.rate_hz
+            reading += blend * (value - reading)
+        smooth += dt / FOLLOW_S * (reading - smooth)
+        most = max(most, abs(reading - smooth))
+    return most
 
 
 @kernel
@@ -212,10 +237,10 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
     for i in range(3):
         smooth[i] += share * (reading[i] - smooth[i])
         jump += (reading[i] - smooth[i]) ** 2
-    limit = max(guards.jump, 2.0 * sequence.floor)
+    limit = max(guards.jump, 2.0 * sequence.floor / guards.jump_share)
     if sequence.stage == TARE:
         return NO_STOP
-    guards.found = math.sqrt(jump)
+    guards.found = math.sqrt(jump) / guards.jump_share
     _note(state, JUMP, guards.found / limit, t)
     return JUMP if guards.found > limit else NO_STOP
 

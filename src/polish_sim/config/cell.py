@@ -222,7 +222,7 @@ class SafetyConfig:
     master_timeout_s: float = key(
         0.02, "two robots: longest time the host goes on without hearing where the master is [s]", 0.002, 10.0
     )
-    jump_limit_n: float = key(9.0, "largest jump of the sensor's reading within 5 ms, 0 = any [N]", 0.0, 1e4)
+    jump_limit_n: float = key(15.0, "largest jump of the force, seen through the sensor, 0 = any [N]", 0.0, 1e4)
     offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)
     tool_in_part: str = key(
         "refuse", "a path on which the tool runs into the part: refuse, before anything moves, or allow"

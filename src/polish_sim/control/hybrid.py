@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 from numba import carray
 
 from polish_sim.arrays import Array
-from polish_sim.config import ControllerConfig
+from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control import loops
 from polish_sim.control.signals import (
     ANSWER,
@@ -28,6 +30,7 @@ class HybridGains(Record):
     orientation: loops.VelocityGains
     force: loops.PiGains
     moment: loops.PiGains
+    strike: loops.StrikeGains
     tilt_limit: float  #: Largest turn of the moment loop about tool y away from the planned axis [rad]
 
 
@@ -38,6 +41,7 @@ class HybridMemory(Record):
     orientation: loops.VelocityMemory
     force: loops.PiMemory
     moment: loops.PiMemory
+    pressed: float  #: Last commanded speed of the force loop [m/s]
     wanted: Vector3  #: Wanted velocity, linear or angular
     error: Vector3  #: Rotation error [rad]
 
@@ -47,6 +51,12 @@ class HybridContext(Record):
 
     gains: HybridGains
     memory: HybridMemory
+
+
+def strike_gains(beliefs: AdaptiveConfig) -> loops.StrikeGains:
+    """What cell and sensor are believed to be."""
+    sensing = beliefs.sensor_latency_s + 0.5 / (math.pi * beliefs.sensor_bandwidth_hz)
+    return loops.StrikeGains(beliefs.stiffness_n_m, beliefs.acceleration_m_s2, sensing + beliefs.command_delay_s)
 
 
 def hybrid_gains(config: ControllerConfig) -> HybridGains:
@@ -62,6 +72,7 @@ def hybrid_gains(config: ControllerConfig) -> HybridGains:
         moment=loops.PiGains(
             config.moment_p_rad_snm, config.moment_i_rad_s2nm, config.moment_limit_rad_s, config.moment_filter_hz
         ),
+        strike=strike_gains(config.adaptive),
         tilt_limit=config.moment_tilt_limit_rad,
     )
 
@@ -119,7 +130,7 @@ def level_about_y(m: Measurement, t: Target, gains: HybridGains, dt: float, memo
     moment would otherwise roll the tool over the edge.
     """
     y, look_ahead = m.rotation[:, 1], gains.position.look_ahead
-    rate = loops.force_pi(t.force[1], m.wrench[4], gains.moment, dt, memory.moment)
+    rate = loops.force_pi(t.force[1], m.wrench[4], gains.moment.limit, gains.moment, dt, memory.moment)
     tilt = along = planned = 0.0
     for i in range(3):
         tilt += y[i] * memory.error[i]
@@ -150,11 +161,19 @@ def _forget(memory: loops.PiMemory) -> None:
 
 @kernel
 def press(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, out: Array) -> None:
-    """In contact, replace the twist's part along tool z by the force loop: v' = v_xy + v_Fz z (fig. 10)."""
+    """In contact, replace the twist's part along tool z by the force loop: v' = v_xy + v_Fz z (fig. 10).
+
+    The loop's speed into the part stays below that at which the stiffest springs would be struck.
+    """
     turn_and_level(m, t, gains, m.clock[1], memory, out)
     if t.contact[0] > 0.0:
-        replace_along_z(m, loops.force_pi(t.force[0], m.wrench[2], gains.force, m.clock[1], memory.force), out)
+        unseen = (gains.strike.delay + m.clock[1]) * max(along_z(m, m.twist), memory.pressed)
+        highest = loops.strike_limit(gains.strike, t.force[0], m.wrench[2] + loops.VIBRATION_N, unseen)
+        rate = loops.force_pi(t.force[0], m.wrench[2], highest, gains.force, m.clock[1], memory.force)
+        memory.pressed = rate
+        replace_along_z(m, rate, out)
     else:
+        memory.pressed = 0.0
         _forget(memory.force)
 
 

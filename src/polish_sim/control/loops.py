@@ -142,20 +142,49 @@ class PiMemory(Record):
 
 
 @kernel
-def force_pi(wanted: float, measured: float, gains: PiGains, dt: float, state: PiMemory) -> float:
+def force_pi(wanted: float, measured: float, highest: float, gains: PiGains, dt: float, state: PiMemory) -> float:
     """Rate kfp (Fd - Fe) + kfi integral (Fd - Fe) dt, limited, without wind-up [m/s] or [rad/s] (paper 1, eq. 5).
 
-    ``wanted`` is Fd, ``measured`` Fe [N] or [N m]. The integral rests while the rate is at its limit and would grow
-    further.
+    ``wanted`` is Fd, ``measured`` Fe [N] or [N m]. The rate is at most ``highest``, and no faster either way than its
+    limit. The integral rests while the rate is at a limit and would grow further.
     """
     state.measured = low_pass_step(state.measured, measured, gains.filter_hz, dt) if state.started else measured
     state.started = True
     error = wanted - state.measured
     grown = state.integral + error * dt
     rate = gains.p * error + gains.i * grown
-    if -gains.limit <= rate <= gains.limit:
+    limited = min(max(rate, -gains.limit), gains.limit, highest)
+    if rate == limited or rate * error < 0.0:
         state.integral = grown
-        return rate
-    if rate * error < 0.0:
-        state.integral = grown
-    return min(max(rate, -gains.limit), gains.limit)
+    return limited
+
+
+# How fast a tool may press without a strike, whatever the springs.
+
+MOST_SHARE = 1.25  #: Of the set force, which is not exceeded
+VIBRATION_N = 1.0  #: Of the force, which the reading does not show: the arm's vibration, and noise
+STIFFEST = 4.0  #: Times the drawn stiffness that the springs may have
+BRAKING = 0.8  #: Share of the robot's acceleration that is planned with
+
+
+class StrikeGains(Record):
+    """What the bound on the speed into the part counts on."""
+
+    stiffness: float  #: Of the springs, as drawn [N/m]
+    acceleration: float  #: The robot's [m/s^2]
+    delay: float  #: From motion to reading and from command to motion, together [s]
+
+
+@kernel
+def strike_limit(g: StrikeGains, wanted: float, reading: float, unseen: float) -> float:
+    """Speed into the part [m/s] above which the stiffest springs allowed for could be pressed with too much.
+
+    Let F be the last ``reading`` [N], u the travel into the part that it does not show yet, ``unseen`` [m], k the
+    stiffness and a the acceleration. Stopped as quickly as the robot can, the tool presses with at most
+
+        F + 4 k (u + v^2 / 2 a) <= 1.25 F_set,    so    v <= sqrt(2 a ((1.25 F_set - F) / 4 k - u)).
+
+    Nothing in it is estimated: F is measured, u is known from encoders and commands.
+    """
+    room = (MOST_SHARE * wanted - reading) / (STIFFEST * g.stiffness) - max(unseen, 0.0)
+    return math.sqrt(2.0 * BRAKING * g.acceleration * max(room, 0.0))

@@ -15,6 +15,8 @@ from polish_sim.control.adaptive.surface import (
     NormalGains,
     NormalMemory,
 )
+from polish_sim.control.hybrid import strike_gains
+from polish_sim.control.loops import StrikeGains
 from polish_sim.errors import ConfigError
 from polish_sim.kernels import Matrix3, Record
 
@@ -43,6 +45,7 @@ class AdaptiveGains(Record):
     touch_down: bool  #: Whether the law is on
     estimates: bool  #: Whether the law ``stiffness`` is on
     inertia: bool  #: Whether the law is on
+    strike: StrikeGains
     mass_height: float  #: Of the carried mass' centre above the tool point [m]
 
 
@@ -57,6 +60,7 @@ def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
         delay_share=config.delay_share, speed=config.top_speed_m_s, acceleration=config.acceleration_m_s2,
         stiff_first=config.stiff_first, touch_down="touch-down" in on,
         estimates="stiffness" in on, inertia="inertia" in on, arm_mode=2.0 * math.pi * config.arm_mode_hz,
+        strike=strike_gains(config),
     )  # fmt: skip
 
 

@@ -9,13 +9,7 @@ The speed then follows from the travel still to go, as for the quickest stop at 
 v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach and grows with the
 evidence of contact. Nothing is integrated until the force has landed.
 
-Whatever stiffness is believed, the tool cannot strike. Let F be the last reading, u the travel into the part that it
-does not show yet (done since, and commanded but not done), k_max = 4 k the stiffest springs that are allowed for and
-a the robot's acceleration. Stopped as quickly as it can, the tool presses with at most
-
-    F + k_max (u + v^2 / 2 a) <= 1.25 F_set,    so    v <= sqrt(2 a ((1.25 F_set - F) / k_max - u)).
-
-Nothing in it is estimated: F is measured, u is known from encoders and commands.
+Whatever stiffness is believed, the tool cannot strike: its speed stays below `loops.strike_limit`.
 """
 
 from __future__ import annotations
@@ -23,7 +17,7 @@ from __future__ import annotations
 import math
 
 from polish_sim.control.adaptive.gains import AdaptiveGains, PressMemory
-from polish_sim.control.loops import low_pass_step
+from polish_sim.control.loops import BRAKING, low_pass_step
 from polish_sim.control.signals import Measurement
 from polish_sim.kernels import kernel
 
@@ -38,9 +32,6 @@ _LARGEST_OFFSET = 1.5  # of the reading in the air [N]
 _SURE = 1.5  # further rise at which contact is beyond doubt [N]
 _SEEK_SLOWEST, _SEEK_FASTEST = 0.005, 0.02  # towards a part that should be there [m/s]
 _FOUND = 0.2  # contact that lasted this long was the part [s]
-MOST_SHARE = 1.25  # of the set force, which is not exceeded
-STIFFEST = 4.0  # times the drawn stiffness that the springs may have
-_BRAKING = 0.8  # share of the robot's acceleration that is planned with
 _LANDED = 0.01  # speed below which the landing ends [m/s]
 _LANDING_ENDS = 0.15  # time in which the observer's rate is faded in [s]
 
@@ -120,22 +111,12 @@ def speed_limit(g: AdaptiveGains, memory: PressMemory) -> float:
 
 
 @kernel
-def strike_limit(g: AdaptiveGains, wanted: float, reading: float, unseen: float) -> float:
-    """Speed into the part [m/s] above which the stiffest springs allowed for could be pressed with too much.
-
-    ``wanted`` is the set force and ``reading`` the last one [N], ``unseen`` the travel it does not show yet [m].
-    """
-    room = (MOST_SHARE * wanted - reading) / (STIFFEST * g.stiffness) - max(unseen, 0.0)
-    return math.sqrt(2.0 * _BRAKING * g.acceleration * max(room, 0.0))
-
-
-@kernel
 def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: float) -> float:
     """Speed at which a travel still to go [m] is ended soonest without going too far [m/s]."""
     far = abs(travel)
     speed = crossover * far
     if g.touch_down:
-        a = _BRAKING * g.acceleration
+        a = BRAKING * g.acceleration
         bend = a / (crossover * crossover)
         if far > bend:
             speed = math.sqrt(2.0 * a * (far - 0.5 * bend))

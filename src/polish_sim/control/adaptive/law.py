@@ -31,6 +31,7 @@ from polish_sim.control.hybrid import (
     turn_and_level,
     turn_to_target,
 )
+from polish_sim.control.loops import strike_limit
 from polish_sim.control.signals import (
     ANSWER,
     LAW_SIGNATURE,
@@ -170,7 +171,7 @@ def press(
     coming = force_loop.under_way(memory, dt) - asked
     travel = (t.force[0] - force) / state.stiffness - coming
     wanted = landing.quickest_stop(g, travel, pace.crossover, landing.speed_limit(g, memory))
-    wanted = min(wanted, landing.strike_limit(g, t.force[0], reading, state.travel - seen.path + coming))
+    wanted = min(wanted, strike_limit(g.strike, t.force[0], reading, state.travel - seen.path + coming))
     landing.note_landing(g, memory, wanted, dt)
     wanted += expected_then
     step = g.acceleration * dt
