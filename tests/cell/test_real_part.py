@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import RealPart, Touch, build_real_part
 from polish_sim.cell.guards import CRASH, REASONS
-from polish_sim.cell.real_part import bend_of, build_part_fields, displacement_of
+from polish_sim.cell.real_part import bend_of, build_part_fields, displacement_of, spread_over
 from polish_sim.config import PartConfig
 from polish_sim.geometry import Surface, field_distance
 from polish_sim.geometry.fit import fit_triangles
@@ -100,11 +100,20 @@ def test_a_pad_on_a_thin_sheet_is_pushed_out_by_what_lies_under_it(
 def test_the_bent_surface_lies_where_the_form_error_says(sheet: Surface) -> None:
     config = PartConfig(displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0003)
     part, top = real(sheet, config, seed=3), top_of(sheet)
-    bend = bend_of(config, top.vertices[top.faces].mean(axis=1), np.random.default_rng(3))
+    bend = bend_of(config, spread_over(top), np.random.default_rng(3))
     points = np.column_stack([np.random.default_rng(0).uniform(-0.03, 0.03, (200, 2)), np.zeros(200)])
     found = [field_distance(part.field, *point) for point in points]
     np.testing.assert_allclose(found, -bend(points), atol=1e-6)
     assert np.ptp(found) > 0.0001
+
+
+def test_a_face_of_two_facets_is_bent_by_no_more_than_its_form_error() -> None:
+    corners = np.array([[-0.05, -0.02, 0.0], [0.05, -0.02, 0.0], [0.05, 0.02, 0.0], [-0.05, 0.02, 0.0]])
+    face = fit_triangles(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
+    within = np.random.default_rng(0).uniform([-0.05, -0.02, 0.0], [0.05, 0.02, 0.0], (500, 3))
+    for seed in range(50):
+        bend = bend_of(PartConfig(), spread_over(face), np.random.default_rng(seed))
+        assert 0.0002 < np.ptp(bend(within)) < 0.0005
 
 
 def test_the_same_seed_makes_the_same_part_and_another_seed_another(sheet: Surface) -> None:

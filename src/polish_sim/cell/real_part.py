@@ -120,11 +120,28 @@ def build_real_part(
     The errors are sized on the polished ``region``; where its normals cancel out, the displacement is along ``up``,
     work frame, shape (3,).
     """
-    points, normal = region.vertices[region.faces].mean(axis=1), region.normal_sum
+    points, normal = spread_over(region), region.normal_sum
     size = float(np.linalg.norm(normal)) / float(region.facet_areas.sum())
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
     bent = fields._replace(near=bend_field(fields.near, bend_of(config, points, rng).on_grid))
     return place_part(bent, displacement_of(config, normal, points.mean(axis=0), rng), T_base_work, normal)
+
+
+def spread_over(region: Surface) -> Array:
+    """Points all over a region, a quarter of the shortest wave apart or less [m], shape (n, 3).
+
+    Facets alone do not do: a plane may have two, which say nothing of the waves between them.
+    """
+    corners = region.vertices[region.faces]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    cuts = np.maximum(np.ceil(4.0 * edges / WAVELENGTHS[0]), 1.0).astype(int)
+    points = []
+    for n in np.unique(cuts):
+        i, j = (grid.ravel() for grid in np.mgrid[:n, :n])
+        shares = (np.stack([i, j], axis=1)[i + j < n] + 1.0 / 3.0) / n
+        weights = np.column_stack([shares, 1.0 - shares.sum(axis=1)])
+        points.append((weights @ corners[cuts == n]).reshape(-1, 3))
+    return np.concatenate(points)
 
 
 def place_part(fields: PartFields, T_work_real: Array, T_base_work: Array, normal: Array) -> RealPart:
