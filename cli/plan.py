@@ -246,8 +246,6 @@ def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
     Raises:
         PolishSimError: If the part cannot be used or planned, or an arm cannot follow.
     """
-    import numpy as np
-
     from polish_sim.dual.task import prepare_dual
     from polish_sim.planning import measure_given_path
 
@@ -257,7 +255,6 @@ def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
     result = measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     result.figures.update(
         plan_time_s=planned_s,
-        air_length_m=path.length_m - float(np.ptp(path.s[path.process])),
         axis_deviation_max_rad=0.0,
         placement_value=task.reach.value,
         chain_residual_m=task.residual,

@@ -9,12 +9,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from polish_sim import fit_surface, load_part, measure_path, plan_spiral, select_region, workpiece_path
+from polish_sim import PlanConfig, fit_surface, load_part, measure_path, plan_path, select_region, workpiece_path
 
 mesh = load_part(workpiece_path("freeform"))
 surface = fit_surface(mesh)
 region = select_region(surface, mesh)
-path = plan_spiral(region, stepover=0.008)
+path = plan_path(region, PlanConfig(pattern="spiral", stepover_m=0.008))
 
 print("positions [m]", path.positions_work.shape, "axes", path.axes_work.shape, "turns", path.pass_index.max() + 1)
 figures = measure_path(path, region, stepover=0.008)

@@ -5,7 +5,7 @@ From a part to a path, numpy in and out, lengths in metres in the frame of the p
     mesh = load_part("part.stl")
     surface = fit_surface(mesh)
     region = select_region(surface, mesh)
-    path = plan_spiral(region, stepover=0.008)  # path.positions_work and path.axes_work, (n, 3) each
+    path = plan_path(region, PlanConfig(stepover_m=0.008))  # path.positions_work and path.axes_work, (n, 3) each
     figures = measure_path(path, region, stepover=0.008)
 
 `plan_part` does all of it with notes for the user, `export_plan` writes it for robots, CAM systems and browsers;
@@ -32,10 +32,6 @@ _HOME = {
     "select_region": "geometry",
     "PartConfig": "config",
     "PlanConfig": "config",
-    "plan_spiral": "planning",
-    "plan_raster": "planning",
-    "plan_contour": "planning",
-    "plan_fermat": "planning",
     "plan_path": "planning",
     "plan_part": "planning",
     "measure_path": "planning",

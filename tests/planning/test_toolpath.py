@@ -191,7 +191,7 @@ def test_a_plan_reports_the_largest_deviation_and_keeps_its_bound():
     bound = np.radians(1.0)
     planned, normals, _ = leaned("saddle", axis_smoothing_m=0.06, axis_deviation_rad=bound)
     axes = planned.path.axes_work[planned.path.process]
-    deviation = planned.figures["axis_deviation_max_rad"]
+    deviation = planned.axis_deviation_max_rad
     assert 0.0 < deviation <= bound + 1e-12
     assert angles_between(axes, normals).max() == pytest.approx(deviation, abs=1e-6)
     turn = np.linalg.norm(np.diff(axes, axis=0), axis=1)
@@ -200,7 +200,7 @@ def test_a_plan_reports_the_largest_deviation_and_keeps_its_bound():
 
 def test_without_smoothing_nothing_deviates():
     planned, _, _ = leaned("sphere_100")
-    assert planned.figures["axis_deviation_max_rad"] == 0.0
+    assert planned.axis_deviation_max_rad == 0.0
 
 
 def test_over_a_crease_the_axis_turns_on_a_stretch_and_is_the_normal_elsewhere():

@@ -12,12 +12,8 @@ if TYPE_CHECKING:
         coverage_until,
         measure_given_path,
         measure_path,
-        plan_contour,
-        plan_fermat,
         plan_mesh,
         plan_part,
-        plan_raster,
-        plan_spiral,
     )
     from polish_sim.planning.patterns import PATTERNS
     from polish_sim.planning.planner import plan_path

@@ -33,7 +33,6 @@ with a note where the pad hangs over."""
 
 START_REACH = 0.1  #: A start asked for may be off the part by this share of the part's size, as a region's point may
 FAR_START = 2.0  #: A path that begins further from there than so many step-overs is noted
-AS_ASKED = 0.05  #: A mean step-over this close to the one asked for, relative, is not remarked upon
 
 FEW = 20  #: Of many vertices one in so many is asked how far it is from the border
 
@@ -175,19 +174,6 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
         return []
     why = "; an outward path begins in the middle" if plan.order == "outward" else ""
     return [f"the path begins at {place_in_mm(begin)}, {distance * 1e3:.3g} mm from the start asked for{why}"]
-
-
-def stepover_notes(mean: float, plan: PlanConfig) -> list[str]:
-    """Why neighbouring turns are not, within a twentieth, as far apart as was asked.
-
-    ``mean`` is their distance in the mean [m]; NaN if no two run side by side.
-    """
-    if not abs(mean - plan.stepover_m) > AS_ASKED * plan.stepover_m:
-        return []
-    return [
-        f"neighbouring turns are {1e3 * mean:.4g} mm apart in the mean, not the {1e3 * plan.stepover_m:.4g} mm asked "
-        "for: a whole number of turns has to fit between the region's borders"
-    ]
 
 
 def hole_notes(ground: Ground) -> list[str]:

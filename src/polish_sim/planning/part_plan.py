@@ -26,7 +26,6 @@ from polish_sim.planning.feasibility import (
     in_another_unit,
     lean_notes,
     start_notes,
-    stepover_notes,
     too_small,
     wall_notes,
     widest_piece,
@@ -35,7 +34,7 @@ from polish_sim.planning.feasibility import (
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import Air, with_way_down
 from polish_sim.planning.moves.leave_out import leave_out
-from polish_sim.planning.planner import plan_on, plan_path
+from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
 from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
@@ -213,9 +212,10 @@ def plan_mesh(
         raise PlanError(f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
                         "Set a smaller --pad-diameter or another --region.")  # fmt: skip
     remarks = [*planned.notes, *start_notes(planned.path, ready.plan)]
-    remarks += stepover_notes(quality.figures["stepover_mean_m"], ready.plan)
     result = ready.result(planned.path, quality, remarks, planned.cuts)
-    return replace(result, figures={**result.figures, **planned.figures, "plan_time_s": planned_s})
+    return replace(result, figures={
+        **result.figures, "axis_deviation_max_rad": planned.axis_deviation_max_rad, "plan_time_s": planned_s,
+    })  # fmt: skip
 
 
 def measure_given_path(
@@ -433,78 +433,6 @@ def choose_region(mesh: PartMesh, surface: Surface, plan: PlanConfig) -> Region:
     return select_region(surface, mesh, plan.region, plan.feature_angle_rad, *margins)
 
 
-# Planning by one call per pattern, for Python users: a region and a step-over in, arrays out.
-#
-# mesh = load_part("part.stl")
-# surface = fit_surface(mesh)
-# path = plan_spiral(select_region(surface, mesh), stepover=0.008)
-# path.positions_work, path.axes_work      # (n, 3), metres, work frame
-
-Point = Sequence[float]
-
-
-def plan_spiral(
-    region: Region,
-    stepover: float = 0.008,
-    order: str = "inward",
-    direction: str = "conventional",
-    start: Point = (),
-    plan: PlanConfig | None = None,
-) -> ToolPath:
-    """Cover a region with a spiral that follows its border (paper 1, section 1.3).
-
-    Args:
-        region: What to cover.
-        stepover: Distance between neighbouring turns [m].
-        order: ``inward`` or ``outward``.
-        direction: ``conventional`` or ``climb``.
-        start: Where the path begins, about, work frame [m], shape (3,); empty = chosen.
-        plan: All other wishes (lead-in, lead and tilt angle, clearance, ...); the defaults if left out.
-
-    Returns:
-        The path on the surface, with approach, lead-in, lead-out and retract.
-
-    Raises:
-        PlanError: The step-over does not fit the region.
-    """
-    asked = replace(plan or PlanConfig(), pattern="spiral", stepover_m=stepover)
-    return plan_path(region, replace(asked, order=order, direction=direction, start=_point(start)))
-
-
-def plan_contour(
-    region: Region,
-    stepover: float = 0.008,
-    order: str = "inward",
-    direction: str = "conventional",
-    start: Point = (),
-    plan: PlanConfig | None = None,
-) -> ToolPath:
-    """Cover a region with closed loops parallel to its border; arguments as of `plan_spiral`."""
-    asked = replace(plan or PlanConfig(), pattern="contour", stepover_m=stepover)
-    return plan_path(region, replace(asked, order=order, direction=direction, start=_point(start)))
-
-
-def plan_fermat(region: Region, stepover: float = 0.008, start: Point = (), plan: PlanConfig | None = None) -> ToolPath:
-    """Cover a region, holes or not, in one stroke: a connected Fermat spiral; arguments as of `plan_spiral`."""
-    asked = replace(plan or PlanConfig(), pattern="fermat", stepover_m=stepover)
-    return plan_path(region, replace(asked, start=_point(start)))
-
-
-def plan_raster(
-    region: Region,
-    stepover: float = 0.008,
-    along: Point = (),
-    start: Point = (),
-    plan: PlanConfig | None = None,
-) -> ToolPath:
-    """Cover a region with lines to and fro, joined by rounded turns; arguments and errors as of `plan_spiral`.
-
-    The lines run ``along`` a direction (3,) of the work frame; empty = along the region's long axis.
-    """
-    asked = replace(plan or PlanConfig(), pattern="raster", stepover_m=stepover)
-    return plan_path(region, replace(asked, raster_direction=_point(along), start=_point(start)))
-
-
 def measure_path(
     path: ToolPath, region: Region, stepover: float, pad_radius: float = 0.025, contact_force: float = 20.0
 ) -> dict[str, Any]:
@@ -515,7 +443,3 @@ def measure_path(
     ground = prepare_ground(region, PlanConfig(stepover_m=stepover))
     process, pad = ProcessConfig(contact_force_n=contact_force), PadConfig(radius_m=pad_radius)
     return measure_quality(AskedRegion(ground), path, stepover, process, pad).figures
-
-
-def _point(values: Point) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)

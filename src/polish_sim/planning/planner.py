@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -51,13 +51,6 @@ class Planned(NamedTuple):
     notes: tuple[str, ...]  #: What was done differently from what was asked, and where
     cuts: tuple[CutOut, ...] = ()  #: What is not followed
 
-    @property
-    def figures(self) -> Mapping[str, float]:
-        """air_length_m: way of the tool while it does not touch, leads included; axis_deviation_max_rad."""
-        contact = self.path.process[1:] & self.path.process[:-1]
-        air = float(np.diff(self.path.s)[~contact].sum())
-        return {"air_length_m": air, "axis_deviation_max_rad": self.axis_deviation_max_rad}
-
 
 class Placed(NamedTuple):
     """A stroke with its leads and the way to it."""
@@ -71,6 +64,7 @@ class Placed(NamedTuple):
 def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
     """Cover a region with a tool path on the surface, with approach, lead-in, lead-out and retract.
 
+    ``plan`` has the pattern, the step-over and all other wishes: ``PlanConfig(pattern="raster", stepover_m=0.01)``.
     ``on_progress`` is called with the share of the region covered so far.
 
     Raises:

@@ -221,13 +221,20 @@ def _path_figures(on: PathOnSurface, path: ToolPath, process: ProcessConfig) -> 
 
 
 def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
-    """Time in contact, at the path's own feed or the process', and with the rest at the approach speed [s]."""
+    """Time in contact, at the path's own feed or the process', and with the rest at the approach speed [s].
+
+    And the way of the tool while it does not touch, leads included [m].
+    """
     chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
     pressing = path.process[1:] & path.process[:-1]
     feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
     slowness = np.where(pressing, 0.5 * (1.0 / feed[1:] + 1.0 / feed[:-1]), 1.0 / process.approach_speed_m_s)
     times = chords * slowness
-    return {"time_in_contact_s": float(times[pressing].sum()), "cycle_time_s": float(times.sum())}
+    return {
+        "time_in_contact_s": float(times[pressing].sum()),
+        "cycle_time_s": float(times.sum()),
+        "air_length_m": float(chords[~pressing].sum()),
+    }
 
 
 def _spacing_figures(spacing: Stepover, pad: PadConfig) -> dict[str, Any]:
