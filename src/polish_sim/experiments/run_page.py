@@ -34,6 +34,7 @@ MOST_ROWS: Final = 40_000
 JOINT_ERROR: Final = 2.5e-4  #: Between rows, at most, where there are not too many [rad]
 MOST_FACETS, MOST_NODES = 40_000, 40_000  #: Of the part and of its removal; finer ones are shown by lighter copies
 HIDDEN_GROUP: Final = 3  #: Of geoms that are there for contact only
+MEASURED: Final = "wrench_measured_tool"
 MM, DEG = 1e3, 180.0 / np.pi
 
 
@@ -227,8 +228,9 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
     along = np.sum(twist[:, :3] * axis, axis=1)
     across = np.linalg.norm(twist[:, :3] - along[:, None] * axis, axis=1)
     asked = Line("asked", motion.asked, "asked")
+    read = [Line("read by the sensor", column(MEASURED)[:, 2], "1")] if MEASURED in log.names else []
     plots = [
-        Plot("Contact force", "N", [asked, Line("force", motion.force, "main", low, high)]),
+        Plot("Contact force", "N", [*read, asked, Line("exact force", motion.force, "main", low, high)]),
         Plot("Error across the tool", "µm", [Line("error", 1e6 * motion.error, "main", 0.0 * worst, 1e6 * worst)]),
         Plot("Tool speed", "mm/s", [
             Line("feed asked", np.full(n, MM * process.feed_m_s), "asked"), Line("speed", MM * motion.speed)]),
