@@ -46,7 +46,7 @@ ASKED: Final = "asked.json"  #: What the score in the folder is of
         RUN,
         "N",
         "Search with N runs for the largest force, loss of contact and error, instead of scoring; "
-        "worst.toml repeats the worst run.",
+        "the config of each worst run is kept.",
         int,
         30,
         1e6,
@@ -91,7 +91,7 @@ def score(given: Given) -> int:
 
 
 def find_worst(given: Given) -> int:
-    """Search the worst runs of a controller, print them with the commands that repeat them, and write worst.toml."""
+    """Search the worst runs of a controller, print them with the commands that repeat them, and keep their configs."""
     idle = [name for name in ("--against", "--seeds", "--case", "--reach", "--ablate", "--border") if given[name]]
     if idle:
         raise InputError(f"--worst searches one controller: leave {', '.join(idle)} out.")
@@ -108,7 +108,6 @@ def find_worst(given: Given) -> int:
             raise KeyboardInterrupt
         for name in FIGURES:
             (folder.draft / f"{name}.toml").write_text(to_toml(worst.found[name].scenario), encoding="utf-8")
-        (folder.draft / "worst.toml").write_text(to_toml(worst.found[FIGURES[0]].scenario), encoding="utf-8")
         values = {name: found.value for name, found in worst.found.items()}
         write_json(folder.draft / "metrics.json", {**values, "runs": worst.runs, "stops": worst.stops})
     rows = []
@@ -116,9 +115,9 @@ def find_worst(given: Given) -> int:
         found = worst.found[name]
         drawn = found.scenario
         where = f"{drawn.part.file}, springs x {drawn.head.spring_scale:g}, {1e3 * drawn.process.feed_m_s:.3g} mm/s"
-        rows.append([label, unit, f"{found.value:.3g}", where, "stopped" if found.stopped else ""])
+        rows.append([label, unit, f"{found.value:.3g}", where, found.stopped.partition(":")[0]])
     console.table(f"worst of {scenario.controller.label}, {count_text(worst.runs, 'run')}, {worst.stops} stopped",
-                  ["figure", "unit", "worst", "where", "run"], rows)  # fmt: skip
+                  ["figure", "unit", "worst", "where", "stopped, as"], rows)  # fmt: skip
     for name in FIGURES:
         console.say(f"to repeat: polish-sim run surface --config {folder.final / name}.toml")
     console.say_folder(folder.final)

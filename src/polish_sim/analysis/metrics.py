@@ -166,7 +166,7 @@ def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
     if within < WITHIN_BAND:
         most = figures["force_max_deviation_n"]
         found.append(
-            f"the force was outside ±4 N for {100.0 * (1.0 - within):.2g}% of the process, by up to {most:.1f} N"
+            f"the force was outside ±4 N for {100.0 * (1.0 - within):.3g}% of the process, by up to {most:.1f} N"
         )
     if figures["peak_force_n"] > MOST_FORCE * contact_force:
         found.append(f"the force reached {figures['peak_force_n']:.1f} N where {contact_force:.3g} N were set")

@@ -21,6 +21,9 @@ from polish_sim.control.signals import (
 from polish_sim.kernel_cache import cfunc
 from polish_sim.kernels import Record, Vector3, kernel
 
+LATEST = 2.0  #: Times as late as believed the sensor may be
+GENTLY = 0.25  #: Share of the acceleration the bound on the speed counts on: a quicker stop shakes the arm
+
 
 class HybridGains(Record):
     """Gains of the loops."""
@@ -53,10 +56,12 @@ class HybridContext(Record):
     memory: HybridMemory
 
 
-def strike_gains(beliefs: AdaptiveConfig) -> loops.StrikeGains:
-    """What cell and sensor are believed to be."""
-    sensing = beliefs.sensor_latency_s + 0.5 / (math.pi * beliefs.sensor_bandwidth_hz)
-    return loops.StrikeGains(beliefs.stiffness_n_m, beliefs.acceleration_m_s2, sensing + beliefs.command_delay_s)
+def strike_gains(beliefs: AdaptiveConfig, braking: float = 1.0) -> loops.StrikeGains:
+    """What cell and sensor are believed to be; the bound counts on a share ``braking`` of the acceleration."""
+    sensing = LATEST * beliefs.sensor_latency_s + 0.5 / (math.pi * beliefs.sensor_bandwidth_hz)
+    return loops.StrikeGains(
+        beliefs.stiffness_n_m, braking * beliefs.acceleration_m_s2, sensing + beliefs.command_delay_s
+    )
 
 
 def hybrid_gains(config: ControllerConfig) -> HybridGains:
@@ -72,7 +77,7 @@ def hybrid_gains(config: ControllerConfig) -> HybridGains:
         moment=loops.PiGains(
             config.moment_p_rad_snm, config.moment_i_rad_s2nm, config.moment_limit_rad_s, config.moment_filter_hz
         ),
-        strike=strike_gains(config.adaptive),
+        strike=strike_gains(config.adaptive, GENTLY),
         tilt_limit=config.moment_tilt_limit_rad,
     )
 
@@ -168,7 +173,7 @@ def press(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, o
     turn_and_level(m, t, gains, m.clock[1], memory, out)
     if t.contact[0] > 0.0:
         unseen = (gains.strike.delay + m.clock[1]) * max(along_z(m, m.twist), memory.pressed)
-        highest = loops.strike_limit(gains.strike, t.force[0], m.wrench[2] + loops.VIBRATION_N, unseen)
+        highest = loops.strike_limit(gains.strike, t.force[0], m.wrench[2], unseen)
         rate = loops.force_pi(t.force[0], m.wrench[2], highest, gains.force, m.clock[1], memory.force)
         memory.pressed = rate
         replace_along_z(m, rate, out)

@@ -162,7 +162,6 @@ def force_pi(wanted: float, measured: float, highest: float, gains: PiGains, dt:
 # How fast a tool may press without a strike, whatever the springs.
 
 MOST_SHARE = 1.25  #: Of the set force, which is not exceeded
-VIBRATION_N = 1.0  #: Of the force, which the reading does not show: the arm's vibration, and noise
 STIFFEST = 4.0  #: Times the drawn stiffness that the springs may have
 BRAKING = 0.8  #: Share of the robot's acceleration that is planned with
 

@@ -1,0 +1,74 @@
+"""The proof as a user meets it: a plan that has been played, a run that begins behind a place, figures that are bad."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.planning.toolpath import PROCESS
+from tests.cli.conftest import Call, Tool, metrics_of
+
+WORDS = ("--stepover", "40", "--feed", "40", "--part-pose", "0,-500,80,0,0,0")
+BEHIND = 900  # [mm]
+
+
+@pytest.fixture
+def plan(polish_sim: Tool) -> Call:
+    """A coarse path on the shipped plate, proven on the part as drawn."""
+    made: Call = polish_sim("plan", "plate", *WORDS[:4], "--proof", "nominal", "--out", "plan")
+    assert made.code == 0, made.err
+    return made
+
+
+def test_a_proven_plan_says_so_once_and_is_not_played_again(plan: Call, polish_sim: Tool, tmp_path: Path) -> None:
+    assert "prove in the cell" in plan.err
+    assert metrics_of(tmp_path / "plan")["proven"] == 1
+    whole = polish_sim("run", "surface", "--path", "plan", "--proof", "nominal", "--seed", "520", "--out", "whole")
+    assert whole.code == 0, whole.err
+    assert "prove in the cell" not in whole.err
+    other = polish_sim("run", "surface", "--path", "plan", "--contact-force", "15", "--proof", "nominal",
+                       "--set", "process.max_feed_s=1", "--out", "other")  # fmt: skip
+    assert "prove in the cell" in other.err
+    found = metrics_of(tmp_path / "whole")
+    assert found["path_done"] == 1.0
+    assert "feed_m_s = 0.04" in (tmp_path / "whole" / "config.toml").read_text()
+
+    rest = polish_sim("run", "surface", "--path", "plan", "--from", BEHIND, "--proof", "none", "--out", "rest")
+    assert rest.code == 0, rest.err
+    assert metrics_of(tmp_path / "rest")["left_out_area_m2"] > 0.0
+    assert "it was polished before (--from)" in metrics_of(tmp_path / "rest")["left_out"]
+    # It lands with half the force and has all of it a pad's diameter on, at what comes behind the place.
+    log, path = (np.load(tmp_path / "rest" / name) for name in ("log.npz", "path.npz"))
+    fed, pressed = log["phase"] == 2, np.load(tmp_path / "whole" / "path.npz")
+    force, first = log["normal_force_n"][fed], path["positions_work"][path["segment"] == PROCESS][0]
+    assert 8.0 < force[0] < 13.0
+    assert force[-20:].mean() == pytest.approx(20.0, abs=1.0)
+    away = np.linalg.norm(pressed["positions_work"] - first, axis=1)
+    assert pressed["s"][away.argmin()] == pytest.approx(1e-3 * BEHIND, abs=2e-3)
+
+
+@pytest.mark.parametrize(("words", "named"), [
+    (("--proof", "often"), "--proof"),
+    (("--proof", "0"), "--proof"),
+    (("--path", "plan", "--from", "99999"), "--from"),
+])  # fmt: skip
+def test_what_cannot_be_proven_or_gone_on_with_is_refused(
+    plan: Call, polish_sim: Tool, tmp_path: Path, words: tuple[str, ...], named: str
+) -> None:
+    refused = polish_sim("run", "surface", "--part", "plate", *words, "--out", "none")
+    assert refused.code == 2
+    assert named in refused.err
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_run_with_bad_figures_says_each_and_fails_with_check(polish_sim: Tool, tmp_path: Path) -> None:
+    words = ("run", "surface", "--part", "plate", *WORDS[:4], "--controller", "position", "--proof", "none",
+             "--set", "part.displacement_m=0.003", "--set", "process.max_feed_s=3")  # fmt: skip
+    kept = polish_sim(*words, "--seed", "504", "--out", "kept")
+    assert kept.code == 0, kept.err
+    found = metrics_of(tmp_path / "kept")
+    assert found["bad_figures"]
+    assert sum(line.startswith("bad: ") for line in kept.err.splitlines()) == len(found["bad_figures"])
+    assert polish_sim(*words, "--seed", "504", "--check", "--out", "checked").code == 1
