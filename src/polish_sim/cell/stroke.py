@@ -18,7 +18,9 @@ from polish_sim.spatial import rotation_from_quaternion
 TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = range(8)
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
 TARE_TIME = 0.25  # readings averaged for zeroing [s]
-TOUCH_DOWN_TIME = 0.42  # from measured contact to the start of the feed [s]
+TOUCH_DOWN_TIME = 0.42  # from measured contact to the start of the feed, at least [s]
+LONGEST_TOUCH_DOWN = 1.5  # and at most: the feed waits for the force [s]
+LANDED_SHARE = 0.9  # of the set force, which the feed waits for
 RETRACT_SPEED = 0.02  # [m/s]
 
 
@@ -278,8 +280,9 @@ def advance_sequence(
         elif state.depth >= stroke.search_depth:
             return False
     elif stage == TOUCH_DOWN and state.time >= TOUCH_DOWN_TIME:
-        _enter(state, PROCESS)
-        state.s = state.speed = 0.0
+        if measured_force >= LANDED_SHARE * target.force[0] or state.time >= LONGEST_TOUCH_DOWN:
+            _enter(state, PROCESS)
+            state.s = state.speed = 0.0
     elif stage == PROCESS:
         arrived = state.clock >= stroke.motion.duration and state.time >= stroke.hold
         if arrived or state.time >= stroke.feed_time:
