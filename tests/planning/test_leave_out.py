@@ -20,7 +20,7 @@ def plan() -> PlanResult:
 def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhere(plan: PlanResult) -> None:
     path = plan.path
     gone = path.process & (path.s > 0.4) & (path.s < 0.5)
-    left = leave_out(path, gone, plan.plan, plan.air)
+    left = leave_out(path, gone, plan.plan, plan.ready.air)
     assert left is not None
     np.testing.assert_array_equal(left.lost, gone)
     assert len(stretches(left.path.process)) == len(stretches(path.process)) + 1
@@ -34,11 +34,11 @@ def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhe
 
 def test_strokes_before_the_first_that_changes_keep_every_row(plan: PlanResult) -> None:
     path = plan.path
-    cut = leave_out(path, path.process & (path.s > 0.4) & (path.s < 0.5), plan.plan, plan.air)
+    cut = leave_out(path, path.process & (path.s > 0.4) & (path.s < 0.5), plan.plan, plan.ready.air)
     assert cut is not None
     once = cut.path
     (_, first_end), (second, _) = stretches(once.process)[:2]
-    again = leave_out(once, once.process & (once.s > once.s[second] + 0.1), plan.plan, plan.air)
+    again = leave_out(once, once.process & (once.s > once.s[second] + 0.1), plan.plan, plan.ready.air)
     assert again is not None
     np.testing.assert_array_equal(again.path.s[: first_end + 1], once.s[: first_end + 1])
 
@@ -47,7 +47,7 @@ def test_what_is_left_of_a_stroke_is_longer_than_a_step_over_or_nothing(plan: Pl
     path = plan.path
     begin = path.s[path.process][0]
     gone = path.process & (path.s > begin + 0.015)
-    assert leave_out(path, gone, plan.plan, plan.air) is None
+    assert leave_out(path, gone, plan.plan, plan.ready.air) is None
 
 
 def test_a_plan_from_a_place_on_lands_there_and_raises_its_force_gradually(plan: PlanResult) -> None:

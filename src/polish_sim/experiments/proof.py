@@ -381,7 +381,7 @@ class _Prover:
             float(np.linalg.norm(mend.places - path.positions_work[row], axis=1).min()) < 2.0 * pad for mend in earlier
         )
         half = math.inf if len(earlier) > MOST_MENDS else 0.5 * pad * 2.0**near
-        remaining = leave_out(path, within & (np.abs(s - s[row]) <= half), self.plan.plan, self.plan.air)
+        remaining = leave_out(path, within & (np.abs(s - s[row]) <= half), self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
                 f"nothing of the path can be polished: played in the cell, every stroke fails, the last at "

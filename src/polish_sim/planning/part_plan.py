@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
@@ -34,16 +35,16 @@ from polish_sim.planning.feasibility import (
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import Air, with_way_down
 from polish_sim.planning.moves.leave_out import leave_out
-from polish_sim.planning.planner import plan_on
+from polish_sim.planning.planner import Planned, plan_on
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
 from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
-from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
+from polish_sim.planning.quality.tool_room import APART, Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
 FIRST_FORCE: Final = 0.5  #: Share of the force with which a plan goes on behind a place
-ROUNDS = 4  #: A path on which the tool is found in the part is planned so often, those places left out
+ROUNDS = 4  #: Places at which the tool is found in the part are left out at most so often
 
 
 class PlanObserver(Protocol):
@@ -104,13 +105,6 @@ class PlanResult:
     mends: tuple[Mend, ...] = ()  #: What was changed after the path had been played in the cell
     proof: Mapping[str, Any] | None = None  #: What it was proven for, as path.json has it; None if it was not
 
-    @property
-    def air(self) -> Air:
-        """What the lifted tool keeps clear of."""
-        tool, part = self.tool, self.surface
-        obstacle = joined_surfaces(part, tool.fixture)
-        return Air(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.region.up, tool, part)
-
     def along(self, path: ToolPath, mends: Sequence[Mend]) -> PlanResult:
         """The plan with another path on the same region; ``mends`` say where and why it is slower or shorter."""
         cuts = (
@@ -131,7 +125,7 @@ class PlanResult:
             PlanError: Nothing of the path in contact is left behind it.
         """
         path = self.path
-        remaining = leave_out(path, path.process & (path.s < s), self.plan, self.air)
+        remaining = leave_out(path, path.process & (path.s < s), self.plan, self.ready.air)
         if remaining is None:
             end = float(path.s[path.process][-1])
             raise PlanError(
@@ -191,31 +185,41 @@ def plan_mesh(
     check_start(surface, plan)
     observer.stage("plan the path")
     ready = prepare_region(mesh, surface, region, plan, process, Tool(pad, process.contact_force_n, fixture))
-    avoid = np.empty((0, 3))
-    for _ in range(ROUNDS):
-        planned = plan_on(
-            ready.ground,
-            ready.plan,
-            lambda share: observer.progress(share, 1.0),
-            surface,
-            ready.tool,
-            avoid,
-            ready.access.leaning if ready.access else None,
-        )
-        planned_s = time.perf_counter() - begin
-        observer.stage("measure the path")
-        quality = ready.measure(planned.path, planned.cuts)
-        if not quality.pad_in_part.max_m:
-            break
-        avoid = np.concatenate([avoid, quality.pad_in_part.positions])
-    else:
-        raise PlanError(f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
-                        "Set a smaller --pad-diameter or another --region.")  # fmt: skip
+    leaning = ready.access.leaning if ready.access else None
+    planned = plan_on(
+        ready.ground, ready.plan, lambda share: observer.progress(share, 1.0), surface, ready.tool, leaning
+    )
+    planned_s = time.perf_counter() - begin
+    observer.stage("measure the path")
+    planned, quality = _clear_of_part(ready, planned)
     remarks = [*planned.notes, *start_notes(planned.path, ready.plan)]
     result = ready.result(planned.path, quality, remarks, planned.cuts)
     return replace(result, figures={
         **result.figures, "axis_deviation_max_rad": planned.axis_deviation_max_rad, "plan_time_s": planned_s,
     })  # fmt: skip
+
+
+def _clear_of_part(ready: PreparedRegion, planned: Planned) -> tuple[Planned, Quality]:
+    """A path as it is measured, without the places at which the tool would be in the part.
+
+    Raises:
+        PlanError: It would be so on any of what is left.
+    """
+    air = ready.air
+    for wider in 2.0 ** np.arange(ROUNDS):
+        path, quality = planned.path, ready.measure(planned.path, planned.cuts)
+        inside = quality.pad_in_part.positions
+        if not len(inside):
+            return planned, quality
+        far, _ = cKDTree(inside).query(path.positions_work)
+        gone = path.process & (far < wider * APART * ready.tool.pad.radius_m)
+        remaining = leave_out(path, gone, ready.plan, air)
+        if remaining is None:
+            break
+        cut = CutOut("the tool would stand in the part", path.positions_work[remaining.lost])
+        planned = planned._replace(path=remaining.path, cuts=(*planned.cuts, cut))
+    raise PlanError(f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
+                    "Set a smaller --pad-diameter or another --region.")  # fmt: skip
 
 
 def measure_given_path(
@@ -272,6 +276,13 @@ class PreparedRegion:
         """On the part, its fixture and the region."""
         fixture = self.tool.fixture
         return (*self.mesh.notes, *(fixture.notes if fixture else ()), *self.region.notes)
+
+    @property
+    def air(self) -> Air:
+        """What the lifted tool keeps clear of."""
+        tool, part = self.tool, self.surface
+        obstacle = joined_surfaces(part, tool.fixture)
+        return Air(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.region.up, tool, part)
 
     def measure(self, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
         """Measure a path with ``cuts`` in it."""

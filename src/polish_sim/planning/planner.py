@@ -33,7 +33,7 @@ from polish_sim.planning.patterns.run import PatternRequest, SurfaceRun
 from polish_sim.planning.quality.access import too_near
 from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.leaning import Leaning
-from polish_sim.planning.quality.tool_room import APART, Tool, ground_under, pressed_places
+from polish_sim.planning.quality.tool_room import Tool, ground_under, pressed_places
 from polish_sim.planning.toolpath import ToolPath, arc_length, stretches
 
 CUT_APART: Final = 0.1  #: Whether the tool is in the part is looked at so many pad radii apart along a stroke
@@ -80,7 +80,6 @@ def plan_on(
     on_progress: Report | None = None,
     part: Surface | None = None,
     tool: Tool | None = None,
-    avoid: Array | None = None,
     leaning: Leaning | None = None,
 ) -> Planned:
     """As `plan_path` on ground prepared before, with notes, and clear of the whole part.
@@ -91,7 +90,6 @@ def plan_on(
         on_progress: Called with the share of the region covered so far.
         part: The whole part the tool must not run into in the air; the region if not given.
         tool: The tool that must not; only the tool point if not given.
-        avoid: Places it was found to do so all the same [m], shape (k, 3): stretches near them are left out.
         leaning: How the tool leans away from what stands beside it.
 
     Raises:
@@ -115,7 +113,7 @@ def plan_on(
     obstacle = joined_surfaces(alone, tool.fixture if tool else None)
     radius = 0.0 if tool is None else tool.pad.radius_m
     air = Air(obstacle, radius, plan.clearance_m, ground.region.up, tool, alone)
-    return assemble(runs, plan, air, cuts, np.empty((0, 3)) if avoid is None else avoid, leaning)
+    return assemble(runs, plan, air, cuts, leaning)
 
 
 def _cover(ground: Ground, plan: PlanConfig, report: Report) -> list[list[SurfaceRun]]:
@@ -150,7 +148,6 @@ def assemble(
     plan: PlanConfig,
     air: Air,
     cuts: Sequence[CutOut],
-    avoid: Array,
     leaning: Leaning | None,
 ) -> Planned:
     """Give runs their tool axes and leads and put them in a row; what the tool cannot reach is left out.
@@ -164,7 +161,7 @@ def assemble(
     all_cuts = list(cuts)
     passes, deviation = 0, 0.0
     for run in runs:
-        for whole in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, avoid, all_cuts):
+        for whole in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, all_cuts):
             placed = _place(whole, moves[-1] if moves else None, plan, air)
             if placed is None:
                 all_cuts.append(CutOut(NO_WAY, whole.process.positions))
@@ -191,9 +188,7 @@ def assemble(
     return Planned(path, deviation, notes_of(remarks), tuple(all_cuts))
 
 
-def _clear_of_part(
-    run: SurfaceRun, whole: Stroke, plan: PlanConfig, air: Air, avoid: Array, cuts: list[CutOut]
-) -> Sequence[Stroke]:
+def _clear_of_part(run: SurfaceRun, whole: Stroke, plan: PlanConfig, air: Air, cuts: list[CutOut]) -> Sequence[Stroke]:
     """The stretches of a stroke on which no body of the tool is in the part; appends the others to ``cuts``."""
     if air.tool is None:
         return [whole]
@@ -202,8 +197,7 @@ def _clear_of_part(
     under = ground_under(run.surface, points.facets[rows], points.barycentric[rows])
     places = pressed_places(move.positions[rows], move.axes[rows], under, air.tool.pad, air.tool.force)
     found = air.tool.stands_in(air.alone or air.part, places)
-    near = [np.linalg.norm(places.middles - place, axis=1) < APART * air.pad_radius for place in avoid]
-    hit = np.flatnonzero(np.any([found.depths > 0.0, *near], axis=0))
+    hit = np.flatnonzero(found.depths > 0.0)
     if not len(hit):
         return [whole]
     for number in np.unique(found.bodies[hit]):
