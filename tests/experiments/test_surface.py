@@ -136,7 +136,7 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(
     for name in (
         "force_rms_error_n", "force_max_deviation_n", "force_mean_n", "tracking_error_max_m", "speed_mean_m_s",
     ):  # fmt: skip
-        # 0.1 nm: rounding, which the stiffest springs of the arm make grow while the tool stands on the part.
+        # 0.1 nm is rounding: the tool is half a metre away.
         assert there[name] == pytest.approx(here[name], rel=1e-7, abs=1e-10), name
     assert way_there == pytest.approx(way, rel=1e-12)
 

@@ -246,7 +246,10 @@ def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_p
 def test_a_plan_of_which_every_stretch_runs_into_the_part_is_refused_with_the_place(tmp_path):
     boss().export(tmp_path / "boss.stl")
     mesh = load_part(tmp_path / "boss.stl", "mm", "z")
-    plan, tool = PlanConfig(stepover_m=0.02, pattern="contour", region="point:40,40,0"), Tool(PadConfig(radius_m=0.2), 20.0)
+    plan, tool = (
+        PlanConfig(stepover_m=0.02, pattern="contour", region="point:40,40,0"),
+        Tool(PadConfig(radius_m=0.2), 20.0),
+    )
     surface = fit_surface(mesh)
     ground = prepare_ground(select_region(surface, mesh, plan.region), plan)
     with pytest.raises(PlanError, match=r"the tool can reach no stroke of the path .* the first is at \(.*\) mm"):

@@ -16,13 +16,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import FORCE_BANDS_N
 from polish_sim.cell import Cell, Observer, Silent
 from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
 from polish_sim.cell.guards import NO_STOP, guard_shares
+from polish_sim.cell.real_part import NORMAL_SHARE
 from polish_sim.cell.stroke import PROCESS, cycle_time
+from polish_sim.cell.support import would_sink
 from polish_sim.config import FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
 from polish_sim.errors import InputError, PlanError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
@@ -32,6 +35,7 @@ from polish_sim.experiments.assembly import (
     cell_for,
     config_hash,
     course_for,
+    modelled_depth,
     place_key,
     strokes_for,
 )
@@ -46,9 +50,12 @@ from polish_sim.spatial import to_pose
 MARGIN: Final = 0.2
 """Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
 DRAWN_MARGIN: Final = 0.1  #: The same on a part that is displaced and bent
+SHAKEN: Final = 1.4  #: Times as much as in the proof the gears of another seed shake the arm at the same place
 SLOWER: Final = 0.5  #: A stretch that fails is slowed to this share of its feed
 SLOWEST: Final = 0.2  #: Share of the planned feed below which slowing is given up
 PLAYED: Final = "when it was played, "
+SINKS_OFF: Final = "the pad would sink off an edge of a part that lies aside"
+LOOKED_M: Final = 1e-3  #: Places of the path at which that is looked at are so far apart [m]
 MUCH: Final = 0.05  #: Share of the region from which a smaller pad is tried for what fails when it is played
 MUCH_SMALLER, MOST_PADS = 0.7, 2  #: Share of the pad's size from which on others are tried, and how many
 LEAST_POLISHED: Final = 0.1  #: Share of the region below which a plan is refused
@@ -201,7 +208,7 @@ def _pads_from(scenario: Scenario, pad: PadConfig) -> Iterator[tuple[PadConfig, 
 
 def _lost(plan: PlanResult) -> float:
     """What of the region was left out because it failed when it was played [m^2]."""
-    return sum(row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith(PLAYED))
+    return sum(row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith((PLAYED, SINKS_OFF)))
 
 
 class _Saved(NamedTuple):
@@ -224,6 +231,37 @@ class _Prover:
         self.shares: dict[str, tuple[float, float]] = {}
         self.played_s, self.kept_until, self._unsettled_until = 0.0, 0.0, 0.0
         self._passing: dict[str, tuple[float, float]] = {}
+        self._leave_out_what_sinks()
+
+    def _leave_out_what_sinks(self) -> None:
+        """Leave out where the pad would sink off an edge of a part that is displaced to the side.
+
+        Raises:
+            PlanError: It would everywhere.
+        """
+        path, scenario = self.path, self.scenario
+        rows = np.flatnonzero(path.process)
+        rows = rows[np.unique(np.searchsorted(path.s[rows], np.arange(path.s[rows[0]], path.s[rows[-1]], LOOKED_M)))]
+        places, force = path.positions_work[rows], path.force_at(path.s[rows], scenario.process.contact_force_n)
+        extent = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))
+        aside = scenario.part.displacement_m * math.sqrt(1.0 - NORMAL_SHARE**2) + scenario.part.rotation_rad * extent
+        depth = modelled_depth(scenario, largest_force(scenario, path))
+        fields = self.task.place.drawn(scenario)
+        lost = would_sink(fields, scenario.pad, places, path.axes_work[rows], force, aside, depth)
+        if not lost.any():
+            return
+        gone = np.zeros(len(path.s), dtype=bool)
+        gone[rows] = lost
+        near, _ = cKDTree(path.positions_work[gone]).query(path.positions_work)
+        gone = path.process & (near <= LOOKED_M)
+        remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
+        if remaining is None:
+            raise PlanError(
+                f"the region does not carry a pad of {2e3 * scenario.pad.radius_m:.3g} mm under {force[0]:.3g} N "
+                f"anywhere: on a part that lies {1e3 * aside:.2g} mm aside it would sink off an edge. Set a smaller --pad-diameter, a lower --contact-force or another --region."
+            )
+        self.mends.append(mend_of(LEFT_OUT, SINKS_OFF, 0.0, path, remaining.lost))
+        self.path, self.share = remaining.path, self.share[remaining.source]
 
     def settle(self, seed: int | None) -> None:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
@@ -277,7 +315,7 @@ class _Prover:
         kept = 1.0 - margin
         asked = largest_force(self.scenario, self.path)
         guards.force = asked + kept * (guards.force - asked)
-        guards.torque, guards.jump = kept * guards.torque, kept * guards.jump
+        guards.torque, guards.jump = kept * guards.torque, kept / SHAKEN * guards.jump
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
         extent = float(np.linalg.norm(np.ptp(self.path.positions_work[self.path.process], axis=0)))
         drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m
@@ -344,6 +382,7 @@ class _Prover:
         """Keep how near the guards came to their limits, those of the scenario, in a whole pass."""
         safety, guards = self.scenario.safety, cell.state.guards
         limits = {guard.FORCE: float(guards.force) / safety.force_limit_n}
+        limits[guard.JUMP] = (1.0 - margin) / SHAKEN
         limits |= dict.fromkeys(OFFSETS, float(guards.offset) / safety.offset_limit_m)
         for name, (share, at_m, _) in guard_shares(guards).items():
             self._note(name, share * limits.get(guard.SHARES[name], 1.0 - margin), at_m)

@@ -1,0 +1,69 @@
+"""Where a pad has a hold, and where a part that lies a little aside would let it sink (fields, places -> places).
+
+At an edge the depth that carries the force is not a smooth function of the place: what the pad pushes aside it no
+longer presses on, and a little further out nothing holds it. One part played in the cell says nothing of one that is
+displaced to the other side. So the pad is pressed at rest, to all sides of every place.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from polish_sim.arrays import Array, Bools
+from polish_sim.cell.contact import Pad, RealPart, build_pad, press_pad
+from polish_sim.cell.real_part import PartFields, place_part
+from polish_sim.config import PadConfig
+from polish_sim.kernels import kernel
+from polish_sim.spatial import perpendicular
+
+SIDES: Final = 8  #: Directions in which the part may lie aside
+SINKS: Final = 0.002  #: Deeper than where the drawn part carries it a pad must not sink [m]
+HALVINGS: Final = 12
+
+
+@kernel
+def _carried(pad: Pad, part: RealPart, frames: Array, middles: Array, out: Array) -> None:
+    """Force against the pad's axis [N], (n,), at poses ``frames`` (n, 3, 3), ``middles`` (n, 3) [m]."""
+    still, force, torque = np.zeros(3), np.zeros(3), np.zeros(3)
+    for i in range(len(middles)):
+        press_pad(pad, part, 0.0, frames[i], middles[i], still, still, force, torque)
+        out[i] = -(force[0] * frames[i, 0, 2] + force[1] * frames[i, 1, 2] + force[2] * frames[i, 2, 2])
+
+
+def would_sink(
+    fields: PartFields, config: PadConfig, positions: Array, axes: Array, force: Array, aside: float, deepest: float
+) -> Bools:
+    """Where a pad would sink by more than `SINKS` on a part that lies up to ``aside`` [m] to any side, shape (n,).
+
+    Args:
+        fields: Distances of the drawn part, work frame.
+        config: The pad.
+        positions: Tool points on the part, work frame [m], shape (n, 3).
+        axes: Unit tool axes from the part to the tool, shape (n, 3).
+        force: Force to carry at each [N], shape (n,).
+        aside: How far the part may lie aside [m].
+        deepest: How deep the part is modelled [m]; it must carry the force before.
+    """
+    part, pad = place_part(fields, np.eye(4), np.eye(4), axes[0]), build_pad(config)
+    across = perpendicular(axes)
+    frames = np.ascontiguousarray(np.stack([across, np.cross(-axes, across), -axes], axis=2))
+    carried = np.empty(len(axes))
+
+    def holds(shift: Array, depths: Array) -> Bools:
+        _carried(pad, part, frames, positions + shift - depths[:, None] * axes, carried)
+        return carried >= force
+
+    least, most = np.zeros(len(axes)), np.full(len(axes), deepest - SINKS)
+    lost = ~holds(np.zeros(3), most)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (least + most)
+        enough = holds(np.zeros(3), middle)
+        least, most = np.where(enough, least, middle), np.where(enough, middle, most)
+    for k in range(SIDES):
+        angle = 2.0 * math.pi * k / SIDES
+        shift = aside * (math.cos(angle) * frames[:, :, 0] + math.sin(angle) * frames[:, :, 1])
+        lost |= ~holds(shift, most + SINKS)
+    return lost
