@@ -6,39 +6,44 @@ import numpy as np
 import pytest
 import trimesh
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.cell import Touch
-from polish_sim.cell.real_part import build_part_fields
+from polish_sim.cell.real_part import PartFields, build_part_fields
 from polish_sim.cell.support import SINKS, would_sink
 from polish_sim.config import PadConfig
 from polish_sim.geometry.fit import fit_triangles
 
 PAD = PadConfig(radius_m=0.01)
-HALF, DEEPEST = 0.05, 0.008
+HALF, DEEPEST, UP = 0.05, 0.008, np.array([[0.0, 0.0, 1.0]])
 
 
-def sinks(x: float, force: float, aside: float) -> bool:
-    """Whether the pad sinks with its middle at ``x`` [m] on a block whose edge is at 50 mm."""
-    mesh = trimesh.creation.box((2.0 * HALF, 0.2, 0.02))
-    block = fit_triangles(np.array(mesh.vertices) - [0.0, 0.0, 0.01], np.array(mesh.faces, dtype=np.int32))
-    place, up = np.array([[x, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]])
-    fields = build_part_fields(block, Touch(place, up, PAD.radius_m))
-    return bool(would_sink(fields, PAD, place, up, np.array([force]), aside, DEEPEST)[0])
+@pytest.fixture(scope="module")
+def block() -> PartFields:
+    """A block with an edge at x = 50 mm, as the pad meets it near there."""
+    mesh = trimesh.creation.box((2.0 * HALF, 0.06, 0.02))
+    surface = fit_triangles(np.array(mesh.vertices) - [0.0, 0.0, 0.01], np.array(mesh.faces, dtype=np.int32))
+    return build_part_fields(surface, Touch(np.array([[0.03, 0.0, 0.0], [0.06, 0.0, 0.0]]), UP[[0, 0]], PAD.radius_m))
 
 
-def test_in_the_middle_the_pad_has_a_hold_up_to_the_force_of_its_springs_at_the_depth_there_is() -> None:
-    most = PAD.stiffness_n_m * (DEEPEST - SINKS)
-    assert not sinks(0.0, 0.99 * most, 0.005)
-    assert sinks(0.0, 1.01 * most, 0.0)
+def sinks(block: PartFields, x: Array, force: float, aside: float) -> Bools:
+    """Whether the pad sinks with its middle at ``x`` (n,) [m]."""
+    places = np.column_stack([x, np.zeros((len(x), 2))])
+    return would_sink(block, PAD, places, UP.repeat(len(x), axis=0), np.full(len(x), force), aside, DEEPEST)
 
 
-@pytest.mark.parametrize("aside", [0.001, 0.003])
-def test_what_holds_the_pad_near_an_edge_is_lost_where_the_part_lies_aside_by_as_much_as_it_is_further_in(
-    aside: float,
-) -> None:
-    places = HALF + np.linspace(-0.012, 0.004, 33)
-    straight, shifted = ([sinks(x, 20.0, d) for x in places] for d in (0.0, aside))
-    last, last_shifted = (places[found.index(True)] for found in (straight, shifted))
-    assert not straight[0]
-    assert not shifted[0]
-    assert straight[-1]
-    assert last - last_shifted == pytest.approx(aside, abs=0.8e-3)
+def test_inside_the_pad_has_a_hold_up_to_the_force_of_its_springs_at_the_depth_there_is(block: PartFields) -> None:
+    most, inside = PAD.stiffness_n_m * (DEEPEST - SINKS), np.array([0.03])
+    assert not sinks(block, inside, 0.99 * most, 0.001).any()
+    assert sinks(block, inside, 1.01 * most, 0.0).all()
+
+
+def test_near_an_edge_the_hold_is_lost_the_earlier_the_further_aside_the_part_may_lie(block: PartFields) -> None:
+    x = np.arange(0.03, 0.06, 0.00025)
+    lost = [sinks(block, x, 20.0, aside) for aside in (0.0, 0.003, 0.005)]
+    for found in lost:
+        assert 0 < np.count_nonzero(found) < len(x)
+        assert (np.diff(found.astype(int)) >= 0).all()  # what is further out has less hold
+    straight, shifted, further = (x[found.argmax()] for found in lost)
+    assert straight > HALF  # with its middle on the edge a half of the pad is left, and enough
+    assert straight - shifted > 0.001
+    assert shifted - further > 0.001

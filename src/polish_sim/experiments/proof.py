@@ -258,7 +258,8 @@ class _Prover:
         if remaining is None:
             raise PlanError(
                 f"the region does not carry a pad of {2e3 * scenario.pad.radius_m:.3g} mm under {force[0]:.3g} N "
-                f"anywhere: on a part that lies {1e3 * aside:.2g} mm aside it would sink off an edge. Set a smaller --pad-diameter, a lower --contact-force or another --region."
+                f"anywhere: on a part that lies {1e3 * aside:.2g} mm aside it would sink off an edge. Set a smaller "
+                "--pad-diameter, a lower --contact-force or another --region."
             )
         self.mends.append(mend_of(LEFT_OUT, SINKS_OFF, 0.0, path, remaining.lost))
         self.path, self.share = remaining.path, self.share[remaining.source]
