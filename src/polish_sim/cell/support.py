@@ -7,7 +7,6 @@ displaced to the other side. So the pad is pressed at rest, to all sides of ever
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
@@ -21,7 +20,7 @@ from polish_sim.spatial import perpendicular
 
 SIDES: Final = 8  #: Directions in which the part may lie aside
 SINKS: Final = 0.002  #: Deeper than where the drawn part carries it a pad must not sink [m]
-HALVINGS: Final = 12
+STEP: Final = 5e-4  #: Between the depths that are looked at [m]
 
 
 @kernel
@@ -45,25 +44,20 @@ def would_sink(
         axes: Unit tool axes from the part to the tool, shape (n, 3).
         force: Force to carry at each [N], shape (n,).
         aside: How far the part may lie aside [m].
-        deepest: How deep the part is modelled [m]; it must carry the force before.
+        deepest: How deep the part is modelled [m]; what does not carry the force by then lets the pad sink.
     """
     part, pad = place_part(fields, np.eye(4), np.eye(4), axes[0]), build_pad(config)
     across = perpendicular(axes)
     frames = np.ascontiguousarray(np.stack([across, np.cross(-axes, across), -axes], axis=2))
-    carried = np.empty(len(axes))
-
-    def holds(shift: Array, depths: Array) -> Bools:
-        _carried(pad, part, frames, positions + shift - depths[:, None] * axes, carried)
-        return carried >= force
-
-    least, most = np.zeros(len(axes)), np.full(len(axes), deepest - SINKS)
-    lost = ~holds(np.zeros(3), most)
-    for _ in range(HALVINGS):
-        middle = 0.5 * (least + most)
-        enough = holds(np.zeros(3), middle)
-        least, most = np.where(enough, least, middle), np.where(enough, middle, most)
-    for k in range(SIDES):
-        angle = 2.0 * math.pi * k / SIDES
-        shift = aside * (math.cos(angle) * frames[:, :, 0] + math.sin(angle) * frames[:, :, 1])
-        lost |= ~holds(shift, most + SINKS)
-    return lost
+    depths, carried = np.arange(1, round(deepest / STEP) + 1) * STEP, np.empty(len(axes))
+    shifts = [np.zeros_like(axes)]
+    for angle in 2.0 * np.pi / SIDES * np.arange(SIDES):
+        shifts.append(aside * (np.cos(angle) * frames[:, :, 0] + np.sin(angle) * frames[:, :, 1]))
+    lowest = []
+    for shift in shifts:
+        first = np.full(len(axes), np.inf)
+        for depth in depths:
+            _carried(pad, part, frames, positions + shift - depth * axes, carried)
+            first[(carried >= force) & np.isinf(first)] = depth
+        lowest.append(first)
+    return np.asarray(~(np.max(lowest, axis=0) <= lowest[0] + SINKS) | np.isinf(lowest[0]))
