@@ -1,7 +1,8 @@
 """Train a small policy by the cross-entropy method
 ================================================
 
-Two minutes on two cores, numpy only. Writes ``policy.npz``, prints its scorecard beside that of ``hybrid-pi`` alone.
+Two to three minutes of processor, numpy only. Writes ``policy.npz``, prints its scorecard beside that of
+``hybrid-pi`` alone.
 """
 
 from pathlib import Path

@@ -30,7 +30,10 @@ _ROBOT_BEFORE_ARMS = {
     *("joint_speed_limit_rad_s", "payload_error"),
 }
 """All keys of [robot] in a run's config.toml of the time before robot.arm: its arm was the ideal one."""
-_RETIRED = {"adaptive": ("force_rate_n_s",), "baselines": ("mass_kg", "damping_n_s_m", "stiffness_n_m")}
+_RETIRED = (
+    *(("adaptive", "force_rate_n_s"), ("baselines", "mass_kg"), ("baselines", "damping_n_s_m")),
+    ("baselines", "stiffness_n_m"),
+)
 """Keys of [controller] that every config.toml of older runs has and no law reads any more: they are passed over."""
 
 
@@ -44,10 +47,10 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
     if isinstance(robot, dict) and robot.keys() == _ROBOT_BEFORE_ARMS:
         robot["arm"] = "ideal"
     controller = table.get("controller")
-    for name, keys in _RETIRED.items() if isinstance(controller, dict) else ():
-        section = controller.get(name)
-        for key in keys if isinstance(section, dict) else ():
-            section.pop(key, None)
+    if isinstance(controller, dict):
+        for name, key in _RETIRED:
+            if isinstance(section := controller.get(name), dict):
+                section.pop(key, None)
     return merge(base, table, "")
 
 
