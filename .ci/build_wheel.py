@@ -27,8 +27,8 @@ BASELINES = {
 COMMANDS = (
     "demo",
     "run arc",
-    *(f"run force --controller {name}" for name in ("hybrid-pi", "hybrid-adaptive", "admittance")),
-    *(f"run force --controller {name}" for name in ("hybrid-pi-position", "impedance-position", "force-mode")),
+    *(f"run force --controller {name}" for name in ("hybrid-pi", "hybrid-adaptive")),
+    *(f"run force --controller {name}" for name in ("hybrid-pi-position", "force-mode")),
     "run surface --part plate --pattern raster --stepover 25 --feed 60 --controller hybrid-adaptive",
     *(f"plan freeform --stepover 12 --pattern {name}" for name in ("spiral", "raster", "contour", "fermat")),
     *(f"plan {part} --stepover 12" for part in ("plate_two_holes", "cylinder", "sphere_100", "wheel_hub_rim")),

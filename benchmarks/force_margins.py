@@ -13,7 +13,7 @@ from polish_sim.scenario_file import override
 from polish_sim.scoring.border import analytic_margins, simulated_margins
 from polish_sim.scoring.force_bench import build_bench
 
-CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "admittance", "impedance-position", "force-mode")
+CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "force-mode")
 
 
 def main() -> None:

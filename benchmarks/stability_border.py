@@ -8,7 +8,7 @@ from pathlib import Path
 from polish_sim.experiments import default_scenario
 from polish_sim.scoring.border import measure_border, plot_border
 
-CONTROLLERS = ("hybrid-pi", "admittance", "hybrid-adaptive")
+CONTROLLERS = ("hybrid-pi", "force-mode", "hybrid-adaptive")
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
 """Train a small policy by the cross-entropy method
 ================================================
 
-Two minutes on two cores, numpy only. Writes ``policy.npz``, prints its scorecard beside that of ``hybrid-pi`` alone.
+Two to three minutes of processor, numpy only. Writes ``policy.npz``, prints its scorecard beside that of
+``hybrid-pi`` alone.
 """
 
 from pathlib import Path
@@ -38,7 +39,7 @@ def rewards_of(envs: gymnasium.vector.VectorEnv, weights: np.ndarray, seed: int)
 
 def train(seed: int = 0) -> np.ndarray:
     """Weights of the policy clip(W (observation, 1)); the force is its to change, the tilt stays as planned."""
-    envs = gymnasium.make_vec("PolishForce-v1", PARALLEL, ranges=RANGES, bodies=4, settings=SETTINGS, **KIND)
+    envs = gymnasium.make_vec("PolishForce-v1", PARALLEL, "sync", ranges=RANGES, bodies=4, settings=SETTINGS, **KIND)
     shape = (envs.single_action_space.shape[0], envs.single_observation_space.shape[0] + 1)
     rng, mean, spread = np.random.default_rng(seed), np.zeros(len(LOOKS_AT)), np.full(len(LOOKS_AT), 0.05)
     for generation in range(GENERATIONS):

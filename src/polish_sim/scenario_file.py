@@ -30,6 +30,11 @@ _ROBOT_BEFORE_ARMS = {
     *("joint_speed_limit_rad_s", "payload_error"),
 }
 """All keys of [robot] in a run's config.toml of the time before robot.arm: its arm was the ideal one."""
+_RETIRED = (
+    *(("adaptive", "force_rate_n_s"), ("baselines", "mass_kg"), ("baselines", "damping_n_s_m")),
+    ("baselines", "stiffness_n_m"),
+)
+"""Keys of [controller] that every config.toml of older runs has and no law reads any more: they are passed over."""
 
 
 def load_scenario(path: Path, base: Scenario) -> Scenario:
@@ -41,9 +46,11 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
     robot = table.get("robot")
     if isinstance(robot, dict) and robot.keys() == _ROBOT_BEFORE_ARMS:
         robot["arm"] = "ideal"
-    adaptive = table.get("controller", {}).get("adaptive") if isinstance(table.get("controller"), dict) else None
-    if isinstance(adaptive, dict):
-        adaptive.pop("force_rate_n_s", None)  # of files before the bound on the landing's speed took its place
+    controller = table.get("controller")
+    if isinstance(controller, dict):
+        for name, key in _RETIRED:
+            if isinstance(section := controller.get(name), dict):
+                section.pop(key, None)
     return merge(base, table, "")
 
 

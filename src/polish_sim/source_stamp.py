@@ -16,17 +16,24 @@ _NOT_COMPILED_IN: Final = {f"{_PACKAGE}.kernel_cache", f"{_PACKAGE}.source_stamp
 _NAME: Final = rf"({_PACKAGE}[\w.]*)"
 _IMPORT = re.compile(rf"^(    )?(?:from {_NAME} import (\([^)]*\)|.*)|import {_NAME})", re.MULTILINE)
 
-
-_NO_PART_IN_RESULTS: Final = ("cli/", "studies/", "page/", "workers", "row_file", "scoring/journal", "scoring/score")
+_ONLY_SHOWN: Final = ("cli/", "page/", "workers")  # they start runs and show results: no figure depends on them
+_SOURCES: Final = (".py", ".xml", ".npz", ".stl")
 
 
 @cache
 def package_hash() -> str:
-    """Hash of the source of this package, but of what decides only which runs there are and where."""
-    digest, root = hashlib.sha256(), Path(__file__).resolve().parent
-    for path in sorted(root.rglob("*.py")):
-        name = path.relative_to(root).as_posix()
-        if not name.startswith(_NO_PART_IN_RESULTS):
+    """Hash of everything in this package that a result may depend on: its source, its tables and its models."""
+    root, models = Path(__file__).resolve().parent, _folder(f"{_PACKAGE}.models")
+    folders = {"": root, "models/": Path(models)} if models else {"": root}
+    files = {
+        f"{prefix}{path.relative_to(folder).as_posix()}": path
+        for prefix, folder in folders.items()
+        for path in folder.rglob("*")
+        if path.suffix in _SOURCES
+    }
+    digest = hashlib.sha256()
+    for name, path in sorted(files.items()):
+        if not name.startswith(_ONLY_SHOWN):
             digest.update(name.encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()

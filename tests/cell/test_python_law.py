@@ -51,7 +51,7 @@ def run_with(folder: Path, source: str, *changes: str) -> CellRun:
     return run_of(f"{path}:Mine", *changes)
 
 
-@pytest.mark.parametrize("name", ["hybrid-pi", "position", "admittance", "impedance-position", "force-mode"])
+@pytest.mark.parametrize("name", ["hybrid-pi", "position", "force-mode"])
 def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(tmp_path: Path, name: str) -> None:
     cycle = f"simulation.control_every={2 if name == 'hybrid-pi' else 1}"
     mine, shipped = run_with(tmp_path, WRAPS.format(name=name), cycle), run_of(name, cycle)

@@ -55,7 +55,7 @@ def test_the_version_is_the_package_s(polish_sim: Tool) -> None:
         (["run", "arc", "--feed", "fast"], "--feed"),
         (["run", "arc", "--seeds", "0"], "--seeds"),
         (["run", "arc", "--seeds", "2", "--video"], "leave --seeds out"),
-        (["run", "arc", "--controller", "pid"], "unknown controller 'pid'. Known: FILE.py:CLASS, admittance"),
+        (["run", "arc", "--controller", "pid"], "unknown controller 'pid'. Known: FILE.py:CLASS, force-mode"),
         (["run", "arc", "--controller", "gone.py:Mine"], "'gone.py' does not exist"),
         (["run", "surface", "--part", "gone.stl"], "gone.stl"),
         (["plan", "freeforme"], "'freeforme' is neither a file nor a shipped part. Did you mean 'freeform'? Shipped: "),

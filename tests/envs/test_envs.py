@@ -58,7 +58,7 @@ def play(env: Any, actions: Any, seed: int | None = 0) -> tuple[list[Any], dict[
 def trace_of(env: Any) -> bytes:
     """Exact quantities of the last episode."""
     own = env.unwrapped
-    return bytes(own._recorder.trace[: own._steps[0]].tobytes())
+    return bytes(own._recorder.trace[: own.steps].tobytes())
 
 
 @pytest.mark.parametrize("action", ACTIONS)
@@ -161,7 +161,7 @@ def test_hybrid_pi_as_policy_at_500_hz_gives_the_controllers_force(settings: tup
     env = make(action="twist", rate_hz=500, settings=(*SHORT, *settings))
     own, policy = env.unwrapped, ControllerPolicy(env)
     (row,) = evaluate(env, policy, 1, seed=3)
-    force = own._recorder.trace["normal_force_n"][: own._steps[0]].copy()
+    force = own._recorder.trace["normal_force_n"][: own.steps].copy()
     cell, episode = own.cell, own.episode
     cell.begin_again(episode.scenario, episode.part, np.random.default_rng(episode.noise))
     cell.use_controller(build_controller(ControllerConfig()))
@@ -241,33 +241,21 @@ def test_a_path_is_followed_to_its_time_and_its_feed_is_the_actions() -> None:
     assert half == pytest.approx(0.5 * (fed - start), rel=0.2)  # half of the feed, ramps aside
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_side_by_side_gives_what_each_gives_alone(env: Any, mode: str) -> None:
-    many = gym.make_vec("PolishForce-v1", 3, settings=SHORT, action="force-and-feed", autoreset_mode=mode, workers=3)
-    seen, _ = many.reset(seed=[4, 5, 6])
-    action = np.full((3, 3), 0.02, np.float32)
-    alone, _ = play(env, action[:1], 5)
-    resets = 0
-    for number in range(len(alone) + 3):
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_gymnasiums_vectors_give_what_each_gives_alone(env: Any, mode: str) -> None:
+    many = gym.make_vec("PolishForce-v1", 2, mode, settings=SHORT, action="force-and-feed")
+    first, infos = many.reset(seed=[4, 5])
+    action = np.full((2, 3), 0.02, np.float32)
+    assert first[1].tobytes() == env.reset(seed=5)[0].tobytes()
+    assert infos["privileged"]["normal_force_n"].shape == (2,)
+    alone, end = play(env, action[:1], 5)
+    for expected, reward, *over in alone:
         seen, rewards, terminated, truncated, infos = many.step(action)
-        if number < len(alone) - 1:
-            assert seen[1].tobytes() == alone[number][0].tobytes()
-            assert rewards[1] == alone[number][1]
-        if (terminated | truncated)[1]:
-            assert number == len(alone) - 1
-            if mode == "SameStep":
-                assert infos["final_obs"][1].tobytes() == alone[-1][0].tobytes()
-                assert infos["final_info"]["success"][1]
-                assert seen[1].tobytes() != alone[-1][0].tobytes()
-            else:
-                assert seen[1].tobytes() == alone[-1][0].tobytes()
-                assert infos["success"][1]
-            resets += 1
-        if mode == "Disabled" and (terminated | truncated).any():
-            with pytest.raises(gym.error.ResetNeeded, match="reset_mask"):
-                many.step(action)
-            many.reset(options={"reset_mask": terminated | truncated})
-    assert resets == 1
+        assert seen[1].tobytes() == expected.tobytes()
+        assert rewards[1] == reward
+        assert [terminated[1], truncated[1]] == over
+    assert infos["success"][1] == end["success"]
+    assert infos["figures"][1] == end["figures"]
     many.close()
 
 

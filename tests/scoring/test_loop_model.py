@@ -287,7 +287,7 @@ def test_longest_latency_is_where_the_eigenvalues_say(scale: float) -> None:
     assert all(map(stable, [longest, *(total for total in totals[::8] if total < longest)]))
 
 
-@pytest.mark.parametrize("name", ["hybrid-pi", "admittance", "impedance-position"])
+@pytest.mark.parametrize("name", ["hybrid-pi", "force-mode"])
 def test_every_force_controller_is_stable_as_delivered(name: str) -> None:
     assert name in CONTROLLERS
     scenario = override(FORCE, [f"controller.name={name}"])

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import runpy
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import polish_sim
+from polish_sim import models
 from polish_sim.errors import InputError
 from polish_sim.row_file import ROWS, locked
 from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, run_score, user_entry
@@ -104,6 +108,24 @@ def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -
     assert row_key(task._replace(case=replace(SHORT, settings=("process.hold_s=2",))), {}) != key
     file.write_text(CONTROLLER.format(body="return 0 * target.twist"))
     assert row_key(task, {}) != key
+
+
+def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp_path: Path) -> None:
+    copy = tmp_path / "polish_sim"
+    for target, package in ((copy, polish_sim), (copy / "models", models)):
+        folder = Path(package.__file__).parent
+        shutil.copytree(folder, target, ignore=shutil.ignore_patterns("__pycache__"), dirs_exist_ok=True)
+
+    def source() -> str:
+        names = runpy.run_path(str(copy / "source_stamp.py"), run_name="polish_sim.source_stamp")
+        return names["package_hash"]()
+
+    made_by = ("scoring/journal.py", "scoring/score.py", "row_file.py", "studies/table.py", "models/ur5e_spindle.xml")
+    for file, counts in [*((name, True) for name in made_by), ("page/page.py", False), ("workers.py", False)]:
+        before = source()
+        with (copy / file).open("a") as edited:
+            edited.write("\n")
+        assert (source() != before) == counts, file
 
 
 def test_a_user_s_controller_that_fails_is_a_protective_stop_and_not_stable(tmp_path: Path) -> None:

@@ -26,9 +26,7 @@ CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = Ma
         "hybrid-adaptive": FunctionOnUse("polish_sim.control.adaptive.law", "hybrid_adaptive"),
         "hybrid-pi-position": hybrid_pi_position,
         "position": position,
-        "admittance": FunctionOnUse("polish_sim.control.baselines", "admittance"),
-        "impedance-position": FunctionOnUse("polish_sim.control.baselines", "impedance_position"),
-        "force-mode": FunctionOnUse("polish_sim.control.baselines", "force_mode"),
+        "force-mode": FunctionOnUse("polish_sim.control.force_mode", "force_mode"),
     }
 )
 

@@ -18,6 +18,5 @@ for _name, _task in TASKS.items():
     gymnasium.register(
         _name,
         entry_point="polish_sim.envs.env:PolishEnv",
-        vector_entry_point="polish_sim.envs.env:PolishVectorEnv",
         kwargs={"task": _task},
     )

@@ -1,10 +1,9 @@
-"""The environments: episodes drawn from ranges, one step of Gymnasium, and many at once on threads."""
+"""The environments: episodes drawn from ranges, and one step of Gymnasium."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,8 +12,6 @@ from typing import Any, Final, NamedTuple
 import gymnasium as gym
 import mujoco
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
@@ -29,7 +26,7 @@ from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, begi
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course, Measurement, Target, measurement_of, target_of
-from polish_sim.envs.stepping import ACTIONS, LARGEST, SEEN, SPARE, Bench, Turn
+from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, SteppedCell, Turn
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.assembly import Workplace, build_part, cell_for, course_for, strokes_for
 from polish_sim.experiments.force import place_force
@@ -39,7 +36,6 @@ from polish_sim.scenario_file import load_scenario, override
 from polish_sim.scoring.figures import measure_score
 from polish_sim.scoring.reach import REACH, Asked
 from polish_sim.toml_text import read_toml
-from polish_sim.workers import processors
 
 USUAL: Final = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safety.contact_lost_s=0.5")
 """What an environment sets of the experiment's default scenario: a host at 500 Hz that waits less for lost contact."""
@@ -134,10 +130,7 @@ def ranges_of(ranges: Ranges | str | Path | None) -> Ranges:
 
 
 class PolishEnv(gym.Env[Numbers, Numbers]):
-    """Land the tool and hold or follow. Arguments, what is seen, done and rewarded: docs/learning.md.
-
-    ``shared`` is for `PolishVectorEnv`: a place on a bench with others.
-    """
+    """Land the tool and hold or follow. Arguments, what is seen, done and rewarded: docs/learning.md."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
 
@@ -155,7 +148,6 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         bodies: int = 1,
         time_limit_s: float | None = None,
         render_mode: str | None = None,
-        shared: tuple[Stage, Bench, int] | None = None,
     ) -> None:
         for kind, name, known in (("action", action, ACTIONS), ("reward", reward, REWARDS)):
             if name not in known:
@@ -166,33 +158,24 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             raise InputError("force_steps is for PolishForce-v1: the path of PolishSurface-v1 names its forces.")
         if bodies < 1:
             raise InputError(f"bodies = {bodies}: there is at least one arm and part to choose from.")
-        chosen = scenario_of(task, scenario, settings) if shared is None else shared[0].scenario
+        chosen = scenario_of(task, scenario, settings)
         if force_steps:
             check_contact_settings(chosen, max(force_range_n))
         self._every = steps_per_action(chosen, rate_hz)
         self.task, self.action, self.rate_hz, self.sparse = task, action, rate_hz, reward == "sparse"
         self._force_steps, self._force_range = force_steps, force_range_n
-        if shared is None:
-            stage = Stage(chosen, ranges_of(ranges), bodies)
-            shared = stage, Bench(1, ACTIONS[action], stage.moving), 0
-        self._stage, self._bench, self._number = shared
+        self._stage = Stage(chosen, ranges_of(ranges), bodies)
         self.moving = self._stage.moving
+        self._stepped = SteppedCell(ACTIONS[action], self.moving)
         dt, limit = chosen.simulation.timestep_s, time_limit_s or 1.5 * cycle_time(self._stage.strokes) + 1.0
         self._dt, self._longest = dt, round(limit / dt)
         self._recorder = build_recorder(self._longest + self._every + _BLOCK, 1 << 40)
         self._draws = np.zeros((_BLOCK, DRAWS))
         self._cells: dict[int, Cell] = {}
-        bench, rows = self._bench, slice(self._number, self._number + 1)
-        self._turns, self._truth = bench.turns[rows], bench.truth[rows]
-        self._rewards, self._asks, self._needs = (self._turns[name] for name in ("reward", "asks", "needs"))
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (bench.sizes,), np.float32)
-        self.observation_space = gym.spaces.Box(-LARGEST, LARGEST, (SEEN + bench.sizes,), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, self._stepped.action.shape, np.float32)
+        self.observation_space = gym.spaces.Box(-LARGEST, LARGEST, self._stepped.seen.shape, np.float32)
         self.render_mode = render_mode
         self._renderer: Any = None
-
-    def share(self, count: int) -> tuple[Stage, Bench]:
-        """Part and path of this environment, and room for so many like it."""
-        return self._stage, Bench(count, ACTIONS[self.action], self.moving)
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Numbers, Info]:
         """Draw an episode and zero the sensor; the first action is asked for when the tool starts to come down.
@@ -207,12 +190,12 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         turn = Turn(every=self._every, due=wait - self._every, last_stroke=len(cell.strokes) == 1)
         turn.eventful = bool(cell.faults.waiting)
         turn.longest, turn.force_after = self._longest, self._to_come[0][0] if self._to_come else math.inf
-        self._bench.put(self._number, cell, self._recorder, self._draws, turn)
-        self._steps = np.asarray(cell.state).reshape(1)["status"]["steps"]
+        self._turn = turn
+        self._stepped.put(cell, self._recorder, self._draws, turn)
         self.measurement: Measurement = measurement_of(cell.state.measurement)
         self.target: Target = target_of(cell.state.target)
-        self._bench.step(self._number, self._number + 1)
-        return self._bench.seen[self._number].copy(), {**self.truth(), "drawn": self.episode.drawn}
+        self._needs = self._stepped.step().needs
+        return self._stepped.seen.copy(), {**self.truth(), "drawn": self.episode.drawn}
 
     def _draw(self, rng: np.random.Generator) -> None:
         stage = self._stage
@@ -234,22 +217,21 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
 
     def step(self, action: Numbers) -> tuple[Numbers, float, bool, bool, Info]:
         """Command an action until the next one is due."""
-        bench, number = self._bench, self._number
-        bench.actions[number] = action
-        if self._needs[0]:
+        self._stepped.action[:] = action
+        if self._needs:
             self.prepare()
-        bench.step(number, number + 1)
+        dense, asks, self._needs = self._stepped.step()
         terminated = truncated = False
         info = self.truth()
-        if not self._asks[0] and not self.next_stroke():
+        if not asks and not self.next_stroke():
             terminated, truncated, end = self.end()
             info |= end
-        reward = float(info.get("success", False)) if self.sparse else float(self._rewards[0])
-        return bench.seen[number].copy(), reward, terminated, truncated, info
+        reward = float(info.get("success", False)) if self.sparse else dense
+        return self._stepped.seen.copy(), reward, terminated, truncated, info
 
     def prepare(self) -> None:
         """Draw the noise of the steps to come, let faults happen, change the set force when it is time."""
-        turn, steps = self._turns[0], int(self._steps[0])
+        turn, steps = self._turn, self.steps
         used = steps - turn.drawn_from
         if len(self._draws) - used < self._every + SPARE:
             kept = self._draws[used:].copy()
@@ -271,14 +253,19 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         """Go on to the next stroke if one is done and there is another."""
         cell, status = self.cell, self.cell.state.status
         left = [stroke for stroke in cell.strokes if stroke.start_s > cell.kernel.stroke.start_s]
-        if not (status.arrived and left) or self._steps[0] >= self._longest:
+        if not (status.arrived and left) or self.steps >= self._longest:
             return False
         status.arrived = False
         begin_next_stroke(cell.state.sequence)
         cell.kernel = cell.kernel._replace(stroke=cell.set_points.begin(left[0]))
-        self._turns["last_stroke"] = len(left) == 1
-        self._bench.go_on(self._number, cell)
+        self._turn.last_stroke = len(left) == 1
+        self._stepped.go_on(cell)
         return True
+
+    @property
+    def steps(self) -> int:
+        """Physics steps of the episode so far."""
+        return int(self.cell.state.status.steps)
 
     def course(self, controller: Any) -> Course | None:
         """What lies ahead on the path, for a controller that prepares for it."""
@@ -286,7 +273,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
 
     def truth(self) -> Info:
         """What the host does not know: the exact quantities of the last physics step, see `log.Trace`."""
-        return {"privileged": dict(zip(TRUTH, self._truth[0].copy().item(), strict=True))}
+        return {"privileged": dict(zip(TRUTH, self._stepped.truth[0].copy().item(), strict=True))}
 
     def end(self) -> tuple[bool, bool, Info]:
         """Whether the episode has ended by itself, or by its time; its rows of the scorecard; if that is success."""
@@ -301,7 +288,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
 
     def figures(self, whole: bool) -> list[dict[str, Any]]:
         """Rows of the scorecard of the episode so far, one for every set force; ``whole``: it went to its end."""
-        steps = self._recorder.trace[: self._steps[0]]
+        steps = self._recorder.trace[: self.steps]
         if self.moving:
             trace = trace_from(steps)
             wanted = self._stage.place.path.force_at(trace.path_s_m, self._set[0][1])
@@ -342,102 +329,3 @@ def steps_per_action(scenario: Scenario, rate_hz: float) -> int:
             "simulation.control_every) or that divided by a whole number."
         )
     return cycles * simulation.control_every
-
-
-class PolishVectorEnv(VectorEnv[Numbers, Numbers, NDArray[Any]]):
-    """Environments stepped side by side on ``workers`` threads, by default one a processor; see `PolishEnv`."""
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        workers: int | None = None,
-        **kwargs: Any,
-    ) -> None:
-        first = PolishEnv(**kwargs)
-        shared = first.share(num_envs)
-        self.envs = [PolishEnv(**kwargs, shared=(*shared, number)) for number in range(num_envs)]
-        self.num_envs, self._bench, self._sparse = num_envs, shared[1], first.sparse
-        self._mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**first.metadata, "autoreset_mode": self._mode}
-        self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        count = min(workers or processors(), num_envs)
-        edges = np.linspace(0, num_envs, count + 1).round().astype(int).tolist()
-        self._shares, self._pool = list(pairwise(edges)), ThreadPoolExecutor(count)
-        self._ended = np.zeros(num_envs, bool)
-
-    def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: Info | None = None
-    ) -> tuple[Numbers, Info]:
-        """Reset all, or those of ``options["reset_mask"]``; a whole number as seed counts up from one to the next."""
-        options = dict(options or {})
-        mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, bool)))
-        seeds = [None] * self.num_envs if seed is None else seed
-        if isinstance(seeds, int):
-            seeds = [seeds + number for number in range(self.num_envs)]
-        infos = self._reset(np.flatnonzero(mask), {}, seeds, options)
-        return self._bench.seen.copy(), self._told(infos)
-
-    def _reset(
-        self, numbers: NDArray[np.intp], infos: Info, seeds: Sequence[int | None] = (), options: Info | None = None
-    ) -> Info:
-        def reset(number: int) -> Info:
-            return self.envs[number].reset(seed=seeds[number] if seeds else None, options=options)[1]
-
-        # The first alone: it may have to compile, and to say how much room a cell takes.
-        made = [reset(number) for number in numbers[:1]]
-        made += self._pool.map(reset, numbers[1:])
-        for number, info in zip(numbers, made, strict=True):
-            infos = self._add_info(infos, {"drawn": info["drawn"]}, int(number))
-        self._ended[numbers] = False
-        return infos
-
-    def step(self, actions: Numbers) -> tuple[Numbers, Array, NDArray[np.bool_], NDArray[np.bool_], Info]:
-        """Step all; what has ended is reset as the autoreset mode says."""
-        bench, turns = self._bench, self._bench.turns
-        infos: Info = {}
-        fresh = np.flatnonzero(self._ended)
-        if len(fresh):
-            if self._mode is AutoresetMode.DISABLED:
-                raise gym.error.ResetNeeded(f"environments {fresh.tolist()} have ended: reset them with reset_mask.")
-            infos = self._reset(fresh, infos)
-            turns["idle"][fresh] = True
-        bench.actions[~turns["idle"]] = actions[~turns["idle"]]
-        for number in np.flatnonzero(turns["needs"] & ~turns["idle"]):
-            self.envs[number].prepare()
-        self._step_all()
-        turns["idle"] = False
-        rewards = np.zeros(self.num_envs) if self._sparse else turns["reward"].copy()
-        rewards[fresh] = 0.0
-        terminated, truncated = np.zeros((2, self.num_envs), bool)
-        for number in np.flatnonzero(~turns["asks"]):
-            env = self.envs[number]
-            if not env.next_stroke():
-                terminated[number], truncated[number], info = env.end()
-                rewards[number] = info["success"] if self._sparse else rewards[number]
-                if self._mode is AutoresetMode.SAME_STEP:
-                    info = {"final_obs": bench.seen[number].copy(), "final_info": {**env.truth(), **info}}
-                infos = self._add_info(infos, info, int(number))
-        self._ended = terminated | truncated
-        if self._mode is AutoresetMode.SAME_STEP:
-            infos = self._reset(np.flatnonzero(self._ended), infos)
-        return bench.seen.copy(), rewards, terminated, truncated, self._told(infos)
-
-    def _told(self, infos: Info) -> Info:
-        """Add the truth of all."""
-        truth = {name: self._bench.truth[name].copy() for name in TRUTH}
-        return {**infos, "privileged": truth, "_privileged": np.ones(self.num_envs, bool)}
-
-    def _step_all(self) -> None:
-        """Step every share on a thread of its own."""
-        own, *others = self._shares
-        waiting = [self._pool.submit(self._bench.step, *share) for share in others]
-        self._bench.step(*own)
-        for future in waiting:
-            future.result()
-
-    def close_extras(self, **_kwargs: Any) -> None:
-        """End the threads."""
-        self._pool.shutdown()

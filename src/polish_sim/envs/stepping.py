@@ -1,22 +1,18 @@
-"""Cells stepped from outside: actions as commands of compiled laws, what the host sees, how well it went.
+"""A cell stepped from outside: actions as commands of compiled laws, what the host sees, how well it went.
 
 A call of the loop with all that a cell is made of costs Python as much as four steps: every array is looked at. Here
-the arguments are kept in memory as compiled code has them, and a step is a call with their address. Python's lock is
-free meanwhile: threads step cells at the same time.
+the arguments are looked at once an episode and held in a structure of numba's, of which a step passes the reference.
 """
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Mapping
-from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import numpy as np
-from numba import carray, typeof, types
-from numba.core.registry import cpu_target
-from numba.extending import intrinsic
+from numba import carray, types
+from numba.experimental import structref
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
@@ -191,15 +187,11 @@ class Turn(Record):
     last_stroke: bool
     longest: int  #: Steps of the longest episode
     force_after: float  #: Time in contact from which another force is set [s]; infinite for none
-    reward: float  #: Of the last step, dense
-    asks: bool  #: The next action is asked for; else the stroke or the episode is over
     eventful: bool  #: Faults are planned
-    needs: bool  #: Something is to be done before the next step: noise to be drawn, another force to be set
-    idle: bool  #: To be left out
 
 
 class Kept(NamedTuple):
-    """Everything a step works on but the law."""
+    """Everything a step works on but the law, which numba would look at for a millisecond if it were here."""
 
     cell: CellKernel
     arm: RealArm | None
@@ -210,6 +202,14 @@ class Kept(NamedTuple):
     action: NDArray[np.float32]  #: Each number within -1 to 1
     seen: NDArray[np.float32]  #: The observation
     truth: NDArray[np.void]  #: The last step of the trace, shape (1,)
+
+
+class StepEnd(NamedTuple):
+    """How a step ended."""
+
+    reward: float  #: Dense
+    asks: bool  #: The next action is asked for; else the stroke or the episode is over
+    needs: bool  #: Something is to be done before the next step: noise to be drawn, another force to be set
 
 
 @kernel
@@ -230,7 +230,7 @@ def _reward(trace: NDArray[np.void], steps: int, force: float, turn: Turn, share
 
 
 @kernel
-def _take_step(k: Kept, law) -> None:  # type: ignore[no-untyped-def]
+def _take_step(k: Kept, law) -> StepEnd:  # type: ignore[no-untyped-def]
     state, turn, status, sizes = k.cell.state, k.turn, k.cell.state.status, k.action.shape[0]
     for i in range(sizes):
         value = min(max(float(k.action[i]), -1.0), 1.0)
@@ -247,12 +247,12 @@ def _take_step(k: Kept, law) -> None:  # type: ignore[no-untyped-def]
     done, share = status.steps - start, 1.0
     if turn.moving:
         share = min(state.target.path[2] / turn.feed, 1.0)
-    turn.reward = _reward(recorder.trace, done, force, turn, share)
+    reward = _reward(recorder.trace, done, force, turn, share)
     lifted = turn.last_stroke and state.sequence.stage >= RETRACT
-    turn.asks = status.waiting and status.stop == NO_STOP and not lifted and status.steps < turn.longest
+    asks = status.waiting and status.stop == NO_STOP and not lifted and status.steps < turn.longest
     left = len(k.draws) - (status.steps - turn.drawn_from)
     held = state.sequence.time if state.sequence.stage == PROCESS else 0.0
-    turn.needs = turn.eventful or left < turn.every + SPARE or held >= turn.force_after
+    needs = turn.eventful or left < turn.every + SPARE or held >= turn.force_after
     if done > 0:
         k.truth[0] = recorder.trace[done - 1]
     observe(state.measurement, state.target, k.context)
@@ -260,105 +260,68 @@ def _take_step(k: Kept, law) -> None:  # type: ignore[no-untyped-def]
         k.seen[i] = k.context.seen[i]
     for i in range(sizes):
         k.seen[SEEN + i] = k.action[i]
+    return StepEnd(reward, asks, needs)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _packed(_typing: Any, value: Any, address: Any) -> Any:
-    """Write a value to an address as compiled code has it: of arrays and records it has their addresses."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = context.get_value_type(signature.args[0])
-        builder.store(arguments[0], builder.inttoptr(arguments[1], kind.as_pointer()))
-        return context.get_dummy_value()
-
-    return types.void(value, address), generate
+class _HeldType(types.StructRef):  # type: ignore[misc]
+    """Numba's type of `_Held`."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _unpacked(_typing: Any, kept: Any, number: Any) -> Any:
-    """The value at a place of an array of packed ones."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = context.get_value_type(kept.dtype)
-        values = builder.bitcast(arguments[0], kind.as_pointer())
-        return builder.load(builder.gep(values, [arguments[1]]))
-
-    return kept.dtype(kept, number), generate
+class _Held(structref.StructRefProxy):  # type: ignore[misc]
+    """`Kept` and the law as compiled code has them, behind one reference."""
 
 
-@njit(cache=True, _nrt=False)
-def _pack(kept, law, address):  # type: ignore[no-untyped-def]
-    _packed((kept, law), address)
+structref.register(_HeldType)
+structref.define_constructor(_Held, _HeldType, ["kept", "law"])
+structref.define_attributes(_HeldType)
+structref.define_boxing(_HeldType, _Held)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
-def _step_cells(kept, first, last):  # type: ignore[no-untyped-def]
-    for number in range(first, last):
-        one, law = _unpacked(kept, number)
-        if not one.turn.idle:
-            _take_step(one, law)
+@njit(cache=True)
+def _hold(kept, law):  # type: ignore[no-untyped-def]
+    return _Held(kept, law)
 
 
-class Bench:
-    """Cells side by side, each stepped from one action to the next."""
+@njit(cache=True, error_model="numpy")
+def _step_held(held):  # type: ignore[no-untyped-def]
+    return _take_step(held.kept, held.law)
 
-    def __init__(self, count: int, action: ActionKind, moving: bool) -> None:
-        self.sizes = len(action.scale) + moving
-        self.contexts, self.turns = np.zeros(count, _CONTEXT), np.zeros(count, Turn.dtype)
-        self.actions = np.zeros((count, self.sizes), np.float32)
-        self.seen = np.zeros((count, SEEN + self.sizes), np.float32)
-        self.truth = np.zeros(count, TraceStep.dtype)
-        self._action, self._moving = action, moving
-        self._kept: list[Kept | None] = [None] * count
-        self._memory = np.zeros(0, np.uint8)
-        self._call: Any = None
 
-    def put(self, number: int, cell: Cell, recorder: Recorder, draws: Array, turn: Turn) -> None:
-        """Let a cell at its start take a place."""
-        context = self.contexts[number]
-        context.gains, context.feed = hybrid.hybrid_gains(cell.scenario.controller), 1.0
-        context.command[:] = 0.0
-        cell.use_controller(signals.CompiledController(context, self._action.law))
-        turn.scale[: len(self._action.scale)] = list(self._action.scale.values())
+class SteppedCell:
+    """A cell stepped from one action to the next."""
+
+    def __init__(self, action: ActionKind, moving: bool) -> None:
+        sizes = len(action.scale) + moving
+        self.context: Any = ActionContext()
+        self.action = np.zeros(sizes, np.float32)  #: Each number within -1 to 1
+        self.seen = np.zeros(SEEN + sizes, np.float32)  #: The observation
+        self.truth = np.zeros(1, TraceStep.dtype)  #: The last physics step
+        self._kind, self._moving = action, moving
+        self._kept: Kept
+        self._held: Any
+
+    def put(self, cell: Cell, recorder: Recorder, draws: Array, turn: Turn) -> None:
+        """Take up a cell at its start."""
+        self.context.gains, self.context.feed = hybrid.hybrid_gains(cell.scenario.controller), 1.0
+        self.context.command[:] = 0.0
+        cell.use_controller(signals.CompiledController(self.context, self._kind.law))
+        turn.scale[: len(self._kind.scale)] = list(self._kind.scale.values())
         turn.moving, turn.feed = self._moving, cell.scenario.process.feed_m_s
-        self.turns[number] = turn
-        self.actions[number] = 0.0
+        self.action[:] = 0.0
         if self._moving:
-            self.actions[number, -1] = 1.0
-        rows = slice(number, number + 1)
-        self._kept[number] = Kept(
-            cell.kernel, cell.real_arm, recorder, draws, self.turns[number], context, self.actions[number],
-            self.seen[number], self.truth[rows],
+            self.action[-1] = 1.0
+        # Records are held by their address alone: `_kept` keeps their memory.
+        self._kept = Kept(
+            cell.kernel, cell.real_arm, recorder, draws, turn, self.context, self.action, self.seen, self.truth
         )  # fmt: skip
-        self._pack(number, cell)
+        self._held = _hold(self._kept, cell.law)
 
-    def go_on(self, number: int, cell: Cell) -> None:
+    def go_on(self, cell: Cell) -> None:
         """Take up what has changed of the cell: its next stroke."""
-        kept = self._kept[number]
-        assert kept is not None
-        self._kept[number] = kept._replace(cell=cell.kernel)
-        self._pack(number, cell)
+        self._kept = self._kept._replace(cell=cell.kernel)
+        self._held = _hold(self._kept, cell.law)
 
-    def step(self, first: int, last: int) -> None:
-        """Step the cells of some places that are not idle; Python's lock is free meanwhile."""
-        self._call(self._memory.ctypes.data, first, last)
-
-    def _pack(self, number: int, cell: Cell) -> None:
-        kept = self._kept[number]
-        if self._call is None:
-            kind = typeof((kept, cell.law))
-            context = cpu_target.target_context
-            self._size = context.get_abi_sizeof(context.get_value_type(kind))
-            self._memory = np.zeros(len(self._kept) * self._size, np.uint8)
-            self._call = _entry(kind)
-        _pack(kept, cell.law, self._memory.ctypes.data + number * self._size)
-
-
-@cache
-def _entry(kind: Any) -> Any:
-    """The compiled step for cells of a kind, as a C function."""
-    signature = types.void(types.CPointer(kind), types.intp, types.intp)
-    _step_cells.compile(signature)
-    compiled = _step_cells.overloads[signature.args]
-    address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name)
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_ssize_t)(address)
+    def step(self) -> StepEnd:
+        """Command the action until the next one is due."""
+        end: StepEnd = _step_held(self._held)
+        return end

@@ -177,6 +177,7 @@ def pressed_places(middles: Array, axes: Array, ground: UnderPad, pad: PadConfig
 
 
 RIM_POINTS = 32
+FLATTEST = 0.1  #: Cosine between tool axis and normal from which on the tool's tilt is no longer told apart
 RINGS = (0.25, 0.5, 0.75, 1.0)  #: Where on the pad its own place's hollow and the tool's tilt are looked at
 
 
@@ -184,7 +185,8 @@ def _own_heights(axes: Array, ground: UnderPad, pad: PadConfig) -> Array:
     """How high the place under the pad stands above its face by its curvatures and the tool's tilt [m], (n,)."""
     radius = pad.radius_m
     second = np.cross(ground.normals, ground.principal)
-    lean = axes / (axes * ground.normals).sum(axis=1, keepdims=True)
+    # A tool that lies along the part has no height of its own; it is in the part by its rim.
+    lean = axes / np.maximum((axes * ground.normals).sum(axis=1, keepdims=True), FLATTEST)
     tilt, beside = ((lean * way).sum(axis=1)[:, None] for way in (ground.principal, second))
     bend = np.maximum(ground.curvatures, -1.0 / hollow_radius(pad))
     angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
