@@ -234,6 +234,6 @@ def _hold_out_log(model: TorqueModel, log: RobotLog, states: States, rows: slice
             f"the last fifth of the log, which is held out, has no usable torque of {', '.join(silent)}: the joint "
             "stands still or reverses there. Let every joint move until the end of the log."
         )
-    some = counts.any(axis=1)
+    some = np.flatnonzero(counts.any(axis=1))
     measured = np.where(counts, log.torque[rows], np.nan)[some]
     return HeldOut(log.time[rows][some], states.rows(rows).rows(some), measured, measured)

@@ -246,7 +246,7 @@ def read_tool_measurements(file: Path) -> ToolMeasurements:
     axes. Raises InputError naming the line.
     """
     columns = Measured.read(file, "flange pose", "flange poses")
-    T = transform(columns.rotations("the flange"), columns.reached_points("", "the position of the flange"))
+    T = transform(columns.rotations("the flange"), columns.reached_points("the position of the flange"))
     kinds = _kinds(columns)
     touches = ToolTouches(T[kinds == TOUCH])
     if not (kinds != TOUCH).any():
