@@ -29,7 +29,6 @@ Figures = Mapping[str, Any]
 CALIBRATION: Final = "calibration.toml"
 PANEL: Final = "Instrument and measurements"
 LARGEST_NOISE: Final = 10.0  #: [mm]
-CLAIMS_OF_METHOD: Final = {"circles": "base", "poses": "base-poses", "handshake": "base-poses"}
 TRIAL_OPTIONS: Final = ("--seed", "--seeds", "--check", *OUTPUT_OPTIONS)
 DATA: Final = Own(
     "--data", PANEL, "FILE.csv", "Measurements of real robots instead of simulated ones: docs/calibration.md.", Path
@@ -60,7 +59,6 @@ class Means(NamedTuple):
     read: Callable[[Path], Any]  #: Calibrates from a file
     notes: Callable[[Any], tuple[str, ...]]
     write: Callable[[Any, Path], None]
-    how: str = ""  #: How simulated measurements are taken, for titles
 
 
 @takes(
@@ -98,35 +96,28 @@ def tcp(given: Given) -> int:
 
 @takes(
     DATA,
-    Own("--method", PANEL, "NAME", "circles (default), poses or handshake: docs/calibration.md."),
     noise_option("--noise", "a measured point", "0.03"),
-    Own("--points", PANEL, "N", "Points of an arc (default 200), poses of each robot (12) or common points (10).", int,
-        3, 100_000),
+    Own("--points", PANEL, "N", "Points of an arc; default 200.", int, 3, 100_000),
     *(ARM, PAIR, *TRIAL_OPTIONS),
 )  # fmt: skip
 def base(given: Given) -> int:
-    """Find where the second robot's base stands in the first one's, from a laser tracker or from common touches."""
+    """Find where the second robot's base stands in the first one's, from axes turned before a laser tracker."""
     refuse_beside_data(given, "--noise", "--points", "--arm", "--seed", "--seeds")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import BaseTrial, calibrate_base_from, run_base_calibration
-    from polish_sim.dual.calibration.bases import method_named, read_base_measurements
+    from polish_sim.dual.calibration.bases import read_base_measurements
 
-    method = given["--method"] or "circles"
-    method_named(method)
-    trial = BaseTrial(method, **chosen(given, "noise", "points"))
-    kind = CLAIMS_OF_METHOD[method]
-    if _elastic(given) and method == "handshake":
-        raise InputError("--arm ur5e is for --method circles and poses: 'handshake' simulates no joints.")
+    trial = BaseTrial(**chosen(given, "noise", "points"))
 
     def run(seed: int) -> BasesFound:
         gears = _gears(given, seed)
         return run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
 
     def read(file: Path) -> BasesFound:
-        return calibrate_base_from(read_base_measurements(file, method))
+        return calibrate_base_from(read_base_measurements(file))
 
-    claims, write = "base-gears" if _elastic(given) else kind, partial(_write_base, _pair(given))
-    return _calibrate(given, Means(kind, "bases", claims, run, read, _base_notes, write, f" by {method}"))
+    claims, write = "base-gears" if _elastic(given) else "base", partial(_write_base, _pair(given))
+    return _calibrate(given, Means("base", "bases", claims, run, read, _base_notes, write))
 
 
 @takes(
@@ -201,14 +192,14 @@ def _pair(given: Given) -> str:
 def _calibrate(given: Given, means: Means) -> int:
     """Calibrate from a file, once, or with many seeds, write the folder and show the outcome."""
     data, first = given["--data"], given["--seed"] or 0
-    with claimed(given["--out"], f"calibrate-{means.kind.partition('-')[0]}", given["--overwrite"]) as folder:
+    with claimed(given["--out"], f"calibrate-{means.kind}", given["--overwrite"]) as folder:
         if given["--seeds"] is not None:
             outcome = _together(means, range(first, first + given["--seeds"]), folder.draft)
         else:
             found = means.run(first) if data is None else means.read(data)
             means.write(found, folder.draft)
             claims = CALIBRATIONS[means.claims if data is None else f"{means.kind}-data"]
-            title = f"{means.what}{means.how}, seed {first}" if data is None else f"{means.what} from {data.name}"
+            title = f"{means.what}, seed {first}" if data is None else f"{means.what} from {data.name}"
             outcome = Outcome(claims, title, {"this calibration": found.figures}, notes=means.notes(found))
     return outcome.finish(folder.final, check=bool(given["--check"]))
 
@@ -224,7 +215,7 @@ def _together(means: Means, seeds: Sequence[int], draft: Path) -> Outcome:
 
     rms, worst = over(lambda values: (sum(value**2 for value in values) / len(values)) ** 0.5), over(max)
     write_seeds(draft, f"calibrate-{means.kind}", runs, {"rms": rms, "worst": worst})
-    title = f"{means.what}{means.how}, {count_text(len(runs), 'seed')}"
+    title = f"{means.what}, {count_text(len(runs), 'seed')}"
     return Outcome(claims, title, {"rms": rms, "worst seed": worst}, interrupted=interrupted)
 
 

@@ -27,15 +27,11 @@ PANEL: Final = "Identification"
 FULL_PERIODS: Final = 5
 ARM_KEYS: Final = ("robot.arm=", "robot.real.")  #: What --set may change
 LITTLE_EXPLAINED: Final = 0.5  #: A joint is noted if the model explains less than this share of its torque's variance
-SETTINGS: Final = ("method", "objective", "periods", "starts", "seed", "payload")
+SETTINGS: Final = ("periods", "starts", "seed", "payload")
 """Options of a simulated identification, by the names of its settings."""
 
 
 @takes(
-    Own("--method", PANEL, "NAME", "joint (default), stepwise (poses at rest first) or stepwise-axes (axes 1 to 3 "
-        "first)."),
-    Own("--objective", PANEL, "NAME", "What the exciting motion minimises: i-optimal (default), d-optimal or "
-        "condition."),
     Own("--periods", PANEL, "N", "Periods of 10 s to log; default 5.", int),
     Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int, low=1),
     Own("--data", PANEL, "FILE.csv", "A robot's own log instead of a simulated one; columns: "
@@ -66,7 +62,7 @@ def identify(given: Given) -> int:
         return 0
     with claimed(given["--out"], "identify", given["--overwrite"]) as folder:
         if data is not None:
-            outcome = from_log(_robot(given), data, loaded, period, settings.method, folder.draft)
+            outcome = from_log(_robot(given), data, loaded, period, folder.draft)
         elif loaded is not None:
             outcome = weigh_alone(_robot(given), loaded, period, folder.draft)
         else:
@@ -93,21 +89,16 @@ def _refuse_idle(given: Given) -> None:
     beside = asked + [name for name in files if given[name] is not None]
     if given["--report"] and beside:
         raise InputError(leave_out(beside, "would change nothing with --report"))
-    idle = [name for name in asked if name != "--method"]
-    if (data or loaded) is not None and idle:
-        raise InputError(leave_out(idle, "would change nothing with --data"))
+    if (data or loaded) is not None and asked:
+        raise InputError(leave_out(asked, "would change nothing with --data"))
     if (data or loaded) is None and period is not None:
         raise InputError("--period belongs to --data: a simulated motion repeats after 10 s.")
     if period is not None and period <= 0.0:
         raise InputError(f"--period {period:g}: the time after which a motion repeats is more than 0 s.")
-    if period is not None and (given["--method"] or "joint") != "joint":
-        raise InputError(f"--method {given['--method']} takes a log with a part before the motion: leave --period out.")
     if model is not None and (data or loaded) is None and not given["--report"]:
         raise InputError("--model belongs to --data or --report: what is simulated is the cell's UR5e.")
     if given["--joints"] is not None and model is None:
         raise InputError("--joints belongs to --model: the cell's UR5e has its six.")
-    if given["--method"] is not None and data is None and loaded is not None:
-        raise InputError("--method would change nothing with --payload-data alone: leave it out, or add --data.")
 
 
 def _robot(given: Given) -> LoggedRobot:
@@ -133,8 +124,7 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
         observer.stage("draw")
         write_folder(draft, found)
     show(found)
-    periods = count_text(settings.periods, "period")
-    title = f"identification, {settings.method}, {settings.objective}, {periods}, seed {settings.seed}"
+    title = f"identification, {count_text(settings.periods, 'period')}, seed {settings.seed}"
     return Outcome(asked_of(settings, task is not None), title, {"this arm": found.figures})
 
 
@@ -142,10 +132,7 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
     """What is asked of a simulated identification, for a task or for any motion."""
     from polish_sim.identification.settings import GEARS, IDENTIFY
 
-    usual = type(settings)
     kind = "full" if settings.periods >= FULL_PERIODS else "short"
-    kind = kind if settings.method == usual.method else "stepwise"
-    kind = kind if settings.objective == usual.objective else f"{kind}-other"
     claims = IDENTIFY["task" if for_task else kind]
     if settings.robot.arm != "ur5e":
         return claims
@@ -153,9 +140,7 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
     return tuple(c._replace(high=math.inf) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
 
 
-def from_log(
-    robot: LoggedRobot, file: Path, loaded: Path | None, period: float | None, method: str, draft: Path
-) -> Outcome:
+def from_log(robot: LoggedRobot, file: Path, loaded: Path | None, period: float | None, draft: Path) -> Outcome:
     """Identify a robot, and what it carries in a second log, from its own logs, and write its folder.
 
     ``period``: after which the motion of both repeats [s]; None if it does not.
@@ -170,16 +155,15 @@ def from_log(
         observer.stage("read the log")
         run = read_run(file, robot, period)
         observer.stage("fit the model")
-        found = identify_from_log(robot, *run, method)
+        found = identify_from_log(robot, *run)
         if loaded is not None:
             weighed = weigh_from_logs(robot, run, read_run(loaded, robot, period))
             found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
         observer.stage("draw")
         write_folder(draft, found, robot.file)
     show(found)
-    kind = "data" if method == "joint" else "data-stepwise"
-    title = f"identification from {file.name}, {method}"
-    return Outcome(IDENTIFY[kind], title, {"this robot": found.figures}, notes=doubts(found))
+    title = f"identification from {file.name}"
+    return Outcome(IDENTIFY["data"], title, {"this robot": found.figures}, notes=doubts(found))
 
 
 def doubts(found: Identification) -> tuple[str, ...]:

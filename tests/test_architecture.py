@@ -17,7 +17,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES_AT_LEAST = 50
-MOST_TOKENS = 513_400
+MOST_TOKENS = 506_000
 """Names, operators and literals of src and cli, without comments, docstrings and layout: a ceiling to be lowered.
 
 Tokens, not lines: packing a line saves none.

@@ -12,7 +12,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array
 from polish_sim.errors import InputError, near_file
 
 OTHER_SEPARATORS: Final = {";": "semicolons", "\t": "tabs", "|": "bars"}
@@ -47,12 +47,6 @@ class Columns:
                 f"'{self.file}' lacks the column{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
                 f"{f': {meaning}' if meaning else ''}. It has: {', '.join(self.texts)}."
             )
-
-    def rows(self, mask: Bools) -> Self:
-        """Some of the rows."""
-        keep = np.flatnonzero(mask).tolist()
-        texts = {name: [column[k] for k in keep] for name, column in self.texts.items()}
-        return type(self)(self.file, texts, [self.lines[k] for k in keep])
 
     @classmethod
     def read(cls, file: Path, kind: str, content: str) -> Self:

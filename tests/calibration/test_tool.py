@@ -17,7 +17,6 @@ from polish_sim.dual.calibration.tool import (
     fit_tool_frame,
     fit_tool_point,
     fit_tool_point_without_outliers,
-    orientation_from_moves,
     orientation_from_three_points,
     read_tool_measurements,
     tip_positions_flange,
@@ -130,7 +129,6 @@ def test_a_left_handed_orientation_is_named() -> None:
 
 
 R_FLANGE_TOOL = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
-MOVES = np.array([0.03, -0.02, 0.21]), 5e-5
 MOVES = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.1]])
 
 
@@ -138,10 +136,6 @@ def test_exact_moves_give_the_axes() -> None:
     for moves in (MOVES, np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [-0.04, 0.0, 0.08]])):
         R = orientation_from_three_points(moves @ R_FLANGE_TOOL.T, SIGMA).R_flange_tool
         np.testing.assert_allclose(R, R_FLANGE_TOOL, atol=1e-12)
-    many = np.concatenate([MOVES, [[0.0, 0.1, 0.0], [0.05, 0.05, 0.0]]])
-    np.testing.assert_allclose(
-        orientation_from_moves(many @ R_FLANGE_TOOL.T, many, SIGMA).R_flange_tool, R_FLANGE_TOOL, atol=1e-12
-    )
 
 
 def test_positions_come_from_flange_poses_that_also_turned_a_little() -> None:
@@ -166,18 +160,6 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
         assert np.degrees(rms.max()) <= 0.045
 
 
-def test_more_moves_tell_more_and_their_covariance_is_right() -> None:
-    rng = np.random.default_rng(2)
-    many = np.concatenate([MOVES, [[0.0, 0.1, 0.0], [-0.1, 0.0, 0.0], [0.0, -0.1, 0.0]]])
-    errors = []
-    for _ in range(2000):
-        found = orientation_from_moves(many @ R_FLANGE_TOOL.T + SIGMA * rng.standard_normal((6, 3)), many, SIGMA)
-        errors.append(Rotation.from_matrix(R_FLANGE_TOOL.T @ found.R_flange_tool).as_rotvec())
-    np.testing.assert_allclose(np.cov(np.array(errors).T), found.covariance, atol=0.08 * found.covariance.max())
-    three = orientation_from_three_points(MOVES @ R_FLANGE_TOOL.T, SIGMA)
-    assert np.trace(found.covariance) < np.trace(three.covariance)
-
-
 @pytest.mark.parametrize(
     ("moves", "said"),
     [
@@ -191,7 +173,6 @@ def test_moves_that_cannot_tell_are_refused(moves: Array, said: str) -> None:
 
 
 T_FLANGE_TOOL = from_pose([0.01, -0.02, 0.2, 0.1, -0.2, 0.3])
-MOVES_FILE = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1.0], [-1, 0, 0]])
 
 
 def flange_at(R: Array, tips: Array) -> Array:
@@ -199,15 +180,14 @@ def flange_at(R: Array, tips: Array) -> Array:
 
 
 R_TOUCHES = plan_touch_orientations(8, 0.8)
-R_MOVES = np.tile(R_TOUCHES[2], (5, 1, 1))
+R_MOVES = np.tile(R_TOUCHES[2], (3, 1, 1))
 MEASURED = ToolMeasurements(
     ToolTouches(flange_at(R_TOUCHES, np.tile(POINT, (8, 1)))),
-    flange_at(R_MOVES, POINT + MOVES_FILE @ (R_MOVES[0] @ T_FLANGE_TOOL[:3, :3]).T),
-    MOVES_FILE,
+    flange_at(R_MOVES, POINT + MOVES @ (R_MOVES[0] @ T_FLANGE_TOOL[:3, :3]).T),
 )
 
 
-def test_any_moves_by_known_amounts_read_back_and_give_the_axes(tmp_path: Path) -> None:
+def test_moves_read_back_and_give_the_axes(tmp_path: Path) -> None:
     file = tmp_path / "moves.csv"
     file.write_text(tool_table(MEASURED, fit_tool_frame(MEASURED)), encoding="utf-8")
     found = fit_tool_frame(read_tool_measurements(file))

@@ -24,11 +24,10 @@ PAIR = 'cell "7" \\ left'
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folders of calibrations, one of a tool and one of the bases by each method."""
+    """Folders of calibrations, one of a tool and one of the bases."""
     folder = tmp_path_factory.mktemp("made")
-    methods = {name: ("base", "--method", name, "--pair", PAIR) for name in ("circles", "poses", "handshake")}
-    for name, words in ({"tcp": ("tcp",)} | methods).items():
-        words = ("calibrate", *words, "--seed", "2", "--check", "--out", str(folder / name))
+    for name, pair in (("tcp", ()), ("base", ("--pair", PAIR))):
+        words = ("calibrate", name, *pair, "--seed", "2", "--check", "--out", str(folder / name))
         assert execute(commands, list(words)) == 0
     return folder
 
@@ -59,16 +58,14 @@ def test_a_tool_frame_leaves_its_files_and_they_read_back(made: Path, polish_sim
     np.testing.assert_allclose(metrics_of(tmp_path / "two")["quaternion_wxyz"], figures["quaternion_wxyz"], atol=1e-9)
 
 
-@pytest.mark.parametrize("method", ["circles", "poses", "handshake"])
-def test_bases_leave_their_files_and_they_read_back(method: str, made: Path, polish_sim: Tool, tmp_path: Path) -> None:
-    one = made / method
+def test_bases_leave_their_files_and_they_read_back(made: Path, polish_sim: Tool, tmp_path: Path) -> None:
+    one = made / "base"
     assert {path.name for path in one.iterdir()} == {"calibration.toml", "residuals.csv", "metrics.json", "bases.png"}
     figures = metrics_of(one)
     assert {"transform", "origin_error_m", "axis_error_rad"} <= set(figures)
     found = read_base_calibration(one / "calibration.toml", PAIR)
     np.testing.assert_allclose(found.T_master_follower, figures["transform"], atol=1e-15)
-    words = ("calibrate", "base", "--method", method, "--data", one / "residuals.csv")
-    assert polish_sim(*words, "--out", "two").code == 0
+    assert polish_sim("calibrate", "base", "--data", one / "residuals.csv", "--out", "two").code == 0
     np.testing.assert_allclose(metrics_of(tmp_path / "two")["transform"], figures["transform"], atol=1e-6)
 
 
@@ -84,14 +81,10 @@ def test_a_calibration_of_another_thing_is_refused(made: Path, polish_sim: Tool)
     with pytest.raises(InputError, match="not the calibration of two bases"):
         read_base_calibration(made / "tcp" / "calibration.toml", PAIR)
     with pytest.raises(InputError, match="not the calibration of a tool frame"):
-        read_tool_calibration(made / "poses" / "calibration.toml")
+        read_tool_calibration(made / "base" / "calibration.toml")
     code, _, err = polish_sim("run", "force", "--calibration", made / "tcp" / "calibration.toml", "--out", "run")
     assert code == 2
     assert "is not the calibration of a payload" in err
-
-
-def command(name: str) -> tuple[str, ...]:
-    return ("tcp",) if name == "tcp" else ("base", "--method", name)
 
 
 def swapped(rows: list[list[str]], a: str, b: str) -> list[list[str]]:
@@ -143,17 +136,12 @@ BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
     ("tcp", in_metres, "no robot works there. Are these numbers in m, as the header says?"),
     ("tcp", lambda r: scaled(r, 1e-3), "no robot works there. Are these numbers in mm"),
     ("tcp", lambda r: [[";".join(row)] for row in r], "the columns are separated by semicolons"),
-    ("circles", in_metres, "Wrong unit, or joints not at zero?"),
-    ("handshake", lambda r: scaled(r, 1e-3), "no robot works there"),
-    ("handshake", lambda r: [r[0], *[r[1]] * 8], "lie on a line or in one place"),
-    ("handshake", lambda r: [row[3:] for row in r], "holds no touches of the master"),
-    ("circles", lambda r: [row[:1] + ["1"] + row[2:] if row[1] == "2" else row for row in r], "no arc of axis 2"),
-    ("circles", lambda r: [r[0], *(["follower", *x[1:]] for x in r[1:] if x[0] == "master")], "of the master"),
-    ("circles", lambda r: [exchanged(row) for row in r], "the master: axes 1 and 2 miss each other by"),
-    ("circles", lambda r: [row for row in r if row[0] != "follower"], "no measurement of the follower"),
-    ("circles", lambda r: [row for row in r if row[1] != "2"], "no arc of axis 2 of the master"),
-    ("poses", lambda r: r[:9] + [row for row in r if row[0] == "follower"], "8 poses of the master are too few"),
-    ("poses", lambda r: swapped(r, "tracker_x_mm", "tracker_y_mm"), "mirror image"),
+    ("base", in_metres, "Wrong unit, or joints not at zero?"),
+    ("base", lambda r: [row[:1] + ["1"] + row[2:] if row[1] == "2" else row for row in r], "no arc of axis 2"),
+    ("base", lambda r: [r[0], *(["follower", *x[1:]] for x in r[1:] if x[0] == "master")], "of the master"),
+    ("base", lambda r: [exchanged(row) for row in r], "the master: axes 1 and 2 miss each other by"),
+    ("base", lambda r: [row for row in r if row[0] != "follower"], "no measurement of the follower"),
+    ("base", lambda r: [row for row in r if row[1] != "2"], "no arc of axis 2 of the master"),
 ]  # fmt: skip
 
 
@@ -162,7 +150,7 @@ def test_bad_files_are_one_message_and_nothing_is_written(
     name: str, spoil: Any, said: str, files: dict[str, list[list[str]]], polish_sim: Tool, tmp_path: Path
 ) -> None:
     write(tmp_path / "bad.csv", spoil(files[name]))
-    code, out, err = polish_sim("calibrate", *command(name), "--data", "bad.csv")
+    code, out, err = polish_sim("calibrate", name, "--data", "bad.csv")
     assert (code, out) == (2, "")
     assert err.startswith("error: ")
     assert said in err.replace("\n", " ")
@@ -173,16 +161,14 @@ def test_bad_files_are_one_message_and_nothing_is_written(
     ("name", "line", "column", "said"),
     [
         ("tcp", 6, "y_mm", 6),
-        ("circles", 4, "y_mm", "master, axis 1: 4"),
-        ("poses", 4, "tracker_y_mm", "master, poses: 4"),
-        ("handshake", 4, "follower_y_mm", "touches of both: 4"),
+        ("base", 4, "y_mm", "master, axis 1: 4"),
     ],
 )
 def test_a_measurement_off_by_two_millimetres_is_named(
     name: str, line: int, column: str, said: Any, files: Any, polish_sim: Tool, tmp_path: Path
 ) -> None:
     write(tmp_path / "off.csv", changed(files[name], line, column, 1.0, 2.0))
-    code, _, err = polish_sim("calibrate", *command(name), "--data", "off.csv", "--out", "two")
+    code, _, err = polish_sim("calibrate", name, "--data", "off.csv", "--out", "two")
     assert code == 0
     assert f"{said} does not fit the others and was left out" in err
     assert metrics_of(tmp_path / "two")["outliers"] == [said]
@@ -203,16 +189,16 @@ def test_rotation_vectors_in_degrees_are_refused(files: Any, polish_sim: Tool, t
 
 def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: Any, polish_sim: Tool, tmp_path: Path) -> None:
     """The second arc of the master, 1 mm to the side of where its axes would meet."""
-    found = calibrated(polish_sim, tmp_path, "as_is", files["circles"])
+    found = calibrated(polish_sim, tmp_path, "as_is", files["base"])
     assert found["gap_m"] < 1e-4
     assert found["axes_meet"] is True
-    axis = np.cross(*(fit_circle(arc_of(files["circles"], k)).axis for k in ("1", "2")))
+    axis = np.cross(*(fit_circle(arc_of(files["base"], k)).axis for k in ("1", "2")))
     axis /= np.linalg.norm(axis)
     moved = [
         [*row[:2], *(str(float(v) + d) for v, d in zip(row[2:5], axis, strict=True)), *row[5:]]
         if row[:2] == ["master", "2"]
         else row
-        for row in files["circles"]
+        for row in files["base"]
     ]
     found = calibrated(polish_sim, tmp_path, "moved", moved, code=1)
     assert found["gap_m"] == pytest.approx(1e-3, abs=1e-4)
@@ -252,9 +238,7 @@ def test_files_that_are_none_are_one_message(polish_sim: Tool, tmp_path: Path) -
         (("tcp", "--data", "gone.csv"), "cannot read the flange poses 'gone.csv'"),
         (("tcp", "--data", "gone.csv", "--seed", "3"), "--seed would change nothing with --data"),
         (("tcp", "--data", "gone.csv", "--cell-tool"), "--cell-tool would change nothing with --data"),
-        (("base", "--method", "gps"), "unknown method 'gps'. Known: circles, handshake, poses."),
         (("tcp", "--arm", "ur10"), "unknown --arm 'ur10'. Known: ideal, ur5e."),
-        (("base", "--method", "handshake", "--arm", "ur5e"), "--arm ur5e is for --method circles and poses"),
         (("base", "--points", "5"), "5 points are too few for a circle"),
         (("arm", "--poses", "19"), "--poses 19 is outside 20 to"),
         (("arm", "--length-error", "5"), "--length-error 5 is outside 0 to 2 mm"),

@@ -225,17 +225,9 @@ def two_stretches() -> PlanResult:
 @pytest.mark.parametrize(
     ("changes", "kind", "said"),
     [
-        (
-            ["dual.follower_pose=[-2.5,0,0,0,0,3]"],
-            ReachError,
-            "the follower .* --set dual.follower_pose=.-1.1,0,0,0,0,3.14",
-        ),
-        (["part.pose=[0,2,0.3,0,0,0]"], ReachError, "the master does not reach the first pose.*leave --part-pose"),
-        (
-            ["dual.master_speed_m_s=0.25"],
-            ReachError,
-            r"carry the part along 12\d\d\d mm\. With --master-speed [0-9.]+ it is \d00 mm, which is feasible",
-        ),
+        (["dual.follower_pose=[-2.5,0,0,0,0,3]"], ReachError, "the follower .*dual.follower_pose"),
+        (["part.pose=[0,2,0.3,0,0,0]"], ReachError, "the master does not reach the first pose.*--part-pose"),
+        (["dual.master_speed_m_s=0.25"], ReachError, r"the part's way is 12\d\d\d mm long.*dual.master_speed_m_s"),
         (["dual.follower_pose=[0,0,0,0,0,0]"], ConfigError, "0 mm from the master's: no two arms stand there"),
         (["dual.master_direction=[0,0,0]"], ConfigError, "'dual.master_direction' is no direction"),
         (["part.file=plate"], PlanError, "1 piece.s. and 1 border.s."),

@@ -133,17 +133,6 @@ def played(motion: FourierMotion, periods: int) -> States:
     return started_and_stopped(motion, np.arange(round(end * RATE)) / RATE, 2.0, end)
 
 
-def slow_passes(start: Array, seconds: float = 60.0) -> States:
-    """Every joint goes to and fro at 0.1 rad/s, each at its own beat, from and to rest."""
-    t = np.arange(round(seconds * RATE)) / RATE
-    beat = 2.0 * np.pi / (14.0 + 2.3 * np.arange(len(start)))
-    gate = np.clip(np.minimum(t, t[-1] - t), 0.0, 1.0)[:, None]
-    gate = gate**3 * (10.0 - 15.0 * gate + 6.0 * gate**2)
-    speed = 0.1 * gate * np.tanh(15.0 * np.sin(np.outer(t, beat)))
-    q = start + np.cumsum(speed, axis=0) / RATE
-    return States(q, speed, np.gradient(speed, 1.0 / RATE, axis=0))
-
-
 def joined(*parts: States) -> States:
     """Parts one after the other, each from and to rest, with a smooth way of three seconds between them."""
     pieces = [parts[0]]

@@ -18,8 +18,6 @@ from polish_sim.identification.estimate import (
     require_rank,
     sum_samples,
 )
-from polish_sim.identification.regressor import States
-from polish_sim.identification.stepwise import carried, fit_rest, rest_rows, sum_rows
 from tests.identification.known import SIGMA, known_robot, noisy
 
 KNOWN = known_robot()
@@ -67,34 +65,6 @@ def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still: slice
     sums = sum_samples(KNOWN.model, KNOWN.base, states, KNOWN.model.torque(states, KNOWN.model.truth()))
     with pytest.raises(IdentificationError, match=said):
         require_rank(sums, KNOWN.base, KNOWN.model)
-
-
-def _approached_poses(rng: np.random.Generator) -> States:
-    q = np.repeat(rng.uniform(-2.5, 2.5, (60, 6)), 2, axis=0)
-    side = np.where(np.arange(120) % 2, 0.1, -0.1)[:, None] * np.ones(6)
-    return States(q, side, np.zeros_like(q))
-
-
-def test_steps_with_the_covariance_carried_are_the_joint_fit() -> None:
-    rng = np.random.default_rng(3)
-    poses = _approached_poses(rng)
-    rows = rest_rows(KNOWN.model, poses)
-    at_rest = noisy(rows @ KNOWN.model.truth(), rng)
-    moving = sums_of(noisy(KNOWN.torque, rng))
-    stepwise = estimate(moving, carried(fit_rest(KNOWN.model, poses, at_rest, SIGMA), KNOWN.base), SIGMA)
-    joint = estimate(moving.plus(sum_rows(rows, at_rest, KNOWN.base.columns)), sigma=SIGMA)
-    assert np.abs((stepwise.theta - joint.theta) / joint.std).max() < 1e-6
-    np.testing.assert_allclose(stepwise.std, joint.std, rtol=1e-6)
-
-
-def test_poses_at_rest_tell_sixteen_numbers_and_six_offsets() -> None:
-    rng = np.random.default_rng(4)
-    poses = _approached_poses(rng)
-    torque = noisy(rest_rows(KNOWN.model, poses) @ KNOWN.model.truth(), rng)
-    step = fit_rest(KNOWN.model, poses, torque)
-    assert step.base.rank == 22
-    truth = step.base.combination @ KNOWN.model.truth()
-    assert np.abs((step.found.theta - truth) / step.found.std).max() < 4.5
 
 
 KNOWN_COLOURED = known_robot(4000)

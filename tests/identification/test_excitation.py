@@ -11,7 +11,6 @@ import pytest
 from polish_sim.cell import tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.identification.excitation import (
-    OBJECTIVES,
     Excitation,
     ExcitationTask,
     Search,
@@ -34,9 +33,8 @@ ROBOT = RobotClearance(arm_model(), 6, also=("head_pad",))
 TASK = ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), SIGMA, LIMITS, USE)
 
 
-@pytest.mark.parametrize("name", OBJECTIVES)
-def test_gradients_are_the_slopes_of_the_cost(name: str) -> None:
-    search = Search(replace(TASK, clearance=ROBOT.measure), OBJECTIVES[name].judge)
+def test_gradients_are_the_slopes_of_the_cost() -> None:
+    search = Search(replace(TASK, clearance=ROBOT.measure))
     x, rng = 1.2 * KNOWN.motion.coefficients.ravel(), np.random.default_rng(0)
     _, gradient = search.cost(x)
     way, step = rng.normal(size=x.size), 1e-6
@@ -45,7 +43,7 @@ def test_gradients_are_the_slopes_of_the_cost(name: str) -> None:
 
 
 def designed(task: ExcitationTask) -> Excitation:
-    return design(task, OBJECTIVES["i-optimal"], np.random.default_rng(1), iterations=60)
+    return design(task, np.random.default_rng(1), iterations=60)
 
 
 @pytest.fixture(scope="module")

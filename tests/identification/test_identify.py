@@ -15,7 +15,7 @@ from polish_sim.identification.log_file import read_robot_log, spline_states
 from polish_sim.identification.regressor import FULL, States
 from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
 from polish_sim.scenario_file import override
-from tests.identification.known import SIGMA, joined, known_robot, played, slow_passes, write_log
+from tests.identification.known import SIGMA, joined, known_robot, played, write_log
 
 IDEAL = RobotConfig(arm="ideal")
 HELD_BY_LINKS = ["robot.arm=ur5e", "robot.real.servo_side=link", "robot.real.kinematics=exact"]
@@ -23,9 +23,7 @@ HELD_BY_LINKS = ["robot.arm=ur5e", "robot.real.servo_side=link", "robot.real.kin
 
 @pytest.fixture(scope="module")
 def identified() -> Identification:
-    return run_identification(
-        IdentifySettings(periods=1, iterations=15, poses=6, method="stepwise", robot=IDEAL, payload=1.0, seed=1)
-    )
+    return run_identification(IdentifySettings(periods=1, iterations=15, robot=IDEAL, payload=1.0, seed=1))
 
 
 def test_a_motion_that_was_not_fitted_is_predicted_far_better_than_by_the_drawing(identified: Identification) -> None:
@@ -37,11 +35,9 @@ def test_a_motion_that_was_not_fitted_is_predicted_far_better_than_by_the_drawin
     assert figures["clearance_min_m"] >= 0.02
 
 
-def test_errors_are_near_the_bound_and_the_steps_near_the_joint_fit(identified: Identification) -> None:
+def test_errors_are_near_the_bound(identified: Identification) -> None:
     assert identified.figures["error_over_crb"] < 1.6
     assert identified.figures["interval_coverage"] > 0.8
-    assert identified.figures["stepwise_over_joint"] == pytest.approx(1.0, abs=0.01)
-    assert identified.figures["first_step_parameters"] == 22
 
 
 def test_a_block_the_arm_carries_is_found_within_its_intervals(identified: Identification) -> None:
@@ -51,14 +47,6 @@ def test_a_block_the_arm_carries_is_found_within_its_intervals(identified: Ident
     assert abs(figures["payload_mass_error_kg"]) < 0.01
     assert figures["payload_center_error_m"] < 0.003
     assert figures["payload_consistent"]
-
-
-def test_the_first_axes_move_first_and_their_step_is_carried_into_the_second() -> None:
-    settings = IdentifySettings(periods=1, iterations=5, method="stepwise-axes", robot=IDEAL, seed=2)
-    figures = run_identification(settings).figures
-    assert figures["first_step_parameters"] == 25
-    assert figures["stepwise_over_joint"] == pytest.approx(1.0, abs=0.01)
-    assert figures["error_over_crb"] < 1.6
 
 
 @pytest.mark.parametrize(("settings", "off"), [([], 1e-3), (HELD_BY_LINKS, 1e-2)])
@@ -75,45 +63,20 @@ KNOWN = known_robot()
 ROBOT = LoggedRobot(KNOWN.model, np.zeros((6, 10)))
 PLANTED = KNOWN.model.truth() * np.repeat(np.linspace(0.85, 1.2, 14), [10] * 6 + [3] * 8)
 MOTION = played(KNOWN.motion, 2)
-PASSES = slow_passes(np.array([0.0, -1.5, 1.0, 0.5, -0.7, 0.3]), 40.0)
 
 
-def _identified(folder: Path, states: States, method: str = "joint") -> Identification:
+def _identified(folder: Path, states: States) -> Identification:
     log = read_robot_log(write_log(folder / "log.csv", KNOWN.model, states, SIGMA, PLANTED))
-    return identify_from_log(ROBOT, log, spline_states(log), method)
+    return identify_from_log(ROBOT, log, spline_states(log))
 
 
-@pytest.mark.parametrize(
-    ("method", "states", "told_first"),
-    [
-        ("joint", MOTION, None),
-        # Ten of gravity, and of each joint Coulomb and viscous friction and an offset.
-        ("stepwise", joined(PASSES, MOTION), 28),
-        # Fifteen rigid ones, three of each of friction, viscous friction and offsets, one rotor.
-        ("stepwise-axes", joined(played(KNOWN.with_still(slice(3, 6)), 1), MOTION), 25),
-    ],
-)
-def test_a_planted_robot_is_recovered_from_its_log(
-    method: str, states: States, told_first: int | None, tmp_path: Path
-) -> None:
-    found = _identified(tmp_path, states, method)
+def test_a_planted_robot_is_recovered_from_its_log(tmp_path: Path) -> None:
+    found = _identified(tmp_path, MOTION)
     off = (found.found.theta - KNOWN.base.combination @ PLANTED) / found.found.std
     # The rms of fifty-eight errors in their own standard deviations, plus what splines smooth away.
     assert float(np.sqrt(np.mean(off**2))) < 1.4
     # What is left of the part that was held out is its noise.
     assert max(found.figures["residual_over_noise_heldout"]) < 1.1
-    assert found.figures.get("first_step_parameters") == told_first
-    if told_first is not None:
-        assert found.figures["stepwise_over_joint"] == pytest.approx(1.0, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("method", "said"),
-    [("stepwise", "holds 0 samples in which a joint passes a pose slowly"), ("stepwise-axes", "joints 4 to 6 hold")],
-)
-def test_a_log_without_a_first_step_is_refused(method: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(IdentificationError, match=said):
-        _identified(tmp_path, MOTION, method)
 
 
 def test_a_joint_that_rests_at_the_end_of_the_log_is_named(tmp_path: Path) -> None:

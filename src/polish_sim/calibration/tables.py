@@ -72,12 +72,12 @@ class Measured(Columns):
         )
         return points
 
-    def reached_points(self, prefix: str, what: str) -> Array:
+    def reached_points(self, what: str) -> Array:
         """`points` that a robot reached, in its own base; InputError where no robot can be: the unit is another one."""
-        points = self.points(prefix, what)
+        points = self.points("", what)
         middle = float(np.median(np.linalg.norm(points, axis=1)))
         if not REACH[0] <= middle <= REACH[1]:
-            unit = next(unit for unit in UNITS if f"{prefix}x_{unit}" in self.texts)
+            unit = next(unit for unit in UNITS if f"x_{unit}" in self.texts)
             raise InputError(
                 f"'{self.file}': {what} is {1e3 * middle:.4g} mm from the robot's base in the middle of all lines: no "
                 f"robot works there. Are these numbers in {unit}, as the header says?"

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
@@ -27,11 +26,7 @@ from polish_sim.dual.calibration.bases import (
     ROBOTS,
     AxisArcs,
     BaseCalibration,
-    BaseMeasurements,
-    Handshake,
-    TrackedPoses,
     base_figures,
-    method_named,
 )
 from polish_sim.dual.calibration.matched_points import frame_offset, point_covariance
 from polish_sim.motion import forward
@@ -71,17 +66,16 @@ Flanges = Callable[[str, Array], Array]
 class BaseTrial:
     """A simulated calibration of two bases."""
 
-    method: str = "circles"
     noise: float = 3e-5  #: Of one coordinate of a measured point, rms [m]
-    points: int | None = None  #: Points of an arc, poses of a robot, or common points; None: 200, 12, 10
+    points: int = 200  #: Of an arc
     seed: int = 0
     flanges: Flanges | None = None  #: Of arms with gears; None: of arms as their table says
 
 
-BasesFound = Calibrated[BaseMeasurements, BaseCalibration]
+BasesFound = Calibrated[AxisArcs, BaseCalibration]
 
 
-def calibrate_base_from(measured: BaseMeasurements) -> BasesFound:
+def calibrate_base_from(measured: AxisArcs) -> BasesFound:
     """Calibrate from measurements of real robots, without a truth to compare with; CalibrationError if undetermined."""
     found = measured.fit()
     return BasesFound(measured, found, base_figures(found) | _stated(found))
@@ -90,19 +84,16 @@ def calibrate_base_from(measured: BaseMeasurements) -> BasesFound:
 def run_base_calibration(trial: BaseTrial) -> BasesFound:
     """Plant two bases, measure them, and find one in the other; the figures are against the truth.
 
-    Raises InputError for an unknown method, CalibrationError if the measurements do not determine the bases.
+    Raises CalibrationError if the measurements do not determine the bases.
     """
-    method_named(trial.method)
     rng = np.random.default_rng([trial.seed, 12])
     truth = planted_bases(rng)
-    simulate, count = SIMULATED[trial.method]
-    points = trial.points or count
-    measured = simulate(truth, points, trial.noise, rng, trial.flanges)
+    measured = simulate_arcs(truth, trial.points, trial.noise, rng, trial.flanges)
     found = measured.fit(trial.noise if trial.noise > 1e-9 and trial.flanges is None else None)
     figures = base_figures(found) | _stated(found) | _errors(found, truth)
-    bound = math.sqrt(points) * figures["relative_origin_std_m"]
+    bound = math.sqrt(trial.points) * figures["relative_origin_std_m"]
     figures |= {"relative_origin_bound_m": bound, "bound_share": figures["relative_origin_error_m"] / bound}
-    return BasesFound(measured, found, figures | {"method": trial.method, "seed": trial.seed})
+    return BasesFound(measured, found, figures | {"seed": trial.seed})
 
 
 def planted_bases(rng: np.random.Generator) -> Bases:
@@ -138,42 +129,12 @@ def _target(T: Array) -> Array:
     return np.asarray(T[:, :3, :3] @ TARGET + T[:, :3, 3])
 
 
-def simulate_poses(
-    truth: Bases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
-) -> BaseMeasurements:
-    """Each robot holds the target still in poses all over its workspace; where it is, its joints say."""
-    points = {}
-    for robot, T in truth.items():
-        q = rng.uniform(LOW, HIGH, (count, 6))
-        said = _target(forward(q))
-        there = said if flanges is None else _target(flanges(robot, q))
-        points[robot] = (apply(T, there) + noise * rng.standard_normal(said.shape), said)
-    return TrackedPoses(points)
-
-
-def simulate_handshake(
-    truth: Bases, count: int, noise: float, rng: np.random.Generator, _flanges: None = None
-) -> BaseMeasurements:
-    """Both tools touch points spread between the bases; each tip misses by the noise."""
-    T = follower_in_master(truth)
-    points = 0.5 * T[:3, 3] + np.array([0.0, 0.0, 0.35]) + rng.uniform(-1.0, 1.0, (count, 3)) * [0.2, 0.4, 0.3]
-    own = apply(inverse(T), points)
-    return Handshake(*(tips + noise * rng.standard_normal(tips.shape) for tips in (points, own)))
-
-
-SIMULATED: Final[Mapping[str, tuple[Callable[..., BaseMeasurements], int]]] = MappingProxyType(
-    {"circles": (simulate_arcs, 200), "poses": (simulate_poses, 12), "handshake": (simulate_handshake, 10)}
-)
-"""Ways to measure bases: what simulates them, and how many points they take by default."""
-
-
 def _stated(found: BaseCalibration) -> dict[str, Any]:
     """Stated deviations of the worse base, of its z axis and of a point a metre away along its axes, rms."""
     figures: dict[str, Any] = {"relative_origin_std_m": float(np.sqrt(np.trace(found.covariance[:3, :3])))}
-    if not found.bases:
-        return figures
     origins, tilts, ends = [], [], []
-    for T, C in found.bases.values():
+    for base in found.frames.values():
+        T, C = base.T, base.covariance
         across = np.eye(3) - np.outer(T[:3, 2], T[:3, 2])
         offsets = AWAY * np.concatenate([T[:3, :3].T, -T[:3, :3].T])
         origins.append(np.sqrt(np.trace(C[:3, :3])))
@@ -190,8 +151,7 @@ def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
     # Of a metre away in any direction: rms over the three axes of the follower's base.
     ends = np.concatenate([AWAY * np.eye(3), -AWAY * np.eye(3)])
     figures["point_error_1m_m"] = float(np.sqrt(np.mean(np.sum((apply(T, ends) - apply(wanted, ends)) ** 2, axis=1))))
-    each = [_frame_error("", found.bases[r][0], T_true) for r, T_true in truth.items() if r in found.bases]
-    each = each or [_frame_error("", T, wanted)]
+    each = [_frame_error("", found.frames[robot].T, T_true) for robot, T_true in truth.items()]
     figures |= {name: max(e[name] for e in each) for name in each[0]}
     return figures | {"true_transform": wanted.tolist()}
 

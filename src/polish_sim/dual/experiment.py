@@ -111,13 +111,7 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("point_error_1m_m", "a metre from the follower's, error", "mm", 1e3),
         Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
     ),
-    "base-poses": (
-        Claim("origin_error_m", "origin, error", "mm", 1e3),
-        Claim("rotation_error_rad", "turn, error", "deg", DEGREES),
-        *_RELATIVE_BASE,
-    ),
     "base-data": (*_AXES_SEEN, *_BASE_DATA),
-    "base-poses-data": _BASE_DATA,
     "budget": (
         *TOOL_ON_PART,
         Claim("across_error_rms_m", "  across the tool axis, rms", "mm", 1e3),

@@ -1,4 +1,4 @@
-"""Where the part is held and how both arms do their work on it, decided before anything moves; else what would help.
+"""Where the part is held and how both arms do their work on it, decided before anything moves.
 
 The master moves the part while the follower runs along its path. The turn of the tool about its axis is free: in the
 follower's base it stays as it is, however the part turns, and is chosen to keep away from joint limits.
@@ -7,8 +7,6 @@ follower's base it stays as it is, however the part turns, and is chosen to keep
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
-from itertools import islice
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,13 +14,12 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.dual.arms import COMFORTABLE, ClosedChain, limit_margin
-from polish_sim.dual.master import MasterMotion, MasterPath, PartWay, master_motion
+from polish_sim.dual.master import MasterMotion, MasterPath, PartWay
 from polish_sim.dual.strokes import Visits
 from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import failure_of, given_placement, rotations_towards, spin_direction
 from polish_sim.motion import JointPath, inverse_all, track
-from polish_sim.planning import ToolPath
-from polish_sim.spatial import from_pose, inverse, rotation_to_axis, transform
+from polish_sim.spatial import inverse, rotation_to_axis, transform
 
 UPS: Final = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 """Directions of the worked side, best guess first: up, half towards the follower, towards it; see ``_frame``."""
@@ -185,8 +182,9 @@ def find_pair_reach(
 def _what_to_change(work: Work, failed: Failed, file: MasterPath | None) -> str:
     if file is None:
         return (
-            ". Hold the part elsewhere with --part-pose (follower's base), or move it less or another way "
-            "(dual.master_speed_m_s, dual.master_direction, dual.master_turn_rad_s, dual.master_path)."
+            f"; the part's way is {1e3 * work.length:.0f} mm long. Hold the part elsewhere with --part-pose "
+            "(follower's base), place the follower elsewhere (dual.follower_pose), or move the part less or another "
+            "way (dual.master_speed_m_s, dual.master_direction, dual.master_turn_rad_s, dual.master_path)."
         )
     clock = work.visits.clock
     there = float(clock[min(round(failed.share * len(clock)), len(clock) - 1)])
@@ -248,66 +246,3 @@ def _tracked(poses: Array, T_flange_end: Array, q: Array) -> JointPath:
         return joints
     turns = np.round(0.5 * (reached.min(axis=0) + reached.max(axis=0)) / (2.0 * np.pi))
     return track(poses, T_flange_end, reached[0] - 2.0 * np.pi * turns) if turns.any() else joints
-
-
-BASE_DISTANCES: Final = (1.1, 1.0, 1.2, 0.9, 1.3)  #: Between the bases, when the follower's is looked for [m]
-WAYS: Final = (0.6, 0.4, 0.2, 0.1)  #: Lengths of the part's way, when a slower master is looked for [m]
-POSES: Final = 18  #: Poses of the part that are tried each time
-
-
-class Infeasible(NamedTuple):
-    """Work that cannot be done as asked, for the search of a change that makes it feasible."""
-
-    scenario: Scenario
-    work: Work
-    motion: MasterMotion
-    path: ToolPath
-    up: Array  #: Side of the part to be worked on, work frame, shape (3,)
-    collides: Collides  #: Looks for arms that touch
-    contacts: Callable[[Array], Collides]  #: Makes such a check for another base of the follower in the master's (4, 4)
-
-
-def feasible_change(failed: Infeasible) -> str:
-    """The nearest change that makes the work feasible: where the part is held, how fast it goes, or the base pose."""
-    tried = (text for text, work, motion in _changes(failed) if _is_feasible(failed, work, motion))
-    return next(tried, "None of the other follower base poses tried is feasible.")
-
-
-def _changes(failed: Infeasible) -> Iterator[tuple[str, Work, MasterMotion]]:
-    """Changes, the smallest first: each with its text, the work and the master's motion."""
-    scenario, work, motion = failed.scenario, failed.work, failed.motion
-    dual, posed = scenario.dual, bool(scenario.part.pose)
-    if posed:
-        yield "It is feasible where the part is put by itself: leave --part-pose (part.pose) out.", work, motion
-    if motion.file is None and dual.master_speed_m_s != 0.0:
-        far = work.length
-        for short in (way for way in WAYS if way < far):
-            speed = short / far * dual.master_speed_m_s
-            slower = replace(scenario, dual=replace(dual, master_speed_m_s=speed))
-            slow = master_motion(slower, failed.path, failed.up, work.chain)
-            held = " and without --part-pose" if posed else ""
-            text = (
-                f"The master would carry the part along {1e3 * far:.0f} mm. With --master-speed {1e3 * speed:.3g}"
-                f"{held} it is {1e3 * short:.0f} mm, which is feasible."
-            )
-            yield text, work._replace(way=slow.way), slow
-    held = "" if motion.file else " and the part where it is put by itself"
-    for distance in BASE_DISTANCES:
-        T = from_pose([-distance, 0.0, 0.0, 0.0, 0.0, np.pi])
-        text = (
-            f"It is feasible with another base pose of the follower{held}: "
-            f"--set dual.follower_pose=[{-distance:g},0,0,0,0,{np.pi:.9g}]."
-        )
-        yield text, work._replace(chain=work.chain._replace(T_master_follower=T)), motion
-
-
-def _is_feasible(failed: Infeasible, work: Work, motion: MasterMotion) -> bool:
-    """Whether the work can be done with the part held anywhere."""
-    free = replace(failed.scenario, part=replace(failed.scenario.part, pose=()))
-    poses = islice(held_poses(free, work, motion, failed.up), POSES)
-    same_base = work.chain is failed.work.chain
-    try:
-        find_pair_reach(work, poses, failed.collides if same_base else failed.contacts(work.chain.T_master_follower))
-    except ReachError:
-        return False
-    return True

@@ -158,9 +158,7 @@ def plot_bases(done: BasesFound) -> Figure:
         space.plot(*(circle.center + circle.radius * around @ circle.frame.T).T, color=GREY, lw=0.7)
         ends = circle.center + 0.4 * np.outer([-1.0, 1.0], circle.axis)
         space.plot(*ends.T, color=GREY, lw=0.9, ls="--")
-    frames = {robot: T for robot, (T, _) in found.bases.items()}
-    frames = frames or {"master": np.eye(4), "follower": found.T_master_follower}
-    _draw_bases(space, found.groups, frames, "tracker" if found.bases else "master's base")
+    _draw_bases(space, found.groups, {robot: base.T for robot, base in found.frames.items()})
     _residual_bars(bars, found.groups)
     facts = [f"{len(m['outliers'])} left out", f"residual {1e3 * m['residual_rms_m']:.3f} mm rms"]
     head(figure, "Calibration of the bases", facts)
@@ -178,7 +176,7 @@ def plot_arms(done: ArmsFound) -> Figure:
         for what, arm in (("nominal table", fit_placement(one)), ("table found", done.found.arms[robot]))
     ]
     seen = [Group(robot, one.seen, one.seen[:, 0], everything[robot]) for robot, one in done.measured.items()]
-    _draw_bases(space, seen, {robot: arm.T_tracker_base for robot, arm in done.found.arms.items()}, "tracker")
+    _draw_bases(space, seen, {robot: arm.T_tracker_base for robot, arm in done.found.arms.items()})
     _residual_bars(bars, groups)
     nominal, found = (1e3 * done.figures[name] for name in ("nominal_rms_m", "heldout_rms_m"))
     facts = [f"nominal: {nominal:.3f} mm rms", f"found, in poses left out: {found:.3f} mm rms"]
@@ -271,8 +269,8 @@ def _finish(space: Any, points: Array, frame: str) -> None:
     space.legend(loc="upper left", fontsize=7.5)
 
 
-def _draw_bases(space: Any, groups: Sequence[Group], frames: Mapping[str, Array], frame: str) -> None:
-    """Groups of points and bases by name, in the frame of that name."""
+def _draw_bases(space: Any, groups: Sequence[Group], frames: Mapping[str, Array]) -> None:
+    """Groups of points and bases by name, as the tracker sees them."""
     for group, colour in zip(groups, SERIES * 2, strict=False):
         space.scatter(*group.points.T, color=colour, s=4, label=group.name)
     for name, T in frames.items():
@@ -282,7 +280,7 @@ def _draw_bases(space: Any, groups: Sequence[Group], frames: Mapping[str, Array]
     # Not along an axis of either arm: circles would look like lines.
     space.view_init(elev=24.0, azim=-32.0)
     everything = [group.points for group in groups] + [T[None, :3, 3] for T in frames.values()]
-    _finish(space, np.concatenate(everything), frame)
+    _finish(space, np.concatenate(everything), "tracker")
 
 
 def _residual_bars(axes: Axes, groups: Sequence[Group]) -> None:

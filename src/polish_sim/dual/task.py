@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 from typing import Final, NamedTuple
 
 import mujoco
@@ -26,10 +25,8 @@ from polish_sim.dual.gripper import Seat, check_load, seat_part
 from polish_sim.dual.master import MasterMotion, master_motion
 from polish_sim.dual.placement import (
     Collides,
-    Infeasible,
     PairReach,
     Work,
-    feasible_change,
     find_pair_reach,
     held_poses,
     sampled,
@@ -38,7 +35,6 @@ from polish_sim.dual.placement import (
 from polish_sim.dual.rim import rim_path
 from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
-from polish_sim.errors import ReachError
 from polish_sim.experiments.assembly import Workplace
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real_shape
 from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
@@ -143,22 +139,16 @@ def _find_way(job: Job, chain: ClosedChain, observer: Observer, like: PairReach 
     motion = master_motion(job.scenario, job.path, job.up, chain)
     check_length(job.visits, motion)
     work = Work(chain, job.visits, motion.way)
-    contacts = partial(_contacts, job, chain)
-    collides = contacts(chain.T_master_follower)
+    collides = _contacts(job, chain)
     held = held_poses(job.scenario, work, motion, job.up) if like is None else iter([like.T_master_work])
-    try:
-        return Way(work, motion, find_pair_reach(work, held, collides, motion.file, like), collides)
-    except ReachError as error:
-        observer.stage("look for a change that makes it feasible")
-        change = feasible_change(Infeasible(job.scenario, work, motion, job.path, job.up, collides, contacts))
-        raise ReachError(f"{error} {change}") from error
+    return Way(work, motion, find_pair_reach(work, held, collides, motion.file, like), collides)
 
 
-def _contacts(job: Job, chain: ClosedChain, T_master_follower: Array) -> Collides:
-    """The check for collisions with the follower's base there, the rest as in a chain."""
+def _contacts(job: Job, chain: ClosedChain) -> Collides:
+    """The check for collisions in the scene by a chain."""
     dual = job.scenario.dual
     clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
-    return PairContacts(_scene(job, chain._replace(T_master_follower=T_master_follower), clearances), clearances).first
+    return PairContacts(_scene(job, chain, clearances), clearances).first
 
 
 def _scene(job: Job, chain: ClosedChain, clearances: Clearances | None = None) -> mujoco.MjModel:

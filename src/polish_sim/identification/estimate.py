@@ -111,17 +111,6 @@ class JointSums(NamedTuple):
         """Sums over both sets of samples."""
         return JointSums(*(a + b for a, b in zip(self, other, strict=True)))
 
-    def weighed(self, share: Array) -> JointSums:
-        """The same samples with rows and torques divided by a share of each joint's noise (n,)."""
-        squared = share**2
-        return JointSums(
-            self.squares / squared[:, None, None],
-            self.products / squared[:, None],
-            self.torque_sum / share,
-            self.torque_squares / squared,
-            self.samples,
-        )
-
 
 def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque: Array) -> JointSums:
     """Gather the normal equations of measured states (m, n) and torques (m, n) [N m], joint by joint."""
@@ -183,25 +172,17 @@ class Estimate:
         return np.asarray(np.abs(self.theta - truth) <= INTERVAL_95 * self.std)
 
 
-class Earlier(NamedTuple):
-    """What an earlier step knows of the base parameters."""
-
-    information: Array  #: Shape (r, r), of any rank
-    products: Array  #: That information times its estimate, shape (r,)
-
-
-def estimate(sums: JointSums, earlier: Earlier | None = None, sigma: Array | None = None) -> Estimate:
-    """Base parameters, covariance and noise from normal equations and what is known ``earlier``.
+def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:
+    """Base parameters, covariance and noise from normal equations.
 
     The weights are the residuals' own noise, or ``sigma`` (n,), the torques' noise [N m], where it is known.
     """
-    n, r = sums.products.shape
-    extra, pull = earlier or Earlier(np.zeros((r, r)), np.zeros(r))
+    n = len(sums.products)
     noise = np.sqrt(np.maximum(sums.torque_squares, 1e-30) / np.maximum(sums.samples, 1.0)) if sigma is None else sigma
     for _round in range(_ROUNDS):
-        H = information(sums, noise) + extra
+        H = information(sums, noise)
         covariance = inverse_of(H)
-        theta = covariance @ (np.tensordot(1.0 / noise**2, sums.products, axes=1) + pull)
+        theta = covariance @ np.tensordot(1.0 / noise**2, sums.products, axes=1)
         fitted = np.einsum("jrs,r,s->j", sums.squares, theta, theta)
         left = np.maximum(sums.torque_squares - 2.0 * sums.products @ theta + fitted, 0.0)
         if sigma is None:
@@ -260,22 +241,17 @@ def held_out_error(model: TorqueModel, base: BaseParameters, theta: Array, state
 
 
 def estimate_widened(
-    model: TorqueModel,
-    base: BaseParameters,
-    sums: JointSums,
-    states: States,
-    torque: Array,
-    earlier: Earlier | None = None,
+    model: TorqueModel, base: BaseParameters, sums: JointSums, states: States, torque: Array
 ) -> Estimate:
     """Estimate base parameters with intervals that count correlations between successive residuals.
 
     ``states`` and ``torque`` [N m], (m, n): the samples of the normal equations in their order. Every joint's samples
     are weighed by its noise and inefficiency; ``sigma`` of the estimate is the noise alone.
     """
-    found = estimate(sums, earlier)
+    found = estimate(sums)
     left = torque - model.torque_of_base(states, base.columns, found.theta)
     g = inefficiency(left, informative(states))
-    return replace(estimate(sums, earlier, found.sigma * np.sqrt(g)), sigma=found.sigma, inefficiency=g)
+    return replace(estimate(sums, found.sigma * np.sqrt(g)), sigma=found.sigma, inefficiency=g)
 
 
 def inefficiency(residuals: Array, counts: Bools) -> Array:

@@ -6,8 +6,8 @@ every sample of a fine grid. Gradients are exact: the regressor's own derivative
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,58 +28,21 @@ from polish_sim.identification.regressor import States, TorqueModel
 
 
 class Judged(NamedTuple):
-    """Value of an objective and its gradient by the information matrix (r, r), symmetric."""
+    """Value of the objective and its gradient by the information matrix (r, r), symmetric."""
 
     value: float
     slope: Array
 
 
-_NORM: Final = 12
-
-Objective = Callable[[Array, Array], Judged]  #: From information H and the task's own matrix G (both (r, r)) to a value
-
-
 def i_optimal(H: Array, G: Array) -> Judged:
-    """Logarithm of the mean variance predicted on the task, log trace(H^-1 G)."""
+    """Logarithm of the mean variance predicted on the task, log trace(H^-1 G), the objective of the search.
+
+    H is the information of a motion, G the task's own matrix, both (r, r).
+    """
     C = inverse_of(H)
     CG = C @ G
     mean = float(np.trace(CG))
     return Judged(float(np.log(mean)), -(CG @ C) / mean)
-
-
-def d_optimal(H: Array, G: Array) -> Judged:
-    """Mean logarithm of the variances along the principal axes, -log det(H) / r; it needs no task."""
-    r = len(H)
-    return Judged(-float(np.linalg.slogdet(H)[1]) / r, -inverse_of(H) / r)
-
-
-def condition(H: Array, G: Array) -> Judged:
-    """Logarithm of the condition number of the stacked regressor, the paper's objective, by a smooth bound.
-
-    The largest eigenvalue is replaced by the eigenvalues' p-norm, so that the search does not stop where two meet.
-    """
-    values, vectors = np.linalg.eigh(H)
-    values = np.maximum(values, 1e-12 * values[-1])
-    high, low = (values / values[-1]) ** _NORM, (values[0] / values) ** _NORM
-    value = 0.5 * (np.log(values[-1] / values[0]) + (np.log(high.sum()) + np.log(low.sum())) / _NORM)
-    slopes = 0.5 * (high / high.sum() - low / low.sum()) / values
-    return Judged(float(value), (vectors * slopes) @ vectors.T)
-
-
-class Choice(NamedTuple):
-    """An objective and the noise that weighs the torques in it."""
-
-    judge: Objective
-    sigma: Callable[[Array], Array]  #: From the expected noise (n,) to the one that weighs
-
-
-OBJECTIVES: Final[dict[str, Choice]] = {
-    "i-optimal": Choice(i_optimal, np.asarray),
-    "d-optimal": Choice(d_optimal, np.asarray),
-    # The paper's: the regressor as it stands, in SI units.
-    "condition": Choice(condition, np.ones_like),
-}
-"""Names a user may give."""
 
 
 GRID: Final = 100  #: Samples of a period while searching
@@ -162,16 +125,13 @@ def _allowed(states: States, task: ExcitationTask) -> bool:
     return task.clearance is None or bool(np.all(task.clearance(states.q).distance >= task.limits.clearance))
 
 
-def design(
-    task: ExcitationTask, choice: Choice, rng: np.random.Generator, starts: int = 1, iterations: int = 300
-) -> Excitation:
-    """Find a motion that makes an objective small under all limits.
+def design(task: ExcitationTask, rng: np.random.Generator, starts: int = 1, iterations: int = 300) -> Excitation:
+    """Find the motion of the least mean variance predicted on the task, under all limits; see `i_optimal`.
 
     ``starts``: random motions to begin from; ``iterations``: of the search from each. Raises IdentificationError if no
     start led to a motion within the limits.
     """
-    weighed = replace(task, sigma=choice.sigma(task.sigma))
-    search = Search(weighed, choice.judge)
+    search = Search(task)
     best: Excitation | None = None
     first = allowed_motions(task, rng)
     for _start in range(starts):
@@ -179,7 +139,7 @@ def design(
         x = search.run(start.coefficients.ravel(), iterations)
         motion = shrunk(FourierMotion(x.reshape(start.coefficients.shape)), task)
         if motion is not None:
-            value = choice.judge(mean_information(weighed, motion), task.use).value
+            value = i_optimal(mean_information(task, motion), task.use).value
             if best is None or value < best.value:
                 best = Excitation(motion, value, search.evaluations)
     if best is None:
@@ -198,8 +158,8 @@ def mean_information(task: ExcitationTask, motion: FourierMotion) -> Array:
 class Search:
     """Cost and gradient by the coefficients, with the basis kept between calls."""
 
-    def __init__(self, task: ExcitationTask, objective: Objective) -> None:
-        self.task, self.objective, self.evaluations = task, objective, 0
+    def __init__(self, task: ExcitationTask) -> None:
+        self.task, self.evaluations = task, 0
         self.basis = fourier_basis(np.arange(GRID) / (GRID * FREQUENCY))
 
     def cost(self, x: Array) -> tuple[float, Array]:
@@ -240,7 +200,7 @@ class Search:
         flat = Y * np.sqrt(weight)[:, :, None]
         H = np.tensordot(flat, flat, axes=((0, 1), (0, 1)))
         H[np.diag_indices_from(H)] *= 1.0 + 1e-12
-        judged = self.objective(H, task.use)
+        judged = i_optimal(H, task.use)
         pull = Y @ judged.slope
         by_state = np.einsum("mdjr,mjr->md", slopes[..., columns], 2.0 * weight[:, :, None] * pull, optimize=True)
         of_speed = slice(task.model.joints, 2 * task.model.joints)

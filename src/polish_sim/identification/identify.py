@@ -9,17 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.arm import Arm, LoggedRobot, believe, build_arm, motion_limits, play_motion
 from polish_sim.identification.estimate import (
     BaseParameters,
     Estimate,
-    JointSums,
     base_of,
     condition_number,
-    estimate,
     estimate_widened,
     held_out_error,
     information,
@@ -29,7 +27,6 @@ from polish_sim.identification.estimate import (
     sum_samples,
 )
 from polish_sim.identification.excitation import (
-    OBJECTIVES,
     Excitation,
     ExcitationTask,
     allowed_motions,
@@ -44,7 +41,6 @@ from polish_sim.identification.payload import Weighed, guessed_load, weigh_block
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.identification.stepwise import IN_LOG, SIMULATED, FirstStep, carried
 
 USE_MOTIONS = 12  #: Random motions under the same limits: what the identified model is designed to predict
 USE_SAMPLES = 200
@@ -86,12 +82,13 @@ def run_identification(
     figures against the truth, and a held-out motion.
     """
     observer = observer or Silent()
+    # The fifth is not used; without it the payload of a seed would be another.
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")
     arm = build_arm(settings.terms, settings.scenario)
     base, sigma = base_of(arm.truth), np.array(settings.sigma)
     drawing = believe(arm, streams[0])
-    observer.stage(f"design a motion ({settings.objective})")
+    observer.stage("design a motion")
     started = time.process_time()
     task, other, excitation = _design(arm, base, drawing, settings, streams[1], use)
     design_s = time.process_time() - started
@@ -100,31 +97,23 @@ def run_identification(
         play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder_step, sigma, streams[2]
     )
     held_out = _hold_out(arm, other, settings, streams[3])
-    first = None
-    if settings.method in SIMULATED:
-        observer.stage(f"first step ({settings.method})")
-        first = SIMULATED[settings.method](arm, task, settings, streams[4])
     observer.stage("estimate")
     started = time.process_time()
     states = periodic_states(log, excitation.motion.period)
     sums = sum_samples(arm.truth, base, states, log.torque)
     require_rank(sums, base, arm.truth)
-    found, step_figures = _estimated(arm.truth, base, sums, states, log.torque, first, held_out)
+    found = estimate_widened(arm.truth, base, sums, states, log.torque)
     fit_s = time.process_time() - started
     full = fit_consistent(arm.truth, base, found, drawing)
     truth = base.combination @ arm.truth.truth()
-    figures = measure_fit(arm.truth, base, found, full, drawing, held_out) | step_figures
-    known = information(sums, sigma)
-    if first is not None:
-        known = known + information(first.sums, first.sigma)
-    bound = np.diag(inverse_of(known))
+    figures = measure_fit(arm.truth, base, found, full, drawing, held_out)
+    bound = np.diag(inverse_of(information(sums, sigma)))
     figures |= {
         "error_over_crb": float(np.sqrt(np.mean((found.theta - truth) ** 2 / bound))),
         "interval_coverage": float(np.mean(found.covers(truth))),
     }
     figures |= _motion_figures(task, excitation, len(log.time))
     figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
-    figures |= {"method": settings.method, "objective": settings.objective}
     gears = None
     if log.gears is not None:
         observer.stage("fit the gears")
@@ -159,7 +148,7 @@ def _design(
     t = np.arange(USE_SAMPLES) / USE_SAMPLES * other.period
     uses = [motion(t) for motion in motions] if use is None else [use]
     task = replace(task, use=np.mean([use_matrix(arm.truth, base, states, sigma) for states in uses], axis=0))
-    return task, other, design(task, OBJECTIVES[settings.objective], rng, settings.starts, settings.iterations)
+    return task, other, design(task, rng, settings.starts, settings.iterations)
 
 
 def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: np.random.Generator) -> HeldOut:
@@ -169,35 +158,6 @@ def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: 
     # Where any joint reverses, the engine's friction has no sign; torques of moving joints are compared.
     moving = np.all(informative(states), axis=1)
     return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving])
-
-
-def _estimated(
-    model: TorqueModel, base: BaseParameters, sums: JointSums, states: States, torque: Array, first: FirstStep | None,
-    held_out: HeldOut,
-) -> tuple[Estimate, dict[str, Any]]:  # fmt: skip
-    """The estimate, after a first step if there is one, and how both steps compare with fitting everything at once."""
-    if first is None:
-        return estimate_widened(model, base, sums, states, torque), {}
-    found = estimate_widened(model, base, sums, states, torque, carried(first.step, base))
-    return found, compare_steps(model, base, sums, first, held_out)
-
-
-def compare_steps(
-    model: TorqueModel, base: BaseParameters, sums: JointSums, first: FirstStep, held_out: HeldOut
-) -> dict[str, Any]:
-    """How far a fit in two steps is from fitting everything at once, noise taken as white in both."""
-    stepwise = estimate(sums, carried(first.step, base))
-    # Readings of the first step may be means over many samples: each has that step's own noise.
-    joint = estimate(sums.plus(first.sums.weighed(first.step.found.sigma / estimate(sums).sigma)))
-    errors = [
-        np.sqrt(np.mean(held_out_error(model, base, theta, held_out.states, held_out.exact) ** 2))
-        for theta in (stepwise.theta, joint.theta)
-    ]
-    return {
-        "first_step_parameters": first.step.base.rank,
-        "stepwise_over_joint": float(errors[0] / errors[1]),
-        "stepwise_from_joint_std": float(np.abs((stepwise.theta - joint.theta) / joint.std).max()),
-    }
 
 
 def measure_fit(
@@ -243,35 +203,30 @@ def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) 
     }
 
 
-def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States, method: str = "joint") -> Identification:
+def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States) -> Identification:
     """Identify a robot from its own log and states; the last fifth of its motion is held out.
 
-    ``method``: one of `METHODS`. Raises IdentificationError if the motion does not excite every base parameter, or the
-    log has no first step.
+    Raises IdentificationError if the motion does not excite every base parameter.
     """
     model, base = robot.model, base_of(robot.model)
     drawing = Drawing(model.truth(), robot.carried)
     started = time.process_time()
-    first, rows = None, np.arange(len(log.time))
-    if method in IN_LOG:
-        split = IN_LOG[method](model, base, log, states, drawing.parameters)
-        first, rows = split.first, np.flatnonzero(split.motion)
-    cut = round(len(rows) * (1.0 - HELD_OUT))
-    fitted, kept = rows[:cut], rows[cut:]
+    cut = round(len(log.time) * (1.0 - HELD_OUT))
+    fitted, kept = slice(0, cut), slice(cut, None)
     states_fitted, torque = states.rows(fitted), log.torque[fitted]
     sums = sum_samples(model, base, states_fitted, torque)
-    require_rank(sums if first is None else sums.plus(first.sums), base, model)
+    require_rank(sums, base, model)
     held_out = _hold_out_log(model, log, states, kept)
-    found, step_figures = _estimated(model, base, sums, states_fitted, torque, first, held_out)
+    found = estimate_widened(model, base, sums, states_fitted, torque)
     fit_s = time.process_time() - started
     full = fit_consistent(model, base, found, drawing)
-    figures: dict[str, Any] = measure_fit(model, base, found, full, drawing, held_out) | step_figures
+    figures: dict[str, Any] = measure_fit(model, base, found, full, drawing, held_out)
     figures |= {"error_over_crb": None, "interval_coverage": None, "design_s": None, "fit_s": fit_s}
-    figures |= {"samples": len(log.time), "method": method}
+    figures |= {"samples": len(log.time)}
     return Identification(model, base, found, full, drawing, held_out, figures)
 
 
-def _hold_out_log(model: TorqueModel, log: RobotLog, states: States, rows: Indices) -> HeldOut:
+def _hold_out_log(model: TorqueModel, log: RobotLog, states: States, rows: slice) -> HeldOut:
     counts = informative(states.rows(rows))
     silent = [joint for j, joint in enumerate(model.chain.joints) if not counts[:, j].any()]
     if silent:
@@ -279,6 +234,6 @@ def _hold_out_log(model: TorqueModel, log: RobotLog, states: States, rows: Indic
             f"the last fifth of the log, which is held out, has no usable torque of {', '.join(silent)}: the joint "
             "stands still or reverses there. Let every joint move until the end of the log."
         )
-    some = counts.any(axis=1)
+    some = np.flatnonzero(counts.any(axis=1))
     measured = np.where(counts, log.torque[rows], np.nan)[some]
-    return HeldOut(log.time[rows][some], states.rows(rows[some]), measured, measured)
+    return HeldOut(log.time[rows][some], states.rows(rows).rows(some), measured, measured)

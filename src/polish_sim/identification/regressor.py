@@ -207,7 +207,7 @@ TERMS: Final[dict[str, JointTerm]] = {
 }  # fmt: skip
 """Terms a model may have beside the rigid links."""
 FULL: Final = ("coulomb", "viscous", "armature", "offset")
-"""Coulomb first: poses approached at one slow speed give its sum with viscous friction, under its name."""
+"""All of them, in the order of the model's columns."""
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,9 @@ from typing import Final
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleConfig
-from polish_sim.errors import InputError, unknown_name
-from polish_sim.identification.excitation import OBJECTIVES
+from polish_sim.errors import InputError
 from polish_sim.identification.regressor import FULL
 
-METHODS: Final = {
-    "joint": "all samples in one weighted fit",
-    "stepwise": "poses at rest first, then motion, the first step's covariance carried into the second",
-    "stepwise-axes": "axes 1 to 3 with the wrist held first, then all axes, the covariance carried likewise",
-}
-"""How parameters are found, by name."""
 STEP_S: Final = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
 SCENARIO: Final = Scenario(
     experiment="identify", robot=RobotConfig(arm="ideal"), spindle=SpindleConfig(speed_rpm=0.0),
@@ -32,8 +25,6 @@ LARGEST_PAYLOAD: Final = 3.0  #: The UR5e's five kilograms less the tool's two [
 class IdentifySettings:
     """Settings of one simulated identification."""
 
-    method: str = "joint"
-    objective: str = "i-optimal"
     periods: int = 5  #: Of 10 s each
     rate: float = 1000.0  #: Of the log [Hz]
     sigma: tuple[float, ...] = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)  #: White noise of the torques [N m], joint by joint
@@ -41,7 +32,6 @@ class IdentifySettings:
     terms: tuple[str, ...] = FULL
     iterations: int = 300  #: Of the search for an exciting motion
     starts: int = 1  #: Random motions that search begins from
-    poses: int = 24  #: At rest, for the stepwise method
     robot: RobotConfig = field(default_factory=RobotConfig)  #: The simulated one
     payload: float = 0.0  #: Mass of a payload that is found in a second run [kg]; none if 0
     seed: int = 0
@@ -57,10 +47,6 @@ class IdentifySettings:
         return self.robot.real.encoder_rad if self.robot.arm == "ur5e" else self.encoder
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise unknown_name("method", self.method, METHODS)
-        if self.objective not in OBJECTIVES:
-            raise unknown_name("objective", self.objective, OBJECTIVES)
         if not 0.0 <= self.payload <= LARGEST_PAYLOAD:
             raise InputError(
                 f"--payload {self.payload:g}: wanted 0 to {LARGEST_PAYLOAD:g} kg, what the arm carries beside its tool."
@@ -93,10 +79,6 @@ _IDENTIFY_DATA: Final = (
     Claim("condition", "condition, SI units", "", 1.0),
     Claim("physically_consistent", "bodies that can exist", "", 1.0, low=1.0, more_is_better=True),
 )
-_STEPWISE: Final = (
-    Claim("first_step_parameters", "parameters of the first step", "", 1.0),
-    Claim("stepwise_over_joint", "error, stepwise / joint", "", 1.0, "-", high=1.01),
-)
 GEARS: Final = (
     Claim("gear_slopes_found", "slopes of the gears' stiffness found, of 18", "", 1.0),
     Claim("gear_stiffness_error_max", "  their largest error", "%", 100.0),
@@ -107,12 +89,7 @@ GEARS: Final = (
 IDENTIFY: Final[Mapping[str, tuple[Claim, ...]]] = {
     "full": _identify(6e-4),
     "short": _identify(1.3e-3),
-    "stepwise": (*_identify(1.3e-3), *_STEPWISE),
-    # The bound on the predicted error is the default objective's, and for the default task, random motions under
-    # the same limits.
-    "full-other": _identify(6e-4, math.inf),
-    "short-other": _identify(1.3e-3, math.inf),
-    "stepwise-other": (*_identify(1.3e-3, math.inf), *_STEPWISE),
+    # The bound on the predicted error is for the default task, random motions under the same limits.
     "task": _identify(1.3e-3, math.inf),
     "data": _IDENTIFY_DATA,
     "payload-data": (
@@ -120,5 +97,4 @@ IDENTIFY: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("payload_consistent_as_found", "a body can have these numbers as found", "", 1.0),
         Claim("payload_consistent", "the nearest body can exist", "", 1.0, low=1.0, more_is_better=True),
     ),
-    "data-stepwise": (*_IDENTIFY_DATA, *_STEPWISE),
 }

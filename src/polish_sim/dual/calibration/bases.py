@@ -1,12 +1,11 @@
-"""Measurements of two bases, one class for each way to measure, both bases from them, and their files."""
+"""Measurements of two bases, both bases from them, and their files."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final, NamedTuple, Protocol, Self, TypeVar
+from typing import Any, Final, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +13,13 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.circle import BaseFrame, Circle, base_from_meeting_axes, fit_circle_without_outliers
-from polish_sim.dual.calibration.matched_points import fit_frame_without_outliers, relative_frame
-from polish_sim.errors import CalibrationError, InputError, unknown_name
+from polish_sim.dual.calibration.matched_points import relative_frame
+from polish_sim.errors import CalibrationError, InputError
 from polish_sim.tables import csv_text
 
 T = TypeVar("T")
 
 ROBOTS = ("master", "follower")
-LEAST_POSES = 10
 BASE: Final = Kind(
     "base",
     "two bases",
@@ -48,27 +46,8 @@ class BaseCalibration(NamedTuple):
     covariance: Array  #: Of its origin [m] and rotation [rad], master axes, shape (6, 6)
     noise: float  #: Standard deviation of one coordinate of one measurement [m]
     groups: tuple[Group, ...]
-    bases: Mapping[str, tuple[Array, Array]] = MappingProxyType({})
-    """T_tracker_base and its covariance, robot by robot; empty where no tracker was used."""
-    circles: Mapping[str, tuple[Circle, ...]] = MappingProxyType({})  #: Circles of axes 1 and 2, robot by robot
-    frames: Mapping[str, BaseFrame] = MappingProxyType({})  #: The bases with the gap between their axes, robot by robot
-
-
-class BaseMeasurements(Protocol):
-    """A way to measure bases, and measurements that determine both."""
-
-    @classmethod
-    def read(cls, columns: Measured) -> Self:
-        """Read them from a file, see `read_base_measurements`."""
-        ...
-
-    def fit(self, noise: float | None = None) -> BaseCalibration:
-        """Both bases; ``noise`` of one coordinate [m], None: the residuals'. CalibrationError if undetermined."""
-        ...
-
-    def table(self, found: BaseCalibration) -> str:
-        """Measurements with what a fit leaves of each, as CSV that reads back."""
-        ...
+    circles: Mapping[str, tuple[Circle, ...]]  #: Circles of axes 1 and 2, robot by robot
+    frames: Mapping[str, BaseFrame]  #: The bases seen by the tracker, with the gap between their axes, robot by robot
 
 
 @dataclass(frozen=True)
@@ -79,7 +58,7 @@ class AxisArcs:
 
     @classmethod
     def read(cls, columns: Measured) -> Self:
-        """Columns robot, axis, and the target's place."""
+        """Read columns robot, axis, and the target's place, see `read_base_measurements`."""
         robots = robots_of(columns)
         columns.need(["axis"], "which joint turned: 1 or 2")
         axes = columns.numbers(["axis"])[:, 0]
@@ -93,7 +72,10 @@ class AxisArcs:
         return cls({robot: (points[first], points[second]) for robot, (first, second) in which.items()})
 
     def fit(self, noise: float | None = None) -> BaseCalibration:
-        """Both bases from four circles."""
+        """Both bases from four circles; ``noise`` of one coordinate [m], None: the residuals'.
+
+        Raises CalibrationError if they are undetermined.
+        """
         circles: dict[str, tuple[Circle, ...]] = {}
         frames: dict[str, BaseFrame] = {}
         for robot in ROBOTS:
@@ -107,13 +89,13 @@ class AxisArcs:
             for robot in ROBOTS
             for axis, c in enumerate(circles[robot])
         ]
-        bases = {robot: (base.T, base.covariance) for robot, base in frames.items()}
         each = [c.noise for pair in circles.values() for c in pair]
-        found = _between(bases, float(np.sqrt(np.mean(np.square(each)))), groups)
-        return found._replace(circles=circles, frames=frames)
+        master, follower = (frames[robot] for robot in ROBOTS)
+        T, covariance = relative_frame(master.T, master.covariance, follower.T, follower.covariance)
+        return BaseCalibration(T, covariance, float(np.sqrt(np.mean(np.square(each)))), tuple(groups), circles, frames)
 
     def table(self, found: BaseCalibration) -> str:
-        """Points, distances along the radius and the axis, and whether each was used."""
+        """Points, distances along the radius and the axis, and whether each was used, as CSV that reads back."""
         rows = []
         for robot in ROBOTS:
             for axis, (points, circle) in enumerate(zip(self.arcs[robot], found.circles[robot], strict=True), 1):
@@ -122,96 +104,12 @@ class AxisArcs:
         return csv_text(["robot", "axis", *XYZ_MM, "residual_radial_mm", "residual_axial_mm", "used"], rows)
 
 
-@dataclass(frozen=True)
-class TrackedPoses:
-    """A target at points known in the robot's base, seen by a tracker, robot by robot."""
-
-    points: Mapping[str, tuple[Array, Array]]  #: Target by the tracker and by the robot, its base [m], (n, 3) each
-
-    @classmethod
-    def read(cls, columns: Measured) -> Self:
-        """Columns robot, the target's place by the robot, and by the tracker."""
-        robots = robots_of(columns)
-        own = columns.reached_points("", "the target's position in the robot's base")
-        seen = columns.points("tracker_", "the target's position seen by the tracker")
-        for robot in ROBOTS:
-            count = int(np.sum(robots == robot))
-            if count < LEAST_POSES:
-                raise CalibrationError(
-                    f"{count} poses of the {robot} are too few for its base: give {LEAST_POSES} or more."
-                )
-        return cls({robot: (seen[robots == robot], own[robots == robot]) for robot in ROBOTS})
-
-    def fit(self, noise: float | None = None) -> BaseCalibration:
-        """Both bases by matched points (Kabsch)."""
-        found = {
-            robot: _named(f"the {robot}", fit_frame_without_outliers, *self.points[robot], noise) for robot in ROBOTS
-        }
-        groups = [
-            Group(f"{robot}, poses", self.points[robot][0], np.linalg.norm(f.residuals, axis=1), f.used)
-            for robot, f in found.items()
-        ]
-        bases = {robot: (f.x, f.covariance) for robot, f in found.items()}
-        return _between(bases, float(np.sqrt(np.mean([f.noise[0] ** 2 for f in found.values()]))), groups)
-
-    def table(self, found: BaseCalibration) -> str:
-        """Points by the robot and by the tracker, how far they are apart, and whether each was used."""
-        rows = []
-        for robot, group in zip(ROBOTS, found.groups, strict=True):
-            for seen, own, left, used in zip(*self.points[robot], group.residuals, group.used, strict=True):
-                rows.append([robot, *mm_texts((*own, *seen, left)), int(used)])
-        return csv_text(["robot", *XYZ_MM, *(f"tracker_{n}" for n in XYZ_MM), "residual_mm", "used"], rows)
-
-
-@dataclass(frozen=True)
-class Handshake:
-    """Points both tools touched, as each robot says where its tip was; no tracker."""
-
-    points_master: Array  #: Master base [m], shape (n, 3)
-    points_follower: Array  #: Follower base [m], shape (n, 3)
-
-    @classmethod
-    def read(cls, columns: Measured) -> Self:
-        """Columns of the point in the master's base and in the follower's."""
-        for robot in ROBOTS:
-            if not any(name.startswith(f"{robot}_x") for name in columns.texts):
-                wanted, has = ", ".join(f"{robot}_{name}" for name in XYZ_MM), ", ".join(columns.texts)
-                raise InputError(f"'{columns.file}' holds no touches of the {robot}: wanted {wanted}. It has: {has}.")
-        return cls(*(columns.reached_points(f"{robot}_", f"where the {robot} touched") for robot in ROBOTS))
-
-    def fit(self, noise: float | None = None) -> BaseCalibration:
-        """The follower's base in the master's; the noise is that of both touches together."""
-        both = None if noise is None else float(np.sqrt(2.0)) * noise
-        found = fit_frame_without_outliers(self.points_master, self.points_follower, both)
-        distance = np.linalg.norm(found.residuals, axis=1)
-        group = Group("touches of both", self.points_master, distance, found.used)
-        return BaseCalibration(found.x, found.covariance, float(found.noise[0] / np.sqrt(2.0)), (group,))
-
-    def table(self, found: BaseCalibration) -> str:
-        """Points by both robots, how far they are apart, and whether each was used."""
-        _, _, residuals, touched = found.groups[0]
-        columns = zip(self.points_master, self.points_follower, residuals, touched, strict=True)
-        rows = [[*mm_texts((*a, *b, left)), int(used)] for a, b, left, used in columns]
-        return csv_text([f"{robot}_{n}" for robot in ROBOTS for n in XYZ_MM] + ["residual_mm", "used"], rows)
-
-
-METHODS: Final[Mapping[str, type[BaseMeasurements]]] = MappingProxyType(
-    {"circles": AxisArcs, "poses": TrackedPoses, "handshake": Handshake}
-)
-"""A tracker sees axes 1 and 2 turn, or a target at points the robot knows; or both tools touch the same points."""
-
-
 def _named(what: str, fit: Callable[..., T], *arguments: Any) -> T:
     """A fit whose errors say whose it is."""
     try:
         return fit(*arguments)
     except CalibrationError as error:
         raise CalibrationError(f"{what}: {error}") from error
-
-
-def _between(bases: Mapping[str, tuple[Array, Array]], noise: float, groups: list[Group]) -> BaseCalibration:
-    T, covariance = relative_frame(*bases[ROBOTS[0]], *bases[ROBOTS[1]])
-    return BaseCalibration(T, covariance, noise, tuple(groups), bases)
 
 
 class CalibratedBases(NamedTuple):
@@ -227,11 +125,10 @@ def base_figures(found: BaseCalibration) -> dict[str, Any]:
     std = np.sqrt(np.diag(found.covariance))
     distances = np.concatenate([group.residuals[group.used] for group in found.groups])
     outliers = {group.name: (np.flatnonzero(~group.used) + 1).tolist() for group in found.groups}
-    axes: dict[str, Any] = {}
-    if found.frames:
-        each = found.frames.values()
-        axes = {"gap_m": max(robot.gap for robot in each), "axes_meet": all(robot.meets for robot in each)}
-    return axes | {
+    each = found.frames.values()
+    return {
+        "gap_m": max(robot.gap for robot in each),
+        "axes_meet": all(robot.meets for robot in each),
         "transform": found.T_master_follower.tolist(),
         "origin_m_std": std[:3].tolist(),
         "rotation_rad_std": std[3:].tolist(),
@@ -259,20 +156,12 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
     return CalibratedBases(table.pose("transform"), table.numbers("covariance", (6, 6)), T_true)
 
 
-def read_base_measurements(file: Path, method: str) -> BaseMeasurements:
-    """Read measurements of two bases by a key of `METHODS`; the columns are those of docs/calibration.md.
+def read_base_measurements(file: Path) -> AxisArcs:
+    """Read measurements of two bases; the columns are those of docs/calibration.md.
 
-    Raises InputError for a missing file, method, column or robot, mixed units or a value that is none; CalibrationError
-    for too few poses.
+    Raises InputError for a missing file, column or robot, mixed units or a value that is none.
     """
-    return method_named(method).read(Measured.read(file, "measurement", "measurements of the bases"))
-
-
-def method_named(name: str) -> type[BaseMeasurements]:
-    """A way to measure bases; InputError if there is none of that name."""
-    if name not in METHODS:
-        raise unknown_name("method", name, METHODS)
-    return METHODS[name]
+    return AxisArcs.read(Measured.read(file, "measurement", "measurements of the bases"))
 
 
 def robots_of(columns: Measured) -> NDArray[np.str_]:

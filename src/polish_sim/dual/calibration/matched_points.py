@@ -5,44 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools
-from polish_sim.calibration.fit import Fit, Problem, agreeing, fit
+from polish_sim.arrays import Array
 from polish_sim.errors import CalibrationError
-from polish_sim.spatial import apply, inverse, rotation_angle, skew, transform
+from polish_sim.spatial import inverse, rotation_angle, skew, transform
 
 LEAST_POINTS = 3
 LEAST_WIDTH = 0.02  #: Least width of the points across their longest direction, as a share of it
 LARGEST_STRETCH = 0.02  #: How far the same distances may differ in both frames, as a share
-
-
-def fit_frame(points_a: Array, points_b: Array, noise: float | None = None, used: Bools | None = None) -> Fit[Array]:
-    """The rigid transform that carries points of frame b, (n, 3), to where frame a sees them [m].
-
-    Args:
-        points_a: The points in frame a [m], shape (n, 3).
-        points_b: The same points in frame b.
-        noise: Standard deviation of one coordinate of the difference [m]; None takes it from the residuals.
-        used: Points to use, shape (n,); None uses all.
-
-    Returns:
-        x: T_a_b; covariance (6, 6): of the origin's displacement [m] and a small rotation [rad], axes of a; residuals
-        (n, 3): measured minus fitted, frame a [m]. Points that give no frame are refused, see `check_matched`.
-    """
-    chosen = slice(None) if used is None else used
-    check_matched(points_a[chosen], points_b[chosen])
-    start = kabsch(points_a[chosen], points_b[chosen])
-    return fit(_problem(points_a, points_b), start, noise, used)
-
-
-def fit_frame_without_outliers(points_a: Array, points_b: Array, noise: float | None = None) -> Fit[Array]:
-    """The same, leaving out points too far off to be noise, at most a quarter; with up to six points all are used."""
-    check_matched(points_a, points_b)
-    used = agreeing(_problem(points_a, points_b), kabsch(points_a, points_b), "points")
-    return fit_frame(points_a, points_b, noise, used)
-
-
-def _problem(points_a: Array, points_b: Array) -> Problem[Array]:
-    return Problem(lambda T: points_a - apply(T, points_b), lambda T: -point_slopes(T, apply(T, points_b)), moved_frame)
 
 
 def moved_frame(T: Array, step: Array) -> Array:
@@ -96,7 +65,7 @@ def check_matched(points_a: Array, points_b: Array) -> None:
 
 
 def kabsch(points_a: Array, points_b: Array) -> Array:
-    """T_a_b of points seen in a and in b, each (n, 3), in closed form (Kabsch); unchecked, see `fit_frame`."""
+    """T_a_b of points seen in a and in b, each (n, 3), in closed form (Kabsch); unchecked, see `check_matched`."""
     mean_a, mean_b = points_a.mean(axis=0), points_b.mean(axis=0)
     U, _, Vt = np.linalg.svd((points_a - mean_a).T @ (points_b - mean_b))
     R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt

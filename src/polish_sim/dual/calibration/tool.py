@@ -28,7 +28,6 @@ from polish_sim.calibration.tables import (
     read_table,
     write_table,
 )
-from polish_sim.dual.calibration.matched_points import fit_frame
 from polish_sim.dual.calibration.tool_checks import (
     ToolTouches,
     check_touches,
@@ -49,9 +48,9 @@ TCP: Final = Kind(
     "The tool on the flange: its tip [m] and axes (unit quaternion wxyz), with standard deviations (_std), covariance "
     "of the tip [m^2, flange axes]. rotation_rad_std: small rotations about the tool's x, y, z.",
 )
-KIND_COLUMN, TOUCH, START, ALONG_X, IN_XZ, MOVE = "kind", "touch", "start", "along_x", "in_xz", "move"
-KINDS: Final = (TOUCH, START, ALONG_X, IN_XZ, MOVE)
-MOVED: Final = tuple(f"move_{name}" for name in XYZ_MM)
+KIND_COLUMN, TOUCH, START, ALONG_X, IN_XZ = "kind", "touch", "start", "along_x", "in_xz"
+MOVES: Final = (START, ALONG_X, IN_XZ)
+KINDS: Final = (TOUCH, *MOVES)
 
 
 class ToolPoint(Fit[Array]):
@@ -108,7 +107,6 @@ class ToolOrientation(NamedTuple):
 
     R_flange_tool: Array  #: Shape (3, 3)
     covariance: Array  #: Of a small rotation about the tool's axes [rad^2], shape (3, 3)
-    residuals: Array  #: Measured minus fitted points, flange axes [m], shape (m, 3); zero for three points
 
 
 def tip_positions_flange(T_base_flange: Array, point_flange: Array) -> Array:
@@ -145,18 +143,7 @@ def orientation_from_three_points(points: Array, noise: float) -> ToolOrientatio
     z = height / np.linalg.norm(height)
     R = np.column_stack([x, np.cross(z, x), z])
     J = _three_point_slopes(R, float(lengths[0]), across)
-    return ToolOrientation(R, noise**2 * J @ J.T, np.zeros((3, 3)))
-
-
-def orientation_from_moves(points: Array, moves_tool: Array, noise: float) -> ToolOrientation:
-    """Tool axes from any number of moves by known amounts along the tool's axes, by SVD (Kabsch).
-
-    ``points``: tip positions, flange axes, the start among them; ``moves_tool``: how far each lies from the start, tool
-    axes; both (m, 3) [m]. Raises CalibrationError for fewer than three points, points on a line, or columns swapped.
-    """
-    found = fit_frame(points, moves_tool, noise)
-    R = found.x[:3, :3]
-    return ToolOrientation(R, R.T @ found.covariance[3:, 3:] @ R, found.residuals)
+    return ToolOrientation(R, noise**2 * J @ J.T)
 
 
 def _three_point_slopes(R: Array, length: float, across: Array) -> Array:
@@ -178,8 +165,7 @@ class ToolMeasurements:
     """Touches of one fixed point, and moves of the tip along known directions of the tool."""
 
     touches: ToolTouches
-    T_base_flange_moves: Array  #: Flange at start, along +x, in x-z plane; or start and any moves; or none, (m, 4, 4)
-    moves_tool: Array | None = None  #: Their distances from the start, tool axes [m], shape (m, 3); None: three points
+    T_base_flange_moves: Array  #: Flange at start, along +x, in the x-z plane, (3, 4, 4); or none, (0, 4, 4)
 
     def __post_init__(self) -> None:
         check_poses(self.T_base_flange_moves, "move")
@@ -211,9 +197,7 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
     if len(measured.T_base_flange_moves) == 0:
         return ToolFrameEstimate(tip, None)
     points = tip_positions_flange(measured.T_base_flange_moves, tip.point)
-    if measured.moves_tool is None:
-        return ToolFrameEstimate(tip, orientation_from_three_points(points, float(tip.noise[0])))
-    return ToolFrameEstimate(tip, orientation_from_moves(points, measured.moves_tool, float(tip.noise[0])))
+    return ToolFrameEstimate(tip, orientation_from_three_points(points, float(tip.noise[0])))
 
 
 def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None) -> dict[str, Any]:
@@ -259,22 +243,15 @@ def read_tool_measurements(file: Path) -> ToolMeasurements:
 
     Columns in any order: position of the flange ``x_mm..z_mm`` or ``x_m..z_m`` and its orientation as in
     `read_readings`; ``kind`` says what a line is, by default a touch: ``start``, ``along_x`` and ``in_xz`` give the
-    axes, or ``start`` and any ``move`` by ``move_x_mm..move_z_mm`` in tool axes. Raises InputError naming the line.
+    axes. Raises InputError naming the line.
     """
     columns = Measured.read(file, "flange pose", "flange poses")
-    T = transform(columns.rotations("the flange"), columns.reached_points("", "the position of the flange"))
+    T = transform(columns.rotations("the flange"), columns.reached_points("the position of the flange"))
     kinds = _kinds(columns)
     touches = ToolTouches(T[kinds == TOUCH])
     if not (kinds != TOUCH).any():
         return ToolMeasurements(touches, np.empty((0, 4, 4)))
-    order = [_the_one(columns, kinds, START)]
-    if (kinds != MOVE).all():
-        order += [_the_one(columns, kinds, kind) for kind in (ALONG_X, IN_XZ)]
-        return ToolMeasurements(touches, T[order])
-    columns.need(MOVED, "how far a move went, tool axes")
-    rows = np.flatnonzero(kinds == MOVE)
-    moves = 1e-3 * columns.rows(kinds == MOVE).numbers(MOVED)
-    return ToolMeasurements(touches, T[[*order, *rows]], np.concatenate([np.zeros((1, 3)), moves]))
+    return ToolMeasurements(touches, T[[_the_one(columns, kinds, kind) for kind in MOVES]])
 
 
 def _kinds(columns: Measured) -> NDArray[np.str_]:
@@ -290,7 +267,7 @@ def _the_one(columns: Measured, kinds: NDArray[np.str_], kind: str) -> int:
     if len(rows) != 1:
         raise InputError(
             f"'{columns.file}' has {len(rows)} lines of the kind '{kind}', wanted one: the tool's axes are found from "
-            f"{START}, {ALONG_X} and {IN_XZ}, one line each, or from {START} and several of {MOVE}."
+            f"{START}, {ALONG_X} and {IN_XZ}, one line each."
         )
     return int(rows[0])
 
@@ -298,15 +275,12 @@ def _the_one(columns: Measured, kinds: NDArray[np.str_], kind: str) -> int:
 def tool_table(measured: ToolMeasurements, found: ToolFrameEstimate) -> str:
     """Touches and moves, how far each touch is from the fit, and whether it was used, as CSV that reads back."""
     names = ["touch", KIND_COLUMN, *XYZ_MM, *QUATERNION, *(f"residual_{name}" for name in XYZ_MM), "used"]
-    names += list(MOVED) if measured.moves_tool is not None else []
-    moves = np.zeros((0, 3)) if measured.moves_tool is None else measured.moves_tool
     rows = []
     for k, T in enumerate(measured.touches.T_base_flange):
         residual = [f"{1e3 * value:.6g}" for value in found.tip.residuals[k]]
-        rows.append([*_pose(k, TOUCH, T), *residual, int(found.tip.used[k]), *([0, 0, 0] if len(moves) else [])])
-    kinds = (START, ALONG_X, IN_XZ) if measured.moves_tool is None else (START, *[MOVE] * len(moves))
-    for k, (kind, T) in enumerate(zip(kinds, measured.T_base_flange_moves, strict=False)):
-        rows.append([*_pose(k, kind, T), 0, 0, 0, 1, *(mm_texts(moves[k]) if len(moves) else [])])
+        rows.append([*_pose(k, TOUCH, T), *residual, int(found.tip.used[k])])
+    for k, (kind, T) in enumerate(zip(MOVES, measured.T_base_flange_moves, strict=False)):
+        rows.append([*_pose(k, kind, T), 0, 0, 0, 1])
     return csv_text(names, rows)
 
 
