@@ -19,7 +19,7 @@ from polish_sim.kernels import kernel
 from polish_sim.spatial import perpendicular
 
 SIDES: Final = 8  #: Directions in which the part may lie aside
-SINKS: Final = 0.002  #: Deeper than where the drawn part carries it a pad must not sink [m]
+SINKS: Final = 0.001  #: Deeper than where the drawn part carries it a pad must not sink [m]
 STEP: Final = 5e-4  #: Between the depths that are looked at [m]
 
 
