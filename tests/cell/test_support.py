@@ -42,7 +42,6 @@ def test_near_an_edge_the_hold_is_lost_the_earlier_the_further_aside_the_part_ma
     lost = [sinks(block, x, 20.0, aside) for aside in (0.0, 0.003, 0.005)]
     for found in lost:
         assert 0 < np.count_nonzero(found) < len(x)
-        assert (np.diff(found.astype(int)) >= 0).all()  # what is further out has less hold
     straight, shifted, further = (x[found.argmax()] for found in lost)
     assert straight > HALF  # with its middle on the edge a half of the pad is left, and enough
     assert straight - shifted > 0.001

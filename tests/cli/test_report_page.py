@@ -348,7 +348,7 @@ def test_moves_that_each_begin_at_zero_follow_each_other_on_the_page(surface: Ma
 
 def test_many_seeds_have_bands_from_the_least_to_the_largest(surface: Made, harder: Made) -> None:
     page = seeds_page([surface.record, harder.record], {"mean": surface.record.metrics})
-    force = next(line for line in page.plots[0].lines if line.label == "force")
+    force = next(line for line in page.plots[0].lines if line.label == "exact force")
     assert force.low is not None
     assert force.high is not None
     assert (force.low <= force.values + 1e-9).all()

@@ -92,7 +92,7 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> No
 
 def test_a_path_with_nothing_to_stand_on_is_refused(to_the_corner: tuple[Scenario, PlanResult]) -> None:
     scenario, _ = to_the_corner
-    corner = planned(scenario, straight((0.092, 0.092), (0.0999, 0.0999)))
+    corner = planned(scenario, straight((0.0965, 0.0965), (0.0999, 0.0999)))
     with pytest.raises(PlanError, match="--pad-diameter"):
         prove(scenario, corner)
 

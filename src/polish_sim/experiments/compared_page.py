@@ -24,7 +24,7 @@ from polish_sim.page import PAGE
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 
 ON_STAND: Final = ("force", "surface")  #: Experiments with a part on a stand
-ALIKE: Final = ("force", "error", "speed", "distance")  #: Curves of one run each that are put over each other
+ALIKE: Final = ("exact force", "error", "speed", "distance")  #: Curves of one run each that are put over each other
 
 
 def saved_page(folder: Path, record: RunRecord) -> Page | None:
