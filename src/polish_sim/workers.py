@@ -19,8 +19,8 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
-from contextlib import contextmanager, redirect_stdout
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
@@ -360,8 +360,12 @@ class _Cluster:
                 submit()
             while running:
                 future = next(done)
-                task = running.pop(future)
+                task = running[future]
                 result = self._end_of(future, task, distributed)
+                if result is None:
+                    done.add(future)
+                    continue
+                del running[future]
                 if result.value == _FILES_MISSING:  # the worker came later
                     self._client.run(_store, self._shipped)
                     waiting.append(task)
@@ -382,9 +386,13 @@ class _Cluster:
             if running and self._client.status == "running":
                 self._client.cancel(list(running), force=True)
 
-    def _end_of(self, future: Any, task: Any, distributed: Any) -> Result:
+    def _end_of(self, future: Any, task: Any, distributed: Any) -> Result | None:
+        """A task's result; None where its worker died with the result: the scheduler has it done again."""
         if future.status == "finished":
-            return Result(task, future.result(), None)
+            with suppress(distributed.scheduler.KilledWorker, CancelledError):  # while the result was fetched
+                return Result(task, future.result(), None)
+        if future.status in ("lost", "pending"):
+            return None
         error = future.exception() if future.status == "error" else None
         if isinstance(error, distributed.scheduler.KilledWorker):
             return Result(task, None, "worker processes died at a task")
