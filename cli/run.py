@@ -313,7 +313,7 @@ def plan_to_run(
     if not (row.plans or (row.along_plan and given is not None)):
         return None, scenario
     from polish_sim.analysis.path_plot import plot_plan
-    from polish_sim.exchange import write_plan
+    from polish_sim.exchange import read_cuts, write_plan
     from polish_sim.experiments.proof import is_proven, proof_notes, prove_with_a_pad_that_fits
     from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.stroke_motion import check_stroke_rule
@@ -322,7 +322,10 @@ def plan_to_run(
     if row.plans:
         check_stroke_rule(scenario)
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
-    plan = plan_part(*asked) if given is None else measure_given_path(given, *asked)
+    if given is None:
+        plan = plan_part(*asked)
+    else:
+        plan = measure_given_path(given, *asked, read_cuts(Path(scenario.plan.file)))
     if scenario.plan.begin_m > 0.0:
         plan = plan.behind(scenario.plan.begin_m)
     if folder is None or row.name != "surface" or scenario.safety.proof == "none":

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError
+from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.experiments.proof import is_proven, prove
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path
@@ -74,6 +76,20 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings(
     for changed in (faster, other_arm):
         assert not is_proven(changed, proven.plan.path, proof)
     assert not is_proven(proven.scenario, to_the_corner[1].path, proof)
+
+
+def test_a_proven_plan_that_is_read_again_still_says_why_each_part_of_the_region_is_left_out(
+    to_the_corner: tuple[Scenario, PlanResult], tmp_path: Path
+) -> None:
+    proven = prove(*to_the_corner)
+    write_plan(tmp_path, proven.plan)
+    asked = (proven.scenario.part, proven.scenario.plan, proven.scenario.process, proven.scenario.pad)
+    again = measure_given_path(read_path(tmp_path), *asked, cuts=read_cuts(tmp_path))
+    bare = measure_given_path(read_path(tmp_path), *asked)
+    rows, bare_rows = again.area.left_out, bare.area.left_out
+    assert rows.keys() == proven.plan.area.left_out.keys() != bare_rows.keys()
+    for reason, row in proven.plan.area.left_out.items():
+        assert rows[reason].area_m2 == pytest.approx(row.area_m2, rel=0.05)
 
 
 def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> None:

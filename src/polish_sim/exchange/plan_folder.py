@@ -28,6 +28,7 @@ from polish_sim.tables import Columns, Place, csv_text, finite_column
 if TYPE_CHECKING:
     from polish_sim.geometry import PartMesh
     from polish_sim.planning import PlanResult
+    from polish_sim.planning.quality.areas import CutOut
 
 PATH_CSV, PATH_JSON, METRICS = "path.csv", "path.json", "metrics.json"
 VERSIONED: Final = ("polish-sim", "numpy", "scipy", "numba")
@@ -37,6 +38,7 @@ CURVATURE: Final = "curvature_1_m"
 FORCE, FEED = "force_n", "feed_m_s"
 PLAIN_FORCE, PLAIN_FEED = "force", "feed"
 MM: Final = 1e-3
+NEAR: Final = 0.25  #: Places cut out of a path are kept so many pad radii apart
 
 
 class Table(NamedTuple):
@@ -192,11 +194,24 @@ def metrics_text(result: PlanResult) -> str:
     return json.dumps(figures | {"notes": list(result.notes)}, indent=2) + "\n"
 
 
+def read_cuts(source: Path) -> tuple[CutOut, ...]:
+    """What was cut out of the path of a plan folder or path.json, with the reasons; of other files nothing."""
+    file = source / PATH_JSON if source.is_dir() else source
+    if file.suffix.lower() != ".json":
+        return ()
+    from polish_sim.planning.quality.areas import CutOut
+
+    cuts = json.loads(file.read_text(encoding="utf-8")).get("cuts", ())
+    return tuple(CutOut(cut["reason"], np.array(cut["places_m"])) for cut in cuts)
+
+
 def _file_facts(mesh: PartMesh) -> dict[str, str]:
     return {"file": mesh.path.name, "path": str(mesh.path.resolve()), "sha256": mesh.sha256}
 
 
 def _metadata(result: PlanResult) -> dict[str, Any]:
+    from polish_sim.planning.ground.points import thin
+
     mesh, plan, pad, fixture = result.mesh, result.plan, result.tool.pad, result.tool.fixture
     return {
         "part": {"name": mesh.name, **_file_facts(mesh), "unit": mesh.unit},
@@ -206,6 +221,11 @@ def _metadata(result: PlanResult) -> dict[str, Any]:
         "contact_force_n": result.tool.force,
         "feed_m_s": result.ready.process.feed_m_s,
         "proof": result.proof,
+        "cuts": [
+            {"reason": cut.reason, "places_m": cut.positions[thin(cut.positions, NEAR * pad.radius_m).kept].tolist()}
+            for cut in result.cuts
+            if len(cut.positions)
+        ],
         "plan": {name: getattr(plan, name) for name in plan.__dataclass_fields__},
         "stepover_m": plan.stepover_m,
         "pattern": plan.pattern,

@@ -229,8 +229,11 @@ def measure_given_path(
     process: ProcessConfig | None = None,
     pad: PadConfig | None = None,
     observer: PlanObserver | None = None,
+    cuts: tuple[CutOut, ...] = (),
 ) -> PlanResult:
     """Load a part and measure a path in the work frame that was made before on it, by the plan's region and step-over.
+
+    ``cuts`` are what was cut out of it then.
 
     Raises:
         PolishSimError: The part cannot be used; says why and what to do.
@@ -243,7 +246,7 @@ def measure_given_path(
     observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
     given = given_region(mesh, surface, region, plan, process, tool)
-    quality = given.measure(path)
+    quality = given.measure(path, cuts)
     # Over holes that the pad runs over it is off the part, at the border of what is left out off the region.
     contact, bodies = path.positions_work[path.process], (surface, given.asked.ground.region.surface)
     away = [np.linalg.norm(body.closest(contact).positions - contact, axis=1) for body in bodies]
@@ -253,7 +256,7 @@ def measure_given_path(
             f"the path lies up to {1e3 * off:.2f} mm off the surface of this part, more than {1e3 * OFF_PART_M:g} mm. "
             "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
         )
-    return given.result(with_way_down(path, plan.clearance_m), quality, wall_notes(quality))
+    return given.result(with_way_down(path, plan.clearance_m), quality, wall_notes(quality), cuts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from polish_sim.analysis.run_record import RunRecord, package_versions, write_json, write_record
 from polish_sim.errors import InputError, PolishSimError
-from polish_sim.exchange import read_path
+from polish_sim.exchange import read_cuts, read_path
 from polish_sim.experiments.assembly import Memory, config_hash, place_key
 from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
@@ -76,8 +76,9 @@ def _given_plan(scenario: Any) -> PlanResult:
     """The plan of a path's file, measured once a process."""
 
     def measured() -> PlanResult:
-        path = read_path(Path(local_copy(scenario.plan.file)))
-        return measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad)
+        file = Path(local_copy(scenario.plan.file))
+        asked = (scenario.part, scenario.plan, scenario.process, scenario.pad)
+        return measure_given_path(read_path(file), *asked, cuts=read_cuts(file))
 
     return _PLANS.get(place_key(scenario), measured)
 
