@@ -184,7 +184,8 @@ class PadConfig:
     choice: str = key(
         "auto",
         "auto: a face narrower than the default pad gets one that fits and a step-over in proportion; "
-        "stepover: with the step-over asked for; given: the pad is what radius_m says",
+        "stepover: with the step-over asked for; given: the pad is what radius_m says. A file or an option that names "
+        "radius_m sets given, one that names plan.stepover_m sets stepover",
     )
     stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
     points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from numba import carray, types
-from numba.experimental import structref
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
@@ -24,7 +23,7 @@ from polish_sim.cell.recorder import Recorder, TraceStep
 from polish_sim.cell.stroke import PROCESS, RETRACT
 from polish_sim.control import hybrid, signals
 from polish_sim.control.loops import rotation_error
-from polish_sim.kernel_cache import cfunc, njit
+from polish_sim.kernel_cache import cfunc, njit, structref
 from polish_sim.kernels import Record, Vector3, Vector6, kernel
 
 if TYPE_CHECKING:

@@ -358,7 +358,7 @@ def prepare_region(
 
 
 def _is_free(pad: PadConfig) -> bool:
-    """Whether a pad is the default one, which nobody asked for."""
+    """Whether a pad may be replaced by a smaller one: nothing named it (``choice``), and it is the default one."""
     return pad.choice != "given" and pad.radius_m == PadConfig().radius_m
 
 
