@@ -285,7 +285,7 @@ BARE = "no_cpython_wrapper"
 
 
 def _options(function: ast.FunctionDef) -> set[str] | None:
-    """What a function's `njit` is told; None if it is not compiled."""
+    """Options of a function's `njit`; None if it is not compiled."""
     for decorator in function.decorator_list:
         call = decorator.func if isinstance(decorator, ast.Call) else decorator
         if isinstance(call, ast.Name) and call.id in {"njit", "cfunc"}:

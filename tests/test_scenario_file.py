@@ -116,7 +116,7 @@ def test_keys_a_file_does_not_name_keep_their_value_and_a_later_set_wins(tmp_pat
     base = override(BASE, ["seed=1", "seed=7", "pad.friction=0.1"])
     assert base.seed == 7
     scenario = load_scenario(written(tmp_path, "[pad]\nradius_m = 0.02\n"), base)
-    assert scenario == replace(base, pad=replace(base.pad, radius_m=0.02))
+    assert scenario == replace(base, pad=replace(base.pad, radius_m=0.02, choice="given"))
 
 
 BAD_FILES = [

@@ -85,7 +85,7 @@ _LONGEST_WAIT_S: Final = 600.0  # for another process that compiles the same ker
 _log = logging.getLogger(__name__)
 
 
-on_compiling = event.install_listener  #: Context in which a listener hears of the event ``numba:compile``
+on_compiling = event.install_listener  #: Context in which a listener is called at events ``numba:compile``
 CompileListener = event.Listener
 add_symbol = llvm.add_symbol  #: Name the address of a C function for kernels
 
@@ -260,7 +260,7 @@ def _collector_at_rest() -> Iterator[None]:
 
 
 class _Function(CPUDispatcher):  # type: ignore[misc]
-    """A function of kernels. Numba would compile it again for each number that a call has in its source."""
+    """A function of kernels. Integer literals are passed as plain integers; numba would specialise on each."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Types of a call from another kernel."""

@@ -87,7 +87,7 @@ class PartPlacing:
         return reach
 
     def on_map(self, tried: int) -> Reach | None:
-        """The first of the reach map's poses that does, of so many, the best of each height and distance first."""
+        """The first feasible of the ``tried`` best poses of the reach map, best of each height and distance first."""
         for T_base_work, spin in islice(self.map().best_first(), tried):
             with suppress(ReachError):
                 return self._reach(iter([T_base_work]), (spin,))
