@@ -437,8 +437,6 @@ def _prune(home: Path) -> None:
         total += sum(file.stat().st_size for file in folder.glob("*.nb?"))
         if now - used > _MOST_DAYS * _DAY or total > _MOST_BYTES:
             shutil.rmtree(folder, ignore_errors=True)
-    for old in home.parent.glob("kernels-*"):  # of versions that kept one folder per state of the whole package
-        shutil.rmtree(old, ignore_errors=True)
 
 
 def _folders(home: Path) -> Iterator[tuple[float, Path]]:

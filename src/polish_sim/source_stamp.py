@@ -60,7 +60,7 @@ def _dependencies(module: str) -> set[str]:
 @cache
 def imports_of(module: str) -> frozenset[str]:
     """Modules of this package that a module imports at its top."""
-    names, statements = set(), _head(_source(module)).body
+    names, statements = set[str](), _head(_source(module)).body
     if b"names_on_use(" in _source(module):  # its names are imported under TYPE_CHECKING
         statements = [inner for node in statements for inner in (node.body if isinstance(node, ast.If) else [node])]
     for node in statements:
