@@ -316,7 +316,7 @@ class _Prover:
         kept = 1.0 - margin
         asked = largest_force(self.scenario, self.path)
         guards.force = asked + kept * (guards.force - asked)
-        guards.torque, guards.jump = kept * guards.torque, kept / SHAKEN * guards.jump
+        guards.torque, guards.jump_kept = kept * guards.torque, kept / SHAKEN
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
         extent = float(np.linalg.norm(np.ptp(self.path.positions_work[self.path.process], axis=0)))
         drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m

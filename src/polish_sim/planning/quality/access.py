@@ -29,6 +29,7 @@ from polish_sim.planning.quality.tool_room import (
 BEYOND: Final = 0.5  #: Largest room that is measured [pad radii]
 SCOUTED_APART: Final = 0.25  #: Spacing of the places checked first [pad radii]; all only where room is little
 LITTLE: Final = 0.4  #: Little room, in pad radii
+FINE: Final = 0.02  #: There, vertices closer than so many pad radii are looked at once
 TURN_INSIDE: Final = 0.45
 """Least distance of the outermost turn from the region's border [step-overs]: the border may be that much nearer to
 a wall than the pad."""
@@ -144,8 +145,10 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     """What the tool reaches; away from the vertices ``near`` (v,) it has room."""
     radius, mesh = room.tool.pad.radius_m, ground.mesh
     rooms = np.full((len(near), len(room.tool.pairs)), BEYOND * radius)
-    places, under = room.places(mesh.vertices[near])
-    rooms[near] = room.of_bodies(places)
+    some = thin(mesh.vertices[near], FINE * radius)
+    places, under = room.places(mesh.vertices[near][some.kept])
+    rooms[near] = room.of_bodies(places)[some.stands_for]
+    under = UnderPad(*(column[some.stands_for] for column in under))
     hollow = np.zeros(len(near), dtype=bool)
     hollow[near] = under.curvatures[:, 1] * hollow_radius(room.tool.pad) < -1.0
     least = rooms.min(axis=1)
