@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 from polish_sim.config import Scenario
-from polish_sim.kernel_cache import CompileListener, is_warm, kernels_under, on_compiling
+from polish_sim.kernel_cache import event, is_warm, kernels_under
 from polish_sim.workers import processors
 
 FIRST_START: Final = "compiling kernels: at the first start only, they are kept"
@@ -25,7 +25,7 @@ REHEARSED: Final = ("arc", "force", "surface")  #: Simulations compiled ahead: w
 QUIET_S: Final = 10.0  #: Least time between two lines where no bar can be shown [s]
 
 
-class CompileProgress(CompileListener):  # type: ignore[misc]
+class CompileProgress(event.Listener):  # type: ignore[misc]
     """Counts the kernels that this process and the one ahead of it compile.
 
     ``show`` is called with "12/57", kernels compiled and known to be needed, whenever either changes.
@@ -87,7 +87,7 @@ class CompileProgress(CompileListener):  # type: ignore[misc]
 def compiling_shown(show: Callable[[str], None]) -> Iterator[CompileProgress]:
     """Show how far compiling is while the block runs; nothing when all kernels come from the cache."""
     progress = CompileProgress(show)
-    with on_compiling("numba:compile", progress):
+    with event.install_listener("numba:compile", progress):
         yield progress
 
 

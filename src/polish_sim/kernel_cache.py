@@ -57,7 +57,7 @@ def check_numba(version: str) -> None:
 check_numba(numba.__version__)
 
 import numba.experimental.function_type  # registers functions as arguments of kernels
-from numba.core import event
+from numba.core import event as event  # used by the command line
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher, cpu_target
@@ -85,8 +85,6 @@ _LONGEST_WAIT_S: Final = 600.0  # for another process that compiles the same ker
 _log = logging.getLogger(__name__)
 
 
-on_compiling = event.install_listener  #: Context in which a listener is called at events ``numba:compile``
-CompileListener = event.Listener
 add_symbol = llvm.add_symbol  #: Name the address of a C function for kernels
 
 

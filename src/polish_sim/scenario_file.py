@@ -58,10 +58,7 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
 def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
     """Apply ``KEY=VALUE`` strings such as ``sensor.force_noise_n=0.2``; a bare word is taken as a string."""
     scenario = base
-    first = presets_in(assignments)
-    last = [assignment for assignment in assignments if assignment.partition("=")[0].strip() == PAD_CHOICE]
-    others = [assignment for assignment in assignments if assignment not in (*first, *last)]
-    for assignment in [*first, *others, *last]:
+    for assignment in sorted(assignments, key=_rank):
         dotted, separator, text = assignment.partition("=")
         if not separator or not dotted.strip():
             raise ConfigError(f"'--set {assignment}' is not KEY=VALUE, e.g. --set sensor.force_noise_n=0.2.")
@@ -72,9 +69,15 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
     return scenario
 
 
+def _rank(assignment: str) -> int:
+    """Order of setting: presets first, `PAD_CHOICE` last."""
+    name = assignment.partition("=")[0].strip()
+    return (name == PAD_CHOICE) - (name in PRESETS)
+
+
 def presets_in(assignments: Sequence[str]) -> list[str]:
     """Those of ``KEY=VALUE`` that choose a preset: set before all others, they leave what is set by name."""
-    return [assignment for assignment in assignments if assignment.partition("=")[0].strip() in PRESETS]
+    return [assignment for assignment in assignments if _rank(assignment) < 0]
 
 
 def merge(base: T, table: dict[str, Any], place: str) -> T:
@@ -105,13 +108,15 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
 def _with_pad_choice(choice: str, table: dict[str, Any]) -> dict[str, Any]:
     """``table`` with a ``pad.choice`` that keeps the pad or the step-over it names, also where that is the default."""
     pad, plan = table.get("pad", {}), table.get("plan", {})
-    if not isinstance(pad, dict) or not isinstance(plan, dict) or "choice" in pad:
+    if not isinstance(pad, dict) or not isinstance(plan, dict):
         return table
     if "radius_m" in pad:
-        return {**table, "pad": {**pad, "choice": "given"}}
-    if "stepover_m" in plan and choice == "auto":
-        return {**table, "pad": {**pad, "choice": "stepover"}}
-    return table
+        choice = "given"
+    elif "stepover_m" in plan and choice == "auto":
+        choice = "stepover"
+    else:
+        return table
+    return {**table, "pad": {"choice": choice, **pad}}
 
 
 def _plain_values(where: str, table: Any) -> dict[str, Any]:

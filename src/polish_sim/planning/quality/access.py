@@ -29,7 +29,7 @@ from polish_sim.planning.quality.tool_room import (
 BEYOND: Final = 0.5  #: Largest room that is measured [pad radii]
 SCOUTED_APART: Final = 0.25  #: Spacing of the places checked first [pad radii]; all only where room is little
 LITTLE: Final = 0.4  #: Little room, in pad radii
-FINE: Final = 0.02  #: There, vertices closer than so many pad radii are looked at once
+FINE: Final = 0.02  #: There, vertices closer than this [pad radii] are checked once
 TURN_INSIDE: Final = 0.45
 """Least distance of the outermost turn from the region's border [step-overs]: the border may be that much nearer to
 a wall than the pad."""
