@@ -1,6 +1,6 @@
 # make demo   plan and polish a shipped part, with a short report
 # make test   the test suite
-# make check  lint, format, layers, types
+# make check  lint, format, layers, types, wording
 # make bench  speeds as ratios
 # make docs   the site in build/docs: every example and code block runs
 # make wheel  a wheel with its kernels compiled, for this Python and platform
@@ -28,6 +28,7 @@ check: $(VENV)/.installed $(VENV)/.docs
 	$(BIN)/python .ci/assemble.py $(TREE)
 	PYTHONPATH=$(TREE) $(BIN)/lint-imports
 	MYPYPATH=$(TREE) $(BIN)/mypy --package polish_sim
+	$(BIN)/python -m pytest -q -n 0 tests/test_architecture.py -k phrases
 	DOCS_QUICK=1 $(MAKE) --no-print-directory site
 
 bench: $(VENV)/.installed

@@ -1,7 +1,7 @@
 """Parts by the hundred as users have them: drawn by a seed, planned with the proof, run as another seed draws them.
 
 Each draw takes a family, its size and shape, a pad of 10 to 50 mm, an overlap, a feed of 10 to 40 mm/s and a
-controller; nothing was tuned on them. Rows go to a CSV as they are done; the same command goes on with what is missing.
+controller; nothing was tuned on them. Rows go to a CSV as they are done; the same command resumes with what is missing.
 
     python -m benchmarks.field_parts [--count 100] [--seed 1] [--family NAME]... [--csv FILE] [--keep FOLDER]
 """

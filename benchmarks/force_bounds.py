@@ -40,7 +40,7 @@ def _steps(scenario: Scenario) -> list[Row]:
         bound = step_bound(scenario, speed)
         what = f"approach at {1e3 * speed:g} mm/s: "
         rows += [
-            Row(what + "contact told from noise", "", f">= {1e3 * bound.detection:.0f} ms"),
+            Row(what + "contact detected in noise", "", f">= {1e3 * bound.detection:.0f} ms"),
             Row(what + "settled to 1 N", "", f">= {bound.settling:.3f} s"),
             Row(what + "touch that could be stopped", "", f">= {bound.peak:.1f} N"),
         ]

@@ -4,16 +4,29 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 from polish_sim.cell.real_arm import ARMS, is_real
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import analytic_margins, simulated_margins
-from polish_sim.scoring.force_bench import build_bench
+from polish_sim.scoring.border import analytic_margins
+from polish_sim.scoring.force_bench import Bench, Rest, build_bench, press
 
 CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "force-mode")
+ACCURACY = 1.02  # to which a gain margin is sought
+MOST_GAIN, MOST_DELAY_S = 64.0, 0.25
+
+
+class SimulatedMargins(NamedTuple):
+    """What the cell's loop really bears."""
+
+    gain: float  #: [-]; infinite beyond ``MOST_GAIN``
+    gain_frequency: float  #: Of the swing just beyond it [rad/s]
+    delay: float  #: [s]; infinite beyond ``MOST_DELAY_S``
+    delay_frequency: float  #: [rad/s]
 
 
 def main() -> None:
@@ -34,6 +47,43 @@ def margins_on(scenario: Scenario) -> None:
             what = "cell" if friction else "cell without joint friction"
             cell = simulated_margins(named, bench, friction)
             _row("", what, cell.gain, cell.gain_frequency, "", cell.delay, cell.delay_frequency)
+
+
+def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) -> SimulatedMargins:
+    """Margins of a scenario ``force`` found in the cell: raise the loop's gain or delay until it no longer settles.
+
+    ``friction``: Coulomb friction of the joints, which the linear model lacks; with it a loop also counts as unstable
+    when it keeps up a small swing. Given, too, are the frequencies at which the loop swings just beyond the margins.
+    """
+
+    def louder(gain: float) -> Rest:
+        return press(bench, scenario, gain, friction)
+
+    def later(factor: float) -> Rest:
+        delay = scenario.robot.command_latency_s + MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN)
+        late = replace(scenario, robot=replace(scenario.robot, command_latency_s=delay))
+        return press(bench, late, 1.0, friction)
+
+    gain, gain_rest = _seek(louder, ACCURACY)
+    factor, delay_rest = _seek(later, math.exp(0.001 * math.log(MOST_GAIN) / MOST_DELAY_S))
+    delay = MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN) if math.isfinite(factor) else math.inf
+    return SimulatedMargins(gain, gain_rest.frequency, delay, delay_rest.frequency)
+
+
+def _seek(run: Callable[[float], Rest], accuracy: float) -> tuple[float, Rest]:
+    """Largest factor from 1 to ``MOST_GAIN`` at which a run settles, by bisection, and the rest just beyond."""
+    low, high = 1.0, MOST_GAIN
+    beyond = run(high)
+    if beyond.resting:
+        return math.inf, beyond
+    while high / low > accuracy:
+        middle = math.sqrt(low * high)
+        rest = run(middle)
+        if rest.resting:
+            low = middle
+        else:
+            high, beyond = middle, rest
+    return math.sqrt(low * high), beyond
 
 
 def _row(name: str, what: str, gain: float, at: float, phase: str, delay: float, delay_at: float) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.scoring.loop_model import Complex, LinearLaw, Setup, build_plant, plant_response
+from polish_sim.scoring.loop_model import Complex, LinearLaw, LoopSetup, build_plant, plant_response
 from polish_sim.scoring.margins import force_loop
 
 SAMPLE_S = 0.02  # past readings are averaged over this long for the regression
@@ -30,7 +30,7 @@ class StepBound(NamedTuple):
     detection: float
     """From contact until the ramp of the force stands out of the noise [s]."""
     reaction: float
-    """Detection and both latencies: until then the approach goes on [s]."""
+    """Detection and both latencies: until then the approach continues [s]."""
     settling: float
     """From contact until the force is in its band for good [s]."""
     peak: float
@@ -131,7 +131,7 @@ def drift_bound(scenario: Scenario) -> float:
 # The part of the force error that noise and surface cause in a modelled loop.
 
 
-def surface_error(setup: Setup, law: LinearLaw) -> Callable[[Array], Complex]:
+def surface_error(setup: LoopSetup, law: LinearLaw) -> Callable[[Array], Complex]:
     """Force error per height of the surface [N/m] over frequency [rad/s], the loop closed.
 
     The contact meets a rising surface as it meets a sinking arm, but for the servos' give: F = G s / (1 + L).
@@ -146,7 +146,7 @@ def surface_error(setup: Setup, law: LinearLaw) -> Callable[[Array], Complex]:
     return response
 
 
-def noise_rms(setup: Setup, law: LinearLaw, noise: float) -> float:
+def noise_rms(setup: LoopSetup, law: LinearLaw, noise: float) -> float:
     """Rms of the exact force that white noise of the sensor causes through the loop.
 
     Args:
@@ -166,7 +166,7 @@ def noise_rms(setup: Setup, law: LinearLaw, noise: float) -> float:
     return noise * math.sqrt(float(np.mean(np.abs(force) ** 2)))
 
 
-def form_rms(setup: Setup, law: LinearLaw, height: float, feed: float, wavelengths: tuple[float, float]) -> float:
+def form_rms(setup: LoopSetup, law: LinearLaw, height: float, feed: float, wavelengths: tuple[float, float]) -> float:
     """Rms of the force error on a wavy surface under feed.
 
     Args:

@@ -32,7 +32,7 @@ STUDIES = (
     Study("all masses 20% under-estimated", GRIP, {"mass_scale": 0.8}),
     Study("friction 20% over-estimated", GRIP, {"friction_scale": 1.2}),
     Study("friction 20% under-estimated", GRIP, {"friction_scale": 0.8}),
-    Study("1 kg at the tool nobody was told of", GRIP, {"payload_kg": 1.0}),
+    Study("1 kg at the tool, missing from the payload setting", GRIP, {"payload_kg": 1.0}),
     Study("  without the tare", GRIP, {"payload_kg": 1.0, "tare": 0.0}),
     *(
         Study(f"low-pass {hz} Hz, hand that lets it turn", POINT, {"acceleration_filter_hz": hz})

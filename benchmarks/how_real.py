@@ -101,7 +101,7 @@ def _smooth(share: float) -> tuple[float, float]:
 
 
 def _energy_rows() -> Iterator[Row]:
-    """A stretched arm, pulled down by 20 N and let go: its first second."""
+    """A stretched arm, pulled down by 20 N and released: its first second."""
     for name, settings in (("", []), (", no hysteresis", [NO_HYSTERESIS])):
         balance = gear_balance(*vibrating(1e-3, *settings))
         yield Row(f"gears, 1 s after 20 N{name}: given, stored", f"{_mj(balance.given)}, {_mj(balance.stored)}", "-")

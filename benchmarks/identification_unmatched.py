@@ -46,7 +46,7 @@ class Robot:
     noise_time_s: float = 0.0
     """Correlation time of the noise, of the same size; 0 is white."""
     encoder_bits: int = 17
-    """A turn has two to the power of so many steps."""
+    """A turn has two to this power steps."""
 
 
 CASES = {
@@ -102,7 +102,7 @@ class Measured(NamedTuple):
     covered: Array
     """Share of 95% intervals that hold: noise taken as white, and as it is; shape (2,)."""
     off: dict[str, float]
-    """Rms error of a kind of parameter told alone / its size."""
+    """Rms error of a kind of parameter identified alone / its size."""
 
 
 def measure(known: Known, robot: Robot, periods: int) -> Measured:

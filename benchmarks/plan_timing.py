@@ -1,4 +1,4 @@
-"""One plan in a process of its own, its time told apart by stage (STL -> times)."""
+"""One plan in a process of its own, its time by stage (STL -> times)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from polish_sim.models.parts import Block, parts
 from polish_sim.models.solids import disc_grid
 
 FACET_SIZES = {10_000: 0.0026, 30_000: 0.00143, 100_000: 0.00078, 300_000: 0.00045, 1_000_000: 0.000246}
-"""Edge of the facets [m] that gives about so many triangles."""
+"""Edge of the facets [m] that gives about that many triangles."""
 
 STAGES = {
     "read": "read_mesh_file",

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 COVERAGE = 0.98
 INSIDE = 0.45
-"""A turn keeps so many step-overs inside the border: the tip of a star is out of its reach."""
+"""A turn keeps a number of step-overs inside the border: the tip of a star is out of its reach."""
 ON_SURFACE_M = 1e-9
 REGION_AREA = 0.02
 """The region's area may differ this much from that of a smooth top, whose flat facets were summed."""

@@ -2,7 +2,7 @@
 
 ruckig plans one state to another in time-optimal, jerk-limited steps: the profile of a stop, and the run between two
 corners, must take the same time. toppra finds the least time along a given geometry within speed and acceleration,
-without jerk: along our rounded path it tells what is lost by jerk limits and by speeds chosen corner by corner.
+without jerk: along our rounded path it shows what is lost by jerk limits and by speeds chosen corner by corner.
 Both run here, on this machine, without their network services.
 """
 

@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 
 from polish_sim.row_file import RowFile
-from polish_sim.studies.table import UNLIKE
 
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 ALONE = """
@@ -33,6 +32,7 @@ usual = default_scenario("force")
 for seed in range(int(sys.argv[1]), int(sys.argv[2])):
     run_experiment(replace(usual, seed=seed))
 """
+UNLIKE = ("wall_s", "loop_wall_s", "host")  #: Columns in which equal runs differ
 SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1")
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 

@@ -67,7 +67,7 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
 def _interrupts_kept(swallowed: list[object]) -> Iterator[None]:
     """Collect interrupts that arrive where C calls Python, as while kernels are compiled: Python drops them there.
 
-    Mostly what was called goes on as if nothing had happened: a moment later each is raised again.
+    Mostly what was called continues as if nothing had happened: a moment later each is raised again.
     """
     before = sys.unraisablehook
     again: list[threading.Timer] = []
@@ -92,7 +92,7 @@ def _interrupts_kept(swallowed: list[object]) -> Iterator[None]:
 def _is_interrupt(error: BaseException | None) -> bool:
     """Whether Ctrl-C is what an error comes from.
 
-    Of a C++ module broken off while it is loaded comes an `ImportError` with its cause, of a call of a C function one
+    A C++ module interrupted while it is loaded raises an `ImportError` with its cause, a call of a C function one
     of ctypes that only names it.
     """
     if isinstance(error, ctypes.ArgumentError) and KeyboardInterrupt.__name__ in str(error):

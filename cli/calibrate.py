@@ -209,7 +209,7 @@ def _show_estimate(found: PayloadCalibration) -> None:
 
 
 def budget_once(trial: PairBudgetTrial, draft: Path) -> Outcome:
-    """Predict, draw, compare and write; broken off, what was drawn is kept if it is `LEAST_DRAWS` or more."""
+    """Predict, draw, compare and write; an interrupt keeps what was drawn if it is `LEAST_DRAWS` or more."""
     import numpy as np
 
     from polish_sim.dual.budget import TOGETHER, budget_figures, compare_shares, draw_errors, predict

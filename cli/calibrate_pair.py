@@ -205,7 +205,7 @@ def _calibrate(given: Given, means: Means) -> int:
 
 
 def _together(means: Means, seeds: Sequence[int], draft: Path) -> Outcome:
-    """Calibrate with each seed: rms and worst value of each figure; broken off, over those that were done."""
+    """Calibrate with each seed: rms and worst value of each figure; at an interrupt over those that are done."""
     runs, interrupted = each_seed(seeds, lambda seed: means.run(seed).figures)
     claims = CALIBRATIONS[means.claims]
 

@@ -16,10 +16,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final
 
-from numba.core import event
-
 from polish_sim.config import Scenario
-from polish_sim.kernel_cache import is_warm, kernels_under
+from polish_sim.kernel_cache import event, is_warm, kernels_under
 from polish_sim.workers import processors
 
 FIRST_START: Final = "compiling kernels: at the first start only, they are kept"

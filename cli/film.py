@@ -57,7 +57,7 @@ def check_film() -> None:
         raise InputError(f"--video needs OpenGL ({type(error).__name__}: {error}): {known}.") from error
 
 
-class Curve:
+class GrowingPlot:
     """A plot whose lines grow with time: two pictures of it, with and without them, joined at the moment."""
 
     def __init__(self, figure: Figure) -> None:
@@ -140,7 +140,7 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
     length = float(time[-1] - time[0])
     speed = next((speed for speed in SPEEDS if length <= LONGEST_S * speed), SPEEDS[-1])
     moments = time[0] + np.arange(0.0, length + speed / FRAMES_PER_S, speed / FRAMES_PER_S)
-    data, curve, stop = mujoco.MjData(model), Curve(plot_curve(record, model)), stop_mark(record.metrics)
+    data, curve, stop = mujoco.MjData(model), GrowingPlot(plot_curve(record, model)), stop_mark(record.metrics)
     cell, pad = Picture(model, CELL), Picture(model, PAD, near=True)
     for number, moment in enumerate(moments, 1):
         row = min(int(np.searchsorted(time, moment)), len(time) - 1)

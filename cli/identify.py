@@ -82,7 +82,7 @@ def _simulated_robot(settings: list[str]) -> RobotConfig:
 
 
 def _refuse_idle(given: Given) -> None:
-    """Refuse options that would change nothing, and a period that is none."""
+    """Refuse options that would change nothing, and an invalid period."""
     asked = [f"--{name}" for name in (*SETTINGS, "task", "set") if given[f"--{name}"] is not None]
     data, loaded, period, model = (given[name] for name in ("--data", "--payload-data", "--period", "--model"))
     files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")

@@ -52,15 +52,18 @@ def inspect(path: PathFile, given: Given) -> None:
     facts = plan_facts(path if path.name != "path.csv" or not (path.parent / "path.json").exists() else path.parent)
     if not facts and given["--part"] is None:
         raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
-    base = merge(Scenario(), planned_settings(path, facts, given), "") if facts else Scenario()
+    base = Scenario()
+    if facts:
+        base = merge(base, planned_settings(path, facts, given), "")
+    else:  # the step-over is guessed unless something sets it
+        base = replace(base, plan=replace(base.plan, stepover_m=math.nan))
     if given["--part"] is None:
         given = {**given, "--part": planned_part(path, facts["part"])}
     scenario = build_scenario(base, given)
     if facts:
         check_part(path, scenario.part.file, facts["part"])
     plan, notes = scenario.plan, list[str]()
-    chosen = given["--stepover"] is not None or given["--overlap"] is not None
-    if not facts and not chosen and plan.stepover_m == Scenario().plan.stepover_m:
+    if math.isnan(plan.stepover_m):
         plan = replace(plan, stepover_m=guessed_stepover(tool_path, scenario.pad, notes))
     with claimed(given["--out"], "inspect", given["--overwrite"]) as folder, console.progress() as observer:
         found = inspect_path(tool_path, scenario.part, plan, scenario.process, scenario.pad, observer)

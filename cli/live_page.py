@@ -30,7 +30,7 @@ FROM: Final = np.array([0.62, -0.66, 0.42])  #: Where the camera is, seen from w
 FORCE_COLOR, ASKED_COLOR = "#0072b2", "#009e73"
 DOTS: Final = 20_000  #: Spread over the part; those the pad comes to show where it has worked
 MARKS: Final = np.array([(200, 204, 210), (38, 70, 140), (0, 140, 140), (110, 190, 90), (250, 225, 60)])
-APART: Final = 1e-3  #: Places of a trace, at least [m]
+TRACE_APART: Final = 1e-3  #: Places of a trace, at least [m]
 PATH_M, TRACE_M = 0.0006, 0.0012  #: Width of their lines [m]
 DOTS_M: Final = 3e-4  #: Dots are drawn so far above the part [m]
 
@@ -88,7 +88,7 @@ class Worked:
         pressing = impulses > 0.0
         if pressing.any():
             for place in pads[pressing]:
-                if not self._trace or np.linalg.norm(place - self._trace[-1]) > APART:
+                if not self._trace or np.linalg.norm(place - self._trace[-1]) > TRACE_APART:
                     self._trace.append(place)
             touched = self._tree.query_ball_point(pads[pressing], self._radius)
             weights = np.repeat(impulses[pressing], [len(dots) for dots in touched])

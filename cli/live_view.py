@@ -55,7 +55,7 @@ class LiveView(FrameSink):
         return self
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        end = "The run is over" if error is None else "The run was broken off"
+        end = "The run is over" if error is None else "The run was interrupted"
         self.page.close(f"{end}. 'polish-sim view' with its folder shows it again.")
 
     def stage(self, text: str) -> None:

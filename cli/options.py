@@ -334,9 +334,6 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     for option, value in given.items():
         if value is not None and option in keys:
             scenario = merge(scenario, keys[option].table(value), "")
-    chosen = {"--stepover": "stepover", "--pad-diameter": "given"}
-    for option in (name for name in chosen if given.get(name) is not None):
-        scenario = merge(scenario, {"pad": {"choice": chosen[option]}}, "")
     if given.get("--allow-contact"):
         scenario = merge(scenario, {"safety": {"tool_in_part": "allow"}}, "")
     if given.get("--calibration") is not None:
@@ -363,7 +360,7 @@ def _overlapping(scenario: Scenario, given: Given, stepover: Key) -> Scenario:
             f"step-over of {number_text(distance * 1e3, 3)} mm, less than the smallest possible, "
             f"{number_text(least * 1e3)} mm. Give a smaller overlap."
         )
-    return merge(scenario, {"plan": {"stepover_m": distance}}, "")
+    return merge(scenario, {"plan": {"stepover_m": distance}, "pad": {"choice": scenario.pad.choice}}, "")
 
 
 def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:

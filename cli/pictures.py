@@ -35,7 +35,7 @@ class FrameSink(AbstractContextManager[Any], Protocol):
         """Take one moment; model and data are not to be changed."""
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        """The run is over, or broken off by an error."""
+        """The run is over, or ended by an error."""
         return
 
     def stage(self, text: str) -> None:
@@ -217,7 +217,7 @@ class Viewer(FrameSink):
     def _open(self, model: Any, data: Any) -> None:
         if not _has_display():
             self._failed = True
-            console.note("no viewer: this machine has no display. The run goes on; --video writes a film without one.")
+            console.note("no viewer: this machine has no display. The run continues; --video writes a film.")
             return
         import mujoco.viewer
 

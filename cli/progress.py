@@ -15,7 +15,7 @@ from polish_sim.cli.compiling import CompileProgress, compiling_shown, now_and_t
 from polish_sim.cli.pictures import FrameSink
 
 QUIET_S: Final = 20.0  #: How long a stage may be quiet where no bar can be shown [s]
-IDLE_FRAME_S: Final = 0.5  #: Simulated time between looks at the run when nobody asked for frames [s]
+IDLE_FRAME_S: Final = 0.5  #: Simulated time between looks at the run when no frames are asked for [s]
 
 
 class ProgressObserver:

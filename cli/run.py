@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 DEMO: Final = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
 COMMON_OPTIONS: Final = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
 PLAN_FACTS: Final = ("part", "fixture", "plan", "up", "pad", "contact_force_n", "feed_m_s", "proof")
-PICTURES_MISSING: Final = "pictures_missing"  #: In metrics.json, if broken off while pictures were drawn
+PICTURES_MISSING: Final = "pictures_missing"  #: In metrics.json, if interrupted while pictures were drawn
 
 
 class RunGroup(TyperGroup):

@@ -141,7 +141,7 @@ def run_and_show(request: Request, folder: Path, check: bool) -> int:
     """Score, write the locked folder, print the tables; returns 1 only with ``check``, 130 if it was interrupted."""
     from polish_sim.scoring import BATTERY_ASKED, REACH, judge
 
-    console.note(f"folder: {folder} (the same command with --out {folder} continues a score that was broken off)")
+    console.note(f"folder: {folder} (the same command with --out {folder} resumes an interrupted score)")
     score = _run(request, folder)
     verdicts = [
         (entry, judge(REACH if request.reach else BATTERY_ASKED, score.rows_of(entry))) for entry in request.entries

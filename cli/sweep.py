@@ -1,4 +1,4 @@
-"""`polish-sim sweep`: many runs over settings and seeds, on this machine or a cluster; the same folder goes on."""
+"""`polish-sim sweep`: many runs over settings and seeds, on this machine or a cluster; the same folder resumes."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def sweep(what: What, given: Given) -> int:
 
 
 def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
-    """The study a command line names, checked, and the folder it goes on in, if it is one of a sweep.
+    """The study a command line names, checked, and the folder it resumes in, if it is one of a sweep.
 
     Raises:
         PolishSimError: Naming what is wrong with it.
@@ -194,7 +194,7 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
 
     if table.sources - {package_hash()[:12]}:
         console.note("note: rows of another version of polish-sim are in the folder and kept; see the column 'source'.")
-    console.note(f"folder: {table.folder} (the same command with --out {table.folder} goes on where it stops)")
+    console.note(f"folder: {table.folder} (the same command with --out {table.folder} resumes it)")
     interrupted, total = False, study.seeds * (study.count or len(study.points()))
     try:
         # All kernels are compiled once, not in every process; once they are, the processes start at once.
@@ -218,7 +218,7 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
             facts = write_summary(table, study, total)
     _show(study, table, facts)
     if interrupted:
-        console.note("interrupted: the runs that are done are kept; the same command with --out goes on.")
+        console.note("interrupted: the runs that are done are kept; the same command with --out resumes.")
         return INTERRUPTED
     return DONE if facts["done"] else STOPPED
 

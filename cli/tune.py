@@ -135,7 +135,7 @@ def search_and_show(search: Search, given: Given, folder: Path, scorer: Scorer) 
             observer.stage("shipped and tuned, on held-out seeds and cases")
             verdicts = judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, scorer)
     except KeyboardInterrupt:
-        console.note(f"interrupted: trials are kept; the same command with --out {folder} goes on.")
+        console.note(f"interrupted: trials are kept; the same command with --out {folder} resumes.")
         return INTERRUPTED
     put(folder, TUNED, tuned_toml(search, best))
     show(search, best, verdicts, folder)

@@ -77,7 +77,7 @@ def free_address(asked: Address) -> Address:
 def allowed(origin: str | None, host: str) -> bool:
     """Whether a browser's page of this origin may use the server it calls ``host``, both as in a request's header.
 
-    Only the server's own pages may, and by a name that anybody could lead to this address (DNS rebinding) nobody.
+    Only the server's own pages may, and by a name that anybody could lead to this address (DNS rebinding) none.
     """
     name = urlsplit(f"//{host}").hostname or ""
     known = name in ("localhost", socket.gethostname().lower())

@@ -87,7 +87,7 @@ class Incline:
         """See `Shape`."""
         x, bend = xy[:, 0], self.rounding * self.slope
         half = 0.5 * (self.rise / self.slope + bend)
-        # From each end the climb begins as a parabola and goes on straight to the middle, its centre of symmetry.
+        # From each end the climb begins as a parabola and continues straight to the middle, its centre of symmetry.
         inward = np.clip(half - np.abs(x), 0.0, half)
         bent, straight = np.minimum(inward, bend), np.maximum(inward - bend, 0.0)
         climbed = 0.5 * bent**2 / self.rounding + self.slope * straight

@@ -10,12 +10,13 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from polish_sim import kernel_cache, source_stamp
+from polish_sim import errors, kernel_cache, source_stamp
 
 KERNEL = "{imports}\nfrom polish_sim.kernel_cache import njit\n@njit(cache=True)\ndef {name}(x):\n    return {value}\n"
 SCRIPT = """
@@ -39,7 +40,7 @@ def package(tmp_path: Path) -> Path:
 def _make_package(folder: Path) -> Path:
     folder.mkdir(parents=True)
     (folder / "__init__.py").touch()
-    for module in (kernel_cache, source_stamp):
+    for module in (errors, kernel_cache, source_stamp):
         shutil.copy(module.__file__, folder)
     _write_gain(folder, 10.0)
     imports = "from polish_sim.gains import (\n    gain,\n)\n"
@@ -220,6 +221,39 @@ def test_kernels_are_compiled_through_this_cache() -> None:
                 )
 
 
+def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep() -> None:
+    users = set()
+    for folder in ("src", "cli", "models"):
+        for file in (ROOT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+                modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+                modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                if any(re.match(r"(numba\.|llvmlite)", module) for module in modules):
+                    users.add(file.name)
+    assert users == {"kernel_cache.py"}
+
+
+def test_a_numba_that_was_not_tested_is_refused_with_the_version_the_range_and_the_cure(package: Path) -> None:
+    (package.parent / "numba").mkdir()
+    (package.parent / "numba" / "__init__.py").write_text("__version__ = '0.69.0rc1'")
+    command = [sys.executable, "-c", "import polish_sim.kernel_cache"]
+    run = subprocess.run(command, env=_environment(package), capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    last = run.stderr.strip().splitlines()[-1]
+    for fact in ("PolishSimError", "numba 0.69.0rc1", *kernel_cache.NUMBA, "pip install"):
+        assert fact in last
+    for version in ("0.61.0", "0.68.1"):
+        kernel_cache.check_numba(version)
+    for version in ("0.60.9", "1.0"):
+        with pytest.raises(errors.PolishSimError):
+            kernel_cache.check_numba(version)
+
+
+def test_the_range_of_numba_is_the_one_that_is_installed_from() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert "numba>={},<{}".format(*kernel_cache.NUMBA) in project["dependencies"]
+
+
 def test_every_import_at_the_top_of_a_module_is_found() -> None:
     """Against the parser: a missed import would leave stale machine code running."""
     for file in (ROOT / "src" / "polish_sim").rglob("*.py"):
@@ -251,7 +285,7 @@ BARE = "no_cpython_wrapper"
 
 
 def _options(function: ast.FunctionDef) -> set[str] | None:
-    """What a function's `njit` is told; None if it is not compiled."""
+    """Options of a function's `njit`; None if it is not compiled."""
     for decorator in function.decorator_list:
         call = decorator.func if isinstance(decorator, ast.Call) else decorator
         if isinstance(call, ast.Name) and call.id in {"njit", "cfunc"}:

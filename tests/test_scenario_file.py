@@ -116,7 +116,7 @@ def test_keys_a_file_does_not_name_keep_their_value_and_a_later_set_wins(tmp_pat
     base = override(BASE, ["seed=1", "seed=7", "pad.friction=0.1"])
     assert base.seed == 7
     scenario = load_scenario(written(tmp_path, "[pad]\nradius_m = 0.02\n"), base)
-    assert scenario == replace(base, pad=replace(base.pad, radius_m=0.02))
+    assert scenario == replace(base, pad=replace(base.pad, radius_m=0.02, choice="given"))
 
 
 BAD_FILES = [
@@ -258,3 +258,26 @@ def test_a_list_that_is_chosen_is_called_auto_and_older_files_leave_it_empty(tmp
     file.write_text(f"[part]\npose = {written}\n[plan]\nstart = {written}\n")
     assert load_scenario(file, posed).part.pose == ()
     assert load_scenario(file, posed) == override(posed, ["part.pose=auto", "plan.start=auto"])
+
+
+def test_a_pad_or_a_step_over_that_is_set_by_name_is_kept_though_it_is_the_default(tmp_path: Path) -> None:
+    usual, file = Scenario(), tmp_path / "mine.toml"
+    cases = {
+        "given": ["pad.radius_m=0.025"],
+        "stepover": ["plan.stepover_m=0.008"],
+        "auto": ["pad.choice=auto", "pad.radius_m=0.025", "plan.stepover_m=0.008"],
+    }
+    for choice, assignments in cases.items():
+        for order in (assignments, assignments[::-1]):
+            asked = override(usual, order)
+            assert asked == replace(usual, pad=replace(usual.pad, choice=choice))
+            assert load_scenario_from(file, to_toml(asked)) == asked
+    assert override(usual, ["pad.radius_m=0.02", "plan.stepover_m=0.008"]).pad.choice == "given"
+    assert load_scenario_from(file, "[plan]\nstepover_m = 0.008\n").pad.choice == "stepover"
+    assert load_scenario_from(file, "[pad]\nradius_m = 0.025\n").pad.choice == "given"
+    assert load_scenario_from(file, "[pad]\nradius_m = 0.025\nchoice = 'auto'\n") == usual
+
+
+def load_scenario_from(file: Path, text: str) -> Scenario:
+    file.write_text(text)
+    return load_scenario(file, Scenario())

@@ -7,6 +7,8 @@ not, and of the compiler's versions. An edit therefore recompiles only what depe
 versions share the folder without overwriting each other's kernels.
 
 A wheel may carry kernels (``make wheel``), compiled for a common CPU; they are read first and never written.
+
+This is the only file that imports numba's and llvmlite's internals, and it refuses versions it was not tested with.
 """
 
 from __future__ import annotations
@@ -31,7 +33,31 @@ from typing import IO, Any, Final, NamedTuple
 import llvmlite
 import llvmlite.binding as llvm
 import numba
+
+from polish_sim.errors import PolishSimError
+from polish_sim.source_stamp import source_stamp
+
+NUMBA: Final = ("0.61", "0.69")  #: Versions whose internals are used here: from the first on, before the second
+
+
+def check_numba(version: str) -> None:
+    """Refuse a version of numba whose internals are unknown here.
+
+    Raises:
+        PolishSimError: Naming the version, the range and the command that installs one of it.
+    """
+    low, here, high = (tuple(map(int, text.split(".")[:2])) for text in (NUMBA[0], version, NUMBA[1]))
+    if not low <= here < high:
+        raise PolishSimError(
+            f"numba {version} is installed, polish-sim works with {NUMBA[0]} up to, not including, {NUMBA[1]}: "
+            f'install one of these with: python -m pip install "numba>={NUMBA[0]},<{NUMBA[1]}"'
+        )
+
+
+check_numba(numba.__version__)
+
 import numba.experimental.function_type  # registers functions as arguments of kernels
+from numba.core import event as event  # used by the command line
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher, cpu_target
@@ -39,8 +65,7 @@ from numba.core.runtime import rtsys
 from numba.core.sigutils import normalize_signature
 from numba.core.types import Dispatcher
 from numba.core.types.misc import unliteral
-
-from polish_sim.source_stamp import source_stamp
+from numba.experimental import structref as structref  # used by envs
 
 try:
     import fcntl
@@ -58,6 +83,9 @@ _MOST_BYTES: Final = 1 << 30
 _DAY: Final = 86400.0
 _LONGEST_WAIT_S: Final = 600.0  # for another process that compiles the same kernel
 _log = logging.getLogger(__name__)
+
+
+add_symbol = llvm.add_symbol  #: Name the address of a C function for kernels
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -230,7 +258,7 @@ def _collector_at_rest() -> Iterator[None]:
 
 
 class _Function(CPUDispatcher):  # type: ignore[misc]
-    """A function of kernels. Numba would compile it again for each number that a call has in its source."""
+    """A function of kernels. Integer literals are passed as plain integers; numba would specialise on each."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Types of a call from another kernel."""
@@ -407,8 +435,6 @@ def _prune(home: Path) -> None:
         total += sum(file.stat().st_size for file in folder.glob("*.nb?"))
         if now - used > _MOST_DAYS * _DAY or total > _MOST_BYTES:
             shutil.rmtree(folder, ignore_errors=True)
-    for old in home.parent.glob("kernels-*"):  # of versions that kept one folder per state of the whole package
-        shutil.rmtree(old, ignore_errors=True)
 
 
 def _folders(home: Path) -> Iterator[tuple[float, Path]]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
+import ast
 import sys
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-_IMPORT = re.compile(r"^    from ([\w.]+) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
 def names_on_use(package: str) -> Callable[[str], Any]:
@@ -33,8 +31,10 @@ def names_on_use(package: str) -> Callable[[str], Any]:
 @cache
 def _homes(package: str) -> dict[str, str]:
     """Module by name."""
-    text = Path(sys.modules[package].__file__ or "").read_text(encoding="utf-8")
-    return {name: module for module, names in _IMPORT.findall(text) for name in re.findall(r"\w+", names)}
+    tree = ast.parse(Path(sys.modules[package].__file__ or "").read_bytes())
+    imports = [inner for node in tree.body if isinstance(node, ast.If) for inner in node.body]
+    found = [node for node in imports if isinstance(node, ast.ImportFrom)]
+    return {alias.asname or alias.name: node.module or "" for node in found for alias in node.names}
 
 
 class FunctionOnUse:

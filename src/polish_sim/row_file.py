@@ -1,6 +1,6 @@
 """Files a killed command does not spoil: those that appear when they are whole, and rows as they come.
 
-Rows are on disk one line each, so that work that was broken off goes on where it was.
+Rows are on disk one line each, so that interrupted work resumes.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from polish_sim.toml_text import read_toml, toml_text
 T = TypeVar("T")
 N = TypeVar("N", int, float)
 PRESETS = ("sensor.model",)  #: Keys whose words stand for values of others; they are set first
+PAD_CHOICE = "pad.choice"  #: Set last: a pad or a step-over that is set by name changes it
 AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 FILE_KEYS = (
     *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow")),
@@ -57,8 +58,7 @@ def load_scenario(path: Path, base: Scenario) -> Scenario:
 def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
     """Apply ``KEY=VALUE`` strings such as ``sensor.force_noise_n=0.2``; a bare word is taken as a string."""
     scenario = base
-    chosen = presets_in(assignments)
-    for assignment in [*chosen, *(other for other in assignments if other not in chosen)]:
+    for assignment in sorted(assignments, key=_rank):
         dotted, separator, text = assignment.partition("=")
         if not separator or not dotted.strip():
             raise ConfigError(f"'--set {assignment}' is not KEY=VALUE, e.g. --set sensor.force_noise_n=0.2.")
@@ -69,13 +69,21 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
     return scenario
 
 
+def _rank(assignment: str) -> int:
+    """Order of setting: presets first, `PAD_CHOICE` last."""
+    name = assignment.partition("=")[0].strip()
+    return (name == PAD_CHOICE) - (name in PRESETS)
+
+
 def presets_in(assignments: Sequence[str]) -> list[str]:
     """Those of ``KEY=VALUE`` that choose a preset: set before all others, they leave what is set by name."""
-    return [assignment for assignment in assignments if assignment.partition("=")[0].strip() in PRESETS]
+    return [assignment for assignment in assignments if _rank(assignment) < 0]
 
 
 def merge(base: T, table: dict[str, Any], place: str) -> T:
     """Return ``base`` with the values of a (nested) table, each checked against its field."""
+    if isinstance(base, Scenario):
+        table = _with_pad_choice(base.pad.choice, table)
     known: dict[str, Field[Any]] = {f.name: f for f in fields(base)}  # type: ignore[arg-type]
     base = _with_presets(base, table, place, known)
     changes: dict[str, Any] = {}
@@ -95,6 +103,20 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
         else:
             changes[name] = _checked(where, value, current, known[name])
     return replace(base, **changes)  # type: ignore[type-var]
+
+
+def _with_pad_choice(choice: str, table: dict[str, Any]) -> dict[str, Any]:
+    """``table`` with a ``pad.choice`` that keeps the pad or the step-over it names, also where that is the default."""
+    pad, plan = table.get("pad", {}), table.get("plan", {})
+    if not isinstance(pad, dict) or not isinstance(plan, dict):
+        return table
+    if "radius_m" in pad:
+        choice = "given"
+    elif "stepover_m" in plan and choice == "auto":
+        choice = "stepover"
+    else:
+        return table
+    return {**table, "pad": {"choice": choice, **pad}}
 
 
 def _plain_values(where: str, table: Any) -> dict[str, Any]:

@@ -130,6 +130,6 @@ def unit(vectors: Array) -> Array:
 def perpendicular(vectors: Array) -> Array:
     """A unit vector square to each vector and to the coordinate axis it runs along least, shape (..., 3).
 
-    It does not turn with the vectors: where a result must turn with the part, nothing may hang on the choice.
+    It does not turn with the vectors: where a result must turn with the part, nothing may depend on the choice.
     """
     return unit(np.cross(vectors, np.eye(3)[np.abs(vectors).argmin(axis=-1)]))

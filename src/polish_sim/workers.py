@@ -203,7 +203,7 @@ class _Local:
                         yield Result(task, None, _death(error, deaths, again))
                     else:
                         raise RuntimeError(_in_task(task, error))
-        finally:  # what is still at work when all is broken off
+        finally:  # what is still at work at an interrupt
             for worker in self._crew:
                 if worker.tasks:
                     worker.stop()
@@ -235,7 +235,7 @@ def _death(error: BaseException, deaths: int, again: bool) -> str:
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Processes started in the block never hear Ctrl-C; this one hears it afterwards and decides for all."""
+    """Children started here ignore SIGINT; the parent handles Ctrl-C for all, after the block."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -400,7 +400,7 @@ class _Cluster:
             raise error
         if error is not None:
             raise RuntimeError(_in_task(task, error))
-        raise WorkersError(f"the scheduler is gone ({self.where}). The same command goes on when it is back.")
+        raise WorkersError(f"the scheduler is gone ({self.where}). The same command resumes when it is back.")
 
 
 _FILES_MISSING: Final = "a worker lacks the user's files"

@@ -172,7 +172,7 @@ def test_flat_and_thin_errors_are_chi_with_two_degrees_of_freedom_and_one(
 
 
 def test_errors_of_several_places_are_what_is_drawn_of_them() -> None:
-    """A turned, uneven covariance and a small one; a million draws tell a share of 0.95 to 0.0002."""
+    """A turned, uneven covariance and a small one; a million draws determine a share of 0.95 to 0.0002."""
     rng = np.random.default_rng(3)
     root = rng.standard_normal((2, 3, 3)) * np.array([1e-5, 2e-6])[:, None, None]
     drawn = np.concatenate([rng.standard_normal((500_000, 3)) @ one.T for one in root])

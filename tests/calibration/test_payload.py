@@ -58,7 +58,7 @@ def test_exact_readings_of_a_drifting_sensor_give_the_drift_too() -> None:
 
 
 def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent() -> None:
-    """The noise is found from the residuals; 1500 draws tell an rms to 1.8%."""
+    """The noise is found from the residuals; 1500 draws determine an rms to 1.8%."""
     rng = np.random.default_rng(4)
     found = [fit_payload(readings_in(POSES, errors=NOISE * rng.standard_normal((12, 6)))) for _ in range(1500)]
     rows = (payload_regressor(POSES[:, 2, :]) / NOISE[:, None]).reshape(-1, 10)
@@ -99,8 +99,8 @@ def tilted(*angles: tuple[float, float]) -> Array:
 @pytest.mark.parametrize(
     ("R_base_sensor", "said"),
     [
-        (np.eye(3)[None], "1 reading cannot tell mass, centre and bias"),
-        (tilted((0.0, 0.0), (1.0, 0.0)), "2 readings cannot tell"),
+        (np.eye(3)[None], "1 reading cannot separate mass, centre and bias"),
+        (tilted((0.0, 0.0), (1.0, 0.0)), "2 readings cannot separate"),
         (Rotation.from_euler("z", [[0.0], [1.0], [2.0], [3.0]]).as_matrix(), "nearly the same direction"),
         (tilted((0.0, 0.0), (0.01, 0.0), (0.0, 0.01)), "nearly the same direction.*Turn the tool"),
         (tilted((0.0, 0.0), (0.0, 0.0), (1.5, 0.0), (1.5, 0.0)), "along one line of the sensor only.*Add a pose"),
@@ -113,7 +113,7 @@ def test_poses_that_cannot_tell_say_what_is_missing(R_base_sensor: Array, said: 
 
 def test_readings_without_their_times_cannot_show_a_drift() -> None:
     still = readings_in(POSES)
-    with pytest.raises(CalibrationError, match=r"cannot tell the drift.*its time"):
+    with pytest.raises(CalibrationError, match=r"cannot separate the drift.*its time"):
         fit_payload(PayloadReadings(np.zeros(12), POSES.copy(), still.wrenches.copy()), drift=True)
 
 

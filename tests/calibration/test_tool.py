@@ -89,7 +89,7 @@ def coning(count: int, sense: float) -> Array:
 @pytest.mark.parametrize(
     ("R", "said"),
     [
-        (planned(3 + 1)[:3], "3 touches cannot tell"),
+        (planned(3 + 1)[:3], "3 touches cannot separate"),
         (spin(8), r"direction \(0.00, 0.00, 1.00\) of the flange points the same way"),
         (coning(8, 1.0), "points the same way"),
         (np.tile(np.eye(3), (6, 1, 1)), "stands nearly the same in all 6 touches"),
@@ -163,7 +163,7 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
 @pytest.mark.parametrize(
     ("moves", "said"),
     [
-        (np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]]), "too short to tell a direction"),
+        (np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]]), "too short to determine a direction"),
         (np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.005]]), "nearly parallel"),
     ],
 )

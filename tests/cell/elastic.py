@@ -200,7 +200,7 @@ def _stored(row: np.void, arm) -> float:
 
 
 def vibrating(dt: float, *settings: str) -> tuple[np.ndarray, Joints]:
-    """A stretched arm that was pulled down by 20 N and let go, for a second."""
+    """A stretched arm that was pulled down by 20 N and released, for a second."""
     little = "robot.real.damping_nm_s_rad=[5,5,5,1,1,1]"
     joints = joints_at(STRETCHED, REAL, *NO_FRICTION, little, *settings, f"simulation.timestep_s={dt}")
     joints.pull(np.array([0.0, 0.0, -20.0]))

@@ -95,7 +95,7 @@ def test_without_damping_and_friction_the_pad_gives_back_what_it_took(mass: floa
 
 @pytest.mark.parametrize("preload", [-0.001, 0.0, 0.001, 0.003])
 def test_a_sprung_head_let_go_presses_and_releases_with_ever_less_energy(preload: float) -> None:
-    """Weightless, let go 4 mm above the part, its spring at rest ``preload`` [m] below the surface."""
+    """Weightless, released 4 mm above the part, its spring at rest ``preload`` [m] below the surface."""
     text = WEIGHT.format(height='0.004" gravcomp="1', mass=0.3, joint=SPRUNG.format(reference=-0.004 - preload))
     motion = drop(PAD, text, 1.0)
     energy = energy_at_tops(motion)

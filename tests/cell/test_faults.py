@@ -100,7 +100,7 @@ def test_what_can_be_noticed_stops_the_robot_in_its_time(event: str, code: int, 
     ("when", "way"),
     [
         (1.0, 0.005),
-        # While it touches down it goes on to be pressed in by 4 mm; what it has risen counts from where contact was.
+        # While it touches down it is pressed in further, by 4 mm; what it has risen counts from where contact was.
         (0.05, 0.009),
     ],
 )

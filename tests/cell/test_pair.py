@@ -154,7 +154,7 @@ def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest() -> Non
     cell = carried(spacing=0.007)
     _, (seen,) = watched(cell, lambda: cell.master.state.clock)
     start = int(np.argmax(seen > 0.0))
-    # It has 0.7 s of rows and brakes on the last half a ramp of them: let go for 0.7 s, then held until it stands.
+    # It has 0.7 s of rows and brakes on the last half a ramp of them: released for 0.7 s, then held until it stands.
     since = 0.001 * np.arange(1, 1 + len(seen) - start)
     let_go = time_let_go(since)
     np.testing.assert_allclose(seen[start:][since < 0.69], let_go.clock[since < 0.69], atol=1e-3)
@@ -231,7 +231,7 @@ def test_whichever_arm_fails_both_stand_and_the_tool_is_off_the_part(fault: str,
     assert run.trace.tcp_speed_m_s[-1] < 0.1 * run.trace.tcp_speed_m_s.max()
     assert run.trace.normal_force_n.max() < 30.0
     assert np.all(run.trace.normal_force_n[-50:] == 0.0)
-    # The master brakes as firmly as the follower: from v it goes on for v x latency + v^2 / 2a, not for half a second.
+    # The master brakes as firmly as the follower: from v it moves on by v x latency + v^2 / 2a, not for half a second.
     stopped, way = stopped_at(run), run.trace.part_shift_m
     v = np.linalg.norm(np.gradient(way, 0.001, axis=0)[stopped - 20])
     assert v > 0.01

@@ -105,7 +105,7 @@ def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had() -> 
 
 @pytest.mark.parametrize("latency_ms", [2, 10])
 def test_the_host_sees_the_wrench_as_late_as_the_sensor_says(latency_ms: int) -> None:
-    """Without filter and bias the measured force is the exact sensor wrench of so many milliseconds ago."""
+    """Without filter and bias the measured force is the exact sensor wrench of some milliseconds ago."""
     run, late = on_plane("sensor.bandwidth_hz=0", f"sensor.latency_s={latency_ms * 1e-3}").run(), latency_ms
     raw, measured = run.log["wrench_raw_sensor"][:, 2], run.log["wrench_measured_tool"][:, 2]
     offset = measured[500] - raw[500 - late]  # weight and tare

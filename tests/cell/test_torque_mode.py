@@ -88,7 +88,7 @@ def test_the_wrist_sensor_feels_the_hand() -> None:
 
 
 def test_what_the_model_lacks_is_tared_while_the_servos_hold() -> None:
-    """2 kg nobody was told of: the arm stays when the servos let go, and sinks without the tare."""
+    """2 kg missing from the payload setting: the arm stays when the servos release it, and sinks without the tare."""
     free = Hand(0.0, 0.0, 0.0, 0.0)
     tared, bare = (guide(np.zeros(3), 1.5, "gravity", free, held=0.5, payload_kg=2.0, tare=tare) for tare in (1.0, 0.0))
     moved = [np.abs(run.rows["q"][-1] - run.rows["q"][500]).max() for run in (tared, bare)]
@@ -107,7 +107,7 @@ def test_too_fast_an_arm_is_braked_and_the_log_kept() -> None:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_brakes_end_the_motion_in_every_mode(mode: str) -> None:
-    """Even where the law does not carry the arm; 2 kg nobody was told of are tared in 0.5 s and held then."""
+    """Even where the law does not carry the arm; 2 kg missing from the payload are tared in 0.5 s and held then."""
     run = guide(np.array([0.0, 0.2, 0.0]), 2.0, mode, held=0.5, joint_speed_limit_rad_s=0.5, payload_kg=2.0)
     assert run.stop_reason == "a joint is faster than guide.joint_speed_limit_rad_s"
     assert np.abs(run.rows["qd"][-1]).max() < 0.02

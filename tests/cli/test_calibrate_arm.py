@@ -77,7 +77,7 @@ def test_what_cannot_be_arms_is_refused(polish_sim: Tool, tmp_path: Path, tracke
     far = [",".join([*cells[:7], *(str(1e-3 * float(x)) for x in cells[7:10]), *cells[10:]])
            for cells in (line.split(",") for line in tracked[1:])]  # fmt: skip
     for lines, said in (
-        (tracked[:-1], "19 poses cannot tell an arm's table"),
+        (tracked[:-1], "19 poses cannot determine an arm's table"),
         ([line for line in tracked if not line.startswith("follower")], "no measurement of the follower"),
         ([tracked[0].replace("q3_rad", "q3"), *tracked[1:]], "lacks the column q3_rad"),
         ([tracked[0], *degrees], "Are they in degrees?"),

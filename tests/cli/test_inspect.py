@@ -72,6 +72,14 @@ def test_options_reach_the_figures(polish_sim: Tool) -> None:
     assert 4190.0 / 20.0 < metrics["motion_time_s"] < metrics["cycle_time_s"] < 1.1 * 4190.0 / 20.0
 
 
+def test_a_step_over_equal_to_the_default_is_taken_where_it_is_given(polish_sim: Tool) -> None:
+    write_raster(Path("raster.csv"))
+    Path("mine.toml").write_text("[plan]\nstepover_m = 0.008\n")
+    for k, words in enumerate((("--stepover", "8"), ("--set", "plan.stepover_m=0.008"), ("--config", "mine.toml"))):
+        assert polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", f"seen{k}")[0] == 0
+        assert json.loads(Path(f"seen{k}/metrics.json").read_text())["stepover_expected_m"] == 0.008
+
+
 BAD = {
     "no part": (("raster.csv",), "give it with --part"),
     "missing path": (("none.csv", "--part", "plate"), "none.csv"),

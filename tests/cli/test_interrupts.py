@@ -30,7 +30,7 @@ def write_long_path(file: Path) -> None:
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n")
 
 
-def broken_off(words: list[str], folder: Path, ready: Callable[[Path, str], bool], then_s: float) -> str:
+def interrupted(words: list[str], folder: Path, ready: Callable[[Path, str], bool], then_s: float) -> str:
     """What a command says when Ctrl-C comes a while after it is ready, by its draft folder and what it has said; it
     ends with 130.
     """
@@ -63,7 +63,7 @@ def broken_off(words: list[str], folder: Path, ready: Callable[[Path, str], bool
 )
 def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words: list[str], tmp_path: Path) -> None:
     write_long_path(tmp_path / "path.csv")
-    err = broken_off(words, tmp_path, lambda draft, _: draft.exists(), 1.0)
+    err = interrupted(words, tmp_path, lambda draft, _: draft.exists(), 1.0)
     assert err.splitlines()[-1].startswith("error: interrupted")
     assert [path.name for path in tmp_path.iterdir()] == ["path.csv"]
 
@@ -125,7 +125,7 @@ def test_ctrl_c_that_is_dropped_or_taken_for_another_error_is_no_bug_of_ours(
 
 
 def test_ctrl_c_of_a_run_keeps_what_was_recorded(tmp_path: Path) -> None:
-    err = broken_off(["run", "arc", "--feed", "0.5"], tmp_path, lambda _, said: "simulate" in said, 1.0)
+    err = interrupted(["run", "arc", "--feed", "0.5"], tmp_path, lambda _, said: "simulate" in said, 1.0)
     assert "kept" in err
     assert len(read_log(tmp_path / "out/cut/log.npz")) > 10
     assert metrics_of(tmp_path / "out/cut")["path_done"] < 1.0
@@ -134,7 +134,7 @@ def test_ctrl_c_of_a_run_keeps_what_was_recorded(tmp_path: Path) -> None:
 
 def test_ctrl_c_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> None:
     many = ["run", "arc", "--seeds", "40", "--set", "process.max_feed_s=2"]
-    broken_off(many, tmp_path, lambda draft, _: (draft / "seed-0010").exists(), 0.0)  # by then at least one has ended
+    interrupted(many, tmp_path, lambda draft, _: (draft / "seed-0010").exists(), 0.0)  # by then at least one has ended
     kept = metrics_of(tmp_path / "out/cut")["seeds"]
     assert 1 <= len(kept) < 40
     assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [f"seed-{s:04d}" for s in kept]
@@ -145,9 +145,9 @@ def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(what: str, polis
     assert polish_sim("calibrate", what, "--out", "compiled").code == 0
     words = ["calibrate", what, "--seeds", "100000"]
     if what == "payload":
-        err = broken_off(words, tmp_path, lambda draft, _: (draft / "seed-0001").exists(), 0.05)
+        err = interrupted(words, tmp_path, lambda draft, _: (draft / "seed-0001").exists(), 0.05)
     else:
-        err = broken_off(words, tmp_path, lambda draft, _: draft.exists(), 2.0)
+        err = interrupted(words, tmp_path, lambda draft, _: draft.exists(), 2.0)
     assert "interrupted: what was recorded up to now is kept." in err
     cut = tmp_path / "out/cut"
     metrics = metrics_of(cut)

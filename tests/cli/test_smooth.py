@@ -154,7 +154,7 @@ BAD = {
     "a half turn": (HEAD + "0,0,0,0,0,1\n9,0,0,0,0,-1\n", (), "180 deg between line 2, point 1 and line 3, point 2"),
     "out of reach": (HEAD + "0,0,0,0,0,1\n3000,0,0,0,0,1\n", (), "out of reach"),
     "out of reach where it lies": (ZIGZAG, ("--part-pose", "5000,0,0,0,0,0"), "out of reach"),
-    "a pose that is none": (ZIGZAG, ("--part-pose", "1,2"), "six numbers"),
+    "a pose of two numbers": (ZIGZAG, ("--part-pose", "1,2"), "six numbers"),
     "no such rule": (ZIGZAG, ("--rule", "fast"), "unknown rule 'fast'. Known: certified, joint-acceleration"),
     "a tolerance below zero": (ZIGZAG, ("--tolerance", "-1"), "--tolerance -1 is outside 0 to 10 mm"),
     "no limits there": (ZIGZAG, ("--limits", "none.toml"), "none.toml"),

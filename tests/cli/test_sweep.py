@@ -1,4 +1,4 @@
-"""`polish-sim sweep`: one folder, which goes on whatever ended the command."""
+"""`polish-sim sweep`: one folder, which resumes whatever ended the command."""
 
 from __future__ import annotations
 

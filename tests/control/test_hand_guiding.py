@@ -119,7 +119,7 @@ def test_without_a_hand_friction_is_left_to_the_joint(belief: Belief) -> None:
     memory, law = build_memory(1), gains("assist")
     memory.q[0], memory.qd[0], memory.grip[0] = 0.3, 1.0, 1.0
     memory.impulse[0] = INERTIA * 1.0
-    # The torque that keeps 1 rad/s with nobody's help: what the observer expects.
+    # The torque that keeps 1 rad/s without the hand: what the observer expects.
     for _ in range(300):
         memory.torque[0] = MASS * 9.81 * ARM * math.cos(0.3) + COULOMB + VISCOUS
         guide_by_hand(belief, law, memory, 1.0, DT)

@@ -39,7 +39,7 @@ def shares(prediction: Prediction, drawn: dict[str, Array]) -> dict[str, Share]:
 
 
 def test_each_source_alone_and_all_together_are_drawn_as_predicted(shares: dict[str, Share]) -> None:
-    """Four standard errors; sixty draws tell an rms to about 5%, so that a wrong lever or a missing source shows."""
+    """Four standard errors; sixty draws determine an rms to about 5%, so a wrong lever or a missing source shows."""
     assert set(shares) == {*SOURCES, TOGETHER}
     for share in shares.values():
         assert abs(share.deviation_sigma) < 4.0

@@ -42,7 +42,7 @@ def dual(*changes: str) -> Scenario:
 
 
 def base_file(folder: Path, off_m: float, true: bool = True) -> Path:
-    """The calibration of the default cell's bases, wrong by so much along the master's y."""
+    """The calibration of the default cell's bases, wrong by a length along the master's y."""
     T_true = true_chain(dual().dual).T_master_follower
     T = T_true.copy()
     T[1, 3] += off_m

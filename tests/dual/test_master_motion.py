@@ -121,7 +121,7 @@ def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(short: Dua
     check = MotionCheck(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
     times = short.master.spacing * np.arange(len(short.master.q))
     most, share = JOINT_ACCELERATION, 0.7
-    # The first joint takes 0.7 of what it can all the time, and 0.7 of it to be let go.
+    # The first joint takes 0.7 of what it can all the time, and 0.7 of it to be released.
     speed = share * most / RAMP_PEAK
     qd = np.zeros_like(short.master.q)
     qd[:, 0] = speed + share * most * (times - times[0])

@@ -90,6 +90,16 @@ def test_a_pose_that_is_refused_says_why_and_the_one_it_names_is_feasible(fault:
     assert reached(posed(scenario, fitting[1]), plan).smallest_singular_value > 0.08
 
 
+def test_a_path_that_is_not_pressed_in_is_followed_as_it_is() -> None:
+    scenario, plan = planned("auto")
+    placings = [PartPlacing(scenario, plan.mesh, plan.surface, plan.path, pressed_in) for pressed_in in (False, True)]
+    assert np.array_equal(placings[0].positions, plan.path.positions_work)
+    deeper = np.linalg.norm(placings[1].positions - placings[0].positions, axis=1)
+    assert deeper[plan.path.process] == pytest.approx(20.0 / 5000.0)  # D = F / k
+    reach = reach_path(scenario, plan.mesh, plan.surface, plan.path, pressed_in=False)
+    assert np.array_equal(reach.T_base_work, placings[0].reach().T_base_work)
+
+
 def test_an_arm_whose_forearm_would_be_in_the_part_takes_another_configuration() -> None:
     scenario, plan = planned("auto")
     pose = posed(scenario, "300,-300,200,17,11,29")

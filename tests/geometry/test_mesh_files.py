@@ -117,7 +117,7 @@ def test_the_content_decides_not_the_name(tmp_path):
 
 
 def pinched(height):
-    """Two hollows that touch along an edge: around it the solid goes on from one to the other."""
+    """Two hollows that touch along an edge: around it the solid continues from one to the other."""
     top, foot = (0, 0, 30), (0, 0, 0)
     c, b, d, a = ((40 * np.cos(angle), 40 * np.sin(angle), 15) for angle in np.radians([0, 60, 180, 240]))
     facets = [[foot, top, a], [foot, a, c], [foot, c, top], [top, c, a]]

@@ -276,7 +276,7 @@ def test_a_file_that_lost_bytes_in_the_middle_is_answered_within_5_s(lost: int, 
     whole = trimesh.creation.icosphere(subdivisions=5, radius=50.0).export(file_type="stl")
     middle = 84 + 50 * 10_000
     broken = bytearray(whole[:middle] + whole[middle + lost :] + bytes(lost))
-    # Numbers that are none are refused as such: let all be finite.
+    # Numbers that are not finite are refused as such: let all be finite.
     facets = np.frombuffer(bytes(broken[84:]), dtype=np.dtype([("n", "<f4", 3), ("c", "<f4", 9), ("a", "<u2")])).copy()
     with np.errstate(invalid="ignore"):
         facets["c"] = np.nan_to_num(facets["c"], nan=0.0, posinf=0.0, neginf=0.0).clip(-60.0, 60.0)

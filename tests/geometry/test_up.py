@@ -118,7 +118,7 @@ def test_up_is_where_the_largest_smooth_face_looks():
     assert part_of(wedge, "auto").up == pytest.approx([0.5**0.5, 0.0, 0.5**0.5], abs=1e-6)
     torus = trimesh.creation.torus(major_radius=40.0, minor_radius=10.0)
     part = part_of(torus, "auto")
-    # Both sides are alike; which it is hangs on the order of the facets.
+    # Both sides are alike; which it is depends on the order of the facets.
     assert np.abs(part.up) == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)
     assert any("assumed" in note for note in part.notes)
 

@@ -43,7 +43,7 @@ def test_errors_are_at_the_cramer_rao_bound_and_intervals_hold_the_truth() -> No
         covered.append(found.covers(KNOWN.truth))
     bound = np.diag(inverse_of(information(sums, SIGMA)))
     ratio = float(np.sqrt(np.mean(np.mean(squares, axis=0) / bound)))
-    # Fifty draws of fifty-eight correlated numbers tell this ratio to some 2%.
+    # Fifty draws of fifty-eight correlated numbers determine this ratio to some 2%.
     assert 0.95 < ratio < 1.05
     assert 0.93 <= float(np.mean(covered)) <= 0.97
 

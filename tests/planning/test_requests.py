@@ -119,7 +119,7 @@ def test_a_part_narrower_than_the_pad_is_refused(tmp_path):
     part, plan = PartConfig(str(tmp_path / "rod.stl")), PlanConfig(stepover_m=STEP)
     with pytest.raises(PlanError, match="narrower than half the pad: 20 mm"):
         plan_part(part, plan, pad=PadConfig(choice="given"))
-    # One nobody asked for gives way; a step-over asked for stays.
+    # The default pad is replaced; a step-over asked for stays.
     chosen = plan_part(part, PlanConfig(stepover_m=0.005))
     assert (chosen.tool.pad.radius_m, chosen.plan.stepover_m) == (0.010, 0.005)
 

@@ -188,7 +188,7 @@ def test_a_pad_too_large_for_all_of_a_region_is_refused_with_the_reason(planned,
     part, plan = PartConfig(str(tmp_path / "bowl.stl"), up="z"), PlanConfig(region="point:0,0,-20")
     with pytest.raises(PlanError, match=r"hollow of less than 62\.5 mm radius, which a pad of 50 mm does not follow"):
         plan_part(part, plan, pad=PadConfig(choice="given"))
-    # A pad nobody asked for gives way to one that follows the bowl: 40 mm is 2.5 times the radius of one of 32 mm.
+    # The default pad is replaced by one that follows the bowl: 40 mm is 2.5 times the radius of one of 32 mm.
     assert plan_part(part, plan).tool.pad.radius_m <= 0.016
 
 

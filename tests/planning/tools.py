@@ -15,7 +15,7 @@ from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import perpendicular
 
 HEAD_SINKS_M = 20.0 / (20000.0 / 3.0)
-"""What the head's spring yields at 20 N: all behind the pad is so much nearer to the part."""
+"""What the head's spring yields at 20 N: all behind the pad is that much nearer to the part."""
 
 
 def solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:

@@ -14,7 +14,7 @@ from polish_sim.control import CONTROLLERS, Measurement, Target, build_controlle
 from polish_sim.control.loops import PiGains, PiMemory, force_pi
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.loop_model import Complex, Setup, build_plant, one_mass, plant_response, setup_of
+from polish_sim.scoring.loop_model import Complex, LoopSetup, build_plant, one_mass, plant_response, setup_of
 from polish_sim.scoring.margins import (
     SLOWEST,
     contour,
@@ -63,7 +63,7 @@ def pi_law(p: float, i: float, filter_hz: float, dt: float) -> PiLaw:
     return PiLaw(A, B, C @ A, float(C @ B))
 
 
-def closed_loop_matrix(setup: Setup, law: PiLaw) -> Array:
+def closed_loop_matrix(setup: LoopSetup, law: PiLaw) -> Array:
     """One step of the closed loop, its eigenvalues the poles: plant, law, samples and commands under way."""
     plant = build_plant(setup)
     n, m, late, far = len(plant.B), len(law.B), setup.sensor_steps, setup.command_steps
@@ -98,7 +98,7 @@ def growth(matrix: Array, dt: float) -> float:
     return math.log(max(float(np.abs(np.linalg.eigvals(matrix)).max()), 1e-12)) / dt
 
 
-def _loop(*changes: str) -> tuple[Setup, PiLaw]:
+def _loop(*changes: str) -> tuple[LoopSetup, PiLaw]:
     """The force loop of ``hybrid-pi`` (paper 1, eq. 5 behind a low-pass)."""
     scenario = override(FORCE, list(changes))
     setup, gains = setup_of(scenario), scenario.controller
@@ -160,7 +160,7 @@ def test_delay_counts_the_same_before_and_after_the_law() -> None:
     assert rates[0] == pytest.approx(rates[1], rel=1e-6)
 
 
-def forces(setup: Setup, law: PiLaw, pressed: tuple[float, float], noise: Array) -> Array:
+def forces(setup: LoopSetup, law: PiLaw, pressed: tuple[float, float], noise: Array) -> Array:
     """Contact force of the closed loop in time, from places of arm and head [m], with noise in the sensor [N]."""
     plant, q, noisy = build_plant(setup), np.zeros(2), 0.0
     s, found = np.zeros(len(plant.B)), np.empty(len(noise))

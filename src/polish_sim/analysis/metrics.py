@@ -245,7 +245,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     force_max_deviation_n; force_within_4n, force_within_1n: shares of the time; force_error_median_n,
     force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N; tracking_error_max_m: across the tool
     axis; speed_mean_m_s, speed_std_m_s; feed_time_s: duration of the feed; curvature_peaks: how many, see
-    ``peaks.curvature_peaks``; force_error_at_peaks_n: mean over the peaks of the largest error within 15 mm of the
+    `curvature_peaks`; force_error_at_peaks_n: mean over the peaks of the largest error within 15 mm of the
     peak; force_error_between_peaks_n: the same for equally long stretches away from them.
     """
     part = trace.phase == PROCESS

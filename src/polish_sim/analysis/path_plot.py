@@ -52,10 +52,10 @@ COLORS = "viridis"
 LANDING, LEAVING = ORANGE, PINK
 LEFT_OUT = (YELLOW, SKY)  #: What is left out, for the first reasons
 MOST_FACETS = 8_000  #: Finer parts are drawn by a lighter copy: matplotlib takes 20 us for each, twice
-MOST_CHORDS = 3_000  #: So many draw the path in contact, for the same reason
+MOST_CHORDS = 3_000  #: Chords that draw the path in contact at most, for the same reason
 AXES_SHOWN = 90
 MOST_MARKS = 150  #: Of a kind of mend
-LEAD_POINTS = 120  #: At least so many along a lead: each is seen or hidden by itself
+LEAD_POINTS = 120  #: Least number of points along a lead: each is seen or hidden by itself
 ELEVATION, AZIMUTH = 38.0, -62.0
 TOWARDS_VIEWER = np.array(
     [
@@ -307,7 +307,7 @@ def _head(figure: Figure, flat: Axes, result: PlanResult, name: str, views: View
     """The heading, and under it how long and how dense the path is."""
     m = result.figures
     near, far = MM * m["stepover_p5_m"], MM * m["stepover_p95_m"]
-    # A path without neighbouring turns has no spacing to tell.
+    # A path without neighbouring turns has no spacing to show.
     beside = np.isfinite([near, far]).all()
     facts = (
         f"{m['path_length_m']:.2f} m in {m['retracts']} run{'s' if m['retracts'] != 1 else ''}",

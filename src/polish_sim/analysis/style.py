@@ -94,7 +94,7 @@ def new_figure(width: float = 8.0, height: float = 4.5) -> Figure:
 
 
 def line_look(number: int) -> dict[str, Any]:
-    """Colour and dashes of the line of a series: told apart without colours too."""
+    """Colour and dashes of the line of a series: distinct without colours too."""
     return {"color": SERIES[number % len(SERIES)], "ls": DASHES[number % len(DASHES)]}
 
 
@@ -224,7 +224,7 @@ def axis_name(direction: Array) -> str:
 Projection = Callable[[Array], Array]  #: Points to places and depths (larger is nearer), (n, 3); lines stay straight
 
 PIXELS = 250  #: Of a depth picture, along the longer side of the part
-APART = 0.75  #: Pixels between samples of a facet, at most
+SAMPLE_PIXELS = 0.75  #: Pixels between samples of a facet, at most
 LIFT = 2.0  #: Pixels by which points are taken off the surface: more than depths within a pixel of a plane differ
 SAMPLES_AT_ONCE = 300_000
 
@@ -246,7 +246,7 @@ def depth_picture(corners: Array, project: Projection) -> DepthPicture:
     low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
     pixel = float((high - low).max()) / PIXELS
     depth = np.full(tuple(np.ceil((high - low) / pixel).astype(int) + 1), -np.inf)
-    for samples in _samples(seen, APART * pixel):
+    for samples in _samples(seen, SAMPLE_PIXELS * pixel):
         columns, rows = ((samples[:, :2] - low) / pixel).astype(int).T
         np.maximum.at(depth.ravel(), columns * depth.shape[1] + rows, samples[:, 2])
     lift = LIFT * float(np.linalg.norm(np.ptp(points, axis=0))) / PIXELS

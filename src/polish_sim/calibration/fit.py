@@ -85,7 +85,7 @@ def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools |
 def solve(problem: Problem[X], start: X, weights: Array | float = 1.0) -> X:
     """Unknowns with the least sum of weighted squares; weights of residuals (n, k), or one for each row (n, 1).
 
-    Levenberg-Marquardt, then Gauss-Newton: the cost is flat at its minimum and cannot tell the last digits.
+    Levenberg-Marquardt, then Gauss-Newton: the cost is flat at its minimum and does not determine the last digits.
     """
     root = np.broadcast_to(np.sqrt(weights), problem.residuals(start).shape)
 

@@ -43,7 +43,7 @@ def check_identifiable(up_sensor: Array) -> None:
     count = len(up_sensor)
     if count < LEAST_READINGS:
         raise CalibrationError(
-            f"{count} reading{'s' if count != 1 else ''} cannot tell mass, centre and bias (10 unknowns) apart: "
+            f"{count} reading{'s' if count != 1 else ''} cannot separate mass, centre and bias (10 unknowns): "
             f"{LEAST_READINGS} poses with gravity along different axes of the sensor are the least, a dozen is good."
         )
     _, spread, axes = np.linalg.svd(up_sensor - up_sensor.mean(axis=0), full_matrices=False)
@@ -202,7 +202,7 @@ def fit_payload(
         used: Readings to use, shape (n,); None uses all.
 
     Raises:
-        CalibrationError: If the poses cannot tell the unknowns apart, or the readings have the wrong sign.
+        CalibrationError: If the poses cannot separate the unknowns, or the readings have the wrong sign.
     """
     chosen = np.ones(len(readings), dtype=bool) if used is None else used
     check_identifiable(readings.up_sensor[chosen])
@@ -214,8 +214,8 @@ def fit_payload(
     condition = condition_of(payload_regressor(readings.up_sensor[chosen], unit_time if drift else None, 1.0))
     if condition > LARGEST_CONDITION or X[chosen].size < X.shape[2] ** 2:
         raise CalibrationError(
-            f"{int(chosen.sum())} readings cannot tell the drift from mass, centre and bias: visit poses again later, "
-            "and give each reading its time."
+            f"{int(chosen.sum())} readings cannot separate the drift from mass, centre and bias: visit poses again "
+            "later, and give each reading its time."
         )
     found = fit(_problem(X, readings.wrenches), np.zeros(X.shape[2]), None, chosen)
     if found.x[MASS] <= 0.0:

@@ -183,7 +183,7 @@ class Calibration:
         return numbers
 
     def pose(self, name: str) -> Array:
-        """A pose, shape (4, 4); InputError if it is not there, or is none."""
+        """A pose, shape (4, 4); InputError if it is missing or malformed."""
         T = self.numbers(name, (4, 4))
         if no_rotations(T[None, :3, :3], 1e-6).any():
             raise InputError(f"'{self.file}': {name} is not a right-handed rotation and a displacement.")

@@ -145,7 +145,7 @@ class Cell:
     def begin_again(self, scenario: Scenario, part: RealPart, rng: np.random.Generator) -> None:
         """Go back to the start, for a run of another ``scenario``, part and sensor.
 
-        The scenario may differ in what neither scene, arm, strokes nor controller depend on. The host goes on believing
+        The scenario may differ in what neither scene, arm, strokes nor controller depend on. The host keeps believing
         the payload it believes.
         """
         start, self.rng = self._start, rng

@@ -21,7 +21,7 @@ from polish_sim.spatial import rotation_from_quaternion
 
 SPACING = 0.0005  # of the rows [m]
 REACH = 1.5  # step-overs within which a turn counts as neighbour
-APART = 2.5  # times that reach along the path: nearer places are the same strand
+STRANDS_APART = 2.5  # times that reach along the path: nearer places are the same strand
 ROUNDS = 30
 CLOSE_N = 1e-4  # force to which the statics are solved [N]
 LONGEST_STEP = 0.002  # of the search for the depth [m]
@@ -86,7 +86,7 @@ def nearest_earlier(points: Array, spacing: float, reach: float) -> Indices:
     """
     stride = max(1, int(reach / (6.0 * spacing)))
     few = np.arange(0, len(points), stride)
-    gap = math.ceil(APART * reach / (spacing * stride))
+    gap = math.ceil(STRANDS_APART * reach / (spacing * stride))
     tree = cKDTree(points[few])
     found = np.asarray(tree.query(points[few], k=min(64, len(few)), distance_upper_bound=reach)[1]).reshape(
         len(few), -1

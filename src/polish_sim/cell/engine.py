@@ -7,11 +7,11 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-import llvmlite.binding as llvm
 import mujoco
 from numba import types
 
 from polish_sim.arrays import Array
+from polish_sim.kernel_cache import add_symbol
 from polish_sim.kernels import kernel
 
 ARM_JOINTS = 7  # six of the arm with the tool and the head's slide
@@ -105,7 +105,7 @@ def register_engine() -> None:
     library = ctypes.CDLL(str(candidates[0]))
     for name in ("mj_step", "mj_step1", "mj_step2"):
         address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-        llvm.add_symbol(name, address)
+        add_symbol(name, address)
     ctypes.c_void_p.in_dll(library, "mjcb_time").value = None
 
 

@@ -131,7 +131,7 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             "the master stops itself, as its own guards would", _set("master", "halted", True), on_master=True
         ),
         "master-silent": Fault(
-            "the host no longer hears where the master is", _set("master", "unheard", True), on_master=True
+            "the host no longer receives the master's position", _set("master", "unheard", True), on_master=True
         ),
         "master-slow": Fault(
             f"the master moves at {SLOW:g} of its speed", _set("master", "slow", 1.0 - SLOW), on_master=True

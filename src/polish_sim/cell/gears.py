@@ -88,7 +88,7 @@ class RealArm(Record):
     kv: Vector6  #: [N m s/rad]
     limit: Vector6  #: Of the motors [N m]
     lag: float  #: Share of the way to the command that the set point goes in a step [-]
-    on_link: bool  #: The position is controlled, and heard of, on the link's side
+    on_link: bool  #: The position is controlled and read on the link's side
     link_rate: float  #: Share of the position error corrected in a step there [-]
     encoder: float  #: Step [rad]
     missed_steps: int  #: Steps a gap in the link to the host lasts
@@ -111,7 +111,7 @@ class RealArm(Record):
     dry: Vector6  #: Coulomb friction in this step [N m]
     free: Vector6  #: Rotor speed after the step if the joint stood still [rad/s]
     share: Vector6  #: Of the joint's speed that the rotor takes on [-]
-    read: Vector6  #: Joint angles as the host hears of them [rad]
+    read: Vector6  #: Joint angles as the host receives them [rad]
     read_speed: Vector6  #: [rad/s]
     first: int  #: Of its joints in the engine
     first_control: int  #: Of its servos' controls

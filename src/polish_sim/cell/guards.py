@@ -178,7 +178,7 @@ class CrashPoints(NamedTuple):
 
     points: Array  #: In their bodies' frames [m], shape (k, 3)
     bodies: NDArray[np.int64]  #: Body of each point, shape (k,)
-    pad: int  #: So many of them, the last, are on the pad's rim: it may touch the part
+    pad: int  #: How many of them, the last ones, are on the pad's rim: it may touch the part
 
 
 def build_guards(scenario: Scenario) -> Guards:

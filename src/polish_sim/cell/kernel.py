@@ -32,7 +32,7 @@ class Status(Record):
     arrived: bool  #: The stroke is done
     ended: bool  #: The run is over
     pause_at_contact: bool  #: Return at the run's first contact
-    wait_from: int  #: Return before the first call of the law after so many steps; 0: never
+    wait_from: int  #: Step count after which `advance` returns before the next call of the law; 0 = never
     waiting: bool  #: Returned so: the next step begins with the law
     python_error: bool  #: A controller in Python raised an error
     mute: bool  #: A fault: the host no longer sends
@@ -45,7 +45,7 @@ class MasterFaults(Record):
     """What goes wrong with a second robot that carries the part."""
 
     halted: bool  #: It has stopped itself
-    unheard: bool  #: The host no longer hears where it is
+    unheard: bool  #: The host no longer receives its position
     slow: float  #: Share of its speed it has lost [-]
 
 

@@ -249,7 +249,7 @@ def gear_errors(real: RealArmConfig, rng: np.random.Generator) -> Array:
 
 
 def _coupling(arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, dt: float) -> Array:
-    """Damping of the gears in a step (6,) [N m s/rad]: their own, or so much that a light joint stays stable.
+    """Damping of the gears in a step (6,) [N m s/rad]: their own, or as much as keeps a light joint stable.
 
     Without damping a spring is stable in steps up to k dt^2 = 4 m. With k dt for damping it is taken at the step's
     end, stable at any; that damps a vibration the steps are too long to show.

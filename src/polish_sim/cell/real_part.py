@@ -36,7 +36,7 @@ _MARGIN = 0.01  # around what the pad can touch: displacement, pressing, band [m
 
 
 class Touch(NamedTuple):
-    """Where the pad goes on the nominal part, work frame."""
+    """Where the pad moves on the nominal part, work frame."""
 
     positions: Array  #: Tool points on the part [m], shape (n, 3)
     axes: Array  #: Unit tool axes from the part to the tool, shape (n, 3)

@@ -1,9 +1,8 @@
 """Preston's law on the pad's pressure: pressure x sliding speed x time at every node (nodes, motion -> exposure).
 
 The pad is the elastic foundation of ``contact``, with a spring under every node instead of its hundred. Its depth is
-taken along the pad's axis and leant by the node's normal, which is the distance to the surface but for terms of second
-order, and which, unlike it, does not fade out towards the part's edges. Each step's field is scaled so that it carries
-the exact force.
+measured along the pad's axis and projected on the node's normal: to first order the distance to the surface, but valid
+up to the part's edges. Each step's field is scaled so that it carries the exact force.
 """
 
 from __future__ import annotations

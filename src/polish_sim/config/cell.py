@@ -51,7 +51,7 @@ class RealArmConfig:
     cold_friction: float = key(0.1, "friction at the start above that of a warm arm, 0 = warm [-]", 0.0, 5.0)
     warming_s: float = key(1200.0, "time constant of the warming up [s]", 1.0, 1e6)
     encoder_rad: float = key(4e-6, "step of the encoders, 0 = none [rad]", 0.0, 0.01)
-    servo_side: str = key("motor", "encoders the position is controlled by and the host hears of: motor or link")
+    servo_side: str = key("motor", "encoders that control the position and that the host reads: motor or link")
     link_servo_hz: float = key(0.3, "link: bandwidth of the correction by the encoders there [Hz]", 0.0, 5.0)
     servo_lag_s: float = key(0.002, "low-pass on the servos' set points, 0 = none [s]", 0.0, 0.1)
     kinematics: str = key(
@@ -184,7 +184,8 @@ class PadConfig:
     choice: str = key(
         "auto",
         "auto: a face narrower than the default pad gets one that fits and a step-over in proportion; "
-        "stepover: with the step-over asked for; given: the pad is what radius_m says",
+        "stepover: with the step-over asked for; given: the pad is what radius_m says. A file or an option that names "
+        "radius_m sets given, one that names plan.stepover_m sets stepover",
     )
     stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
     points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)
@@ -220,7 +221,7 @@ class SafetyConfig:
     contact_lost_s: float = key(2.0, "longest time without contact during the process [s]", 0.01, 1e6)
     sensor_timeout_s: float = key(0.02, "longest time an unchanged sensor reading is believed [s]", 0.002, 10.0)
     master_timeout_s: float = key(
-        0.02, "two robots: longest time the host goes on without hearing where the master is [s]", 0.002, 10.0
+        0.02, "two robots: longest time the host continues without news of the master's place [s]", 0.002, 10.0
     )
     jump_limit_n: float = key(15.0, "largest jump of the force, seen through the sensor, 0 = any [N]", 0.0, 1e4)
     offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)

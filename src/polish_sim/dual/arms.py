@@ -183,7 +183,7 @@ def pair_arms(
         return made._replace(true=true)
     if config.arm_poses < LEAST_POSES:
         raise ConfigError(
-            f"dual.arm_poses = {config.arm_poses} cannot tell an arm's table: 0 for none, else {LEAST_POSES} or more."
+            f"dual.arm_poses = {config.arm_poses} cannot determine an arm's table: 0, or {LEAST_POSES} or more."
         )
     arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
     rest = partial(made.rest, rng=rng)

@@ -54,7 +54,7 @@ def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
     """Take or plant a tool, touch a point with it in planned poses, move along its axes, and find it, against the
     truth.
 
-    Raises CalibrationError if the trial cannot tell a tool, ReachError if the arm cannot reach a pose.
+    Raises CalibrationError if the trial cannot determine a tool, ReachError if the arm cannot reach a pose.
     """
     rng = np.random.default_rng([trial.seed, 11])
     T_flange_tool = planted_tool(rng) if trial.T_flange_tool is None else trial.T_flange_tool

@@ -43,13 +43,13 @@ class MasterTime(NamedTuple):
 
 
 def time_let_go(since: Array) -> MasterTime:
-    """How the time of the master's rows passes after it was let go from rest, (n,) [s]."""
+    """How the time of the master's rows passes after it was released from rest, (n,) [s]."""
     ramp = np.clip(since, 0.0, RAMP_S)
     return MasterTime(np.maximum(since - RAMP_S, 0.0) + _times(ramp), _rates(ramp))
 
 
 def time_held(let_go: float, since: Array) -> MasterTime:
-    """How it passes after the master is held again, (n,) [s], having been let go for a time [s]."""
+    """How it passes after the master is held again, (n,) [s], having been released for a time [s]."""
     before = np.array([min(let_go, RAMP_S)])
     ramp = np.clip(before - since, 0.0, RAMP_S)
     return MasterTime(_times(before) - _times(ramp), _rates(ramp))
@@ -57,7 +57,7 @@ def time_held(let_go: float, since: Array) -> MasterTime:
 
 @kernel
 def ramp_rate(t: float) -> float:
-    """Rate [-] after so much of the ramp [s]: its rise is built up and taken back within ``BUILD_UP``."""
+    """Rate [-] after a time in the ramp [s]: its rise is built up and taken back within ``BUILD_UP``."""
     early, late = max(t - BUILD_UP, 0.0), max(t - LONGEST_RAMP, 0.0)
     return (t * t - early * early - late * late) / (2.0 * BUILD_UP * LONGEST_RAMP)
 
@@ -103,7 +103,7 @@ class Carrier(Record):
     ramp: float  #: How much of the ramp of its rate is done [s]
     rate: float  #: At which the time of the rows passes [-]
     pace: float  #: The rate the ramp ends at [-]
-    silence: float  #: For how long the host has not heard where the master is [s]
+    silence: float  #: Time since the host last received the master's position [s]
     timeout: float  #: Longest silence before a protective stop [s]
     steps: int  #: Taken so far
     brakes: Vector2  #: Deceleration of a protective stop [m/s^2], [rad/s^2]
@@ -222,7 +222,7 @@ def carry_part(
 ) -> None:
     """Place the part by the flange that carries it, and work out what the host believes of it.
 
-    ``unheard``: the host does not hear where the master is; ``said``: what its encoders say, ``heard`` unless it
+    ``unheard``: the host does not receive the master's position; ``said``: its encoders, ``heard`` unless it
     comes in a gap of the link. Written: what the master notes of this instant, the part's rotation, the motion's place
     and angular velocity.
     """
@@ -235,7 +235,7 @@ def carry_part(
         x = R_flange[i, 0] * carrier.p_part[0] + R_flange[i, 1] * carrier.p_part[1] + R_flange[i, 2] * carrier.p_part[2]
         motion.place[i] = p_flange[i] + x
         motion.turning[i] = w[i]
-    # A host that hears nothing goes on with what it last heard.
+    # A host that receives nothing continues with the last value.
     carrier.silence = carrier.silence + e.dt if unheard else 0.0
     if unheard:
         return

@@ -66,7 +66,7 @@ def check_master(check: MotionCheck, rows: MasterRows) -> None:
     speed, change = np.abs(rows.qd), np.abs(np.gradient(rows.qd, rows.spacing, axis=0))
     _refuse(check, speed, times, check.robot.joint_speed_limit_rad_s, "turn at", "deg/s")
     _refuse(check, change, times, JOINT_ACCELERATION, "be accelerated by", "deg/s^2")
-    # Where it is let go or brakes, its time does not pass evenly.
+    # Where it is released or brakes, its time does not pass evenly.
     at = check.visits.clock[check.visits.rate < 1.0]
     together = RAMP_PEAK * speed + change
     ramps = np.stack([np.interp(at, times, together[:, j]) for j in range(6)], axis=1)

@@ -152,7 +152,7 @@ def _part_on_flange(task: DualTask, part: RealPart) -> Array:
 # How well the tool follows the part.
 
 SPEED_S = 0.05  #: Speeds are averages over this long, as those of the arc [s]
-TURNS = 200  #: So many turns of a run are added up: more would add up the servos' trembling
+TURNS = 200  #: Turns of a run that are added up: more would add up the servos' trembling
 
 
 class WantedTool(NamedTuple):

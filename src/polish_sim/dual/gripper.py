@@ -27,7 +27,7 @@ class Seat(NamedTuple):
     """A part in a gripper."""
 
     T_gripper_work: Array  #: The part's frame on the gripper's face, whose z axis looks away from the flange, (4, 4)
-    nose: float  #: How far the gripper goes on beyond its face, into an opening, until it meets the part [m]
+    nose: float  #: How far the gripper extends beyond its face, into an opening, until it meets the part [m]
 
 
 def seat_part(surface: Surface, up: Array, pose: tuple[float, ...] = ()) -> Seat:

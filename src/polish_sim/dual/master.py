@@ -33,7 +33,7 @@ class PartWay(NamedTuple):
 
     shift: Callable[[Array], Array]  #: Times (n,) [s] to how far its origin has gone, its robot's base [m], (n, 3)
     turn: Callable[[Array], Array]  #: Times (n,) [s] to how it has moved in its own frame, shape (n, 4, 4)
-    lasts: float = math.inf  #: How long it goes on [s]
+    lasts: float = math.inf  #: How long it lasts [s]
 
     def __call__(self, T_base_start: Array, times: Array) -> Array:
         """Poses of the part at times [s], (n, 4, 4), from that at time zero, (4, 4)."""
@@ -155,7 +155,7 @@ class MasterMotion(NamedTuple):
 def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
     """The motion a scenario asks for along the follower's path, on the side ``up`` of the part, in the believed chain.
 
-    Raises ConfigError if a direction is none or two settings contradict each other, InputError if the file cannot be
+    Raises ConfigError if a direction is zero or two settings contradict each other, InputError if the file cannot be
     used.
     """
     config = scenario.dual

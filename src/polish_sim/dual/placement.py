@@ -36,7 +36,7 @@ class Work(NamedTuple):
     """The work of both robots."""
 
     chain: ClosedChain
-    visits: Visits  #: Where the tool goes on the part, and when
+    visits: Visits  #: Where the tool moves on the part, and when
     way: PartWay  #: How the master moves the part meanwhile, base of the master
 
     @property

@@ -41,7 +41,7 @@ class Held(NamedTuple):
     mesh: PartMesh  #: As drawn
     density: float  #: [kg/m^3]
     T_flange_part: Array  #: Where the real part is on the master's flange, shape (4, 4)
-    nose: float = 0.0  #: How far the gripper goes on beyond its face, into an opening, until it meets the part [m]
+    nose: float = 0.0  #: How far the gripper extends beyond its face, into an opening, until it meets the part [m]
     clearances: Clearances | None = None  #: For checks: part and links touch what is this near; None: a cell
 
 

@@ -146,7 +146,7 @@ class Visits(NamedTuple):
     def clock_at(self, s: Array) -> Array:
         """Time of the master's motion at places on the path, (k,) [m] -> (k,) [s].
 
-        Beyond a feed that is broken off it goes on for a while as it went: the tool's turn has no bend there.
+        Beyond a feed that is cut short it continues as before: the tool's turn has no bend there.
         """
         fed = np.flatnonzero(self.stroke != ON_THE_WAY)
         s_fed, clock = self.s[fed], self.clock[fed]

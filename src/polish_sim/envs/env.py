@@ -26,7 +26,7 @@ from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, begi
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course, Measurement, Target, measurement_of, target_of
-from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, SteppedCell, Turn
+from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, SteppedCell
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.assembly import Workplace, build_part, cell_for, course_for, strokes_for
 from polish_sim.experiments.force import place_force
@@ -68,7 +68,7 @@ class Episode(NamedTuple):
 
 
 class Stage:
-    """A part with its path, planned once, and the arms and bent parts episodes choose from; nothing of an episode."""
+    """What all episodes share: part, planned path, and the arms and deformed parts they draw from."""
 
     def __init__(self, scenario: Scenario, ranges: Ranges, bodies: int) -> None:
         self.scenario, self.ranges = scenario, ranges
@@ -187,7 +187,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         cell = self.cell
         cell.rng.standard_normal(out=self._draws)
         wait = 1 if (options or {}).get("start") == "tare" else round((TARE_START + TARE_TIME) / self._dt)
-        turn = Turn(every=self._every, due=wait - self._every, last_stroke=len(cell.strokes) == 1)
+        turn = EnvState(every=self._every, due=wait - self._every, last_stroke=len(cell.strokes) == 1)
         turn.eventful = bool(cell.faults.waiting)
         turn.longest, turn.force_after = self._longest, self._to_come[0][0] if self._to_come else math.inf
         self._turn = turn

@@ -1,7 +1,7 @@
-"""A cell stepped from outside: actions as commands of compiled laws, what the host sees, how well it went.
+"""Step cells from Python: actions, observations and rewards in compiled code.
 
-A call of the loop with all that a cell is made of costs Python as much as four steps: every array is looked at. Here
-the arguments are looked at once an episode and held in a structure of numba's, of which a step passes the reference.
+Calling the compiled loop from Python costs four physics steps, because numba unpacks every array. Here the arguments
+are unpacked once an episode and held in a structure of numba's; a step passes a reference to it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from numba import carray, types
-from numba.experimental import structref
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
@@ -24,7 +23,7 @@ from polish_sim.cell.recorder import Recorder, TraceStep
 from polish_sim.cell.stroke import PROCESS, RETRACT
 from polish_sim.control import hybrid, signals
 from polish_sim.control.loops import rotation_error
-from polish_sim.kernel_cache import cfunc, njit
+from polish_sim.kernel_cache import cfunc, njit, structref
 from polish_sim.kernels import Record, Vector3, Vector6, kernel
 
 if TYPE_CHECKING:
@@ -175,7 +174,7 @@ ON_THE_WAY: Final = 0.1  #: Largest dense reward of a step before contact
 _ASTRAY_M, _ASKEW_RAD = 0.01, 0.2  # errors of pose at which a step is worth nothing
 
 
-class Turn(Record):
+class EnvState(Record):
     """How an environment stands."""
 
     every: int  #: Physics steps an action holds
@@ -191,13 +190,13 @@ class Turn(Record):
 
 
 class Kept(NamedTuple):
-    """Everything a step works on but the law, which numba would look at for a millisecond if it were here."""
+    """Everything a step works on but the law, which numba would take a millisecond to unpack here."""
 
     cell: CellKernel
     arm: RealArm | None
     recorder: Recorder  #: Its trace holds the whole episode
     draws: Array  #: Standard normal numbers, shape (k, 12)
-    turn: Turn
+    turn: EnvState
     context: ActionContext
     action: NDArray[np.float32]  #: Each number within -1 to 1
     seen: NDArray[np.float32]  #: The observation
@@ -213,7 +212,7 @@ class StepEnd(NamedTuple):
 
 
 @kernel
-def _reward(trace: NDArray[np.void], steps: int, force: float, turn: Turn, share: float) -> float:
+def _reward(trace: NDArray[np.void], steps: int, force: float, turn: EnvState, share: float) -> float:
     """Mean over the steps of how well the ``force`` [N] was held, 0 to 1; see docs/learning.md."""
     total = 0.0
     for k in range(steps):
@@ -300,7 +299,7 @@ class SteppedCell:
         self._kept: Kept
         self._held: Any
 
-    def put(self, cell: Cell, recorder: Recorder, draws: Array, turn: Turn) -> None:
+    def put(self, cell: Cell, recorder: Recorder, draws: Array, turn: EnvState) -> None:
         """Take up a cell at its start."""
         self.context.gains, self.context.feed = hybrid.hybrid_gains(cell.scenario.controller), 1.0
         self.context.command[:] = 0.0

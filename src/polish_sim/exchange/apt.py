@@ -1,6 +1,6 @@
 """Paths out of CAM systems: APT source and CLDATA text (GOTO points -> WayPoints).
 
-The tool is on the part where it moves at a feed, in the air where it moves RAPID. What `apt_writer` notes in comments
+The tool is on the part where it moves at a feed, in the air where it moves RAPID. What `apt_text` notes in comments
 (segment, pass, force) is taken up, so that our own files come back whole.
 """
 

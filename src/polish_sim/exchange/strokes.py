@@ -13,7 +13,7 @@ from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.config import ProcessConfig, SpindleConfig
 from polish_sim.errors import InputError, PlanError
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.quality.tool_room import APART
+from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.planning.toolpath import LEAD_IN, LEAD_OUT, RETRACT, ToolPath
 from polish_sim.spatial import rotation_to_axis, unit
 
@@ -69,7 +69,7 @@ def moves_in_part(result: PlanResult, kept: Bools) -> Bools:
     """
     path, inside = result.path, np.zeros(len(result.path.s), dtype=np.bool_)
     if len(result.in_part):
-        apart = 0.5 * APART * result.tool.pad.radius_m  # places are looked at twice as far apart
+        apart = 0.5 * CHECKED_APART * result.tool.pad.radius_m  # places are looked at twice as far apart
         inside = path.process & (cKDTree(result.in_part).query(path.positions_work)[0] <= apart)
     ends = np.flatnonzero(kept)
     return np.asarray(np.logical_or.reduceat(inside, np.append(0, ends[:-1] + 1)))

@@ -39,11 +39,17 @@ SINGULAR_SHARE: Final = 1.25
 
 
 class PartPlacing:
-    """A path, not pressed, on a part, and what is needed to find the part's pose: the one asked for, or the best."""
+    """A path on a part, and what is needed to find the part's pose: the one asked for, or the best.
 
-    def __init__(self, scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> None:
+    The path is given on the surface; the arm follows it ``pressed_in`` by the contact force, or as given.
+    """
+
+    def __init__(
+        self, scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
+    ) -> None:
         self.scenario, self.mesh = scenario, mesh
-        self.positions = pressed(path, pressing_depths(scenario, path)).positions_work
+        followed = pressed(path, pressing_depths(scenario, path)) if pressed_in else path
+        self.positions = followed.positions_work
         self.axes = path.axes_work
         self.lowest = float((mesh.vertices @ mesh.up).min())
         self._surface, self._arm = surface, ArmCheck(scenario, mesh, surface, path.axes_work)
@@ -81,7 +87,7 @@ class PartPlacing:
         return reach
 
     def on_map(self, tried: int) -> Reach | None:
-        """The first of the reach map's poses that does, of so many, the best of each height and distance first."""
+        """The first feasible of the ``tried`` best poses of the reach map, best of each height and distance first."""
         for T_base_work, spin in islice(self.map().best_first(), tried):
             with suppress(ReachError):
                 return self._reach(iter([T_base_work]), (spin,))
@@ -133,10 +139,10 @@ class PartPlacing:
         return f"It fits with --part-pose {numbers}, or leave --part-pose out."
 
 
-def reach_path(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> Reach:
-    """Place the part and check that the arm does the whole path, pressed in and lifted off.
+def reach_path(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True) -> Reach:
+    """Place the part and check that the arm does the whole path, ``pressed_in`` or as given, and lifted off.
 
     Raises:
         ReachError: Naming the first point that cannot be done.
     """
-    return PartPlacing(scenario, mesh, surface, path).reach()
+    return PartPlacing(scenario, mesh, surface, path, pressed_in).reach()

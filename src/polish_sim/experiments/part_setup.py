@@ -93,7 +93,7 @@ def placed_strokes(
     """The strokes of a path, base frame: for each stretch in contact the way down to it and the stretch, pressed in.
 
     The path is in the work frame, not pressed. The tool stays ``hold`` [s] at the end of a stroke and is lifted by
-    ``lift`` [m]; 0 for no retract. ``progress`` hears how much of the path is done, and of how much [m].
+    ``lift`` [m]; 0 for no retract. ``progress`` is called with the length done and the whole length [m].
     """
     process, depths, rotations = scenario.process, pressing_depths(scenario, path), placed.rotations
     if process.tare not in TARES:

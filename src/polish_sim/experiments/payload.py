@@ -52,7 +52,7 @@ def calibrate_from(readings: calibration.PayloadReadings, drift: bool) -> Payloa
     """Calibrate from readings of a real robot; there is no truth to compare with.
 
     Raises:
-        CalibrationError: If they do not tell the tool.
+        CalibrationError: If they do not determine the tool.
     """
     refuse_swapped_columns(readings)
     estimate = calibration.fit_without_outliers(readings, drift)
@@ -69,7 +69,7 @@ def run_payload_calibration(
     are against the truth.
 
     Raises:
-        CalibrationError: If the readings do not tell the tool.
+        CalibrationError: If the readings do not determine the tool.
         ProtectiveStop: If the robot stopped itself on the way.
     """
     observer = observer or Silent()
@@ -206,7 +206,7 @@ def believe_tool(cell: Cell, rng: np.random.Generator) -> None:
 
     Raises:
         InputError: If the file cannot be used.
-        CalibrationError: If the readings do not tell the tool.
+        CalibrationError: If the readings do not determine the tool.
     """
     config = cell.scenario.payload
     if config.file:

@@ -58,7 +58,7 @@ class Excludes(NamedTuple):
     """An option beside which others change nothing."""
 
     option: str
-    why: str  #: What goes on in the sentence that begins with the option
+    why: str  #: End of the sentence that begins with the option
     others: tuple[str, ...]
 
 

@@ -52,7 +52,7 @@ def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
     return plots | _removal("plot_removal_runs", records) if all(map(removed_something, records)) else plots
 
 
-WORST_BY: Final = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")  #: What tells the worst seed
+WORST_BY: Final = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")  #: They choose the worst seed
 
 
 def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:

@@ -33,7 +33,7 @@ from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import unit
 
 ALIKE: Final = np.cos(np.radians(20.0))  #: Patches that look ways this close are tried together
-APART: Final = np.cos(np.radians(5.0))  #: Sides up that are closer are one
+SAME_SIDE: Final = np.cos(np.radians(5.0))  #: Sides up that are closer are one
 MOST_SIDES: Final = 4  #: Sides up that are tried before each setup
 POSES: Final = 40  #: Of the reach map, that are tried for each way
 MOST_FACETS: Final = 400  #: Of a patch, whose corners are looked at
@@ -201,6 +201,6 @@ def _sides(mesh: PartMesh, patches: Sequence[Patch]) -> list[Array]:
     principal = np.linalg.eigh(np.cov(mesh.vertices.T))[1].T
     sides: list[Array] = []
     for way in [mesh.up, *map(np.array, SIDES.values()), *(patch.way for patch in patches), *principal, *-principal]:
-        if all(way @ side < APART for side in sides):
+        if all(way @ side < SAME_SIDE for side in sides):
             sides.append(way)
     return sides

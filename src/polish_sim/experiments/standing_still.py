@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from polish_sim.cell.cell import CellRun
     from polish_sim.config import RobotConfig, Scenario
 
-CLOCK_FEED = 0.1  #: The path's length stands for time: so many metres a second, standing still included
+CLOCK_FEED = 0.1  #: Length of the path that stands for a second [m], standing still included
 ROW_S = 0.01  # between rows of the path [s]
 START_S = 0.5  # until the path's clock has come up to speed [s]
 USUAL_LINEAR, USUAL_ANGULAR = 1.2, 3.0  #: Acceleration limits of the robot with which it keeps up [m/s^2, rad/s^2]

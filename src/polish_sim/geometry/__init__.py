@@ -1,4 +1,4 @@
-"""Geometry: from a part's STL to a smooth surface, the region to polish and its distance field (layer 4)."""
+"""Geometry: from a part's STL to a smooth surface, the region to polish and its distance field."""
 
 from typing import TYPE_CHECKING
 

@@ -33,7 +33,7 @@ def facet_normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
 
 
 def smooth_edges(normals: Array, adjacency: Adjacency, feature_angle: float = FEATURE_ANGLE) -> Bools:
-    """Tell which edges bend less than the feature angle, shape (m, 3); borders do not count as smooth."""
+    """Find which edges bend less than the feature angle, shape (m, 3); borders do not count as smooth."""
     cosine = np.einsum("mj,mej->me", normals, normals[adjacency.facets])
     return (adjacency.facets >= 0) & (cosine > np.cos(feature_angle))
 
@@ -93,7 +93,7 @@ def _keep_flat_faces(
 def _dominant(
     sizes: Array, times: float, labels: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, count: int
 ) -> tuple[Indices, Bools]:
-    """The largest flat face at each smooth vertex, and whether it is so many times larger than what is beside it."""
+    """The largest flat face at each smooth vertex, and whether it is larger than its neighbours by the factor."""
     corner_size = np.repeat(sizes[labels], 3)
     largest = np.zeros(count)
     np.maximum.at(largest, index.ravel(), corner_size)
@@ -151,7 +151,7 @@ def _face_means(labels: Ints, areas: Array, normals: Array, count: int) -> tuple
 
 
 def _bent_faces(vertices: Array, faces: Ints, labels: Ints, normals: Array, tolerance: float, count: int) -> Bools:
-    """Tell which gatherings leave their mean plane."""
+    """Find which gatherings leave their mean plane."""
     height = np.einsum("mcj,mj->mc", vertices[faces], normals[labels])
     low, high = extremes(labels, height.min(axis=1), height.max(axis=1), count)
     return high - low > tolerance

@@ -223,7 +223,7 @@ def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
     """Collapse edges of a fine mesh (n, 3) [m], (m, 3), those that change the shape least first, to ``most_facets``.
 
     A mesh that is light enough stays as it is. The vertices of one that is much finer are joined on a grid first: on
-    some, collapsing so many edges took a minute and did not end.
+    some, collapsing all these edges took a minute and did not end.
     """
     if len(faces) > MUCH_FINER * most_facets:
         vertices, faces = _joined_on_grid(vertices, faces, most_facets)

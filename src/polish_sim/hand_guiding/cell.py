@@ -101,7 +101,7 @@ BRAKED_S: Final = 0.5  #: After a protective stop the arm is braked and recorded
 HOLD_RAD, HOLD_RAD_S, BRAKE_RAD_S = 0.04, 1.2, 1.0
 """Error and speed at which the holding servos, and speed at which the brakes, take all of a motor's torque."""
 TARE_HZ: Final = 5.0
-TARE_STEPS: Final = 4.0  #: A tare below what so many steps of the encoder make the servos pull is taken for none
+TARE_STEPS: Final = 4.0  #: A tare smaller than the torque of this many encoder steps counts as zero
 
 
 class GuidingRow(Record):
@@ -145,7 +145,7 @@ class _Kernel(NamedTuple):
     limits: GuidingLimits
     hand: Hand
     motion: HandMotion
-    servos: Array  #: 1 while the servos hold, 0 when they have let go, shape (n,)
+    servos: Array  #: 1 while the servos hold, 0 when they have released it, shape (n,)
     start: Array  #: Joint angles the servos hold [rad], shape (6,)
     ranges: Array  #: Joint ranges [rad], shape (6, 2)
     scratch: Array  #: Work array, shape (2, 3)

@@ -146,9 +146,7 @@ def prepare_drag(scenario: Scenario) -> DragTask:
         path = path.rows(path.segment == PROCESS)
     if len(path.s) < 2 or arc_length(path.positions_work)[-1] < SPACING_M:
         raise PlanError(f"'{scenario.drag.follow}' has no way on the part to be dragged along.")
-    # Nothing is pressed while the hand teaches.
-    unpressed = replace(scenario, process=replace(scenario.process, contact_force_n=1e-9))
-    return DragTask(mesh, surface, path, reach_path(unpressed, mesh, surface, path))
+    return DragTask(mesh, surface, path, reach_path(scenario, mesh, surface, path, pressed_in=False))
 
 
 def _rim(surface: Surface, loop: Array) -> ToolPath:

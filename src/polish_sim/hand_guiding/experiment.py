@@ -39,7 +39,7 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
     ),
     "some": (_FORCE[0]._replace(label="hand force, last mode, peak"), _FORCE[1], *_LET_GO, PATH_DONE),
     "one": (*_FORCE, *_LET_GO, PATH_DONE),
-    # An arm that does not carry itself is not let go.
+    # An arm that does not carry itself is not released.
     "none": (*_FORCE, PATH_DONE),
     "path": (
         Claim("taught_deviation_max_m", "taught path off what was meant, max", "mm", 1e3),

@@ -14,7 +14,7 @@ from polish_sim.planning.toolpath import ToolPath
 
 Figures = dict[str, float]
 
-COAST_S: Final = 1.0  #: An arm let go of may roll out for this long; what it moves then is drift [s]
+COAST_S: Final = 1.0  #: A released arm may roll out for this long; what it moves then is drift [s]
 RATIOS: Final = {"inertia": "", "assist": "assist_"}  #: Compared with the classical mode, and how their figures begin
 
 
@@ -34,10 +34,10 @@ def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:
 
 
 def measure_drift(time: Array, q: Array) -> Figures:
-    """What the joints (n, 6) do after the hand has let go, at times (n,) [s].
+    """What the joints (n, 6) do after the hand has released it, at times (n,) [s].
 
     coast_rad: largest way of a joint in the first second; drift_rad: from then on, to the end; drift_time_s: how long
-    that is. Undefined if it was not let go or for no longer than that.
+    that is. Undefined if it was not released or for no longer than that.
     """
     if not len(time) or time[-1] - time[0] <= COAST_S:
         return {"coast_rad": math.nan, "drift_rad": math.nan, "drift_time_s": 0.0}

@@ -34,10 +34,10 @@ from polish_sim.hand_guiding.law import MODES
 from polish_sim.log import RunLog, Trace
 from polish_sim.planning.toolpath import arc_length
 
-# What the hand does in `run teach`: holds, moves, holds, lets go.
+# What the hand does in `run teach`: holds, moves, holds, releases.
 
 
-HOLD_S, RELEASE_S = 0.5, 0.3  #: The servos hold the arm this long, then let go during this time [s]
+HOLD_S, RELEASE_S = 0.5, 0.3  #: The servos hold the arm this long, then release it during this time [s]
 FAST_S, SLOW_S = 0.6, 1.0  #: Durations of the hand's move in paper 3's trial [s]
 HELD, MOVING, OFF = 0, 2, 3  #: Phases of the log: the hand holds still, moves, is off
 
@@ -67,7 +67,7 @@ class MoveTable(NamedTuple):
 
 
 def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
-    """The moves a scenario asks for; only the last one is followed for long after the hand has let go."""
+    """The moves a scenario asks for; only the last one is followed for long after the hand has released it."""
     if guide.mode and guide.mode not in MODES:
         raise unknown_name("mode", guide.mode, MODES)
     if guide.direction and guide.direction not in DIRECTIONS:
@@ -76,7 +76,7 @@ def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
     directions = [guide.direction] if guide.direction else list(DIRECTIONS)
     durations = [guide.duration_s] if guide.duration_s else [FAST_S, SLOW_S]
     moves = [Move(m, d, s, 0.0) for m in modes for d in directions for s in durations]
-    # An arm that does not carry itself is not let go.
+    # An arm that does not carry itself is not released.
     return [*moves[:-1], moves[-1]._replace(off=hand.off_s if MODES[moves[-1].mode].gravity else 0.0)]
 
 

@@ -40,7 +40,7 @@ _FIRST: Final = 12  #: Where the slopes begin in these
 class GearFit(NamedTuple):
     """What was found of n gears, in the order rotor, friction, load's share, damping, hysteresis, error, slopes."""
 
-    values: Array  #: Shape (n, 15); NaN where the motion does not tell
+    values: Array  #: Shape (n, 15); NaN where the motion does not show it
     std: Array  #: Shape (n, 15)
     truth: Array  #: Of the simulated arm, shape (n, 15); NaN where it is not a setting
 

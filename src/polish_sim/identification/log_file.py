@@ -75,7 +75,7 @@ TURN: Final = 2.0 * np.pi
 _GAP: Final = 3.0  #: Steps longer than this many usual ones are gaps
 _SLOWEST_S: Final = 0.02  #: Between two samples, at most: splines with a knot every 0.05 s need more of them than knots
 _FLAT: Final = 0.01  #: Share of samples at exactly the largest torque from which a drive is taken as saturated
-_PILED: Final = 3.0  #: So many times more samples at the largest torque than at the next smaller: not coarse steps
+_PILED: Final = 3.0  #: Samples at the largest torque by those at the next smaller: saturation, not coarse steps
 _LEAST_SAMPLES: Final = 500
 _ARM: Final = (HINGE,) * 6
 
@@ -125,7 +125,7 @@ def read_robot_log(
 
 
 def _check_joints(file: Path, columns: Collection[str], kinds: Sequence[int], joints: Sequence[str]) -> None:
-    """Refuse a model that goes on after the log's last joint, and name the joints to take."""
+    """Refuse a model with joints after the log's last one, and name the joints to take."""
     pairs = zip(*log_columns(kinds), strict=True)
     logged = [q in columns and torque in columns for q, torque in pairs]
     first = sum(logged)

@@ -1,4 +1,4 @@
-"""From a region of a part's surface to a tool path that covers it (layer 5)."""
+"""From a region of a part's surface to a tool path that covers it."""
 
 from typing import TYPE_CHECKING
 

@@ -32,9 +32,9 @@ NARROWEST = 0.5
 with a note where the pad hangs over."""
 
 START_REACH = 0.1  #: A start asked for may be off the part by this share of the part's size, as a region's point may
-FAR_START = 2.0  #: A path that begins further from there than so many step-overs is noted
+FAR_START = 2.0  #: A path that begins more than this many step-overs from there is noted
 
-FEW = 20  #: Of many vertices one in so many is asked how far it is from the border
+FEW = 20  #: One vertex in this many is measured against the border
 
 
 def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:

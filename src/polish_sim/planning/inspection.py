@@ -111,7 +111,7 @@ def _reason(mesh: PartMesh, path: ToolPath, middle: float, even: float) -> str:
     return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
 
 
-NAMED = 3  #: So many of the places the pad cannot touch are named
+NAMED = 3  #: Places the pad cannot touch that are named at most
 MOSTLY = 0.9  #: A region is the path's own if this share of the path runs on it
 
 

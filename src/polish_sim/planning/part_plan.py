@@ -39,12 +39,12 @@ from polish_sim.planning.planner import Planned, plan_on
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
 from polish_sim.planning.quality.figures import Quality, account_area, measure_quality, part_figures
-from polish_sim.planning.quality.tool_room import APART, Tool, pad_in_part_warning
+from polish_sim.planning.quality.tool_room import CHECKED_APART, Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
-FIRST_FORCE: Final = 0.5  #: Share of the force with which a plan goes on behind a place
-ROUNDS = 4  #: Places at which the tool is found in the part are left out at most so often
+FIRST_FORCE: Final = 0.5  #: Share of the force with which a plan resumes behind a place
+ROUNDS = 4  #: Places at which the tool is found in the part are left out at most
 
 
 class PlanObserver(Protocol):
@@ -212,7 +212,7 @@ def _clear_of_part(ready: PreparedRegion, planned: Planned) -> tuple[Planned, Qu
         if not len(inside):
             return planned, quality
         far, _ = cKDTree(inside).query(path.positions_work)
-        gone = path.process & (far < wider * APART * ready.tool.pad.radius_m)
+        gone = path.process & (far < wider * CHECKED_APART * ready.tool.pad.radius_m)
         remaining = leave_out(path, gone, ready.plan, air)
         if remaining is None:
             break
@@ -361,7 +361,7 @@ def prepare_region(
 
 
 def _is_free(pad: PadConfig) -> bool:
-    """Whether a pad is the default one, which nobody asked for."""
+    """Whether a pad may be replaced by a smaller one: nothing named it (``choice``), and it is the default one."""
     return pad.choice != "given" and pad.radius_m == PadConfig().radius_m
 
 
@@ -369,7 +369,7 @@ def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Itera
     """The pads to try on a region this wide [m], each with its plan; several only if the default pad was not asked for.
 
     The default pad is left out where it is wider than the region and a smaller one is not; then come the sizes from the
-    list that are no wider, with the default step-over in proportion, and so far off the edges as ``force`` [N] asks.
+    list that are no wider, with the default step-over in proportion, and as far off the edges as ``force`` [N] asks.
     """
     if pad.choice not in PAD_CHOICES:
         raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)

@@ -25,7 +25,7 @@ from polish_sim.planning.moves.leads import (
     notes_of,
     with_leads,
 )
-from polish_sim.planning.moves.stroke import Stroke, give_axes
+from polish_sim.planning.moves.stroke import ContactRun, give_axes
 from polish_sim.planning.moves.travel import order_blocks, travel
 from polish_sim.planning.moves.uncross import uncross
 from polish_sim.planning.patterns import PATTERNS
@@ -36,7 +36,7 @@ from polish_sim.planning.quality.leaning import Leaning
 from polish_sim.planning.quality.tool_room import Tool, ground_under, pressed_places
 from polish_sim.planning.toolpath import ToolPath, arc_length, stretches
 
-CUT_APART: Final = 0.1  #: Whether the tool is in the part is looked at so many pad radii apart along a stroke
+CUT_APART: Final = 0.1  #: Spacing along a stroke at which the tool is checked for being in the part [pad radii]
 NO_WAY: Final = "the tool cannot come there without running into the part"
 TOO_NARROW: Final = "too narrow for a turn half a step-over inside its border"
 CUT_HERE: Final = "cut where the path would cross itself"
@@ -55,7 +55,7 @@ class Planned(NamedTuple):
 class Placed(NamedTuple):
     """A stroke with its leads and the way to it."""
 
-    stroke: Stroke
+    stroke: ContactRun
     moves: list[Move]  #: Travel if there was a stroke before, approach, lead-in, process, lead-out, retract
     remarks: tuple[Remark, ...]
     shortened: Array  #: What was cut off its ends [m], shape (k, 3)
@@ -188,7 +188,9 @@ def assemble(
     return Planned(path, deviation, notes_of(remarks), tuple(all_cuts))
 
 
-def _clear_of_part(run: SurfaceRun, whole: Stroke, plan: PlanConfig, air: Air, cuts: list[CutOut]) -> Sequence[Stroke]:
+def _clear_of_part(
+    run: SurfaceRun, whole: ContactRun, plan: PlanConfig, air: Air, cuts: list[CutOut]
+) -> Sequence[ContactRun]:
     """The stretches of a stroke on which no body of the tool is in the part; appends the others to ``cuts``."""
     if air.tool is None:
         return [whole]
@@ -209,7 +211,7 @@ def _clear_of_part(run: SurfaceRun, whole: Stroke, plan: PlanConfig, air: Air, c
     return [whole.rows(first, last) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m]
 
 
-def _place(whole: Stroke, previous: Move | None, plan: PlanConfig, air: Air) -> Placed | None:
+def _place(whole: ContactRun, previous: Move | None, plan: PlanConfig, air: Air) -> Placed | None:
     """Leads for a stroke, shortened if need be, and the way to it; None if it cannot be reached."""
     chosen = choose_leads(whole.process, plan.lead_in, air, plan.stepover_m)
     if chosen is None:

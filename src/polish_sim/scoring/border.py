@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +18,7 @@ from polish_sim.cell import Observer, Silent
 from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
-from polish_sim.scoring.force_bench import Bench, Border, Rest, build_bench, press
+from polish_sim.scoring.force_bench import Border, Rest, build_bench, press
 from polish_sim.scoring.loop_model import SWINGS, elastic_arm, one_mass, setup_of
 from polish_sim.scoring.margins import (
     Loop,
@@ -39,17 +38,6 @@ SCALES = (0.2, 0.35, 0.6, 1.0, 1.6, 2.5, 3.5, 5.0)  #: Of the springs, for the b
 LATENCIES = (0.002, 0.005, 0.008, 0.014, 0.02, 0.03, 0.045, 0.06)  #: Totals, for the border in the cell [s]
 FINE_SCALES = tuple(float(s) for s in np.geomspace(0.1, 10.0, 21))
 FINE_LATENCIES = tuple(0.001 * n for n in range(1, 121))
-ACCURACY = 1.02  # to which a gain margin is sought
-MOST_GAIN, MOST_DELAY_S = 64.0, 0.25
-
-
-class SimulatedMargins(NamedTuple):
-    """What the cell's loop really bears."""
-
-    gain: float  #: [-]; infinite beyond ``MOST_GAIN``
-    gain_frequency: float  #: Of the swing just beyond it [rad/s]
-    delay: float  #: [s]; infinite beyond ``MOST_DELAY_S``
-    delay_frequency: float  #: [rad/s]
 
 
 def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
@@ -83,43 +71,6 @@ def analytic_margins(scenario: Scenario) -> Margins:
         found.append(margins(response_of(loop, dt)))
     least = min(found, key=lambda m: m.gain)
     return least._replace(phase=min(m.phase for m in found), delay=min(m.delay for m in found))
-
-
-def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) -> SimulatedMargins:
-    """Margins of a scenario ``force`` found in the cell: raise the loop's gain or delay until it no longer settles.
-
-    ``friction``: Coulomb friction of the joints, which the linear model lacks; with it a loop also counts as unstable
-    when it keeps up a small swing. Given, too, are the frequencies at which the loop swings just beyond the margins.
-    """
-
-    def louder(gain: float) -> Rest:
-        return press(bench, scenario, gain, friction)
-
-    def later(factor: float) -> Rest:
-        delay = scenario.robot.command_latency_s + MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN)
-        late = replace(scenario, robot=replace(scenario.robot, command_latency_s=delay))
-        return press(bench, late, 1.0, friction)
-
-    gain, gain_rest = _seek(louder, ACCURACY)
-    factor, delay_rest = _seek(later, math.exp(0.001 * math.log(MOST_GAIN) / MOST_DELAY_S))
-    delay = MOST_DELAY_S * math.log(factor) / math.log(MOST_GAIN) if math.isfinite(factor) else math.inf
-    return SimulatedMargins(gain, gain_rest.frequency, delay, delay_rest.frequency)
-
-
-def _seek(run: Callable[[float], Rest], accuracy: float) -> tuple[float, Rest]:
-    """Largest factor from 1 to ``MOST_GAIN`` at which a run settles, by bisection, and the rest just beyond."""
-    low, high = 1.0, MOST_GAIN
-    beyond = run(high)
-    if beyond.resting:
-        return math.inf, beyond
-    while high / low > accuracy:
-        middle = math.sqrt(low * high)
-        rest = run(middle)
-        if rest.resting:
-            low = middle
-        else:
-            high, beyond = middle, rest
-    return math.sqrt(low * high), beyond
 
 
 def measure_border(

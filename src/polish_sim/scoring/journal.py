@@ -1,4 +1,4 @@
-"""The rows of a score on disk, one line each as they come, so that a broken-off score goes on where it was.
+"""The rows of a score on disk, one line each as they come, so that an interrupted score resumes.
 
 A line counts as long as the key beside it is the key of the row that is wanted: the whole scenario, the user's
 files and the package's own source enter it. Change any of them, and the row is measured anew.

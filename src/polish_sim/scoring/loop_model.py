@@ -38,7 +38,7 @@ class Arm(NamedTuple):
     host: Array  #: The same as the host has it from its encoders, shape (n,)
     path: Array  #: Coordinates by the place of the tool when all of the arm moves, shape (n,)
     lag: float = 1.0  #: Share of the way to the command that the servos' set points go in a step [-]
-    mount_mass: float = 1.7  #: What hangs on the sensor before the head's spring [kg]
+    mount_mass: float = 1.7  #: Mass the sensor carries before the head's spring [kg]
 
 
 def one_mass(mount_mass: float = 1.7) -> Arm:
@@ -78,7 +78,7 @@ def elastic_arm(scenario: Scenario, swing: float = 0.0) -> Arm:
     return Arm(mass, stiffness, damping, pull, drag, at_links, host, path, float(arm.lag))
 
 
-class Setup(NamedTuple):
+class LoopSetup(NamedTuple):
     """What the loop consists of besides its control law."""
 
     arm: Arm
@@ -98,13 +98,13 @@ class Setup(NamedTuple):
         return 1.0 / (1.0 / self.head_stiffness + 1.0 / self.pad_stiffness)
 
 
-def setup_of(scenario: Scenario, arm: Arm | None = None) -> Setup:
+def setup_of(scenario: Scenario, arm: Arm | None = None) -> LoopSetup:
     """The force loop of a scenario, the whole pad touching a plane; law and sensor at the physics' rate.
 
     ``arm``: in its pose; that of ``force`` if not given, elastic joints swinging by next to nothing.
     """
     head, pad, sensor, dt = scenario.head, scenario.pad, scenario.sensor, scenario.simulation.timestep_s
-    return Setup(
+    return LoopSetup(
         arm or (elastic_arm(scenario) if is_real(scenario) else one_mass()),
         head.stiffness_n_m * head.spring_scale,
         head.damping_n_s_m,
@@ -131,7 +131,7 @@ class Plant(NamedTuple):
     moved: Array  #: State when all of the arm stands a metre further along the tool axis
 
 
-def build_plant(setup: Setup) -> Plant:
+def build_plant(setup: LoopSetup) -> Plant:
     """The cell's step along the tool axis as matrices.
 
     States: coordinates of the arm and place of the head y [m], their velocities, commanded place [m], set points of the

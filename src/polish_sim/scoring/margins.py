@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.scoring.loop_model import Complex, LinearLaw, Setup, build_plant, plant_response
+from polish_sim.scoring.loop_model import Complex, LinearLaw, LoopSetup, build_plant, plant_response
 
 NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
 Response = Callable[[Array], Complex]  #: Open loop L(j omega) of frequencies (n,) [rad/s]; the closed loop is 1 + L = 0
@@ -119,7 +119,7 @@ def design_gains(
         phase_margin: Wanted at least [rad].
         integral_lag: Phase given to the integral at the crossover [rad].
         gain_margin: Wanted at least [-].
-        felt_mass: Inertia the force sensor reads and nobody takes off [kg].
+        felt_mass: Uncompensated inertia seen by the force sensor [kg].
 
     Returns:
         The gains and their margins.
@@ -156,7 +156,7 @@ Loop = Callable[[Complex], Complex]  #: Open loop L(z), closed by 1 + L = 0
 SLOWEST = 0.2  #: Modes that grow more slowly count as stable [1/s]
 
 
-def force_loop(setup: Setup, law: LinearLaw) -> Loop:
+def force_loop(setup: LoopSetup, law: LinearLaw) -> Loop:
     """Open loop L(z) of plant, latencies and law, cut at the command."""
     plant = build_plant(setup)
 
@@ -203,19 +203,19 @@ def share_latency(total: float) -> Latency:
     return Latency(sensor_ms / 1000.0, max(round(1000.0 * total) - sensor_ms, 0) / 1000.0)
 
 
-def with_latency(setup: Setup, latency: Latency) -> Setup:
+def with_latency(setup: LoopSetup, latency: Latency) -> LoopSetup:
     """The same loop with other latencies."""
     return setup._replace(
         command_steps=round(latency.command / setup.dt), sensor_steps=max(0, round(latency.sensor / setup.dt) - 1)
     )
 
 
-def with_springs(setup: Setup, scale: float) -> Setup:
+def with_springs(setup: LoopSetup, scale: float) -> LoopSetup:
     """The same loop with the springs of head and pad ``scale`` times as stiff."""
     return setup._replace(head_stiffness=scale * setup.head_stiffness, pad_stiffness=scale * setup.pad_stiffness)
 
 
-def longest_latency(setup: Setup, law: LinearLaw, totals: Sequence[float]) -> float:
+def longest_latency(setup: LoopSetup, law: LinearLaw, totals: Sequence[float]) -> float:
     """The last of rising total latencies [s] before the first unstable one; 0 if none, infinite if all are stable."""
     z, plant = contour(setup.dt), build_plant(setup)
     force = law.by_force(z) * plant_response(plant, plant.reading, z)

@@ -22,7 +22,7 @@ from polish_sim.control.signals import (
     measurement_of,
     target_of,
 )
-from polish_sim.scoring.loop_model import Complex, Plant, Setup, build_plant
+from polish_sim.scoring.loop_model import Complex, LoopSetup, Plant, build_plant
 
 START = -0.002  # of the pad below the surface [m]
 APPROACH = 0.004  # [m/s]
@@ -52,7 +52,7 @@ class MeasuredLaw(NamedTuple):
         return _sum_up(self.motion, z)
 
 
-def measure_law(controller: Controller, setup: Setup, force: float, nominal_stiffness: float) -> MeasuredLaw:
+def measure_law(controller: Controller, setup: LoopSetup, force: float, nominal_stiffness: float) -> MeasuredLaw:
     """Impulse responses of a controller, which is reset, about steady pressing with a force [N] on a plant.
 
     ``nominal_stiffness``: what the plan takes head and pad for, in series [N/m].
@@ -76,7 +76,7 @@ def flat_course(force: float, stiffness: float) -> Course:
 
 
 def _answers(
-    controller: Controller, setup: Setup, force: float, stiffness: float, nudge_n: float, nudge_m_s: float
+    controller: Controller, setup: LoopSetup, force: float, stiffness: float, nudge_n: float, nudge_m_s: float
 ) -> tuple[Array, float]:
     """Speeds along the tool axis asked for after a nudge [m/s], inputs frozen, shape (n,), and the frozen reading."""
     stand = _Stand(setup, force, stiffness)
@@ -111,7 +111,7 @@ def _sum_up(kernel: Array, z: Complex) -> Complex:
 class _Stand:
     """The modelled plant with contact made and lost, and what the host reads of it."""
 
-    def __init__(self, setup: Setup, force: float, stiffness: float) -> None:
+    def __init__(self, setup: LoopSetup, force: float, stiffness: float) -> None:
         self.setup = setup
         self.touching: Plant = build_plant(setup)
         self.free: Plant = build_plant(setup._replace(pad_stiffness=0.0, pad_damping=0.0))

@@ -244,7 +244,7 @@ _ABLATION_KEYS: Final = {
     name: SHOWN[name] for name in ("settling_1n_s", "overshoot_n", "rms_error_n", "max_error_n", "slowed")
 }
 _WITHOUT: Final = "without "
-_NOTHING: Final = 5e-4  # a smaller change is none
+_NOTHING: Final = 5e-4  # a smaller change counts as zero
 
 
 def ablations(entry: Entry) -> list[Entry]:

@@ -67,7 +67,7 @@ class _Enough(Exception):
 
 
 def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], None]) -> Worst:
-    """Search with so many runs of a ``scenario``'s controller and settings; what was found until Ctrl-C is returned."""
+    """Search with a number of runs of a ``scenario``'s controller and settings; Ctrl-C returns what was found."""
     tasks: dict[str, SurfaceTask] = {}
     found: dict[str, Found] = {}
     done, stops = 0, 0

@@ -28,7 +28,6 @@ from polish_sim.workers import Workers, local_copy
 RUNS: Final = "runs.parquet"
 RUN_FOLDERS: Final = "runs"  #: Of logs, where they are wanted
 DONE, STOPPED, FAILED, LOST = "done", "stopped", "failed", "lost"
-UNLIKE: Final = ("wall_s", "loop_wall_s", "host")  #: Columns in which equal runs differ
 _NOT_FIGURES: Final = ("protective_stop", "protective_stop_at", "T_base_work", "wall_s", "real_time_factor", "seed")
 _PAUSE_S: Final = 60.0  #: Between two writings of the table, at least
 _SHARE: Final = 50.0  #: Pause over the time one takes, at least

@@ -234,7 +234,7 @@ class Scorer:
 
 
 def search_best(search: Search, trials: int, folder: Path, scorer: Scorer, heard: Heard) -> dict[str, float]:
-    """Search until there are so many trials in the folder's storage; the best values by key.
+    """Search until the folder's storage holds that number of ``trials``; the best values by key.
 
     The first trial is the shipped one. What a killed command had begun is done again.
 
@@ -253,7 +253,7 @@ def search_best(search: Search, trials: int, folder: Path, scorer: Scorer, heard
         study.enqueue_trial({p.key: min(max(p.shipped, p.low), p.high) for p in search.over})
     ended = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.PRUNED)
     while (done := sum(trial.state in ended for trial in study.trials)) < trials:
-        # Seeded by the number of the trial: a search that was killed goes on as if it had not been.
+        # Seeded by the number of the trial: a search that was killed resumes as if it had not been.
         study.sampler = optuna.samplers.TPESampler(seed=done, n_startup_trials=10) if search.sampler == "tpe" else (
             optuna.samplers.CmaEsSampler(seed=done)
         )  # fmt: skip

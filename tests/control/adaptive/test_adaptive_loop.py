@@ -88,7 +88,7 @@ def test_the_law_stiffness_is_what_holds_a_spring_five_times_as_stiff() -> None:
 
 
 def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air() -> None:
-    """The sequence takes noise for contact half a metre above the part: the tool goes on at its approach speed."""
+    """The sequence takes noise for contact half a metre above the part: the tool continues at its approach speed."""
     controller, rng = adaptive(), np.random.default_rng(0)
     controller.reset(0.001)
     m, t = measurement_at_rest(), target_to_press()

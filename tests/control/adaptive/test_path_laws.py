@@ -1,4 +1,4 @@
-"""What the path tells: each law against its closed form, and what it is worth on a plant in closed form."""
+"""What the path contributes: each law against its closed form, and what it is worth on a plant in closed form."""
 
 from __future__ import annotations
 

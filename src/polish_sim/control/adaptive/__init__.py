@@ -1,4 +1,4 @@
-"""Controller ``hybrid-adaptive``: named laws, each a small file, composed in ``law`` (layer 7)."""
+"""Controller ``hybrid-adaptive``: named laws, each a small file, composed in ``law``."""
 
 from polish_sim.control.adaptive.law import hybrid_adaptive
 

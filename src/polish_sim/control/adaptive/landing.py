@@ -3,7 +3,7 @@
 Contact is what the air was not: in the air the reading's mean is learned, and its noise, from what a low-pass takes off
 and from what it leaves (values beyond two deviations count as two: a rising force must not pass for noise). The part is
 there once the reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz for slow ones), leaves the mean by
-five standard deviations. Where it falls back it was noise, and the tool goes on as before.
+five standard deviations. Where it falls back it was noise, and the approach continues.
 
 The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without overshoot:
 v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach and grows with the

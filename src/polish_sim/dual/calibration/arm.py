@@ -88,7 +88,8 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
     """Least squares; ``spread``: standard deviation of each unknown about its nominal value (33,), 0 keeps it there."""
     if len(tracked.q) < LEAST_POSES:
         raise CalibrationError(
-            f"{len(tracked.q)} poses cannot tell an arm's table (33 unknowns): give {LEAST_POSES} or more, 60 are good."
+            f"{len(tracked.q)} poses cannot determine an arm's table (33 unknowns): give {LEAST_POSES} or more, "
+            "60 are good."
         )
     free = spread > 0.0
     prior = 1.0 / spread[free]
@@ -263,7 +264,7 @@ def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
     """Read where a tracker saw the targets on both flanges, pose by pose.
 
     Columns: robot; q1_rad to q6_rad, or q1_deg to q6_deg; x_mm, y_mm, z_mm (or in m) of the target. Raises InputError
-    for a missing file, column or robot, mixed units or a value that is none.
+    for a missing file, column or robot, mixed units or an invalid value.
     """
     columns = Measured.read(file, "measurement", "tracked poses of two arms")
     robots = robots_of(columns)

@@ -159,7 +159,7 @@ def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
 def read_base_measurements(file: Path) -> AxisArcs:
     """Read measurements of two bases; the columns are those of docs/calibration.md.
 
-    Raises InputError for a missing file, column or robot, mixed units or a value that is none.
+    Raises InputError for a missing file, column or robot, mixed units or an invalid value.
     """
     return AxisArcs.read(Measured.read(file, "measurement", "measurements of the bases"))
 

@@ -85,7 +85,7 @@ def fit_circle(points: Array, noise: float | None = None, used: Bools | None = N
     arc = float(angle.max() - angle.min())
     if arc < LEAST_ARC:
         raise CalibrationError(
-            f"an arc of {np.degrees(arc):.0f} deg is too short to tell an axis: turn the joint by 120 deg or more."
+            f"an arc of {np.degrees(arc):.0f} deg is too short to determine an axis: turn the joint by 120 deg or more."
         )
     turn = np.eye(6)
     turn[:3, :3] = frame

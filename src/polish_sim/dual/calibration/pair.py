@@ -80,7 +80,7 @@ def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, no
         noise: Standard deviation of one coordinate of a closing touch [m].
 
     Raises:
-        CalibrationError: The marks cannot tell where the part is.
+        CalibrationError: The marks cannot determine where the part is.
     """
     check_matched(parts.marks_flange, marks_work)
     whiten = [_whitening(C) for C in (parts.bases_covariance, parts.tip_covariance, parts.marks_covariance)]

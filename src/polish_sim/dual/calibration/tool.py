@@ -76,7 +76,7 @@ def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools
     """Tip and touched point by least squares, efficient for equal Gaussian noise: covariance sigma^2 (A^T A)^-1.
 
     ``noise``: standard deviation of one coordinate of a touch [m], None takes it from the residuals; ``used``: touches
-    to use, (n,), None uses all. Raises CalibrationError if the orientations cannot tell the tip.
+    to use, (n,), None uses all. Raises CalibrationError if the orientations cannot determine the tip.
     """
     check_touches(touches.R if used is None else touches.R[used])
     return ToolPoint(**vars(fit(_problem(touches), np.zeros(6), noise, used)))
@@ -131,8 +131,8 @@ def orientation_from_three_points(points: Array, noise: float) -> ToolOrientatio
     lengths = np.linalg.norm([along, across], axis=1)
     if lengths.min() < LEAST_MOVE:
         raise CalibrationError(
-            f"a move of {1e3 * lengths.min():.2g} mm is too short to tell a direction: move {1e3 * LEAST_MOVE:g} mm or "
-            "more, 100 mm is good."
+            f"a move of {1e3 * lengths.min():.2g} mm is too short to determine a direction: "
+            f"move {1e3 * LEAST_MOVE:g} mm or more, 100 mm is good."
         )
     x = along / lengths[0]
     height = across - (across @ x) * x
@@ -190,8 +190,8 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
     """Tip and axes of a tool; touches too far off to be noise are left out.
 
     ``noise``: standard deviation of one coordinate of the tip [m]; None takes it from the touches' residuals. Raises
-    CalibrationError if poses or moves cannot tell the frame, or touches do not fit each other; with unknown noise also
-    for columns swapped and touches no tip explains.
+    CalibrationError if poses or moves cannot determine the frame, or touches do not fit each other; with unknown noise
+    also for columns swapped and touches no tip explains.
     """
     tip = fit_tool_point_without_outliers(measured.touches, noise)
     if len(measured.T_base_flange_moves) == 0:

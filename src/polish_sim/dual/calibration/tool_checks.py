@@ -72,8 +72,8 @@ def check_touches(R_base_flange: Array) -> None:
     count = len(R_base_flange)
     if count < LEAST_TOUCHES:
         raise CalibrationError(
-            f"{count} touch{'es' if count != 1 else ''} cannot tell tool point and touched point: {LEAST_TOUCHES} in "
-            "different orientations are the least, ten are good."
+            f"{count} touch{'es' if count != 1 else ''} cannot separate tool point and touched point: "
+            f"{LEAST_TOUCHES} in different orientations are the least, ten are good."
         )
     spread, directions = orientation_spread(R_base_flange)
     if spread[1] < LEAST_SPREAD:

@@ -181,7 +181,7 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
     cut = Cut(
         np.arange(count, dtype=np.int32), np.broadcast_to(np.eye(3), (count, 3, 3)), surface.faces.astype(np.int32)
     )
-    # Straight distances tell well enough where small facets are needed.
+    # Straight distances show well enough where small facets are needed.
     places, values = surface.vertices, distance.straight(surface.vertices)
     for _ in range(_ROUNDS):
         corners = places[cut.faces]

@@ -125,8 +125,8 @@ SMALL_FIN = 0.01  #: Loose fins up to this share of the part's area are dropped
 def separate_crowded(skin: Skin, path: Path) -> Skin:
     """Make every edge one of at most two facets.
 
-    Small fins, which hang on such an edge and end in the open, are dropped. Where solids touch along an edge, each
-    keeps its own two facets and its own vertices; where an odd number of sheets meet, those that hang together
+    Small fins, joined to such an edge and open at their ends, are dropped. Where solids touch along an edge, each
+    keeps its own two facets and its own vertices; where an odd number of sheets meet, those that are joined
     around the edge's ends stay one, the others become sheets of their own.
 
     Raises:

@@ -73,7 +73,7 @@ def _noise(skin: Skin, used: Ints, normals: Array, quiet: float) -> float:
 
 
 def _scatter(skin: Skin, used: Ints, normals: Array, neighbours: int, quiet: float) -> float:
-    """Median over a sample of places of the scatter about pieces fitted to so many neighbours [m].
+    """Median over a sample of places of the scatter about pieces fitted to a number of neighbours [m].
 
     With the median, edges and corners of a part do not count while they are few, nor do places that scatter less than
     ``quiet`` [m], such as the flat base a scan was closed with, while enough others are left.

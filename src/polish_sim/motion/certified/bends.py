@@ -25,7 +25,7 @@ _BULGE = 1.15 / 12.0
 """What remains of the old chord at the vertex, as a share of the bend's length: 1/12 at constant speed, and a margin
 for speed that changes."""
 _NEAR_FULL = 0.9  #: A bend passed at this share of full speed does not hold a line up
-_OVER_STOPS = 1.5  #: Else it must be passed at so many times the mean speed from stop to stop on either side
+_OVER_STOPS = 1.5  #: Else it must be passed at this multiple of the mean speed from stop to stop on either side
 _ROUNDING = 1.0 - 1e-9
 
 
@@ -123,7 +123,7 @@ def fill_plain(size: float, speed: float, kernel: Kernel) -> None:
 
 @njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def may_string(segments: Segments, lines: Lines, line: int, k: int) -> bool:
-    """Whether segment ``k`` goes on the open line: a short one on either side, and a bend that holds nothing up."""
+    """Whether segment ``k`` joins the open line: a short one on either side, and a bend that holds nothing up."""
     first, bend = lines.first[line], segments.bends[k, 1]
     if k - first >= MOST_STRUNG or bend <= 0.0:
         return False

@@ -1,10 +1,10 @@
 """Joint derivatives bounded on a whole piece of a segment, from their values at its middle.
 
-Everything hangs on a bound of the fourth derivative q4 over the piece, J0 q4 = x4 - 3 J1 q3 - 3 J2 q2 - J3 q1
+Everything depends on a bound of the fourth derivative q4 over the piece, J0 q4 = x4 - 3 J1 q3 - 3 J2 q2 - J3 q1
 (numbers are orders of derivatives). At the middle it is exact; how much it may differ elsewhere follows from bounds
 of the same derivatives, q4 among them (a guess), by the inverse of J0 and J1 at the middle, the rest by norms of the
-links' turning. A guess that implies something strictly smaller than itself holds on the whole piece: the first place
-where it failed would be one where it had been shown to hold. By the same inequality the Jacobian stays regular, so
+links' turning. If a guessed bound implies a strictly smaller one, it holds on the whole piece (contradiction at the
+first violation). By the same inequality the Jacobian stays regular, so
 the arm does not leave its branch. (Rounding is met by a slack of 1e-9, not by directed rounding.)
 """
 
@@ -19,7 +19,7 @@ from polish_sim.kernels import Matrix6, Record, Vector6
 from polish_sim.motion.joint_rates import ArmState, Rates
 
 MOST_GUESSES = 8
-HOPELESS = 2.5  #: A guess that implies so many times itself will not settle
+HOPELESS = 2.5  #: A guess that implies this multiple of itself will not settle
 _ROUNDING = 1.0 + 1e-9
 
 

@@ -105,7 +105,7 @@ def time_at(law: Law, way: float) -> float:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def turn_at(law: Law, vertex: float, length: float, before: float, after: float) -> Turning:
-    """Place a bend of a length at constant speed in a law, which takes at most so much of the chords beside it [m].
+    """Place a bend of a length at constant speed in a law, which takes at most a length of the chords beside it [m].
 
     g begins with value and slope 0, ends with those of s', and its area is what is gone of the new chord by then:
     this fixes both jerks and when it begins.

@@ -22,7 +22,7 @@ from polish_sim.kernels import Record
 from polish_sim.motion.certified.connector import Ends, Peaks, connector_time
 from polish_sim.motion.certified.kernel import Figures, Kernel
 
-LOOKAHEAD = 8  #: A line of segments is given out once so many lines after it are known
+LOOKAHEAD = 8  #: Lines that must be known after a line of segments before it is given out
 CAPACITY = 448  #: Segments the buffers hold
 MOST_STRUNG = 12  #: Most segments a line has
 BLOCK = 128  #: Way points taken in at once: the rows they give fit the outbox, their segments the buffers

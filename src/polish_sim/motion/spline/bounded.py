@@ -19,7 +19,7 @@ from polish_sim.motion.rules.schedule import turning
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.curve import CurveRates
 
-PLANNED_SHARE = 0.97  #: Of acceleration and jerk limits planned with: the curve goes on between the places looked at
+PLANNED_SHARE = 0.97  #: Of acceleration and jerk limits planned with: the curve continues between the places looked at
 SLOWEST_TURN = 1e-9  #: A rate below this counts as this: what does not move bounds nothing
 
 

@@ -66,7 +66,7 @@ that long the curve is within micrometres of the chain."""
 STEEPEST_GRADING = 2.0  #: Neighbouring knot spans differ by this factor at most
 MOST_HALVINGS = 24
 LOOKS = 8  #: Places per knot span at which the curve is compared with the chain
-TURN_LENGTH = 0.001  #: A turn of the tool by one radian on the spot counts as so much way [m]
+TURN_LENGTH = 0.001  #: A turn of the tool by one radian on the spot counts as this length [m]
 
 
 class Polyline(NamedTuple):

@@ -21,7 +21,7 @@ MOST_STEPS: Final = 60
 TOLERANCE: Final = 1e-9  #: Of the relative gap between primal and dual value, and of the violation of a row
 LIKELY: Final = 0.5  #: Rows beyond this share of their end at ``guess`` are asked for from the first round on ...
 TIGHT: Final = 0.9  #: ... and beyond this share those beside them too
-BESIDE: Final = 16  #: So many rows of the set before and after a row are beside it: they break once it is kept
+BESIDE: Final = 16  #: Rows of the set before and after a row that count as beside it: they break once it is kept
 BROKEN: Final = 1e-6  #: What a row left out may be beyond its end, which is about 1
 MOST_ROUNDS: Final = 12
 

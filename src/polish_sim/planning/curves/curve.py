@@ -154,7 +154,7 @@ class Curve:
         return Curve(self.positions[::-1], self.normals[::-1], self.closed)
 
     def even(self, spacing: float, least: int) -> Array:
-        """Arc lengths all round a closed curve at equal steps, not much longer than a spacing [m], so many or more."""
+        """Arc lengths all round a closed curve at equal steps, about a ``spacing`` [m], ``least`` of them or more."""
         return np.linspace(0.0, self.length, max(int(self.length / spacing), least), endpoint=False)
 
     def wrap(self, s: Array) -> Array:

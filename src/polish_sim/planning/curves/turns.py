@@ -19,8 +19,8 @@ from polish_sim.planning.ground.triangulation import Triangulation
 # wait in the order in which their bounds fall due. So all turns together cost little more than a few looks per vertex.
 
 BEYOND = 0.6  #: Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long
-SCOUTS = 1.5  #: Bounds far away are looked up for one vertex in each cell of so many step-overs
-FAR = 6.0  #: Vertices that only see turns on the other side of the part are thought to be so many step-overs away
+SCOUTS = 1.5  #: Size of the cells in each of which far bounds are looked up for one vertex [step-overs]
+FAR = 6.0  #: Distance assumed for vertices that only see turns on the other side of the part [step-overs]
 Waiting = dict[int, list[Indices]]  #: Vertices by the number of the turn at which they are to be looked at
 
 

@@ -130,7 +130,7 @@ class Ground(NamedTuple):
 
 
 def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
-    """Close small holes and triangulate finely enough to tell turns apart.
+    """Close small holes and triangulate finely enough to separate the turns.
 
     Raises:
         PlanError: The region, or a piece of it, has no border, or the step-over is not positive or larger than it.

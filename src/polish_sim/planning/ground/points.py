@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
 
-MOST_ACROSS = 96  #: Cells along the longest side: beyond so many the table itself would cost more than it saves
+MOST_ACROSS = 96  #: Cells along the longest side: with more the table itself would cost more than it saves
 
 
 class PointGrid(NamedTuple):

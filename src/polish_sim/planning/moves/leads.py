@@ -13,7 +13,7 @@ from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, rim_depths, way_out
-from polish_sim.planning.quality.tool_room import APART, Places, Tool, ground_under, pressed_places
+from polish_sim.planning.quality.tool_room import CHECKED_APART, Places, Tool, ground_under, pressed_places
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, PROCESS, RETRACT, ToolPath, arc_length
 from polish_sim.spatial import unit
 
@@ -118,8 +118,8 @@ TOLERANCE_M = 2e-4  #: On its lead the pad may stand this much deeper in the par
 APART_M = 3e-4  #: On its lead the tool point keeps this far from the part, but at most half its height [m]
 ROUNDING_M = 1e-9
 LOWER = (1.0, 0.5, 0.25, 0.12)  #: Shares of the clearance from which a straight lead begins, tried in this order
-FURTHER = 14  #: So many points further along are tried as the end of a stroke
-NEAR = 3  #: So many of them only to keep the pad's rim clear
+FURTHER = 14  #: Points further along that are tried as the end of a stroke
+NEAR = 3  #: Points tried when only the pad's rim touches
 LONGEST_CUT = 0.45  #: No end of a stroke is shortened by more than this share of it
 
 
@@ -144,7 +144,7 @@ class Air(NamedTuple):
         """Whether the tool is nowhere in the part along points (n, 3), pressed as it is at a place or not at all."""
         if self.tool is None:
             return True
-        rows = every(line, APART * self.tool.pad.radius_m)
+        rows = every(line, CHECKED_APART * self.tool.pad.radius_m)
         low, yields = (presses.lows[0], presses.yields[0]) if presses else (APART_M, 0.0)
         places = Places(line[rows], axes[rows], np.full(len(rows), low), np.full(len(rows), yields))
         return not self.tool.stands_in(self.alone or self.part, places).depths.any()

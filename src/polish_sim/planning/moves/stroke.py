@@ -1,4 +1,4 @@
-"""A run with its tool axes: what the tool does in contact from one lift to the next (SurfaceRun -> Stroke)."""
+"""A run with its tool axes: what the tool does in contact from one lift to the next (SurfaceRun -> ContactRun)."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
 
 
 def _averaged(vectors: Array, s: Array, even: Array, window: int) -> Array:
-    """Means of vectors (n, 3) given at ``s`` (n,) over so many evenly spaced places ``even``, at ``s`` again."""
+    """Means of vectors (n, 3) given at ``s`` (n,) over ``even`` evenly spaced places, at ``s`` again."""
     return interpolate(s, even, uniform_filter1d(interpolate(even, s, vectors), window, axis=0, mode="nearest"))
 
 
@@ -86,20 +86,20 @@ def angles_between(first: Array, second: Array) -> Array:
 CREASE_REACH = 0.5  #: The tool axis turns over a crease within this many step-overs on either side
 
 
-class Stroke(NamedTuple):
+class ContactRun(NamedTuple):
     """A run in contact."""
 
     process: Move
     curvature: Array  #: Normal curvature of the surface along it [1/m], shape (n,)
     axis_deviation_rad: float  #: Largest angle by which smoothing turned an axis [rad]
 
-    def rows(self, first: int, last: int) -> Stroke:
+    def rows(self, first: int, last: int) -> ContactRun:
         """The stroke from one of its points to another, both included."""
         kept = slice(first, last + 1)
         return self._replace(process=self.process.rows(kept), curvature=self.curvature[kept])
 
 
-def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leaning | None = None) -> Stroke:
+def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leaning | None = None) -> ContactRun:
     """Set the tool on a run: along the normal, softened over creases, leaned by lead and tilt, smoothed.
 
     The run is in the direction it is walked; ``first_pass`` numbers the first of its passes. ``leaning`` turns the tool
@@ -113,7 +113,7 @@ def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leani
         leaned = leaning.lean(run.positions, leaned)
     axes = smooth_axes(leaned, run.points.normals, s, plan.axis_smoothing_m, plan.axis_deviation_rad)
     passes = run.pass_index - int(run.pass_index.min()) + first_pass
-    return Stroke(
+    return ContactRun(
         Move(run.positions, axes, PROCESS, passes),
         run.surface.normal_curvature(run.points.facets, run.points.barycentric, tangents),
         float(angles_between(leaned, axes).max()) if axes is not leaned else 0.0,

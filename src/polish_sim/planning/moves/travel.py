@@ -17,7 +17,7 @@ from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep,
 from polish_sim.planning.toolpath import APPROACH
 from polish_sim.spatial import perpendicular, unit
 
-LEVELS = 5  #: So many heights between the lifted tool's own and one above everything are tried, the lowest first
+LEVELS = 5  #: Heights tried between the lifted tool's own and one above everything, the lowest first
 ROUND = 24  #: Corners of a way round the part
 
 
@@ -101,7 +101,7 @@ def turned(first: Array, second: Array, share: Array) -> Array:
 
 # In which order, and which way round, the runs of a path are walked so that the air moves are short.
 
-WINDOW = 60  #: Only so many neighbours in the order change places: time stays proportional to their number
+WINDOW = 60  #: Neighbours in the order that change places: time stays proportional to their number
 MOST_SWEEPS = 40
 LEAST_GAIN_M = 1e-6  #: A change that shortens the way by less is left alone: rounding must not choose
 

@@ -11,7 +11,7 @@ from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.spatial import perpendicular, unit
 
-DIRECTIONS = 40  #: So many directions over the half space the tool looks away to are tried besides up and the tool axis
+DIRECTIONS = 40  #: Directions tried in the half space the tool looks away to, besides up and the tool axis
 KEPT = 0.7  #: Share of the clearance the travelling tool keeps from the part
 KEPT_LOW = 0.9  #: Where it was lifted less than that: share of the height it had then
 SHORTEST_STEP_M = 5e-4

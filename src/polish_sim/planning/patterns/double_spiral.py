@@ -29,17 +29,17 @@ from polish_sim.planning.quality.spacing import along, neighbours_beside
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
-SHALLOWEST = 1.0  #: Only places whose middle is so many step-overs from the turns get a loop; others are closed evenly
+SHALLOWEST = 1.0  #: A place whose middle is this far from the turns [step-overs] gets a loop; others are closed evenly
 ROUNDS, AFTERWARDS = 40, 20  #: Rounds of moving strands, and once more after the last places have got strokes
-MOST_STROKES = 2  #: The tool is lifted for so many places no strand can be moved to
+MOST_STROKES = 2  #: Places that no strand can be moved to, for which the tool is lifted, at most
 SPACING = 1.0 / 8.0  #: Spacing of the points that move, in step-overs
-WINDOW = 5  #: Points move together with so many around them, averaged twice
+WINDOW = 5  #: Points over which moves are averaged, twice
 AT_BORDER = 0.52  #: Strands this near the border follow it, in step-overs: they stay
-WIDEST = 1.1  #: A gap counts as at most so many step-overs: corners of neighbouring turns lie further apart
+WIDEST = 1.1  #: Largest value a gap counts as [step-overs]: corners of neighbouring turns lie further apart
 ALONGSIDE = 0.7  #: Cosine up to which a neighbour runs alongside; others count as a step-over away, or nearer
 RATE = 0.125  #: Share of the difference of both gaps a point moves in one round
-UNCOVERED = 0.53  #: Places further away than so many step-overs draw the nearest strand
-DRAWN, DRAWN_MORE = 0.5, 0.05  #: By this share of how much further they are, and so many step-overs more
+UNCOVERED = 0.53  #: Points farther than this from the path [step-overs] attract the nearest strand
+DRAWN, DRAWN_MORE = 0.5, 0.05  #: By this share of the excess distance, and this much more [step-overs]
 MOST = 0.1  #: Longest move in one round, in step-overs: strands must not get past each other
 FEW = 0.2  #: Fewer places per point than this draw less
 
@@ -58,7 +58,7 @@ def double_spirals(request: PatternRequest, roots: Sequence[Turn]) -> list[Run]:
 
 
 def even_out(request: PatternRequest, runs: Sequence[Run], rounds: int) -> list[Run]:
-    """Spread the gaps between strands evenly in so many ``rounds``; strands that follow a border stay."""
+    """Spread the gaps between strands evenly in a number of ``rounds``; strands that follow a border stay."""
     surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
     lines = [run.positions for run in runs]
     rings = [np.concatenate([curve.positions, curve.positions[:1]]) for curve in border_curves(mesh)]

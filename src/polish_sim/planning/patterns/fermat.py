@@ -7,7 +7,7 @@ Fermat Spirals for Layered Fabrication; here on a curved surface and with the se
 Seen from the seam the turns are parallel levels 0, 1, 2 ...; each is cut. Its left end at level k goes over to the
 right end at level k + 2, so that two spirals run inwards one inside the other. The innermost two left ends are joined
 by a U-turn: there the way in becomes the way out. The outermost two right ends are joined by another U-turn where the
-pocket hangs on a turn of another one; otherwise the whole path begins and ends there.
+pocket is joined to a turn of another one; otherwise the whole path begins and ends there.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class End(NamedTuple):
 
     turn: int
     s: float  #: Arc length on the turn [m]
-    onwards: bool  #: Whether the turn goes on from here with growing arc length, not against it
+    onwards: bool  #: Whether the turn continues from here with growing arc length, not against it
 
 
 class Link(NamedTuple):
@@ -159,7 +159,7 @@ def _free_ends(levels: Levels, stepover: float) -> tuple[End, End]:
 
 
 TRIES = 4  #: How often loops beside crossings are left out before the path is taken as it is
-WORTH_A_STROKE = 5.0  #: The tool is lifted for a place at least so many step-overs long
+WORTH_A_STROKE = 5.0  #: Shortest place the tool is lifted for [step-overs]
 CROWDED = 1.0  #: A loop is beside a crossing if it passes it within this many step-overs
 
 

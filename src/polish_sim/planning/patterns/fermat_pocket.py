@@ -22,7 +22,7 @@ from polish_sim.planning.curves.curve import Curve
 
 SAMPLES = 4  #: Samples per step-over along the turns
 BESIDE = 1.3  #: Turns nearer than this many step-overs are neighbours
-APART = 2.3  #: Turns further apart than this many step-overs cannot be joined without a lift
+JOINABLE = 2.3  #: Turns further apart than this many step-overs cannot be joined without a lift
 
 
 class Contact(NamedTuple):
@@ -34,17 +34,17 @@ class Contact(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """Turns that hang on one of them."""
+    """A tree of turns."""
 
-    children: tuple[tuple[int, ...], ...]  #: The turns that hang on each directly
-    reached: tuple[int, ...]  #: All turns of the tree, its root first, each after the one it hangs on
-    lengths: Array  #: Length of each turn and of all that hang on it [m], shape (n,)
+    children: tuple[tuple[int, ...], ...]  #: The children of each turn
+    reached: tuple[int, ...]  #: All turns of the tree, its root first, each after its parent
+    lengths: Array  #: Length of each turn with its whole subtree [m], shape (n,)
 
 
 def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
     """Which of some closed turns a step-over [m] apart are neighbours, every pair once, and for how long."""
     points, owner = sample_turns(curves, stepover)
-    pairs = cKDTree(points).query_pairs(APART * stepover, output_type="ndarray")
+    pairs = cKDTree(points).query_pairs(JOINABLE * stepover, output_type="ndarray")
     pairs = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]]
     gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     contacts = []
@@ -68,7 +68,7 @@ def sample_turns(curves: Sequence[Curve], stepover: float) -> tuple[Array, Indic
 
 
 def grow_tree(curves: Sequence[Curve], contacts: Sequence[Contact], root: int) -> Tree:
-    """The tree of longest contacts that hangs on the turn ``root``."""
+    """The tree of longest contacts with the turn ``root`` as its root."""
     beside: list[list[tuple[float, int]]] = [[] for _ in curves]
     for contact in contacts:
         beside[contact.first].append((contact.length, contact.second))
@@ -90,9 +90,9 @@ def grow_tree(curves: Sequence[Curve], contacts: Sequence[Contact], root: int) -
     return Tree(tuple(map(tuple, children)), tuple(parent_of), lengths)
 
 
-BAND, SHARE_OF_TURN = 8.0, 0.35  #: Length of a seam along a turn: at most so many step-overs and this share of the turn
+BAND, SHARE_OF_TURN = 8.0, 0.35  #: Largest length of a seam along a turn: in step-overs, and as a share of the turn
 STEEPEST, GROWTH = 3.2, 1.0
-"""Its length on the innermost turn, and on the outermost of a pocket that hangs on another one, in step-overs: where
+"""Its length on the innermost turn, and on the outermost of a pocket joined to another one, in step-overs: where
 a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short. From turn to
 turn it grows by no more than the second, so that the lines that cross keep their distance."""
 NARROW, SHARE_OF_LOOP = 2.0, 0.5  #: The same for two turns, which are joined by U-turns alone
@@ -106,7 +106,7 @@ TOLERABLE = 2.5  #: A line is not followed where it misses by more than this man
 class Pocket(NamedTuple):
     """Turns side by side, and the seam across them."""
 
-    parent: int  #: Turn the pocket hangs on, -1 if it is the outermost; it is the first of the row then
+    parent: int  #: Turn the pocket is joined to, -1 if it is the outermost; it is the first of the row then
     turns: tuple[int, ...]  #: Numbers of the turns, parent first
     s: tuple[float, ...]  #: Arc length at which the seam's middle crosses each [m]
     bands: tuple[float, ...]  #: Length of the seam on each [m]
@@ -134,7 +134,7 @@ class Layout:
 def split_pockets(layout: Layout, tree: Tree) -> list[Pocket]:
     """Cut a tree of turns into rows with a seam across each; the seams' places are entered in the layout.
 
-    Each pocket comes after the one it hangs on.
+    Each pocket comes after the one it is joined to.
     """
     pockets = []
     waiting = [(-1, tree.reached[0])]

@@ -28,11 +28,11 @@ CLEAR = 0.2  #: How near a link may pass other turns, in step-overs
 OFF = 0.4  #: How far a link may be from the region's nearest vertex, in step-overs; vertices are a third of one apart
 DEEP = 0.8  #: A line through the middle of a place ends where the nearest turn comes this much closer
 DEEPEST = 2.5  #: Distances to turns are measured up to this many step-overs
-PAYS = 0.1  #: A run goes on into a place that is at least this many step-overs wide on the average of the way it takes
+PAYS = 0.1  #: A run continues into a place that is at least this many step-overs wide on average along its way
 MOST_LINES = 64
 SAME = 1e-6  #: Areas and ways that differ by less than this share are the same
 TRACE = 0.1  #: Spacing of the points turns are compared by, in step-overs
-LEAN = 5  #: Directions are those over so many points of a trace
+LEAN = 5  #: Points of a trace over which its direction is taken
 TAIL_POINTS = 15  #: A link may pass this many of them at the end of its own run
 
 
@@ -212,7 +212,7 @@ def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
 
 
 def _turns_clear(mesh: Triangulation, trace: Array, way: Array, stepover: float) -> bool:
-    """Whether a run that goes on into a way, its corners rounded, does not cross its own last stretch."""
+    """Whether a run that continues into a way, its corners rounded, does not cross its own last stretch."""
     points = with_round_corners(np.concatenate([trace[-4 * TAIL_POINTS :], way]), stepover)
     normals = mesh.normals[mesh.tree.query(points)[1]]
     return len(find_crossings([Curve(points, normals, False)])) == 0

@@ -23,10 +23,10 @@ EDGE, DEEP_EDGE = 0.53, 0.68
 """Such a place begins this many step-overs from the turns, just more than the middle between two of them; where it is
 deep the loop lies further in, so that it also covers the middle, but no further than the second."""
 INNER = 0.5  #: A loop leaves no more than this many step-overs to the middle of its place
-PASSES = 2  #: Places are looked for so many times: what the first loops leave may be a place of its own
-WIDER = 0.12  #: Its loop keeps outside it by so many step-overs: it must not run back on itself where it is thin
+PASSES = 2  #: Searches for places: what the first loops leave may be a place of its own
+WIDER = 0.12  #: Distance its loop keeps outside it [step-overs]: it must not run back on itself where it is thin
 TAIL = 0.3  #: Where a turn runs back along itself nearer than this many step-overs, a loop replaces its tail
-SLIVER = 0.1  #: A turn is a sliver if its area is less than so many step-overs times its length
+SLIVER = 0.1  #: A turn is a sliver if its mean width, area by length, is below this [step-overs]
 SHORTEST = 1.0  #: A loop is no shorter than this many step-overs
 FURTHEST = 3.0  #: Distances are measured up to this many step-overs
 
@@ -47,7 +47,7 @@ def nested_turns(request: PatternRequest) -> Nested:
 
 
 def with_loops(request: PatternRequest, roots: Sequence[Turn], shallowest: float = 0.0) -> Nested:
-    """Turns without slivers, and loops in the gaps between them whose middle is so many step-overs away or more."""
+    """Turns without slivers, and loops in the gaps whose middle is at least that many step-overs away."""
     kept = _without_slivers(roots, request.stepover)
     loops: list[Turn] = []
     for _ in range(PASSES):
@@ -88,7 +88,7 @@ def all_turns(roots: Sequence[Turn]) -> Iterator[Turn]:
 def chains(roots: Sequence[Turn], stepover: float, shortest: float = 0.0) -> list[list[Turn]]:
     """Split nested turns into chains that can be walked without a lift, the longest way inwards first.
 
-    A chain ends before a turn shorter than so many step-overs.
+    A chain ends before a turn shorter than that many step-overs.
     """
 
     def shortness(turn: Turn) -> float:
@@ -108,7 +108,7 @@ def chains(roots: Sequence[Turn], stepover: float, shortest: float = 0.0) -> lis
     return out
 
 
-CANDIDATES = 96  #: So many lines across the turns are tried
+CANDIDATES = 96  #: Lines across the turns that are tried
 NEAR_START = 4  #: Step-overs along a turn from the start asked for within which a path may begin, to avoid corners
 
 

@@ -28,7 +28,7 @@ from polish_sim.spatial import unit
 # The middle line is a plane section; every other one is the offset of its neighbour, so that lines keep their
 # distance on the surface, not in a projection.
 
-MOST = 1.55  #: The first and the last line run no more than so many step-overs inside the border
+MOST = 1.55  #: Largest distance of the first and the last line from the border [step-overs]
 REACH = 6.0  #: A line's ends are thought to go on straight for this many step-overs where its neighbour is longer
 ROUNDING = 1e-6  #: Differences below this share of a step-over, or of a length, are rounding and decide nothing
 AS_NARROW = 1e-6  #: Ways across a region that differ by less than this share of its size are equally narrow
@@ -65,7 +65,7 @@ def _short_axis(region: Region) -> Array:
     seen = footprint(region)
     flat, widths = seen.points, seen.widths
     narrow = seen.ways[widths < widths.min() + AS_NARROW * np.ptp(flat, axis=0).max()]
-    # Which of equally narrow ways, and which sense, must not hang on how the part lies: any odd mean of its points.
+    # Break ties by an odd moment of the points, so that the choice turns with the part.
     odd = np.sin(1.0 + np.arange(len(flat))) @ (flat - flat.mean(axis=0))
     along = narrow @ odd
     best = int(np.abs(along).argmax())
@@ -98,7 +98,7 @@ def _both_sides(
 
 
 def _depth_beyond(mesh: Triangulation, lines: Sequence[Curve], inside: Bools, stepover: float) -> float:
-    """How far the region goes on beyond its last line [m]."""
+    """How far the region extends beyond its last line [m]."""
     if not inside.any():
         return 0.0
     distance = distance_to(mesh, np.flatnonzero(inside), lines, 2.0 * stepover)
@@ -148,7 +148,7 @@ BORDER_TURN = 0.5  #: Distance of the border turn from the border, in step-overs
 GIVES_WAY = 0.5  #: A line this much too near to a border in passing bends round it, in step-overs; else it is cut
 SHORTEST = 0.3  #: A piece of a line shorter than this many step-overs is left out
 LEAD = 1.2  #: Step-overs over which the border turn leads over into a line that runs the same way
-LATER = 0.4  #: The border turn begins so much further on where it ends by leading over, in step-overs
+LATER = 0.4  #: How much further on the border turn begins where it ends by leading over [step-overs]
 RASTER_REACH = 1.6  #: A border turn this many step-overs from where a zig-zag begins is joined to it there
 GAP = 0.5  #: Half the gap a turn around a hole is entered and left through, in step-overs
 SMALL = 0.25  #: No gap is more than this share of a turn

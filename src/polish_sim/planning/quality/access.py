@@ -26,12 +26,12 @@ from polish_sim.planning.quality.tool_room import (
     pressed_places,
 )
 
-BEYOND: Final = 0.5  #: Room is measured up to so many of the pad's radii
-APART: Final = 0.25  #: First places so many pad radii apart are looked at; all of them only where there is little room
+BEYOND: Final = 0.5  #: Largest room that is measured [pad radii]
+SCOUTED_APART: Final = 0.25  #: Spacing of the places checked first [pad radii]; all only where room is little
 LITTLE: Final = 0.4  #: Little room, in pad radii
-FINE: Final = 0.02  #: There, vertices closer than so many pad radii are looked at once
+FINE: Final = 0.02  #: There, vertices closer than this [pad radii] are checked once
 TURN_INSIDE: Final = 0.45
-"""The outermost turn keeps at least so many step-overs from the region's border: the border may be that much nearer to
+"""Least distance of the outermost turn from the region's border [step-overs]: the border may be that much nearer to
 a wall than the pad."""
 HOLLOW: Final = "too hollow for the pad"
 TRIM, TILT = "trim", "tilt"
@@ -95,7 +95,7 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     """
     radius, vertices = tool.pad.radius_m, ground.mesh.vertices
     room = ToolRoom(ground.region.surface, part, tool, plan.tool_clearance_m, 0.0)
-    some = thin(vertices, APART * radius)
+    some = thin(vertices, SCOUTED_APART * radius)
     near = (room.at(vertices[some.kept]) < LITTLE * radius)[some.stands_for]
     if not near.any():
         return None

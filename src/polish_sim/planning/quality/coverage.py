@@ -22,7 +22,7 @@ STRICT = 0.55  #: A place counts as covered if the path passes within this many 
 CHORD = 0.15  #: Length of the chords the path is measured by, in step-overs
 
 
-SAMPLES = 100_000  #: The share of area is counted on so many points, one in each equal share of the region's area
+SAMPLES = 100_000  #: Points on which the share of area is counted, one in each equal share of the region's area
 
 
 def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepover: float) -> Bools:
@@ -53,7 +53,7 @@ def strict_share(mesh: Triangulation, part_facets: int, runs: Sequence[Curve], s
     """
     own = np.flatnonzero(mesh.owners < part_facets)
     ends = np.cumsum(mesh.areas[own])
-    # One point anywhere in each of so many equal shares of the area: regular steps would fall into step with the rows
+    # One point at random in each equal share of the area: regular steps would fall into step with the rows
     # of a regular mesh. Always the same points.
     jitter, first, second = np.random.default_rng(0).random((3, SAMPLES))
     marks = (np.arange(SAMPLES) + jitter) / SAMPLES * ends[-1]
@@ -249,7 +249,7 @@ def _share_under(point, normal, a, b, axis, depth, radius):  # type: ignore[no-u
 
 # The time under the pad over a whole region, with its variation (Ground, path -> ExposureMap).
 
-APART = 0.04  #: Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do
+TIMED_APART = 0.04  #: Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do
 OVER, UNDER = 2.0, 0.5  #: Over- and under-polished: longer (shorter) under the pad than this many medians
 
 
@@ -270,7 +270,7 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | N
     ``counted`` (v,) is the share of each ground vertex's area that counts; None for all.
     """
     mesh = ground.mesh
-    some = thin(mesh.vertices, APART * pad.radius_m)
+    some = thin(mesh.vertices, TIMED_APART * pad.radius_m)
     points, normals = mesh.vertices[some.kept], mesh.normals[some.kept]
     times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
     own = mesh.part_areas(ground.part_facets) * (1.0 if counted is None else counted)

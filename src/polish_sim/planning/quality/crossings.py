@@ -77,7 +77,7 @@ def _crosses(chords: Segments, i: Indices, j: Indices) -> bool:
     if chords.number[j.min()] - chords.number[i.max()] <= 2:
         return False  # the path's own hairpin: both ways are one turn
     normal = unit((chords.start_normals[i] + chords.start_normals[j]).sum(axis=0))
-    # Where paths run together for long only the ends of that stretch tell.
+    # Where paths run together for long only the ends of that stretch count.
     order = np.argsort(j, kind="stable")
     before, after = (_sides(chords, i[some], j[some], normal) for some in (order[:END_PAIRS], order[-END_PAIRS:]))
     return before[0] * after[1] < 0

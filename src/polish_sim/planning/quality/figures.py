@@ -203,7 +203,7 @@ def measure_quality(
 
 
 def without_spacing(quality: Quality, pad: PadConfig) -> Quality:
-    """The same where no stretch of the path runs beside another: distances between turns are none, not a number."""
+    """The same where no stretch of the path runs beside another: distances between turns are NaN."""
     none = stepover_of(np.empty(0), quality.spacing.excluded)
     return replace(quality, spacing=none, figures=quality.figures | _spacing_figures(none, pad))
 

@@ -22,12 +22,12 @@ from polish_sim.planning.quality.coverage import pad_depths
 from polish_sim.planning.quality.tool_room import Places, Tool, UnderPad, most_hollow, pressed_places
 from polish_sim.spatial import perpendicular, unit
 
-SLOPES: Final = 6  #: So many leans up to the largest are tried; the least with room is taken
-APART: Final = 0.25  #: They are tried so many pad radii apart
-FADES: Final = 2.0  #: A lean fades over so many pad radii, and no less than `SHORTEST_M`
+SLOPES: Final = 6  #: Leans up to the largest that are tried; the least with room is taken
+LEANED_APART: Final = 0.25  #: Spacing of the places at which they are tried [pad radii]
+FADES: Final = 2.0  #: Length over which a lean fades [pad radii], no less than `SHORTEST_M`
 SHORTEST_M: Final = 0.03
-STEP: Final = 0.1  #: Where there is more room is looked for so many pad radii around
-AROUND: Final = 16  #: A lean anywhere is the mean of those of so many vertices, weighted by how near they are
+STEP: Final = 0.1  #: Distance at which more room is looked for [pad radii]
+AROUND: Final = 16  #: Nearest vertices a lean is averaged over, weighted by distance
 
 
 class RoomOf(Protocol):
@@ -79,7 +79,7 @@ def find_leaning(
     short = np.flatnonzero((rooms.min(axis=1) < 0.0) & (rooms[:, pads].min(axis=1) >= 0.0))
     if not len(short):
         return None
-    short = short[thin(mesh.vertices[rows[short]], APART * tool.pad.radius_m).kept]
+    short = short[thin(mesh.vertices[rows[short]], LEANED_APART * tool.pad.radius_m).kept]
     steepest = np.tan(np.arcsin(most_hollow(tool.pad) / tool.pad.radius_m))
     rows, under = rows[short], _of(under, short)
     away = _away(room, pressed_places(mesh.vertices[rows], under.normals, under, tool.pad, tool.force), tool)
@@ -133,7 +133,7 @@ def _faded(mesh: Triangulation, rows: Indices, slopes: Array, away: Array, tool:
 
 def pressed_from(mesh: Triangulation, rows: Indices, leans: Array, under: UnderPad, tool: Tool) -> Indices:
     """Vertices the leaned pad presses on from vertices ``rows`` (k,), leans (k, 3): the side it leans to."""
-    kept = thin(mesh.vertices[rows], APART * tool.pad.radius_m).kept
+    kept = thin(mesh.vertices[rows], LEANED_APART * tool.pad.radius_m).kept
     rows, leans, under = rows[kept], leans[kept], _of(under, kept)
     tilts = np.stack([(leans * way).sum(axis=1) for way in (under.principal, np.cross(under.normals, under.principal))])
     depths = pad_depths(under.curvatures, tool.pad, tool.force, tilts.T)

@@ -161,12 +161,12 @@ def _refine(strands: Strands, path: Samples, beside: Indices, wanted: Bools, ste
 
 ASKED = 2000  #: Places along the path at which its neighbours are looked for
 NEIGHBOURS = 64
-COARSER = (1.0, 4.0, 16.0)  #: With neighbours further away than so many samples of the own turn, fewer samples do
+COARSER = (1.0, 4.0, 16.0)  #: Distances of the neighbours [samples of the turn] beyond which fewer samples do
 ROUNDS = 8
 FINE = 0.25  #: Samples are fine enough at this share of the step-over
 MOST_SAMPLES = 500_000
 SIDEWAYS = 0.5  #: Largest share of the way to a neighbour that may lie along the path
-LOOP = 3.0  #: A neighbour on the same run is at least so many times as far along the path as straight across
+LOOP = 3.0  #: Least ratio of the distance along the path to the straight one for a neighbour on the same run
 
 
 def guess_stepover(path: ToolPath) -> float | None:
@@ -187,7 +187,7 @@ def guess_stepover(path: ToolPath) -> float | None:
 
 
 def _refined_guess(strands: Strands, total: float, spacing: float) -> float | None:
-    """The guess from samples at first a spacing apart [m], then ever finer until they tell turns apart."""
+    """The guess from samples at first a spacing apart [m], then ever finer until they separate the turns."""
     guess = None
     for _ in range(ROUNDS):
         guess = _guess(strands.sample(spacing))

@@ -74,7 +74,7 @@ class Standing(NamedTuple):
 
 PART, FIXTURE = "part", "fixture"
 UNSURE_M: Final = 0.003
-"""A part may lie so much otherwise in its fixture than drawn, and the arm with it: besides the clearance, the tool
+"""How far a part may lie otherwise in its fixture than drawn, and the arm with it: besides the clearance, the tool
 keeps this from the fixture, its pad only from what is below [m]."""
 
 
@@ -177,7 +177,7 @@ def pressed_places(middles: Array, axes: Array, ground: UnderPad, pad: PadConfig
 
 
 RIM_POINTS = 32
-FLATTEST = 0.1  #: Cosine between tool axis and normal from which on the tool's tilt is no longer told apart
+FLATTEST = 0.1  #: Cosine between tool axis and normal from which on the tool's tilt cannot be seen
 RINGS = (0.25, 0.5, 0.75, 1.0)  #: Where on the pad its own place's hollow and the tool's tilt are looked at
 
 
@@ -198,7 +198,7 @@ def _own_heights(axes: Array, ground: UnderPad, pad: PadConfig) -> Array:
     return highest
 
 
-APART = 0.25  #: The tool is looked at so many of the pad's radii apart along the path
+CHECKED_APART = 0.25  #: Spacing along the path at which the tool is checked [pad radii]
 
 
 class PadInPart(NamedTuple):
@@ -243,7 +243,7 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig, fixture: 
     the pad is in no deeper than it yields. A place more hollow than the pad follows counts as the most it does.
     """
     s = arc_length(on.positions)
-    rows = rows_apart(on, s, APART * pad.radius_m)
+    rows = rows_apart(on, s, CHECKED_APART * pad.radius_m)
     ground = UnderPad(on.normals[rows], on.principal[rows], on.curvatures[rows])
     places = pressed_places(on.positions[rows], on.axes[rows], ground, pad, on.forces[rows])
     tool = Tool(pad, float(on.forces.max()), fixture)
