@@ -55,8 +55,8 @@ class Law:
     def step(self, measurement, target):
         v = target.twist[:3] + (target.position - measurement.position) / 0.1
         z = measurement.rotation[:, 2]
-        if target.contact[0]:
-            v = v - (v @ z) * z + np.clip(0.002 * (target.force[0] - measurement.wrench[2]), -0.02, 0.02) * z
+        if target.contact:
+            v = v - (v @ z) * z + np.clip(0.002 * (target.force - measurement.wrench[2]), -0.02, 0.02) * z
         w = target.twist[3:] + np.cross(z, target.rotation[:, 2]) / 0.1
         return np.concatenate([v, w])
 """

@@ -182,7 +182,7 @@ class Moves:
 
     def step(self, measurement: Any, target: Any) -> Array:
         """Tool twist."""
-        self.asked.append(float(measurement.clock[0]))
+        self.asked.append(float(measurement.time))
         return np.array([self.speed(self.asked[-1]), 0.0, 0.0, 0.0, 0.0, 0.0])
 
 

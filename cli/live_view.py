@@ -145,7 +145,7 @@ class LiveView(FrameSink):
             poses=poses,
             pad=data.site_xpos[e.tool_site] - sunk * data.site_xmat[e.tool_site].reshape(3, 3)[:, 2],
             force=force,
-            asked=float(state.target.force[0]) if state.target.contact[0] > 0.0 else none,
+            asked=float(state.target.force) if state.target.contact else none,
             speed=float(np.linalg.norm(state.measurement.twist[:3])),
         )
 

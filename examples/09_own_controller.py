@@ -22,8 +22,8 @@ class Damper:
         """Answer with the tool's twist: linear [m/s], angular [rad/s], base frame."""
         linear = target.twist[:3] + (target.position - measurement.position) / 0.1
         z = measurement.rotation[:, 2]  # the tool axis, into the part
-        if target.contact[0]:
-            missing = target.force[0] - measurement.wrench[2]  # [N]
+        if target.contact:
+            missing = target.force - measurement.wrench[2]  # [N]
             linear += (np.clip(0.002 * missing, -0.02, 0.02) - linear @ z) * z
         angular = target.twist[3:] + np.cross(z, target.rotation[:, 2]) / 0.1
         return np.concatenate([linear, angular])

@@ -31,12 +31,12 @@ class Admittance:
         linear = target.twist[:3] + (target.position - measurement.position) / 0.1
         z = measurement.rotation[:, 2]  # the tool axis, into the part
         angular = target.twist[3:] + np.cross(z, target.rotation[:, 2]) / 0.1
-        if not target.contact[0]:
+        if not target.contact:
             self.velocity = None
             return np.concatenate([linear, angular])
         if self.velocity is None:  # the mass starts with the tool's own speed
             self.velocity = measurement.twist[:3] @ z
-        missing = target.force[0] - measurement.wrench[2]  # [N]
+        missing = target.force - measurement.wrench[2]  # [N]
         # The damper is taken at the end of the step, so that no damping is too much for it.
         pushed = self.mass * self.velocity + missing * self.cycle_s
         self.velocity = np.clip(pushed / (self.mass + self.damping * self.cycle_s), -0.05, 0.05)

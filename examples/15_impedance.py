@@ -32,13 +32,13 @@ class Impedance:
         linear = target.twist[:3] + (target.position - measurement.position) / 0.1
         z = measurement.rotation[:, 2]  # the tool axis, into the part
         angular = target.twist[3:] + np.cross(z, target.rotation[:, 2]) / 0.1
-        if not target.contact[0]:
+        if not target.contact:
             self.offset = None
             return np.concatenate([linear, angular])
         planned, short = target.twist[:3] @ z, (target.position - measurement.position) @ z
         if self.offset is None:  # from the tool's own place and speed
             self.offset, self.velocity = -short, measurement.twist[:3] @ z - planned
-        missing = target.force[0] - measurement.wrench[2]  # [N]
+        missing = target.force - measurement.wrench[2]  # [N]
         # The damper is taken at the end of the step, so that no damping is too much for it.
         pushed = self.mass * self.velocity + (missing - self.stiffness * self.offset) * self.cycle_s
         self.velocity = np.clip(pushed / (self.mass + self.damping * self.cycle_s), -0.05, 0.05)

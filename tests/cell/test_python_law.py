@@ -36,7 +36,7 @@ class Mine:
 
     def step(self, measurement, target):
         self.calls += 1
-        return {answer} if measurement.clock[0] >= 0.9 else np.zeros(6)
+        return {answer} if measurement.time >= 0.9 else np.zeros(6)
 """
 
 
@@ -69,7 +69,7 @@ def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(tmp_path: Path
         ("None", "step() returned None, expected (6,)"),
         ("'fast'", "step() returned 'fast', expected (6,)"),
         ("{}['gain']", "KeyError: 'gain' (mine.py, line "),
-        ("target.speed", "AttributeError"),
+        ("target.haste", "AttributeError"),
     ],
 )
 def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_whole(
@@ -94,7 +94,7 @@ def test_a_list_of_numbers_will_do(tmp_path: Path) -> None:
 
 def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told() -> None:
     calls: list[tuple[float, float]] = []
-    watch = Law(lambda measurement, _target: calls.append(tuple(measurement.clock)) or np.zeros(6))
+    watch = Law(lambda measurement, _target: calls.append((measurement.time, measurement.cycle)) or np.zeros(6))
     run = on_plane("simulation.control_every=4", controller=watch).run()
     times, cycles = np.array(calls).T
     assert watch.cycle_s == 0.004
@@ -105,7 +105,7 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
 
 def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error() -> None:
     def step(measurement, target):  # type: ignore[no-untyped-def]
-        if measurement.clock[0] > 0.5:
+        if measurement.time > 0.5:
             raise KeyboardInterrupt
         return np.zeros(6)
 
@@ -124,7 +124,7 @@ def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_ke
     said: list[str] = []
 
     def stuck(measurement, target):  # type: ignore[no-untyped-def]
-        if measurement.clock[0] > 0.1:
+        if measurement.time > 0.1:
             os.kill(os.getpid(), signal.SIGINT)
             while True:
                 if again and said:

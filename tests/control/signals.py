@@ -10,11 +10,7 @@ from polish_sim.control import CONTROLLERS
 from polish_sim.control.signals import (
     CompiledController,
     Measurement,
-    MeasurementRecord,
     Target,
-    TargetRecord,
-    measurement_of,
-    target_of,
 )
 
 DT = 0.001
@@ -30,37 +26,37 @@ def controller(name: str, config: ControllerConfig = CONFIG) -> CompiledControll
 
 def measurement_at_rest() -> Measurement:
     """A tool at rest at the origin, z along base z."""
-    m = measurement_of(MeasurementRecord())
+    m = Measurement()
     m.rotation[:] = np.eye(3)
-    m.clock[1] = DT
+    m.cycle = DT
     return m
 
 
 def target_to_press(force: float = 20.0, contact: float = 0.0) -> Target:
     """To be there and press."""
-    t = target_of(TargetRecord())
+    t = Target()
     t.rotation[:] = np.eye(3)
-    t.force[0], t.contact[0] = force, contact
+    t.force, t.contact = force, contact
     return t
 
 
 def measurement_from(rng: np.random.Generator) -> Measurement:
     """A random measurement of a tool near some pose, moving and pressing."""
-    m = measurement_of(MeasurementRecord())
+    m = Measurement()
     m.position[:] = rng.normal(size=3)
     m.rotation[:] = Rotation.random(random_state=rng).as_matrix()
     m.twist[:] = 0.1 * rng.normal(size=6)
     m.wrench[:] = [3.0, -2.0, 15.0, 0.1, -0.2, 0.05] * rng.normal(size=6)
-    m.clock[:] = 0.0, DT
+    m.time, m.cycle = 0.0, DT
     return m
 
 
 def target_near(m: Measurement, rng: np.random.Generator, contact: float) -> Target:
     """A target a few millimetres and degrees away from a measurement."""
-    t = target_of(TargetRecord())
+    t = Target()
     t.position[:] = m.position + 0.003 * rng.normal(size=3)
     t.rotation[:] = Rotation.from_rotvec(0.02 * rng.normal(size=3)).as_matrix() @ m.rotation
     t.twist[:] = 0.05 * rng.normal(size=6)
-    t.force[:] = 20.0, 0.0
-    t.contact[0] = contact
+    t.force, t.moment = 20.0, 0.0
+    t.contact = contact
     return t

@@ -82,7 +82,7 @@ def test_everything_but_tool_z_is_as_in_hybrid_pi() -> None:
 def test_a_second_contact_begins_afresh() -> None:
     law, (m, t) = controller("force-mode"), pressing(0.0)
     first = [law.step(m, t)[2] for _ in range(100)]
-    t.contact[0] = 0.0
+    t.contact = False
     law.step(m, t)
-    t.contact[0] = 1.0
+    t.contact = True
     np.testing.assert_allclose([law.step(m, t)[2] for _ in range(100)], first, atol=1e-12)

@@ -170,7 +170,7 @@ def _note(state: CellState, code: int, share: float, t: float) -> None:
     """Keep the share of a guard's limit if it is the largest so far."""
     guards = state.guards
     if share > guards.shares[code]:
-        guards.shares[code], guards.places[code], guards.times[code] = share, state.target.path[0], t
+        guards.shares[code], guards.places[code], guards.times[code] = share, state.target.s, t
 
 
 class CrashPoints(NamedTuple):
@@ -290,8 +290,8 @@ def check_guards(
     moved = _check_surface(state, planned, dt, t)
     if moved != NO_STOP:
         return moved
-    in_process = target.contact[0] > 0.0
-    guards.lost = guards.lost + dt if in_process and w[2] < 0.1 * target.force[0] else 0.0
+    in_process = target.contact
+    guards.lost = guards.lost + dt if in_process and w[2] < 0.1 * target.force else 0.0
     guards.found = guards.lost
     _note(state, LOST, guards.lost / guards.contact_lost, t)
     if guards.lost > guards.contact_lost:
@@ -316,7 +316,7 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     need (planned: ``planned`` [m]), but not above where it found contact.
     """
     guards, sequence, m, target = state.guards, state.sequence, state.measurement, state.target
-    if target.contact[0] == 0.0:
+    if not target.contact:
         guards.holding, guards.depth, guards.was_held = 0.0, 0.0, False
         return NO_STOP
     offset = 0.0
@@ -334,7 +334,7 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     room = guards.offset
     if not guards.was_held:
         room += _DEEPEST * planned
-        holding = not landing and abs(m.wrench[2] - target.force[0]) < 0.1 * target.force[0]
+        holding = not landing and abs(m.wrench[2] - target.force) < 0.1 * target.force
         guards.holding = guards.holding + dt if holding else 0.0
         if guards.holding >= HELD_S:
             guards.depth, guards.was_held = depth, True

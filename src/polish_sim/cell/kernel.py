@@ -15,7 +15,7 @@ from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.robot import RequestLine, Speedl, StopMotion
 from polish_sim.cell.stroke import Sequence, Stroke
 from polish_sim.cell.wrist_sensor import Payload, WristSensor
-from polish_sim.control.signals import Answer, MeasurementRecord, TargetRecord
+from polish_sim.control.signals import Answer, Measurement, Target
 from polish_sim.kernels import Matrix6, Record, Vector3, Vector6
 
 
@@ -62,8 +62,8 @@ class CellState(Record):
     sequence: Sequence
     guards: Guards
     stop: StopMotion
-    measurement: MeasurementRecord
-    target: TargetRecord
+    measurement: Measurement
+    target: Target
     answer: Answer  #: Of the controller
     wrench: Vector6  #: Exact wrench of the tool on the part, tool axes, tool point
     jacobian: Matrix6  #: Of the tool point at this instant

@@ -201,7 +201,7 @@ def trip(status: Status, code: int, t: float) -> None:
 def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
     """The host's cycle up to its law: zero the sensor while it is time, move the target on by a cycle ``dt`` [s]."""
     m, sequence = state.measurement, state.sequence
-    m.clock[0], m.clock[1] = t, dt
+    m.time, m.cycle = t, dt
     if sequence.stage == TARE:
         if sequence.time >= TARE_START:
             _tare(state, m.wrench)

@@ -18,7 +18,7 @@ from numba import types
 from polish_sim.arrays import Array
 from polish_sim.cell.kernel import CellState
 from polish_sim.control.laws import file_of, tell_error
-from polish_sim.control.signals import CALL, LAW_SIGNATURE, Controller, measurement_of, target_of
+from polish_sim.control.signals import CALL, LAW_SIGNATURE, Controller
 from polish_sim.kernels import memory_of
 
 
@@ -100,11 +100,11 @@ def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
 EXPECTED: Final = "(6,), or (7,) with the feed's share"  #: Shape of an answer
 
 
-def _locked(views: Any) -> Any:
-    """The same arrays, not writable: a controller must not change what the sensor is recorded to have read."""
-    for array in views:
-        array.flags.writeable = False
-    return views
+def _locked(record: Any) -> Any:
+    """The same memory, not writable: a controller must not change what the sensor is recorded to have read."""
+    array = memory_of(record).view(record.dtype)
+    array.flags.writeable = False
+    return array[0]
 
 
 def _numbers(answer: Any) -> Array:
@@ -126,7 +126,7 @@ class PythonLaw(types.WrapperAddressProtocol):  # type: ignore[misc]
     def __init__(self, controller: Controller, state: CellState) -> None:
         self.error: BaseException | None = None
         self._controller, self._status = controller, state.status
-        self._measurement, self._target = _locked(measurement_of(state.measurement)), _locked(target_of(state.target))
+        self._measurement, self._target = _locked(state.measurement), _locked(state.target)
         self._answer = memory_of(state.answer).view(np.float64)
         self._callback = CALL(self._call)
 

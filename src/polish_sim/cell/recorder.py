@@ -95,7 +95,7 @@ def record_state(
     position, travel = e.site_xpos[e.tool_site], e.qpos[6]
     step = recorder.trace[filled.steps]
     step.time_s, step.phase, step.normal_force_n = t, phase, force
-    step.tcp_speed_m_s, step.path_s_m, step.pad_travel_m = speed, target.path[0], travel
+    step.tcp_speed_m_s, step.path_s_m, step.pad_travel_m = speed, target.s, travel
     step.spindle_rad_s = state.spindle.speed
     for i in range(3):
         step.part_shift_m[i] = part_position[i] - state.motion.rest[i]
@@ -118,7 +118,7 @@ def record_state(
     put(row, _MEASURED, m.wrench, 6)
     put(row, _TRUE, state.wrench, 6)
     row[_FORCE], row[_FORCE_MIN], row[_FORCE_MAX] = force, filled.force_range[0], filled.force_range[1]
-    row[_TRAVEL], row[_PATH], row[_PHASE] = travel, target.path[0], phase
+    row[_TRAVEL], row[_PATH], row[_PHASE] = travel, target.s, phase
     row[_PASS] = turns[state.sequence.row]
     filled.force_range[0], filled.force_range[1] = math.inf, -math.inf
     filled.rows += 1

@@ -154,11 +154,11 @@ def change_rate(state: Sequence, wanted: float, feed: float, dt: float) -> None:
 def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, target: Target) -> None:
     """Move the target on by one step of its stage; ``granted`` is the share of the planned feed that is granted [-]."""
     stage = state.stage
-    target.contact[0] = 1.0 if stroke.contact and stage in (TOUCH_DOWN, PROCESS) else 0.0
+    target.contact = stroke.contact and stage in (TOUCH_DOWN, PROCESS)
     fed = state.s if stage >= PROCESS else 0.0
-    target.force[0] = sample_column(stroke.process, stroke.force, fed)
-    target.force[1] = target.path[1] = 0.0
-    target.path[0] = stroke.start_s
+    target.force = sample_column(stroke.process, stroke.force, fed)
+    target.moment = target.curvature = 0.0
+    target.s = stroke.start_s
     if stage == TRAVEL:
         _play(stroke.travel, state, dt, target)
     elif stage <= APPROACH:
@@ -186,14 +186,14 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
         change_rate(state, granted * most, stroke.feed, dt)
         _play(stroke.motion, state, dt, target)
         state.row = min(int(state.s / stroke.process.spacing), stroke.process.positions.shape[0] - 2)
-        target.path[1] = stroke.process.curvature[state.row]
-        target.path[0] = stroke.start_s + state.s
+        target.curvature = stroke.process.curvature[state.row]
+        target.s = stroke.start_s + state.s
     else:
         speed = RETRACT_SPEED if stage == RETRACT else 0.0
         state.depth += speed * dt
         _sink(stroke.process, state.s, state, -state.depth, -speed, target)
-        target.path[0] = stroke.start_s + state.s
-    target.path[2] = state.speed
+        target.s = stroke.start_s + state.s
+    target.speed = state.speed
 
 
 @kernel
@@ -280,7 +280,7 @@ def advance_sequence(
         elif state.depth >= stroke.search_depth:
             return False
     elif stage == TOUCH_DOWN and state.time >= TOUCH_DOWN_TIME:
-        if measured_force >= LANDED_SHARE * target.force[0] or state.time >= LONGEST_TOUCH_DOWN:
+        if measured_force >= LANDED_SHARE * target.force or state.time >= LONGEST_TOUCH_DOWN:
             _enter(state, PROCESS)
             state.s = state.speed = 0.0
     elif stage == PROCESS:

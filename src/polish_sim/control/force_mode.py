@@ -89,10 +89,10 @@ def _force_mode_law(context, _course, measurement, target, answer):  # type: ign
     """Everything but tool z, and before contact tool z too, as ``hybrid-pi`` does it."""
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
-    gains, memory, dt = c.gains.hybrid, c.memory, m.clock[1]
+    gains, memory, dt = c.gains.hybrid, c.memory, m.cycle
     position_by_velocity(m, t, gains.position, dt, memory.hybrid, out.twist)
     turn_and_level(m, t, gains, dt, memory.hybrid, out.twist)
-    if t.contact[0] == 0.0:
+    if not t.contact:
         memory.started = False
         return
     if not memory.started:
@@ -100,7 +100,7 @@ def _force_mode_law(context, _course, measurement, target, answer):  # type: ign
         memory.started, memory.velocity = True, along_z(m, m.twist)
         memory.passed = memory.sum = 0.0
         memory.readings = 0
-    replace_along_z(m, mode_speed(t.force[0] - m.wrench[2], dt, c.gains, memory), out.twist)
+    replace_along_z(m, mode_speed(t.force - m.wrench[2], dt, c.gains, memory), out.twist)
 
 
 def force_mode(config: ControllerConfig) -> CompiledController:

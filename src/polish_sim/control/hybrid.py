@@ -135,7 +135,7 @@ def level_about_y(m: Measurement, t: Target, gains: HybridGains, dt: float, memo
     moment would otherwise roll the tool over the edge.
     """
     y, look_ahead = m.rotation[:, 1], gains.position.look_ahead
-    rate = loops.force_pi(t.force[1], m.wrench[4], gains.moment.limit, gains.moment, dt, memory.moment)
+    rate = loops.force_pi(t.moment, m.wrench[4], gains.moment.limit, gains.moment, dt, memory.moment)
     tilt = along = planned = 0.0
     for i in range(3):
         tilt += y[i] * memory.error[i]
@@ -151,7 +151,7 @@ def level_about_y(m: Measurement, t: Target, gains: HybridGains, dt: float, memo
 @kernel
 def turn_and_level(m: Measurement, t: Target, gains: HybridGains, dt: float, memory: HybridMemory, out: Array) -> None:
     """Angular part of the twist: eq. 7, and in contact the moment loop about tool y."""
-    pressing = t.contact[0] > 0.0
+    pressing = t.contact
     turn_to_target(m, t.rotation, t.twist, gains.orientation, dt, pressing, memory, out)
     if pressing:
         level_about_y(m, t, gains, dt, memory, out)
@@ -170,11 +170,11 @@ def press(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, o
 
     The loop's speed into the part stays below that at which the stiffest springs would be struck.
     """
-    turn_and_level(m, t, gains, m.clock[1], memory, out)
-    if t.contact[0] > 0.0:
-        unseen = (gains.strike.delay + m.clock[1]) * max(along_z(m, m.twist), memory.pressed)
-        highest = loops.strike_limit(gains.strike, t.force[0], m.wrench[2], unseen)
-        rate = loops.force_pi(t.force[0], m.wrench[2], highest, gains.force, m.clock[1], memory.force)
+    turn_and_level(m, t, gains, m.cycle, memory, out)
+    if t.contact:
+        unseen = (gains.strike.delay + m.cycle) * max(along_z(m, m.twist), memory.pressed)
+        highest = loops.strike_limit(gains.strike, t.force, m.wrench[2], unseen)
+        rate = loops.force_pi(t.force, m.wrench[2], highest, gains.force, m.cycle, memory.force)
         memory.pressed = rate
         replace_along_z(m, rate, out)
     else:
@@ -192,7 +192,7 @@ def _hybrid_pi_law(context, _course, measurement, target, answer):  # type: igno
     """Eq. 6 and 7 with force along tool z and moment about tool y in contact."""
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
-    position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
+    position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
     press(m, t, c.gains, c.memory, out.twist)
 
 
@@ -210,8 +210,8 @@ def _position_law(context, _course, measurement, target, answer):  # type: ignor
     """Eq. 6 and 7 on all six axes, no force control."""
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
-    position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
-    turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.clock[1], False, c.memory, out.twist)
+    position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
+    turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.cycle, False, c.memory, out.twist)
 
 
 def hybrid_pi(config: ControllerConfig) -> CompiledController:

@@ -1,64 +1,46 @@
 """What a controller sees and answers: measurement and target in, tool twist out.
 
-Both are one record each, so that a compiled law and a user's Python class read the same memory; Python gets the
-record's arrays as a named tuple.
+Both are one record each, so that a compiled law and a user's Python class read the same memory.
 """
 
 from __future__ import annotations
 
 import ctypes
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, memory_of
+from polish_sim.kernels import Matrix3, Record, Vector3, Vector6, memory_of
 
 
-class Measurement(NamedTuple):
+class Measurement(Record):
     """What the host computer reads each control cycle; base frame unless said."""
 
-    position: Array  #: Tool point from the encoders [m], shape (3,)
-    rotation: Array  #: R_base_tool, shape (3, 3)
-    twist: Array  #: Tool velocity from the encoders (linear [m/s]; angular [rad/s]), shape (6,)
-    wrench: Array
-    """Wrench the tool exerts on the part, tool axes, about the tool point (force [N]; torque [N m]), shape (6,).
+    position: Vector3  #: Tool point from the encoders [m]
+    rotation: Matrix3  #: R_base_tool
+    twist: Vector6  #: Tool velocity from the encoders (linear [m/s]; angular [rad/s])
+    wrench: Vector6
+    """Wrench the tool exerts on the part, tool axes, about the tool point (force [N]; torque [N m]).
     As the wrist sensor gives it: compensated, filtered, late. Positive force z presses."""
-    clock: Array  #: Time [s] and control cycle [s], shape (2,)
+    time: float  #: [s]
+    cycle: float  #: Control cycle [s]
 
 
-class Target(NamedTuple):
+class Target(Record):
     """What is wanted at this instant; base frame."""
 
-    position: Array  #: Tool point [m], shape (3,), already pressed in by D = F/k
-    rotation: Array  #: R_base_tool, shape (3, 3)
-    twist: Array  #: Planned tool velocity (linear [m/s]; angular [rad/s]), shape (6,)
-    force: Array  #: Force to press with [N] and moment wanted about tool y [N m], shape (2,)
-    contact: Array  #: 1 while the force is to be controlled, 0 in free space, shape (1,)
-    path: Array  #: Place on the path [m], its normal curvature there [1/m] and speed of the place [m/s], shape (3,)
-
-
-class MeasurementRecord(Record):
-    """A `Measurement` as the compiled loop and laws have it."""
-
-    position: Vector3
-    rotation: Matrix3
-    twist: Vector6
-    wrench: Vector6
-    clock: Vector2
-
-
-class TargetRecord(Record):
-    """A `Target` as the compiled loop and laws have it."""
-
-    position: Vector3
-    rotation: Matrix3
-    twist: Vector6
-    force: Vector2
-    contact: Annotated[Array, (1,)]
-    path: Vector3
+    position: Vector3  #: Tool point [m], already pressed in by D = F/k
+    rotation: Matrix3  #: R_base_tool
+    twist: Vector6  #: Planned tool velocity (linear [m/s]; angular [rad/s])
+    force: float  #: Force to press with [N]
+    moment: float  #: Moment wanted about tool y [N m]
+    contact: bool  #: Whether the force is to be controlled; not in free space
+    s: float  #: Place on the path [m]
+    curvature: float  #: Normal curvature there along the path [1/m]
+    speed: float  #: Of the place [m/s]
 
 
 class Answer(Record):
@@ -68,17 +50,7 @@ class Answer(Record):
     feed: float  #: Share of the planned feed it grants, 0 to 1
 
 
-MEASUREMENT, TARGET, ANSWER = MeasurementRecord.dtype, TargetRecord.dtype, Answer.dtype
-
-
-def measurement_of(record: MeasurementRecord) -> Measurement:
-    """The record's arrays, the same memory."""
-    return Measurement(*(record[name] for name in Measurement._fields))  # type: ignore[index]
-
-
-def target_of(record: TargetRecord) -> Target:
-    """The record's arrays, the same memory."""
-    return Target(*(record[name] for name in Target._fields))  # type: ignore[index]
+MEASUREMENT, TARGET, ANSWER = Measurement.dtype, Target.dtype, Answer.dtype
 
 
 # How a control law is handed to the compiled loop: a C function that takes pointers.
@@ -119,9 +91,7 @@ class CompiledController:
     def __init__(self, context: Any, law: Any, course: Any = None) -> None:
         self.context, self.law = context, law
         self.course: Any = np.zeros(1) if course is None else course
-        measurement, wanted = MeasurementRecord(), TargetRecord()
-        self._views = (*measurement_of(measurement), *target_of(wanted))
-        self._memory = [memory_of(record) for record in (context, measurement, wanted, Answer())]
+        self._memory = [memory_of(record) for record in (context, Measurement(), Target(), Answer())]
 
     def reset(self, cycle_s: float) -> None:
         """Forget everything."""
@@ -129,9 +99,9 @@ class CompiledController:
 
     def step(self, measurement: Measurement, target: Target) -> Array:
         """Return the tool twist to command and the share of the planned feed, shape (7,)."""
-        for view, values in zip(self._views, (*measurement, *target), strict=True):
-            view[...] = values
         context, *others = self._memory
+        for own, given in zip(others, (measurement, target), strict=False):
+            own[:] = memory_of(given)
         answer = others[-1].view(np.float64)
         answer[6] = 1.0
         CALL(self.law.address)(*(array.ctypes.data for array in (context, self.course, *others)))
@@ -145,7 +115,7 @@ class CompiledController:
 
 
 class Course(NamedTuple):
-    """Rows at equal steps of the plan's arc length; ``target.path[0]`` divided by ``spacing`` is the row."""
+    """Rows at equal steps of the plan's arc length; ``target.s`` divided by ``spacing`` is the row."""
 
     spacing: float  #: Arc length between rows [m]
     depth: Array  #: Depth along the tool axis, from the unpressed surface, that presses with the wanted force [m], (n,)

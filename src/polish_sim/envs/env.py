@@ -25,7 +25,7 @@ from polish_sim.cell.set_points import FORCE
 from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, begin_next_stroke, cycle_time
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Scenario
-from polish_sim.control.signals import Course, Measurement, Target, measurement_of, target_of
+from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, SteppedCell
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.assembly import Workplace, build_part, cell_for, course_for, strokes_for
@@ -192,8 +192,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         turn.longest, turn.force_after = self._longest, self._to_come[0][0] if self._to_come else math.inf
         self._turn = turn
         self._stepped.put(cell, self._recorder, self._draws, turn)
-        self.measurement: Measurement = measurement_of(cell.state.measurement)
-        self.target: Target = target_of(cell.state.target)
+        self.measurement: Measurement = cell.state.measurement
+        self.target: Target = cell.state.target
         self._needs = self._stepped.step().needs
         return self._stepped.seen.copy(), {**self.truth(), "drawn": self.episode.drawn}
 
@@ -245,7 +245,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         if self._to_come and sequence.stage == PROCESS and sequence.time >= self._to_come[0][0]:
             force = self._to_come.pop(0)[1]
             self.cell.set_points.change(FORCE, force, self.cell.kernel)
-            self.cell.state.target.force[0] = force
+            self.cell.state.target.force = force
             self._set.append((steps, force))
             turn.force_after = self._to_come[0][0] if self._to_come else math.inf
 

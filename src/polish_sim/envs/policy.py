@@ -109,8 +109,8 @@ class PolicyController:
 
     def step(self, measurement: Measurement, target: Target) -> Array:
         """What the law makes of the last action; a new one is asked for when it is due."""
-        time = measurement.clock[0]
-        if math.isinf(self._next) and (target.contact[0] or np.any(target.twist)):
+        time = measurement.time
+        if math.isinf(self._next) and (target.contact or np.any(target.twist)):
             self._next = time
         if time > self._next - 1e-9:
             self._next += self._period

@@ -95,8 +95,8 @@ def _servo_law(context, _course, measurement, target, answer):  # type: ignore[n
     m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
     _offset_plan(c, t, c.command[0:3], t.twist[0:3])
     _offset_plan(c, t, c.command[3:6], t.twist[3:6])
-    hybrid.position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
-    hybrid.turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.clock[1], False, c.memory, out.twist)
+    hybrid.position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
+    hybrid.turn_to_target(m, t.rotation, t.twist, c.gains.orientation, m.cycle, False, c.memory, out.twist)
     out.feed = c.feed
 
 
@@ -104,12 +104,12 @@ def _servo_law(context, _course, measurement, target, answer):  # type: ignore[n
 def _force_and_feed_law(context, _course, measurement, target, answer):  # type: ignore[no-untyped-def]
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, signals.ANSWER)[0]
     m, t = carray(measurement, 1, signals.MEASUREMENT)[0], carray(target, 1, signals.TARGET)[0]
-    planned = t.force[0]
+    planned = t.force
     _offset_plan(c, t, c.command[1:4], t.twist[3:6])
-    t.force[0] = max(planned + c.command[0], 0.0)
-    hybrid.position_by_velocity(m, t, c.gains.position, m.clock[1], c.memory, out.twist)
+    t.force = max(planned + c.command[0], 0.0)
+    hybrid.position_by_velocity(m, t, c.gains.position, m.cycle, c.memory, out.twist)
     hybrid.press(m, t, c.gains, c.memory, out.twist)
-    out.feed, t.force[0] = c.feed, planned  # the guards go by the plan
+    out.feed, t.force = c.feed, planned  # the guards go by the plan
 
 
 class ActionKind(NamedTuple):
@@ -143,7 +143,7 @@ def observe(m: signals.Measurement, t: signals.Target, c: ActionContext) -> None
     seen = c.seen
     for i in range(6):
         seen[i] = m.wrench[i]
-    seen[6], seen[7], seen[8] = t.force[0] - m.wrench[2], t.force[0], t.contact[0]
+    seen[6], seen[7], seen[8] = t.force - m.wrench[2], t.force, t.contact
     for i in range(3):
         c.turn[i] = t.position[i] - m.position[i]
     _to_tool(m.rotation, c.turn, seen[9:12])
@@ -153,7 +153,7 @@ def observe(m: signals.Measurement, t: signals.Target, c: ActionContext) -> None
     _to_tool(m.rotation, m.twist[3:6], seen[18:21])
     _to_tool(m.rotation, t.twist[0:3], seen[21:24])
     _to_tool(m.rotation, t.twist[3:6], seen[24:27])
-    seen[27] = t.path[1]
+    seen[27] = t.curvature
     for i in range(SEEN):
         value = seen[i] / _SCALES[i]
         seen[i] = min(max(value, -LARGEST), LARGEST) if math.isfinite(value) else 0.0
@@ -237,7 +237,7 @@ def _take_step(k: Kept, law) -> StepEnd:  # type: ignore[no-untyped-def]
             k.context.feed = 0.5 * (value + 1.0)
         else:
             k.context.command[i] = turn.scale[i] * value
-    start, force = status.steps, state.target.force[0]
+    start, force = status.steps, state.target.force
     turn.due += turn.every
     status.wait_from = turn.due
     recorder = Recorder(k.recorder.rows, k.recorder.trace[start:], k.recorder.every, k.recorder.filled)
@@ -245,7 +245,7 @@ def _take_step(k: Kept, law) -> StepEnd:  # type: ignore[no-untyped-def]
     advance(k.cell, k.arm, recorder, law, draws, min(len(draws), len(recorder.trace)))
     done, share = status.steps - start, 1.0
     if turn.moving:
-        share = min(state.target.path[2] / turn.feed, 1.0)
+        share = min(state.target.speed / turn.feed, 1.0)
     reward = _reward(recorder.trace, done, force, turn, share)
     lifted = turn.last_stroke and state.sequence.stage >= RETRACT
     asks = status.waiting and status.stop == NO_STOP and not lifted and status.steps < turn.longest

@@ -38,7 +38,7 @@ CURVATURE: Final = "curvature_1_m"
 FORCE, FEED = "force_n", "feed_m_s"
 PLAIN_FORCE, PLAIN_FEED = "force", "feed"
 MM: Final = 1e-3
-NEAR: Final = 0.25  #: Places cut out of a path are kept so many pad radii apart
+NEAR: Final = 0.25  #: Distance between the places cut out of a path that are kept [pad radii]
 
 
 class Table(NamedTuple):

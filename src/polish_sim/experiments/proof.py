@@ -373,7 +373,7 @@ class _Prover:
             return None
         reason = cell.reasons[int(status.stop)].partition(":")[0].partition(" (")[0]
         landing = cell.state.sequence.stage < PROCESS
-        return Failure(reason, float(cell.state.target.path[0]), int(status.stop), landing)
+        return Failure(reason, float(cell.state.target.s), int(status.stop), landing)
 
     def _note(self, name: str, share: float, at_m: float) -> None:
         if share > self._passing.get(name, (-1.0, 0.0))[0]:

@@ -118,7 +118,7 @@ class LouderLaw:
     def step(self, measurement: Measurement, target: Target) -> Array:
         """The controller's answer, louder along the tool axis."""
         answer = np.array(self._controller.step(measurement, target))
-        if target.contact[0]:
+        if target.contact:
             z = measurement.rotation[:, 2]
             answer[:3] += (self._gain - 1.0) * (z @ answer[:3]) * z
         return answer

@@ -16,11 +16,7 @@ from polish_sim.control.signals import (
     Controller,
     Course,
     Measurement,
-    MeasurementRecord,
     Target,
-    TargetRecord,
-    measurement_of,
-    target_of,
 )
 from polish_sim.scoring.loop_model import Complex, LoopSetup, Plant, build_plant
 
@@ -119,10 +115,10 @@ class _Stand:
         self.samples, self.commands = np.zeros(setup.sensor_steps + 1), np.zeros(setup.command_steps + 1)
         self.depth, self.goal, self.speed = START, force / stiffness, APPROACH
         self.pressed, self.time = 0.0, 0.0
-        self.measurement: Measurement = measurement_of(MeasurementRecord())
-        self.target: Target = target_of(TargetRecord())
+        self.measurement: Measurement = Measurement()
+        self.target: Target = Target()
         self.measurement.rotation[:] = self.target.rotation[:] = np.diag([1.0, -1.0, -1.0])
-        self.measurement.clock[1], self.target.force[0] = setup.dt, force
+        self.measurement.cycle, self.target.force = setup.dt, force
         self.shown = np.zeros(3)
         self._show(*self._read())
 
@@ -132,13 +128,13 @@ class _Stand:
         plant = self._plant()
         self.state = plant.A @ self.state + plant.B * self.commands[-1]
         self.samples = np.concatenate([[self._plant().reading @ self.state], self.samples[:-1]])
-        touching = self.target.contact[0] > 0.0
+        touching = self.target.contact
         if touching:
             self.pressed += self.setup.dt
             left = max(RAMP_S - self.pressed, self.setup.dt)
             self.speed = (self.goal - self.depth) / left if self.pressed < RAMP_S else 0.0
         elif self.samples[-1] > TOUCHING:
-            self.target.contact[0] = 1.0
+            self.target.contact = True
         self.depth += self.speed * self.setup.dt
         self._show(*self._read())
 
@@ -161,6 +157,6 @@ class _Stand:
     def _show(self, reading: float, velocity: float, place: float) -> None:
         m, t = self.measurement, self.target
         self.time += self.setup.dt
-        m.clock[0] = self.time
+        m.time = self.time
         m.wrench[2], m.twist[2], m.position[2] = reading, AXIS * velocity, AXIS * place
         t.position[2], t.twist[2] = AXIS * self.depth, AXIS * self.speed

@@ -50,10 +50,10 @@ def land(
             forces.append(force)
         m.position[2], m.twist[2], m.wrench[2] = z, v, readings.popleft()
         if m.wrench[2] > max(2.0, 2.7 * plant.noise):
-            t.contact[0] = 1.0
-        planned = 0.0 if t.contact[0] else min(planned + 0.05 * DT, approach)
+            t.contact = True
+        planned = 0.0 if t.contact else min(planned + 0.05 * DT, approach)
         t.twist[2] = planned
-        t.position[2] = z if t.contact[0] else t.position[2] + planned * DT
+        t.position[2] = z if t.contact else t.position[2] + planned * DT
         commands.append(float(controller.step(m, t)[2]))
         step = plant.acceleration * DT
         before, v = v, v + min(max(commands.popleft() - v, -step), step)
@@ -61,7 +61,7 @@ def land(
         load = force + plant.mass * (v - before) / DT + plant.noise * float(rng.standard_normal())
         sensed += blend * (load - sensed)
         readings.append(sensed)
-        m.clock[0] += DT
+        m.time += DT
     return Run(DT * np.arange(len(forces)), np.array(forces))
 
 

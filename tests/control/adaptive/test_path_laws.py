@@ -56,7 +56,7 @@ FEED = FeedGains(1.0, 0.1, 0.1, True)
 def fed_at(s: float, speed: float = 0.06) -> Target:
     """A target in contact at a place of a straight path along x."""
     t = target_to_press(contact=1.0)
-    t.path[0], t.path[2], t.twist[0] = s, speed, speed
+    t.s, t.speed, t.twist[0] = s, speed, speed
     return t
 
 

@@ -44,12 +44,12 @@ def follow(
     places, errors = [], []
     while s < length:
         force = SPRING * max(z - depth(s), 0.0)
-        m.position[:], m.twist[2], m.wrench[2], m.clock[0] = (s, 0.0, z), v, readings.popleft(), clock
+        m.position[:], m.twist[2], m.wrench[2], m.time = (s, 0.0, z), v, readings.popleft(), clock
         if m.wrench[2] > 2.0:
-            t.contact[0] = 1.0
+            t.contact = True
         fed = clock > 1.0
-        t.path[0], t.path[2], t.twist[0] = s, feed if fed else 0.0, feed if fed else 0.0
-        t.twist[2] = 0.0 if t.contact[0] else approach
+        t.s, t.speed, t.twist[0] = s, feed if fed else 0.0, feed if fed else 0.0
+        t.twist[2] = 0.0 if t.contact else approach
         t.position[:] = s, 0.0, FORCE / SPRING
         answer = controller.step(m, t)
         commands.append(float(answer[2]))

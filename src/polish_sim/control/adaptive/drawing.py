@@ -87,7 +87,7 @@ def planned_surplus(ahead: Ahead, t: Target, ratio: float, gains: FeedForwardGai
     """How far beyond the target the feed-forward means the tool to be at this place [m]."""
     if not gains.on:
         return 0.0
-    return _scale(ratio) * at(ahead.rows.surplus, ahead.spacing, t.path[0])
+    return _scale(ratio) * at(ahead.rows.surplus, ahead.spacing, t.s)
 
 
 @kernel
@@ -106,10 +106,10 @@ def planned_press_rate(
     should be; a tool that lags behind a bend runs out of, or into, the part. ``wanted`` (3, 3) is the R_base_tool
     the turning loop aims at, ``ratio`` the drawn stiffness by the real one.
     """
-    speed = t.path[2]
-    if speed <= 0.0 or t.contact[0] == 0.0 or not gains.on:
+    speed = t.speed
+    if speed <= 0.0 or not t.contact or not gains.on:
         return 0.0
-    slope = at(ahead.rows.slope, ahead.spacing, t.path[0] + speed * look_ahead)
+    slope = at(ahead.rows.slope, ahead.spacing, t.s + speed * look_ahead)
     rate = slope * speed * _scale(ratio)
     for i in range(3):
         rate += t.twist[i] * (t.rotation[i, 2] + m.rotation[i, 2] - wanted[i, 2])
@@ -119,10 +119,10 @@ def planned_press_rate(
 @kernel
 def lead_turning(ahead: Ahead, t: Target, gains: FeedForwardGains, out: Array) -> None:
     """Turn as the plan will when the command acts: add the change of the planned turning rate to ``out[3:6]``."""
-    speed = t.path[2]
+    speed = t.speed
     if speed <= 0.0 or ahead.rows.shape[0] < 2 or not gains.on:
         return
-    now, then = t.path[0], t.path[0] + speed * gains.look_ahead
+    now, then = t.s, t.s + speed * gains.look_ahead
     rows, spacing = ahead.rows, ahead.spacing
     out[3] += speed * (at(rows.turn_x, spacing, then) - at(rows.turn_x, spacing, now))
     out[4] += speed * (at(rows.turn_y, spacing, then) - at(rows.turn_y, spacing, now))
@@ -201,9 +201,9 @@ def granted_feed(ahead: Ahead, t: Target, error: float, gains: FeedGains) -> flo
     The drawing's share, lowered while the averaged force ``error`` [N] is beyond the budget: twice the budget halves
     it.
     """
-    if not gains.on or t.contact[0] == 0.0:
+    if not gains.on or not t.contact:
         return 1.0
-    share = at(ahead.rows.share, ahead.spacing, t.path[0]) if ahead.rows.shape[0] > 1 else 1.0
+    share = at(ahead.rows.share, ahead.spacing, t.s) if ahead.rows.shape[0] > 1 else 1.0
     beyond = abs(error) / gains.error
     if beyond > 1.0:
         share /= beyond
@@ -213,4 +213,4 @@ def granted_feed(ahead: Ahead, t: Target, error: float, gains: FeedGains) -> flo
 @kernel
 def averaged_error(average: float, error: float, t: Target, gains: FeedGains, dt: float) -> float:
     """The average of wanted less measured force [N] with one more cycle."""
-    return average + dt / gains.filter_s * (error - average) if t.contact[0] > 0.0 else 0.0
+    return average + dt / gains.filter_s * (error - average) if t.contact else 0.0

@@ -75,7 +75,7 @@ def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type:
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
     ahead = Ahead(c.spacing, carray(course, c.rows, _ROW))
-    g, p, press_memory, path, dt = c.press, c.path, c.memory.press, c.memory.path, m.clock[1]
+    g, p, press_memory, path, dt = c.press, c.path, c.memory.press, c.memory.path, m.cycle
     force, twist = press_memory.force, out.twist
     position_by_velocity(m, t, c.hybrid.position, dt, c.memory.hybrid, twist)
     turn(c.hybrid, p, ahead, path, m, t, c.memory.hybrid, dt, twist)
@@ -122,7 +122,7 @@ def look_back(
     state = memory.force
     if not memory.air.touches or state.stiffness == 0.0:
         return 1.0
-    error = t.force[0] - (state.at_no_travel + state.stiffness * state.travel)
+    error = t.force - (state.at_no_travel + state.stiffness * state.travel)
     height = 0.0
     for i in range(3):
         height += t.rotation[i, 2] * (m.position[i] - t.position[i])
@@ -157,7 +157,7 @@ def press(
     reading = m.wrench[2] - seen.own
     if not _touches(g, memory, t, along_z(m, t.twist), seen.path, reading, dt):
         force_loop.measure_delay(g, memory, speed, dt)
-        return by_position if t.contact[0] == 0.0 else landing.seek_speed(memory)
+        return by_position if not t.contact else landing.seek_speed(memory)
     state = memory.force
     state.age += dt
     if g.estimates and state.landed < _LANDING:
@@ -169,9 +169,9 @@ def press(
     # What the path will have asked for until then is no travel into the part.
     asked = 0.5 * (expected + expected_then) * memory.delay.delay
     coming = force_loop.under_way(memory, dt) - asked
-    travel = (t.force[0] - force) / state.stiffness - coming
+    travel = (t.force - force) / state.stiffness - coming
     wanted = landing.quickest_stop(g, travel, pace.crossover, landing.speed_limit(g, memory))
-    wanted = min(wanted, strike_limit(g.strike, t.force[0], reading, state.travel - seen.path + coming))
+    wanted = min(wanted, strike_limit(g.strike, t.force, reading, state.travel - seen.path + coming))
     landing.note_landing(g, memory, wanted, dt)
     wanted += expected_then
     step = g.acceleration * dt
@@ -183,7 +183,7 @@ def _touches(
     g: AdaptiveGains, memory: PressMemory, t: Target, planned: float, path: float, reading: float, dt: float
 ) -> bool:
     """Whether the tool touches: as the target says or the reading shows; noise counts only until it falls back."""
-    air, controlled = memory.air, t.contact[0] > 0.0
+    air, controlled = memory.air, t.contact
     if air.target_contact and not controlled:
         air.watched, air.touches = 0.0, False
     air.target_contact = controlled

@@ -48,11 +48,11 @@ def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: floa
     ``offset`` [m] is the tool beyond the target along the planned axis, plus (wanted - measured force) / stiffness,
     less what was planned, see ``planned_surplus``.
     """
-    speed = t.path[2]
-    if t.contact[0] == 0.0 or speed <= 0.0 or ahead.rows.shape[0] < 2:
+    speed = t.speed
+    if not t.contact or speed <= 0.0 or ahead.rows.shape[0] < 2:
         state.began = 0.0
         return
-    s = t.path[0]
+    s = t.s
     row = int((s - gains.length - speed * gains.sensor_delay) / ahead.spacing)
     if state.began == 0.0:
         state.average, state.began, state.last_row = offset, s, row
@@ -74,11 +74,11 @@ def learned_rate(
 
     A cycle ``dt`` of 0 leaves the fading as it is.
     """
-    speed, n = t.path[2], ahead.rows.shape[0]
-    if not gains.on or n < 2 or t.contact[0] == 0.0:
+    speed, n = t.speed, ahead.rows.shape[0]
+    if not gains.on or n < 2 or not t.contact:
         state.fading = 0.0
         return 0.0
-    s, h = t.path[0] + speed * look_ahead, gains.length
+    s, h = t.s + speed * look_ahead, gains.length
     before, after = _neighbour(ahead, s - h), _neighbour(ahead, s + h)
     span = abs(after - before) * ahead.spacing
     found = before >= 0 and after >= 0 and h < span < 4.0 * h
@@ -137,16 +137,16 @@ def level_by_moment(
     ahead: Ahead, m: Measurement, t: Target, gains: NormalGains, dt: float, state: NormalMemory
 ) -> None:
     """Move the correction of the planned axis on by one cycle."""
-    if not gains.on or t.contact[0] == 0.0 or m.wrench[2] < 0.25 * t.force[0]:
+    if not gains.on or not t.contact or m.wrench[2] < 0.25 * t.force:
         state.rate_x = state.rate_y = 0.0
-        if t.contact[0] == 0.0:
+        if not t.contact:
             state.tilt_x = state.tilt_y = state.moment_x = state.moment_y = 0.0
         return
     # From the tool point to the pad's face, which the head's spring has pushed back.
     travel = m.wrench[2] / gains.head_stiffness
     moment_x = m.wrench[3] - travel * m.wrench[1]
     moment_y = m.wrench[4] + travel * m.wrench[0]
-    s, carried = t.path[0], m.wrench[2] / t.force[0]
+    s, carried = t.s, m.wrench[2] / t.force
     moment_x -= carried * at(ahead.rows.moment_x, ahead.spacing, s)
     moment_y -= carried * at(ahead.rows.moment_y, ahead.spacing, s)
     stiff_x, stiff_y = at(ahead.rows.tilt_x, ahead.spacing, s), at(ahead.rows.tilt_y, ahead.spacing, s)
