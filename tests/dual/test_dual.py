@@ -255,7 +255,7 @@ def test_what_cannot_be_done_is_refused_before_anything_moves(
         (["dual.arms_file=a", "dual.bases_file=b"], "dual.bases_file beside dual.arms_file.*Give one of the two"),
         (["dual.arm_poses=60", "dual.bases_file=b"], "dual.bases_file beside dual.arm_poses.*Give one of the two"),
         (["dual.arms_file=a", "dual.arm_poses=60"], "dual.arm_poses beside dual.arms_file.*Give one of the two"),
-        (["dual.arm_poses=5"], "0 for none, else 20 or more"),
+        (["dual.arm_poses=5"], "dual.arm_poses = 5 .*: 0, or 20 or more"),
     ],
 )
 def test_what_was_measured_with_nominal_arms_is_not_taken_beside_their_tables(changes: list[str], said: str) -> None:
