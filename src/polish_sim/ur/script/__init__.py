@@ -1,0 +1,1 @@
+"""URScript: from the text of a programme to threads that run at 500 Hz."""
