@@ -5,7 +5,6 @@ Everything is SI, in the base frame: a pose is (x, y, z, rx, ry, rz), metres and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal, Protocol
 
 from polish_sim.arrays import Array
@@ -92,7 +91,7 @@ class Robot(Protocol):
         ...
 
     def stopj(self, a: float) -> None:
-        """Decelerate the joints [rad/s^2]; ``steady`` or ``move_done`` says when they stand."""
+        """Decelerate the joints [rad/s^2]; ``move_done`` says when they stand."""
         ...
 
     def stopl(self, a: float, a_rot: float | None) -> None:
@@ -153,6 +152,10 @@ class Robot(Protocol):
 
     def set_gravity(self, direction: Array) -> None:
         """Set gravity [m/s^2], base axes."""
+        ...
+
+    def set_watchdog(self, variable: str, min_frequency: float, action: str) -> None:
+        """Watch how often an RTDE input is written; ``action``: "ignore", "pause" or "stop"."""
         ...
 
     def protective_stop(self) -> None:

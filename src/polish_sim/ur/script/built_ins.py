@@ -1,0 +1,560 @@
+"""What a programme may call: about a hundred functions of URScript, on a robot.
+
+A generator is a function the programme waits in; each ``yield`` is one step of 2 ms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.ur.api import Robot
+from polish_sim.ur.script import values
+from polish_sim.ur.script.sockets import STEP_S, Sockets, Waiting
+from polish_sim.ur.script.values import List, Pose, array, as_list, as_pose, number, to_text
+
+if TYPE_CHECKING:
+    from polish_sim.ur.script.machine import Machine
+
+STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
+MOST_STEPS = 10**9
+OPTIMAL_A, OPTIMAL_V = 5.0, 3.14  #: Of which ``optimovej`` takes a share [rad/s^2, rad/s]
+OPTIMAL_A_M, OPTIMAL_V_M = 2.5, 1.0  #: Of which ``optimovel`` takes a share [m/s^2, m/s]
+
+
+class BuiltIns(Sockets):
+    """The functions by their names in URScript."""
+
+    def __init__(self, machine: Machine) -> None:
+        super().__init__()
+        self._machine = machine
+        self._waypoint = Pose((0.0,) * 6)
+        self._flags: dict[int, bool] = {}
+
+    def table(self) -> dict[str, Callable[..., Any]]:
+        """All functions by name."""
+        hidden = {"table", "close_all", "client", "lines"}
+        found = {name: getattr(self, name) for name in dir(self) if name[0] != "_" and name not in hidden}
+        maths = ("sin", "cos", "tan", "asin", "acos", "atan", "sqrt", "floor", "ceil", "exp")
+        for name in maths:
+            found[name] = _of_number(getattr(math, name))
+        for name in ("pose_trans", "pose_inv", "pose_add", "pose_sub", "pose_dist", "point_dist", "interpolate_pose"):
+            found[name] = getattr(values, name)
+        for name in ("wrench_trans", "norm", "rpy2rotvec", "rotvec2rpy"):
+            found[name] = getattr(values, name)
+        for group in ("standard", "configurable", "tool"):
+            found |= self._pins(f"{group}_digital", bool)
+        return found | self._pins("standard_analog", number) | self._pins("tool_analog", number)
+
+    @property
+    def _robot(self) -> Robot:
+        return self._machine.robot
+
+    def _pins(self, group: str, kind: Callable[[Any], float | bool]) -> dict[str, Callable[..., Any]]:
+        def reader(side: str) -> Callable[[Any], Any]:
+            return lambda n: self._robot.input_output(f"{group}_{side}", int(n))
+
+        def write(n: Any, b: Any) -> None:
+            self._robot.input_output(f"{group}_out", int(n), kind(b))
+
+        return {f"get_{group}_in": reader("in"), f"get_{group}_out": reader("out"), f"set_{group}_out": write}
+
+    def get_digital_in(self, n: Any) -> Any:
+        """Standard digital input."""
+        return self._robot.input_output("standard_digital_in", int(n))
+
+    def set_digital_out(self, n: Any, b: Any) -> None:
+        """Standard digital output."""
+        self._robot.input_output("standard_digital_out", int(n), bool(b))
+
+    def set_tool_voltage(self, voltage: Any) -> None:
+        """Accepted: there is nothing at the tool's connector."""
+        if number(voltage) not in (0.0, 12.0, 24.0):
+            raise ValueError("0, 12 or 24 V")
+
+    # Time and talk.
+
+    def sync(self) -> Waiting:
+        """Give the rest of the step away."""
+        yield
+
+    def sleep(self, t: Any) -> Waiting:
+        """Wait [s]."""
+        for _ in range(_steps(t)):
+            yield
+
+    def get_steptime(self) -> float:
+        """Time of a step [s]."""
+        return STEP_S
+
+    def textmsg(self, s1: Any, s2: Any = "") -> None:
+        """Write to the log."""
+        self._machine.listener.text(to_text(s1) + to_text(s2))
+
+    def popup(
+        self, s: Any, title: Any = "Popup", warning: Any = False, error: Any = False, blocking: Any = False
+    ) -> Waiting:
+        """Show a message; a blocking one holds the thread until it is closed."""
+        self._machine.listener.popup(to_text(s), to_text(title), bool(warning), bool(error), bool(blocking))
+        self._machine.popup_open = bool(blocking)
+        while blocking and self._machine.popup_open:
+            yield
+
+    # Texts and lists.
+
+    def str_cat(self, op1: Any, op2: Any) -> str:
+        """Join two values as text."""
+        text = to_text(op1) + to_text(op2)
+        return to_text(text)
+
+    def to_str(self, val: Any) -> str:
+        """A value as text."""
+        return to_text(val)
+
+    def to_num(self, val: Any) -> float | int:
+        """The number a text says."""
+        return int(val) if str(val).strip().lstrip("+-").isdecimal() and len(val) < 10 else float(val)
+
+    def str_len(self, str: Any) -> int:
+        """Characters of a text."""
+        return len(str)
+
+    def get_list_length(self, list: Any) -> int:
+        """Elements of a list."""
+        return len(list)
+
+    length = get_list_length
+
+    def pow(self, base: Any, exponent: Any) -> float:
+        """Power."""
+        return math.pow(base, exponent)
+
+    def log(self, b: Any, f: Any) -> float:
+        """Logarithm of f to the base b."""
+        return math.log(f, b)
+
+    def atan2(self, y: Any, x: Any) -> float:
+        """Angle of (x, y) [rad]."""
+        return math.atan2(y, x)
+
+    def d2r(self, d: Any) -> float:
+        """Degrees to radians."""
+        return math.radians(d)
+
+    def r2d(self, r: Any) -> float:
+        """Radians to degrees."""
+        return math.degrees(r)
+
+    def random(self) -> float:
+        """A number from 0 to 1; the same series in each programme."""
+        return self._machine.random.random()
+
+    # Registers.
+
+    def read_input_integer_register(self, address: Any) -> Any:
+        """Of RTDE, 0 to 47."""
+        return self._robot.register("in", "int", int(address))
+
+    def read_input_float_register(self, address: Any) -> Any:
+        """Of RTDE, 0 to 47."""
+        return self._robot.register("in", "double", int(address))
+
+    def read_input_boolean_register(self, address: Any) -> Any:
+        """Of RTDE, 0 to 127."""
+        return self._robot.register("in", "bool", int(address))
+
+    def read_output_integer_register(self, address: Any) -> Any:
+        """Of RTDE, 0 to 47."""
+        return self._robot.register("out", "int", int(address))
+
+    def read_output_float_register(self, address: Any) -> Any:
+        """Of RTDE, 0 to 47."""
+        return self._robot.register("out", "double", int(address))
+
+    def read_output_boolean_register(self, address: Any) -> Any:
+        """Of RTDE, 0 to 127."""
+        return self._robot.register("out", "bool", int(address))
+
+    def write_output_integer_register(self, address: Any, value: Any) -> None:
+        """Of RTDE, 0 to 47."""
+        self._robot.set_register("int", int(address), int(value))
+
+    def write_output_float_register(self, address: Any, value: Any) -> None:
+        """Of RTDE, 0 to 47."""
+        self._robot.set_register("double", int(address), number(value))
+
+    def write_output_boolean_register(self, address: Any, value: Any) -> None:
+        """Of RTDE, 0 to 127."""
+        self._robot.set_register("bool", int(address), bool(value))
+
+    def rtde_set_watchdog(self, variable_name: Any, min_frequency: Any, action: Any = "pause") -> None:
+        """Stop the programme when an RTDE input is written too rarely."""
+        self._robot.set_watchdog(str(variable_name), number(min_frequency), str(action))
+
+    def set_flag(self, n: Any, b: Any) -> None:
+        """Set one of 32 flags."""
+        self._flags[int(n) % 32] = bool(b)
+
+    def get_flag(self, n: Any) -> bool:
+        """Read one of 32 flags."""
+        return self._flags.get(int(n) % 32, False)
+
+    # Moves.
+
+    def _until(self, done: Callable[[], bool]) -> Waiting:
+        """Wait for a motion; one thread at a time moves the robot, and a killed one stops it."""
+        self._machine.take_robot()
+        try:
+            yield
+            while not done():
+                yield
+        except GeneratorExit:
+            self._robot.stopj(STOP_A)
+            raise
+        finally:
+            self._machine.mover = None
+
+    def _for(self, steps: int) -> Waiting:
+        left = iter(range(steps - 1))
+        return self._until(lambda: next(left, None) is None)
+
+    def _joints(self, target: Any) -> Array:
+        if not isinstance(target, Pose):
+            return array(target)
+        return self._solved(array(target), self._robot.target_q, self._robot.tcp_offset)
+
+    def _pose(self, target: Any) -> Array:
+        if isinstance(target, Pose):
+            goal = array(target)
+        else:
+            goal = self._robot.forward_kin(array(target), self._robot.tcp_offset)
+        self._waypoint = as_pose(goal)
+        return goal
+
+    def _solved(self, pose: Array, near: Array, tcp: Array) -> Array:
+        q = self._robot.inverse_kin(pose, near, tcp)
+        if q is None:
+            raise ValueError(f"no inverse kinematics for {to_text(as_pose(pose))}")
+        return q
+
+    def movej(self, q: Any, a: Any = 1.4, v: Any = 1.05, t: Any = 0, r: Any = 0) -> Waiting:
+        """Move in joint space."""
+        self._machine.take_robot()
+        goal = self._joints(q)
+        self._waypoint = as_pose(self._robot.forward_kin(goal, self._robot.tcp_offset))
+        self._robot.movej(goal, *map(number, (a, v, t, r)))
+        yield from self._until(self._robot.move_done)
+
+    def movel(self, pose: Any, a: Any = 1.2, v: Any = 0.25, t: Any = 0, r: Any = 0) -> Waiting:
+        """Move in a line."""
+        self._machine.take_robot()
+        self._robot.movel(self._pose(pose), *map(number, (a, v, t, r)))
+        yield from self._until(self._robot.move_done)
+
+    def movep(self, pose: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Waiting:
+        """Move in a line at constant speed."""
+        self._machine.take_robot()
+        self._robot.movep(self._pose(pose), *map(number, (a, v, r)))
+        yield from self._until(self._robot.move_done)
+
+    def movec(self, pose_via: Any, pose_to: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0, mode: Any = 0) -> Waiting:
+        """Move on a circle."""
+        self._machine.take_robot()
+        via = self._pose(pose_via)
+        self._robot.movec(via, self._pose(pose_to), number(a), number(v), number(r), int(mode))
+        yield from self._until(self._robot.move_done)
+
+    def optimovej(self, q: Any, a: Any = 0.3, v: Any = 0.3, r: Any = 0) -> Waiting:
+        """``movej`` at shares of the largest speed and acceleration."""
+        yield from self.movej(q, OPTIMAL_A * number(a), OPTIMAL_V * number(v), 0, r)
+
+    def optimovel(self, pose: Any, a: Any = 0.3, v: Any = 0.3, r: Any = 0) -> Waiting:
+        """``movel`` at shares of the largest speed and acceleration."""
+        yield from self.movel(pose, OPTIMAL_A_M * number(a), OPTIMAL_V_M * number(v), 0, r)
+
+    def servoj(
+        self, q: Any, a: Any = 0, v: Any = 0, t: Any = 0.002, lookahead_time: Any = 0.1, gain: Any = 300
+    ) -> Waiting:
+        """Track joint angles for ``t``; ``a`` and ``v`` have no effect, as on a robot."""
+        self._machine.take_robot()
+        self._robot.servoj(self._joints(q), *map(number, (t, lookahead_time, gain)))
+        yield from self._for(max(_steps(t), 1))
+
+    def servoc(self, pose: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Waiting:
+        """Track a pose."""
+        self._machine.take_robot()
+        self._robot.servoc(self._pose(pose), *map(number, (a, v, r)))
+        yield from self._for(1)
+
+    def speedj(self, qd: Any, a: Any = 1.4, t: Any = 0) -> Waiting:
+        """Go to joint speeds; returns after ``t``, without it when the speed is reached."""
+        self._machine.take_robot()
+        goal = array(qd)
+        change = float(np.abs(goal - self._robot.target_qd).max())
+        self._robot.speedj(goal, number(a))
+        yield from self._for(_steps(t) if number(t) > 0.0 else _steps(change / max(number(a), 1e-3)) + 1)
+
+    def speedl(self, xd: Any, a: Any = 1.2, t: Any = 0, aRot: Any = None) -> Waiting:
+        """Go to a TCP twist; returns after ``t``, without it when the speed is reached."""
+        self._machine.take_robot()
+        goal = array(xd)
+        change = float(np.linalg.norm((goal - self._robot.target_tcp_speed)[:3]))
+        self._robot.speedl(goal, number(a), None if aRot is None else number(aRot))
+        yield from self._for(_steps(t) if number(t) > 0.0 else _steps(change / max(number(a), 1e-3)) + 1)
+
+    def stopj(self, a: Any = 2.0) -> Waiting:
+        """Stop the joints."""
+        self._machine.take_robot()
+        self._robot.stopj(number(a))
+        yield from self._until(self._robot.move_done)
+
+    def stopl(self, a: Any = 1.2, aRot: Any = None) -> Waiting:
+        """Stop on the line."""
+        self._machine.take_robot()
+        self._robot.stopl(number(a), None if aRot is None else number(aRot))
+        yield from self._until(self._robot.move_done)
+
+    def direct_torque(
+        self, tau: Any, friction_comp: Any = True, viscous_scale: Any = None, coulomb_scale: Any = None
+    ) -> Waiting:
+        """Joint torques for one step."""
+        self._machine.take_robot()
+        scales = (None if scale is None else array(scale) for scale in (viscous_scale, coulomb_scale))
+        self._robot.direct_torque(array(tau), bool(friction_comp), *scales)
+        yield from self._for(1)
+
+    # Force.
+
+    def force_mode(self, task_frame: Any, selection_vector: Any, wrench: Any, type: Any, limits: Any) -> None:
+        """Comply along chosen axes."""
+        lists = array(task_frame), array(selection_vector), array(wrench)
+        self._robot.force_mode(*lists, int(type), array(limits))
+
+    def force_mode_set_damping(self, damping: Any) -> None:
+        """Damping 0 to 1."""
+        self._robot.force_mode_set_damping(number(damping))
+
+    def force_mode_set_gain_scaling(self, scaling: Any) -> None:
+        """Gain 0 to 2."""
+        self._robot.force_mode_set_gain_scaling(number(scaling))
+
+    def end_force_mode(self) -> None:
+        """Leave force mode."""
+        self._robot.end_force_mode()
+
+    def freedrive_mode(self, freeAxes: Any = None, feature: Any = None) -> None:
+        """Let the arm be led by hand."""
+        axes = np.ones(6) if freeAxes is None else array(freeAxes)
+        self._robot.freedrive(axes, np.zeros(6) if feature is None else array(feature))
+
+    def teach_mode(self) -> None:
+        """``freedrive_mode`` with all axes."""
+        self.freedrive_mode()
+
+    def end_freedrive_mode(self) -> None:
+        """Leave freedrive."""
+        self._robot.end_freedrive()
+
+    end_teach_mode = end_freedrive_mode
+
+    def get_freedrive_status(self) -> int:
+        """Nearness of a singularity, 0 to 2."""
+        return self._robot.freedrive_status()
+
+    def zero_ftsensor(self) -> None:
+        """Make the present wrench the zero."""
+        self._robot.zero_ftsensor()
+
+    def ft_rtde_input_enable(
+        self, enable: Any, sensor_mass: Any = 0, sensor_measuring_offset: Any = None, sensor_cog: Any = None
+    ) -> None:
+        """Take the wrench from RTDE."""
+        places = (np.zeros(3) if at is None else array(at, 3) for at in (sensor_measuring_offset, sensor_cog))
+        self._robot.ft_input(bool(enable), number(sensor_mass), *places)
+
+    enable_external_ft_sensor = ft_rtde_input_enable
+
+    def get_tcp_force(self) -> List:
+        """Wrench on the tool, base axes [N, N m]."""
+        return as_list(self._robot.tcp_force)
+
+    def force(self) -> float:
+        """Size of the force [N]."""
+        return float(np.linalg.norm(self._robot.tcp_force[:3]))
+
+    def tool_contact(self, direction: Any = None) -> int:
+        """Steps since a contact began, 0 without one."""
+        against = self._robot.actual_tcp_speed if direction is None else array(direction)
+        return int(self._robot.tool_contact(against))
+
+    # Tool and safety.
+
+    def set_tcp(self, pose: Any, tcp_name: Any = "") -> None:
+        """Set the TCP."""
+        self._robot.set_tcp(array(pose))
+
+    def set_payload(self, m: Any, cog: Any = None) -> None:
+        """Set the payload."""
+        self._robot.set_payload(number(m), None if cog is None else array(cog, 3), None, 0.0)
+
+    def set_target_payload(self, m: Any, cog: Any, inertia: Any = None, transition_time: Any = 0) -> None:
+        """Set the payload with its inertia."""
+        moments = None if inertia is None else array(inertia)
+        self._robot.set_payload(number(m), array(cog, 3), moments, number(transition_time))
+
+    def set_gravity(self, d: Any) -> None:
+        """Set gravity [m/s^2]."""
+        self._robot.set_gravity(array(d, 3))
+
+    def protective_stop(self) -> None:
+        """Stop as a safety function would."""
+        self._robot.protective_stop()
+
+    def powerdown(self) -> None:
+        """Switch off."""
+        self._robot.power_down()
+
+    def is_steady(self) -> bool:
+        """Whether the arm stands."""
+        return self._robot.steady()
+
+    def is_within_safety_limits(self, pose: Any) -> bool:
+        """Whether a pose or joint angles can be reached."""
+        return self._robot.within_safety_limits(array(pose), isinstance(pose, Pose))
+
+    # State.
+
+    def get_actual_joint_positions(self) -> List:
+        """[rad]."""
+        return as_list(self._robot.actual_q)
+
+    get_joint_positions = get_actual_joint_positions
+
+    def get_actual_joint_speeds(self) -> List:
+        """[rad/s]."""
+        return as_list(self._robot.actual_qd)
+
+    def get_actual_joint_positions_history(self, steps: Any = 0) -> List:
+        """Some steps ago [rad]."""
+        return as_list(self._robot.q_history(int(steps)))
+
+    def get_target_joint_positions(self) -> List:
+        """[rad]."""
+        return as_list(self._robot.target_q)
+
+    def get_target_joint_speeds(self) -> List:
+        """[rad/s]."""
+        return as_list(self._robot.target_qd)
+
+    def get_target_joint_accelerations(self) -> List:
+        """[rad/s^2]."""
+        return as_list(self._robot.target_qdd)
+
+    def get_joint_torques(self) -> List:
+        """Without gravity and friction [N m]."""
+        return as_list(self._robot.joint_torques)
+
+    def get_actual_tcp_pose(self) -> Pose:
+        """As measured."""
+        return as_pose(self._robot.actual_tcp_pose)
+
+    def get_target_tcp_pose(self) -> Pose:
+        """As commanded."""
+        return as_pose(self._robot.target_tcp_pose)
+
+    def get_actual_tcp_speed(self) -> List:
+        """[m/s, rad/s]."""
+        return as_list(self._robot.actual_tcp_speed)
+
+    def get_target_tcp_speed(self) -> List:
+        """[m/s, rad/s]."""
+        return as_list(self._robot.target_tcp_speed)
+
+    def get_target_waypoint(self) -> Pose:
+        """Target of the present move."""
+        return self._waypoint
+
+    def get_actual_tool_flange_pose(self) -> Pose:
+        """Of the flange."""
+        return as_pose(self._robot.forward_kin(self._robot.actual_q, np.zeros(6)))
+
+    def get_tcp_offset(self) -> Pose:
+        """In the flange's frame."""
+        return as_pose(self._robot.tcp_offset)
+
+    def get_target_payload(self) -> float:
+        """[kg]."""
+        return float(self._robot.payload_mass)
+
+    def get_target_payload_cog(self) -> List:
+        """[m]."""
+        return as_list(self._robot.payload_cog)
+
+    def get_target_payload_inertia(self) -> List:
+        """[kg m^2]."""
+        return as_list(self._robot.payload_inertia)
+
+    # Kinematics and dynamics.
+
+    def _tcp(self, tcp: Any) -> Array:
+        return self._robot.tcp_offset if tcp is None or tcp == "active_tcp" else array(tcp)
+
+    def _at(self, q: Any) -> Array:
+        return self._robot.actual_q if q is None else array(q)
+
+    def get_forward_kin(self, q: Any = None, tcp: Any = None) -> Pose:
+        """Pose of the TCP."""
+        return as_pose(self._robot.forward_kin(self._at(q), self._tcp(tcp)))
+
+    def get_inverse_kin(
+        self,
+        x: Any,
+        qnear: Any = None,
+        maxPositionError: Any = 1e-10,
+        maxOrientationError: Any = 1e-10,
+        tcp: Any = None,
+    ) -> List:
+        """Joint angles nearest to ``qnear``; the solution is exact, whatever the errors allowed."""
+        return as_list(self._solved(array(x), self._at(qnear), self._tcp(tcp)))
+
+    def get_inverse_kin_has_solution(
+        self,
+        pose: Any,
+        qnear: Any = None,
+        maxPositionError: Any = 1e-10,
+        maxOrientationError: Any = 1e-10,
+        tcp: Any = None,
+    ) -> bool:
+        """Whether there are joint angles for a pose."""
+        return self._robot.inverse_kin(array(pose), self._at(qnear), self._tcp(tcp)) is not None
+
+    def get_jacobian(self, pos: Any = None, tcp: Any = None) -> List:
+        """6 x 6, linear rows first."""
+        return as_list(self._robot.jacobian(self._at(pos), self._tcp(tcp)))
+
+    def get_jacobian_time_derivative(self, pos: Any = None, vel: Any = None, tcp: Any = None) -> List:
+        """6 x 6 [1/s]."""
+        speeds = self._robot.actual_qd if vel is None else array(vel)
+        return as_list(self._robot.jacobian_dot(self._at(pos), speeds, self._tcp(tcp)))
+
+    def get_mass_matrix(self, pos: Any = None, include_rotors_inertia: Any = False) -> List:
+        """6 x 6 [kg m^2]."""
+        return as_list(self._robot.mass_matrix(self._at(pos), bool(include_rotors_inertia)))
+
+    def get_coriolis_and_centrifugal_torques(self, pos: Any = None, vel: Any = None) -> List:
+        """[N m]."""
+        speeds = self._robot.actual_qd if vel is None else array(vel)
+        return as_list(self._robot.coriolis(self._at(pos), speeds))
+
+
+def _of_number(of: Callable[[float], float]) -> Callable[[Any], float]:
+    return lambda f: of(number(f))
+
+
+def _steps(t: Any) -> int:
+    """Steps in a time [s]."""
+    return min(max(math.ceil(number(t) / STEP_S - 1e-6), 0), MOST_STEPS)

@@ -1,0 +1,364 @@
+"""From a tree of URScript to Python: functions that wait become generators, the others plain functions.
+
+A name of the programme gets a letter in front (``g_`` global, ``l_`` local, ``f_`` function, ``b_`` built-in), so that
+nothing of Python can be reached; every statement remembers its line and column.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from types import CodeType
+from typing import Any
+
+from polish_sim.errors import did_you_mean
+from polish_sim.ur.script.parse import ScriptError, parse
+
+LONGEST_LIST = 5000
+FILE = "<urscript>"
+
+
+@dataclass(frozen=True)
+class Program:
+    """A programme ready to run."""
+
+    name: str
+    secondary: bool  #: Runs beside the present one and may not wait
+    code: CodeType
+    places: Mapping[int, tuple[int, int]]  #: Line and column of URScript by Python's line
+
+
+@dataclass
+class _Routine:
+    """A function or thread, and the variables it has for itself."""
+
+    name: str
+    tree: Any
+    parameters: list[Any]
+    body: Any
+    own: set[str] = field(default_factory=set)
+    waits: bool = False
+
+
+BUILT_IN_WORDS = {"enter_critical": "pass", "exit_critical": "pass", "halt": "raise Halt"}
+TEXTS = {"True": "True", "False": "False"}
+
+
+class _Translator:
+    """Translates one programme; ``built_ins``: what a name outside the programme calls."""
+
+    def __init__(self, built_ins: Mapping[str, Callable[..., Any]]) -> None:
+        self.built_ins = built_ins
+        self.routines: dict[str, _Routine] = {}
+        self.shared: dict[str, int] = {}  # variables of the programme, and the line from which on functions see them
+        self.lines: list[str] = []
+        self.places: dict[int, tuple[int, int]] = {}
+        self.here: _Routine | None = None
+
+    def translate(self, text: str) -> Program:
+        tree = parse(text)
+        name, body, secondary = "", tree, False
+        first = tree.children[0] if tree.children else None
+        if first is not None and first.data == "routine":
+            for extra in tree.children[1:]:
+                raise _refusal(extra, "one programme at a time: this stands behind its 'end'")
+            kind, named = first.children[:2]
+            name, body, secondary = str(named), first.children[-1], kind == "sec"
+        main = _Routine("", body, [], body)
+        self._collect(main)
+        for routine in self.routines.values():
+            self._find_own(routine)
+        self._find_waiting()
+        if secondary and self._does_wait(body):
+            raise _refusal(first, "a secondary programme may not wait or move the robot")
+        self.here = main
+        self._write_routine(main, "main")
+        for routine in self.routines.values():
+            self.here = routine
+            self._write_routine(routine, f"f_{routine.name}")
+        try:
+            code = compile("\n".join(self.lines) + "\n", FILE, "exec")
+        except SyntaxError as error:
+            line, column = self.places.get(error.lineno or 0, (1, 1))
+            raise ScriptError(line, column, "nested too deep") from None
+        return Program(name, secondary, code, self.places)
+
+    # Who owns which variable, who waits.
+
+    def _collect(self, main: _Routine) -> None:
+        for tree in main.body.iter_subtrees_topdown():
+            if tree.data == "routine":
+                kind, name, *parameters, body = tree.children
+                if kind == "sec":
+                    raise _refusal(tree, "'sec' stands alone")
+                if name in self.routines:
+                    raise _refusal(tree, f"a second '{name}'")
+                self.routines[str(name)] = _Routine(str(name), tree, parameters, body, waits=kind == "thread")
+            elif tree.data == "assign" and tree.children[0] == "global":
+                self.shared[_target(tree)] = 0
+        for tree in main.body.find_data("run"):
+            if str(tree.children[0]) in self.routines:
+                self.routines[str(tree.children[0])].waits = True
+        for tree in _statements(main.body):
+            if tree.data == "assign":
+                self.shared.setdefault(_target(tree), tree.meta.line)
+
+    def _find_own(self, routine: _Routine) -> None:
+        routine.own.update(str(parameter.children[0]) for parameter in routine.parameters)
+        assigned = [tree for tree in _statements(routine.body) if tree.data == "assign"]
+        routine.own.update(_target(tree) for tree in assigned if tree.children[0] == "local")
+        for tree in assigned:
+            name = _target(tree)
+            if self.shared.get(name, 1 << 30) > routine.tree.meta.line:
+                routine.own.add(name)
+
+    def _find_waiting(self) -> None:
+        found = True
+        while found:
+            still = [routine for routine in self.routines.values() if not routine.waits]
+            waiting = [routine for routine in still if self._does_wait(routine.body)]
+            for routine in waiting:
+                routine.waits = True
+            found = bool(waiting)
+
+    def _does_wait(self, body: Any) -> bool:
+        for tree in _statements(body, whole=True):
+            if tree.data == "handle" and tree.children[0] == "join":
+                return True
+            if tree.data == "call":
+                name = str(tree.children[0])
+                known = self.routines.get(name)
+                if known.waits if known else inspect.isgeneratorfunction(self.built_ins.get(name)):
+                    return True
+        return False
+
+    # Text of Python.
+
+    def _write(self, depth: int, text: str, tree: Any) -> None:
+        self.lines.append(" " * depth + text)
+        self.places[len(self.lines)] = _place(tree)
+
+    def _write_routine(self, routine: _Routine, name: str) -> None:
+        parameters = []
+        for parameter in routine.parameters:
+            named, *default = parameter.children
+            parameters.append(f"l_{named}" + "".join(f"={self._expression(value)}" for value in default))
+        optional = [len(parameter.children) > 1 for parameter in routine.parameters]
+        if optional != sorted(optional) or len(set(parameters)) != len(parameters):
+            raise _refusal(routine.tree, "a parameter without a default behind one with, or twice")
+        self._write(0, f"def {name}({', '.join(parameters)}):", routine.tree)
+        written = {_target(tree) for tree in _statements(routine.body) if tree.data == "assign"}
+        shared = sorted(written - routine.own)
+        if shared:
+            self._write(1, "global " + ", ".join(f"g_{word}" for word in shared), routine.tree)
+        self._write(1, f"spend({self._cost(routine.body)})", routine.tree)
+        self._write_block(routine.body, 1)
+        if routine.waits or name == "main":
+            self._write(1, "if 0: yield", routine.tree)
+
+    def _cost(self, body: Any) -> int:
+        return 1 + sum(len(tree.children) for tree in _statements(body, whole=True))
+
+    def _write_block(self, block: Any, depth: int) -> None:
+        self.lines.append(" " * depth + "pass")
+        for tree in block.children:
+            if tree.data != "routine":
+                getattr(self, f"_write_{tree.data}")(tree, depth)
+
+    def _write_assign(self, tree: Any, depth: int) -> None:
+        *_, place, value = tree.children
+        name, text = self._variable(_target(tree)), self._expression(value)
+        if getattr(place, "data", "") == "index":
+            inside, *indices = place.children
+            if getattr(inside, "data", "") == "index":
+                indices = [*inside.children[1:], *indices]
+            text = f"replaced({', '.join([name, text, *map(self._expression, indices)])})"
+        self._write(depth, f"{name} = {text}", tree)
+
+    def _write_call_alone(self, tree: Any, depth: int) -> None:
+        if getattr(tree.children[0], "data", "") not in ("call", "run"):
+            raise _refusal(tree, "a value alone does nothing: a call, an assignment or a keyword is expected")
+        self._write(depth, self._expression(tree.children[0]), tree)
+
+    def _write_while(self, tree: Any, depth: int) -> None:
+        condition, block = tree.children
+        self._write(depth, f"while {self._expression(condition)}:", tree)
+        self._write(depth + 1, f"spend({self._cost(block)})", tree)
+        self._write_block(block, depth + 1)
+
+    def _write_if(self, tree: Any, depth: int) -> None:
+        parts = list(tree.children)
+        word = "if"
+        while len(parts) > 1:
+            condition, block, *parts = parts
+            self._write(depth, f"{word} {self._expression(condition)}:", block if block.children else tree)
+            self._write_block(block, depth + 1)
+            word = "elif"
+        for block in parts:
+            self._write(depth, "else:", tree)
+            self._write_block(block, depth + 1)
+
+    def _write_return(self, tree: Any, depth: int) -> None:
+        self._write(depth, "return " + "".join(map(self._expression, tree.children)), tree)
+
+    def _write_word(self, tree: Any, depth: int) -> None:
+        word = str(tree.children[0])
+        if word == "pause":
+            raise _refusal(tree, "'pause' is not served: use a blocking popup")
+        self._write(depth, BUILT_IN_WORDS.get(word, word), tree)
+
+    def _write_handle(self, tree: Any, depth: int) -> None:
+        word, thread = tree.children
+        text = self._expression(thread)
+        self._write(depth, f"yield from join({text})" if word == "join" else f"kill({text})", tree)
+
+    def _variable(self, name: str) -> str:
+        assert self.here is not None
+        return f"l_{name}" if name in self.here.own else f"g_{name}"
+
+    def _expression(self, tree: Any) -> str:
+        if hasattr(tree, "data"):
+            return getattr(self, f"_{tree.data}")(tree)
+        if tree.type == "NAME":
+            if tree not in self.here.own and tree not in self.shared:  # type: ignore[union-attr]
+                raise _refusal(tree, f"'{tree}' is never given a value.{did_you_mean(str(tree), self.shared)}")
+            return self._variable(str(tree))
+        if tree.type == "NUMBER":
+            return repr(_number(tree))
+        return repr(str(tree)[1:-1]) if tree.type == "STRING" else TEXTS[str(tree)]
+
+    def _either(self, tree: Any) -> str:
+        left, word, right = tree.children
+        pair = self._expression(left), self._expression(right)
+        return f"xor({pair[0]}, {pair[1]})" if word == "xor" else f"({pair[0]} or {pair[1]})"
+
+    def _operation(self, tree: Any) -> str:
+        left, sign, right = tree.children
+        return f"({self._expression(left)} {sign} {self._expression(right)})"
+
+    _all = _compared = _operation
+
+    def _negated(self, tree: Any) -> str:
+        return f"(not {self._expression(tree.children[0])})"
+
+    def _signed(self, tree: Any) -> str:
+        return f"({tree.children[0]}{self._expression(tree.children[1])})"
+
+    def _sum(self, tree: Any) -> str:
+        left, sign, right = tree.children
+        if sign == "-":
+            return self._operation(tree)
+        return f"add({self._expression(left)}, {self._expression(right)})"
+
+    def _term(self, tree: Any) -> str:
+        left, sign, right = tree.children
+        if sign == "/":
+            return self._operation(tree)
+        return f"{'mul' if sign == '*' else 'mod'}({self._expression(left)}, {self._expression(right)})"
+
+    def _list(self, tree: Any) -> str:
+        if len(tree.children) > LONGEST_LIST:
+            raise _refusal(tree, f"a list of more than {LONGEST_LIST} elements")
+        return "List((" + "".join(f"{self._expression(value)}, " for value in tree.children) + "))"
+
+    def _index(self, tree: Any) -> str:
+        of, *indices = tree.children
+        if of == "p" and len(indices) == 6:
+            return f"pose({', '.join(map(self._expression, indices))})"
+        text = self._expression(of)
+        for index in indices:
+            if getattr(index, "type", "") == "NUMBER" and isinstance(_number(index), int):
+                text = f"{text}[{_number(index)}]"
+            else:
+                text = f"element({text}, {self._expression(index)})"
+        return text
+
+    def _call(self, tree: Any) -> str:
+        text, waits = self._called(tree)
+        return f"(yield from {text})" if waits else text
+
+    def _run(self, tree: Any) -> str:
+        text, waits = self._called(tree)
+        if str(tree.children[0]) not in self.routines or not waits:
+            raise _refusal(tree, f"'{tree.children[0]}' is no thread of this programme")
+        return f"run({text})"
+
+    def _called(self, tree: Any) -> tuple[str, bool]:
+        """The call, checked, and whether it waits."""
+        word, *arguments = tree.children
+        name, routine = str(word), self.routines.get(str(word))
+        placed = [argument for argument in arguments if getattr(argument, "data", "") != "named"]
+        named = {str(argument.children[0]): argument.children[1] for argument in arguments[len(placed) :]}
+        if any(getattr(argument, "data", "") == "named" for argument in arguments[: len(placed)]):
+            raise _refusal(word, "named arguments stand behind the others")
+        if len(placed) + len(named) != len(arguments):
+            raise _refusal(word, "an argument is named twice")
+        texts = [self._expression(argument) for argument in placed]
+        if routine is not None:
+            parameters = [str(parameter.children[0]) for parameter in routine.parameters]
+            needed = [str(parameter.children[0]) for parameter in routine.parameters if len(parameter.children) == 1]
+            mark, prefix, waits = "l_", "f_", routine.waits
+        else:
+            if name not in self.built_ins:
+                known = {*self.built_ins, *self.routines}
+                raise _refusal(word, f"unknown function '{name}'.{did_you_mean(name, known)}")
+            called = self.built_ins[name]
+            signature = inspect.signature(called).parameters.values()
+            parameters = [parameter.name for parameter in signature]
+            needed = [parameter.name for parameter in signature if parameter.default is parameter.empty]
+            mark, prefix, waits = "", "b_", inspect.isgeneratorfunction(called)
+        given = [*parameters[: len(texts)], *named]
+        wrong = len(texts) > len(parameters) or len(set(given)) < len(given)
+        if wrong or set(given) - set(parameters) or set(needed) - set(given):
+            raise _refusal(word, f"{name} takes ({', '.join(parameters)}), of which needed: {len(needed)}")
+        texts += [f"{mark}{key}={self._expression(value)}" for key, value in named.items()]
+        return f"{prefix}{name}({', '.join(texts)})", waits
+
+
+def _number(token: Any) -> int | float:
+    if token.startswith("0x"):
+        return int(token, 16)
+    return int(token) if token.isdigit() and len(token) < 10 else float(token)
+
+
+def _statements(body: Any, whole: bool = False) -> Iterator[Any]:
+    """The trees in a body, or its statements, without functions within."""
+    for tree in body.children:
+        if hasattr(tree, "data") and tree.data != "routine":
+            yield tree
+            if whole or tree.data in ("if", "while", "block"):
+                yield from _statements(tree, whole)
+
+
+def _target(assign: Any) -> str:
+    """The variable an assignment changes."""
+    place = assign.children[-2]
+    while getattr(place, "data", "") == "index":
+        place = place.children[0]
+    if hasattr(place, "data") or place.type != "NAME":
+        raise _refusal(assign, "only a variable or an element of one can be given a value")
+    return str(place)
+
+
+def _place(tree: Any) -> tuple[int, int]:
+    meta = getattr(tree, "meta", tree)
+    return getattr(meta, "line", 1), getattr(meta, "column", 1)
+
+
+def _refusal(tree: Any, text: str) -> ScriptError:
+    return ScriptError(*_place(tree), text)
+
+
+@lru_cache(8)
+def _translated(text: str, built_ins: Any) -> Program:
+    try:
+        return _Translator(built_ins.table()).translate(text)
+    except (RecursionError, MemoryError):
+        raise ScriptError(1, 1, "nested too deep") from None
+
+
+def translate(text: str, built_ins: Any) -> Program:
+    """A programme ready to run. ``built_ins``: a class whose ``table`` names the functions. Raises ScriptError."""
+    return _translated(text, built_ins)

@@ -1,0 +1,258 @@
+"""Values of URScript: lists and poses, never changed in place, so that an assignment copies as on a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import atan2, cos, fmod, isfinite, sin, sqrt
+from typing import Any
+
+import numpy as np
+
+from polish_sim.arrays import Array
+
+LARGEST_INTEGER = 2**31
+LONGEST_TEXT = 8192
+
+
+class List(tuple[Any, ...]):
+    """A list; operators act on each element, as for a robot's vectors."""
+
+    __slots__ = ()
+
+    def _each(self, other: Any, of: Any) -> List:
+        if isinstance(other, List):
+            if len(other) != len(self):
+                raise ValueError(f"lists of {len(self)} and {len(other)} elements")
+            return type(self)(of(mine, theirs) for mine, theirs in zip(self, other, strict=True))
+        return type(self)(of(mine, other) for mine in self)
+
+    def __add__(self, other: Any) -> List:
+        return self._each(other, add)
+
+    def __radd__(self, other: Any) -> List:
+        return self._each(other, add)
+
+    def __sub__(self, other: Any) -> List:
+        return self._each(other, lambda mine, theirs: mine - theirs)
+
+    def __rsub__(self, other: Any) -> List:
+        return self._each(other, lambda mine, theirs: theirs - mine)
+
+    def __mul__(self, other: Any) -> List:
+        return self._each(other, mul)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> List:
+        return self._each(other, lambda mine, theirs: mine / theirs)
+
+    def __neg__(self) -> List:
+        return type(self)(-value for value in self)
+
+
+class Pose(List):
+    """A pose ``p[x, y, z, rx, ry, rz]``: metres and rotation vector."""
+
+    __slots__ = ()
+
+
+def pose(*values: Any) -> Pose:
+    """A pose of six numbers."""
+    return Pose(numbers(values, 6))
+
+
+def add(a: Any, b: Any) -> Any:
+    """Sum; texts are joined by ``str_cat`` only."""
+    if isinstance(a, str):
+        raise TypeError("texts are joined by str_cat")
+    return a + b
+
+
+def mul(a: Any, b: Any) -> Any:
+    """Product; an integer stays within 32 bits."""
+    if isinstance(a, str) or isinstance(b, str):
+        raise TypeError("a text is no number")
+    product = a * b
+    if type(product) is int and not -LARGEST_INTEGER <= product < LARGEST_INTEGER:
+        raise OverflowError(f"{a} * {b} is no 32-bit integer")
+    return product
+
+
+def mod(a: Any, b: Any) -> Any:
+    """Remainder with the sign of the dividend."""
+    remainder = fmod(a, b)
+    return remainder if isinstance(a, float) or isinstance(b, float) else int(remainder)
+
+
+def xor(a: Any, b: Any) -> bool:
+    """Exclusive or."""
+    return bool(a) != bool(b)
+
+
+def element(values: Any, index: Any) -> Any:
+    """An element of a list."""
+    if index < 0:
+        raise IndexError
+    return values[int(index)]
+
+
+def replaced(values: List, value: Any, index: Any, *inner: Any) -> List:
+    """The list with another element; of a matrix with two indices."""
+    row = element(values, index)
+    changed = list(values)
+    changed[int(index)] = replaced(row, value, *inner) if inner else value
+    return type(values)(changed)
+
+
+def as_list(values: Iterable[float] | Array) -> List:
+    """A list from an array of one or two dimensions."""
+    rows = values.tolist() if isinstance(values, np.ndarray) else values
+    return List(List(row) if isinstance(row, list) else row for row in rows)
+
+
+def as_pose(values: Array) -> Pose:
+    """A pose from an array."""
+    return Pose(values.tolist())
+
+
+def numbers(values: Any, size: int) -> list[float]:
+    """Finite numbers of a list of known length."""
+    if not isinstance(values, tuple) or len(values) != size:
+        raise ValueError(f"{size} numbers are needed, not {to_text(values)[:60]}")
+    return [number(value) for value in values]
+
+
+def array(values: Any, size: int = 6) -> Array:
+    """``numbers`` as an array."""
+    return np.array(numbers(values, size))
+
+
+def number(value: Any) -> float:
+    """A finite number."""
+    if not isinstance(value, (int, float)) or not isfinite(value):
+        raise ValueError(f"a finite number is needed, not {to_text(value)[:60]}")
+    return float(value)
+
+
+def to_text(value: Any) -> str:
+    """A value as ``textmsg`` shows it."""
+    if isinstance(value, List):
+        text = ("p[" if isinstance(value, Pose) else "[") + ", ".join(map(to_text, value)) + "]"
+    else:
+        text = f"{value:.9g}" if isinstance(value, float) else str(value)
+    if len(text) > LONGEST_TEXT:
+        raise ValueError(f"a text of more than {LONGEST_TEXT} characters")
+    return text
+
+
+# Rotations of three numbers: an array library takes ten times as long for them.
+
+Vector = tuple[float, float, float]
+
+
+def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    angle = sqrt(x * x + y * y + z * z)
+    share = sin(0.5 * angle) / angle if angle > 1e-12 else 0.5
+    return cos(0.5 * angle), share * x, share * y, share * z
+
+
+def _rotation_vector(w: float, x: float, y: float, z: float) -> Vector:
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    length = sqrt(x * x + y * y + z * z)
+    scale = 2.0 * atan2(length, w) / length if length > 1e-12 else 2.0
+    return scale * x, scale * y, scale * z
+
+
+def turned(rotation: Iterable[float], vector: Iterable[float]) -> Vector:
+    """A vector turned by a rotation vector."""
+    w, x, y, z = _quaternion(*rotation)
+    a, b, c = vector
+    i, j, k = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * i + y * k - z * j, b + w * j + z * i - x * k, c + w * k + x * j - y * i
+
+
+def _after(first: Iterable[float], second: Iterable[float]) -> Vector:
+    """The rotation ``first @ second``."""
+    w, x, y, z = _quaternion(*first)
+    d, a, b, c = _quaternion(*second)
+    return _rotation_vector(
+        w * d - x * a - y * b - z * c,
+        w * a + x * d + y * c - z * b,
+        w * b - x * c + y * d + z * a,
+        w * c + x * b - y * a + z * d,
+    )
+
+
+def pose_trans(p_from: Any, p_from_to: Any) -> Pose:
+    """``T_from @ T_from_to``."""
+    a, b = numbers(p_from, 6), numbers(p_from_to, 6)
+    place = turned(a[3:], b[:3])
+    return Pose((a[0] + place[0], a[1] + place[1], a[2] + place[2], *_after(a[3:], b[3:])))
+
+
+def pose_inv(p_from: Any) -> Pose:
+    """The inverse of a pose."""
+    a = numbers(p_from, 6)
+    back = [-value for value in a[3:]]
+    return Pose((*(-value for value in turned(back, a[:3])), *back))
+
+
+def pose_add(p_1: Any, p_2: Any) -> Pose:
+    """Sum of positions; rotation ``R_1 @ R_2``."""
+    a, b = numbers(p_1, 6), numbers(p_2, 6)
+    return Pose((*(x + y for x, y in zip(a[:3], b[:3], strict=True)), *_after(a[3:], b[3:])))
+
+
+def pose_sub(p_to: Any, p_from: Any) -> Pose:
+    """Difference of positions; the rotation from one to the other, in base axes."""
+    a, b = numbers(p_to, 6), numbers(p_from, 6)
+    back = [-value for value in b[3:]]
+    return Pose((*(x - y for x, y in zip(a[:3], b[:3], strict=True)), *_after(a[3:], back)))
+
+
+def interpolate_pose(p_from: Any, p_to: Any, alpha: Any) -> Pose:
+    """The pose at a share of the way between two."""
+    a, b, share = numbers(p_from, 6), numbers(p_to, 6), number(alpha)
+    turn = _after([-value for value in a[3:]], b[3:])
+    place = (x + share * (y - x) for x, y in zip(a[:3], b[:3], strict=True))
+    return Pose((*place, *_after(a[3:], [share * value for value in turn])))
+
+
+def wrench_trans(T_from_to: Any, w_from: Any) -> List:
+    """A wrench seen from another frame."""
+    a, w = numbers(T_from_to, 6), numbers(w_from, 6)
+    moment = np.array(w[3:]) - np.cross(a[:3], w[:3])
+    back = [-value for value in a[3:]]
+    return List((*turned(back, w[:3]), *turned(back, moment.tolist())))
+
+
+def norm(a: Any) -> float:
+    """Absolute value of a number, length of a list."""
+    return sqrt(sum(value * value for value in a)) if isinstance(a, List) else abs(a)
+
+
+def point_dist(p_from: Any, p_to: Any) -> float:
+    """Distance of two poses' positions [m]."""
+    return norm(List(numbers(p_from, 6)[:3]) - List(numbers(p_to, 6)[:3]))
+
+
+def pose_dist(p_from: Any, p_to: Any) -> float:
+    """Length of the difference of two poses."""
+    return norm(List(numbers(pose_sub(p_from, p_to), 6)))
+
+
+def rpy2rotvec(rpy: Any) -> List:
+    """Roll, pitch, yaw (about the fixed x, y, z) as a rotation vector."""
+    roll, pitch, yaw = numbers(rpy, 3)
+    return List(_after((0.0, 0.0, yaw), _after((0.0, pitch, 0.0), (roll, 0.0, 0.0))))
+
+
+def rotvec2rpy(rotation: Any) -> List:
+    """The inverse of ``rpy2rotvec``."""
+    vector = numbers(rotation, 3)
+    x, y, z = (turned(vector, axis) for axis in np.eye(3).tolist())
+    level = sqrt(y[2] * y[2] + z[2] * z[2])
+    if level < 1e-9:  # straight up or down: roll and yaw are about one axis
+        return List((0.0, atan2(-x[2], level), atan2(-y[0], y[1])))
+    return List((atan2(y[2], z[2]), atan2(-x[2], level), atan2(x[1], x[0])))

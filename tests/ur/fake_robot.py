@@ -1,0 +1,114 @@
+"""A robot without mass for tests of the language: it is at once where it is sent, and writes down what it was told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from polish_sim.arrays import Array
+
+MOVE_STEPS = 3
+
+
+class FakeRobot:
+    def __init__(self) -> None:
+        self.time_s = 0.0
+        self.actual_q = self.target_q = np.array([0.1, -1.5, 1.5, -1.5, -1.5, 0.2])
+        self.actual_qd = self.target_qd = self.target_qdd = np.zeros(6)
+        self.actual_tcp_pose = self.target_tcp_pose = np.array([0.4, 0.1, 0.3, 0.0, 3.0, 0.0])
+        self.actual_tcp_speed = self.target_tcp_speed = np.zeros(6)
+        self.tcp_force = np.array([0.0, 0.0, -3.0, 0.0, 0.0, 0.0])
+        self.joint_torques = self.tcp_offset = np.zeros(6)
+        self.payload_mass, self.payload_cog, self.payload_inertia = 1.0, np.zeros(3), np.zeros(6)
+        self.speed_fraction = 1.0
+        self.inputs: dict[tuple[str, int], float] = {}
+        self.outputs: dict[tuple[str, int], float] = {}
+        self.told: list[tuple[Any, ...]] = []
+        self.contact = 0
+        self._left = 0
+
+    def step(self) -> None:
+        self.time_s += 0.002
+        self._left -= 1
+
+    def move_done(self) -> bool:
+        return self._left <= 0
+
+    def steady(self) -> bool:
+        return True
+
+    def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
+        if value is not None:
+            self.outputs[name, index] = value
+        return self.outputs.get((name, index), False)
+
+    def register(self, side: str, kind: str, index: int) -> float:
+        return (self.inputs if side == "in" else self.outputs).get((kind, index), 0)
+
+    def set_register(self, kind: str, index: int, value: float | bool) -> None:
+        self.outputs[kind, index] = value
+
+    def forward_kin(self, q: Array, tcp: Array) -> Array:
+        return np.asarray(q) / 10.0
+
+    def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
+        return None if np.linalg.norm(pose[:3]) > 1.0 else np.asarray(pose) * 10.0
+
+    def jacobian(self, q: Array, tcp: Array) -> Array:
+        return np.eye(6)
+
+    def jacobian_dot(self, q: Array, qd: Array, tcp: Array) -> Array:
+        return np.zeros((6, 6))
+
+    def mass_matrix(self, q: Array, rotors: bool) -> Array:
+        return 2.0 * np.eye(6)
+
+    def coriolis(self, q: Array, qd: Array) -> Array:
+        return np.zeros(6)
+
+    def within_safety_limits(self, target: Array, is_pose: bool) -> bool:
+        return True
+
+    def q_history(self, steps: int) -> Array:
+        return self.actual_q
+
+    def tool_contact(self, direction: Array) -> int:
+        return self.contact
+
+    def freedrive_status(self) -> int:
+        return 0
+
+    def __getattr__(self, name: str) -> Any:
+        def note(*values: Any) -> None:
+            self.told.append((name, *(np.asarray(value).tolist() for value in values)))
+            if name in ("movej", "movel", "movep", "movec"):
+                self._left = MOVE_STEPS
+
+        return note
+
+    def names(self) -> list[str]:
+        return [entry[0] for entry in self.told]
+
+
+class Notes:
+    """What a programme said."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.events: list[tuple[Any, ...]] = []
+
+    def text(self, text: str) -> None:
+        self.texts.append(text)
+
+    def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
+        self.events.append(("popup", text))
+
+    def started(self, name: str) -> None:
+        self.events.append(("started", name))
+
+    def stopped(self, name: str) -> None:
+        self.events.append(("stopped", name))
+
+    def runtime_exception(self, line: int, column: int, text: str) -> None:
+        self.events.append(("exception", line, column, text))
