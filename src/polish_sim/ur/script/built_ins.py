@@ -29,16 +29,20 @@ OPTIMAL_A_M, OPTIMAL_V_M = 2.5, 1.0  #: Of which ``optimovel`` takes a share [m/
 class BuiltIns(Sockets):
     """The functions by their names in URScript."""
 
-    def __init__(self, machine: Machine) -> None:
+    _machine: Machine
+
+    def __init__(self, machine: Machine | None = None) -> None:
         super().__init__()
-        self._machine = machine
+        if machine is not None:
+            self._machine = machine
         self._waypoint = Pose((0.0,) * 6)
         self._flags: dict[int, bool] = {}
 
     def table(self) -> dict[str, Callable[..., Any]]:
         """All functions by name."""
-        hidden = {"table", "close_all", "client", "lines"}
-        found = {name: getattr(self, name) for name in dir(self) if name[0] != "_" and name not in hidden}
+        hidden = {"table", "close_all"}
+        words = (word for part in (BuiltIns, Sockets) for word in vars(part) if word[0] != "_" and word not in hidden)
+        found = {word: getattr(self, word) for word in words}
         maths = ("sin", "cos", "tan", "asin", "acos", "atan", "sqrt", "floor", "ceil", "exp")
         for name in maths:
             found[name] = _of_number(getattr(math, name))

@@ -12,7 +12,6 @@ from typing import Any
 from polish_sim.ur.api import Listener, Robot
 from polish_sim.ur.script import values
 from polish_sim.ur.script.built_ins import STOP_A, BuiltIns
-from polish_sim.ur.script.parse import ScriptError
 from polish_sim.ur.script.translate import FILE, Program, translate
 
 MOST_WORK = 300_000  #: Parts of statements a thread may run between two waits
@@ -38,81 +37,60 @@ class _Thread:
 
 
 class Machine:
-    """Runs one programme, and secondary ones beside it.
+    """Runs one programme, given as text; ``tick`` comes from the clock, the rest from the ports, all in one thread.
 
-    ``load`` and ``stop`` come from the ports, ``tick`` from the clock; all in one thread of Python.
+    Args:
+        source: The programme, ``def`` or ``sec`` or bare statements.
+        listener: Hears what it says.
+        client: The address its sockets reach.
+
+    Raises:
+        ScriptError: It cannot be run; says where.
     """
 
     robot: Robot
 
-    def __init__(self, listener: Listener) -> None:
+    def __init__(self, source: str, listener: Listener, client: str = "") -> None:
+        self.program = translate(source)
         self.listener = listener
+        self.running = True
         self.popup_open = False
-        self.paused = False
         self.random = Random(0)
         self.mover: _Thread | None = None  #: The thread that moves the robot now
-        self.program: Program | None = None
         self._built_ins = BuiltIns(self)
-        self._threads: list[_Thread] = []
-        self._secondary: list[tuple[Program, _Thread]] = []
-        self._current: _Thread | None = None
-        self._left = 0
-
-    @property
-    def running(self) -> bool:
-        """Whether a programme runs (or is paused)."""
-        return self.program is not None
-
-    @property
-    def name(self) -> str:
-        """The running programme's name."""
-        return self.program.name if self.program else ""
-
-    def translate(self, text: str) -> Program:
-        """What ``start`` takes; may be called from another thread of Python. Raises ScriptError."""
-        return translate(text.replace("\r\n", "\n"), self._built_ins)
-
-    def load(self, text: str, client: str = "") -> bool:
-        """Start a programme in the place of the present one, which goes on if this one is refused."""
-        try:
-            program = self.translate(text)
-        except ScriptError as error:
-            self.listener.runtime_exception(error.line, error.column, error.text)
-            return False
-        self.start(program, client)
-        return True
-
-    def start(self, program: Program, client: str = "") -> None:
-        """Start a programme; its first statements run in the next ``tick``. ``client``: what its sockets reach."""
+        self._built_ins.client = client
         space: dict[str, Any] = {"__builtins__": {}, "Halt": Halt, "List": values.List, "pose": values.pose}
         for word in ("add", "mul", "mod", "xor", "element", "replaced"):
             space[word] = getattr(values, word)
         space |= {"spend": self._spend, "run": self._run, "join": self._join, "kill": self._kill}
         space |= {f"b_{name}": built_in for name, built_in in self._built_ins.table().items()}
-        exec(program.code, space)
-        thread = _Thread(space["main"]())
-        if program.secondary:
-            self._secondary.append((program, thread))
-            return
-        self.stop()
-        self._built_ins.client = client
-        self.program, self._threads, self.paused, self.random = program, [thread], False, Random(0)
-        self.listener.started(program.name)
+        exec(self.program.code, space)
+        self._threads = [_Thread(space["main"]())]
+        self._current = self._threads[0]
+        self._left = 0
+        if not self.program.secondary:
+            listener.started(self.program.name)
+
+    @property
+    def name(self) -> str:
+        """The programme's name."""
+        return self.program.name
 
     def stop(self) -> None:
-        """End the programme and stop the robot; harmless without one."""
-        program, self.program = self.program, None
+        """End the programme and stop the robot; harmless when it has ended."""
+        if not self.running:
+            return
+        self.running = False
         for thread in self._threads:
             thread.close()
-        self._threads, self.mover, self.popup_open = [], None, False
         self._built_ins.close_all()
-        if program is None:
+        if self.program.secondary:
             return
         if hasattr(self, "robot"):
             self.robot.end_force_mode()
             self.robot.end_freedrive()
             self.robot.stopj(STOP_A)
-        self.listener.stopped(program.name)
+        self.listener.stopped(self.program.name)
 
     def close_popup(self) -> None:
         """Let a programme go on behind its blocking message."""
@@ -121,37 +99,26 @@ class Machine:
     def tick(self, robot: Robot) -> None:
         """Run each thread to its next wait: once in 2 ms, before the robot's step."""
         self.robot = robot
-        secondary, self._secondary = self._secondary, []
-        for program, thread in secondary:
-            self._advance(program, thread)
-        if self.program is None or self.paused:
-            return
-        main = self._threads[0]
         for thread in self._threads:  # a thread that starts another lets it run in the same step
             if thread.alive:
-                self._advance(self.program, thread)
-            if self.program is None:
+                self._advance(thread)
+            if not self.running:
                 return
-        if main.alive:
+        if self._threads[0].alive:
             self._threads = [thread for thread in self._threads if thread.alive]
         else:
             self.stop()
 
-    def _advance(self, program: Program, thread: _Thread) -> None:
+    def _advance(self, thread: _Thread) -> None:
         self._current, self._left = thread, MOST_WORK
         try:
             next(thread.steps)
-            return
         except (StopIteration, GeneratorExit):
             thread.alive = False
-            return
         except Halt:
-            pass
+            self.stop()
         except Exception as error:
-            line, column = _place(error, program)
-            self.listener.runtime_exception(line, column, _said(error))
-        thread.alive = False
-        if not program.secondary:
+            self.listener.runtime_exception(*_place(error, self.program), _said(error))
             self.stop()
 
     def take_robot(self) -> None:

@@ -14,6 +14,7 @@ from types import CodeType
 from typing import Any
 
 from polish_sim.errors import did_you_mean
+from polish_sim.ur.script.built_ins import BuiltIns
 from polish_sim.ur.script.parse import ScriptError, parse
 
 LONGEST_LIST = 5000
@@ -352,13 +353,9 @@ def _refusal(tree: Any, text: str) -> ScriptError:
 
 
 @lru_cache(8)
-def _translated(text: str, built_ins: Any) -> Program:
+def translate(text: str) -> Program:
+    """A programme ready to run. Raises ScriptError."""
     try:
-        return _Translator(built_ins.table()).translate(text)
+        return _Translator(BuiltIns().table()).translate(text.replace("\r\n", "\n"))
     except (RecursionError, MemoryError):
         raise ScriptError(1, 1, "nested too deep") from None
-
-
-def translate(text: str, built_ins: Any) -> Program:
-    """A programme ready to run. ``built_ins``: a class whose ``table`` names the functions. Raises ScriptError."""
-    return _translated(text, built_ins)
