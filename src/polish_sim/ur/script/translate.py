@@ -63,9 +63,10 @@ class _Translator:
         name, body, secondary = "", tree, False
         first = tree.children[0] if tree.children else None
         if first is not None and first.data == "routine":
-            for extra in tree.children[1:]:
-                raise _refusal(extra, "one programme at a time: this stands behind its 'end'")
             kind, named = first.children[:2]
+            for extra in tree.children[1:]:
+                if extra.data != "call_alone" or extra.children[0].children != [named]:  # many call what they send
+                    raise _refusal(extra, "one programme at a time: this stands behind its 'end'")
             name, body, secondary = str(named), first.children[-1], kind == "sec"
         main = _Routine("", body, [], body)
         self._collect(main)

@@ -1,0 +1,375 @@
+"""URScript: what a programme computes, how its threads take turns, what is refused and where."""
+
+from __future__ import annotations
+
+import math
+import random
+import socket
+import struct
+import time
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.ur.fake_robot import MOVE_STEPS, FakeRobot, Notes
+
+pytest.importorskip("lark")
+
+from polish_sim.ur.script import Machine, ScriptError
+from polish_sim.ur.script.built_ins import BuiltIns
+
+
+def run(body: str, ticks: int = 20, robot: FakeRobot | None = None) -> tuple[FakeRobot, Notes, Machine]:
+    robot, notes = robot or FakeRobot(), Notes()
+    machine = Machine(body if body.startswith(("def f():", "sec ")) else f"def f():\n{body}\nend\n", notes)
+    for _ in range(ticks):
+        machine.tick(robot)
+        robot.step()
+    return robot, notes, machine
+
+
+def said(expression: str) -> str:
+    _, notes, _ = run(f"textmsg({expression})")
+    assert notes.texts, notes.events
+    return notes.texts[0]
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("1 + 2 * 3", "7"),
+        ("7 / 2", "3.5"),
+        ("-7 % 3", "-1"),
+        ("2 - 3 - 4", "-5"),
+        ("(1 < 2) and not (3 <= 2)", "True"),
+        ("True xor True", "False"),
+        ("1 == 1 or 1 / 0 == 1", "True"),
+        ("[1, 2] * 2 + [1, 1]", "[3, 5]"),
+        ("2 * p[1, 0, 0, 0, 0, 0]", "p[2, 0, 0, 0, 0, 0]"),
+        ("[[1, 2], [3, 4]][1, 0]", "3"),
+        ("get_list_length([1, 2, 3])", "3"),
+        ('str_cat("a", str_cat(1.5, True))', "a1.5True"),
+        ('to_num("12") + 0x10', "28"),
+        ("norm([3, 4])", "5"),
+        ("norm(-2)", "2"),
+        ("pow(2, 10)", "1024"),
+        ("r2d(atan2(1, 1))", "45"),
+        ("log(10, 1000)", "3"),
+        ("1e-3", "0.001"),
+    ],
+)
+def test_an_expression_has_its_value(expression: str, value: str) -> None:
+    assert said(expression) == value
+
+
+def test_pose_algebra_is_that_of_rigid_transforms() -> None:
+    rng = np.random.default_rng(1)
+    table = BuiltIns().table()
+    pose = type(table["pose_inv"](_pose([0.0] * 6)))
+    for _ in range(50):
+        a, b = rng.uniform(-2.0, 2.0, (2, 6))
+        R_a, R_b = Rotation.from_rotvec(a[3:]), Rotation.from_rotvec(b[3:])
+        product = np.array(table["pose_trans"](pose(a.tolist()), pose(b.tolist())))
+        assert product[:3] == pytest.approx(a[:3] + R_a.apply(b[:3]))
+        assert (Rotation.from_rotvec(product[3:]).inv() * R_a * R_b).magnitude() < 1e-9
+        there = table["pose_trans"](pose(a.tolist()), table["pose_inv"](pose(a.tolist())))
+        assert list(there) == pytest.approx([0.0] * 6, abs=1e-9)
+        difference = table["pose_sub"](pose(a.tolist()), pose(b.tolist()))
+        assert list(table["pose_add"](difference, pose(b.tolist())))[:3] == pytest.approx(a[:3])
+        rpy = table["rotvec2rpy"](pose(a[3:].tolist()))
+        assert (Rotation.from_euler("xyz", list(rpy)).inv() * R_a).magnitude() < 1e-9
+        assert list(table["rpy2rotvec"](rpy)) == pytest.approx(R_a.as_rotvec(), abs=1e-9)
+
+
+def _pose(values: list[float]) -> object:
+    from polish_sim.ur.script.values import pose
+
+    return pose(*values)
+
+
+def test_a_list_is_copied_by_assignment() -> None:
+    _, notes, _ = run("a = [1, 2, 3]\nb = a\nb[1] = 9\ntextmsg(a)\ntextmsg(b)")
+    assert notes.texts == ["[1, 2, 3]", "[1, 9, 3]"]
+
+
+def test_indentation_says_nothing_and_lines_go_on_behind_operators_and_in_brackets() -> None:
+    text = 'def f():\n      x = [1,\n  2]   # a list\n if x[0] == 1 and\nx[1] == 2:\ntextmsg("yes")\n    end\nend\n'
+    assert run(text)[1].texts == ["yes"]
+
+
+def test_functions_take_defaults_and_names_and_see_what_stands_before_them() -> None:
+    body = """
+scale = 10
+def f2(a, b=2, c=3):
+  local d = a + b
+  return scale * d + c
+end
+textmsg(f2(1))
+textmsg(f2(1, c=0))
+i = 0
+while True:
+  i = i + 1
+  if i == 2:
+    continue
+  elif i > 3:
+    break
+  end
+  textmsg(i)
+end
+"""
+    assert run(body)[1].texts == ["33", "30", "1", "3"]
+
+
+def test_a_function_keeps_its_variables_to_itself_unless_they_are_the_programmes() -> None:
+    body = """
+global counted = 0
+def count():
+  counted = counted + 1
+  mine = 5
+end
+count()
+count()
+mine = 1
+count()
+textmsg(counted)
+textmsg(mine)
+"""
+    assert run(body)[1].texts == ["3", "1"]
+
+
+def test_threads_take_turns_at_sync_and_join_waits() -> None:
+    body = """
+thread other(n):
+  i = 0
+  while i < n:
+    textmsg("other")
+    sync()
+    i = i + 1
+  end
+end
+t = run other(2)
+textmsg("main")
+join t
+textmsg("joined")
+"""
+    assert run(body)[1].texts == ["main", "other", "other", "joined"]
+
+
+def test_sleep_takes_its_time_and_a_move_waits_for_the_robot() -> None:
+    body = 'movej([0, 0, 0, 0, 0, 0], a=1, v=2)\ntextmsg("there")\nsleep(0.02)\ntextmsg("late")'
+    seen = []
+    for ticks in range(1, 20):
+        seen.append(len(run(body, ticks)[1].texts))
+    assert seen.index(1) == MOVE_STEPS
+    assert seen.index(2) - seen.index(1) == 10
+
+
+def test_a_killed_thread_stops_the_move_it_made() -> None:
+    body = "thread go():\n movel(p[0.1, 0, 0, 0, 0, 0])\nend\nt = run go()\nsync()\nsync()\nkill t\nstopl(3)"
+    robot, notes, _ = run(body)
+    assert robot.names()[:3] == ["movel", "stopj", "stopl"]
+    assert notes.events[-1] == ("stopped", "f")
+
+
+def test_two_threads_do_not_move_the_robot_at_once() -> None:
+    body = "thread go():\n movel(p[0.1, 0, 0, 0, 0, 0])\nend\nt = run go()\nsync()\nsync()\nmovej([0,0,0,0,0,0])"
+    _, notes, machine = run(body)
+    assert notes.events[1] == ("exception", 8, 1, "another thread is already moving the robot")
+    assert not machine.running
+
+
+def test_the_end_of_a_programme_ends_force_mode_and_motion() -> None:
+    robot, notes, _ = run("force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])\nhalt\nsync()")
+    assert robot.names() == ["force_mode", "end_force_mode", "end_freedrive", "stopj"]
+    assert notes.events == [("started", "f"), ("stopped", "f")]
+
+
+def test_a_blocking_popup_holds_until_it_is_closed() -> None:
+    robot, notes, machine = run('popup("look", blocking=True)\ntextmsg("on")')
+    assert notes.texts == []
+    machine.close_popup()
+    machine.tick(robot)
+    assert notes.texts == ["on"]
+
+
+def test_a_secondary_programme_says_nothing_of_itself_and_may_not_wait() -> None:
+    robot, notes, machine = run("sec s():\n set_standard_digital_out(3, True)\nend\n")
+    assert robot.outputs["standard_digital_out", 3] is True
+    assert notes.events == []
+    assert not machine.running
+    with pytest.raises(ScriptError, match="may not wait"):
+        Machine("sec s():\n sync()\nend\n", Notes())
+
+
+@pytest.mark.parametrize(
+    ("body", "line", "column", "words"),
+    [
+        ("x = = 1", 2, 5, "unexpected"),
+        ("if True:\n x = 1", 4, 1, "unexpected"),
+        ("setpayload(1)", 2, 1, "unknown function 'setpayload'. Did you mean 'set_payload'"),
+        ("movej([0,0,0,0,0,0], speed=1)", 2, 1, "movej takes"),
+        ("x = y + 1", 2, 5, "'y' is never given a value"),
+        ("def g(a):\nend\ng()", 4, 1, "g takes (a)"),
+        ("t = run nothing()", 2, 9, "unknown function"),
+        ("[3]", 2, 1, "a value alone"),
+        ("pause", 2, 1, "not served"),
+        ("end\nif True:\n g()", 3, 1, "one programme at a time"),
+        ("1 = 2", 2, 1, "only a variable"),
+        ('textmsg("half)', 2, 9, "unexpected"),
+    ],
+)
+def test_a_programme_is_refused_with_line_and_column(body: str, line: int, column: int, words: str) -> None:
+    with pytest.raises(ScriptError) as refused:
+        Machine(f"def f():\n{body}\nend\n", Notes())
+    assert words in refused.value.text
+    assert (refused.value.line, refused.value.column) == (line, column) or "unexpected" in words
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("while True:\n x = 1\nend", "endless loop"),
+        ("def g():\n return g()\nend\ng()", "too deeply"),
+        ("x = 1 / 0", "division by zero"),
+        ("x = [1][2]", "no such element"),
+        ("i = -1\nx = [1, 2][i]", "no such element"),
+        ("x = 1\nwhile True:\n x = x * 99\nend", "32-bit"),
+        ('s = "ab"\nwhile True:\n s = str_cat(s, s)\nend', "text of more"),
+        ('x = "a" + "b"', "wrong type"),
+        ("movej([0, 0, 0])", "6 numbers are needed"),
+        ("movel(p[2, 0, 0, 0, 0, 0] / 0)", "division by zero"),
+        ("q = get_inverse_kin(p[2, 0, 0, 0, 0, 0])", "no inverse kinematics"),
+        ('socket_open("10.0.0.1", 80)', "reach the sender"),
+        ("thread g():\n while True:\n  sync()\n end\nend\nwhile True:\n t = run g()\nend", "64 threads"),
+        ("if False:\n y = 1\nend\nx = y", "no value yet"),
+    ],
+)
+def test_a_failing_programme_stops_with_its_place(body: str, words: str) -> None:
+    began = time.perf_counter()
+    _, notes, machine = run(body)
+    kinds = [event[0] for event in notes.events]
+    assert kinds == ["started", "exception", "stopped"]
+    assert words in notes.events[1][3]
+    assert 2 <= notes.events[1][1] <= 10
+    assert not machine.running
+    assert time.perf_counter() - began < 2.0
+
+
+def test_nothing_of_python_can_be_reached() -> None:
+    for text in ("__import__(1)", "x = __builtins__", "x = f.__class__", "x = open(1)", "x = spend", "b_movej(1)"):
+        with pytest.raises(ScriptError):
+            Machine(f"def f():\n{text}\nend\n", Notes())
+
+
+def test_sockets_carry_integers_in_network_order() -> None:
+    server = socket.create_server(("127.0.0.1", 0))
+    body = f"""
+if socket_open("127.0.0.1", {server.getsockname()[1]}, "line"):
+  got = socket_read_binary_integer(2, "line", 5)
+  textmsg(got)
+  socket_send_int(got[1] + got[2], "line")
+  textmsg(socket_read_binary_integer(1, "line", 0.01))
+end
+"""
+    robot, notes = FakeRobot(), Notes()
+    machine = Machine(f"def f():\n{body}\nend\n", notes, "127.0.0.1")
+    for _ in range(5):
+        machine.tick(robot)
+    client = server.accept()[0]
+    client.sendall(struct.pack(">ii", 40, 2))
+    for _ in range(12):
+        machine.tick(robot)
+    assert struct.unpack(">i", client.recv(4)) == (42,)
+    assert notes.texts == ["[2, 40, 2]", "[-1, 0]"]
+    assert client.recv(4) == b""  # the programme has ended and closed it
+
+
+def test_broken_programmes_are_refused_and_nothing_else_happens() -> None:
+    """Cuts, swaps and rubbish in a programme that uses the whole grammar."""
+    whole = """
+def f():
+  global q = [0, 1.5, -2e-3]
+  def g(a, b=[1, 2]):
+    local c = a[0] % 3 xor False
+    return not c
+  end
+  thread t():
+    while q[0] < 3 and True:
+      enter_critical
+      q[0] = q[0] + 1
+      exit_critical
+      sync()
+    end
+  end
+  h = run t()
+  if g([1]) == True:
+    movel(p[0.1, 0, 0, 0, 0, 0], r=0.0)
+  elif q == [1]:
+    halt
+  else:
+    kill h
+  end
+  join h
+end
+"""
+    rng = random.Random(7)
+    refused = 0
+    for _ in range(400):
+        text = list(whole)
+        for _ in range(rng.randint(1, 4)):
+            at = rng.randrange(len(text))
+            cut = rng.choice((0, 1, 1, 3, 40))
+            text[at : at + cut] = rng.choice(("", "(", "]", "end", "\n", "=", "\0", "é", '"', "9" * 12, "while", "p["))
+        try:
+            run("".join(text).lstrip(), ticks=30)
+        except ScriptError:
+            refused += 1
+    assert 100 < refused < 400
+
+
+@pytest.mark.parametrize("text", ["(" * 5000, "x=" + "-" * 5000 + "1", "def f():\n" * 3000, "x=" + "1+" * 3000 + "1"])
+def test_deep_nesting_is_refused(text: str) -> None:
+    with pytest.raises(ScriptError):
+        Machine(text, Notes())
+
+
+def test_a_control_loop_takes_a_small_part_of_its_2_ms() -> None:
+    """A loop as of a client's control script: registers read, a chain of 70 branches, a second thread that moves."""
+    branches = "".join(f"  elif cmd == {k}:\n   textmsg({k})\n" for k in range(2, 71))
+    body = f"""
+thread speed():
+ while True:
+  target = goal
+  speedl(target, a=0.5, t=0.002)
+ end
+end
+global goal = [0, 0, 0, 0, 0, 0]
+def act(cmd):
+  if cmd == 1:
+   textmsg("one")
+{branches}  elif cmd == 71:
+   i = 0
+   while i < 6:
+    goal[i] = read_input_float_register(i)
+    i = i + 1
+   end
+  end
+end
+t = run speed()
+while True:
+  act(read_input_integer_register(0))
+  sync()
+end
+"""
+    robot = FakeRobot()
+    robot.inputs["int", 0] = 71
+    _, notes, machine = run(body, 10, robot)
+    times = []
+    for _ in range(1000):
+        began = time.perf_counter()
+        machine.tick(robot)
+        times.append(time.perf_counter() - began)
+    assert machine.running, notes.events
+    assert np.median(times) < 2e-4
+    assert math.isclose(robot.told[-1][1][0], 0.0)
