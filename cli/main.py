@@ -25,6 +25,7 @@ from polish_sim.cli.plan import plan
 from polish_sim.cli.report import report
 from polish_sim.cli.run import RunGroup, demo
 from polish_sim.cli.score import score
+from polish_sim.cli.serve import serve
 from polish_sim.cli.smooth import smooth
 from polish_sim.cli.sweep import sweep
 from polish_sim.cli.tune import tune
@@ -71,6 +72,7 @@ commands.command("inspect", cls=PanelledCommand, short_help="The quality of any 
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
 commands.add_typer(runs, name="run", short_help="Simulate arc, force, surface, smooth, teach or dual.")
 commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(score)
+commands.command("serve", cls=PanelledCommand, short_help="A simulated UR controller for your own programme.")(serve)
 commands.command("sweep", cls=PanelledCommand, short_help="Many runs over settings and seeds, in one table.")(sweep)
 commands.command("tune", cls=PanelledCommand, short_help="Search a controller's parameters.")(tune)
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget.")

@@ -11,7 +11,7 @@ import numpy as np
 
 from polish_sim.analysis.metrics import AREAS, measure_removal, measure_surface, shortcomings
 from polish_sim.arrays import Array
-from polish_sim.cell import CellRun, Observer, RealPart, Silent
+from polish_sim.cell import Cell, CellRun, Observer, RealPart, Silent
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -149,16 +149,20 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     """Polish a part and measure how well the force was held; plan and errors as of `prepare_surface`."""
     observer = observer or Silent()
     task = prepare_surface(scenario, plan, observer)
-    plan, reach, place = task.plan, task.reach, task.place
+    plan, place = task.plan, task.place
     # The plan may have chosen another pad than the default one.
     planned = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
     scenario = replace(scenario, pad=plan.tool.pad, plan=planned)
-    path = plan.path
     observer.stage("prepare the cell")
     part = build_part(scenario, place)
     cell = build_cell(scenario, place, part)
     observer.stage("simulate")
-    run = cell.run(observer)
+    return measure_run(scenario, task, cell, part, cell.run(observer))
+
+
+def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPart, run: CellRun) -> RunResult:
+    """How well a ``run`` of a ``cell`` has polished the task's part."""
+    plan, reach, place, path = task.plan, task.reach, task.place, task.plan.path
     fed = run.trace.path_s_m[run.trace.phase == 2]
     figures: dict[str, Any] = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     reached = float(fed[-1]) if len(fed) else -1.0

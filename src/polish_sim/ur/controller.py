@@ -1,0 +1,276 @@
+"""The simulated controller: robot, programme, power and safety as dashboard and script ports command them."""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from polish_sim.motion import link_frames
+from polish_sim.ur.api import Listener
+from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, TEXT, message
+from polish_sim.ur.robot import IDLE, NORMAL, PAUSED, PLAYING, POWER_OFF, PROTECTIVE, RUNNING, STOPPED, SimulatedRobot
+
+if TYPE_CHECKING:
+    from polish_sim.ur.script import Machine
+
+VERSIONS: Final = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000)}
+"""PolyScope versions a controller may say it is: major, minor, bug fix, build."""
+UNLOCK_TICKS: Final = 2500  #: A protective stop can be unlocked 5 s after it
+GONE_TICKS: Final = 100  #: A programme whose RTDE client has gone goes on for so long
+READ_ONLY, CALLED = 210, 0  #: Codes of messages
+KEPT: Final = 1000  #: Lines of the controller's log that are kept
+
+Start = Callable[[str, Listener, str], "Machine"]
+"""Makes a machine of a source, for a client's address; `ScriptError` where it is refused."""
+
+
+class Controller(Listener):
+    """What all ports of one robot share."""
+
+    torque_constants = np.array([11.7, 11.7, 11.2, 9.1, 9.1, 9.1])  #: About those of a UR5e [N m/A]
+
+    def __init__(self, robot: SimulatedRobot, version: str, start: Start) -> None:
+        self.robot, self.version, self._start = robot, VERSIONS[version], start
+        self.claimed: dict[str, Any] = {}  #: RTDE inputs by the session that has them
+        self.messages: list[bytes] = []  #: For every client of the primary port
+        self.machine: Machine | None = None
+        self.secondary: list[Machine] = []
+        self.program, self.popups = "", 0
+        self.log: deque[str] = deque(maxlen=KEPT)
+        self.line = 0
+        self._stopped_at = -UNLOCK_TICKS
+        self._orphan: int | None = None
+
+    # The tick.
+
+    def tick(self) -> None:
+        """Run programmes, then the robot, for 2 ms."""
+        robot = self.robot
+        if self._orphan is not None and robot.ticks - self._orphan >= GONE_TICKS:
+            self.stop("the RTDE client that had the programme's registers has gone")
+        for machine in self.secondary:
+            machine.tick(robot)
+        self.secondary = [machine for machine in self.secondary if machine.running]
+        if self.machine is not None and robot.runtime == PLAYING:
+            self.machine.tick(robot)
+            if self.machine is not None and not self.machine.running:
+                self._ended()
+        before = robot.safety
+        robot.step()
+        if robot.safety == PROTECTIVE != before:
+            self._stopped_at = robot.ticks
+            self.note(f"protective stop: {robot.stop_reason}")
+            self.messages.append(message(ERROR, self._stamp, struct.pack(">iiiII", 4, 0, 1, 0, 0) + b"PROTECTIVE_STOP"))
+            if robot.runtime == PLAYING:
+                robot.runtime = PAUSED
+
+    @property
+    def _stamp(self) -> int:
+        return int(1e6 * self.robot.time_s)
+
+    def note(self, text: str) -> None:
+        """Keep a line of the controller's log."""
+        self.log.append(f"{self.robot.time_s:.3f} {text}")
+
+    # Programmes.
+
+    def run(self, source: str, client: str) -> None:
+        """Start a programme in the place of the one that runs; one of ``sec`` beside it. Nothing while unpowered."""
+        from polish_sim.ur.script import ScriptError
+
+        beside = source.lstrip().startswith("sec ")
+        if self.robot.mode != RUNNING or self.robot.safety != NORMAL:
+            self.note("a programme was not started: the robot is not running")
+            text = b"C210A0"
+            self.messages.append(message(ERROR, self._stamp, struct.pack(">iiiII", READ_ONLY, 0, 2, 0, 0) + text))
+            return
+        if not beside:
+            self.stop("another programme starts")
+        try:
+            machine = self._start(source, self, client)
+        except ScriptError as error:
+            self.runtime_exception(error.line, error.column, str(error))
+            return
+        if beside:
+            self.secondary.append(machine)
+        else:
+            self.machine, self.robot.runtime = machine, PLAYING
+            self.robot.inputs_read.clear()
+            self.robot.rig.recording = True
+
+    def stop(self, why: str) -> None:
+        """Stop the programme, if one runs."""
+        if self.machine is not None:
+            self.note(f"stopped: {why}")
+            self.machine.stop()
+            self._ended()
+
+    def _ended(self) -> None:
+        self.machine, self.program, self.line, self._orphan = None, "", 0, None
+        self.robot.runtime = STOPPED
+        self.robot.let_go()
+
+    def pause(self) -> None:
+        """Hold the programme and the arm."""
+        if self.robot.runtime == PLAYING:
+            self.robot.runtime = PAUSED
+            self.robot.let_go()
+
+    def play(self) -> bool:
+        """Go on with a paused programme."""
+        ready = self.robot.runtime == PAUSED and self.robot.safety == NORMAL and self.robot.mode == RUNNING
+        if ready:
+            self.robot.runtime = PLAYING
+        return ready
+
+    def client_gone(self, session: Any) -> None:
+        """An RTDE client has gone: a programme that hears of its registers is stopped unless it comes back."""
+        if self.machine is not None and any(self.claimed.get(name) is session for name in self.robot.inputs_read):
+            self._orphan = self.robot.ticks
+
+    def client_back(self) -> None:
+        """Registers are claimed again."""
+        self._orphan = None
+
+    # Power and safety.
+
+    @property
+    def powered(self) -> bool:
+        """Whether the arm has power."""
+        return self.robot.mode >= IDLE
+
+    def power(self, mode: int) -> None:
+        """Switch to one of `POWER_OFF`, `IDLE` and `RUNNING`; the programme stops below the last."""
+        if mode != RUNNING:
+            self.stop("power")
+        elif self.robot.mode == POWER_OFF:
+            return
+        self.robot.mode = mode
+
+    def unlock(self) -> bool:
+        """Leave a protective stop; not within 5 s of it."""
+        if self.robot.safety != PROTECTIVE:
+            return True
+        if self.robot.ticks - self._stopped_at < UNLOCK_TICKS:
+            return False
+        self.robot.unlock()
+        return True
+
+    def close_popup(self) -> None:
+        """Close the pendant's message."""
+        self.popups = 0
+        if self.machine is not None:
+            self.machine.close_popup()
+
+    @property
+    def joint_mode(self) -> int:
+        """253 running, 255 idle, 239 without power."""
+        return {RUNNING: 253, IDLE: 255}.get(self.robot.mode, 239)
+
+    @property
+    def status_bits(self) -> int:
+        """Power, programme."""
+        return self.powered | (self.robot.runtime == PLAYING) << 1
+
+    @property
+    def safety_bits(self) -> int:
+        """Normal, protective stop, stopped due to safety."""
+        return 1 if self.robot.safety == NORMAL else 1 << 2 | 1 << 10
+
+    def elbow(self) -> list[float]:
+        """Position [m] and velocity [m/s] of the elbow, base axes."""
+        frames, qd = link_frames(self.robot.actual_q), self.robot.actual_qd
+        p = frames[2, :3, 3]
+        speed = sum((np.cross(frames[j, :3, 2], p - frames[j, :3, 3]) * qd[j] for j in range(2)), np.zeros(3))
+        return [*p, *speed]
+
+    # What programmes say.
+
+    def text(self, text: str) -> None:
+        """See the protocol."""
+        self.note(text)
+        self.messages.append(message(TEXT, self._stamp, text.encode()))
+
+    def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
+        """See the protocol."""
+        self.popups += 1
+        head = struct.pack(">IB???B", self.popups, 0, warning, error, blocking, len(title.encode()[:255]))
+        self.messages.append(message(POPUP, self._stamp, head + title.encode()[:255] + text.encode()))
+
+    def started(self, name: str) -> None:
+        """See the protocol."""
+        self.program = name
+        self._key("PROGRAM_XXX_STARTED", name)
+
+    def stopped(self, name: str) -> None:
+        """See the protocol."""
+        self._key("PROGRAM_XXX_STOPPED", name)
+
+    def _key(self, title: str, name: str) -> None:
+        self.note(f"{title} {name}")
+        body = struct.pack(">iiB", CALLED, 0, len(title)) + title.encode() + name.encode()
+        self.messages.append(message(KEY, self._stamp, body))
+
+    def runtime_exception(self, line: int, column: int, text: str) -> None:
+        """See the protocol."""
+        self.note(f"line {line}, column {column}: {text}")
+        self.messages.append(message(RUNTIME_EXCEPTION, self._stamp, struct.pack(">ii", line, column) + text.encode()))
+
+
+class Programs:
+    """Programmes and commands in the text a client sends to a script port, in pieces of any size.
+
+    A programme starts with ``def`` or ``sec`` in the first column and ends with ``end`` there; a line outside is a
+    command to the controller, or a programme of one line.
+    """
+
+    LONGEST: Final = 4_000_000  #: Characters of a programme
+    _number = itertools.count(1)
+
+    def __init__(self, controller: Controller, client: str) -> None:
+        self._controller, self._client = controller, client
+        self._buffer, self._lines, self._size = b"", list[str](), 0
+
+    def feed(self, data: bytes) -> bool:
+        """Take text; False where a programme is too long and the client is to be dropped."""
+        *lines, self._buffer = (self._buffer + data).split(b"\n")
+        for raw in lines:
+            self._take(raw.decode("utf-8", "replace").rstrip("\r"))
+        return len(self._buffer) + self._size <= self.LONGEST
+
+    def close(self) -> None:
+        """The client sends no more: a last line without an end counts."""
+        self.feed(b"\n")
+
+    def _take(self, line: str) -> None:
+        if self._lines or line.startswith(("def ", "sec ")):
+            self._lines.append(line)
+            self._size += len(line)
+            if line.rstrip() == "end":
+                source, self._lines, self._size = "\n".join(self._lines) + "\n", [], 0
+                self._controller.run(source, self._client)
+        elif line.strip() and not line.lstrip().startswith("#") and not self._command(line.strip().lower()):
+            name = f"unnamed_program_{next(self._number)}"
+            self._controller.run(f"def {name}():\n  {line.strip()}\nend\n", self._client)
+
+    def _command(self, line: str) -> bool:
+        controller = self._controller
+        commands: dict[str, Callable[[], Any]] = {
+            "power on": lambda: controller.power(IDLE),
+            "power off": lambda: controller.power(POWER_OFF),
+            "set robotmode run": lambda: controller.power(RUNNING),
+            "set unlock protective stop": controller.unlock,
+            "stop program": lambda: controller.stop("asked for"),
+            "pause program": controller.pause,
+            "resume program": controller.play,
+            "close popup": controller.close_popup,
+        }
+        if line not in commands:
+            return False
+        commands[line]()
+        return True

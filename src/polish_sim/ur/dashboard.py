@@ -1,0 +1,114 @@
+"""Port 29999: the dashboard, a line for a line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from polish_sim.ur.controller import Controller
+from polish_sim.ur.robot import IDLE, POWER_OFF, RUNNING, STOPPED
+
+GREETING: Final = "Connected: Universal Robots Dashboard Server"
+SERIAL: Final = "20265500001"
+MODES: Final[Mapping[int, str]] = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}
+SAFETY: Final[Mapping[int, str]] = {1: "NORMAL", 3: "PROTECTIVE_STOP"}
+STATES: Final[Mapping[int, str]] = {1: "STOPPED", 2: "PLAYING", 4: "PAUSED"}
+LONGEST: Final = 4096  #: Of a line
+BYE: Final = "Disconnected"
+
+
+def _power(mode: int, said: str) -> Callable[[Controller, str], str]:
+    def command(controller: Controller, _: str) -> str:
+        if mode == RUNNING and controller.robot.mode == POWER_OFF:
+            controller.power(IDLE)
+        controller.power(mode)
+        return said
+
+    return command
+
+
+def _stop(controller: Controller, _: str) -> str:
+    controller.stop("by the dashboard")
+    return "Stopped"
+
+
+def _play(controller: Controller, _: str) -> str:
+    return "Starting program" if controller.play() else "Failed to execute: play"
+
+
+def _pause(controller: Controller, _: str) -> str:
+    if controller.robot.runtime == STOPPED:
+        return "Failed to execute: pause"
+    controller.pause()
+    return "Pausing program"
+
+
+def _unlock(controller: Controller, _: str) -> str:
+    if controller.unlock():
+        return "Protective stop releasing"
+    return "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+
+
+def _popup(controller: Controller, text: str) -> str:
+    controller.popup(text, "Message", False, False, False)
+    return "showing popup"
+
+
+def _close_popup(controller: Controller, _: str) -> str:
+    controller.close_popup()
+    return "closing popup"
+
+
+def _log(controller: Controller, text: str) -> str:
+    controller.note(text)
+    return "Added log message" if text else "No log message to add"
+
+
+def _version(controller: Controller, _: str) -> str:
+    major, minor, bugfix, build = controller.version
+    return f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2026)"
+
+
+COMMANDS: Final[Mapping[str, Callable[[Controller, str], str]]] = {
+    "load": lambda c, name: f"File not found: {name}",
+    "play": _play,
+    "stop": _stop,
+    "pause": _pause,
+    "quit": lambda c, _: BYE,
+    "shutdown": _power(POWER_OFF, "Shutting down"),
+    "running": lambda c, _: f"Program running: {str(c.robot.runtime == 2).lower()}",
+    "popup": _popup,
+    "close popup": _close_popup,
+    "close safety popup": lambda c, _: "closing safety popup",
+    "polyscopeversion": _version,
+    "version": _version,
+    "programstate": lambda c, _: f"{STATES[c.robot.runtime]} {c.program or 'null'}",
+    "power on": _power(IDLE, "Powering on"),
+    "power off": _power(POWER_OFF, "Powering off"),
+    "brake release": _power(RUNNING, "Brake releasing"),
+    "unlock protective stop": _unlock,
+    "robotmode": lambda c, _: f"Robotmode: {MODES[c.robot.mode]}",
+    "get robot model": lambda c, _: "UR5",
+    "get loaded program": lambda c, _: "No program loaded",
+    "get serial number": lambda c, _: SERIAL,
+    "get operational mode": lambda c, _: "NONE",
+    "addtolog": _log,
+    "isprogramsaved": lambda c, _: f"true {c.program or 'null'}",
+    "is in remote control": lambda c, _: "true",
+    "setuserrole": lambda c, role: f"Setting user role: {role}",
+    "getuserrole": lambda c, _: "PROGRAMMER",
+    "safetymode": lambda c, _: f"Safetymode: {SAFETY[c.robot.safety]}",
+    "safetystatus": lambda c, _: f"Safetystatus: {SAFETY[c.robot.safety]}",
+    "restart safety": lambda c, _: "Restarting safety",
+}
+"""What each command does and answers, by its words in lower case."""
+
+
+def answer(controller: Controller, line: str) -> str:
+    """The answer to a line; the longest command that it begins with counts."""
+    words = line.split()
+    for count in range(len(words), 0, -1):
+        command = COMMANDS.get(" ".join(words[:count]).lower())
+        if command is not None:
+            return command(controller, " ".join(words[count:]))
+    return f"could not understand: '{line}'"

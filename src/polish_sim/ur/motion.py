@@ -1,0 +1,274 @@
+"""How a controller's set-points move: from tick to tick the next joint angles, for every kind of motion.
+
+A drive is asked once a tick. It gets joint angles [rad] and speeds [rad/s] and answers the next angles, all (6,).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple, Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from polish_sim.arrays import Array
+from polish_sim.motion import inverse_near, jacobian
+from polish_sim.motion.kinematics import inverse_on_branch
+from polish_sim.spatial import from_pose, inverse, transform
+
+LEVER_M: Final = 0.25  #: A line's rotation takes as long as a way of this length for each radian
+SINGULAR: Final = 0.02  #: Damping of the inverse Jacobian [-]
+
+
+class Drive(Protocol):
+    """A motion under way."""
+
+    def advance(self, q: Array, qd: Array, dt: float) -> Array:
+        """Joint angles after ``dt`` [s]."""
+        ...
+
+    def done(self) -> bool:
+        """Whether the programme goes on."""
+        ...
+
+
+class Profile(NamedTuple):
+    """From rest to rest over a length at limited speed and acceleration."""
+
+    length: float
+    ramp: float  #: Time in which it gains speed [s]
+    duration: float  #: [s]
+
+    def place(self, t: float) -> float:
+        """Share of the way after ``t`` [s]."""
+        whole, ramp = self.duration, self.ramp
+        if t >= whole or whole == 0.0:
+            return 1.0
+        speed = 1.0 / (whole - ramp)
+        if t < ramp:
+            return 0.5 * speed * t * t / ramp
+        left = whole - t
+        return 1.0 - 0.5 * speed * left * left / ramp if left < ramp else speed * (t - 0.5 * ramp)
+
+
+def profile(length: float, a: float, v: float, t: float) -> Profile:
+    """The profile at a speed ``v`` and an acceleration ``a``, or in a time ``t`` [s] where that is above 0."""
+    if length < 1e-9:
+        return Profile(0.0, 0.0, max(t, 0.0))
+    if t > 0.0:
+        most = 0.25 * a * t * t
+        ramp = 0.5 * t if most <= length else 0.5 * t * (1.0 - math.sqrt(1.0 - length / most))
+        return Profile(length, ramp, t)
+    ramp = min(v / a, math.sqrt(length / a))
+    return Profile(length, ramp, length / (a * ramp) + ramp)
+
+
+class Way(Protocol):
+    """Where a move leads."""
+
+    length: float  #: [rad] or [m]
+    reach: float  #: Of the TCP [m], which a blend is measured by
+    end: Array  #: Joint angles at the end [rad]
+
+    def at(self, share: float) -> Array:
+        """Joint angles after a share of the way; ValueError where the arm cannot be."""
+        ...
+
+
+class JointWay(Way):
+    """All joints at once."""
+
+    def __init__(self, start: Array, end: Array, reach: float) -> None:
+        self.start, self.end, self.reach = start, end.copy(), reach
+        self.length = float(np.abs(end - start).max())
+
+    def at(self, share: float) -> Array:
+        """On the straight line in joint space."""
+        return self.start + share * (self.end - self.start)
+
+
+class ToolWay(Way):
+    """The TCP along a line, or a circle through ``via``, turning about one axis."""
+
+    def __init__(self, start: Array, first: Array, last: Array, tcp: Array, via: Array | None, fixed: bool) -> None:
+        """Start at joint angles, there the TCP is at a pose ``first``; poses are transforms (4, 4)."""
+        self._inverse, self._q = inverse(tcp), start.copy()
+        self._p, self._R = first[:3, 3].copy(), Rotation.from_matrix(first[:3, :3])
+        way, self._turn = last[:3, 3] - self._p, (Rotation.from_matrix(last[:3, :3]) * self._R.inv()).as_rotvec()
+        self._way, self._axis, self._angle = way, np.zeros(3), 0.0
+        if via is not None:
+            self._on_circle(via[:3, 3] - self._p, way, fixed)
+        self.reach = float(np.linalg.norm(way)) if via is None else self._angle * float(np.linalg.norm(self._arm))
+        self.length = max(self.reach, LEVER_M * float(np.linalg.norm(self._turn)))
+        self.end = inverse_near(self.pose(1.0) @ self._inverse, start) if via is None else self._followed()
+
+    def pose(self, share: float) -> Array:
+        """Of the TCP."""
+        if self._angle:
+            turned = Rotation.from_rotvec(share * self._angle * self._axis)
+            p = self._p - self._arm + turned.apply(self._arm)
+        else:
+            p = self._p + share * self._way
+        return transform((Rotation.from_rotvec(share * self._turn) * self._R).as_matrix(), p)
+
+    def at(self, share: float) -> Array:
+        """By the inverse kinematics of the pose."""
+        q = self._q.copy()
+        if not inverse_on_branch(np.ascontiguousarray(self.pose(share) @ self._inverse), q, q):
+            raise ValueError("the way leads out of the arm's reach")
+        self._q[:] = q
+        return q
+
+    def _followed(self) -> Array:
+        kept = self._q.copy()
+        for share in np.linspace(0.0, 1.0, 50):
+            end = self.at(float(share))
+        self._q = kept
+        return end
+
+    def _on_circle(self, b: Array, c: Array, fixed: bool) -> None:
+        """The circle through the start, ``b`` and ``c`` from there [m]."""
+        axis = np.cross(b, c)
+        size = float(axis @ axis)
+        if size < 1e-16:
+            raise ValueError("movec: the three points lie on a line")
+        center = (np.cross(axis, b) * (c @ c) + np.cross(c, axis) * (b @ b)) / (2.0 * size)
+        self._arm, self._axis = -center, axis / math.sqrt(size)
+        last = c - center
+        angle = math.atan2(float(self._axis @ np.cross(self._arm, last)), float(self._arm @ last))
+        self._angle = angle % (2.0 * math.pi)
+        if fixed:
+            self._turn = self._angle * self._axis
+
+
+class _Under(NamedTuple):
+    """A way and how it is followed."""
+
+    way: Way
+    profile: Profile
+    blend: float  #: Radius [m]
+
+
+class Moves(Drive):
+    """One move after the other; where the next begins before the last has ended, what is left of that is added."""
+
+    def __init__(self) -> None:
+        self._under: list[tuple[_Under, float]] = []
+        self.scale = 1.0  #: Share of the time that passes, of the speed slider
+
+    def begin(self, way: Way, a: float, v: float, t: float, blend: float) -> None:
+        """Begin a move from the end of the last."""
+        self._under.append((_Under(way, profile(way.length, a, v, t), blend), 0.0))
+
+    def advance(self, q: Array, qd: Array, dt: float) -> Array:
+        """Sum of the moves under way."""
+        last = len(self._under) - 1
+        at = np.zeros(6)
+        self._under = [(move, clock + self.scale * dt) for move, clock in self._under]
+        for number, (move, clock) in enumerate(self._under):
+            here = move.way.at(move.profile.place(clock))
+            at += here if number == last else here - move.way.end
+        self._under = [
+            (move, clock)
+            for number, (move, clock) in enumerate(self._under)
+            if number == last or clock < move.profile.duration
+        ]
+        return at
+
+    def done(self) -> bool:
+        """Whether the last move has ended, or is so near to its end that the next may begin."""
+        move, clock = self._under[-1]
+        if clock >= move.profile.duration:
+            return True
+        left = (1.0 - move.profile.place(clock)) * move.way.reach
+        return move.profile.duration - clock <= move.profile.ramp and left <= move.blend
+
+    @property
+    def under_way(self) -> bool:
+        """Whether anything still moves."""
+        move, clock = self._under[-1]
+        return len(self._under) > 1 or clock < move.profile.duration
+
+    @property
+    def end(self) -> Array:
+        """Where the last leads."""
+        return self._under[-1][0].way.end
+
+
+class Servo(Drive):
+    """Follows goals behind a filter of second order, critically damped, which lags by the look-ahead time.
+
+    What the gain does on a robot is not public: here it does nothing.
+    """
+
+    def __init__(self) -> None:
+        self.goal, self.lookahead = np.zeros(6), 0.1
+
+    def advance(self, q: Array, qd: Array, dt: float) -> Array:
+        """A step of the filter."""
+        w = 2.0 / self.lookahead
+        speed = (qd + dt * w * w * (self.goal - q)) / (1.0 + 2.0 * w * dt + w * w * dt * dt)
+        return q + dt * speed
+
+    def done(self) -> bool:
+        """At once: the programme waits for the time it gave."""
+        return True
+
+
+class JointSpeeds(Drive):
+    """Accelerates to joint speeds and holds them; at rest it is the stop of the joints."""
+
+    def __init__(self) -> None:
+        self.goal, self.a, self._short = np.zeros(6), 1.0, True
+
+    def advance(self, q: Array, qd: Array, dt: float) -> Array:
+        """The leading axis accelerates at the limit."""
+        short = self.goal - qd
+        most = float(np.abs(short).max())
+        self._short = most > self.a * dt
+        return q + dt * (self.goal if not self._short else qd + short * (self.a * dt / most))
+
+    def done(self) -> bool:
+        """Whether the speed is reached."""
+        return not self._short
+
+
+class ToolSpeed(Drive):
+    """Accelerates to a twist of the TCP and holds it; at rest it is the stop on the line."""
+
+    def __init__(self, tcp: Array) -> None:
+        self.goal, self.twist, self._started = np.zeros(6), np.zeros(6), False
+        self.a, self.a_rot, self._point, self._short = 1.0, 1.0, tcp[:3, 3], True
+
+    def advance(self, q: Array, qd: Array, dt: float) -> Array:
+        """Linear and angular part accelerate at their limits."""
+        J = jacobian(q, self._point)
+        if not self._started:
+            self.twist, self._started = J @ qd, True
+        self._short = False
+        for part, a in ((slice(0, 3), self.a), (slice(3, 6), self.a_rot)):
+            short = self.goal[part] - self.twist[part]
+            size = float(np.linalg.norm(short))
+            late = size > a * dt
+            self._short = self._short or late
+            self.twist[part] += short * (a * dt / size) if late else short
+        return q + dt * joint_speeds(J, self.twist)
+
+    def done(self) -> bool:
+        """Whether the speed is reached."""
+        return not self._short
+
+
+def joint_speeds(J: Array, twist: Array) -> Array:
+    """Joint speeds (6,) for a twist of the TCP; exact away from singularities, damped near them."""
+    gram = J @ J.T
+    least = float(np.linalg.eigvalsh(gram)[0])
+    damping = max(SINGULAR**2 - max(least, 0.0), 0.0)
+    return np.asarray(J.T @ np.linalg.solve(gram + damping * np.eye(6), twist))
+
+
+def tool_way(
+    start: Array, first: Array, pose: Array, tcp: Array, via: Array | None = None, fixed: bool = False
+) -> ToolWay:
+    """Way of the TCP to a ``pose``, through ``via`` if that is given."""
+    return ToolWay(start, first, from_pose(pose), tcp, None if via is None else from_pose(via), fixed)

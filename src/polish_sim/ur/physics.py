@@ -1,0 +1,162 @@
+"""The cell under a robot's own controller: its loop, with joint set-points in the place of target, law and speedl."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from tempfile import TemporaryFile
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from polish_sim.arrays import Array
+from polish_sim.cell import Cell
+from polish_sim.cell.cell import CellRun, Played
+from polish_sim.cell.engine import mj_step1
+from polish_sim.cell.gears import RealArm
+from polish_sim.cell.guards import NO_STOP, REASONS
+from polish_sim.cell.kernel import CellKernel
+from polish_sim.cell.loop import FIRST_CONTACT_N, finish_step, is_over, press_on_part, read_sensor, see_as_host, see_tool
+from polish_sim.cell.real_part import move_part
+from polish_sim.cell.recorder import Recorder, TraceStep, build_recorder, record_exact
+from polish_sim.cell.stroke import APPROACH, PROCESS
+from polish_sim.cell.wrist_sensor import DRAWS
+from polish_sim.kernel_cache import njit
+from polish_sim.kernels import Record, Vector6
+
+TICK_S: Final = 0.002  #: Cycle of the robot's controller
+PROCESS_PHASE: Final = 2  #: In the log
+_DRAWN: Final = 4096  # steps of the sensor's noise drawn at once
+
+
+class Order(Record):
+    """Set-points of a tick, and what the joints are at its end."""
+
+    begin: Vector6  #: Joint positions at its begin [rad]
+    end: Vector6  #: And at its end
+    speed: Vector6  #: [rad/s]
+    torque: Vector6  #: Of the joints, where they are commanded [N m]
+    by_torque: bool
+    kp: Vector6  #: Of the servos [N m/rad]
+    read: Vector6  #: Joints by the encoders [rad]
+    read_speed: Vector6  #: [rad/s]
+    felt: Vector6  #: Torques of the motors [N m]
+
+
+# Without reference counts, as the cell's own loop.
+@njit(cache=True, error_model="numpy", _nrt=False)
+def follow(  # type: ignore[no-untyped-def]
+    cell: CellKernel, arm: RealArm | None, recorder: Recorder, order: Order, draws: Array, steps: int
+) -> None:
+    """Run the cell for ``steps`` physics steps under an ``order``; ``draws`` as of `polish_sim.cell.loop.advance`.
+
+    A joint commanded by torque has its servo's set-point where the servo gives that torque.
+    """
+    e, state = cell.engine, cell.state
+    recorder.filled.rows = recorder.filled.steps = 0
+    for k in range(steps):
+        t = state.status.steps * e.dt
+        mj_step1(e.model, e.data)
+        move_part(state.motion, t, e.dt, cell.part.position)
+        press_on_part(e, state, cell.pad, cell.part)
+        see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
+        if arm is not None:
+            see_as_host(arm, state, e)
+        read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
+        state.sequence.stage = PROCESS if state.wrench[2] > FIRST_CONTACT_N else APPROACH
+        for j in range(6):
+            order.read[j] = e.qpos[j] if arm is None else arm.read[j]
+            order.read_speed[j] = e.qvel[j] if arm is None else arm.read_speed[j]
+            place = order.begin[j] + (k + 1) / steps * (order.end[j] - order.begin[j])
+            speed = order.speed[j]
+            if order.by_torque:
+                place, speed = order.read[j] + order.torque[j] / order.kp[j], order.read_speed[j]
+                if arm is not None:
+                    arm.set_point[j], arm.set_speed[j], arm.correction[j] = place, speed, 0.0
+            e.ctrl[2 * j], e.ctrl[2 * j + 1] = place, speed
+        finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
+        if arm is not None:
+            record_exact(recorder, e, state, arm.tool_speed)
+        is_over(cell, 0, t)
+        for j in range(6):
+            order.felt[j] = e.qfrc_actuator[j]
+
+
+class Rig:
+    """A cell whose arm follows orders; what happens is recorded to files of no name until `result`.
+
+    The guards that watch a planned stroke are off; those of force, torque, sensor, part and links are the robot's
+    safety functions.
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        self.cell, state = cell, cell.state
+        self.steps = max(1, round(TICK_S / cell.kernel.engine.dt))
+        cell.begin_stroke(0)
+        guards = state.guards
+        guards.singular_value, guards.jump, guards.contact_lost = 0.0, math.inf, math.inf
+        self._force, self._torque = float(guards.force), float(guards.torque)
+        arm, model = cell.real_arm, cell.model
+        kp = arm.kp if arm is not None else -model.actuator_biasprm[:6, 1]
+        self.order = Order(kp=kp)
+        self.recorder = build_recorder(self.steps, cell._every)
+        self.files: list[Any] = [TemporaryFile() for _ in range(2)]
+        self._draws = self._drawn()
+        self.recording = False  #: From the first programme on
+        self.recorded = 0  #: Steps
+
+    def run(self) -> str:
+        """Run the cell for a tick; why the arm stopped itself in it, or nothing."""
+        before = int(self.cell.state.status.stop)
+        follow(self.cell.kernel, self.cell.real_arm, self.recorder, self.order, next(self._draws), self.steps)
+        filled = self.recorder.filled
+        if self.recording:
+            self.files[0].write(self.recorder.rows[: filled.rows].tobytes())
+            self.files[1].write(self.recorder.trace[: filled.steps].tobytes())
+            self.recorded += int(filled.steps)
+        code = int(self.cell.state.status.stop)
+        return REASONS[code] if code != before else ""
+
+    def unlock(self) -> None:
+        """Let the arm move again after a stop of its own; see ``watch``."""
+        status = self.cell.state.status
+        status.stop, status.stop_time = NO_STOP, 0.0
+        self.watch(False)
+
+    def watch(self, wanted: bool) -> None:
+        """Whether force and torque are watched: not while the arm backs off from what stopped it."""
+        guards = self.cell.state.guards
+        guards.force = self._force if wanted else math.inf
+        guards.torque = self._torque if wanted else math.inf
+
+    def near_limit(self) -> bool:
+        """Whether force or torque is above its limit."""
+        wrench = self.cell.state.measurement.wrench
+        return bool(np.linalg.norm(wrench[:3]) > self._force or np.linalg.norm(wrench[3:]) > self._torque)
+
+    def result(self, wall_s: float, points: Array, s: Array) -> CellRun:
+        """Everything recorded, as the run of a cell.
+
+        The place on the path of each step in contact is that of the nearest of its ``points`` (n, 3) [m], base frame,
+        which lie at arc lengths ``s`` (n,) [m].
+        """
+        contents = []
+        for file in self.files:
+            file.seek(0)
+            contents.append(file.read())
+            file.close()
+        rows = np.frombuffer(contents[0]).reshape(-1, self.recorder.rows.shape[1])
+        trace: NDArray[np.void] = np.frombuffer(contents[1], TraceStep.dtype).copy()
+        pressing = trace["phase"] == PROCESS_PHASE
+        trace["path_s_m"][pressing] = s[cKDTree(points).query(trace["tcp_position_m"][pressing])[1]]
+        return self.cell.result([Played(rows, trace)], False, wall_s)
+
+    def _drawn(self) -> Iterator[Array]:
+        """Random numbers of the sensor, tick by tick."""
+        while True:
+            many = self.cell.rng.standard_normal((_DRAWN * self.steps, DRAWS))
+            for a, b in pairwise(range(0, len(many) + 1, self.steps)):
+                yield many[a:b]

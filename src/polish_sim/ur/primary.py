@@ -1,0 +1,91 @@
+"""Ports 30001 and 30002, states and messages; port 30003, the real-time state."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from polish_sim.motion import JOINT_LIMITS
+from polish_sim.motion.kinematics import NOMINAL
+
+if TYPE_CHECKING:
+    from polish_sim.ur.controller import Controller
+
+ROBOT_STATE, ROBOT_MESSAGE = 16, 20
+TEXT, POPUP, VERSION, SAFETY_MODE, ERROR, KEY, RUNTIME_EXCEPTION = 0, 2, 3, 5, 6, 7, 10
+STATE_HZ: Final = 10.0
+UR5E: Final = 1  #: Robot type
+BOX, SUB_TYPE = 7, 1  #: Controller of an e-Series
+
+
+def message(kind: int, stamp_us: int, body: bytes) -> bytes:
+    """A robot message of a kind."""
+    return _framed(ROBOT_MESSAGE, struct.pack(">QbB", stamp_us, -2, kind) + body)
+
+
+def version_message(controller: Controller) -> bytes:
+    """What a client hears first."""
+    major, minor, bugfix, build = controller.version
+    name = b"URControl"
+    body = struct.pack(">B", len(name)) + name + struct.pack(">BBii", major, minor, bugfix, build) + b"01-01-2026"
+    return message(VERSION, int(1e6 * controller.robot.time_s), body)
+
+
+def robot_state(controller: Controller, configuration: bool) -> bytes:
+    """The state of robot, joints, tool and boards; with kinematics and ``configuration``, which do not change."""
+    r, playing = controller.robot, controller.robot.runtime
+    stopped = r.safety != 1
+    parts = [
+        _part(0, ">Q7?bB3db", int(1e6 * r.time_s), True, True, controller.powered, False, stopped, playing == 2,
+              playing == 4, r.mode, 0, r.speed_fraction, r.speed_fraction if playing == 2 else 0.0, 1.0, 0),
+        _joints(controller),
+        _part(2, ">BBddfBffB", 0, 0, 0.0, 0.0, 48.0, r.tool_voltage, 0.0, 30.0, controller.joint_mode),
+        _part(3, ">iiBBddbbddffffBBbIBB", r.digital_in, r.digital_out, 0, 0, 0.0, 0.0, *r.analog_domain, *r.analog_out,
+              30.0, 48.0, 0.5, 0.0, r.safety, 0, 0, 0, 0, 0),
+        _part(4, ">12d", *r.actual_tcp_pose, *r.tcp_offset),
+        _part(7, ">7d", *r.tcp_force, 0.0),
+        _part(8, ">BBBB", 0, 0, 0, 0),
+    ]  # fmt: skip
+    if configuration:
+        theta, d, a, alpha = NOMINAL
+        parts.append(_part(5, ">6I24dI", *range(6), *theta, *a, *d, *alpha, 0))
+        limits = np.column_stack([np.full(6, np.pi), np.full(6, 40.0)])
+        parts.append(
+            _part(6, ">12d12d5d24d4i2h", *JOINT_LIMITS.ravel(), *limits.ravel(), 1.05, 1.4, 0.25, 1.2, 0.05, *a, *d,
+                  *alpha, *theta, 0, BOX, UR5E, SUB_TYPE, 0, 0)
+        )  # fmt: skip
+    return _framed(ROBOT_STATE, b"".join(parts))
+
+
+def _joints(controller: Controller) -> bytes:
+    r, joints = controller.robot, []
+    for q, target, qd, torque in zip(r.actual_q, r.target_q, r.actual_qd, r.joint_torques, strict=True):
+        joints.append(struct.pack(">3d4fB", q, target, qd, torque / 10.0, 48.0, 30.0, 30.0, controller.joint_mode))
+    return _framed(1, b"".join(joints))
+
+
+def realtime_state(controller: Controller) -> bytes:
+    """The 1220 bytes of port 30003."""
+    r = controller.robot
+    still, current = np.zeros(6), r.joint_torques / controller.torque_constants
+    elbow = controller.elbow()
+    values = [
+        r.time_s, *r.target_q, *r.target_qd, *r.target_qdd, *current, *r.joint_torques,
+        *r.actual_q, *r.actual_qd, *current, *current,
+        *r.actual_tcp_pose, *r.actual_tcp_speed, *r.tcp_force, *r.target_tcp_pose, *r.target_tcp_speed,
+        r.digital_in, *np.full(6, 30.0), 1.0, 0.0, r.mode, *[controller.joint_mode] * 6, r.safety, *still,
+        0.0, 0.0, 9.81, *still, r.speed_fraction, 0.0, 0.0, 0.0, 48.0, 48.0, 0.5, *np.full(6, 48.0),
+        r.digital_out, r.runtime, *elbow, r.safety, 0.0, 0.0, 0.0,
+        r.payload_mass, *r.payload_cog, *r.payload_inertia,
+    ]  # fmt: skip
+    return struct.pack(f">i{len(values)}d", 4 + 8 * len(values), *values)
+
+
+def _part(kind: int, form: str, *values: float) -> bytes:
+    return _framed(kind, struct.pack(form, *values))
+
+
+def _framed(kind: int, body: bytes) -> bytes:
+    return struct.pack(">IB", 5 + len(body), kind) + body

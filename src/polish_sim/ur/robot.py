@@ -1,0 +1,473 @@
+"""The simulated controller's robot: modes, motions, force mode, safety, registers and payload on the cell's physics."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.cell import Cell, tool_on_flange
+from polish_sim.errors import ReachError
+from polish_sim.motion import JOINT_LIMITS, forward, inverse_near, jacobian
+from polish_sim.spatial import from_pose, to_pose
+from polish_sim.ur.api import Kind, Robot, Side
+from polish_sim.ur.compliance import FIXED, Compliance
+from polish_sim.ur.motion import Drive, JointSpeeds, JointWay, Moves, Servo, ToolSpeed, Way, joint_speeds, tool_way
+from polish_sim.ur.physics import TICK_S, Rig
+
+CLOCK_S: Final = 42.0  #: At the start; clients take less for a robot that boots
+POWER_OFF, IDLE, RUNNING = 3, 5, 7  #: Robot modes
+NORMAL, PROTECTIVE = 1, 3  #: Safety modes
+STOPPED, PLAYING, PAUSED = 1, 2, 4  #: Runtime states
+REGISTERS: Final = {"int": 48, "double": 48, "bool": 128}
+JOINT_SPEED: Final = 1.05 * np.pi  #: Of a set-point, above which the arm stops itself [rad/s]
+SETTLED: Final = 0.01  #: Speed below which a joint counts as at rest [rad/s]
+STOP_A: Final = 20.0  #: Deceleration of the joints in a protective stop [rad/s^2]
+HISTORY: Final = 1000  #: Ticks of joint angles and forces that are kept
+CONTACT_N: Final = 8.0  #: Change of the force along a direction that counts as contact [N]
+OUTPUTS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
+"""First bit and number of the digital inputs and outputs."""
+
+
+class SimulatedRobot(Robot):
+    """A UR5e with its tool in a cell; see `polish_sim.ur.api.Robot`."""
+
+    def __init__(self, cell: Cell) -> None:
+        self.rig, self.cell, baselines = Rig(cell), cell, cell.scenario.controller.baselines
+        self.ticks, self.mode, self.safety, self.runtime = 0, RUNNING, NORMAL, STOPPED
+        self.speed_fraction = 1.0
+        self.stop_reason = ""  #: Of the last protective stop
+        q = np.array(cell._start.q)
+        self.target_q, self._reference = q.copy(), q.copy()
+        self.target_qd, self.target_qdd, self._reference_qd = np.zeros(6), np.zeros(6), np.zeros(6)
+        self.tcp_offset = np.array(to_pose(tool_on_flange()))
+        payload = cell.state.payload
+        self._sensor_on_flange = _sensor_on_flange(cell, q)
+        self.payload_mass = float(payload.mass)
+        self.payload_cog = self._sensor_on_flange[:3, :3] @ payload.center + self._sensor_on_flange[:3, 3]
+        self.payload_inertia = np.zeros(6)
+        self._drive: Drive | None = None
+        self.compliance: Compliance | None = None
+        self._mode_settings = Compliance(baselines.mode_mass_kg, baselines.mode_damping, baselines.mode_gain_scaling)
+        self.registers = {side: {"int": [0] * 48, "double": [0.0] * 48, "bool": [False] * 128} for side in ("in", "out")}
+        self.inputs_read: set[str] = set()  #: Names of registers a programme has read
+        self.digital_in, self.digital_out = 0, 0
+        self.analog_out, self.analog_domain, self.tool_voltage = [0.004, 0.004], [0, 0], 0
+        self.external: Array = np.zeros(6)
+        self._external_on, self._torque_left, self._unlocked_at = False, 0, -1
+        self._data = mujoco.MjData(cell.model)
+        self._past: deque[tuple[Array, Array]] = deque(maxlen=HISTORY)
+        self._tool = tool_on_flange()
+        self._see()
+
+    # The tick.
+
+    def step(self) -> None:
+        """Move the set-points on by a tick and run the physics of it."""
+        before, order = self.target_q.copy(), self.rig.order
+        try:
+            self._move_on()
+        except (ValueError, ReachError) as error:
+            self.protective_stop(str(error))
+        qd = (self.target_q - before) / TICK_S
+        self.target_qdd, self.target_qd = (qd - self.target_qd) / TICK_S, qd
+        if np.abs(qd).max() > JOINT_SPEED and self.safety == NORMAL:
+            self.protective_stop("a joint's set-point is too fast: near a singularity, or a jump of servoj")
+        order.by_torque = self._torque_left > 0
+        if order.by_torque:
+            self._torque_left -= 1
+            self.target_q = self._reference = np.array(order.read)
+        order.begin, order.end, order.speed = before, self.target_q, qd
+        target = self.cell.state.target
+        T = from_pose(self.target_tcp_pose)
+        target.position, target.rotation, self.cell.state.speedl.twist = T[:3, 3], T[:3, :3], self.target_tcp_speed
+        reason = self.rig.run()
+        self.ticks += 1
+        self._see()
+        if reason:
+            self.protective_stop(reason)
+        if self._unlocked_at >= 0 and not self.rig.near_limit():
+            self._unlocked_at = -1
+            self.rig.watch(True)
+
+    def _move_on(self) -> None:
+        """The next set-points."""
+        before, speeds = self._reference, self._reference_qd
+        drive = self._drive
+        if isinstance(drive, Moves):
+            drive.scale = self.speed_fraction
+        after = before if drive is None else drive.advance(before, speeds, TICK_S)
+        if np.any(after < JOINT_LIMITS[:, 0]) or np.any(after > JOINT_LIMITS[:, 1]):
+            raise ValueError("a joint's set-point is at the end of its range")
+        self._reference, self._reference_qd = after, (after - before) / TICK_S
+        if self.compliance is None:
+            self.target_q = after.copy()
+            return
+        tcp, point = from_pose(self.tcp_offset), self.tcp_offset[:3]
+        moved = jacobian(before, point) @ self._reference_qd
+        pose = forward(self.target_q) @ tcp
+        wanted = pose if drive is None else forward(after) @ tcp
+        twist = self.compliance.twist(pose, moved, wanted, self.tcp_force, TICK_S)
+        self.target_q = self.target_q + TICK_S * joint_speeds(jacobian(self.target_q, point), twist)
+        if drive is None:
+            self._reference = self.target_q.copy()
+
+    def _see(self) -> None:
+        """Read joints and sensor, and what follows from them."""
+        order, m = self.rig.order, self.cell.state.measurement
+        if self.ticks == 0:
+            order.read = self.target_q
+            self.tcp_force = self._tcp_force = np.zeros(6)
+        self.actual_q, self.actual_qd = np.array(order.read), np.array(order.read_speed)
+        self.joint_torques = np.array(order.felt)
+        tcp, point = from_pose(self.tcp_offset), self.tcp_offset[:3]
+        T = forward(self.actual_q) @ tcp
+        self.actual_tcp_pose = np.array(to_pose(T))
+        self.target_tcp_pose = np.array(to_pose(forward(self.target_q) @ tcp))
+        self.actual_tcp_speed = jacobian(self.actual_q, point) @ self.actual_qd
+        self.target_tcp_speed = jacobian(self.target_q, point) @ self.target_qd
+        self.time_s = CLOCK_S + self.ticks * TICK_S
+        if self.ticks:
+            R, wrench = m.rotation, m.wrench
+            force, torque = -R @ wrench[:3], -R @ wrench[3:]
+            torque = torque + np.cross(m.position - T[:3, 3], force)
+            self.tcp_force = self.external.copy() if self._external_on else np.concatenate([force, torque])
+        self._past.append((self.actual_q, self.tcp_force))
+
+    @property
+    def raw_wrench(self) -> Array:
+        """What the sensor reads, as a wrench on the tool: sensor axes, nothing taken off."""
+        return -np.array(self.cell.state.sensor.reading)
+
+    # Motions.
+
+    def _begin(self, drive: Drive) -> None:
+        self._drive, self._torque_left = drive, 0
+        self._reference = self.target_q.copy()
+        self._reference_qd = self.target_qd.copy() if self.compliance is None else np.zeros(6)
+
+    def _move(self, make: Callable[[Array], Way], a: float, v: float, t: float, r: float) -> None:
+        drive = self._drive
+        if not (isinstance(drive, Moves) and drive.under_way):
+            drive = Moves()
+            self._begin(drive)
+            start = self._reference
+        else:
+            start = drive.end
+        if min(a, v) <= 0.0 or not np.isfinite([a, v, t, r]).all():
+            raise ValueError(f"acceleration {a:g} and speed {v:g} of a move must be above 0")
+        drive.begin(make(start), a, v, t, r)
+
+    def _pose_at(self, q: Array) -> Array:
+        return forward(q) @ from_pose(self.tcp_offset)
+
+    def movej(self, q: Array, a: float, v: float, t: float, r: float) -> None:
+        """See the protocol."""
+
+        def way(start: Array) -> Way:
+            apart = self._pose_at(q)[:3, 3] - self._pose_at(start)[:3, 3]
+            return JointWay(start, np.asarray(q, dtype=float), float(np.linalg.norm(apart)))
+
+        self._move(way, a, v, t, r)
+
+    def movel(self, pose: Array, a: float, v: float, t: float, r: float) -> None:
+        """See the protocol."""
+        tcp = from_pose(self.tcp_offset)
+        self._move(lambda start: tool_way(start, self._pose_at(start), pose, tcp), a, v, t, r)
+
+    def movep(self, pose: Array, a: float, v: float, r: float) -> None:
+        """See the protocol; a line as of ``movel``."""
+        self.movel(pose, a, v, 0.0, r)
+
+    def movec(self, via: Array, to: Array, a: float, v: float, r: float, mode: int) -> None:
+        """See the protocol."""
+        tcp = from_pose(self.tcp_offset)
+        self._move(lambda start: tool_way(start, self._pose_at(start), to, tcp, via, mode == 1), a, v, 0.0, r)
+
+    def move_done(self) -> bool:
+        """See the protocol."""
+        return self._drive is None or self._drive.done()
+
+    def servoj(self, q: Array, t: float, lookahead: float, gain: float) -> None:
+        """See the protocol."""
+        if not isinstance(self._drive, Servo):
+            self._begin(Servo())
+        assert isinstance(self._drive, Servo)
+        self._drive.goal, self._drive.lookahead = np.array(q), min(max(lookahead, 0.03), 0.2)
+
+    def servoc(self, pose: Array, a: float, v: float, r: float) -> None:
+        """See the protocol; its lines are not rounded beyond what ``servoj`` does."""
+        q = self.inverse_kin(pose, self.target_q, self.tcp_offset)
+        if q is None:
+            raise ValueError("servoc: the pose is out of reach")
+        self.servoj(q, TICK_S, 0.1, 300.0)
+
+    def speedj(self, qd: Array, a: float) -> None:
+        """See the protocol."""
+        if not isinstance(self._drive, JointSpeeds):
+            self._begin(JointSpeeds())
+        assert isinstance(self._drive, JointSpeeds)
+        self._drive.goal, self._drive.a, self._drive._short = np.array(qd, dtype=float), max(a, 1e-3), True
+
+    def speedl(self, xd: Array, a: float, a_rot: float | None) -> None:
+        """See the protocol; without ``a_rot`` the rotation accelerates as ``a`` at 1 m."""
+        if not isinstance(self._drive, ToolSpeed):
+            self._begin(ToolSpeed(from_pose(self.tcp_offset)))
+        assert isinstance(self._drive, ToolSpeed)
+        self._drive.goal, self._drive.a, self._drive._short = np.array(xd, dtype=float), max(a, 1e-3), True
+        self._drive.a_rot = max(a_rot if a_rot else a, 1e-3)
+
+    def stopj(self, a: float) -> None:
+        """See the protocol."""
+        self.speedj(np.zeros(6), abs(a))
+
+    def stopl(self, a: float, a_rot: float | None) -> None:
+        """See the protocol."""
+        self.speedl(np.zeros(6), abs(a), a_rot)
+
+    def steady(self) -> bool:
+        """See the protocol."""
+        return bool(np.abs(self.target_qd).max() < 1e-6 and np.abs(self.actual_qd).max() < SETTLED)
+
+    # Force.
+
+    def force_mode(self, frame: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
+        """See the protocol."""
+        if kind not in (1, 2, 3):
+            raise ValueError(f"force_mode: type {kind}, there are 1, 2 and 3")
+        if self.compliance is None:
+            self._mode_settings.speed = np.zeros(6)
+        self.compliance = self._mode_settings
+        self.compliance.free = False
+        self.compliance.set(frame, selection, wrench, kind, np.asarray(limits))
+
+    def force_mode_set_damping(self, damping: float) -> None:
+        """See the protocol."""
+        self._mode_settings.damping = min(max(damping, 0.0), 1.0)
+
+    def force_mode_set_gain_scaling(self, scaling: float) -> None:
+        """See the protocol."""
+        self._mode_settings.scaling = min(max(scaling, 0.0), 2.0)
+
+    def end_force_mode(self) -> None:
+        """See the protocol."""
+        if self.compliance is not None:
+            self._coast(STOP_A)
+
+    def _coast(self, a: float) -> None:
+        """Leave force mode and torques, and stop the joints from the speeds they are commanded now."""
+        drive = JointSpeeds()
+        self.compliance, self._torque_left, drive.a = None, 0, a
+        self._drive, self._reference, self._reference_qd = drive, self.target_q.copy(), self.target_qd.copy()
+
+    def freedrive(self, axes: Array, frame: Array) -> None:
+        """See the protocol: force mode with no force, so that the arm goes where something pushes it."""
+        limits = np.array([0.25, 0.25, 0.25, 1.0, 1.0, 1.0])
+        self.force_mode(np.asarray(frame), np.asarray(axes), np.zeros(6), FIXED, limits)
+        assert self.compliance is not None
+        self.compliance.free = True
+
+    def end_freedrive(self) -> None:
+        """See the protocol."""
+        self.end_force_mode()
+
+    def freedrive_status(self) -> int:
+        """See the protocol."""
+        least = float(np.linalg.svd(jacobian(self.actual_q, self.tcp_offset[:3]), compute_uv=False)[-1])
+        return 2 if least < 0.02 else 1 if least < 0.06 else 0
+
+    def direct_torque(self, tau: Array, friction_comp: bool, viscous: Array | None, coulomb: Array | None) -> None:
+        """See the protocol; without elastic joints there is no friction to compensate."""
+        torque, arm = np.array(tau, dtype=float), self.cell.real_arm
+        weight = np.array([0.0, 0.0, 9.81 * self.payload_mass])
+        torque += jacobian(self.actual_q, self.payload_cog)[:3].T @ weight
+        if arm is not None:
+            on = np.full(6, 1.0 if friction_comp else 0.0)
+            share = np.clip(self.actual_qd / SETTLED, -1.0, 1.0)
+            torque += (on if viscous is None else np.asarray(viscous)) * arm.viscous * self.actual_qd
+            torque += (on if coulomb is None else np.asarray(coulomb)) * arm.coulomb * share
+        if not np.isfinite(torque).all():
+            raise ValueError("direct_torque: a torque is not a number")
+        self._drive, self.rig.order.torque, self._torque_left = None, torque, 2
+
+    def zero_ftsensor(self) -> None:
+        """See the protocol."""
+        state = self.cell.state
+        state.sensor.tare += state.measurement.wrench
+
+    def ft_input(self, enabled: bool, mass: float, offset: Array, cog: Array) -> None:
+        """See the protocol; the wrench is taken as it comes, without the weight of the sensor."""
+        self._external_on = enabled
+
+    def tool_contact(self, direction: Array) -> int:
+        """See the protocol: the force against ``direction`` above what it was 1 s before by `CONTACT_N`."""
+        way = np.asarray(direction, dtype=float)[:3]
+        if not way.any():
+            way = self.target_tcp_speed[:3]
+        if np.linalg.norm(way) < 1e-6 or len(self._past) < 2:
+            return 0
+        against = np.array([-(force[:3] @ way) for _, force in list(self._past)[-500:]]) / np.linalg.norm(way)
+        pressed = against > float(np.median(against)) + CONTACT_N
+        if not pressed[-1]:
+            return 0
+        free = np.flatnonzero(~pressed)
+        return len(pressed) - 1 - int(free[-1]) if len(free) else len(pressed)
+
+    # Tool and payload.
+
+    def set_tcp(self, pose: Array) -> None:
+        """See the protocol."""
+        from_pose(pose)
+        self.tcp_offset = np.array(pose, dtype=float)
+        self._see()
+
+    def set_payload(self, mass: float, cog: Array | None, inertia: Array | None, transition_s: float) -> None:
+        """See the protocol; it holds at once."""
+        if not 0.0 <= mass <= 100.0:
+            raise ValueError(f"set_payload: a mass of {mass:g} kg")
+        self.payload_mass = float(mass)
+        if cog is not None:
+            self.payload_cog = np.array(cog, dtype=float)
+        if inertia is not None:
+            self.payload_inertia = np.array(inertia, dtype=float)
+        T = self._sensor_on_flange
+        self.cell.compensate(self.payload_mass, T[:3, :3].T @ (self.payload_cog - T[:3, 3]))
+
+    def set_gravity(self, direction: Array) -> None:
+        """See the protocol: only the one the cell has.
+
+        Raises:
+            ValueError: It is another.
+        """
+        g = np.asarray(direction, dtype=float)
+        if abs(abs(float(g[2])) - 9.81) > 0.05 or np.abs(g[:2]).max() > 0.05:
+            raise ValueError("set_gravity: the cell's robot stands upright, gravity is 9.81 m/s^2 along its z axis")
+
+    # Safety.
+
+    def protective_stop(self, reason: str = "asked for by the programme") -> None:
+        """See the protocol; the programme pauses."""
+        if self.safety == PROTECTIVE:
+            return
+        self.safety, self.stop_reason = PROTECTIVE, reason
+        self._coast(STOP_A)
+
+    def unlock(self) -> None:
+        """Leave a protective stop; force and torque are watched again once they are below their limits."""
+        self.safety, self._unlocked_at, self._drive = NORMAL, self.ticks, None
+        self.rig.unlock()
+
+    def let_go(self) -> None:
+        """A programme has ended: leave force mode and stop."""
+        self._coast(4.0)
+
+    def power_down(self) -> None:
+        """See the protocol."""
+        self.let_go()
+        self.mode = POWER_OFF
+
+    def set_speed_fraction(self, fraction: float) -> None:
+        """See the protocol."""
+        if np.isfinite(fraction):
+            self.speed_fraction = min(max(float(fraction), 0.0), 1.0)
+
+    # Registers and IO.
+
+    def register(self, side: Side, kind: Kind, index: int) -> float | int | bool:
+        """See the protocol."""
+        if side == "in":
+            self.inputs_read.add(f"input_{'bit' if kind == 'bool' else kind}_register_{index}")
+        return self.registers[side][kind][index]  # type: ignore[index, no-any-return]
+
+    def set_register(self, kind: Kind, index: int, value: float | bool) -> None:
+        """See the protocol."""
+        convert = {"int": int, "double": float, "bool": bool}[kind]
+        self.registers["out"][kind][index] = convert(value)  # type: ignore[index]
+
+    def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
+        """See the protocol.
+
+        Raises:
+            ValueError: There is none of that name and number.
+        """
+        group, sort, side = name.split("_")
+        if sort == "digital":
+            first, count = OUTPUTS[group]
+            if not 0 <= index < count:
+                raise ValueError(f"there is no {name}[{index}]")
+            bit = 1 << (first + index)
+            if value is not None:
+                self.digital_out = self.digital_out | bit if value else self.digital_out & ~bit
+            return bool((self.digital_out if side == "out" else self.digital_in) & bit)
+        if index not in (0, 1):
+            raise ValueError(f"there is no {name}[{index}]")
+        if side == "in":
+            return 0.0
+        if value is not None:
+            self.analog_out[index] = min(max(float(value), 0.0), 1.0)
+        return self.analog_out[index]
+
+    # Kinematics and dynamics.
+
+    def forward_kin(self, q: Array, tcp: Array) -> Array:
+        """See the protocol."""
+        return np.array(to_pose(forward(np.asarray(q, dtype=float)) @ from_pose(tcp)))
+
+    def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
+        """See the protocol."""
+        try:
+            return inverse_near(from_pose(pose) @ np.linalg.inv(from_pose(tcp)), np.asarray(near, dtype=float))
+        except ReachError:
+            return None
+
+    def jacobian(self, q: Array, tcp: Array) -> Array:
+        """See the protocol."""
+        return jacobian(np.asarray(q, dtype=float), np.asarray(tcp, dtype=float)[:3])
+
+    def jacobian_dot(self, q: Array, qd: Array, tcp: Array) -> Array:
+        """See the protocol; by central differences."""
+        ahead, behind = (self.jacobian(np.asarray(q) + h * np.asarray(qd), tcp) for h in (1e-5, -1e-5))
+        return np.asarray((ahead - behind) / 2e-5)
+
+    def mass_matrix(self, q: Array, rotors: bool) -> Array:
+        """See the protocol; with the tool."""
+        model, data = self.cell.model, self._data
+        data.qpos[:6], data.qvel[:] = q, 0.0
+        mujoco.mj_forward(model, data)
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        arm = self.cell.real_arm
+        own = np.zeros(6) if arm is None or not rotors else np.array(arm.inertia)
+        return inertia[:6, :6] + np.diag(own)
+
+    def coriolis(self, q: Array, qd: Array) -> Array:
+        """See the protocol; what the speeds add to the forces at rest."""
+        model, data, forces = self.cell.model, self._data, []
+        for speeds in (np.asarray(qd), np.zeros(6)):
+            data.qpos[:6], data.qvel[:6] = q, speeds
+            mujoco.mj_forward(model, data)
+            forces.append(data.qfrc_bias[:6].copy())
+        return np.asarray(forces[0] - forces[1])
+
+    def within_safety_limits(self, target: Array, is_pose: bool) -> bool:
+        """See the protocol: reach and joint ranges."""
+        q = self.inverse_kin(target, self.actual_q, self.tcp_offset) if is_pose else np.asarray(target)
+        return q is not None and bool(np.all(q >= JOINT_LIMITS[:, 0]) and np.all(q <= JOINT_LIMITS[:, 1]))
+
+    def q_history(self, steps: int) -> Array:
+        """See the protocol; 2 s are kept."""
+        return self._past[max(len(self._past) - 1 - max(int(steps), 0), 0)][0]
+
+
+def _sensor_on_flange(cell: Cell, q: Array) -> Array:
+    """Pose of the wrist sensor on the flange, shape (4, 4)."""
+    flange, sensor = (cell.data.site(name) for name in ("flange", "sensor"))
+    R, p = flange.xmat.reshape(3, 3), flange.xpos
+    T = np.eye(4)
+    T[:3, :3] = R.T @ sensor.xmat.reshape(3, 3)
+    T[:3, 3] = R.T @ (sensor.xpos - p)
+    return T

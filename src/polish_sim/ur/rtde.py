@@ -1,0 +1,308 @@
+"""Port 30004, the Real-Time Data Exchange: versions 1 and 2, recipes, registers claimed by one client at a time."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from polish_sim.ur.controller import Controller
+
+VERSION, CONTROLLER, TEXT, DATA = ord("V"), ord("v"), ord("M"), ord("U")
+OUTPUTS, INPUTS, START, PAUSE = ord("O"), ord("I"), ord("S"), ord("P")
+FORMATS: Final[Mapping[str, str]] = {
+    "BOOL": "?", "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d",
+    "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
+}  # fmt: skip
+NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
+MOST_RECIPES: Final = 255
+MOST_HZ: Final = 500.0
+UNSENT: Final = 1 << 20  #: Bytes a slow reader may leave unread before it is dropped
+
+
+class ProtocolError(Exception):
+    """A client sent what no RTDE client sends: it is dropped."""
+
+
+def _registers(side: str) -> dict[str, tuple[str, Callable[[Controller], Any]]]:
+    found: dict[str, tuple[str, Callable[[Controller], Any]]] = {}
+
+    def value(kind: str, index: int) -> Callable[[Controller], Any]:
+        return lambda c: c.robot.registers[side][kind][index]
+
+    def packed(first: int) -> Callable[[Controller], Any]:
+        return lambda c: sum(bit << k for k, bit in enumerate(c.robot.registers[side]["bool"][first : first + 32]))
+
+    name = f"{side}put"
+    for index in range(48):
+        found[f"{name}_int_register_{index}"] = ("INT32", value("int", index))
+        found[f"{name}_double_register_{index}"] = ("DOUBLE", value("double", index))
+    for index in range(64, 128):
+        found[f"{name}_bit_register_{index}"] = ("BOOL", value("bool", index))
+    found[f"{name}_bit_registers0_to_31"] = ("UINT32", packed(0))
+    found[f"{name}_bit_registers32_to_63"] = ("UINT32", packed(32))
+    return found
+
+
+def _still(value: Any) -> Callable[[Controller], Any]:
+    """A quantity the cell does not have, at its value of a robot at rest."""
+    return lambda c: value
+
+
+FIELDS: Final[Mapping[str, tuple[str, Callable[[Controller], Any]]]] = {
+    "timestamp": ("DOUBLE", lambda c: c.robot.time_s),
+    "target_q": ("VECTOR6D", lambda c: c.robot.target_q),
+    "target_qd": ("VECTOR6D", lambda c: c.robot.target_qd),
+    "target_qdd": ("VECTOR6D", lambda c: c.robot.target_qdd),
+    "target_current": ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
+    "target_moment": ("VECTOR6D", lambda c: c.robot.joint_torques),
+    "actual_q": ("VECTOR6D", lambda c: c.robot.actual_q),
+    "actual_qd": ("VECTOR6D", lambda c: c.robot.actual_qd),
+    "actual_current": ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
+    "actual_current_window": ("VECTOR6D", _still(np.full(6, 10.0))),
+    "actual_current_as_torque": ("VECTOR6D", lambda c: c.robot.joint_torques),
+    "joint_control_output": ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
+    "actual_TCP_pose": ("VECTOR6D", lambda c: c.robot.actual_tcp_pose),
+    "actual_TCP_speed": ("VECTOR6D", lambda c: c.robot.actual_tcp_speed),
+    "actual_TCP_force": ("VECTOR6D", lambda c: c.robot.tcp_force),
+    "target_TCP_pose": ("VECTOR6D", lambda c: c.robot.target_tcp_pose),
+    "target_TCP_speed": ("VECTOR6D", lambda c: c.robot.target_tcp_speed),
+    "actual_digital_input_bits": ("UINT64", lambda c: c.robot.digital_in),
+    "joint_temperatures": ("VECTOR6D", _still(np.full(6, 30.0))),
+    "actual_execution_time": ("DOUBLE", _still(1.0)),
+    "robot_mode": ("INT32", lambda c: c.robot.mode),
+    "joint_mode": ("VECTOR6INT32", lambda c: [c.joint_mode] * 6),
+    "safety_mode": ("INT32", lambda c: c.robot.safety),
+    "safety_status": ("INT32", lambda c: c.robot.safety),
+    "actual_tool_accelerometer": ("VECTOR3D", _still([0.0, 0.0, 9.81])),
+    "speed_scaling": ("DOUBLE", lambda c: c.robot.speed_fraction if c.robot.runtime == 2 else 0.0),
+    "target_speed_fraction": ("DOUBLE", lambda c: c.robot.speed_fraction),
+    "actual_momentum": ("DOUBLE", _still(0.0)),
+    "actual_main_voltage": ("DOUBLE", _still(48.0)),
+    "actual_robot_voltage": ("DOUBLE", lambda c: 48.0 if c.powered else 0.0),
+    "actual_robot_current": ("DOUBLE", _still(0.5)),
+    "actual_joint_voltage": ("VECTOR6D", _still(np.full(6, 48.0))),
+    "actual_digital_output_bits": ("UINT64", lambda c: c.robot.digital_out),
+    "runtime_state": ("UINT32", lambda c: c.robot.runtime),
+    "elbow_position": ("VECTOR3D", lambda c: c.elbow()[:3]),
+    "elbow_velocity": ("VECTOR3D", lambda c: c.elbow()[3:]),
+    "robot_status_bits": ("UINT32", lambda c: c.status_bits),
+    "safety_status_bits": ("UINT32", lambda c: c.safety_bits),
+    "analog_io_types": ("UINT32", lambda c: c.robot.analog_domain[0] << 2 | c.robot.analog_domain[1] << 3),
+    "standard_analog_input0": ("DOUBLE", _still(0.0)),
+    "standard_analog_input1": ("DOUBLE", _still(0.0)),
+    "standard_analog_output0": ("DOUBLE", lambda c: c.robot.analog_out[0]),
+    "standard_analog_output1": ("DOUBLE", lambda c: c.robot.analog_out[1]),
+    "io_current": ("DOUBLE", _still(0.0)),
+    "euromap67_input_bits": ("UINT32", _still(0)),
+    "euromap67_output_bits": ("UINT32", _still(0)),
+    "euromap67_24V_voltage": ("DOUBLE", _still(0.0)),
+    "euromap67_24V_current": ("DOUBLE", _still(0.0)),
+    "tool_mode": ("UINT32", lambda c: c.joint_mode),
+    "tool_analog_input_types": ("UINT32", _still(0)),
+    "tool_analog_input0": ("DOUBLE", _still(0.0)),
+    "tool_analog_input1": ("DOUBLE", _still(0.0)),
+    "tool_output_voltage": ("INT32", lambda c: c.robot.tool_voltage),
+    "tool_output_current": ("DOUBLE", _still(0.0)),
+    "tool_temperature": ("DOUBLE", _still(30.0)),
+    "tool_output_mode": ("UINT8", _still(0)),
+    "tool_digital_output0_mode": ("UINT8", _still(1)),
+    "tool_digital_output1_mode": ("UINT8", _still(1)),
+    "tcp_force_scalar": ("DOUBLE", lambda c: float(np.linalg.norm(c.robot.tcp_force[:3]))),
+    "tcp_offset": ("VECTOR6D", lambda c: c.robot.tcp_offset),
+    "payload": ("DOUBLE", lambda c: c.robot.payload_mass),
+    "payload_cog": ("VECTOR3D", lambda c: c.robot.payload_cog),
+    "payload_inertia": ("VECTOR6D", lambda c: c.robot.payload_inertia),
+    "ft_raw_wrench": ("VECTOR6D", lambda c: c.robot.raw_wrench),
+    "wrench_calc_from_currents": ("VECTOR6D", lambda c: c.robot.tcp_force),
+    "script_control_line": ("UINT32", lambda c: c.line),
+    "joint_position_deviation_ratio": ("DOUBLE", _still(0.0)),
+    "collision_detection_ratio": ("DOUBLE", _still(0.0)),
+    "time_scale_source": ("INT32", _still(0)),
+    **_registers("in"),
+    **_registers("out"),
+}
+"""Output fields: type and value."""
+
+SETTINGS: Final[Mapping[str, str]] = {
+    "speed_slider_mask": "UINT32", "speed_slider_fraction": "DOUBLE",
+    **{f"{group}_digital_output{end}": "UINT8" for group in ("standard", "configurable", "tool") for end in ("", "_mask")},
+    "standard_analog_output_mask": "UINT8", "standard_analog_output_type": "UINT8",
+    "standard_analog_output_0": "DOUBLE", "standard_analog_output_1": "DOUBLE", "external_force_torque": "VECTOR6D",
+}  # fmt: skip
+"""Input fields that are no registers: type."""
+
+
+def _input_type(name: str) -> str:
+    register = FIELDS.get(name, ("", None))[0] if name.startswith("input_") else ""
+    return register or SETTINGS.get(name, NOT_FOUND)
+
+
+@dataclass
+class Recipe:
+    """Names in the order of a package's data."""
+
+    names: list[str]
+    packing: struct.Struct
+    widths: list[int]
+
+    @classmethod
+    def of(cls, names: list[str], types: list[str]) -> Recipe:
+        """The recipe of fields that all exist."""
+        formats = [FORMATS[kind] for kind in types]
+        return cls(names, struct.Struct(">" + "".join(formats)), [int(form[:-1] or 1) for form in formats])
+
+    def unpack(self, data: bytes) -> dict[str, Any]:
+        """Values by name; ProtocolError where the size is wrong."""
+        if len(data) < self.packing.size:
+            raise ProtocolError(f"a package of {len(data)} bytes for a recipe of {self.packing.size}")
+        flat, at, values = self.packing.unpack_from(data), 0, {}
+        for name, width in zip(self.names, self.widths, strict=True):
+            values[name] = flat[at] if width == 1 else flat[at : at + width]
+            at += width
+        return values
+
+
+def apply_inputs(controller: Controller, values: Mapping[str, Any]) -> None:
+    """Set registers, slider and outputs as a client's package says."""
+    robot = controller.robot
+    for name, value in values.items():
+        if name.startswith("input_bit_registers"):
+            first = 0 if name.endswith("0_to_31") else 32
+            robot.registers["in"]["bool"][first : first + 32] = [bool(value >> k & 1) for k in range(32)]
+        elif name.startswith("input_"):
+            _, kind, _, index = name.split("_")
+            robot.registers["in"]["bool" if kind == "bit" else kind][int(index)] = value
+    if values.get("speed_slider_mask"):
+        robot.set_speed_fraction(values.get("speed_slider_fraction", robot.speed_fraction))
+    for group, first in (("standard", 0), ("configurable", 8), ("tool", 16)):
+        mask = values.get(f"{group}_digital_output_mask", 0) << first
+        bits = values.get(f"{group}_digital_output", 0) << first
+        robot.digital_out = robot.digital_out & ~mask | bits & mask
+    for index in (0, 1):
+        if values.get("standard_analog_output_mask", 0) >> index & 1:
+            robot.input_output("standard_analog_out", index, values.get(f"standard_analog_output_{index}", 0.0))
+            robot.analog_domain[index] = values.get("standard_analog_output_type", 0) >> index & 1
+    if "external_force_torque" in values and np.isfinite(values["external_force_torque"]).all():
+        robot.external = np.array(values["external_force_torque"])
+
+
+@dataclass
+class RtdeSession:
+    """One client of the port: feed it bytes, it answers; see ``package`` for what it gets each tick."""
+
+    controller: Controller
+    send: Callable[[bytes], None]
+    version: int = 1
+    started: bool = False
+    answered: bool = True  #: Whether it has sent data since its last package
+    outputs: dict[int, tuple[Recipe, float]] = field(default_factory=dict)
+    inputs: dict[int, Recipe] = field(default_factory=dict)
+    _due: dict[int, float] = field(default_factory=dict)
+    _buffer: bytes = b""
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes in pieces of any size; ProtocolError where they are no packages."""
+        self._buffer += data
+        while len(self._buffer) >= 3:
+            size, kind = struct.unpack_from(">HB", self._buffer)
+            if size < 3:
+                raise ProtocolError(f"a package of {size} bytes")
+            if len(self._buffer) < size:
+                return
+            body, self._buffer = self._buffer[3:size], self._buffer[size:]
+            self._take(kind, body)
+
+    def _take(self, kind: int, body: bytes) -> None:
+        try:
+            if kind == VERSION:
+                (asked,) = struct.unpack(">H", body)
+                accepted = asked in (1, 2)
+                self.version = asked if accepted else self.version
+                self._reply(VERSION, bytes([accepted]))
+            elif kind == CONTROLLER:
+                self._reply(CONTROLLER, struct.pack(">4I", *self.controller.version))
+            elif kind == OUTPUTS:
+                self._set_outputs(body)
+            elif kind == INPUTS:
+                self._set_inputs(body)
+            elif kind in (START, PAUSE):
+                self.started = kind == START and bool(self.outputs or self.inputs)
+                self._due = dict.fromkeys(self.outputs, -1.0)
+                self._reply(kind, bytes([self.started if kind == START else True]))
+            elif kind == DATA:
+                self._take_data(body)
+            elif kind != TEXT:
+                raise ProtocolError(f"a package of type {kind}")
+        except (struct.error, UnicodeDecodeError, IndexError) as error:
+            raise ProtocolError(str(error)) from error
+
+    def _set_outputs(self, body: bytes) -> None:
+        rate = 125.0
+        if self.version == 2:
+            (rate,), body = struct.unpack_from(">d", body), body[8:]
+        names = _names(body)
+        types = [FIELDS.get(name, (NOT_FOUND, None))[0] for name in names]
+        number = 0
+        if NOT_FOUND not in types and names and 1.0 <= rate <= MOST_HZ and len(self.outputs) < MOST_RECIPES:
+            number = len(self.outputs) + 1 if self.version == 2 else 1
+            self.outputs[number] = Recipe.of(names, types), rate
+        self._reply(OUTPUTS, (bytes([number]) if self.version == 2 else b"") + ",".join(types).encode())
+
+    def _set_inputs(self, body: bytes) -> None:
+        names, number = _names(body), 0
+        claimed = self.controller.claimed
+        types = [
+            IN_USE if claimed.get(name, self) is not self and name != "external_force_torque" else _input_type(name)
+            for name in names
+        ]
+        if not {NOT_FOUND, IN_USE} & set(types) and names and len(self.inputs) < MOST_RECIPES:
+            number = len(self.inputs) + 1
+            self.inputs[number] = Recipe.of(names, types)
+            claimed.update(dict.fromkeys(names, self))
+            self.controller.client_back()
+        self._reply(INPUTS, bytes([number]) + ",".join(types).encode())
+
+    def _take_data(self, body: bytes) -> None:
+        number, data = body[0], body[1:]
+        if number not in self.inputs:
+            raise ProtocolError(f"data for recipe {number}, which there is not")
+        apply_inputs(self.controller, self.inputs[number].unpack(data))
+        self.answered = True
+
+    def packages(self) -> Iterator[bytes]:
+        """The data due at this tick."""
+        now = self.controller.robot.ticks
+        for number, (recipe, rate) in self.outputs.items():
+            if now + 1e-6 < self._due.get(number, -1.0):
+                continue
+            self._due[number] = max(self._due.get(number, -1.0), now - 1.0) + MOST_HZ / rate
+            flat: list[Any] = []
+            for name, width in zip(recipe.names, recipe.widths, strict=True):
+                value = FIELDS[name][1](self.controller)
+                if width == 1:
+                    flat.append(value)
+                else:
+                    flat.extend(value)
+            data = recipe.packing.pack(*flat)
+            prefix = bytes([number]) if self.version == 2 else b""
+            yield struct.pack(">HB", 3 + len(prefix) + len(data), DATA) + prefix + data
+            self.answered = False
+
+    def close(self) -> None:
+        """Give back what was claimed."""
+        claimed = self.controller.claimed
+        for name in [name for name, owner in claimed.items() if owner is self]:
+            del claimed[name]
+
+    def _reply(self, kind: int, body: bytes) -> None:
+        self.send(struct.pack(">HB", 3 + len(body), kind) + body)
+
+
+def _names(body: bytes) -> list[str]:
+    """Names separated by commas; a comma at the end names nothing."""
+    return [name for name in body.decode("ascii").strip("\0").split(",") if name]

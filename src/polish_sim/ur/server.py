@@ -1,0 +1,310 @@
+"""The wire of one or more simulated controllers: their ports, their clients and their clock."""
+
+from __future__ import annotations
+
+import selectors
+import socket
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+from polish_sim.errors import InputError
+from polish_sim.ur.controller import Controller, Programs
+from polish_sim.ur.dashboard import BYE, GREETING, LONGEST, answer
+from polish_sim.ur.physics import TICK_S
+from polish_sim.ur.primary import STATE_HZ, realtime_state, robot_state, version_message
+from polish_sim.ur.rtde import UNSENT, ProtocolError, RtdeSession
+
+DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
+CLIENTS: Final = 64  #: Of one port
+LATE_S: Final = 0.25  #: So far behind the clock the server gives up catching up [s]
+EVERY: Final = round(1.0 / (STATE_HZ * TICK_S))
+CONFIGURED: Final = 20  #: States between two with the configuration
+
+
+class Session(Protocol):
+    """One client of a port."""
+
+    def feed(self, data: bytes) -> bool:
+        """Take what it sent; False to drop it."""
+        ...
+
+    def packages(self) -> Sequence[bytes]:
+        """What it gets at this tick."""
+        ...
+
+    def close(self) -> None:
+        """It has gone."""
+        ...
+
+
+class _Dashboard(Session):
+    def __init__(self, controller: Controller, send: Callable[[bytes], None], client: str) -> None:
+        self._controller, self._send, self._buffer = controller, send, b""
+        send(GREETING.encode() + b"\n")
+
+    def feed(self, data: bytes) -> bool:
+        """Lines."""
+        *lines, self._buffer = (self._buffer + data).split(b"\n")
+        for line in lines:
+            said = answer(self._controller, line.decode("utf-8", "replace").strip())
+            self._send(said.encode() + b"\n")
+            if said == BYE:
+                return False
+        return len(self._buffer) <= LONGEST
+
+    def packages(self) -> Sequence[bytes]:
+        """Nothing."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing is kept."""
+
+
+class _Script(Session):
+    """A port that takes programmes."""
+
+    def __init__(self, controller: Controller, send: Callable[[bytes], None], client: str) -> None:
+        self._controller, self._programs, self._states = controller, Programs(controller, client), 0
+        self.begin(send)
+
+    def begin(self, send: Callable[[bytes], None]) -> None:
+        """Greet."""
+
+    def feed(self, data: bytes) -> bool:
+        """Programmes."""
+        return self._programs.feed(data)
+
+    def close(self) -> None:
+        """A last line."""
+        self._programs.close()
+
+
+class _Primary(_Script):
+    def begin(self, send: Callable[[bytes], None]) -> None:
+        """The version."""
+        send(version_message(self._controller))
+
+    def packages(self) -> Sequence[bytes]:
+        """The state, ten times a second; the configuration at first and every few."""
+        found = self.news()
+        if self._controller.robot.ticks % EVERY == 0 or self._states == 0:
+            found.append(robot_state(self._controller, self._states % CONFIGURED == 0))
+            self._states += 1
+        return found
+
+    def news(self) -> list[bytes]:
+        """Messages since the last tick."""
+        return list(self._controller.messages)
+
+
+class _Secondary(_Primary):
+    def news(self) -> list[bytes]:
+        """Messages are the primary port's."""
+        return []
+
+
+class _Realtime(_Script):
+    def packages(self) -> Sequence[bytes]:
+        """The state of every tick."""
+        return (realtime_state(self._controller),)
+
+
+class _Rtde(RtdeSession):
+    def __init__(self, controller: Controller, send: Callable[[bytes], None], client: str) -> None:
+        super().__init__(controller, send)
+
+    def close(self) -> None:
+        """Say so before giving the registers back."""
+        self.controller.client_gone(self)
+        super().close()
+
+
+PORTS: Final[dict[int, Callable[[Controller, Callable[[bytes], None], str], Any]]] = {
+    DASHBOARD: _Dashboard,
+    PRIMARY: _Primary,
+    SECONDARY: _Secondary,
+    REALTIME: _Realtime,
+    RTDE: _Rtde,
+}
+
+
+@dataclass(eq=False)
+class _Client:
+    socket: socket.socket
+    port: int
+    session: Any = None
+    unsent: bytearray = field(default_factory=bytearray)
+    ending: bool = False
+
+
+@dataclass
+class Pace:
+    """How well the clock was kept."""
+
+    ticks: int = 0
+    late: int = 0  #: More than half a millisecond after they were due
+    worst_s: float = 0.0
+    given_up: int = 0  #: Times the server was too far behind and went on from there
+
+
+class Server:
+    """Controllers by address; ``offset`` is added to every port."""
+
+    def __init__(self, controllers: dict[str, Controller], real_time: bool = True, offset: int = 0) -> None:
+        self._controllers, self._real_time, self.pace = controllers, real_time, Pace()
+        self._selector = selectors.DefaultSelector()
+        self._clients: dict[Controller, list[_Client]] = {controller: [] for controller in controllers.values()}
+        self._listening: list[socket.socket] = []
+        try:
+            for address, controller in controllers.items():
+                for port in PORTS:
+                    self._listen(address, port, offset, controller)
+        except InputError:
+            self.close()
+            raise
+
+    def _listen(self, address: str, port: int, offset: int, controller: Controller) -> None:
+        listening = socket.socket()
+        self._listening.append(listening)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((address, port + offset))
+            listening.listen(CLIENTS)
+        except OSError as error:
+            raise InputError(
+                f"port {port + offset} of {address} cannot be used: {error.strerror or error}. Another simulated or "
+                "real controller may use it: stop that one, or take another --address (127.0.0.2)."
+            ) from error
+        listening.setblocking(False)
+        self._selector.register(listening, selectors.EVENT_READ, (controller, port))
+
+    def run(self, until: Callable[[], bool]) -> None:
+        """Serve until told to stop."""
+        due = time.perf_counter() + TICK_S
+        while not until():
+            if not self._real_time:
+                self._attend(0.0 if self._in_step() else 0.02)
+                if self._in_step():
+                    self._tick()
+                continue
+            wait = due - time.perf_counter()
+            self._attend(max(wait, 0.0))
+            now = time.perf_counter()
+            if now < due:
+                continue
+            late, pace = now - due, self.pace
+            pace.ticks, pace.worst_s = pace.ticks + 1, max(pace.worst_s, late)
+            pace.late += late > 0.25 * TICK_S
+            self._tick()
+            due += TICK_S
+            if late > LATE_S:
+                due, pace.given_up = time.perf_counter() + TICK_S, pace.given_up + 1
+
+    def _in_step(self) -> bool:
+        """Whether every client that answers packages has answered, and every reader has read."""
+        everyone = [client for clients in self._clients.values() for client in clients]
+        talking = [c for c in everyone if isinstance(c.session, RtdeSession) and c.session.started]
+        answered = all(c.session.answered or not c.session.inputs for c in talking)
+        return bool(talking) and answered and not any(c.unsent for c in talking)
+
+    def _tick(self) -> None:
+        for controller, clients in self._clients.items():
+            controller.tick()
+            for client in list(clients):
+                if client.session is None or (isinstance(client.session, RtdeSession) and not client.session.started):
+                    continue
+                # A slow reader misses states; what it misses of messages or data would be a gap: it is dropped.
+                if client.unsent and client.port == REALTIME:
+                    continue
+                for package in client.session.packages():
+                    self._send(client, package)
+                if len(client.unsent) > UNSENT:
+                    self._drop(controller, client)
+            controller.messages.clear()
+
+    def _attend(self, timeout: float) -> None:
+        for key, events in self._selector.select(timeout):
+            controller, what = key.data
+            if isinstance(what, int):
+                self._accept(key.fileobj, controller, what)  # type: ignore[arg-type]
+                continue
+            if events & selectors.EVENT_WRITE:
+                self._flush(controller, what)
+            if events & selectors.EVENT_READ and what in self._clients[controller]:
+                self._read(controller, what)
+
+    def _accept(self, listening: socket.socket, controller: Controller, port: int) -> None:
+        try:
+            connection, peer = listening.accept()
+        except OSError:
+            return
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        clients = self._clients[controller]
+        if sum(client.port == port for client in clients) >= CLIENTS:
+            connection.close()
+            return
+        client = _Client(connection, port)
+        clients.append(client)
+        self._selector.register(connection, selectors.EVENT_READ, (controller, client))
+        client.session = PORTS[port](controller, lambda data: self._send(client, data), peer[0])
+
+    def _read(self, controller: Controller, client: _Client) -> None:
+        try:
+            data = client.socket.recv(1 << 16)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        try:
+            keep = bool(data) and client.session.feed(data) is not False
+        except ProtocolError as error:
+            controller.note(f"port {client.port}: a client was dropped: {error}")
+            keep = False
+        if not keep:
+            self._drop(controller, client)
+
+    def _send(self, client: _Client, data: bytes) -> None:
+        """Send what goes at once, keep the rest."""
+        if not client.unsent:
+            try:
+                sent = client.socket.send(data)
+            except BlockingIOError:
+                sent = 0
+            except OSError:
+                return  # reading will find it gone
+            if sent == len(data):
+                return
+            data = data[sent:]
+            controller = next(c for c, clients in self._clients.items() if client in clients)
+            both = selectors.EVENT_READ | selectors.EVENT_WRITE
+            self._selector.modify(client.socket, both, (controller, client))
+        client.unsent += data
+
+    def _flush(self, controller: Controller, client: _Client) -> None:
+        try:
+            del client.unsent[: client.socket.send(client.unsent)]
+        except BlockingIOError:
+            return
+        except OSError:
+            client.unsent.clear()
+        if not client.unsent:
+            self._selector.modify(client.socket, selectors.EVENT_READ, (controller, client))
+
+    def _drop(self, controller: Controller, client: _Client) -> None:
+        self._clients[controller].remove(client)
+        self._selector.unregister(client.socket)
+        client.socket.close()
+        if client.session is not None:
+            client.session.close()
+
+    def close(self) -> None:
+        """Close every port and client."""
+        for controller, clients in self._clients.items():
+            for client in list(clients):
+                self._drop(controller, client)
+        for listening in self._listening:
+            listening.close()
+        self._selector.close()
