@@ -83,7 +83,7 @@ class ScriptError(InputError):
 class _Lines:
     """Ends of lines count where a statement may end: not in brackets, not after an operator."""
 
-    always_accept = ("_NL",)
+    always_accept = ("_NL", "SCOPE")
     OPEN_ENDED = frozenset(("OR", "XOR", "AND", "PLUS", "MINUS", "TIMES", "COMPARE", "EQUAL", "NOT", "_NL"))
 
     def process(self, stream: Iterator[Any]) -> Iterator[Any]:
@@ -97,6 +97,8 @@ class _Lines:
                 depth = max(depth - 1, 0)
             elif token.type == "_NL" and (depth or before in self.OPEN_ENDED):
                 continue
+            elif token.type == "SCOPE" and before not in ("_NL", ""):
+                yield type(token).new_borrow_pos("_NL", "\n", token)  # a statement may begin on another's last line
             before = token.type
             yield token
 

@@ -65,7 +65,8 @@ class _Translator:
         if first is not None and first.data == "routine":
             kind, named = first.children[:2]
             for extra in tree.children[1:]:
-                if extra.data != "call_alone" or getattr(extra.children[0], "children", 0) != [named]:  # many call what they send
+                called = extra.children[0] if extra.data == "call_alone" else None
+                if getattr(called, "children", None) != [named]:  # many call what they send
                     raise _refusal(extra, "one programme at a time: this stands behind its 'end'")
             name, body, secondary = str(named), first.children[-1], kind == "sec"
         main = _Routine("", body, [], body)
