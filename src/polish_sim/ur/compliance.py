@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.spatial import from_pose, unit
+from polish_sim.spatial import inverse, unit
+from polish_sim.ur.kinematics import matrix_of, pose_of
 
 GYRATION_M: Final = 0.25  #: Of the virtual mass [m]
 BACK_HZ: Final = 5.0  #: Rate at which the axes that follow return to their set-points [1/s]
@@ -32,7 +32,7 @@ class Compliance:
 
     def set(self, frame: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
         """Take a task frame (a pose in the base frame) and what to press with there."""
-        self._frame, self.kind = from_pose(frame), kind
+        self._frame, self.kind = matrix_of(frame), kind
         self.selection, self.wrench, self.limits = np.asarray(selection) != 0, np.asarray(wrench), np.abs(limits)
 
     def axes(self, p: Array, twist: Array) -> Array:
@@ -63,8 +63,8 @@ class Compliance:
             dt: Tick [s].
         """
         R = self.axes(pose[:3, 3], moved)
-        turn = Rotation.from_matrix(wanted[:3, :3] @ pose[:3, :3].T).as_rotvec()
-        off = np.concatenate([wanted[:3, 3] - pose[:3, 3], turn])
+        off = pose_of(wanted @ inverse(pose))
+        off[:3] = wanted[:3, 3] - pose[:3, 3]
         follow = _turned(R.T, moved + BACK_HZ * off)
         masses = self.mass * np.array([1.0, 1.0, 1.0, *[GYRATION_M**2] * 3])
         damping = FREE_DAMPING if self.free else self.damping

@@ -12,6 +12,7 @@ import numpy as np
 
 from polish_sim.motion import link_frames
 from polish_sim.ur.api import Listener
+from polish_sim.ur.physics import TICK_S
 from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, TEXT, message
 from polish_sim.ur.robot import IDLE, NORMAL, PAUSED, PLAYING, POWER_OFF, PROTECTIVE, RUNNING, STOPPED, SimulatedRobot
 
@@ -53,6 +54,15 @@ class Controller(Listener):
         robot = self.robot
         if self._orphan is not None and robot.ticks - self._orphan >= GONE_TICKS:
             self.stop("the RTDE client that had the programme's registers has gone")
+        if robot.watchdog is not None and robot.runtime == PLAYING:
+            variable, most, action = robot.watchdog
+            if robot.ticks - robot.written[variable] > most:
+                self.note(f"watchdog: {variable} was not written for {most * TICK_S:.3f} s")
+                robot.watchdog = None
+                if action == "stop":
+                    self.stop("the watchdog")
+                else:
+                    self.pause()
         for machine in self.secondary:
             machine.tick(robot)
         self.secondary = [machine for machine in self.secondary if machine.running]
@@ -112,7 +122,7 @@ class Controller(Listener):
 
     def _ended(self) -> None:
         self.machine, self.program, self.line, self._orphan = None, "", 0, None
-        self.robot.runtime = STOPPED
+        self.robot.runtime, self.robot.watchdog = STOPPED, None
         self.robot.let_go()
 
     def pause(self) -> None:

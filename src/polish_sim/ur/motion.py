@@ -12,12 +12,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.motion import inverse_near, jacobian
+from polish_sim.motion import inverse_near
 from polish_sim.motion.kinematics import inverse_on_branch
-from polish_sim.spatial import from_pose, inverse, transform
+from polish_sim.spatial import inverse, transform
+from polish_sim.ur.kinematics import joint_speeds, matrix_of, tool_at
 
 LEVER_M: Final = 0.25  #: A line's rotation takes as long as a way of this length for each radian
-SINGULAR: Final = 0.02  #: Damping of the inverse Jacobian [-]
 
 
 class Drive(Protocol):
@@ -238,11 +238,11 @@ class ToolSpeed(Drive):
 
     def __init__(self, tcp: Array) -> None:
         self.goal, self.twist, self._started = np.zeros(6), np.zeros(6), False
-        self.a, self.a_rot, self._point, self._short = 1.0, 1.0, tcp[:3, 3], True
+        self.a, self.a_rot, self._tcp, self._short = 1.0, 1.0, tcp, True
 
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """Linear and angular part accelerate at their limits."""
-        J = jacobian(q, self._point)
+        J = tool_at(q, self._tcp)[1]
         if not self._started:
             self.twist, self._started = J @ qd, True
         self._short = False
@@ -259,16 +259,8 @@ class ToolSpeed(Drive):
         return not self._short
 
 
-def joint_speeds(J: Array, twist: Array) -> Array:
-    """Joint speeds (6,) for a twist of the TCP; exact away from singularities, damped near them."""
-    gram = J @ J.T
-    least = float(np.linalg.eigvalsh(gram)[0])
-    damping = max(SINGULAR**2 - max(least, 0.0), 0.0)
-    return np.asarray(J.T @ np.linalg.solve(gram + damping * np.eye(6), twist))
-
-
 def tool_way(
     start: Array, first: Array, pose: Array, tcp: Array, via: Array | None = None, fixed: bool = False
 ) -> ToolWay:
     """Way of the TCP to a ``pose``, through ``via`` if that is given."""
-    return ToolWay(start, first, from_pose(pose), tcp, None if via is None else from_pose(via), fixed)
+    return ToolWay(start, first, matrix_of(pose), tcp, None if via is None else matrix_of(via), fixed)

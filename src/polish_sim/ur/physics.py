@@ -19,7 +19,15 @@ from polish_sim.cell.engine import mj_step1
 from polish_sim.cell.gears import RealArm
 from polish_sim.cell.guards import NO_STOP, REASONS
 from polish_sim.cell.kernel import CellKernel
-from polish_sim.cell.loop import FIRST_CONTACT_N, finish_step, is_over, press_on_part, read_sensor, see_as_host, see_tool
+from polish_sim.cell.loop import (
+    FIRST_CONTACT_N,
+    finish_step,
+    is_over,
+    press_on_part,
+    read_sensor,
+    see_as_host,
+    see_tool,
+)
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, TraceStep, build_recorder, record_exact
 from polish_sim.cell.stroke import APPROACH, PROCESS

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -12,11 +13,12 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.errors import ReachError
-from polish_sim.motion import JOINT_LIMITS, forward, inverse_near, jacobian
-from polish_sim.spatial import from_pose, to_pose
+from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
+from polish_sim.spatial import inverse
 from polish_sim.ur.api import Kind, Robot, Side
 from polish_sim.ur.compliance import FIXED, Compliance
-from polish_sim.ur.motion import Drive, JointSpeeds, JointWay, Moves, Servo, ToolSpeed, Way, joint_speeds, tool_way
+from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
+from polish_sim.ur.motion import Drive, JointSpeeds, JointWay, Moves, Servo, ToolSpeed, Way, tool_way
 from polish_sim.ur.physics import TICK_S, Rig
 
 CLOCK_S: Final = 42.0  #: At the start; clients take less for a robot that boots
@@ -44,7 +46,7 @@ class SimulatedRobot(Robot):
         q = np.array(cell._start.q)
         self.target_q, self._reference = q.copy(), q.copy()
         self.target_qd, self.target_qdd, self._reference_qd = np.zeros(6), np.zeros(6), np.zeros(6)
-        self.tcp_offset = np.array(to_pose(tool_on_flange()))
+        self.tcp_offset, self._tcp = pose_of(tool_on_flange()), tool_on_flange()
         payload = cell.state.payload
         self._sensor_on_flange = _sensor_on_flange(cell, q)
         self.payload_mass = float(payload.mass)
@@ -53,22 +55,32 @@ class SimulatedRobot(Robot):
         self._drive: Drive | None = None
         self.compliance: Compliance | None = None
         self._mode_settings = Compliance(baselines.mode_mass_kg, baselines.mode_damping, baselines.mode_gain_scaling)
-        self.registers = {side: {"int": [0] * 48, "double": [0.0] * 48, "bool": [False] * 128} for side in ("in", "out")}
+        self.registers: dict[str, dict[str, list[Any]]] = {
+            side: {"int": [0] * 48, "double": [0.0] * 48, "bool": [False] * 128} for side in ("in", "out")
+        }
         self.inputs_read: set[str] = set()  #: Names of registers a programme has read
+        self.written = dict[str, int]()  #: Tick in which a client last wrote an input, by its name
+        self.watchdog: tuple[str, int, str] | None = None  #: Input, ticks it may stay unwritten, and what then happens
         self.digital_in, self.digital_out = 0, 0
         self.analog_out, self.analog_domain, self.tool_voltage = [0.004, 0.004], [0, 0], 0
         self.external: Array = np.zeros(6)
         self._external_on, self._torque_left, self._unlocked_at = False, 0, -1
         self._data = mujoco.MjData(cell.model)
+        # Views of what changes in every tick: to look a field of a record up takes as long as the physics.
+        self._order = {
+            name: getattr(self.rig.order, name) for name in ("begin", "end", "speed", "read", "read_speed", "felt")
+        }
+        state = cell.state
+        self._seen = state.measurement.rotation, state.measurement.wrench, state.measurement.position
+        self._asked = state.target.position, state.target.rotation, state.speedl.twist
         self._past: deque[tuple[Array, Array]] = deque(maxlen=HISTORY)
-        self._tool = tool_on_flange()
         self._see()
 
     # The tick.
 
     def step(self) -> None:
         """Move the set-points on by a tick and run the physics of it."""
-        before, order = self.target_q.copy(), self.rig.order
+        before, order = self.target_q, self._order
         try:
             self._move_on()
         except (ValueError, ReachError) as error:
@@ -77,14 +89,14 @@ class SimulatedRobot(Robot):
         self.target_qdd, self.target_qd = (qd - self.target_qd) / TICK_S, qd
         if np.abs(qd).max() > JOINT_SPEED and self.safety == NORMAL:
             self.protective_stop("a joint's set-point is too fast: near a singularity, or a jump of servoj")
-        order.by_torque = self._torque_left > 0
-        if order.by_torque:
+        by_torque = self._torque_left > 0
+        self.rig.order.by_torque = by_torque
+        if by_torque:
             self._torque_left -= 1
-            self.target_q = self._reference = np.array(order.read)
-        order.begin, order.end, order.speed = before, self.target_q, qd
-        target = self.cell.state.target
-        T = from_pose(self.target_tcp_pose)
-        target.position, target.rotation, self.cell.state.speedl.twist = T[:3, 3], T[:3, :3], self.target_tcp_speed
+            self.target_q = self._reference = self.actual_q.copy()
+        order["begin"][:], order["end"][:], order["speed"][:] = before, self.target_q, qd
+        place, turn, twist = self._asked
+        place[:], turn[:], twist[:] = self._target_T[:3, 3], self._target_T[:3, :3], self.target_tcp_speed
         reason = self.rig.run()
         self.ticks += 1
         self._see()
@@ -107,35 +119,34 @@ class SimulatedRobot(Robot):
         if self.compliance is None:
             self.target_q = after.copy()
             return
-        tcp, point = from_pose(self.tcp_offset), self.tcp_offset[:3]
-        moved = jacobian(before, point) @ self._reference_qd
-        pose = forward(self.target_q) @ tcp
-        wanted = pose if drive is None else forward(after) @ tcp
+        moved = tool_at(before, self._tcp)[1] @ self._reference_qd
+        pose, J = self._target_T, self._target_J
+        wanted = pose if drive is None else tool_at(after, self._tcp)[0]
         twist = self.compliance.twist(pose, moved, wanted, self.tcp_force, TICK_S)
-        self.target_q = self.target_q + TICK_S * joint_speeds(jacobian(self.target_q, point), twist)
+        self.target_q = self.target_q + TICK_S * joint_speeds(J, twist)
         if drive is None:
             self._reference = self.target_q.copy()
 
     def _see(self) -> None:
         """Read joints and sensor, and what follows from them."""
-        order, m = self.rig.order, self.cell.state.measurement
+        order = self._order
         if self.ticks == 0:
-            order.read = self.target_q
-            self.tcp_force = self._tcp_force = np.zeros(6)
-        self.actual_q, self.actual_qd = np.array(order.read), np.array(order.read_speed)
-        self.joint_torques = np.array(order.felt)
-        tcp, point = from_pose(self.tcp_offset), self.tcp_offset[:3]
-        T = forward(self.actual_q) @ tcp
-        self.actual_tcp_pose = np.array(to_pose(T))
-        self.target_tcp_pose = np.array(to_pose(forward(self.target_q) @ tcp))
-        self.actual_tcp_speed = jacobian(self.actual_q, point) @ self.actual_qd
-        self.target_tcp_speed = jacobian(self.target_q, point) @ self.target_qd
+            order["read"][:] = self.target_q
+            self.tcp_force = np.zeros(6)
+        self.actual_q, self.actual_qd = order["read"].copy(), order["read_speed"].copy()
+        self.joint_torques = order["felt"].copy()
+        T, J = tool_at(self.actual_q, self._tcp)
+        self._target_T, self._target_J = tool_at(self.target_q, self._tcp)
+        self.actual_tcp_pose, self.target_tcp_pose = pose_of(T), pose_of(self._target_T)
+        self.actual_tcp_speed, self.target_tcp_speed = J @ self.actual_qd, self._target_J @ self.target_qd
         self.time_s = CLOCK_S + self.ticks * TICK_S
-        if self.ticks:
-            R, wrench = m.rotation, m.wrench
-            force, torque = -R @ wrench[:3], -R @ wrench[3:]
-            torque = torque + np.cross(m.position - T[:3, 3], force)
-            self.tcp_force = self.external.copy() if self._external_on else np.concatenate([force, torque])
+        if self._external_on:
+            self.tcp_force = self.external.copy()
+        elif self.ticks:
+            R, wrench, p = self._seen
+            self.tcp_force = np.concatenate([-R @ wrench[:3], -R @ wrench[3:]])
+            (x, y, z), (a, b, c) = p - T[:3, 3], self.tcp_force[:3]
+            self.tcp_force[3:] += y * c - z * b, z * a - x * c, x * b - y * a
         self._past.append((self.actual_q, self.tcp_force))
 
     @property
@@ -163,7 +174,7 @@ class SimulatedRobot(Robot):
         drive.begin(make(start), a, v, t, r)
 
     def _pose_at(self, q: Array) -> Array:
-        return forward(q) @ from_pose(self.tcp_offset)
+        return tool_at(q, self._tcp)[0]
 
     def movej(self, q: Array, a: float, v: float, t: float, r: float) -> None:
         """See the protocol."""
@@ -176,8 +187,7 @@ class SimulatedRobot(Robot):
 
     def movel(self, pose: Array, a: float, v: float, t: float, r: float) -> None:
         """See the protocol."""
-        tcp = from_pose(self.tcp_offset)
-        self._move(lambda start: tool_way(start, self._pose_at(start), pose, tcp), a, v, t, r)
+        self._move(lambda start: tool_way(start, self._pose_at(start), pose, self._tcp), a, v, t, r)
 
     def movep(self, pose: Array, a: float, v: float, r: float) -> None:
         """See the protocol; a line as of ``movel``."""
@@ -185,8 +195,7 @@ class SimulatedRobot(Robot):
 
     def movec(self, via: Array, to: Array, a: float, v: float, r: float, mode: int) -> None:
         """See the protocol."""
-        tcp = from_pose(self.tcp_offset)
-        self._move(lambda start: tool_way(start, self._pose_at(start), to, tcp, via, mode == 1), a, v, 0.0, r)
+        self._move(lambda start: tool_way(start, self._pose_at(start), to, self._tcp, via, mode == 1), a, v, 0.0, r)
 
     def move_done(self) -> bool:
         """See the protocol."""
@@ -216,7 +225,7 @@ class SimulatedRobot(Robot):
     def speedl(self, xd: Array, a: float, a_rot: float | None) -> None:
         """See the protocol; without ``a_rot`` the rotation accelerates as ``a`` at 1 m."""
         if not isinstance(self._drive, ToolSpeed):
-            self._begin(ToolSpeed(from_pose(self.tcp_offset)))
+            self._begin(ToolSpeed(self._tcp))
         assert isinstance(self._drive, ToolSpeed)
         self._drive.goal, self._drive.a, self._drive._short = np.array(xd, dtype=float), max(a, 1e-3), True
         self._drive.a_rot = max(a_rot if a_rot else a, 1e-3)
@@ -321,8 +330,8 @@ class SimulatedRobot(Robot):
 
     def set_tcp(self, pose: Array) -> None:
         """See the protocol."""
-        from_pose(pose)
         self.tcp_offset = np.array(pose, dtype=float)
+        self._tcp = matrix_of(self.tcp_offset)
         self._see()
 
     def set_payload(self, mass: float, cog: Array | None, inertia: Array | None, transition_s: float) -> None:
@@ -375,6 +384,18 @@ class SimulatedRobot(Robot):
         if np.isfinite(fraction):
             self.speed_fraction = min(max(float(fraction), 0.0), 1.0)
 
+    def set_watchdog(self, variable: str, min_frequency: float, action: str) -> None:
+        """See the protocol.
+
+        Raises:
+            ValueError: There is no such action.
+        """
+        if action not in ("ignore", "pause", "stop"):
+            raise ValueError(f'rtde_set_watchdog: action "{action}", there are "ignore", "pause" and "stop"')
+        self.watchdog, self.written[variable] = None, self.ticks
+        if min_frequency > 0.0 and action != "ignore":
+            self.watchdog = variable, math.ceil(1.0 / (min_frequency * TICK_S)), action
+
     # Registers and IO.
 
     def register(self, side: Side, kind: Kind, index: int) -> float | int | bool:
@@ -415,12 +436,12 @@ class SimulatedRobot(Robot):
 
     def forward_kin(self, q: Array, tcp: Array) -> Array:
         """See the protocol."""
-        return np.array(to_pose(forward(np.asarray(q, dtype=float)) @ from_pose(tcp)))
+        return pose_of(tool_at(q, matrix_of(tcp))[0])
 
     def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
         """See the protocol."""
         try:
-            return inverse_near(from_pose(pose) @ np.linalg.inv(from_pose(tcp)), np.asarray(near, dtype=float))
+            return inverse_near(matrix_of(pose) @ inverse(matrix_of(tcp)), np.asarray(near, dtype=float))
         except ReachError:
             return None
 

@@ -130,7 +130,8 @@ FIELDS: Final[Mapping[str, tuple[str, Callable[[Controller], Any]]]] = {
 
 SETTINGS: Final[Mapping[str, str]] = {
     "speed_slider_mask": "UINT32", "speed_slider_fraction": "DOUBLE",
-    **{f"{group}_digital_output{end}": "UINT8" for group in ("standard", "configurable", "tool") for end in ("", "_mask")},
+    **{f"{group}_digital_output{end}": "UINT8"
+       for group in ("standard", "configurable", "tool") for end in ("", "_mask")},
     "standard_analog_output_mask": "UINT8", "standard_analog_output_type": "UINT8",
     "standard_analog_output_0": "DOUBLE", "standard_analog_output_1": "DOUBLE", "external_force_torque": "VECTOR6D",
 }  # fmt: skip
@@ -170,6 +171,7 @@ class Recipe:
 def apply_inputs(controller: Controller, values: Mapping[str, Any]) -> None:
     """Set registers, slider and outputs as a client's package says."""
     robot = controller.robot
+    robot.written.update(dict.fromkeys(values, robot.ticks))
     for name, value in values.items():
         if name.startswith("input_bit_registers"):
             first = 0 if name.endswith("0_to_31") else 32
