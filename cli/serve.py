@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 SPEEDS: Final = ("1", "max")
 POLYSCOPES: Final = ("5.11", "5.23")
+CLIENT: Final = "the client's programme"  #: What the figures call the controller
 LOG: Final = "controller.log"  #: What the controller noted
 ROW: Final = experiment("surface")
 
@@ -78,7 +80,7 @@ def _serve(scenario: Any, given: Given, addresses: list[str], speed: str, versio
     translate("def ready():\n  sync()\nend\n")  # refuses here what it would refuse when a client waits
     path, scenario = checked(scenario, given)
     with console.progress() as observer, observer.compiling.ahead(scenario):
-        plan, scenario = plan_to_run(scenario, path, observer, draft)
+        plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
         task = prepare_surface(scenario, plan, observer)
         observer.stage("prepare the cell")
         part = build_part(scenario, task.place)
@@ -125,6 +127,7 @@ def _write_run(scenario: Any, task: Any, part: Any, controller: Controller, fold
     run = rig.result(wall_s, points, path.s[path.process])
     if not (run.trace.phase == 2).any():
         console.note("the pad never touched the part: only log and page of the motion have something to show.")
+    scenario = replace(scenario, controller=replace(scenario.controller, name=CLIENT))
     result = measure_run(scenario, task, controller.robot.cell, part, run)
     figures = {**result.figures, "versions": package_versions()}
     record = RunRecord(scenario.experiment, scenario, figures, result.log, result.path, result.removal)

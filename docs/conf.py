@@ -21,9 +21,9 @@ from sphinx.errors import ExtensionError
 from polish_sim import Scenario
 
 ROOT = Path(__file__).resolve().parent.parent
-EXAMPLES = ROOT / "build" / "examples"  # run there: they write files; trainings, which take long, are left out
+EXAMPLES = ROOT / "build" / "examples"  # run there: they write files; trainings, which take long, and clients of a robot are left out
 shutil.rmtree(EXAMPLES, ignore_errors=True)
-shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("train_*.py", "results"))
+shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("train_*.py", "ur_rtde_*.py", "results"))
 project = "polish-sim"
 copyright = "polish-sim contributors, MIT licence"
 version = release = version_of("polish-sim")

@@ -51,7 +51,7 @@ class Controller(Listener):
 
     def tick(self) -> None:
         """Run programmes, then the robot, for 2 ms."""
-        robot = self.robot
+        robot, before = self.robot, self.robot.safety
         if self._orphan is not None and robot.ticks - self._orphan >= GONE_TICKS:
             self.stop("the RTDE client that had the programme's registers has gone")
         if robot.watchdog is not None and robot.runtime == PLAYING:
@@ -70,7 +70,6 @@ class Controller(Listener):
             self.machine.tick(robot)
             if self.machine is not None and not self.machine.running:
                 self._ended()
-        before = robot.safety
         robot.step()
         if robot.safety == PROTECTIVE != before:
             self._stopped_at = robot.ticks

@@ -46,7 +46,10 @@ def _pause(controller: Controller, _: str) -> str:
 def _unlock(controller: Controller, _: str) -> str:
     if controller.unlock():
         return "Protective stop releasing"
-    return "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+    return (
+        "Cannot unlock protective stop until 5s after occurrence. "
+        "Always inspect cause of protective stop before unlocking"
+    )
 
 
 def _popup(controller: Controller, text: str) -> str:

@@ -34,9 +34,12 @@ from polish_sim.cell.stroke import APPROACH, PROCESS
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, Vector6
+from polish_sim.log import row_layout
 
 TICK_S: Final = 0.002  #: Cycle of the robot's controller
-PROCESS_PHASE: Final = 2  #: In the log
+TOUCH_PHASE, PROCESS_PHASE = 1, 2  #: In the log
+SEATED: Final = 0.8  #: Share of the set force from which a client's pad counts as working
+LIFTED_S: Final = 1.0  #: A gap in the contact at least so long is a lift [s]
 _DRAWN: Final = 4096  # steps of the sensor's noise drawn at once
 
 
@@ -83,7 +86,10 @@ def follow(  # type: ignore[no-untyped-def]
             if order.by_torque:
                 place, speed = order.read[j] + order.torque[j] / order.kp[j], order.read_speed[j]
                 if arm is not None:
-                    arm.set_point[j], arm.set_speed[j], arm.correction[j] = place, speed, 0.0
+                    seen = arm.angle[j] if arm.on_link else order.read[j]
+                    place, speed = seen + order.torque[j] / order.kp[j], arm.speed[j]
+                    arm.set_point[j], arm.set_speed[j] = place, speed
+                    arm.correction[j] = -arm.link_rate * (place - arm.read[j]) if arm.on_link else 0.0
             e.ctrl[2 * j], e.ctrl[2 * j + 1] = place, speed
         finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
         if arm is not None:
@@ -111,7 +117,7 @@ class Rig:
         kp = arm.kp if arm is not None else -model.actuator_biasprm[:6, 1]
         self.order = Order(kp=kp)
         self.recorder = build_recorder(self.steps, cell._every)
-        self.files: list[Any] = [TemporaryFile() for _ in range(2)]
+        self.files: list[Any] = [TemporaryFile() for _ in range(2)]  # noqa: SIM115 - closed by `result`
         self._draws = self._drawn()
         self.recording = False  #: From the first programme on
         self.recorded = 0  #: Steps
@@ -149,17 +155,31 @@ class Rig:
         """Everything recorded, as the run of a cell.
 
         The place on the path of each step in contact is that of the nearest of its ``points`` (n, 3) [m], base frame,
-        which lie at arc lengths ``s`` (n,) [m].
+        which lie at arc lengths ``s`` (n,) [m]. A client says nothing of what it is about: the pad counts as working
+        from when `SEATED` of the set force is first reached to when that is last so, before it is lifted for
+        `LIFTED_S` or longer; a shorter gap is lost contact.
         """
         contents = []
         for file in self.files:
             file.seek(0)
             contents.append(file.read())
             file.close()
-        rows = np.frombuffer(contents[0]).reshape(-1, self.recorder.rows.shape[1])
+        rows = np.frombuffer(contents[0]).reshape(-1, self.recorder.rows.shape[1]).copy()
         trace: NDArray[np.void] = np.frombuffer(contents[1], TraceStep.dtype).copy()
-        pressing = trace["phase"] == PROCESS_PHASE
-        trace["path_s_m"][pressing] = s[cKDTree(points).query(trace["tcp_position_m"][pressing])[1]]
+        force, seconds = trace["normal_force_n"], trace["time_s"]
+        place = np.zeros(len(trace))
+        pressing = force > FIRST_CONTACT_N
+        if pressing.any():
+            place = s[cKDTree(points).query(trace["tcp_position_m"])[1]]
+        trace["phase"] = np.where(pressing, TOUCH_PHASE, 0)
+        seated = np.flatnonzero(force >= SEATED * self.cell.scenario.process.contact_force_n)
+        touching = seconds[pressing]
+        for some in np.split(seated, np.flatnonzero(_lifted(seconds[seated], touching)) + 1) if len(seated) else ():
+            trace["phase"][some[0] : some[-1] + 1] = PROCESS_PHASE
+        trace["path_s_m"] = place
+        at, columns = np.searchsorted(seconds, rows[:, row_layout()["time_s"][0]] - 1e-9), row_layout()
+        for name in ("path_s_m", "phase"):
+            rows[:, columns[name][0]] = trace[name][np.minimum(at, len(trace) - 1)]
         return self.cell.result([Played(rows, trace)], False, wall_s)
 
     def _drawn(self) -> Iterator[Array]:
@@ -168,3 +188,10 @@ class Rig:
             many = self.cell.rng.standard_normal((_DRAWN * self.steps, DRAWS))
             for a, b in pairwise(range(0, len(many) + 1, self.steps)):
                 yield many[a:b]
+
+
+def _lifted(seated: Array, touching: Array) -> NDArray[np.bool_]:
+    """Whether the pad was off the part for `LIFTED_S` between each two times (n,) [s] it was seated; shape (n - 1,)."""
+    gaps = np.diff(touching) >= LIFTED_S
+    begins, ends = touching[:-1][gaps], touching[1:][gaps]
+    return np.asarray(np.searchsorted(begins, seated[1:]) > np.searchsorted(ends, seated[:-1], side="right"))

@@ -30,6 +30,7 @@ JOINT_SPEED: Final = 1.05 * np.pi  #: Of a set-point, above which the arm stops 
 SETTLED: Final = 0.01  #: Speed below which a joint counts as at rest [rad/s]
 STOP_A: Final = 20.0  #: Deceleration of the joints in a protective stop [rad/s^2]
 HISTORY: Final = 1000  #: Ticks of joint angles and forces that are kept
+TARE: Final = 100  #: Readings that make the sensor's zero
 CONTACT_N: Final = 8.0  #: Change of the force along a direction that counts as contact [N]
 OUTPUTS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """First bit and number of the digital inputs and outputs."""
@@ -51,6 +52,7 @@ class SimulatedRobot(Robot):
         self._sensor_on_flange = _sensor_on_flange(cell, q)
         self.payload_mass = float(payload.mass)
         self.payload_cog = self._sensor_on_flange[:3, :3] @ payload.center + self._sensor_on_flange[:3, 3]
+        self._own_payload = self.payload_mass, self.payload_cog
         self.payload_inertia = np.zeros(6)
         self._drive: Drive | None = None
         self.compliance: Compliance | None = None
@@ -74,7 +76,9 @@ class SimulatedRobot(Robot):
         self._seen = state.measurement.rotation, state.measurement.wrench, state.measurement.position
         self._asked = state.target.position, state.target.rotation, state.speedl.twist
         self._past: deque[tuple[Array, Array]] = deque(maxlen=HISTORY)
+        self._wrenches: deque[Array] = deque(maxlen=TARE)
         self._see()
+        joint_speeds(self._target_J, np.zeros(6))  # compiled before force mode has to keep its time
 
     # The tick.
 
@@ -146,6 +150,7 @@ class SimulatedRobot(Robot):
             R, wrench, p = self._seen
             self.tcp_force = np.concatenate([-R @ wrench[:3], -R @ wrench[3:]])
             (x, y, z), (a, b, c) = p - T[:3, 3], self.tcp_force[:3]
+            self._wrenches.append(wrench.copy())
             self.tcp_force[3:] += y * c - z * b, z * a - x * c, x * b - y * a
         self._past.append((self.actual_q, self.tcp_force))
 
@@ -290,10 +295,13 @@ class SimulatedRobot(Robot):
         return 2 if least < 0.02 else 1 if least < 0.06 else 0
 
     def direct_torque(self, tau: Array, friction_comp: bool, viscous: Array | None, coulomb: Array | None) -> None:
-        """See the protocol; without elastic joints there is no friction to compensate."""
+        """See the protocol; without elastic joints there is no friction to compensate.
+
+        The arm carries itself and the tool it has; what is added is the weight of another payload than that.
+        """
         torque, arm = np.array(tau, dtype=float), self.cell.real_arm
-        weight = np.array([0.0, 0.0, 9.81 * self.payload_mass])
-        torque += jacobian(self.actual_q, self.payload_cog)[:3].T @ weight
+        for mass, cog, sign in ((self.payload_mass, self.payload_cog, 1.0), (*self._own_payload, -1.0)):
+            torque += sign * jacobian(self.actual_q, cog)[:3].T @ np.array([0.0, 0.0, 9.81 * mass])
         if arm is not None:
             on = np.full(6, 1.0 if friction_comp else 0.0)
             share = np.clip(self.actual_qd / SETTLED, -1.0, 1.0)
@@ -304,9 +312,10 @@ class SimulatedRobot(Robot):
         self._drive, self.rig.order.torque, self._torque_left = None, torque, 2
 
     def zero_ftsensor(self) -> None:
-        """See the protocol."""
-        state = self.cell.state
-        state.sensor.tare += state.measurement.wrench
+        """See the protocol; the mean of the last `TARE` ticks: one reading is off by its noise."""
+        if self._wrenches:
+            self.cell.state.sensor.tare += np.mean(self._wrenches, axis=0)
+            self._wrenches.clear()
 
     def ft_input(self, enabled: bool, mass: float, offset: Array, cog: Array) -> None:
         """See the protocol; the wrench is taken as it comes, without the weight of the sensor."""

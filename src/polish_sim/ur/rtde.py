@@ -177,8 +177,8 @@ def apply_inputs(controller: Controller, values: Mapping[str, Any]) -> None:
             first = 0 if name.endswith("0_to_31") else 32
             robot.registers["in"]["bool"][first : first + 32] = [bool(value >> k & 1) for k in range(32)]
         elif name.startswith("input_"):
-            _, kind, _, index = name.split("_")
-            robot.registers["in"]["bool" if kind == "bit" else kind][int(index)] = value
+            _, kind, _, number = name.split("_")
+            robot.registers["in"]["bool" if kind == "bit" else kind][int(number)] = value
     if values.get("speed_slider_mask"):
         robot.set_speed_fraction(values.get("speed_slider_fraction", robot.speed_fraction))
     for group, first in (("standard", 0), ("configurable", 8), ("tool", 16)):

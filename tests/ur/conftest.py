@@ -1,0 +1,24 @@
+"""A simulated robot on a plate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from polish_sim.experiments import default_scenario
+from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.surface import prepare_surface
+from polish_sim.scenario_file import override
+from polish_sim.ur.robot import SimulatedRobot
+from tests.cli.conftest import polish_sim
+
+__all__ = ["polish_sim"]
+
+
+@pytest.fixture(scope="session")
+def build() -> Callable[[], SimulatedRobot]:
+    """What builds one."""
+    scenario = override(default_scenario("surface"), ["part.file=plate", "plan.stepover_m=0.03"])
+    task = prepare_surface(scenario)
+    return lambda: SimulatedRobot(build_cell(scenario, task.place, build_part(scenario, task.place)))

@@ -1,0 +1,232 @@
+"""The served robot's motions, force mode and safety on the cell's physics, against what their names promise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from polish_sim.motion import forward, jacobian
+from polish_sim.spatial import from_pose, to_pose
+from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
+from polish_sim.ur.physics import TICK_S, Rig, _lifted
+from polish_sim.ur.robot import NORMAL, PROTECTIVE, SimulatedRobot
+
+DOWN = np.array([0, 0, 1, 0, 0, 0])
+LIMITS = np.array([0.01, 0.01, 0.005, 0.1, 0.1, 0.1])
+
+
+def go(robot: SimulatedRobot, until: Callable[[], bool], most_s: float = 20.0) -> float:
+    for tick in range(round(most_s / TICK_S)):
+        if until():
+            return tick * TICK_S
+        robot.step()
+        assert robot.safety == NORMAL, robot.stop_reason
+    raise AssertionError(f"not within {most_s} s")
+
+
+def stand(robot: SimulatedRobot, seconds: float) -> None:
+    for _ in range(round(seconds / TICK_S)):
+        robot.step()
+
+
+def press(robot: SimulatedRobot, force: float = 20.0, kind: int = 2) -> None:
+    robot.force_mode(robot.target_tcp_pose, DOWN, force * DOWN, kind, LIMITS)
+
+
+def push(robot: SimulatedRobot) -> float:
+    return float(-robot.tcp_force[:3] @ Rotation.from_rotvec(robot.actual_tcp_pose[3:]).as_matrix()[:, 2])
+
+
+def test_poses_and_jacobian_are_those_of_the_reference() -> None:
+    rng = np.random.default_rng(500)
+    for turn in (*rng.normal(size=(50, 3)), [0.0, 0.0, 0.0], [1e-10, 0.0, 0.0], [0.0, 3.14159, 0.0], [-3.0, 0.4, 0.0]):
+        pose = np.concatenate([rng.normal(size=3), turn])
+        T = from_pose(pose.tolist())
+        assert matrix_of(pose) == pytest.approx(T, abs=1e-12)
+        assert from_pose(pose_of(T).tolist()) == pytest.approx(T, abs=1e-9)
+        assert np.linalg.norm(pose_of(T)[3:]) <= np.pi + 1e-9
+        q = rng.uniform(-3.0, 3.0, 6)
+        at, J = tool_at(q, T)
+        assert at == pytest.approx(forward(q) @ T, abs=1e-12)
+        assert pytest.approx(jacobian(q, T[:3, 3]), abs=1e-12) == J
+        if np.linalg.svd(J, compute_uv=False)[-1] > 0.03:
+            twist = rng.normal(size=6)
+            assert J @ joint_speeds(J, twist) == pytest.approx(twist, abs=1e-6)
+
+
+def test_a_line_is_straight_and_as_quick_as_asked(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    first = robot.target_tcp_pose.copy()
+    goal = first + np.array([0.06, 0.08, 0.02, 0.0, 0.0, 0.0])
+    robot.movel(goal, 0.5, 0.05, 0.0, 0.0)
+    way, off = (goal - first)[:3], 0.0
+    length = float(np.linalg.norm(way))
+    places = []
+
+    def arrived() -> bool:
+        places.append(robot.target_tcp_pose[:3].copy())
+        return robot.move_done()
+
+    took = go(robot, arrived)
+    for place in places:
+        along = (place - first[:3]) @ way / length
+        off = max(off, float(np.linalg.norm(place - first[:3] - along * way / length)))
+    assert took == pytest.approx(length / 0.05 + 0.05 / 0.5, abs=0.01)
+    assert off < 1e-6
+    stand(robot, 0.5)
+    assert robot.steady()
+    assert robot.actual_tcp_pose[:3] == pytest.approx(goal[:3], abs=5e-4)
+
+
+def test_the_speed_slider_stretches_a_move_and_a_blend_goes_by_its_corner(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    first = robot.target_tcp_pose.copy()
+    corner, goal = (first + np.array([*way, 0.0, 0.0, 0.0]) for way in ((0.05, 0.0, 0.0), (0.05, 0.05, 0.0)))
+    robot.set_speed_fraction(0.5)
+    robot.movel(corner, 0.5, 0.05, 0.0, 0.0)
+    assert go(robot, robot.move_done) == pytest.approx(2.0 * (0.05 / 0.05 + 0.05 / 0.5), abs=0.02)
+    robot.set_speed_fraction(1.0)
+    robot.movel(first, 0.5, 0.05, 0.0, 0.0)
+    go(robot, robot.move_done)
+    robot.movel(corner, 0.5, 0.05, 0.0, 0.01)
+    near = [np.inf]
+
+    def watched(done: Callable[[], bool]) -> Callable[[], bool]:
+        def check() -> bool:
+            near[0] = min(near[0], float(np.linalg.norm(robot.target_tcp_pose[:3] - corner[:3])))
+            return done()
+
+        return check
+
+    go(robot, watched(robot.move_done))
+    robot.movel(goal, 0.5, 0.05, 0.0, 0.0)
+    go(robot, watched(robot.move_done))
+    assert 1e-4 < near[0] < 0.01
+    assert robot.target_tcp_pose[:3] == pytest.approx(goal[:3], abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", [2, 3])
+def test_force_mode_lands_and_holds_its_force(build: Callable[[], SimulatedRobot], kind: int) -> None:
+    robot = build()
+    stand(robot, 0.5)
+    robot.zero_ftsensor()
+    press(robot, 20.0, kind)
+    go(robot, lambda: push(robot) > 18.0)
+    stand(robot, 2.0)
+    held = []
+    for _ in range(500):
+        robot.step()
+        held.append(float(robot.cell.state.wrench[2]))
+    assert np.mean(held) == pytest.approx(20.0, abs=1.0)
+    assert np.ptp(held) < 4.0
+    robot.end_force_mode()
+    stand(robot, 0.5)
+    assert robot.compliance is None
+    assert np.abs(robot.target_qd).max() < 1e-9
+
+
+def test_force_mode_in_free_air_keeps_its_speed_limit_and_the_other_axes(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    robot.zero_ftsensor()
+    first = robot.actual_tcp_pose.copy()
+    robot.force_mode(np.zeros(6), DOWN, 10.0 * DOWN, 2, LIMITS)
+    stand(robot, 2.0)
+    moved = robot.actual_tcp_pose - first
+    assert 0.001 < moved[2] <= 0.005 * 2.0 + 1e-3
+    assert np.abs(moved[[0, 1]]).max() < 1e-3
+    assert abs(robot.actual_tcp_speed[2]) < 0.0055
+
+
+def test_a_stop_holds_the_arm_until_it_is_unlocked(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    robot.movel(robot.target_tcp_pose + np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0]), 0.5, 0.1, 0.0, 0.0)
+    stand(robot, 0.3)
+    robot.protective_stop()
+    stand(robot, 0.5)
+    stood = robot.actual_tcp_pose.copy()
+    stand(robot, 0.2)
+    assert robot.safety == PROTECTIVE
+    assert robot.actual_tcp_pose == pytest.approx(stood, abs=1e-3)
+    robot.unlock()
+    robot.movel(robot.target_tcp_pose + np.array([0.0, 0.01, 0.0, 0.0, 0.0, 0.0]), 0.5, 0.1, 0.0, 0.0)
+    go(robot, robot.move_done)
+
+
+def test_too_much_force_stops_the_arm(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    robot.speedl(np.array([0.0, 0.0, -0.02, 0.0, 0.0, 0.0]), 0.5, None)
+    for _ in range(5000):
+        robot.step()
+        if robot.safety == PROTECTIVE:
+            break
+    assert robot.safety == PROTECTIVE
+    assert "force" in robot.stop_reason
+    assert float(robot.cell.state.wrench[2]) < 90.0
+
+
+def test_no_torque_beyond_gravity_lets_the_arm_stand(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    first = robot.actual_q.copy()
+    for _ in range(250):
+        robot.direct_torque(np.zeros(6), False, None, None)
+        robot.step()
+    assert np.abs(robot.actual_q - first).max() < 0.01
+    for _ in range(250):
+        robot.direct_torque(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 6.0]), True, None, None)
+        robot.step()
+    assert robot.actual_qd[5] > 0.2
+    assert np.abs(robot.actual_q - first)[:5].max() < 0.02
+    robot.movej(robot.target_q, 1.0, 0.5, 0.0, 0.0)
+    stand(robot, 0.2)
+    assert robot.safety == NORMAL
+
+
+def test_a_far_servo_goal_stops_the_arm_instead_of_throwing_it(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    robot.servoj(robot.target_q + 1.5, TICK_S, 0.03, 300.0)
+    for _ in range(200):
+        robot.step()
+    assert (robot.safety, "too fast" in robot.stop_reason) == (PROTECTIVE, True)
+
+
+def test_the_same_orders_give_the_same_bytes(build: Callable[[], SimulatedRobot]) -> None:
+    traces = []
+    for _ in range(2):
+        robot = build()
+        robot.rig.recording = True
+        press(robot)
+        go(robot, lambda robot=robot: push(robot) > 18.0)  # type: ignore[misc]
+        stand(robot, 0.5)
+        points = robot.actual_tcp_pose[:3] + np.linspace(0.0, 0.1, 5)[:, None] * [1.0, 0.0, 0.0]
+        run = robot.rig.result(0.0, points, np.linspace(0.0, 0.1, 5))
+        traces.append(np.column_stack([run.trace.normal_force_n, run.trace.path_s_m, run.trace.phase]).tobytes())
+        assert {0, 1, 2} <= set(run.trace.phase.tolist())
+    assert traces[0] == traces[1]
+
+
+def test_a_long_gap_is_a_lift_and_a_short_one_lost_contact() -> None:
+    touching = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(1.5, 2.0, 0.1), np.arange(4.0, 5.0, 0.1)])
+    seated = np.array([0.5, 0.9, 1.6, 1.9, 4.5, 4.6])
+    assert _lifted(seated, touching).tolist() == [False, False, False, True, False]
+
+
+def test_a_rig_backs_off_without_its_watch(build: Callable[[], SimulatedRobot]) -> None:
+    rig = build().rig
+    assert isinstance(rig, Rig)
+    limit = float(rig.cell.state.guards.force)
+    rig.watch(False)
+    assert rig.cell.state.guards.force == np.inf
+    rig.watch(True)
+    assert float(rig.cell.state.guards.force) == limit
+
+
+def test_poses_of_the_base_are_those_of_the_wire(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    T = from_pose(robot.actual_tcp_pose.tolist())
+    assert from_pose(to_pose(T)) == pytest.approx(T, abs=1e-9)
+    q = robot.inverse_kin(robot.actual_tcp_pose, robot.actual_q, robot.tcp_offset)
+    assert q == pytest.approx(robot.actual_q, abs=1e-9)
+    assert robot.inverse_kin(np.array([3.0, 0, 0, 0, 0, 0]), robot.actual_q, robot.tcp_offset) is None
