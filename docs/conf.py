@@ -21,7 +21,8 @@ from sphinx.errors import ExtensionError
 from polish_sim import Scenario
 
 ROOT = Path(__file__).resolve().parent.parent
-EXAMPLES = ROOT / "build" / "examples"  # run there: they write files; trainings, which take long, and clients of a robot are left out
+# They are run there: they write files. Trainings, which take long, and clients of a robot are left out.
+EXAMPLES = ROOT / "build" / "examples"
 shutil.rmtree(EXAMPLES, ignore_errors=True)
 shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("train_*.py", "ur_rtde_*.py", "results"))
 project = "polish-sim"
