@@ -1,0 +1,77 @@
+"""The URScript that ``plan --export urscript`` writes, run by the served robot, beside `run surface` of the same plan.
+
+    python -m benchmarks.served_export [--part NAME]... [--feed 20] [--stepover 20]
+
+Only the part's place is filled in, as a user does. No ports and no clock: the programme runs as fast as it goes. A line
+for each: mean of the exact force, share within 4 N, rms and largest error in contact, largest distance of the tool
+across the path (pad on the part as the seed has it), time fed, and what the programme said last.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from polish_sim.exchange.strokes import ExportSetup
+from polish_sim.exchange.urscript import urscript_text
+from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.surface import measure_run, prepare_surface
+from polish_sim.planning import plan_part
+from polish_sim.scenario_file import override
+from polish_sim.spatial import apply, to_pose
+from polish_sim.ur.controller import Controller
+from polish_sim.ur.robot import PLAYING, SimulatedRobot
+from polish_sim.ur.script import Machine
+
+PARTS = ("plate", "freeform", "saddle")
+MOST_S = 1200.0  #: Robot time a programme may take
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", action="append", default=[])
+    parser.add_argument("--feed", type=float, default=20.0)
+    parser.add_argument("--stepover", type=float, default=20.0)
+    parser.add_argument("--seed", type=int, default=700)
+    asked = parser.parse_args()
+    for part in asked.part or PARTS:
+        settings = [f"part.file={part}", f"process.feed_m_s={1e-3 * asked.feed}",
+                    f"plan.stepover_m={1e-3 * asked.stepover}", "safety.proof=none"]  # fmt: skip
+        scenario = override(default_scenario("surface"), [*settings, f"seed={asked.seed}"])
+        plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
+        task = prepare_surface(scenario, plan)
+        own = run_experiment(scenario, plan).figures
+        say(part, "run", own)
+        real = build_part(scenario, task.place)
+        robot = SimulatedRobot(build_cell(scenario, task.place, real))
+        controller = Controller(robot, "5.11", Machine)
+        setup = ExportSetup(scenario.process, scenario.spindle, part_pose=to_pose(task.reach.T_base_work))
+        text = urscript_text(plan, setup).replace("part_is_placed = False", "part_is_placed = True")
+        controller.run(text.rstrip("\n") + "\n", "")
+        begun = time.perf_counter()
+        while robot.runtime == PLAYING and robot.ticks * 0.002 < MOST_S and controller.popups == 0:
+            controller.tick()
+        points, s = apply(task.reach.T_base_work, plan.path.positions_work[plan.path.process]), plan.path.s
+        served = robot.rig.result(time.perf_counter() - begun, points, s[plan.path.process])
+        figures = measure_run(scenario, task, robot.cell, real, served).figures
+        say(part, "served", figures)
+        fed = served.trace.phase == 2
+        off = cKDTree(points).query(served.trace.tcp_position_m[fed])[0]
+        print(f"    {len(controller.log)} lines, the last: {controller.log[-1] if controller.log else '-'}; "
+              f"off the planned points {1e3 * float(np.max(off, initial=0.0)):.2f} mm at most", flush=True)  # fmt: skip
+
+
+def say(part: str, what: str, figures: dict[str, object]) -> None:
+    """A line of the table."""
+    names = ("force_mean_n", "force_within_4n", "force_rms_error_n", "force_max_deviation_n", "contact_lost_s",
+             "path_done", "coverage", "feed_time_s")  # fmt: skip
+    print(f"{part:10s} {what:7s}", *(f"{name} {figures[name]:.4g}" for name in names), flush=True)
+
+
+if __name__ == "__main__":
+    main()
