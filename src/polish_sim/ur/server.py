@@ -18,6 +18,7 @@ from polish_sim.ur.rtde import UNSENT, ProtocolError, RtdeSession
 
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
 CLIENTS: Final = 64  #: Of one port
+COARSE_S: Final = 1e-3  #: Resolution of waiting on sockets
 LATE_S: Final = 0.25  #: So far behind the clock the server gives up catching up [s]
 EVERY: Final = round(1.0 / (STATE_HZ * TICK_S))
 CONFIGURED: Final = 20  #: States between two with the configuration
@@ -189,11 +190,14 @@ class Server:
                 if self._in_step():
                     self._tick()
                 continue
+            # Waiting on sockets counts in whole milliseconds, upwards: the last one is slept.
             wait = due - time.perf_counter()
-            self._attend(max(wait, 0.0))
-            now = time.perf_counter()
-            if now < due:
+            if wait > COARSE_S:
+                self._attend(wait - COARSE_S)
                 continue
+            time.sleep(max(wait, 0.0))
+            self._attend(0.0)
+            now = time.perf_counter()
             late, pace = now - due, self.pace
             pace.ticks, pace.worst_s = pace.ticks + 1, max(pace.worst_s, late)
             pace.late += late > 0.25 * TICK_S
