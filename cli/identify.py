@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from polish_sim.arms import IDEAL
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed
@@ -134,7 +135,7 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
 
     kind = "full" if settings.periods >= FULL_PERIODS else "short"
     claims = IDENTIFY["task" if for_task else kind]
-    if settings.robot.arm != "ur5e":
+    if settings.robot.arm == IDEAL:
         return claims
     # Rigid links with friction of one size are not what the real arm is: no error is asked.
     return tuple(c._replace(high=math.inf) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS

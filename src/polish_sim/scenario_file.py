@@ -15,7 +15,7 @@ from polish_sim.toml_text import read_toml, toml_text
 
 T = TypeVar("T")
 N = TypeVar("N", int, float)
-PRESETS = ("sensor.model",)  #: Keys whose words stand for values of others; they are set first
+PRESETS = ("sensor.model", "robot.arm")  #: Keys whose words stand for values of others; they are set first
 PAD_CHOICE = "pad.choice"  #: Set last: a pad or a step-over that is set by name changes it
 AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 FILE_KEYS = (
@@ -131,17 +131,29 @@ def _plain_values(where: str, table: Any) -> dict[str, Any]:
 
 def _with_presets(base: T, table: dict[str, Any], place: str, known: dict[str, Field[Any]]) -> T:
     """``base`` with the values that words of ``table`` stand for; what differs from the word before was set by name."""
-    usual = {name: spec.default for name, spec in known.items()}
     for name, spec in known.items():
         presets, word = spec.metadata.get("presets"), table.get(name)
         if presets is None or not isinstance(word, str):
             continue
         if word not in presets:
             raise unknown_name(f"{place}{name}", word, presets)
-        before, after = usual | presets[getattr(base, name)], usual | presets[word]
-        keys = {key for values in presets.values() for key in values if getattr(base, key) == before[key]}
-        base = replace(base, **{key: after[key] for key in keys})  # type: ignore[type-var]
+        base = _turned(base, presets.values(), presets.get(getattr(base, name), {}), presets[word])
     return base
+
+
+def _turned(base: T, every: Iterable[Mapping[str, Any]], before: Mapping[str, Any], after: Mapping[str, Any]) -> T:
+    """``base`` with what one preset stands for instead of another; in sections of it key by key."""
+    changes: dict[str, Any] = {}
+    for key in {key for values in every for key in values}:
+        current = getattr(base, key)
+        if is_dataclass(current):
+            inner = [values.get(key, {}) for values in every]
+            changes[key] = _turned(current, inner, before.get(key, {}), after.get(key, {}))
+        else:
+            usual = next(f.default for f in fields(base) if f.name == key)  # type: ignore[arg-type]
+            if current == before.get(key, usual):
+                changes[key] = after.get(key, usual)
+    return replace(base, **changes)  # type: ignore[type-var]
 
 
 def _nearest_key(name: str, place: str, known: Iterable[str]) -> str:

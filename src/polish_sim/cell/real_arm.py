@@ -12,6 +12,8 @@ from typing import Final, NamedTuple
 import mujoco
 import numpy as np
 
+from polish_sim.arms import ARMS as TABLES_OF_ARMS
+from polish_sim.arms import IDEAL
 from polish_sim.arrays import Array
 from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
 from polish_sim.cell.scene import bend_links, tool_on_flange
@@ -19,7 +21,7 @@ from polish_sim.config import RealArmConfig, Scenario
 from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
 
-ARMS: Final = ("ideal", "ur5e")
+ARMS: Final = (IDEAL, *TABLES_OF_ARMS)
 SIDES: Final = ("motor", "link")
 TABLES: Final = ("calibrated", "uncalibrated", "exact")
 _STREAM: Final = 17  # of the scenario's seed, for what is drawn of the arms themselves
@@ -65,7 +67,7 @@ def is_real(scenario: Scenario) -> bool:
             raise unknown_name(key, word, known)
     if np.any(np.array(real.knee_2_nm) <= real.knee_1_nm):
         raise ConfigError("robot.real.knee_2_nm must be above robot.real.knee_1_nm in every joint.")
-    return robot.arm == "ur5e"
+    return robot.arm != IDEAL
 
 
 def gear_twists(real: RealArmConfig, torque: Array) -> Array:
@@ -154,7 +156,7 @@ def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array, place
     """
     real = scenario.robot.real
     if real.kinematics == "exact":
-        return NOMINAL
+        return NOMINAL.copy()
     rng = place.rng(scenario.seed, 0)
     sizes = np.array([real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad])
     built = sizes[:, None] * rng.standard_normal((4, 6))

@@ -10,17 +10,20 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arms import ArmTable
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.models import robot_model_path
-from polish_sim.motion.kinematics import link_poses
+from polish_sim.motion.kinematics import NOMINAL, link_poses, use_arm
 from polish_sim.spatial import apply, inverse, transform
 
 TABLE_TOP = 0.0  # z of the table in the base frame [m]
 _FROM_BELOW = -0.2  # z of a tool axis: the tool comes from below
 PART_COLOR, FIXTURE_COLOR = (0.72, 0.74, 0.78, 1.0), (0.45, 0.50, 0.58, 1.0)
+JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+_SHELL = (0.80, 0.82, 0.84, 1.0)
 STAND_NAMES = ("stand", "stand_arm")
 POST_AWAY, _POST = 0.15, 0.02  # of a post from the part it holds, half its thickness [m]
 
@@ -89,10 +92,44 @@ def robot_with_tool(scenario: Scenario) -> Any:
 
 def robot_spec(scenario: Scenario) -> Any:
     """The robot of the model file with this scenario's head and time step, not yet compiled."""
-    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
-    set_options(spec, scenario)
+    spec = arm_spec(scenario)
     _fit_head(spec, scenario)
     return spec
+
+
+def arm_spec(scenario: Scenario) -> Any:
+    """The model file with the scenario's make of arm and time step."""
+    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
+    arm = use_arm(scenario.robot.arm)
+    if arm.links:
+        _build_arm(spec, arm)
+    set_options(spec, scenario)
+    return spec
+
+
+def _build_arm(spec: Any, arm: ArmTable) -> None:
+    """Make the model file's arm another one: its table, links, servos, and capsules to look at."""
+    bend_arm(spec, NOMINAL)
+    for number, link in enumerate(arm.links, 1):
+        body, joint = spec.body(f"link_{number}"), f"{JOINT_NAMES[number - 1]}_joint"
+        xx, yy, zz, xy, xz, yz = link.inertia
+        body.mass, body.ipos, body.fullinertia = link.mass, link.center, [xx, yy, zz, xy, xz, yz]
+        for geom in list(body.geoms):
+            spec.delete(geom)
+        look = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": link.capsule, "size": [link.radius, 0.0, 0.0]}
+        body.add_geom(name=f"link_{number}_shell", contype=0, conaffinity=0, group=2, mass=0.0, rgba=_SHELL, **look)
+        if number < len(arm.links):
+            body.add_geom(name=f"link_{number}_collision", group=3, mass=0.0, rgba=_SHELL, **look)
+        _build_joint(spec, joint, JOINT_NAMES[number - 1], arm, number - 1)
+
+
+def _build_joint(spec: Any, joint: str, servo: str, arm: ArmTable, j: int) -> None:
+    """Friction, rotor and servo of a joint; the engine has them where the joint is rigid."""
+    hinge, drive = spec.joint(joint), spec.actuator(servo)
+    hinge.armature, hinge.frictionloss = arm.gears["rotor_kg_m2"][j], arm.gears["coulomb_nm"][j]
+    hinge.damping[0] = arm.gears["viscous_nm_s_rad"][j]
+    drive.biasprm[1], drive.biasprm[2] = -arm.stiff[j], -arm.damped[j]
+    drive.forcerange = [-arm.torque[j], arm.torque[j]]
 
 
 def bend_arm(spec: Any, table: Array) -> None:

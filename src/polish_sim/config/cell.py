@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
+from polish_sim.arms import ARMS, FIRST, IDEAL
 from polish_sim.config.key import DIAMETER, HERTZ_OR_FULL, NEWTON, OUTPUT, PER_MINUTE, RUN, SENSOR, TOOL, Option, key
 
 RIGID = 1e8  #: Stiffness of a gear that does not give [N m/rad]
@@ -21,7 +22,7 @@ def _joints(large: float, wrist: float, text: str, low: float, high: float) -> t
 
 @dataclass(frozen=True)
 class RealArmConfig:
-    """How a UR5e differs from an ideal arm; acts with robot.arm = ur5e. Sources: models/README.md."""
+    """How a built arm differs from an ideal one; acts unless robot.arm = ideal. Sources: models/README.md."""
 
     stiffness_1_nm_rad: tuple[float, ...] = _joints(
         31e3, 4.7e3, "gears' torsional stiffness below knee 1; all three 1e8: rigid [N m/rad]", 100.0, RIGID
@@ -65,6 +66,12 @@ class RealArmConfig:
     missed_s: float = key(0.0056, "time between its packets then [s]", 0.001, 0.1)
 
 
+ARM_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {IDEAL: {}} | {name: {"real": arm.gears, "joint_speed_limit_rad_s": min(arm.speed)} for name, arm in ARMS.items()}
+)
+"""What each word of ``robot.arm`` stands for in [robot] and [robot.real], where it differs from the defaults."""
+
+
 @dataclass(frozen=True)
 class RobotConfig:
     """The velocity interface of the robot and its start."""
@@ -75,7 +82,12 @@ class RobotConfig:
     command_timeout_s: float = key(0.1, "a speedl command holds for this long, then the robot stops [s]", 0.002, 10.0)
     joint_speed_limit_rad_s: float = key(math.pi, "limit of every joint's speed [rad/s]", 0.01, 2 * math.pi)
     payload_error: float = key(0.0, "relative error of the payload mass set in the robot [-]", -0.9, 5.0)
-    arm: str = key("ur5e", "ur5e: imperfect as [robot.real] says; ideal: rigid gears, exact encoders and table")
+    arm: str = key(
+        FIRST,
+        f"{', '.join(ARMS)}: imperfect as [robot.real] says; {IDEAL}: the {FIRST} with rigid gears, exact encoders and "
+        "table",
+        presets=ARM_PRESETS,
+    )
     real: RealArmConfig = field(default_factory=RealArmConfig)
 
 

@@ -62,10 +62,11 @@ def key(
     high: float = math.inf,
     length: int = 0,
     option: Option | None = None,
-    presets: Mapping[str, Mapping[str, float]] | None = None,
+    presets: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Any:
     """Declare a field: default, meaning with the unit in brackets, range, length of a list, option on the command
-    line; ``presets``: the words it takes, each with other keys of the section and values that it stands for."""
+    line; ``presets``: the words it takes, each with other keys of the section, or of sections in it, and values
+    that it stands for."""
     metadata = {"text": text, "low": low, "high": high, "length": length, "option": option, "presets": presets}
     return field(default=default, metadata=metadata)
 

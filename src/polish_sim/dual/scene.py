@@ -14,12 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell.scene import add_drawn_part, bend_arm, robot_with_tool, set_options
+from polish_sim.cell.scene import add_drawn_part, arm_spec, bend_arm, robot_with_tool
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER, MASTER
 from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, GRIPPER_RADIUS, check_load, volume_and_center
 from polish_sim.geometry import PartMesh
-from polish_sim.models import robot_model_path
 from polish_sim.motion.kinematics import is_nominal
 
 PAD: Final = ("head_pad", "head_plate", "head_shaft")  #: Geoms that are nearer to the part than the housing is
@@ -79,8 +78,7 @@ def build_pair_scene(
 
 def _file_without_keyframe(scenario: Scenario) -> Any:
     """The model file, stepped as everything attached to it; a keyframe of one robot fits no scene of two."""
-    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
-    set_options(spec, scenario)
+    spec = arm_spec(scenario)
     for key in list(spec.keys):
         spec.delete(key)
     return spec

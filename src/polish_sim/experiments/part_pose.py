@@ -27,6 +27,7 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.experiments.reach_map import ReachMap, map_reach
 from polish_sim.motion import JointPath
+from polish_sim.motion.kinematics import use_arm
 from polish_sim.planning.toolpath import ToolPath, pressed
 
 if TYPE_CHECKING:
@@ -145,4 +146,5 @@ def reach_path(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolP
     Raises:
         ReachError: Naming the first point that cannot be done.
     """
+    use_arm(scenario.robot.arm)
     return PartPlacing(scenario, mesh, surface, path, pressed_in).reach()

@@ -18,7 +18,7 @@ from polish_sim.arrays import Array, Indices
 from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, tool_rotations, upright
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.kinematics import DH_A, DH_D, inverse_all
+from polish_sim.motion.kinematics import arm_lengths, solve_all
 from polish_sim.spatial import inverse, transform
 
 DISTANCES: Final = np.arange(0.20, 0.96, 0.05)  #: Of the path's middle from the base axis [m]
@@ -26,7 +26,6 @@ HEIGHTS: Final = np.array([0.0, 0.03, 0.08, 0.16, 0.25, 0.35, 0.45, 0.6, 0.75])
 """Of the part's lowest point above the table [m]."""
 TURNS: Final = np.radians(np.arange(0.0, 360.0, 15.0))  #: Of the part about the vertical [rad]
 _SAMPLES: Final = 12  #: Points along the path, besides the outermost ones
-_D1, _D5, _A2, _A3 = float(DH_D[0]), float(DH_D[4]), float(DH_A[1]), float(DH_A[2])
 
 
 class ReachMap(NamedTuple):
@@ -85,7 +84,7 @@ def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_
             except ReachError:
                 continue  # this spin fits no axis of the path
             flanges = transform(rotations, points @ R_turn.T) @ T_tool_flange
-            values[:, turn, spin] = _least_manipulability(np.ascontiguousarray(flanges), shifts)
+            values[:, turn, spin] = _least_manipulability(arm_lengths(), np.ascontiguousarray(flanges), shifts)
     return ReachMap(values.reshape(*grid[0].shape, len(TURNS), len(SPINS)), R_up, middle, lowest)
 
 
@@ -99,24 +98,26 @@ def outermost(positions: Array, axes: Array) -> Indices:
 
 
 @njit(cache=True, error_model="numpy")
-def _least_manipulability(T_base_flange: Array, shifts: Array) -> Array:
-    """Least |det J| over poses (n, 4, 4) in the best configuration, after each of the shifts (k, 3) of all, (k,)."""
+def _least_manipulability(lengths: Array, T_base_flange: Array, shifts: Array) -> Array:
+    """Least |det J| over poses (n, 4, 4) in the best configuration, after each of the shifts (k, 3) of all, (k,);
+    ``lengths`` as of `arm_lengths`."""
     values, T = np.zeros(len(shifts)), np.eye(4)
+    d1, d5, a2, a3 = lengths[0], lengths[2], lengths[4], lengths[5]
     for k in range(len(shifts)):
         least = np.full(8, np.inf)
         for i in range(len(T_base_flange)):
             T[:3] = T_base_flange[i, :3]
             T[:3, 3] += shifts[k]
-            q = inverse_all(T, 0.0)
+            q = solve_all(lengths, T, 0.0)
             for row in range(8):
                 value = 0.0
                 if not math.isnan(q[row, 0]):
                     q2, q23, q234 = q[row, 1], q[row, 1] + q[row, 2], q[row, 1] + q[row, 2] + q[row, 3]
-                    elbow = _D1 + _A2 * math.sin(q2)
-                    wrist = elbow + _A3 * math.sin(q23)
-                    if min(elbow, wrist, wrist - _D5 * math.cos(q234)) >= LOWEST_JOINT:
-                        reach = _A2 * math.cos(q2) + _A3 * math.cos(q23) + _D5 * math.sin(q234)
-                        value = abs(_A2 * _A3 * math.sin(q[row, 2]) * math.sin(q[row, 4]) * reach)
+                    elbow = d1 + a2 * math.sin(q2)
+                    wrist = elbow + a3 * math.sin(q23)
+                    if min(elbow, wrist, wrist - d5 * math.cos(q234)) >= LOWEST_JOINT:
+                        reach = a2 * math.cos(q2) + a3 * math.cos(q23) + d5 * math.sin(q234)
+                        value = abs(a2 * a3 * math.sin(q[row, 2]) * math.sin(q[row, 4]) * reach)
                 least[row] = min(least[row], value)
             if least.max() == 0.0:
                 break

@@ -177,6 +177,9 @@ def run_experiment(
 
 
 def _call(row: Experiment, name: str, scenario: Scenario, plan: PlanResult | None, observer: Observer | None) -> Any:
+    from polish_sim.motion.kinematics import use_arm  # compiled code is slow to import
+
+    use_arm(scenario.robot.arm)
     function = load(name)
     return function(scenario, plan, observer) if row.along_plan else function(scenario, observer)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from polish_sim.analysis.claim import Claim
+from polish_sim.arms import IDEAL
 from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import InputError
 from polish_sim.identification.regressor import FULL
@@ -18,7 +19,7 @@ SCENARIO: Final = Scenario(
     simulation=SimulationConfig(timestep_s=STEP_S),
 )  # fmt: skip
 """The arm whose torques are those of the fit: what a log is read by and methods are measured on."""
-LARGEST_PAYLOAD: Final = 3.0  #: The UR5e's five kilograms less the tool's two [kg]
+LARGEST_PAYLOAD: Final = 3.0  #: Five kilograms less the tool's two [kg]
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class IdentifySettings:
     @property
     def encoder_step(self) -> float:
         """Step of the encoders the robot's positions are logged by [rad]."""
-        return self.robot.real.encoder_rad if self.robot.arm == "ur5e" else self.encoder
+        return self.robot.real.encoder_rad if self.robot.arm != IDEAL else self.encoder
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.payload <= LARGEST_PAYLOAD:

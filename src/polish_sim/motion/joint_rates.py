@@ -12,15 +12,14 @@ from typing import Annotated
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix4, Matrix6, Record, Vector6
-from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
+from polish_sim.motion.kinematics import advance_frame
 
-_ROWS = joint_rows(NOMINAL)
 Links = Annotated[Array, (6, 3)]
 Rates = Annotated[Array, (3, 6)]
 
 
 class ArmState(Record):
-    """Work space of one UR5e; all in the base frame. Link k turns with all joints up to k."""
+    """Work space of one arm; all in the base frame. Link k turns with all joints up to k."""
 
     T: Matrix4  #: T_base_tool
     q: Vector6  #: Joint angles [rad]
@@ -36,15 +35,18 @@ class ArmState(Record):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def place_arm(state: ArmState, T_flange_tool: Array) -> bool:
-    """Fill all but rates and twists for the angles in ``state.q``; whether the Jacobian could be inverted."""
-    _fill_links(state, T_flange_tool)
+def place_arm(state: ArmState, rows: Array, T_flange_tool: Array) -> bool:
+    """Fill all but rates and twists for the angles in ``state.q``; whether the Jacobian could be inverted.
+
+    ``rows`` are the arm's table, of `joint_rows`.
+    """
+    _fill_links(state, rows, T_flange_tool)
     _fill_jacobian(state)
     return invert(state.jacobian, state.inverse, state.scratch)
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, inline="always")
-def _fill_links(state: ArmState, T_flange_tool: Array) -> None:
+def _fill_links(state: ArmState, rows: Array, T_flange_tool: Array) -> None:
     """Axes and link vectors by the chain of Denavit-Hartenberg frames."""
     T = state.scratch[:3, :4]
     for i in range(3):
@@ -54,7 +56,7 @@ def _fill_links(state: ArmState, T_flange_tool: Array) -> None:
         for i in range(3):
             state.axes[k, i] = T[i, 2]
             T[i, 3] = 0.0
-        advance_frame(T, _ROWS[k], state.q[k])
+        advance_frame(T, rows[k], state.q[k])
         for i in range(3):
             state.links[k, i] = T[i, 3]
     x, y, z = T_flange_tool[0, 3], T_flange_tool[1, 3], T_flange_tool[2, 3]

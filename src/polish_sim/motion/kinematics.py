@@ -1,7 +1,7 @@
-"""Kinematics of the UR5e: from joint angles to poses and velocities of the tool, and back.
+"""Kinematics of the arm: from joint angles to poses and velocities of the tool, and back.
 
 The arm is its table of standard Denavit-Hartenberg parameters, T_i = Rz(q_i + offset_i) Tz(d_i) Tx(a_i) Rx(alpha_i).
-The nominal table is the manufacturer's (source: ``models/README.md``); an arm as built has its own, which every
+The nominal table is that of the maker of the arm in use (``arms.py``); an arm as built has its own, which every
 function of forward kinematics takes as an argument. The flange frame is DH frame 6. The inverse is in closed form for
 the nominal table, and by Newton's method from there for another.
 """
@@ -16,16 +16,35 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arms import ARMS, FIRST, ArmTable, arm_table
 from polish_sim.arrays import Array, Bools
 from polish_sim.errors import ReachError
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import inverse
 
-DH_A = np.array([0.0, -0.425, -0.3922, 0.0, 0.0, 0.0])  #: Link lengths [m]
-DH_D = np.array([0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996])  #: Link offsets [m]
-NOMINAL = np.stack([np.zeros(6), DH_D, DH_A, np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
-"""The UR5e's table: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6)."""
-NOMINAL.setflags(write=False)
+NOMINAL = np.stack([np.zeros((6,))] * 3 + [np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
+"""Table of the arm in use: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6); written by `use_arm` alone."""
+_used = [ARMS[FIRST]]
+
+
+def use_arm(name: str) -> ArmTable:
+    """Make the arm that a word of ``robot.arm`` names the one this process computes with.
+
+    A process works with one make at a time: everything that begins with a scenario calls this first.
+    """
+    _used[0] = arm = arm_table(name)
+    NOMINAL.setflags(write=True)
+    NOMINAL[1], NOMINAL[2] = arm.d, arm.a
+    NOMINAL.setflags(write=False)
+    return arm
+
+
+def used_arm() -> ArmTable:
+    """The make of the arm in use."""
+    return _used[0]
+
+
+use_arm(FIRST)
 JOINT_LIMITS = np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
 """Lowest and highest joint angle [rad], shape (6, 2)."""
 CLOSE: Final = 1e-12  #: Newton's method ends when the flange pose is reached to this [m] and [rad]
@@ -112,7 +131,7 @@ def smallest_singular_values(q: Array, point_flange: Array) -> Array:
 
 
 def is_nominal(table: Array) -> bool:
-    """Whether a table is the UR5e's own, number by number."""
+    """Whether a table is the nominal one, number by number."""
     return bool(np.array_equal(table, NOMINAL))
 
 
@@ -138,8 +157,6 @@ def table_slopes(frames: Array, points: Array) -> Array:
 # and the signs of the angles of wrist 2 and elbow. A continuous motion changes a sign only at a singularity, so along
 # a path one solution is enough. Angles come from atan2 of two exact terms, not from acos: accurate near singularities.
 
-_D1, _D4, _D5, _D6 = float(DH_D[0]), float(DH_D[3]), float(DH_D[4]), float(DH_D[5])
-_A2, _A3 = float(DH_A[1]), float(DH_A[2])
 _TURN = 2.0 * math.pi
 _REACH_SLACK = 1e-9  #: How far a squared sine may be negative by rounding before a pose counts as out of reach [-]
 _WRIST_ALIGNED = 1e-9  #: Sine of wrist 2 below which only the sum of wrist 1 and wrist 3 is given [-]
@@ -147,17 +164,18 @@ _WRIST_ALIGNED = 1e-9  #: Sine of wrist 2 below which only the sum of wrist 1 an
 
 @njit(cache=True, error_model="numpy")
 def _solve_branch(
-    T: Array, side: float, wrist: float, elbow: float, q6_if_aligned: float
+    lengths: Array, T: Array, side: float, wrist: float, elbow: float, q6_if_aligned: float
 ) -> tuple[bool, tuple[float, float, float, float, float, float]]:
     """Whether there is a solution with these signs, and its angles up to full turns [rad]."""
+    d1, d4, d5, d6, a2, a3 = lengths[0], lengths[1], lengths[2], lengths[3], lengths[4], lengths[5]
     none = (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
     # Pan: the wrist's centre seen from above is d4 beside the arm's plane.
-    x, y, z = T[0, 3] - _D6 * T[0, 2], T[1, 3] - _D6 * T[1, 2], T[2, 3] - _D6 * T[2, 2]
+    x, y, z = T[0, 3] - d6 * T[0, 2], T[1, 3] - d6 * T[1, 2], T[2, 3] - d6 * T[2, 2]
     square = x * x + y * y
-    if square - _D4 * _D4 < -_REACH_SLACK:
+    if square - d4 * d4 < -_REACH_SLACK:
         return False, none
-    out = math.copysign(math.sqrt(max(square - _D4 * _D4, 0.0)), side)
-    c1, s1 = (out * x - _D4 * y) / square, (out * y + _D4 * x) / square
+    out = math.copysign(math.sqrt(max(square - d4 * d4, 0.0)), side)
+    c1, s1 = (out * x - d4 * y) / square, (out * y + d4 * x) / square
     # Wrist 2 and 3: the normal of the arm's plane seen from the flange is (s5 c6, -s5 s6, c5).
     nx = s1 * T[0, 0] - c1 * T[1, 0]
     ny = s1 * T[0, 1] - c1 * T[1, 1]
@@ -173,15 +191,15 @@ def _solve_branch(
     uy = a * T[1, 0] - b * T[1, 1] - s5 * T[1, 2]
     uz = a * T[2, 0] - b * T[2, 1] - s5 * T[2, 2]
     q234 = math.atan2(uz, c1 * ux + s1 * uy)
-    px = x + _D5 * (T[0, 0] * s6 + T[0, 1] * c6)
-    py = y + _D5 * (T[1, 0] * s6 + T[1, 1] * c6)
-    height = z + _D5 * (T[2, 0] * s6 + T[2, 1] * c6) - _D1
+    px = x + d5 * (T[0, 0] * s6 + T[0, 1] * c6)
+    py = y + d5 * (T[1, 0] * s6 + T[1, 1] * c6)
+    height = z + d5 * (T[2, 0] * s6 + T[2, 1] * c6) - d1
     radius = c1 * px + s1 * py
-    c3 = (radius * radius + height * height - _A2 * _A2 - _A3 * _A3) / (2.0 * _A2 * _A3)
+    c3 = (radius * radius + height * height - a2 * a2 - a3 * a3) / (2.0 * a2 * a3)
     if 1.0 - c3 * c3 < -_REACH_SLACK:
         return False, none
     s3 = math.copysign(math.sqrt(max(1.0 - c3 * c3, 0.0)), elbow)
-    q2, q3 = math.atan2(height, radius) - math.atan2(_A3 * s3, _A2 + _A3 * c3), math.atan2(s3, c3)
+    q2, q3 = math.atan2(height, radius) - math.atan2(a3 * s3, a2 + a3 * c3), math.atan2(s3, c3)
     q6 = q6_if_aligned if abs(s5) < _WRIST_ALIGNED else math.atan2(s6, c6)
     return True, (math.atan2(s1, c1), q2, q3, q234 - q2 - q3, math.atan2(s5, c5), q6)
 
@@ -193,14 +211,15 @@ def _near(angle: float, reference: float) -> float:
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
+def solve_on_branch(lengths: Array, T: Array, q_near: Array, q: Array) -> bool:
     """Write joint angles ``q`` (6,) [rad] that bring the flange to ``T`` (4, 4), closed form; False if there are none.
 
-    ``q_near`` (6,) [rad], which may be ``q`` itself, says which branch and which full turns.
+    ``q_near`` (6,) [rad], which may be ``q`` itself, says which branch and which full turns; ``lengths`` is the
+    arm's, of `arm_lengths`.
     """
-    side = _A2 * math.cos(q_near[1]) + _A3 * math.cos(q_near[1] + q_near[2])
-    side += _D5 * math.sin(q_near[1] + q_near[2] + q_near[3])
-    reached, angles = _solve_branch(T, side, math.sin(q_near[4]), math.sin(q_near[2]), q_near[5])
+    side = lengths[4] * math.cos(q_near[1]) + lengths[5] * math.cos(q_near[1] + q_near[2])
+    side += lengths[2] * math.sin(q_near[1] + q_near[2] + q_near[3])
+    reached, angles = _solve_branch(lengths, T, side, math.sin(q_near[4]), math.sin(q_near[2]), q_near[5])
     if reached:
         for j in range(6):
             q[j] = _near(angles[j], q_near[j])
@@ -208,30 +227,21 @@ def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def inverse_all(T_base_flange: Array, q6_if_aligned: float) -> Array:
-    """All joint angles (8, 6), in [-pi, pi], that bring the flange to a pose (4, 4), in closed form; NaN where none.
-
-    Rows 0-3 and 4-7 have the two pan angles, within them rows 0-1 and 2-3 the two signs of wrist 2, even and odd
-    rows those of the elbow. ``q6_if_aligned`` is wrist 3 where the pose leaves it free (wrist 2 at 0 or 180 deg)
-    [rad].
-    """
+def solve_all(lengths: Array, T_base_flange: Array, q6_if_aligned: float) -> Array:
+    """All joint angles (8, 6) of a flange pose (4, 4); see `inverse_all`."""
     solutions = np.empty((8, 6))
     for row in range(8):
         side, wrist, elbow = 2.0 * (row // 4) - 1.0, 1.0 - row // 2 % 2 * 2.0, 1.0 - row % 2 * 2.0
-        angles = _solve_branch(T_base_flange, side, wrist, elbow, q6_if_aligned)[1]
+        angles = _solve_branch(lengths, T_base_flange, side, wrist, elbow, q6_if_aligned)[1]
         for j in range(6):
             solutions[row, j] = _near(angles[j], 0.0)
     return solutions
 
 
 @njit(cache=True, error_model="numpy")
-def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
-    """The solution (6,) [rad] closest to ``q_near`` (6,) [rad] in the sum of squared differences; NaN if there is none.
-
-    Only those inside the joint limits count if ``within_limits``.
-    """
+def _nearest_solution(lengths: Array, T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
     best, best_distance = np.full(6, np.nan), np.inf
-    solutions = inverse_all(T_base_flange, q_near[5])
+    solutions = solve_all(lengths, T_base_flange, q_near[5])
     for row in range(8):
         candidate, distance = solutions[row], 0.0
         for j in range(6):
@@ -242,6 +252,34 @@ def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -
         if distance < best_distance:
             best, best_distance = candidate, distance
     return best
+
+
+def arm_lengths() -> Array:
+    """d1, d4, d5, d6, a2, a3 of the arm in use [m], shape (6,), as the inverse takes them."""
+    return NOMINAL[(1, 1, 1, 1, 2, 2), (0, 3, 4, 5, 1, 2)]
+
+
+def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
+    """`solve_on_branch` of the arm in use."""
+    return bool(solve_on_branch(arm_lengths(), T, q_near, q))
+
+
+def inverse_all(T_base_flange: Array, q6_if_aligned: float) -> Array:
+    """All joint angles (8, 6), in [-pi, pi], that bring the flange to a pose (4, 4), in closed form; NaN where none.
+
+    Rows 0-3 and 4-7 have the two pan angles, within them rows 0-1 and 2-3 the two signs of wrist 2, even and odd
+    rows those of the elbow. ``q6_if_aligned`` is wrist 3 where the pose leaves it free (wrist 2 at 0 or 180 deg)
+    [rad].
+    """
+    return np.asarray(solve_all(arm_lengths(), T_base_flange, q6_if_aligned))
+
+
+def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
+    """The solution (6,) [rad] closest to ``q_near`` (6,) [rad] in the sum of squared differences; NaN if there is none.
+
+    Only those inside the joint limits count if ``within_limits``.
+    """
+    return np.asarray(_nearest_solution(arm_lengths(), T_base_flange, q_near, within_limits))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -263,10 +301,11 @@ def inverse_near(T_base_flange: Array, q_near: Array) -> Array:
     q = nearest_solution(np.ascontiguousarray(T_base_flange, dtype=float), np.asarray(q_near, dtype=float), True)
     if np.isnan(q).any():
         x, y, z = 1e3 * np.asarray(T_base_flange)[:3, 3]
+        d4, d5, a2, a3 = 1e3 * np.abs(arm_lengths()[[1, 2, 4, 5]])
         raise ReachError(
-            f"the UR5e cannot bring its flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame with the wanted "
-            f"direction: it reaches 850 mm from the shoulder and not closer than 133 mm to its own axis. "
-            f"Move the part or turn the tool."
+            f"the {used_arm().label} cannot bring its flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame with "
+            f"the wanted direction: its wrist reaches {a2 + a3 + d5:.0f} mm from the shoulder and not closer than "
+            f"{d4:.0f} mm to its own axis. Move the part or turn the tool."
         )
     return q
 
@@ -331,11 +370,11 @@ class JointPath:
 
 
 @njit(cache=True, error_model="numpy")
-def _follow(T_base_flange: Array, q_start: Array, q: Array) -> None:
+def _follow(lengths: Array, T_base_flange: Array, q_start: Array, q: Array) -> None:
     """Write joint angles (n, 6) along the poses, each the solution closest to the last one, up to one out of reach."""
     last = q_start
     for i in range(q.shape[0]):
-        last = nearest_solution(T_base_flange[i], last, False)
+        last = _nearest_solution(lengths, T_base_flange[i], last, False)
         if math.isnan(last[0]):
             break
         for j in range(6):
@@ -355,7 +394,7 @@ def track(T_base_tool: Array, T_flange_tool: Array, q_start: Array) -> JointPath
     T_tool_flange: Array = np.linalg.inv(np.asarray(T_flange_tool, dtype=float))
     start: Array = np.asarray(q_start, dtype=float)
     q = np.full((len(T_base_tool), 6), np.nan)
-    _follow(np.asarray(T_base_tool, dtype=float) @ T_tool_flange, start, q)
+    _follow(arm_lengths(), np.asarray(T_base_tool, dtype=float) @ T_tool_flange, start, q)
     q.flags.writeable = False
     reached = ~np.isnan(q[:, 0])
     beyond: Bools = (q < JOINT_LIMITS[:, 0]) | (q > JOINT_LIMITS[:, 1])

@@ -12,7 +12,7 @@ from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Matrix3, Record, Vector3, kernel
 from polish_sim.motion.joint_rates import ArmState, place_arm, solve_rates
-from polish_sim.motion.kinematics import JOINT_LIMITS, inverse_on_branch
+from polish_sim.motion.kinematics import JOINT_LIMITS, solve_on_branch
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.limits import Arm, chain_in_base
 from polish_sim.motion.rules.schedule import Samples
@@ -118,9 +118,9 @@ def reach_pose(state: ArmState, arm: Arm) -> int:
         for j in range(4):
             flange[i, j] = a * T[0, j] + b * T[1, j] + c * T[2, j]
         flange[i, 3] += T_base_tool[i, 3]
-    if not inverse_on_branch(flange, state.q, state.q):
+    if not solve_on_branch(arm.lengths, flange, state.q, state.q):
         return UNREACHABLE
-    return REACHED if place_arm(state, arm.T_flange_tool) else SINGULAR
+    return REACHED if place_arm(state, arm.rows, arm.T_flange_tool) else SINGULAR
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)

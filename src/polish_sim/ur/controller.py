@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from polish_sim.motion import link_frames
+from polish_sim.motion.kinematics import used_arm
 from polish_sim.ur.api import Listener
 from polish_sim.ur.physics import TICK_S
 from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, TEXT, message
@@ -33,10 +34,9 @@ Start = Callable[[str, Listener, str], "Machine"]
 class Controller(Listener):
     """What all ports of one robot share."""
 
-    torque_constants = np.array([11.7, 11.7, 11.2, 9.1, 9.1, 9.1])  #: About those of a UR5e [N m/A]
-
     def __init__(self, robot: SimulatedRobot, version: str, start: Start) -> None:
         self.robot, self.version, self._start = robot, VERSIONS[version], start
+        self.torque_constants = np.array(used_arm().torque_constants)  #: [N m/A]
         self.claimed: dict[str, Any] = {}  #: RTDE inputs by the session that has them
         self.messages: list[bytes] = []  #: For every client of the primary port
         self.machine: Machine | None = None

@@ -13,7 +13,6 @@ from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
 from polish_sim.spatial import quaternion_from_rotation, rotation_from_quaternion
 
 SINGULAR: Final = 0.02  #: Damping of the inverse Jacobian [-]
-_ROWS: Final = joint_rows(NOMINAL)
 
 
 @njit(cache=True, error_model="numpy")
@@ -93,7 +92,7 @@ def pose_of(T: Array) -> Array:
 
 def tool_at(q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
     """Pose (4, 4) of the tool in the base at joint angles (6,) [rad] and its geometric Jacobian (6, 6)."""
-    return _tool_at(_ROWS, np.array(q, dtype=float), T_flange_tcp)
+    return _tool_at(joint_rows(NOMINAL), np.array(q, dtype=float), T_flange_tcp)
 
 
 def joint_speeds(J: Array, twist: Array) -> Array:

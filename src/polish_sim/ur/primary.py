@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from polish_sim.motion import JOINT_LIMITS
-from polish_sim.motion.kinematics import NOMINAL
+from polish_sim.motion.kinematics import NOMINAL, used_arm
 
 if TYPE_CHECKING:
     from polish_sim.ur.controller import Controller
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 ROBOT_STATE, ROBOT_MESSAGE = 16, 20
 TEXT, POPUP, VERSION, SAFETY_MODE, ERROR, KEY, RUNTIME_EXCEPTION = 0, 2, 3, 5, 6, 7, 10
 STATE_HZ: Final = 10.0
-UR5E: Final = 1  #: Robot type
 BOX, SUB_TYPE = 7, 1  #: Controller of an e-Series
 
 
@@ -54,7 +53,7 @@ def robot_state(controller: Controller, configuration: bool) -> bytes:
         limits = np.column_stack([np.full(6, np.pi), np.full(6, 40.0)])
         parts.append(
             _part(6, ">12d12d5d24d4i2h", *JOINT_LIMITS.ravel(), *limits.ravel(), 1.05, 1.4, 0.25, 1.2, 0.05, *a, *d,
-                  *alpha, *theta, 0, BOX, UR5E, SUB_TYPE, 0, 0)
+                  *alpha, *theta, 0, BOX, used_arm().type_number, SUB_TYPE, 0, 0)
         )  # fmt: skip
     return _framed(ROBOT_STATE, b"".join(parts))
 

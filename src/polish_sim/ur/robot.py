@@ -37,7 +37,7 @@ OUTPUTS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 
 
 class SimulatedRobot(Robot):
-    """A UR5e with its tool in a cell; see `polish_sim.ur.api.Robot`."""
+    """An arm with its tool in a cell; see `polish_sim.ur.api.Robot`."""
 
     def __init__(self, cell: Cell) -> None:
         self.rig, self.cell, baselines = Rig(cell), cell, cell.scenario.controller.baselines

@@ -19,7 +19,7 @@ from scipy.special import chdtri
 from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.fit import CHANCE, Problem, agreeing, fit, solve
 from polish_sim.errors import CalibrationError
-from polish_sim.motion.kinematics import DH_A, DH_D
+from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import transform, unit
 
 LEAST_POINTS = 6
@@ -235,7 +235,7 @@ def _frame(first: Circle, second: Circle, step: Array) -> Array:
     x = unit(across)
     # Foot of the common normal on the first axis.
     foot = c1 + float(np.cross(c2 - c1, z2) @ across / (across @ across)) * z1
-    return transform(np.column_stack([x, np.cross(z1, x), z1]), foot - DH_D[0] * z1)
+    return transform(np.column_stack([x, np.cross(z1, x), z1]), foot - NOMINAL[1, 0] * z1)
 
 
 def _check_axes(first: Circle, second: Circle) -> None:
@@ -251,8 +251,8 @@ def _check_axes(first: Circle, second: Circle) -> None:
             f"axes 1 and 2 are nearly parallel ({np.degrees(angle):.1f} deg): they have no common normal. Was the "
             "same joint turned twice?"
         )
-    reach = abs(DH_A[1] + DH_A[2])
-    wanted = (np.hypot(reach, DH_D[3] + DH_D[5]), np.hypot(reach, DH_D[4]))
+    reach = abs(NOMINAL[2].sum())
+    wanted = (np.hypot(reach, NOMINAL[1, 3] + NOMINAL[1, 5]), np.hypot(reach, NOMINAL[1, 4]))
     for axis, (circle, radius) in enumerate(zip((first, second), wanted, strict=True), 1):
         if abs(circle.radius - radius) > RADIUS_SLACK:
             raise CalibrationError(
@@ -264,7 +264,7 @@ def _check_axes(first: Circle, second: Circle) -> None:
             f"axes 1 and 2 are {np.degrees(angle):.2f} deg apart, on a UR5e they are square: did another joint or "
             "the robot's stand move?"
         )
-    foot = _frame(first, second, np.zeros(10))[:3, 3] + DH_D[0] * first.axis
+    foot = _frame(first, second, np.zeros(10))[:3, 3] + NOMINAL[1, 0] * first.axis
     backwards_2 = float((second.center - foot) @ second.axis) < 0.0
     backwards_1 = float((first.center - foot) @ first.axis) > 0.0
     if backwards_1 and backwards_2:

@@ -12,16 +12,17 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError
 from polish_sim.kernels import Matrix4, Record, Vector6, kernel
+from polish_sim.motion.kinematics import NOMINAL, arm_lengths, joint_rows
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.spatial import apply, inverse
 from polish_sim.toml_text import read_toml
 
 MM, DEG = 1e-3, math.radians(1.0)
-JOINT_SPEED = math.radians(180.0)  #: UR5e, every joint, as the maker publishes it [rad/s]
+JOINT_SPEED = math.radians(180.0)  #: Every joint of the default arm, as its maker publishes it [rad/s]
 JOINT_ACCELERATION = 5.0
-"""UR5e [rad/s^2]. The maker publishes torques (150 and 28 N m), no accelerations. This is the value the maker's own
+"""[rad/s^2]. The maker publishes torques, no accelerations. This is the value the maker's own
 public ROS driver gives to motion planners for all six joints and calls conservative."""
-JOINT_JERK = 100.0  #: UR5e [rad/s^3]; none is published. Reaches the acceleration in 0.05 s, as paper 4's tool does
+JOINT_JERK = 100.0  #: [rad/s^3]; none is published. Reaches the acceleration in 0.05 s, as paper 4's tool does
 
 
 def six(value: float) -> tuple[float, ...]:
@@ -159,17 +160,20 @@ def _positive(where: str, value: Any, place: str) -> float:
 
 
 class Arm(Record):
-    """A UR5e with a tool before a part, as compiled kernels take it."""
+    """An arm with a tool before a part, as compiled kernels take it."""
 
     T_base_work: Matrix4  #: Pose of the frame the chain is given in
     T_flange_tool: Matrix4  #: The tool on the flange
     T_tool_flange: Matrix4  #: Its inverse
     q_start: Vector6  #: Joint angles at or near the first way point, which say the arm's configuration [rad]
+    rows: Annotated[Array, (6, 5)]  #: Its table, of `joint_rows`
+    lengths: Vector6  #: Of `arm_lengths`
 
 
 def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
     """Put an arm together; see `Arm` for the arguments."""
-    return Arm(T_base_work, T_flange_tool, inverse(np.asarray(T_flange_tool, dtype=float)), q_start)
+    T_tool_flange = inverse(np.asarray(T_flange_tool, dtype=float))
+    return Arm(T_base_work, T_flange_tool, T_tool_flange, q_start, joint_rows(NOMINAL), arm_lengths())
 
 
 def arm_or_none(arm: Arm | None) -> Arm:

@@ -1,0 +1,267 @@
+"""Files that hold a robot's log, each as blocks of rows: CSV, npz with named columns, ROS bags. None is read whole."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any, Final, NamedTuple, Protocol
+
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.errors import InputError, near_file, unknown_name
+
+BLOCK: Final = 5000  #: Rows read at a time
+SEPARATORS: Final = (",", ";", "\t", "|", " ")
+ARM_JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+_STATE, _WRENCH = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
+
+
+class Block(NamedTuple):
+    """Some rows of a log."""
+
+    rows: Array  #: One column for each name asked for, shape (n, k)
+    first: int  #: Line or number of the first row, counted from 1
+
+
+class LogSource(Protocol):
+    """A log that can be read in blocks."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Its columns."""
+
+    @property
+    def row(self) -> str:
+        """What a row is called: line, sample, message."""
+
+    def blocks(self, names: Sequence[str]) -> Iterator[Block]:
+        """Rows of some columns."""
+
+
+def open_source(file: Path, run: str = "") -> LogSource:
+    """A log by the ending of its name; ``run``: which of several in an npz.
+
+    Raises:
+        InputError: There is no such file, or it is of no known kind.
+    """
+    if not file.exists():
+        raise InputError(f"there is no log '{file}'.{near_file(file)}")
+    if file.is_dir() or file.suffix in (".mcap", ".db3", ".bag"):
+        return BagSource(file)
+    if file.suffix == ".npz":
+        return NpzSource(file, run)
+    return CsvSource(file)
+
+
+class CsvSource:
+    """Text with a header line: commas, semicolons, tabs, bars or spaces between values."""
+
+    row = "line"
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        with self._open() as text:
+            first = next((line for line in text if line.strip() and not line.startswith("#")), "")
+        self.separator = next((sign for sign in SEPARATORS if sign in first.strip()), ",")
+        self.names = [name.strip().strip('"') for name in first.strip().split(self.separator)]
+        if len(self.names) < 2 or all(_is_number(name) for name in self.names):
+            raise InputError(f"'{file}' begins with no header. Wanted: names of columns, then one sample a line.")
+
+    def _open(self) -> IO[str]:
+        try:
+            return open(self.file, encoding="utf-8-sig", newline=None)
+        except OSError as error:
+            raise InputError(f"cannot read the log '{self.file}': {error.strerror}.") from error
+
+    def blocks(self, names: Sequence[str]) -> Iterator[Block]:
+        """Rows of some columns; InputError where a line is no row of numbers."""
+        columns = [self.names.index(name) for name in names]
+        with self._open() as text:
+            numbered = ((n, line) for n, line in enumerate(text, 1) if line.strip() and not line.startswith("#"))
+            try:
+                next(numbered)
+                while lines := list(islice(numbered, BLOCK)):
+                    yield Block(self._numbers(lines, columns), lines[0][0])
+            except UnicodeDecodeError as error:
+                raise InputError(f"'{self.file}' is not a text file ({error.reason}).") from error
+
+    def _numbers(self, lines: list[tuple[int, str]], columns: list[int]) -> Array:
+        try:
+            text = [line for _, line in lines]
+            return np.loadtxt(text, delimiter=self.separator, usecols=columns, ndmin=2, quotechar='"', comments=None)
+        except ValueError:
+            for number, line in lines:
+                self._check_line(number, line.strip().split(self.separator), columns, line.endswith("\n"))
+            raise
+
+    def _check_line(self, number: int, values: list[str], columns: list[int], ended: bool) -> None:
+        if len(values) <= max(columns):
+            why = "the file was cut while it was written; leave this line out" if not ended else "leave this line out"
+            raise InputError(
+                f"'{self.file}', line {number}: {len(values)} values, the header names {len(self.names)}: {why}."
+            )
+        for column in columns:
+            if not _is_number(values[column]):
+                raise InputError(
+                    f"'{self.file}', line {number}: {self.names[column]} is '{values[column]}', not a number. "
+                    "Correct or leave out the line."
+                )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.strip().strip('"'))
+    except ValueError:
+        return False
+    return True
+
+
+class NpzSource:
+    """Arrays by name, (n,) or (n, k), a column of which is NAME_0 and so on; ``run``: names before a slash."""
+
+    row = "sample"
+
+    def __init__(self, file: Path, run: str = "") -> None:
+        self.file = file
+        try:
+            self._zip = zipfile.ZipFile(file)
+        except (zipfile.BadZipFile, OSError) as error:
+            raise InputError(f"'{file}' is no whole npz: it was cut or is of another kind. Copy it again.") from error
+        members = [name.removesuffix(".npy") for name in self._zip.namelist() if name.endswith(".npy")]
+        runs = sorted({name.rpartition("/")[0] for name in members} - {""})
+        if run and run not in runs:
+            raise unknown_name("--run", run, runs)
+        if runs and not run and not any("/" not in name for name in members):
+            raise InputError(f"'{file}' holds {len(runs)} runs: choose one with --run NAME, e.g. --run {runs[0]}.")
+        prefix = f"{run}/" if run else ""
+        self._at: dict[str, tuple[str, int]] = {}
+        for member in (name for name in members if name.startswith(prefix) and "/" not in name[len(prefix) :]):
+            with self._zip.open(f"{member}.npy") as stream:
+                shape, _ = _header(stream, f"'{file}', {member}")
+            short = member[len(prefix) :]
+            if len(shape) == 1:
+                self._at[short] = member, 0
+            for column in range(shape[1] if len(shape) == 2 else 0):
+                self._at[f"{short}_{column}"] = member, column
+        self.names = list(self._at)
+
+    def blocks(self, names: Sequence[str]) -> Iterator[Block]:
+        """Rows of some columns; InputError where arrays are of different lengths or the file is damaged."""
+        members = list(dict.fromkeys(self._at[name][0] for name in names))
+        with ExitStack() as stack:
+            streams = {member: stack.enter_context(self._zip.open(f"{member}.npy")) for member in members}
+            heads = {member: _header(stream, member) for member, stream in streams.items()}
+            if len(lengths := {shape[0] for shape, _ in heads.values()}) > 1:
+                found = ", ".join(f"{member} {shape[0]}" for member, (shape, _) in heads.items())
+                raise InputError(f"'{self.file}': columns are of different lengths: {found}.")
+            for start in range(0, next(iter(lengths)), BLOCK):
+                count = min(BLOCK, next(iter(lengths)) - start)
+                parts = {m: self._read(streams[m], *heads[m], count) for m in members}
+                yield Block(np.stack([parts[m][:, column] for m, column in map(self._at.get, names)], 1), start + 1)  # type: ignore[misc]
+
+    def _read(self, stream: IO[bytes], shape: tuple[int, ...], dtype: Any, count: int) -> Array:
+        wide = shape[1] if len(shape) > 1 else 1
+        try:
+            raw = stream.read(count * wide * dtype.itemsize)
+            return np.frombuffer(raw, dtype).reshape(count, wide).astype(float)
+        except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
+            raise InputError(f"'{self.file}' is damaged or cut ({error}). Copy it again.") from error
+
+
+def _header(stream: IO[bytes], what: str) -> tuple[tuple[int, ...], Any]:
+    """Shape and type of an array of numbers, row by row; the stream is then at its first value."""
+    version = np.lib.format.read_magic(stream)  # type: ignore[no-untyped-call]
+    read: Any = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, by_column, dtype = read(stream)
+    if (by_column and len(shape) > 1) or dtype.kind not in "fiu" or not 1 <= len(shape) <= 2:
+        raise InputError(f"{what}: an array of numbers, (n,) or (n, k), row by row is wanted, it is {shape} {dtype}.")
+    return shape, dtype
+
+
+class BagSource:
+    """A ROS 2 (MCAP, SQLite) or ROS 1 bag: joint states, and the last wrench before each where there is one.
+
+    Joints are found by their usual names, whatever stands before or after.
+    """
+
+    row = "message"
+
+    def __init__(self, file: Path) -> None:
+        self.file, wide = file, ["position", "velocity", "effort"]
+        with self._reader() as reader:
+            self.topics = {kind: name for name, topic in reader.topics.items() if (kind := topic.msgtype)}
+        if _STATE not in self.topics:
+            raise InputError(f"'{file}' holds no topic of {_STATE}. It has: {', '.join(sorted(self.topics))}.")
+        wide += ["wrench"] if _WRENCH in self.topics else []
+        self.names = ["timestamp", *(f"{name}_{j}" for name in wide for j in range(6))]
+
+    def _reader(self) -> Any:
+        try:
+            from rosbags.highlevel import AnyReader
+            from rosbags.typesys import Stores, get_typestore
+        except ModuleNotFoundError as error:
+            raise InputError("ROS bags need a reader: pip install 'polish-sim[ros]'.") from error
+        reader = AnyReader([self.file], default_typestore=get_typestore(Stores.LATEST))
+        try:
+            reader.open()
+        except Exception as error:
+            raise InputError(f"'{self.file}' is no whole ROS bag ({error}). Was the recording cut?") from error
+        return _Closing(reader)
+
+    def blocks(self, names: Sequence[str]) -> Iterator[Block]:
+        """Rows of some columns."""
+        columns, kept, first = [self.names.index(name) for name in names], [], 1
+        for row in self._rows():
+            kept.append(row[columns])
+            if len(kept) == BLOCK:
+                yield Block(np.array(kept), first)
+                kept, first = [], first + BLOCK
+        if kept:
+            yield Block(np.array(kept), first)
+
+    def _rows(self) -> Iterator[Array]:
+        wrench, wanted = np.full(6, np.nan), {self.topics.get(_STATE), self.topics.get(_WRENCH)}
+        with self._reader() as reader:
+            connections = [c for c in reader.connections if c.topic in wanted]
+            try:
+                for connection, stamp, raw in reader.messages(connections=connections):
+                    message = reader.deserialize(raw, connection.msgtype)
+                    if connection.msgtype == _WRENCH:
+                        force, torque = message.wrench.force, message.wrench.torque
+                        wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+                    elif wrench[0] == wrench[0] or _WRENCH not in self.topics:
+                        yield self._row(message, stamp, wrench)
+            except InputError:
+                raise
+            except Exception as error:
+                raise InputError(f"'{self.file}' ends in the middle of a message ({error}).") from error
+
+    def _row(self, message: Any, stamp: int, wrench: Array) -> Array:
+        at = [next((k for k, name in enumerate(message.name) if joint in name), -1) for joint in ARM_JOINTS]
+        if min(at) < 0:
+            raise InputError(
+                f"'{self.file}': joint states name {', '.join(message.name)}, not {', '.join(ARM_JOINTS)}."
+            )
+        header = message.header.stamp
+        time = header.sec + 1e-9 * header.nanosec or 1e-9 * stamp
+        none = np.full(6, np.nan)
+        parts = [np.asarray(part)[at] if len(part) > max(at) else none
+                 for part in (message.position, message.velocity, message.effort)]  # fmt: skip
+        return np.concatenate([[time], *parts, *([wrench] if _WRENCH in self.topics else [])])
+
+
+class _Closing:
+    """An open reader that is closed at the end of a block."""
+
+    def __init__(self, reader: Any) -> None:
+        self.reader = reader
+
+    def __enter__(self) -> Any:
+        return self.reader
+
+    def __exit__(self, *_: object) -> None:
+        self.reader.close()

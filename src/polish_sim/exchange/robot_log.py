@@ -1,0 +1,249 @@
+"""Logs of a robot, real or simulated, in one form: joints, currents, torques and forces over time, SI.
+
+    read_robot_recording(file, need=("q_rad",)) -> RobotRecording
+
+Recorders name their columns differently: `NAMES` knows those of ur_rtde, of the RTDE recorders and of ROS, a mapping
+file names others. Files are read in blocks and no farther than the window asked for, so their size does not matter.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.errors import InputError, unknown_name
+from polish_sim.exchange.log_sources import LogSource, open_source
+from polish_sim.toml_text import read_toml
+
+WIDTHS: Final[Mapping[str, int]] = MappingProxyType({
+    "q_rad": 6, "qd_rad_s": 6, "q_desired_rad": 6, "qd_desired_rad_s": 6, "current_a": 6, "current_desired_a": 6,
+    "torque_nm": 6, "torque_desired_nm": 6, "wrench": 6, "force_n": 1,
+})  #: Quantities and how many columns each has; a wrench is (force; torque) the tool exerts [N], [N m]  # fmt: skip
+TIME: Final = "time_s"
+NAMES: Final[Mapping[str, str]] = MappingProxyType({
+    "timestamp": TIME, "time": TIME, "t": TIME, "actual_q": "q_rad", "actual_qd": "qd_rad_s", "q": "q_rad",
+    "qd": "qd_rad_s", "position": "q_rad", "velocity": "qd_rad_s", "effort": "torque_nm", "target_q": "q_desired_rad",
+    "target_qd": "qd_desired_rad_s", "actual_current": "current_a", "target_current": "current_desired_a",
+    "target_moment": "torque_desired_nm", "actual_current_as_torque": "torque_nm", "actual_tcp_force": "wrench",
+    "tcp_force": "wrench",
+})  #: What recorders call them, in small letters  # fmt: skip
+UNITS: Final[Mapping[str, float]] = MappingProxyType({
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": math.pi / 180.0, "deg/s": math.pi / 180.0,
+    "rad/s": 1.0, "A": 1.0, "mA": 1e-3, "N": 1.0, "Nm": 1.0, "kN": 1e3, "Nmm": 1e-3,
+})  # fmt: skip
+MOST_ROWS: Final = 500_000  #: That are kept: 1000 s at 500 Hz
+_FULL_TURN: Final = 2.0 * math.pi
+_GAP_S, _GAP_STEPS = 0.1, 10.0  #: Steps longer than both this and so many usual ones are gaps
+_SLOWEST_S: Final = 0.5
+_INDEX: Final = re.compile(r"^(?P<name>.*?)[_ ]?[\[(]?(?P<digit>\d)[\])]?(?P<unit>_[a-z_]+)?$")
+
+
+class RobotRecording(NamedTuple):
+    """Some time of a robot's log."""
+
+    time: Array  #: From the first row kept [s], shape (n,)
+    values: Mapping[str, Array]  #: By the names of `WIDTHS`, each of shape (n, width)
+    start: float  #: Time of the first row in the log's own clock, from the log's beginning [s]
+    whole: bool  #: False: the log goes on after the last row
+
+    def need(self, name: str, file: Path) -> Array:
+        """A quantity; InputError if the log has none of it."""
+        if name not in self.values:
+            raise InputError(f"'{file}' holds no {name}. It has: {', '.join(self.values)}. {HOW_TO_MAP}")
+        return self.values[name]
+
+
+HOW_TO_MAP: Final = "Name columns with --map FILE.toml: [columns] with e.g. q_rad = 'joint_{i}' (i from 0) or a list."
+
+
+class ColumnMap(NamedTuple):
+    """How a log names its columns: ours by theirs."""
+
+    columns: Mapping[str, Sequence[str]] = MappingProxyType({})
+    scale: Mapping[str, float] = MappingProxyType({})
+
+
+def read_column_map(file: Path) -> ColumnMap:
+    """Read a mapping file: [columns] OURS = THEIRS and [units] OURS = UNIT.
+
+    Raises:
+        InputError: A quantity or unit that is not known, or a number of columns that does not fit.
+    """
+    table = read_toml(file, "mapping", InputError)
+    columns, units = table.get("columns", {}), table.get("units", {})
+    known = (TIME, *WIDTHS)
+    for name in (*table, *columns, *units):
+        if name not in (*known, "columns", "units"):
+            raise unknown_name(f"key of '{file}'", name, known)
+    named = {name: _listed(file, name, theirs) for name, theirs in columns.items()}
+    for name, unit in units.items():
+        if unit not in UNITS:
+            raise unknown_name(f"unit of {name} in '{file}'", str(unit), UNITS)
+    return ColumnMap(named, {name: UNITS[unit] for name, unit in units.items()})
+
+
+def _listed(file: Path, name: str, theirs: Any) -> list[str]:
+    width = WIDTHS.get(name, 1)
+    if isinstance(theirs, str):
+        spread = [theirs.replace("{i}", str(i)).replace("{j}", str(i + 1)) for i in range(width)]
+        theirs = spread if len(set(spread)) == width else [theirs]
+    if not isinstance(theirs, list) or len(theirs) != width:
+        raise InputError(
+            f"'{file}': {name} takes {width} column{'s' * (width > 1)}, as a list or with {{i}} in a name."
+        )
+    return [str(one) for one in theirs]
+
+
+def read_robot_recording(
+    file: Path,
+    need: Sequence[str] = (),
+    columns: ColumnMap | None = None,
+    run: str = "",
+    window: tuple[float, float] = (0.0, math.inf),
+) -> RobotRecording:
+    """Read what a log has of the known quantities between two times of ``window`` [s], from the log's first row.
+
+    ``need``: quantities it must have; ``run``: which of several in an npz.
+
+    Raises:
+        InputError: A file that cannot be read, lacks a column, was cut, or holds a gap, no number, time that does not
+            increase or values that look like other units; names the place.
+    """
+    source = open_source(file, run)
+    plan = _match(file, source, columns or ColumnMap())
+    for name in need:
+        if name not in plan:
+            raise InputError(f"'{file}' has no column of {name}. It has: {_some(source.names)}. {HOW_TO_MAP}")
+    scale = (columns or ColumnMap()).scale
+    factors = np.concatenate([np.full(len(theirs), scale.get(name, 1.0)) for name, theirs in plan.items()])
+    kept, start, whole = _gather(file, source, plan, factors, window)
+    time, values, first = kept[:, 0], {}, 1
+    for name in list(plan)[1:]:
+        values[name] = kept[:, first : first + WIDTHS[name]]
+        first += WIDTHS[name]
+    missing = [name for name in values if np.isnan(values[name]).all()]
+    values = {name: value for name, value in values.items() if name not in missing}
+    _check_numbers(file, source, kept[:, 0], values)
+    _check_units(file, time, values)
+    return RobotRecording(time - time[0], values, start, whole)
+
+
+def _match(file: Path, source: LogSource, columns: ColumnMap) -> dict[str, list[str]]:
+    """Columns of the log by our names, time first."""
+    found: dict[str, dict[int, str]] = {}
+    for theirs in source.names:
+        base, index = _split(theirs)
+        ours = NAMES.get(base, base)
+        if ours == TIME or ours in WIDTHS:
+            found.setdefault(ours, {}).setdefault(index, theirs)
+    plan: dict[str, list[str]] = {}
+    for name in (TIME, *WIDTHS):
+        wide = WIDTHS.get(name, 1)
+        if name in columns.columns:
+            plan[name] = list(columns.columns[name])
+            if lost := [one for one in plan[name] if one not in source.names]:
+                raise InputError(f"'{file}' has no column {lost[0]} for {name}. It has: {_some(source.names)}.")
+        elif name in found and len(found[name]) == wide:
+            plan[name] = [found[name][k] for k in sorted(found[name])]
+    if TIME not in plan:
+        raise InputError(f"'{file}' has no column of {TIME}. It has: {_some(source.names)}. {HOW_TO_MAP}")
+    return plan
+
+
+def _split(name: str) -> tuple[str, int]:
+    """A column's name without the number of its joint, and that number: actual_q_0, q1_rad, actual_q[0]."""
+    name = name.lower()
+    match = None if name in NAMES or name == TIME or name in WIDTHS else _INDEX.match(name)
+    return (name, 0) if match is None else (match["name"] + (match["unit"] or ""), int(match["digit"]))
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+
+
+def _gather(
+    file: Path, source: LogSource, plan: Mapping[str, Sequence[str]], factors: Array, window: tuple[float, float]
+) -> tuple[Array, float, bool]:
+    """Rows of the window, its begin from the log's first row [s], and whether the log ends with it."""
+    kept, begin, last, count, whole, usual = list[Array](), math.nan, math.nan, 0, True, 0.0
+    for rows, first in _scaled(source, plan, factors):
+        begin = rows[0, 0] if math.isnan(begin) else begin
+        steps = np.diff(rows[:, 0], prepend=rows[0, 0] - 1e-9 if math.isnan(last) else last)
+        usual = usual or float(np.median(steps))
+        _check_steps(file, source.row, first, rows[:, 0], steps, usual)
+        last = float(rows[-1, 0])
+        inside = rows[(rows[:, 0] - begin >= window[0]) & (rows[:, 0] - begin <= window[1])]
+        kept.append(inside[: MOST_ROWS - count])
+        count += len(kept[-1])
+        if last - begin > window[1] or count == MOST_ROWS:
+            whole = False
+            break
+    if count < 2:
+        have = "none" if math.isnan(begin) else f"{last - begin:.4g} s"
+        raise InputError(
+            f"'{file}' holds fewer than two {source.row}s between {window[0]:g} and {window[1]:g} s: {have}."
+        )
+    together = np.concatenate(kept)
+    return together, float(together[0, 0] - begin), whole
+
+
+def _scaled(source: LogSource, plan: Mapping[str, Sequence[str]], factors: Array) -> Iterator[tuple[Array, int]]:
+    names = [theirs for columns in plan.values() for theirs in columns]
+    for block in source.blocks(names):
+        yield block.rows * factors, block.first
+
+
+def _check_steps(file: Path, row: str, first: int, time: Array, steps: Array, usual: float) -> None:
+    bad = np.flatnonzero(~(steps > 0.0))
+    if len(bad):
+        at = int(bad[0])
+        raise InputError(
+            f"'{file}', {row} {first + at}: {TIME} does not increase (it is {time[at]:.9g}). Sort the rows."
+        )
+    if usual > _SLOWEST_S:
+        raise InputError(
+            f"'{file}': rows are {usual:.3g} s apart. Other units? --map with [units] {TIME} = 'ms' or 'ns'."
+        )
+    gaps = np.flatnonzero((steps > _GAP_S) & (steps > _GAP_STEPS * usual))
+    if len(gaps):
+        at = int(gaps[0])
+        raise InputError(
+            f"'{file}', {row} {first + at}: a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. Give --to before "
+            "it or cut the log there."
+        )
+
+
+def _check_numbers(file: Path, source: LogSource, time: Array, values: Mapping[str, Array]) -> None:
+    for name, value in values.items():
+        bad = np.argwhere(~np.isfinite(value))
+        if len(bad):
+            row, column = (int(one) for one in bad[0])
+            raise InputError(
+                f"'{file}', {source.row} {row + 1} of the window, at {time[row] - time[0]:.6g} s: {name}, column "
+                f"{column + 1}, is {value[row, column]}. Correct or leave out the row."
+            )
+
+
+def _check_units(file: Path, time: Array, values: Mapping[str, Array]) -> None:
+    for name in ("q_rad", "q_desired_rad"):
+        far = np.abs(values.get(name, np.zeros((1, 6)))).max()
+        if far > 1.05 * _FULL_TURN:
+            raise InputError(
+                f"'{file}': {name} reaches {far:.4g}, more than a turn. Are these degrees? --map with [units] "
+                f"{name} = 'deg'."
+            )
+    if "q_rad" in values and "qd_rad_s" in values and len(time) > 10:
+        moved = np.abs(np.diff(values["q_rad"], axis=0)).sum()
+        told = (np.abs(values["qd_rad_s"][1:]) * np.diff(time)[:, None]).sum()
+        if moved > 0.5 and not 0.5 < told / moved < 2.0:
+            raise InputError(
+                f"'{file}': by qd_rad_s the joints turned {told:.3g} rad, by q_rad {moved:.3g}. Units of time or speed "
+                "differ: --map with [units]."
+            )

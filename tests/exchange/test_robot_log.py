@@ -1,0 +1,156 @@
+"""A robot's log reads the same from every format, and a bad one is refused with its place."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.errors import InputError
+from polish_sim.exchange.robot_log import ColumnMap, RobotRecording, read_column_map, read_robot_recording
+from tests.exchange.robot_logs import CSV_NAMES, synthetic_log, write_bag, write_csv, write_npz
+
+LOG = synthetic_log(4.0)
+
+
+def check(read: RobotRecording, *names: str, tolerance: float = 1e-9) -> None:
+    np.testing.assert_allclose(read.time, LOG["time_s"] - LOG["time_s"][0], atol=1e-6)
+    for name in names:
+        np.testing.assert_allclose(read.values[name], LOG[name], atol=tolerance)
+
+
+@pytest.mark.parametrize("separator", [",", ";", " ", "\t"])
+def test_csv_of_recorders(tmp_path: Path, separator: str) -> None:
+    file = write_csv(tmp_path / "log.csv", LOG, separator)
+    check(read_robot_recording(file, ("q_rad", "current_a")), "q_rad", "qd_rad_s", "current_a", "torque_desired_nm")
+
+
+def test_our_own_columns_of_identify(tmp_path: Path) -> None:
+    names = {"time_s": "time_s", "q_rad": "q{j}_rad", "torque_nm": "torque{j}_nm"}
+    check(read_robot_recording(write_csv(tmp_path / "log.csv", LOG, ",", names)), "q_rad", "torque_nm")
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite"])
+def test_ros_bags(tmp_path: Path, kind: str) -> None:
+    pytest.importorskip("rosbags")
+    check(read_robot_recording(write_bag(tmp_path / "bag", LOG, kind)), "q_rad", "qd_rad_s", "torque_nm", "wrench")
+
+
+def test_npz_with_runs_in_it(tmp_path: Path) -> None:
+    file = write_npz(tmp_path / "log.npz", {f"b/{name}": values for name, values in LOG.items()})
+    check(read_robot_recording(file, run="b"), "q_rad", "force_n")
+    with pytest.raises(InputError, match="--run"):
+        read_robot_recording(file)
+    with pytest.raises(InputError, match="Known: b"):
+        read_robot_recording(file, run="c")
+
+
+def test_a_mapping_names_columns_and_units(tmp_path: Path) -> None:
+    names = {"time_s": "clock", "q_rad": "Joint {i} angle"}
+    odd = LOG | {"time_s": 1e3 * LOG["time_s"], "q_rad": np.degrees(LOG["q_rad"])}
+    file = write_csv(tmp_path / "log.csv", odd, ",", names)
+    with pytest.raises(InputError, match="time_s"):
+        read_robot_recording(file)
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(
+        "[columns]\ntime_s = 'clock'\nq_rad = 'Joint {i} angle'\n[units]\ntime_s = 'ms'\nq_rad = 'deg'\n"
+    )
+    check(read_robot_recording(file, columns=read_column_map(mapping)), "q_rad")
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("[columns]\nq_grad = 'a'\n", "q_rad"),
+        ("[units]\nq_rad = 'turns'\n", "deg"),
+        ("[columns]\nq_rad = ['a', 'b']\n", "6 columns"),
+    ],
+)
+def test_a_wrong_mapping_is_refused(tmp_path: Path, text: str, what: str) -> None:
+    (tmp_path / "map.toml").write_text(text)
+    with pytest.raises(InputError, match=what):
+        read_column_map(tmp_path / "map.toml")
+
+
+def test_a_window_of_a_log(tmp_path: Path) -> None:
+    read = read_robot_recording(write_csv(tmp_path / "log.csv", LOG), window=(1.0, 2.0))
+    assert read.start == pytest.approx(1.0)
+    assert read.time[-1] == pytest.approx(1.0)
+    assert not read.whole
+
+
+BAD = {
+    "gap": (lambda log: {k: np.delete(v, slice(500, 700), 0) for k, v in log.items()}, "line 502: a gap of 0.402 s"),
+    "back": (lambda log: log | {"time_s": np.roll(log["time_s"], 3)}, "does not increase"),
+    "nan": (lambda log: log | {"q_rad": np.where(np.arange(len(log["q_rad"]))[:, None] == 7, np.nan, log["q_rad"])},
+            "q_rad, column 1, is nan"),
+    "degrees": (lambda log: log | {"q_rad": np.degrees(log["q_rad"])}, "degrees"),
+    "milliseconds": (lambda log: log | {"time_s": 1e3 * log["time_s"]}, "ms"),
+    "speed in degrees": (lambda log: log | {"qd_rad_s": np.degrees(log["qd_rad_s"])}, "Units of time or speed"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_log_is_refused_by_its_place(tmp_path: Path, name: str) -> None:
+    change, what = BAD[name]
+    with pytest.raises(InputError, match=what):
+        read_robot_recording(write_csv(tmp_path / "log.csv", change(LOG)))
+
+
+def test_a_missing_column_is_named(tmp_path: Path) -> None:
+    names = {name: CSV_NAMES[name] for name in ("time_s", "qd_rad_s")}
+    with pytest.raises(InputError, match=r"no column of q_rad.*actual_qd_0.*--map"):
+        read_robot_recording(write_csv(tmp_path / "log.csv", LOG, ",", names), ("q_rad",))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_cut_files_are_refused(tmp_path: Path, share: float) -> None:
+    for write, name in ((write_csv, "log.csv"), (write_npz, "log.npz")):
+        file = write(tmp_path / name, LOG)
+        whole = file.read_bytes()
+        file.write_bytes(whole[: int(share * len(whole)) + 3])
+        with pytest.raises(InputError, match=r"cut|not a number"):
+            read_robot_recording(file, ("force_n",) if name == "log.csv" else ())
+
+
+def test_a_cut_bag_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    file = next(write_bag(tmp_path / "bag", LOG, "mcap").glob("*.mcap"))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(InputError, match=r"cut|middle"):
+        read_robot_recording(file)
+
+
+def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("1,2,3\n4,5,6\n")
+    (tmp_path / "b.npz").write_bytes(b"no zip")
+    for name, what in (("a.csv", "header"), ("b.npz", "npz"), ("c.csv", "there is no log")):
+        with pytest.raises(InputError, match=what):
+            read_robot_recording(tmp_path / name)
+
+
+def test_a_large_file_takes_the_memory_of_its_window(tmp_path: Path) -> None:
+    """60 MB of text; what is read of it grows with the window, not with the file."""
+    file = write_csv(tmp_path / "log.csv", LOG)
+    header, *lines = file.read_text().splitlines()
+    times = np.arange(100_000) * 0.002
+    with open(file, "w") as out:
+        out.write(header + "\n")
+        for k, t in enumerate(times):
+            out.write(f"{t:.3f},{lines[k % len(lines)].partition(',')[2]}\n")
+    assert file.stat().st_size > 4e7
+    program = (
+        "import resource, sys; from pathlib import Path; from polish_sim.exchange.robot_log import *;"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss;"
+        "r = read_robot_recording(Path(sys.argv[1]), window=(180.0, 190.0)); assert abs(r.start - 180.0) < 0.01;"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
+    )
+    run = subprocess.run([sys.executable, "-c", program, str(file)], capture_output=True, text=True, check=True)
+    assert int(run.stdout) < 30_000
+
+
+def test_an_own_column_map_in_python(tmp_path: Path) -> None:
+    mapped = ColumnMap({"force_n": ["actual_q_0"]})
+    read = read_robot_recording(write_csv(tmp_path / "log.csv", LOG), columns=mapped)
+    np.testing.assert_allclose(read.values["force_n"][:, 0], LOG["q_rad"][:, 0], atol=1e-9)

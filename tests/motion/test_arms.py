@@ -1,0 +1,102 @@
+"""One arm by its table: another make is another row, and a process can change between them."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+
+import mujoco
+import numpy as np
+import pytest
+
+from polish_sim.arms import ARMS, FIRST
+from polish_sim.cell.scene import build_scene
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError
+from polish_sim.experiments import default_scenario
+from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution, use_arm, used_arm
+from polish_sim.scenario_file import load_scenario, override, to_toml
+
+RNG = np.random.default_rng(500)
+
+
+@pytest.fixture(autouse=True)
+def _back_to_the_first() -> Iterator[None]:
+    yield
+    use_arm(FIRST)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_inverse_gives_back_what_forward_took(name: str) -> None:
+    use_arm(name)
+    q = RNG.uniform(-2.5, 2.5, (20, 6))
+    for pose, angles in zip(forward(q), q, strict=True):
+        found = inverse_all(np.ascontiguousarray(pose), 0.0)
+        found = found[~np.isnan(found[:, 0])]
+        np.testing.assert_allclose(forward(found), np.broadcast_to(pose, (len(found), 4, 4)), atol=1e-9)
+        np.testing.assert_allclose(nearest_solution(np.ascontiguousarray(pose), angles, False), angles, atol=1e-9)
+
+
+def test_a_stretched_arm_reaches_what_its_maker_says() -> None:
+    """UR5e 0.8172 m, UR10e 1.18425 m from the shoulder's axis to the wrist with all joints at zero."""
+    for name, out in (("ur5e", 0.8172), ("ur10e", 1.18425)):
+        use_arm(name)
+        assert forward(np.zeros(6))[0, 3] == pytest.approx(-out, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_model_stands_where_the_table_says(name: str) -> None:
+    model = build_scene(override(default_scenario("arc"), [f"robot.arm={name}"]), None, None)
+    data = mujoco.MjData(model)
+    assert used_arm() is ARMS[name]
+    for q in RNG.uniform(-2.0, 2.0, (5, 6)):
+        data.qpos[:6] = q
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.site("flange").xpos, forward(q)[:3, 3], atol=1e-9)
+    assert model.actuator_forcerange[:, 1] == pytest.approx(ARMS[name].torque)
+
+
+def test_links_are_the_tables() -> None:
+    model = build_scene(override(default_scenario("arc"), ["robot.arm=ur10e"]), None, None)
+    for number, link in enumerate(ARMS["ur10e"].links, 1):
+        body = model.body(f"link_{number}")
+        assert body.mass[0] == pytest.approx(link.mass)
+        np.testing.assert_allclose(body.ipos, link.center, atol=1e-12)
+        assert sum(body.inertia) == pytest.approx(sum(link.inertia[:3]), rel=1e-6)
+
+
+def test_the_tools_weight_turns_the_shoulder_by_its_lever() -> None:
+    """Stretched along x the links' torque is the sum of mass times place along x times g."""
+    scenario = override(default_scenario("arc"), ["robot.arm=ur10e"])
+    model = build_scene(scenario, None, None)
+    data, arm = mujoco.MjData(model), ARMS["ur10e"]
+    model.body_gravcomp[:] = 0.0
+    mujoco.mj_forward(model, data)
+    carried = [model.body(name) for name in (*(f"link_{k}" for k in range(2, 7)), "tool_mount", "head")]
+    moment = sum(float(body.mass[0]) * data.xipos[body.id][0] for body in carried)
+    assert abs(data.qfrc_bias[1]) == pytest.approx(9.81 * abs(moment), rel=1e-6)
+    assert abs(moment) > arm.links[1].mass * 0.2
+
+
+def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name() -> None:
+    base = default_scenario("arc")
+    other = override(base, ["robot.real.encoder_rad=1e-5", "robot.arm=ur10e", "robot.real.gear_ratio=77"])
+    assert other.robot.real.coulomb_nm == ARMS["ur10e"].gears["coulomb_nm"]
+    assert (other.robot.real.encoder_rad, other.robot.real.gear_ratio) == (1e-5, 77.0)
+    back = override(other, ["robot.arm=ur5e"])
+    changed = {k for k, v in asdict(back.robot.real).items() if v != asdict(base.robot.real)[k]}
+    assert changed == {"encoder_rad", "gear_ratio"}
+
+
+def test_a_written_config_is_read_as_it_was(tmp_path) -> None:
+    scenario = override(Scenario(), ["robot.arm=ur10e", "robot.real.second_harmonic=0.1"])
+    (tmp_path / "config.toml").write_text(to_toml(scenario))
+    assert load_scenario(tmp_path / "config.toml", Scenario()) == scenario
+
+
+def test_an_unknown_make_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(InputError, match=r"ideal, ur10e, ur5e"):
+        override(Scenario(), ["robot.arm=ur20"])
+
+
+def test_the_table_of_the_arm_in_use_cannot_be_written_to() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        NOMINAL[1, 0] = 0.2
