@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from polish_sim.analysis.claim import Claim, claim_row, shortfalls
+from polish_sim.arms import FIRST, IDEAL
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 from polish_sim.config import Scenario
@@ -92,10 +93,14 @@ def other_conditions(scenario: Scenario) -> tuple[str, ...]:
     """Sensor, springs, latency and other conditions of a run that are not its experiment's own, each as a text."""
     from polish_sim.analysis.run_record import changed_settings
     from polish_sim.experiments.registry import default_scenario
+    from polish_sim.scenario_file import override
 
-    return tuple(
+    arm = scenario.robot.arm
+    own = override(default_scenario(scenario.experiment), [f"robot.arm={arm}"])
+    make = () if arm in (IDEAL, FIRST) else (f"robot.arm = {arm} ({FIRST})",)
+    return make + tuple(
         f"{name} = {value} ({usual})"
-        for name, value, usual in changed_settings(scenario, default_scenario(scenario.experiment))
+        for name, value, usual in changed_settings(scenario, own)
         if {name, name.partition(".")[0]} & set(CONDITIONS) and name not in CHOSEN
     )
 
