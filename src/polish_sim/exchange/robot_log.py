@@ -40,7 +40,7 @@ UNITS: Final[Mapping[str, float]] = MappingProxyType({
 })  # fmt: skip
 MOST_ROWS: Final = 500_000  #: That are kept: 1000 s at 500 Hz
 _FULL_TURN: Final = 2.0 * math.pi
-_GAP_S, _GAP_STEPS = 0.1, 10.0  #: Steps longer than both this and so many usual ones are gaps
+_GAP_S, _GAP_STEPS = 0.1, 10.0  #: Steps longer than both this time and this number of usual steps are gaps
 _SLOWEST_S: Final = 0.5
 _INDEX: Final = re.compile(r"^(?P<name>.*?)[_ ]?[\[(]?(?P<digit>\d)[\])]?(?P<unit>_[a-z_]+)?$")
 
