@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import FORCE_BANDS_N
+from polish_sim.arrays import Bools
 from polish_sim.cell import Cell, Observer, Silent
 from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
-from polish_sim.cell.guards import NO_STOP, guard_shares
+from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
 from polish_sim.cell.real_part import NORMAL_SHARE
 from polish_sim.cell.stroke import PROCESS, cycle_time
 from polish_sim.cell.support import would_sink
@@ -72,7 +73,7 @@ AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind th
 AROUND_M: Final = 0.004  #: And for at least this far [m]
 SAVE_EVERY_S: Final = 2.0  #: Simulated time between saved states [s]
 SAVED: Final = 12  #: States kept; with the beginnings of strokes
-MOST_SLOWED: Final = 20  #: Places after which the rest of the path is slowed
+MOST_SLOWED: Final = 20  #: Times a stretch is slowed after which the rest of the path is, too
 MOST_MENDS: Final = 60  #: Places left out, after which whole strokes that fail are
 MOST_ROUNDS: Final = 4  #: A mended path is played whole at most so often
 DYNAMIC: Final = (guard.JUMP, guard.FORCE, guard.TORQUE, guard.OVERLOAD, guard.SPINDLE)
@@ -289,17 +290,27 @@ class _Prover:
         scenario = replace(
             usual, part=part, process=process, faults=FaultsConfig(), seed=usual.seed if seed is None else seed
         )
-        task, self._passing = self.task, {}
+        self._passing = {}
+        margin, saved = MARGIN if nominal else DRAWN_MARGIN, list[_Saved]()
+        cell = self._new_cell(scenario, margin, nominal)
+        while found := self._play(cell, saved, margin):
+            self._mend(found)
+            saved[:] = [state for state in saved if state.s <= self.kept_until]
+            if saved:
+                self._go_back(cell, scenario, saved[-1].state)
+            else:
+                # The path may begin elsewhere now, and the sensor is zeroed there with the arm at rest.
+                cell = self._new_cell(scenario, margin, nominal)
+        for name, kept in self._passing.items():
+            self.shares[name] = max(kept, self.shares.get(name, kept))
+
+    def _new_cell(self, scenario: Scenario, margin: float, nominal: bool) -> Cell:
+        """A cell at the start of the path as it is mended so far, its guards' limits tightened."""
         place = self.task_now().place
-        cell = cell_for(scenario, place, build_part(scenario, task.place), strokes_for(scenario, place))
-        margin = MARGIN if nominal else DRAWN_MARGIN
+        cell = cell_for(scenario, place, build_part(scenario, self.task.place), strokes_for(scenario, place))
         self._tighten(cell, margin, nominal)
-        saved = [_Saved(-math.inf, cell.save())]
-        while (failure := self._play(cell, saved, margin)) is not None:
-            self._mend(failure)
-            saved[1:] = [state for state in saved[1:] if state.s <= self.kept_until]
-            self._go_back(cell, scenario, saved[-1].state)
-        self._keep_shares(cell, margin)
+        self._unsettled_until = 0.0
+        return cell
 
     def task_now(self) -> SurfaceTask:
         """The task with the path as it is mended so far, on the same part and in the same place."""
@@ -312,11 +323,7 @@ class _Prover:
 
     def _tighten(self, cell: Cell, margin: float, nominal: bool) -> None:
         """Leave a ``margin`` to every limit; to the surface's place on the drawing, what the part may be off it."""
-        guards, part = cell.state.guards, self.scenario.part
-        kept = 1.0 - margin
-        asked = largest_force(self.scenario, self.path)
-        guards.force = asked + kept * (guards.force - asked)
-        guards.torque, guards.jump_kept = kept * guards.torque, kept / SHAKEN
+        guards, part, kept = cell.state.guards, self.scenario.part, 1.0 - margin
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
         extent = float(np.linalg.norm(np.ptp(self.path.positions_work[self.path.process], axis=0)))
         drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m
@@ -335,26 +342,34 @@ class _Prover:
             sequence.clock = np.interp(sequence.s, motion.places, np.arange(len(motion.places)) * motion.spacing)
         self._unsettled_until = cell.state.status.steps * cell.kernel.engine.dt
 
-    def _play(self, cell: Cell, saved: list[_Saved], margin: float) -> Failure | None:
-        """Play on to the end or to the first failure; states are saved on the way."""
+    def _play(self, cell: Cell, saved: list[_Saved], margin: float) -> list[Failure]:
+        """Play on to the end; or to where the path has to be mended: what a slower feed helps is looked for to the end
+        of the stroke, all else ends it at once. States are saved on the way to the first failure.
+        """
         total, dt = cycle_time(cell.strokes), cell.kernel.engine.dt
-        status, next_save = cell.state.status, 0.0
-        while not cell.done:
+        status, next_save, stroke, found = cell.state.status, 0.0, cell.stroke_number, list[Failure]()
+        while not cell.done and not (found and cell.stroke_number != stroke):
+            forget_shares(cell.state.guards)
             steps = cell.play(round(CHUNK_S / dt)).trace
             self.played_s += len(steps) * dt
             t = status.steps * dt
             self.observer.progress(min(t, total), total)
             failure = self._failure(cell, steps, margin)
+            self._keep_shares(cell)
             if failure is not None:
-                return failure
-            if t >= next_save or status.arrived:
+                found.append(failure)
+                if not self._may_be_slowed(failure):
+                    break
+                stroke = cell.stroke_number
+            elif not found and (t >= next_save or status.arrived):
                 saved.append(_Saved(_done_until(cell), cell.save()))
                 next_save = t + SAVE_EVERY_S
-                del saved[1:-SAVED]
-        return None
+                del saved[:-SAVED]
+        return found
 
     def _failure(self, cell: Cell, steps: NDArray[np.void], margin: float) -> Failure | None:
-        """What went wrong in the steps just played, if anything: the exact force left its band, or a guard tripped."""
+        """What went wrong in the steps just played, if anything: the exact force left its band, a guard came nearer to
+        its limit than the margin allows, or one tripped."""
         status, limit, s = cell.state.status, FORCE_BANDS_N["surface"], steps["path_s_m"]
         wanted = self.path.force_at(s, self.scenario.process.contact_force_n)
         # After landing the force is given the time a step response takes to settle.
@@ -364,77 +379,111 @@ class _Prover:
         error = np.where(steps["time_s"] > unsettled, np.abs(steps["normal_force_n"] - wanted), 0.0)
         worst = int(error.argmax())
         self._note(BAND, float(error[worst]) / limit, float(s[worst]))
+        stage, at = cell.state.sequence.stage, float(cell.state.target.s)
+        if status.stop != NO_STOP:
+            return Failure(self._reason(cell, int(status.stop)), at, int(status.stop), stage < PROCESS)
         beyond = np.flatnonzero(error > (1.0 - margin) * limit)
         if len(beyond):
             k = beyond[0]
             said = f"the force leaves its band: {steps['normal_force_n'][k]:.1f} N of {wanted[k]:.3g} N asked"
             return Failure(said, float(s[k]), NO_STOP, False)
-        if status.stop == NO_STOP:
-            return None
-        reason = cell.reasons[int(status.stop)].partition(":")[0].partition(" (")[0]
-        landing = cell.state.sequence.stage < PROCESS
-        return Failure(reason, float(cell.state.target.s), int(status.stop), landing)
+        shares = guard_shares(cell.state.guards)
+        for name, most in self._most(margin).items():
+            if shares[name].share > most:
+                code = guard.SHARES[name]
+                return Failure(self._reason(cell, code), shares[name].at_m, code, stage < PROCESS)
+        return None
+
+    def _reason(self, cell: Cell, code: int) -> str:
+        return cell.reasons[code].partition(":")[0].partition(" (")[0]
+
+    def _most(self, margin: float) -> dict[str, float]:
+        """Largest shares of their limits that are allowed to the guards a slower feed keeps quiet."""
+        kept, limit = 1.0 - margin, self.scenario.safety.force_limit_n
+        asked = largest_force(self.scenario, self.path)
+        return {"force": (asked + kept * (limit - asked)) / limit, "torque": kept, "reading jumped": kept / SHAKEN}
 
     def _note(self, name: str, share: float, at_m: float) -> None:
         if share > self._passing.get(name, (-1.0, 0.0))[0]:
             self._passing[name] = share, at_m
 
-    def _keep_shares(self, cell: Cell, margin: float) -> None:
-        """Keep how near the guards came to their limits, those of the scenario, in a whole pass."""
+    def _keep_shares(self, cell: Cell) -> None:
+        """Keep how near the guards came to the scenario's limits."""
         safety, guards = self.scenario.safety, cell.state.guards
-        limits = {guard.FORCE: float(guards.force) / safety.force_limit_n}
-        limits[guard.JUMP] = (1.0 - margin) / SHAKEN
-        limits |= dict.fromkeys(OFFSETS, float(guards.offset) / safety.offset_limit_m)
+        limits = dict.fromkeys(OFFSETS, float(guards.offset) / safety.offset_limit_m)
+        limits[guard.LOST] = float(guards.contact_lost) / safety.contact_lost_s
+        limits[guard.SINGULAR] = safety.singular_value_limit / float(guards.singular_value)
         for name, (share, at_m, _) in guard_shares(guards).items():
-            self._note(name, share * limits.get(guard.SHARES[name], 1.0 - margin), at_m)
-        for name, kept in self._passing.items():
-            self.shares[name] = max(kept, self.shares.get(name, kept))
+            self._note(name, share * limits.get(guard.SHARES[name], 1.0), at_m)
 
-    def _mend(self, failure: Failure) -> None:
-        """Slow the path where that may help, else leave out the place where it fails.
+    def _row(self, failure: Failure) -> int:
+        """Row of the path in contact that is nearest to a failure."""
+        process = np.flatnonzero(self.path.process)
+        return int(process[np.abs(self.path.s[process] - failure.s).argmin()])
+
+    def _may_be_slowed(self, failure: Failure) -> bool:
+        """Whether a slower feed may help there."""
+        dynamic = failure.code in (NO_STOP, *DYNAMIC) and not failure.landing
+        return dynamic and SLOWER * self.share[self._row(failure)] >= SLOWEST
+
+    def _stroke_of(self, row: int) -> Bools:
+        """Rows of the stroke a row is in."""
+        first, last = next(pair for pair in stretches(self.path.process) if pair[0] <= row <= pair[1])
+        rows = np.arange(len(self.path.s))
+        return np.asarray((rows >= first) & (rows <= last))
+
+    def _mend(self, found: list[Failure]) -> None:
+        """Slow the path where that may help; leave out the place of the last failure where it does not.
 
         Raises:
             PlanError: Nothing is left to polish, or no path would help.
         """
-        path, s = self.path, self.path.s
-        process = np.flatnonzero(path.process)
-        row = int(process[np.abs(s[process] - failure.s).argmin()])
-        if failure.code in HOPELESS:
-            raise PlanError(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
-        first, last = next(pair for pair in stretches(path.process) if pair[0] <= row <= pair[1])
-        within = np.zeros(len(s), dtype=bool)
-        within[first : last + 1] = True
-        feed = self.share[row] * self.scenario.process.feed_m_s
-        slower = SLOWER * self.share[row]
-        before = SLOWING_S * feed
-        if failure.code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
-            around = within & (np.abs(s - s[row]) <= max(AROUND_S * feed, AROUND_M))
+        self.kept_until = math.inf
+        last = None if self._may_be_slowed(found[-1]) else found.pop()
+        self._slow(found)
+        if last is not None:
+            self._leave_out(last)
+
+    def _slow(self, found: list[Failure]) -> None:
+        """Slow the path to half around each failure; one mend for each cause."""
+        path, s, share = self.path, self.path.s, self.share.copy()
+        groups: dict[tuple[str, float], tuple[str, Bools]] = {}
+        for failure in found:
+            row = self._row(failure)
+            feed, slower = share[row] * self.scenario.process.feed_m_s, SLOWER * share[row]
+            around = self._stroke_of(row) & (np.abs(s - s[row]) <= max(AROUND_S * feed, AROUND_M))
             if sum(mend.what == SLOWED for mend in self.mends) >= MOST_SLOWED:
                 # It fails everywhere: the rest of the path is slowed at once.
                 around = path.process & (s >= s[around].min())
             self.share[around] = np.minimum(self.share[around], slower)
-            self._kept(mend_of(SLOWED, failure.why, slower, path, around), s[around].min() - before)
-            return
+            self.kept_until = min(self.kept_until, s[around].min() - SLOWING_S * feed)
+            why, rows = groups.get((failure.why.partition(":")[0], slower), (failure.why, around))
+            groups[failure.why.partition(":")[0], slower] = why, rows | around
+        self.mends += [mend_of(SLOWED, why, slower, path, rows) for (_, slower), (why, rows) in groups.items()]
+
+    def _leave_out(self, failure: Failure) -> None:
+        """Lift the tool over a place; raises as `_mend`."""
+        path, s, row = self.path, self.path.s, self._row(failure)
+        if failure.code in HOPELESS:
+            raise PlanError(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
         pad = self.scenario.pad.radius_m
         earlier = [mend for mend in self.mends if mend.what == LEFT_OUT]
         near = sum(
             float(np.linalg.norm(mend.places - path.positions_work[row], axis=1).min()) < 2.0 * pad for mend in earlier
         )
         half = math.inf if len(earlier) > MOST_MENDS else 0.5 * pad * 2.0**near
-        remaining = leave_out(path, within & (np.abs(s - s[row]) <= half), self.plan.plan, self.plan.ready.air)
+        gone = self._stroke_of(row) & (np.abs(s - s[row]) <= half)
+        remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
                 f"nothing of the path can be polished: played in the cell, every stroke fails, the last at "
                 f"{self._where(row)}: {failure.why}. Set a smaller --pad-diameter, a lower --contact-force or another "
                 "--region."
             )
-        lost = remaining.lost
-        self._kept(mend_of(LEFT_OUT, f"{PLAYED}{failure.why}", 0.0, path, lost), s[lost].min() - before)
+        lost, before = remaining.lost, SLOWING_S * self.share[row] * self.scenario.process.feed_m_s
+        self.mends.append(mend_of(LEFT_OUT, f"{PLAYED}{failure.why}", 0.0, path, lost))
+        self.kept_until = min(self.kept_until, s[lost].min() - before)
         self.path, self.share = remaining.path, self.share[remaining.source]
-
-    def _kept(self, mend: Mend, until: float) -> None:
-        self.mends.append(mend)
-        self.kept_until = until
 
     def _where(self, row: int) -> str:
         return f"{place_in_mm(self.path.positions_work[row])} of the part"

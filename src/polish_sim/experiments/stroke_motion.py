@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Scenario
 from polish_sim.errors import SmoothingError, unknown_name
+from polish_sim.kernels import memory_of
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
 from polish_sim.motion.rules.rule import RULES
@@ -75,6 +77,11 @@ def check_stroke_rule(scenario: Scenario) -> None:
     cell_limits(scenario, CELL_LIMITS, math.inf)
 
 
+_MOTIONS: dict[bytes, TimedPath | None] = {}
+MOST_ROWS: Final = 200_000
+"""Rows of motions that are kept, 20 MB: a proof plays the same strokes again and again, and a run those of its plan."""
+
+
 def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> TimedPath | None:
     """Smooth a stroke with the scenario's rule; None if the stroke stays at one place.
 
@@ -85,8 +92,20 @@ def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> Ti
         SmoothingError: There is no such motion; names the place.
     """
     check_stroke_rule(scenario)
-    chain = build_chain(stroke.tips, stroke.rotations)
-    return STROKE_RULES[scenario.smoothing.rule](scenario, stroke, chain, arm) if len(chain.lengths) else None
+    limits = cell_limits(scenario, stroke.limits, math.inf)
+    asked = repr((scenario.smoothing, limits)).encode()
+    robot = b"" if arm is None else memory_of(arm).tobytes()
+    content = b"".join(np.ascontiguousarray(column).tobytes() for column in stroke[:4])
+    key = hashlib.sha256(asked + robot + content).digest()
+    if key not in _MOTIONS:
+        chain = build_chain(stroke.tips, stroke.rotations)
+        _MOTIONS[key] = (
+            STROKE_RULES[scenario.smoothing.rule](scenario, stroke, chain, arm) if len(chain.lengths) else None
+        )
+    motion = _MOTIONS[key] = _MOTIONS.pop(key)  # the last one used is dropped last
+    while sum(0 if kept is None else len(kept.places) for kept in _MOTIONS.values()) > MOST_ROWS and len(_MOTIONS) > 1:
+        del _MOTIONS[next(iter(_MOTIONS))]
+    return motion
 
 
 def within_noise(scenario: Scenario, noise: Noise) -> Scenario:
