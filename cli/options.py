@@ -68,6 +68,7 @@ OWN: Final = {
     for own in (
         Own("--overlap", PATH, "PERCENT", "Set the step-over by the overlap of neighbouring turns, in percent of the "
             "pad's diameter.", float),
+        Own("--even-removal", PATH, "", "Feed and force such that as much comes off everywhere: --removal even.", bool),
         Own("--calibration", RUN, "FILE", "calibration.toml of 'calibrate payload': the tool whose weight is "
             "compensated; in dual also of 'calibrate arm', 'base' and 'tcp', one of each; default: calibrated before "
             "the run.", list),
@@ -336,6 +337,8 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
             scenario = merge(scenario, keys[option].table(value), "")
     if given.get("--allow-contact"):
         scenario = merge(scenario, {"safety": {"tool_in_part": "allow"}}, "")
+    if given.get("--even-removal"):
+        scenario = merge(scenario, {"plan": {"removal": "even"}}, "")
     if given.get("--calibration") is not None:
         scenario = merge(scenario, _calibrations(given["--calibration"], base.experiment), "")
     scenario = override(scenario, given.get("--set") or [])

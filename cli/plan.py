@@ -93,15 +93,15 @@ def plan_once(
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
     from polish_sim.exchange.viewers import path_page
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
+    from polish_sim.experiments.even_removal import axis_kept, plan_removal
     from polish_sim.experiments.proof import prove_with_a_pad_that_fits
     from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.run_page import plan_page
     from polish_sim.page.page import page_html
-    from polish_sim.planning import plan_part
 
     dual = scenario.experiment == "dual"
-    asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
-    result = plan_for_two(scenario, observer) if dual else plan_part(*asked)
+    scenario = axis_kept(scenario)
+    result = plan_for_two(scenario, observer) if dual else plan_removal(scenario, observer)
     plots: dict[str, Figure] = {}
     begin = time.perf_counter()
     reach, unreached = None, ""

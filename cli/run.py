@@ -314,16 +314,18 @@ def plan_to_run(
         return None, scenario
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import read_cuts, write_plan
+    from polish_sim.experiments.even_removal import axis_kept, plan_removal
     from polish_sim.experiments.proof import is_proven, proof_notes, prove_with_a_pad_that_fits
     from polish_sim.experiments.report import save_plots
     from polish_sim.experiments.stroke_motion import check_stroke_rule
-    from polish_sim.planning import measure_given_path, plan_part
+    from polish_sim.planning import measure_given_path
 
     if row.plans:
         check_stroke_rule(scenario)
+    scenario = axis_kept(scenario)
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     if given is None:
-        plan = plan_part(*asked)
+        plan = plan_removal(scenario, observer)
     else:
         plan = measure_given_path(given, *asked, read_cuts(Path(scenario.plan.file)))
     if scenario.plan.begin_m > 0.0:

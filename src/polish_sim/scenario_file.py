@@ -19,13 +19,13 @@ PRESETS = ("sensor.model", "robot.arm")  #: Keys whose words stand for values of
 PAD_CHOICE = "pad.choice"  #: Set last: a pad or a step-over that is set by name changes it
 AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 FILE_KEYS = (
-    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow")),
+    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow"), ("plan", "removal")),
     *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
     *(("dual", "master_path"), ("guide", "model_file")),
 )
 """Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a region may
 hold one."""
-COUNTS = {3: "three", 6: "six"}
+COUNTS = {2: "two", 3: "three", 6: "six"}
 _ROBOT_BEFORE_ARMS = {
     *("command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s"),
     *("joint_speed_limit_rad_s", "payload_error"),

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.planning.toolpath import stretches
 
 if TYPE_CHECKING:
@@ -314,15 +315,15 @@ def _share(error: Array, band: float) -> float:
 
 
 UNDER, OVER = 0.5, 1.5  #: Under- and over-polished is what lost less (more) than this many times the mean
-REMOVAL_SPREAD = ("removal_cv", "removal_p5", "removal_p95", "removal_max")
+REMOVAL_SPREAD = ("removal_cv", "removal_cv_inside", "removal_p5", "removal_p95", "removal_max")
 
 
-def measure_removal(removal: RemovalMap) -> dict[str, float]:
+def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, float]:
     """Measure a map over the region's area.
 
     exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the same per area;
     removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient; removal_cv: standard
-    deviation over mean; removal_p5, removal_p95, removal_max: over the mean, by area; under_polished_share,
+    deviation over mean; removal_cv_inside: the same a pad's radius [m] inside the border; removal_p5, removal_p95, removal_max: over the mean, by area; under_polished_share,
     over_polished_share, unpolished_share: of the area, with less than 0.5 means, with more than 1.5, with nothing at
     all; removal_elsewhere: exposure that went to surfaces beside the region, over the region's; removal_unplaced: share
     of the force for which the pad touched no node; pressure_field_ratio: force of the pressure field as it was computed
@@ -345,12 +346,28 @@ def measure_removal(removal: RemovalMap) -> dict[str, float]:
         "removal_unplaced": removal.unplaced_share,
         "pressure_field_ratio": removal.field_ratio,
     }
-    return out | _spread_of(removal.relative, shares) if total > 0.0 else out
+    return out | _spread_of(removal, shares, pad_radius) if total > 0.0 else out
 
 
-def _spread_of(relative: Array, shares: Array) -> dict[str, float]:
+def spreads(relative: Array, areas: Array, places: Array, border: Indices, inside: float) -> tuple[float, float]:
+    """Standard deviation over mean, of a whole region and of what lies ``inside`` its border by this much [m].
+
+    ``relative`` and ``areas`` are those of vertices at ``places`` (v, 3) [m], ``border`` (b, 2) edges between them;
+    nan where nothing lies so far inside.
+    """
+    away, _ = cKDTree(places[border[:, 0]]).query(places)
+    found = []
+    for some in (areas, np.where(away >= inside, areas, 0.0)):
+        shares = some / some.sum() if some.any() else np.full(len(some), math.nan)
+        mean = float(shares @ relative)
+        found.append(math.sqrt(float(shares @ (relative / mean - 1.0) ** 2)))
+    return found[0], found[1]
+
+
+def _spread_of(removal: RemovalMap, shares: Array, pad_radius: float) -> dict[str, float]:
+    relative = removal.relative
     order = np.argsort(relative)
     below = np.cumsum(shares[order]) - 0.5 * shares[order]
     low, high = np.interp([0.05, 0.95], below, relative[order])
-    deviation = math.sqrt(float(shares @ (relative - 1.0) ** 2))
-    return dict(zip(REMOVAL_SPREAD, (deviation, float(low), float(high), float(relative.max())), strict=True))
+    deviations = spreads(relative, removal.areas, removal.vertices, removal.border, pad_radius)
+    return dict(zip(REMOVAL_SPREAD, (*deviations, float(low), float(high), float(relative.max())), strict=True))

@@ -256,25 +256,11 @@ def expose_nodes(nodes: PressedNodes, motion: PadMotion, pad_radius: float, stif
 def _carry(nodes, motion, grid, radius, bedding):  # type: ignore[no-untyped-def]
     exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(len(motion.times)), np.zeros(len(motion.times))
     under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for k in range(len(motion.times)):
-        center, axis = motion.centers[k], motion.axes[k]
-        for d in range(3):
-            # A disc's half width, and as far up the axis as a pad can be pressed in.
-            reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + DEEPEST * radius * abs(axis[d])
-            low[d] = max(math.floor((center[d] - reach - grid.low[d]) / grid.cell), 0)
-            high[d] = min(math.floor((center[d] + reach - grid.low[d]) / grid.cell), grid.size[d] - 1) + 1
-        if low[2] >= high[2]:
-            continue
-        number = 0
-        for i in range(low[0], high[0]):
-            for j in range(low[1], high[1]):
-                row = (i * grid.size[1] + j) * grid.size[2]
-                first, last = grid.first[row + low[2]], grid.first[row + high[2]]
-                number = _find_under(nodes.positions, nodes.normals, first, last, center, axis, radius, under, number)
+        number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, under)
         _press_nodes(
-            nodes.positions, nodes.normals, nodes.areas, center, axis, motion.velocities[k], motion.turning[k],
-            bedding, under, number, force, power,
+            nodes.positions, nodes.normals, nodes.areas, motion.centers[k], motion.axes[k], motion.velocities[k],
+            motion.turning[k], bedding, under, number, force, power,
         )  # fmt: skip
         total = 0.0
         for t in range(number):
@@ -286,6 +272,25 @@ def _carry(nodes, motion, grid, radius, bedding):  # type: ignore[no-untyped-def
                 gained[k] += work
                 exposure[under[t]] += work / nodes.areas[under[t]]
     return exposure, gained, carried
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _find_near(nodes, center, axis, grid, radius, under):  # type: ignore[no-untyped-def]
+    """List the nodes over the face of a pad at ``center``, as far up its axis as it can be pressed in."""
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for d in range(3):
+        # A disc's half width, and the way up.
+        reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + DEEPEST * radius * abs(axis[d])
+        low[d] = max(math.floor((center[d] - reach - grid.low[d]) / grid.cell), 0)
+        high[d] = min(math.floor((center[d] + reach - grid.low[d]) / grid.cell), grid.size[d] - 1) + 1
+    number = 0
+    if low[2] < high[2]:
+        for i in range(low[0], high[0]):
+            for j in range(low[1], high[1]):
+                row = (i * grid.size[1] + j) * grid.size[2]
+                first, last = grid.first[row + low[2]], grid.first[row + high[2]]
+                number = _find_under(nodes.positions, nodes.normals, first, last, center, axis, radius, under, number)
+    return number
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

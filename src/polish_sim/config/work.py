@@ -106,6 +106,25 @@ class PlanConfig:
         0.008, "distance between neighbouring turns [m]", 0.0002, 1.0, option=Option("--stepover", PATH, "MM", MM)
     )
     bridge_m: float = key(0.02, "holes up to this diameter are run over by the pad [m]", 0.0, 0.5)
+    overrun_m: float = key(
+        0.0,
+        "how far past its border the region is covered, with nothing under the pad's middle; only where nothing "
+        "stands beside the region [m]",
+        0.0,
+        0.1,
+        option=Option("--overrun", PATH, "MM", MM),
+    )
+    removal: str = key(
+        "",
+        "even, or a PLY map (mm; a vertex property target, relative or removal_m): feed and force follow what is to "
+        "come off; empty = one feed",
+        option=Option("--removal", PATH, "even|MAP.ply"),
+    )
+    removal_feed: tuple[float, ...] = key((0.4, 2.0), "least and largest feed then, over the usual one [-]", 0.05, 20.0,
+                                          length=2)
+    removal_force: float = key(
+        0.0, "share by which the force may then differ from the usual one, 0 = not at all [-]", 0.0, 0.9
+    )
     order: str = key("inward", "spiral, contour: inward or outward", option=Option("--order", PATH, "NAME"))
     direction: str = key(
         "conventional",

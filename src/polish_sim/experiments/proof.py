@@ -40,9 +40,10 @@ from polish_sim.experiments.assembly import (
     place_key,
     strokes_for,
 )
+from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
-from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.leave_out import leave_out
 from polish_sim.planning.part_plan import LEFT_OUT, PAD_SIZES_M, SLOWED, Mend, mend_of
 from polish_sim.planning.toolpath import ToolPath, stretches
@@ -161,8 +162,8 @@ def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: O
     failed: PlanError | None = None
     for pad, planned in _pads_from(scenario, plan.tool.pad):
         try:
-            part = (scenario.part, planned, scenario.process, pad, observer)
-            found = prove(replace(scenario, pad=pad), plan if pad is scenario.pad else plan_part(*part), observer)
+            other = replace(scenario, pad=pad, plan=planned)
+            found = prove(replace(scenario, pad=pad), plan if pad is scenario.pad else plan_removal(other), observer)
             refuse_almost_nothing(found.plan)
         except PlanError as error:
             failed = failed or error

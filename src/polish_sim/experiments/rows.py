@@ -68,6 +68,7 @@ def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
         Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "constant"),
         Claim("cycle_time_s", "cycle time", "s", 1.0),
         Claim("removal_cv", "removal, std / mean", "%", 100.0),
+        Claim("removal_cv_inside", "  a pad's radius inside the border", "%", 100.0),
         Claim("under_polished_share", "removal below half its mean", "%", 100.0),
         Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),
         PATH_DONE,

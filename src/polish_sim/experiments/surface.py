@@ -17,6 +17,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
+from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import RealShape, check_set_points, path_done, real_shape, shape_figures, touched
 from polish_sim.experiments.placement import Reach
@@ -24,7 +25,7 @@ from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.stroke_motion import check_stroke_rule, feed_figures
 from polish_sim.log import RemovalMap, RunLog, with_column
-from polish_sim.planning import PlanResult, coverage_until, plan_part
+from polish_sim.planning import PlanResult, coverage_until
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 
 TOOL_IN_PART: Final = ("refuse", "allow")
@@ -115,7 +116,7 @@ def prepare_surface(
 
 def _prepare(scenario: Scenario, plan: PlanResult | None, observer: Observer) -> SurfaceTask:
     if plan is None:
-        plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+        plan = plan_removal(scenario, observer)
     check_set_points(plan.path)
     refuse_collision(scenario, plan)
     observer.stage("check the reach")
@@ -168,7 +169,7 @@ def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPar
     reached = float(fed[-1]) if len(fed) else -1.0
     figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)
     removal = remove_material(scenario, place, part, run)
-    figures |= measure_removal(removal.map)
+    figures |= measure_removal(removal.map, scenario.pad.radius_m)
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
     figures |= shape_figures(task.shape, path)

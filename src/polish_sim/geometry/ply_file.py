@@ -5,7 +5,7 @@ trimesh's reader refuses binary files whose faces differ in their number of corn
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.errors import MeshError
+from polish_sim.errors import InputError, MeshError
 from polish_sim.geometry.obj_file import broken, text_numbers
 from polish_sim.geometry.polygon import FileTriangles, gather_triangles
 
@@ -78,6 +78,26 @@ def parse_ply(content: bytes, path: Path) -> FileTriangles:
         missing = "vertices" if points is None else "faces (a point cloud?)"
         raise MeshError(f"{path}: the PLY file has no {missing}. Export the part as a mesh of triangles.")
     return gather_triangles(points, np.where(np.abs(indices) < 2**40, indices, -1).astype(np.int64), sizes, path)
+
+
+def read_vertex_column(path: Path, names: Sequence[str]) -> tuple[Array, Array]:
+    """Vertices of a PLY file in mm [m], (n, 3), and the first of these properties that they have, (n,).
+
+    Raises:
+        InputError: The file is missing, or its vertices have none of them.
+        MeshError: It is no PLY file.
+    """
+    if not path.is_file():
+        raise InputError(f"the map '{path}' is no file. Check the name and the folder.")
+    elements, data, at = _read_header(path.read_bytes(), path)
+    for element in elements:
+        columns, _, at = _read_rows(data, at, element, "", path)
+        found = [columns[name] for name in names if name in columns]
+        if element.name == "vertex" and found and columns.keys() >= {"x", "y", "z"}:
+            return np.stack([1e-3 * columns[name] for name in "xyz"], axis=1), found[0]
+        if element.name == "vertex":
+            break
+    raise InputError(f"{path}: its vertices have none of the properties {', '.join(names)}.")
 
 
 def _read_header(content: bytes, path: Path) -> tuple[list[Element], bytes, int]:

@@ -382,7 +382,7 @@ def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Itera
         wanted = standard * size / diameter if chosen else plan.stepover_m
         stepover, small = min(wanted, size), replace(pad, radius_m=0.5 * size)
         margin = edge_distance(small, force) + plan.tool_clearance_m - 0.5 * stepover
-        yield small, replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin))
+        yield small, replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin), overrun_m=0.0)
 
 
 ON_SURFACE_M: Final = 1e-6  #: Places this close to a surface are on it [m]
@@ -400,6 +400,9 @@ def accessible(
     """
     whole = prepare_ground(region, plan)
     access = find_access(whole, wide, part, tool, plan)
+    if access is not None and plan.overrun_m > 0.0:
+        # Something stands beside the region: there the tool must not go further out.
+        return accessible(region, wide, part, replace(plan, overrun_m=0.0), tool, reason)
     if access is None:
         asked, within = AskedRegion(whole), wide
     else:

@@ -18,6 +18,7 @@ from polish_sim.geometry.cut import Clipped
 from polish_sim.geometry.regions.patches import join
 from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, trace_border
 from polish_sim.geometry.topology import find_adjacency
+from polish_sim.planning.ground.overrun import with_skirt
 from polish_sim.planning.ground.triangulation import Triangulation, triangulate
 from polish_sim.spatial import perpendicular, unit
 
@@ -149,8 +150,9 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
                 "Choose a region that looks one way, e.g. 'top', or a box."
             )
         bridged = bridge_holes(component, plan.bridge_m)
-        mesh = triangulate(bridged.region.surface, plan.stepover_m / EDGES_PER_STEPOVER)
-        pieces.append(Piece(bridged.region, mesh, bridged.facets))
+        ground = with_skirt(bridged.region, plan.overrun_m) if plan.overrun_m > 0.0 else bridged.region
+        mesh = triangulate(ground.surface, plan.stepover_m / EDGES_PER_STEPOVER)
+        pieces.append(Piece(ground, mesh, bridged.facets))
         holes += bridged.holes
     if len(pieces) == 1:
         return Ground(*pieces[0], holes, tuple(pieces))

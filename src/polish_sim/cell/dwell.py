@@ -1,0 +1,105 @@
+"""What a pad held at places of a path takes off every node in a second (nodes, poses -> sparse rates).
+
+The pad, its pressure and its sliding are those of ``removal``, quasi-static: at each place the pad is pressed in along
+its axis until its field carries the force. Times dwell the rates are the exposure, which is therefore linear in it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from polish_sim.arrays import Array
+from polish_sim.cell.removal import CELL, DEEPEST, PressedNodes, _find_near, _press_nodes
+from polish_sim.kernel_cache import njit
+from polish_sim.planning.ground.points import build_point_grid
+
+ROUNDS: Final = 20  #: Newton's steps for the depth; the field grows faster than linearly, so each comes nearer
+CLOSE: Final = 1e-9  #: Depth to which it is found [m]
+
+
+class PadPoses(NamedTuple):
+    """A pad on its way, in the nodes' frame; k places."""
+
+    tips: Array  #: Tool points, not pressed in [m], shape (k, 3)
+    axes: Array  #: Unit pad axis, from the part to the tool, shape (k, 3)
+    velocities: Array  #: Of the tool point [m/s], shape (k, 3)
+    turning: Array  #: Angular velocity of pad and spindle [rad/s], shape (k, 3)
+    forces: Array  #: Along the axis [N], shape (k,)
+
+
+class Dwelling(NamedTuple):
+    """What the pad does at each of k places."""
+
+    rates: csr_array  #: Pressure x sliding speed at every node [N/(m s)], shape (k, nodes)
+    depths: Array  #: How deep it is pressed in [m], shape (k,)
+
+
+def exposure_rates(nodes: PressedNodes, poses: PadPoses, pad_radius: float, stiffness: float) -> Dwelling:
+    """Press a pad whose whole disc has ``stiffness`` [N/m] at every place.
+
+    Where nothing carries the force it has no rates, and is as deep as a pad can be.
+    """
+    grid = build_point_grid(nodes.positions, CELL * pad_radius)
+    ordered = PressedNodes(*(np.ascontiguousarray(column[grid.items]) for column in nodes))
+    bedding = stiffness / (math.pi * pad_radius**2)
+    starts = np.concatenate([[0], np.cumsum(_count(ordered, poses, grid, pad_radius))])
+    numbers, rates = np.zeros(starts[-1], dtype=np.int64), np.zeros(starts[-1])
+    depths = _fill(ordered, poses, grid, pad_radius, bedding, starts, numbers, rates)
+    shape = len(poses.tips), len(nodes.areas)
+    return Dwelling(csr_array((rates, grid.items[numbers], starts), shape=shape), depths)
+
+
+@njit(cache=True, error_model="numpy")
+def _count(nodes, poses, grid, radius):  # type: ignore[no-untyped-def]
+    found, under = np.empty(len(poses.tips), np.int64), np.empty(len(nodes.areas), np.int64)
+    for k in range(len(found)):
+        found[k] = _find_near(nodes, _sunk(poses, k, DEEPEST * radius), poses.axes[k], grid, radius, under)
+    return found
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _sunk(poses, k, depth):  # type: ignore[no-untyped-def]
+    return poses.tips[k] - depth * poses.axes[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(nodes, poses, grid, radius, bedding, starts, numbers, rates):  # type: ignore[no-untyped-def]
+    under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
+    depths = np.empty(len(starts) - 1)
+    for k in range(len(depths)):
+        axis, deepest = poses.axes[k], DEEPEST * radius
+        number = _find_near(nodes, _sunk(poses, k, deepest), axis, grid, radius, under)
+        depth = deepest
+        for _ in range(ROUNDS):
+            carried = slope = 0.0
+            for t in range(number):
+                q = under[t]
+                height, facing = depth, 0.0
+                for d in range(3):
+                    height += (nodes.positions[q, d] - poses.tips[k, d]) * axis[d]
+                    facing += nodes.normals[q, d] * axis[d]
+                if height > 0.0:
+                    spring = bedding * nodes.areas[q] * facing**3
+                    carried, slope = carried + spring * height, slope + spring
+            step = (carried - poses.forces[k]) / slope if slope > 0.0 else 0.0
+            depth -= step
+            if abs(step) < CLOSE:
+                break
+        depths[k] = depth
+        center = _sunk(poses, k, depth)
+        _press_nodes(
+            nodes.positions, nodes.normals, nodes.areas, center, axis, poses.velocities[k], poses.turning[k],
+            bedding, under, number, force, power,
+        )  # fmt: skip
+        carried = 0.0
+        for t in range(number):
+            carried += max(force[t], 0.0)
+        for t in range(number):
+            numbers[starts[k] + t] = under[t]
+            if force[t] > 0.0 and depth < deepest:
+                rates[starts[k] + t] = power[t] * poses.forces[k] / carried / nodes.areas[under[t]]
+    return depths

@@ -1,0 +1,261 @@
+"""Dwell and force along a path, so that what comes off is even or follows a map (PlanResult -> PlanResult).
+
+Preston's law with the pad of ``cell.removal`` pressed on the part as drawn: the exposure of node i is
+e_i = sum_k R_ik(F) ds_k / v_k, linear in the slowness 1 / v. Slowness is linear between knots along the path and
+minimises sum_i a_i (e_i / g_i - 1)^2 within the limits of the feed; the knots lie so far apart that no profile between
+those limits asks for more than the tool's acceleration. The force, where it may vary, is found the same way at the
+dwell found before, and by turns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from polish_sim.analysis.metrics import spreads
+from polish_sim.arrays import Array
+from polish_sim.cell import Touch
+from polish_sim.cell.dwell import PadPoses, exposure_rates
+from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
+from polish_sim.cell.stroke import TOUCH_DOWN_TIME
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError
+from polish_sim.experiments.stroke_motion import CELL_LIMITS
+from polish_sim.geometry.ply_file import read_vertex_column
+from polish_sim.planning import PlanResult, plan_part
+from polish_sim.planning.ground.triangulation import Triangulation, triangulate
+from polish_sim.planning.part_plan import PlanObserver
+from polish_sim.planning.toolpath import ToolPath, interpolate, stretches
+from polish_sim.spatial import unit
+
+EVEN: Final = "even"
+TARGET_COLUMNS: Final = ("target", "relative", "removal_m")
+"""Properties a target's vertices may have; the first one there counts, over its mean."""
+OVERRUN: Final = 0.4  #: How far past the border a path goes unless the plan says so [pad radii]
+POSES: Final = 0.05  #: Places of the pad are so far apart [pad radii]
+KNOTS: Final = 0.32  #: Knots of dwell and force are at least so far apart [pad radii]
+NODES: Final = 0.25  #: Longest edge of the nodes' triangles [pad radii]
+MOST_SUNK: Final = 2.0  #: Times as deep as on a plane the pad may sink in; over an edge the force is taken off for it
+EASINGS: Final = 2
+ROUNDS: Final = 3  #: Of dwell and force by turns
+LEAST_GOAL: Final = 0.02  #: Share of the mean below which a target's deviations weigh no more
+SMOOTH: Final = 1e-4  #: Weight of changes from knot to knot beside the deviation's
+
+
+def plan_removal(scenario: Scenario, observer: PlanObserver | None = None) -> PlanResult:
+    """Plan a part's path; if the plan asks for an even removal, or a map of it, with its feed and force.
+
+    Raises:
+        PolishSimError: The part, the request or the map cannot be used; says why and what to do.
+    """
+    asked, pad = scenario.plan, scenario.pad
+    if asked.removal and asked.overrun_m == 0.0:
+        asked = replace(asked, overrun_m=OVERRUN * pad.radius_m)
+    plan = plan_part(scenario.part, asked, scenario.process, pad, observer)
+    return even_out(scenario, plan, observer) if asked.removal else plan
+
+
+def axis_kept(scenario: Scenario) -> Scenario:
+    """The scenario of an even removal: the tool keeps its planned axis.
+
+    Where the pad hangs over an edge the moment loop would turn the tool by up to 2 deg: the map would not be the plan's.
+    """
+    if not scenario.plan.removal:
+        return scenario
+    return replace(scenario, controller=replace(scenario.controller, moment_tilt_limit_rad=0.0))
+
+
+def even_out(scenario: Scenario, plan: PlanResult, observer: PlanObserver | None = None) -> PlanResult:
+    """Give a plan the feed and the force with which its removal comes nearest to what is asked for.
+
+    Raises:
+        InputError: The map cannot be read, or says nothing of the region.
+    """
+    if observer is not None:
+        observer.stage("even the removal")
+    problem = _Problem(scenario, plan)
+    asked = scenario.plan
+    low, high = (1.0 / (share * scenario.process.feed_m_s) for share in asked.removal_feed[::-1])
+    slowness = np.full(problem.knots.shape[1], 1.0 / scenario.process.feed_m_s)
+    eased, change = problem.force / problem.usual, asked.removal_force
+    before = problem.exposure(slowness)
+    for _ in range(ROUNDS if change > 0.0 else 1):
+        slowness = problem.fit(problem.dwell_columns(), low, high, problem.landing, slowness)
+        if change > 0.0:
+            columns = problem.force_columns(slowness, eased)
+            share = problem.fit(columns, 1.0 - change, 1.0 + change, None, np.ones(len(eased)))
+            problem.press(share * eased * problem.usual)
+    found = problem.exposure(slowness)
+    path = plan.path
+    feed = 1.0 / np.clip(problem.at(path.s, slowness), low, high)
+    path = replace(path, feed=feed, force=problem.at(path.s, problem.force))
+    names = ("planned_removal_cv", "planned_removal_cv_inside")
+    spread = dict(zip(names, problem.deviations(found), strict=True))
+    was, now = problem.deviations(before)[0], spread[names[0]]
+    note = (
+        f"removal planned {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the mean beside "
+        f"it on the part as drawn ({100.0 * spread[names[1]]:.1f}% a pad's radius inside the border), "
+        f"{100.0 * was:.1f}% at one feed; feed {1e3 * feed[path.process].min():.3g} to "
+        f"{1e3 * feed[path.process].max():.3g} mm/s; the tool keeps its planned axis"
+    )
+    return replace(plan, path=path, figures={**plan.figures, **spread}, notes=(*plan.notes, note))
+
+
+class _Problem:
+    """Rates, knots and the goal along one path."""
+
+    def __init__(self, scenario: Scenario, plan: PlanResult) -> None:
+        self.path, self.pad, process = plan.path, plan.tool.pad, scenario.process
+        self.nodes = drawn_nodes(plan)
+        self.s, self.steps = _places(self.path, POSES * self.pad.radius_m)
+        self.knot_s, self.knots = _hats(self.path, self.s, self._spacing(scenario))
+        self.usual = process.contact_force_n
+        self.poses = _poses(self.path, self.s, process.feed_m_s, scenario.spindle.speed_rpm * math.tau / 60.0)
+        self.stiffness = self.pad.stiffness_n_m * scenario.head.spring_scale
+        self.areas = self.nodes.pressed.areas[: len(self.nodes.mesh.vertices)]
+        self.weights = self.areas / self.areas.sum()
+        self.press(np.full(len(self.knot_s), self.usual))
+        for _ in range(EASINGS):
+            self._ease()
+        at_feed = self.dwell_columns() @ np.full(len(self.knot_s), 1.0 / process.feed_m_s)
+        shape = _shape_of(scenario.plan.removal, self.nodes.mesh)
+        self.goal = shape * float(self.weights @ at_feed) / float(self.weights @ shape)
+
+    def _spacing(self, scenario: Scenario) -> float:
+        """Between knots [m]: between the limits of the feed a = v^3 d(1/v)/ds stays below the tool's."""
+        least, most = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)
+        return max(KNOTS * self.pad.radius_m, most**3 * (1.0 / least - 1.0 / most) / CELL_LIMITS.tip_acceleration)
+
+    def _rate(self) -> None:
+        found = exposure_rates(self.nodes.pressed, self.poses, self.pad.radius_m, self.stiffness)
+        self.depths, self.rates = found.depths, found.rates[:, : len(self.areas)].T.tocsr()
+        first = np.flatnonzero(np.diff(self.s, prepend=-math.inf) > 2.0 * self.steps.max())
+        self.landing = TOUCH_DOWN_TIME * np.asarray(self.rates[:, first].sum(axis=1)).ravel()
+
+    def _ease(self) -> None:
+        """Take force off where the pad hangs over an edge and sinks in."""
+        deep = self.depths * self.stiffness / (MOST_SUNK * self.usual)
+        eased = self.poses.forces / np.maximum(deep, 1.0)
+        near = np.abs(np.subtract.outer(self.knot_s, self.s)) <= 1.5 * np.diff(self.knot_s).max()
+        self.press(np.where(near, eased, math.inf).min(axis=1))
+
+    def press(self, force: Array) -> None:
+        """Set the force at the knots [N] and find the rates under it."""
+        self.poses = self.poses._replace(forces=self.knots @ force)
+        self.force = force
+        self._rate()
+
+    def dwell_columns(self) -> csr_array:
+        """Exposure by slowness at the knots [N/s], shape (nodes, knots)."""
+        return (self.rates * self.steps) @ self.knots
+
+    def force_columns(self, slowness: Array, eased: Array) -> csr_array:
+        """Exposure by share of the ``eased`` force at the knots [N/m]; the pad's contact as it is, (nodes, knots)."""
+        by_force = self.steps * (self.knots @ slowness) / self.poses.forces
+        return (self.rates * by_force) @ (self.knots * (eased * self.usual))
+
+    def exposure(self, slowness: Array) -> Array:
+        """Of the region's nodes [N/m]."""
+        return np.asarray(self.dwell_columns() @ slowness + self.landing)
+
+    def at(self, s: Array, values: Array) -> Array:
+        """Values at the knots, at other arc lengths of the path."""
+        return np.interp(s, self.knot_s, values)
+
+    def fit(self, columns: csr_array, low: float, high: float, given: Array | None, start: Array) -> Array:
+        """Values at the knots within their limits for which the exposure comes nearest to the goal."""
+        by = np.sqrt(self.weights) / np.maximum(self.goal, LEAST_GOAL * float(self.weights @ self.goal))
+        wanted = (self.goal if given is None else self.goal - given) * by
+        scaled = (columns * by[:, None]).tocsr()
+        square = (scaled.T @ scaled).toarray()
+        usual = math.sqrt(low * high)
+        change = np.diff(np.eye(len(start)), axis=0) / usual
+        square += SMOOTH / len(start) * change.T @ change
+        linear = scaled.T @ wanted
+
+        def cost(x: Array) -> tuple[float, Array]:
+            slope = square @ (x * usual) - linear
+            return 0.5 * usual * float(x @ (slope - linear)), usual * slope
+
+        bounds = [(low / usual, high / usual)] * len(start)
+        options = {"maxiter": 1000, "ftol": 1e-10, "maxcor": 30}
+        found = minimize(cost, start / usual, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        return np.asarray(usual * found.x)
+
+    def deviations(self, exposure: Array) -> tuple[float, float]:
+        """Deviation from the goal over its mean: of the whole region, and a pad's radius inside its border."""
+        relative = exposure / np.maximum(self.goal, 1e-9 * self.goal.max())
+        mesh = self.nodes.mesh
+        return spreads(relative, self.areas, mesh.vertices, mesh.border, self.pad.radius_m)
+
+
+def drawn_nodes(plan: PlanResult, edge: float = NODES) -> Nodes:
+    """Nodes as of `place_nodes`, on the part as drawn."""
+    path, radius = plan.path, plan.tool.pad.radius_m
+    mesh = triangulate(plan.region.surface, edge * radius)
+    touch = Touch(path.positions_work[path.process], path.axes_work[path.process], radius)
+    beside = surroundings(plan.surface, plan.region, touch, edge * radius)
+    own = PressedNodes(mesh.vertices, mesh.normals, mesh.vertex_areas)
+    return Nodes(mesh, PressedNodes(*(np.concatenate(pair) for pair in zip(own, beside, strict=True))))
+
+
+class _Places(NamedTuple):
+    s: Array  #: Middles of steps along the path in contact [m], shape (k,)
+    steps: Array  #: Their lengths [m], shape (k,)
+
+
+def _places(path: ToolPath, apart: float) -> _Places:
+    ends = [_divided(path, pair, apart) for pair in stretches(path.process)]
+    return _Places(*(np.concatenate([part(e) for e in ends]) for part in (_middles, np.diff)))
+
+
+def _middles(ends: Array) -> Array:
+    return 0.5 * (ends[1:] + ends[:-1])
+
+
+def _divided(path: ToolPath, rows: tuple[int, int], apart: float) -> Array:
+    first, last = path.s[rows[0]], path.s[rows[1]]
+    return np.linspace(first, last, max(math.ceil((last - first) / apart), 1) + 1)
+
+
+def _hats(path: ToolPath, s: Array, apart: float) -> tuple[Array, csr_array]:
+    """Knots along each stroke [m], (m,), and the hat function of each at places s (k,), shape (k, m)."""
+    knots = np.concatenate([_divided(path, pair, apart) for pair in stretches(path.process)])
+    left = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2)
+    share = (s - knots[left]) / (knots[left + 1] - knots[left])
+    rows = np.arange(len(s))
+    entries = np.concatenate([1.0 - share, share]), (np.tile(rows, 2), np.concatenate([left, left + 1]))
+    return knots, csr_array(entries, shape=(len(s), len(knots)))
+
+
+def _poses(path: ToolPath, s: Array, feed: float, spin: float) -> PadPoses:
+    """The pad at places of a path, moving at a feed [m/s], the spindle at its speed [rad/s]."""
+    tips, axes = (interpolate(s, path.s, column) for column in (path.positions_work, path.axes_work))
+    axes = unit(axes)
+    ahead = np.gradient(path.positions_work, path.s, axis=0)
+    return PadPoses(tips, axes, feed * unit(interpolate(s, path.s, ahead)), -spin * axes, np.empty(len(s)))
+
+
+def _shape_of(removal: str, mesh: Triangulation) -> Array:
+    """What is to come off each vertex, but for a factor, shape (v,).
+
+    Raises:
+        InputError: The map cannot be read, has no such column, or wants nothing.
+    """
+    if removal == EVEN:
+        return np.ones(len(mesh.vertices))
+    places, values = read_vertex_column(Path(removal), TARGET_COLUMNS)
+    if not (np.isfinite(values).all() and values.min() >= 0.0 and values.max() > 0.0):
+        raise InputError(f"the map '{removal}' must say 0 or more at every vertex, and more than 0 somewhere.")
+    apart, nearest = cKDTree(places).query(mesh.vertices)
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    if float(np.median(apart)) > 0.1 * size:
+        raise InputError(f"the map '{removal}' lies {1e3 * np.median(apart):.3g} mm beside the region. Is it in mm?")
+    return np.asarray(values[nearest])
