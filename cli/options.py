@@ -33,7 +33,7 @@ _IN_RUNS: Final[Mapping[str, tuple[str, str]]] = {
     "arm": ("dual", "arms_file"),
 }
 """The key of each kind of calibration file."""
-_FILE_REGIONS: Final = ("polygon", "faces")
+_FILE_REGIONS: Final = ("polygon", "faces", "under")
 
 
 class Own(NamedTuple):
@@ -398,8 +398,9 @@ def _placed(scenario: Scenario) -> Scenario:
         if file.is_file():
             scenario = merge(scenario, {section: {name: str(file.resolve())}}, "")
     choice, _, words = scenario.plan.region.partition(":")
-    if choice in _FILE_REGIONS and Path(words).is_file():
-        scenario = merge(scenario, {"plan": {"region": f"{choice}:{Path(words).resolve()}"}}, "")
+    file, colon, share = words.rpartition(":") if choice == "under" else (words, "", "")
+    if choice in _FILE_REGIONS and Path(file).is_file():
+        scenario = merge(scenario, {"plan": {"region": f"{choice}:{Path(file).resolve()}{colon}{share}"}}, "")
     file_name, _, class_name = scenario.controller.name.rpartition(":")
     if Path(file_name).is_file():
         scenario = merge(scenario, {"controller": {"name": f"{Path(file_name).resolve()}:{class_name}"}}, "")

@@ -57,7 +57,8 @@ def exposure_rates(nodes: PressedNodes, poses: PadPoses, pad_radius: float, stif
 def _count(nodes, poses, grid, radius):  # type: ignore[no-untyped-def]
     found, under = np.empty(len(poses.tips), np.int64), np.empty(len(nodes.areas), np.int64)
     for k in range(len(found)):
-        found[k] = _find_near(nodes, _sunk(poses, k, DEEPEST * radius), poses.axes[k], grid, radius, under)
+        deepest = DEEPEST * radius
+        found[k] = _find_near(nodes, _sunk(poses, k, deepest), poses.axes[k], grid, radius, 2.0 * deepest, under)
     return found
 
 
@@ -72,7 +73,7 @@ def _fill(nodes, poses, grid, radius, bedding, starts, numbers, rates):  # type:
     depths = np.empty(len(starts) - 1)
     for k in range(len(depths)):
         axis, deepest = poses.axes[k], DEEPEST * radius
-        number = _find_near(nodes, _sunk(poses, k, deepest), axis, grid, radius, under)
+        number = _find_near(nodes, _sunk(poses, k, deepest), axis, grid, radius, 2.0 * deepest, under)
         depth = deepest
         for _ in range(ROUNDS):
             carried = slope = 0.0

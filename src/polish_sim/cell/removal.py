@@ -257,7 +257,7 @@ def _carry(nodes, motion, grid, radius, bedding):  # type: ignore[no-untyped-def
     exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(len(motion.times)), np.zeros(len(motion.times))
     under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
     for k in range(len(motion.times)):
-        number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, under)
+        number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, DEEPEST * radius, under)
         _press_nodes(
             nodes.positions, nodes.normals, nodes.areas, motion.centers[k], motion.axes[k], motion.velocities[k],
             motion.turning[k], bedding, under, number, force, power,
@@ -275,12 +275,12 @@ def _carry(nodes, motion, grid, radius, bedding):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _find_near(nodes, center, axis, grid, radius, under):  # type: ignore[no-untyped-def]
-    """List the nodes over the face of a pad at ``center``, as far up its axis as it can be pressed in."""
+def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no-untyped-def]
+    """List the nodes over the face of a pad at ``center``, a way ``up`` its axis."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for d in range(3):
         # A disc's half width, and the way up.
-        reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + DEEPEST * radius * abs(axis[d])
+        reach = radius * math.sqrt(max(1.0 - axis[d] * axis[d], 0.0)) + up * abs(axis[d])
         low[d] = max(math.floor((center[d] - reach - grid.low[d]) / grid.cell), 0)
         high[d] = min(math.floor((center[d] + reach - grid.low[d]) / grid.cell), grid.size[d] - 1) + 1
     number = 0

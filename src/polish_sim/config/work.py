@@ -78,7 +78,8 @@ class PlanConfig:
     pattern: str = key("spiral", "spiral, raster, contour or fermat", option=Option("--pattern", PATH, "NAME"))
     region: str = key(
         "auto",
-        "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE or faces:FILE (mm)",
+        "auto, top, all, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE, faces:FILE (mm) or "
+        "under:REMOVAL.ply:SHARE, where a run took off less",
         option=Option("--region", PART, "REGION"),
     )
     feature_angle_rad: float = key(

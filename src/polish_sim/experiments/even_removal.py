@@ -26,7 +26,7 @@ from polish_sim.cell.dwell import PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
 from polish_sim.cell.stroke import TOUCH_DOWN_TIME
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
+from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments.stroke_motion import CELL_LIMITS
 from polish_sim.geometry.ply_file import read_vertex_column
 from polish_sim.planning import PlanResult, plan_part
@@ -56,6 +56,8 @@ def plan_removal(scenario: Scenario, observer: PlanObserver | None = None) -> Pl
         PolishSimError: The part, the request or the map cannot be used; says why and what to do.
     """
     asked, pad = scenario.plan, scenario.pad
+    if not 0.0 < asked.removal_feed[0] < asked.removal_feed[1]:
+        raise ConfigError("plan.removal_feed must be the least and the largest share of the feed, in this order.")
     if asked.removal and asked.overrun_m == 0.0:
         asked = replace(asked, overrun_m=OVERRUN * pad.radius_m)
     plan = plan_part(scenario.part, asked, scenario.process, pad, observer)

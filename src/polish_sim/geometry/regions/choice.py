@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
 from polish_sim.geometry.orientation import UP_CONE, check_up
+from polish_sim.geometry.ply_file import read_vertex_column
 from polish_sim.geometry.regions.patches import connected, coverable, lies_open, middle_points, restricted
 from polish_sim.geometry.surface import Surface, connected_facets
 
 CHOICES = (
     "auto, top, all, all:N,N,.../SIDE, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE, "
-    "faces:FILE (lengths in mm)"
+    "faces:FILE, under:REMOVAL.ply:SHARE (lengths in mm)"
 )
 
 
@@ -211,6 +214,53 @@ def looking(kept: Clipped, direction: Array) -> Clipped:
             "Set --up to the side to polish, or choose a --region: " + CHOICES + "."
         )
     return seen
+
+
+FINE: Final = 0.005  #: A map of removal is looked at in pieces no wider than this [m]
+
+
+class RemovalLimit(NamedTuple):
+    """Where a run took off less than a share of its mean."""
+
+    places: Array  #: Vertices of its map [m], shape (n, 3)
+    relative: Array  #: Removal there over its mean [-], shape (n,)
+    share: float
+
+
+def parse_under(argument: str) -> RemovalLimit:
+    """Read a map of removal and the share of its mean below which a place is to be polished.
+
+    Raises:
+        InputError: Not FILE:SHARE, or no such map.
+    """
+    file, _, word = argument.rpartition(":")
+    try:
+        share = float(word)
+    except ValueError:
+        share = math.nan
+    if not 0.0 < share < 10.0 or not file:
+        raise InputError(f"region 'under:{argument}' is not under:REMOVAL.ply:SHARE, e.g. under:removal.ply:0.8.")
+    return RemovalLimit(*read_vertex_column(Path(file), ("relative",)), share)
+
+
+def pick_under(whole: Whole, argument: str) -> list[Clipped]:
+    """Pick what looks up and has lost less than a share of the mean in a run.
+
+    Raises:
+        PlanError: Nothing has.
+    """
+    removed = parse_under(argument)
+    kept = looking(whole.kept, whole.up)
+    for axis in np.eye(3):
+        heights = kept.surface.control @ axis
+        for level in np.arange(heights.min() + FINE, heights.max(), FINE):
+            kept = then(kept, split(kept.surface, kept.surface.control @ axis - level, on=_ON_OUTLINE))
+    away, nearest = cKDTree(removed.places).query(kept.surface.vertices)
+    missing = np.where(away < FINE, removed.share - removed.relative[nearest], -1.0)
+    kept = then(kept, clip(kept.surface, from_corners(missing[kept.surface.faces][..., None])[..., 0]))
+    if len(kept.parents) == 0:
+        raise PlanError(f"region 'under:{argument}': nowhere has less come off. Give a larger share.")
+    return connected(kept, kept.surface.smooth)
 
 
 def _largest(kept: Clipped, up: Array, passable: Bools | None) -> Clipped:

@@ -22,6 +22,7 @@ from polish_sim.geometry.regions.choice import (
     parse_corners,
     parse_patches,
     parse_point,
+    parse_under,
     pick_all,
     pick_auto,
     pick_box,
@@ -30,6 +31,7 @@ from polish_sim.geometry.regions.choice import (
     pick_point,
     pick_polygon,
     pick_top,
+    pick_under,
     read_facet_numbers,
 )
 from polish_sim.geometry.regions.margin import Room, keep_roomy, trim
@@ -55,6 +57,7 @@ WITH_ARGUMENT: Mapping[str, Choice] = {
     "box": Choice(pick_box, parse_box),
     "polygon": Choice(pick_polygon, parse_corners),
     "faces": Choice(pick_faces, read_facet_numbers),
+    "under": Choice(pick_under, parse_under),
 }
 
 SLIVER_SHARE = 1e-3  #: Patches smaller than this share of the largest one are left out

@@ -1,0 +1,111 @@
+"""Feed and force that even the removal out, on the part as drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from polish_sim.analysis.inspect_plot import write_ply
+from polish_sim.analysis.removal_plot import write_removal_mesh
+from polish_sim.config import PlanConfig, Scenario
+from polish_sim.errors import PolishSimError
+from polish_sim.experiments.even_removal import MOST_SUNK, _Problem, axis_kept, plan_removal
+from polish_sim.log import RemovalMap
+from polish_sim.planning import PlanResult, plan_part
+
+EVEN = Scenario(experiment="surface", plan=PlanConfig(removal="even", stepover_m=0.01, pattern="raster"))
+EVEN = replace(EVEN, part=replace(EVEN.part, file="plate"))
+
+
+@pytest.fixture(scope="module")
+def plan() -> PlanResult:
+    return plan_removal(EVEN)
+
+
+def ramp(file: Path, top: float = 2.0) -> Path:
+    """A map over the plate's box that rises from 1 to ``top`` along x."""
+    mesh = plan_part(EVEN.part, replace(EVEN.plan, removal="")).ready.ground.mesh
+    x = mesh.vertices[:, 0]
+    target = 1.0 + (top - 1.0) * (x - x.min()) / np.ptp(x)
+    colors = np.zeros((len(x), 3), dtype=np.uint8)
+    write_ply(file, "ramp", (mesh.vertices, mesh.normals, mesh.triangles), colors, {"target": ("<f4", target)})
+    return file
+
+
+def test_feed_makes_a_plate_even_within_its_limits(plan: PlanResult):
+    feed = plan.path.feed
+    assert feed is not None
+    usual = EVEN.process.feed_m_s
+    low, high = EVEN.plan.removal_feed
+    assert low * usual * (1.0 - 1e-9) <= feed.min() < feed.max() <= high * usual * (1.0 + 1e-9)
+    assert plan.figures["planned_removal_cv"] < 0.06
+    assert plan.figures["planned_removal_cv_inside"] < 0.05
+
+
+def test_over_the_border_the_force_is_taken_off_so_that_the_pad_does_not_sink(plan: PlanResult):
+    force = plan.path.force
+    assert force is not None
+    usual = EVEN.process.contact_force_n
+    assert force.min() < 0.8 * usual
+    assert force.max() <= usual * (1.0 + 1e-9)
+    problem = _Problem(EVEN, plan)
+    assert problem.depths.max() < 1.2 * MOST_SUNK * usual / EVEN.pad.stiffness_n_m
+
+
+def test_no_feed_nearby_is_better(plan: PlanResult):
+    """The optimum of a convex problem: small changes of the dwell at any knot do not lower the deviation."""
+    problem = _Problem(EVEN, plan)
+    slowness = 1.0 / np.interp(problem.knot_s, plan.path.s, plan.path.feed)
+    best = problem.deviations(problem.exposure(slowness))[0]
+    rng = np.random.default_rng(7)
+    low, high = (1.0 / (share * EVEN.process.feed_m_s) for share in EVEN.plan.removal_feed[::-1])
+    for _ in range(20):
+        other = np.clip(slowness * rng.uniform(0.9, 1.1, len(slowness)), low, high)
+        assert problem.deviations(problem.exposure(other))[0] > best
+
+
+def test_force_by_turns_does_not_make_it_worse(plan: PlanResult):
+    both = plan_removal(replace(EVEN, plan=replace(EVEN.plan, removal_force=0.3)))
+    assert both.figures["planned_removal_cv"] < plan.figures["planned_removal_cv"] + 1e-3
+
+
+def test_a_ramp_of_one_to_two_is_followed(tmp_path: Path):
+    plan = plan_removal(replace(EVEN, plan=replace(EVEN.plan, removal=str(ramp(tmp_path / "ramp.ply")))))
+    assert plan.figures["planned_removal_cv"] < 0.06
+    path, x = plan.path, plan.path.positions_work[:, 0]
+    middle = path.process & (np.abs(path.positions_work[:, 1] - np.median(path.positions_work[:, 1])) < 0.03)
+    slow, fast = (np.mean(path.feed[middle & some]) for some in (x > np.median(x), x < np.median(x)))
+    assert fast > 1.2 * slow
+
+
+def test_the_tool_keeps_its_planned_axis():
+    assert axis_kept(EVEN).controller.moment_tilt_limit_rad == 0.0
+    plain = replace(EVEN, plan=PlanConfig())
+    assert axis_kept(plain) is plain
+
+
+@pytest.mark.parametrize("change", [{"removal": "no_such_map.ply"}, {"removal_feed": (2.0, 0.4)}])
+def test_what_cannot_be_followed_is_refused(change: dict[str, object]):
+    with pytest.raises(PolishSimError):
+        plan_removal(replace(EVEN, plan=replace(EVEN.plan, **change)))  # type: ignore[arg-type]
+
+
+def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_path: Path):
+    ready = plan_part(EVEN.part, replace(EVEN.plan, removal="")).ready
+    mesh = ready.ground.mesh
+    x = mesh.vertices[:, 0]
+    exposure = np.where(x > np.median(x), 3.0, 1.0)
+    removal = RemovalMap(
+        mesh.vertices, mesh.normals, mesh.triangles, mesh.vertex_areas, exposure, np.array([0.0, 0.0, 1.0]),
+        0.0, 0.0, 0.0, 1.0,
+    )  # fmt: skip
+    write_removal_mesh(tmp_path / "removal.ply", removal)
+    region = f"under:{tmp_path / 'removal.ply'}:0.8"
+    again = plan_part(EVEN.part, PlanConfig(region=region))
+    assert again.ready.region.area_m2 == pytest.approx(0.5 * ready.region.area_m2, rel=0.03)
+    away, nearest = cKDTree(mesh.vertices).query(again.ready.ground.mesh.vertices)
+    assert np.mean(exposure[nearest[away < 0.002]] == 1.0) > 0.95
