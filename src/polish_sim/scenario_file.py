@@ -19,9 +19,9 @@ PRESETS = ("sensor.model", "robot.arm")  #: Keys whose words stand for values of
 PAD_CHOICE = "pad.choice"  #: Set last: a pad or a step-over that is set by name changes it
 AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
 FILE_KEYS = (
-    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow"), ("plan", "removal")),
+    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow")),
     *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
-    *(("dual", "master_path"), ("guide", "model_file")),
+    *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal")),
 )
 """Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a region may
 hold one."""

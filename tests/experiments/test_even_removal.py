@@ -17,7 +17,7 @@ from polish_sim.experiments.even_removal import MOST_SUNK, _Problem, axis_kept, 
 from polish_sim.log import RemovalMap
 from polish_sim.planning import PlanResult, plan_part
 
-EVEN = Scenario(experiment="surface", plan=PlanConfig(removal="even", stepover_m=0.01, pattern="raster"))
+EVEN = Scenario(experiment="surface", plan=PlanConfig(removal="even", stepover_m=0.008, pattern="raster"))
 EVEN = replace(EVEN, part=replace(EVEN.part, file="plate"))
 
 

@@ -121,8 +121,9 @@ class PlanConfig:
         "come off; empty = one feed",
         option=Option("--removal", PATH, "even|MAP.ply"),
     )
-    removal_feed: tuple[float, ...] = key((0.4, 2.0), "least and largest feed then, over the usual one [-]", 0.05, 20.0,
-                                          length=2)
+    removal_feed: tuple[float, ...] = key(
+        (0.4, 2.0), "least and largest feed then, over the usual one [-]", 0.05, 20.0, length=2
+    )
     removal_force: float = key(
         0.0, "share by which the force may then differ from the usual one, 0 = not at all [-]", 0.0, 0.9
     )

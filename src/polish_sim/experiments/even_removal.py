@@ -67,7 +67,7 @@ def plan_removal(scenario: Scenario, observer: PlanObserver | None = None) -> Pl
 def axis_kept(scenario: Scenario) -> Scenario:
     """The scenario of an even removal: the tool keeps its planned axis.
 
-    Where the pad hangs over an edge the moment loop would turn the tool by up to 2 deg: the map would not be the plan's.
+    Where the pad hangs over an edge the moment loop would turn the tool by up to 2 deg, and the map with it.
     """
     if not scenario.plan.removal:
         return scenario
@@ -100,10 +100,10 @@ def even_out(scenario: Scenario, plan: PlanResult, observer: PlanObserver | None
     path = replace(path, feed=feed, force=problem.at(path.s, problem.force))
     names = ("planned_removal_cv", "planned_removal_cv_inside")
     spread = dict(zip(names, problem.deviations(found), strict=True))
-    was, now = problem.deviations(before)[0], spread[names[0]]
+    was, (now, within) = problem.deviations(before)[0], spread.values()
     note = (
-        f"removal planned {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the mean beside "
-        f"it on the part as drawn ({100.0 * spread[names[1]]:.1f}% a pad's radius inside the border), "
+        f"removal planned {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the mean "
+        f"beside it on the part as drawn ({100.0 * within:.1f}% a pad's radius inside the border), "
         f"{100.0 * was:.1f}% at one feed; feed {1e3 * feed[path.process].min():.3g} to "
         f"{1e3 * feed[path.process].max():.3g} mm/s; the tool keeps its planned axis"
     )

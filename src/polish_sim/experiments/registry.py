@@ -40,7 +40,8 @@ REGION_OPTIONS: Final = ("--region", "--feature-angle", "--edge-margin", "--hole
 PART_OPTIONS: Final = ("--part", "--part-pose", "--units", "--up")
 PATH_OPTIONS: Final = (
     *REGION_OPTIONS,
-    *("--pattern", "--stepover", "--overlap", "--overrun", "--even-removal", "--removal", "--order", "--direction", "--start", "--raster-direction"),
+    *("--pattern", "--stepover", "--overlap", "--order", "--direction", "--start", "--raster-direction"),
+    *("--overrun", "--even-removal", "--removal"),
     *("--avoid", "--lead-in", "--lead-angle", "--tilt-angle", "--axis-smoothing", "--axis-deviation"),
 )
 """What decides where a planned path runs."""

@@ -1,0 +1,93 @@
+"""Removal of `run surface` on displaced parts, at one feed and with ``--even-removal``: a table and a picture.
+
+    python -m benchmarks.even_removal [--part NAME]... [--seed 500]... [--out FOLDER]
+
+At one feed: step-over 8 mm, 10 mm/s. Even: step-over 5 mm, 16 mm/s, so that the mean removal is alike. Both on the arm
+``ur5e``, without proof. A line for each part and seed: standard deviation over mean of the region, the same a pad's
+radius inside the border, time over that at one feed. ``ring`` is a flat ring, 180 and 90 mm across.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import trimesh
+from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
+
+from polish_sim.analysis.removal_plot import SCALE, removal_colors
+from polish_sim.experiments import default_scenario
+from polish_sim.experiments.even_removal import axis_kept, plan_removal
+from polish_sim.experiments.surface import run_surface
+from polish_sim.scenario_file import override
+
+PARTS = ("freeform", "saddle", "ring", "plate_two_holes")
+SETTINGS = {
+    "one feed": ["plan.stepover_m=0.008", "process.feed_m_s=0.01"],
+    "even": ["plan.stepover_m=0.005", "process.feed_m_s=0.016", "plan.removal=even"],
+}
+
+
+def main() -> None:
+    """Print the table and draw the first seed of each part."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", action="append", default=[])
+    parser.add_argument("--seed", type=int, action="append", default=[])
+    parser.add_argument("--out", type=Path, default=Path("results/even_removal"))
+    asked = parser.parse_args()
+    asked.out.mkdir(parents=True, exist_ok=True)
+    for part in asked.part or PARTS:
+        with TemporaryDirectory() as folder:
+            compare(part, part_file(part, Path(folder)), asked.seed or list(range(500, 505)), asked.out)
+
+
+def part_file(part: str, folder: Path) -> str:
+    """A shipped part's name, or the file of a ring made here."""
+    if part != "ring":
+        return part
+    ring = trimesh.creation.annulus(r_min=0.045, r_max=0.09, height=0.02, sections=128)
+    ring.apply_scale(1e3)
+    ring.export(folder / "ring.stl")
+    return str(folder / "ring.stl")
+
+
+def compare(part: str, file: str, seeds: list[int], out: Path) -> None:
+    """Run a part both ways with all seeds."""
+    figure = Figure((11.0, 5.0), layout="constrained")
+    times: dict[int, float] = {}
+    for axes, (name, settings) in zip(figure.subplots(1, 2), SETTINGS.items(), strict=True):
+        common = [f"part.file={file}", "robot.arm=ur5e", "safety.proof=none", *settings]
+        scenario = axis_kept(override(default_scenario("surface"), common))
+        plan = plan_removal(scenario)
+        for seed in seeds:
+            result = run_surface(replace(scenario, seed=seed), plan)
+            m = result.figures
+            times.setdefault(seed, m["cycle_time_s"])
+            print(
+                f"{part:16} {seed} {name:9} {100 * m['removal_cv']:5.1f}% inside {100 * m['removal_cv_inside']:5.1f}%  "
+                f"{m['cycle_time_s']:6.1f} s {m['cycle_time_s'] / times[seed]:.2f}  "
+                f"{m['protective_stop'] or ''}",
+                flush=True,
+            )
+            if seed == seeds[0]:
+                draw(axes, result.removal, f"{part}, {name}: {100 * m['removal_cv']:.1f}%")
+    figure.savefig(out / f"{part}.png", dpi=100)
+
+
+def draw(axes: Any, removal: Any, title: str) -> None:
+    """The removal from above."""
+    x, y = 1e3 * removal.vertices[:, :2].T
+    seen = Triangulation(x, y, removal.triangles)
+    colors = axes.tripcolor(seen, removal.relative, norm=SCALE, cmap=removal_colors(), shading="gouraud")
+    axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+    axes.figure.colorbar(colors, ax=axes, label="removal / its mean")
+    axes.set(xlim=(np.min(x) - 5, np.max(x) + 5))
+
+
+if __name__ == "__main__":
+    main()
