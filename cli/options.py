@@ -398,9 +398,9 @@ def _placed(scenario: Scenario) -> Scenario:
         if file.is_file():
             scenario = merge(scenario, {section: {name: str(file.resolve())}}, "")
     choice, _, words = scenario.plan.region.partition(":")
-    file, colon, share = words.rpartition(":") if choice == "under" else (words, "", "")
-    if choice in _FILE_REGIONS and Path(file).is_file():
-        scenario = merge(scenario, {"plan": {"region": f"{choice}:{Path(file).resolve()}{colon}{share}"}}, "")
+    named, colon, share = words.rpartition(":") if choice == "under" else (words, "", "")
+    if choice in _FILE_REGIONS and Path(named).is_file():
+        scenario = merge(scenario, {"plan": {"region": f"{choice}:{Path(named).resolve()}{colon}{share}"}}, "")
     file_name, _, class_name = scenario.controller.name.rpartition(":")
     if Path(file_name).is_file():
         scenario = merge(scenario, {"controller": {"name": f"{Path(file_name).resolve()}:{class_name}"}}, "")

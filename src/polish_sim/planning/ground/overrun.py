@@ -24,7 +24,8 @@ def with_skirt(region: Region, width: float) -> Region:
     """
     surface = region.surface
     for loop in trace_border(surface):
-        surface = _continued(surface, *np.array(loop, dtype=np.int64).T, width)
+        facet, edge = np.array(loop, dtype=np.int64).T
+        surface = _continued(surface, facet, edge, width)
     return replace(region, surface=surface, boundary_loops=boundary_loops(surface))
 
 
