@@ -86,9 +86,9 @@ _UR10E: Final = ArmTable(
         "knee_2_nm": _sizes(108.0, 108.0, 48.0, 25.0),
         "damping_nm_s_rad": _sizes(40.0, 40.0, 20.0, 7.0),
         "rotor_kg_m2": _sizes(5.9, 5.9, 1.92, 0.6),
-        "gear_error_rad": (2.9e-4,) * 6,
-        "viscous_nm_s_rad": (15.4, 19.0, 10.7, 3.3, 2.4, 3.4),
-        "coulomb_nm": (20.0, 17.9, 6.8, 3.2, 3.5, 3.5),
+        "gear_error_rad": (4.2e-5, 1.35e-5, 1.65e-5, 2.9e-4, 2.9e-4, 2.9e-4),
+        "viscous_nm_s_rad": (23.3, 20.4, 9.0, 3.55, 2.3, 3.2),
+        "coulomb_nm": (16.8, 11.8, 5.3, 2.8, 3.3, 2.75),
     }),
 )  # fmt: skip
 ARMS: Final[Mapping[str, ArmTable]] = MappingProxyType({"ur5e": _UR5E, "ur10e": _UR10E})

@@ -12,7 +12,10 @@ from typing import Final
 
 _PACKAGE: Final = __name__.partition(".")[0]
 _ELSEWHERE: Final = (f"{_PACKAGE}.cli", f"{_PACKAGE}.models")  # in a checkout
-_NOT_COMPILED_IN: Final = {f"{_PACKAGE}.kernel_cache", f"{_PACKAGE}.source_stamp"}  # they only find what was compiled
+_NOT_COMPILED_IN: Final = {
+    *(f"{_PACKAGE}.kernel_cache", f"{_PACKAGE}.source_stamp"),  # they only find what was compiled
+    *(f"{_PACKAGE}.arms", f"{_PACKAGE}.motion.makes"),  # kernels take an arm as an argument
+}
 
 _ONLY_SHOWN: Final = ("cli/", "page/", "workers")  # they start runs and show results: no figure depends on them
 _SOURCES: Final = (".py", ".xml", ".npz", ".stl")

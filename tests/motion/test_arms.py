@@ -12,7 +12,8 @@ from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario
-from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution, use_arm, used_arm
+from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution
+from polish_sim.motion.makes import use_arm, used_arm
 from polish_sim.scenario_file import load_scenario, override, to_toml
 
 RNG = np.random.default_rng(500)

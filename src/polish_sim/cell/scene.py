@@ -16,7 +16,8 @@ from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.models import robot_model_path
-from polish_sim.motion.kinematics import NOMINAL, link_poses, use_arm
+from polish_sim.motion.kinematics import NOMINAL, link_poses
+from polish_sim.motion.makes import use_arm
 from polish_sim.spatial import apply, inverse, transform
 
 TABLE_TOP = 0.0  # z of the table in the base frame [m]
@@ -116,7 +117,7 @@ def _build_arm(spec: Any, arm: ArmTable) -> None:
         body.mass, body.ipos, body.fullinertia = link.mass, link.center, [xx, yy, zz, xy, xz, yz]
         for geom in list(body.geoms):
             spec.delete(geom)
-        look = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": link.capsule, "size": [link.radius, 0.0, 0.0]}
+        look = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "fromto": link.capsule, "size": [link.radius, 0.0, 0.0]}
         body.add_geom(name=f"link_{number}_shell", contype=0, conaffinity=0, group=2, mass=0.0, rgba=_SHELL, **look)
         if number < len(arm.links):
             body.add_geom(name=f"link_{number}_collision", group=3, mass=0.0, rgba=_SHELL, **look)

@@ -37,7 +37,7 @@ class RealArmConfig:
     lost_motion_rise_rad: float = key(1e-4, "twist over which that hysteresis builds up again [rad]", 1e-6, 0.01)
     damping_nm_s_rad: tuple[float, ...] = _joints(20.0, 3.0, "gears' damping, 0 = none [N m s/rad]", 0.0, 1e4)
     rotor_kg_m2: tuple[float, ...] = _joints(1.7, 0.2, "rotor as felt behind its gear [kg m^2]", 0.01, 10.0)
-    gear_ratio: float = key(100.0, "ratio of the gears; their error repeats twice a turn of the motor [-]", 1.0, 1000.0)
+    gear_ratio: float = key(101.0, "ratio of the gears; their error repeats twice a turn of the motor [-]", 1.0, 1000.0)
     gear_error_rad: tuple[float, ...] = _joints(
         2.9e-4, 4.4e-4, "gears' transmission error, peak to peak, 0 = none [rad]", 0.0, 0.01
     )
@@ -47,7 +47,7 @@ class RealArmConfig:
         length=6
     )  # fmt: skip
     coulomb_nm: tuple[float, ...] = _joints(5.0, 1.2, "their Coulomb friction without load, 0 = none [N m]", 0.0, 100.0)
-    coulomb_driving: float = key(0.10, "more of it while the motor drives, by the gear's torque [-]", 0.0, 0.9)
+    coulomb_driving: float = key(0.08, "more of it while the motor drives, by the gear's torque [-]", 0.0, 0.9)
     coulomb_driven: float = key(0.05, "more of it while the load drives, by the gear's torque [-]", 0.0, 0.9)
     cold_friction: float = key(0.1, "friction at the start above that of a warm arm, 0 = warm [-]", 0.0, 5.0)
     warming_s: float = key(1200.0, "time constant of the warming up [s]", 1.0, 1e6)

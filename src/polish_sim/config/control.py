@@ -31,7 +31,7 @@ class AdaptiveConfig:
         24.0, "vibration of the arm along the tool axis that the force loop must not excite, believed; 0 = rigid [Hz]",
         0.0, 200.0
     )  # fmt: skip
-    gear_waves: float = key(200.0, "periods of the gears' error in a turn of a joint, believed [-]", 1.0, 1e4)
+    gear_waves: float = key(202.0, "periods of the gears' error in a turn of a joint, believed [-]", 1.0, 1e4)
     observer_rad_s: float = key(25.0, "highest corner of the force observer [rad/s]", 1.0, 500.0)
     delay_share: float = key(0.5, "crossover times command delay, at most [-]", 0.05, 1.5)
     top_speed_m_s: float = key(0.1, "highest speed of the force loop [m/s]", 0.001, 1.0)
@@ -60,7 +60,9 @@ class BaselinesConfig:
 
     mode_gain_scaling: float = key(0.5, "gain scaling of force-mode [-]", 0.01, 2.0)
     mode_damping: float = key(0.025, "damping of force-mode: share of the speed lost per 2 ms [-]", 0.0, 1.0)
-    mode_mass_kg: float = key(8.5, "virtual mass of force-mode at a gain scaling of 1, the arm's own [kg]", 0.1, 1000.0)
+    mode_mass_kg: float = key(
+        48.5, "virtual mass of force-mode at a gain scaling of 1, as measured on a UR10e [kg]", 0.1, 1000.0
+    )
 
 
 @dataclass(frozen=True)

@@ -199,7 +199,7 @@ class ProcessConfig:
         0.5,
         option=Option("--feed", TOOL, "auto|MM/S", FEED),
     )
-    approach_speed_m_s: float = key(0.005, "speed of the approach [m/s]", 1e-4, 0.1)
+    approach_speed_m_s: float = key(0.005, "speed of the approach [m/s]", 1e-4, 0.3)
     hold_s: float = key(4.0, "how long `force` holds after first contact [s]", 1.0, 600.0)
     contact_threshold_n: float = key(
         2.0, "measured force that counts as contact; if the sensor is noisier, 5 sigma of its noise do [N]", 0.1, 50.0

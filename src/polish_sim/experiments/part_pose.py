@@ -27,7 +27,7 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.experiments.reach_map import ReachMap, map_reach
 from polish_sim.motion import JointPath
-from polish_sim.motion.kinematics import use_arm
+from polish_sim.motion.makes import use_arm
 from polish_sim.planning.toolpath import ToolPath, pressed
 
 if TYPE_CHECKING:

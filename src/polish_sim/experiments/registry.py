@@ -178,7 +178,7 @@ def run_experiment(
 
 
 def _call(row: Experiment, name: str, scenario: Scenario, plan: PlanResult | None, observer: Observer | None) -> Any:
-    from polish_sim.motion.kinematics import use_arm  # compiled code is slow to import
+    from polish_sim.motion.makes import use_arm  # compiled code is slow to import
 
     use_arm(scenario.robot.arm)
     function = load(name)

@@ -22,7 +22,7 @@ from polish_sim.experiments.registry import (
 def arc_claims(scenario: Scenario) -> tuple[Claim, ...]:
     """What is asked of an arc; of an arm with gears as much as their transmission error leaves.
 
-    Its slope, 200 / rad times 1.45e-4 rad in a large joint, makes up to 9% of the feed where the joints add up.
+    Its slope, 202 / rad times 1.45e-4 rad in a large joint, makes up to 9% of the feed where the joints add up.
     """
     ideal, feed = scenario.robot.arm == "ideal", scenario.process.feed_m_s
     error, deviation = (1e-4, 0.01 * feed) if ideal else (3e-4, 0.09 * feed)

@@ -12,3 +12,4 @@ from polish_sim.motion.kinematics import (
     smallest_singular_values,
     track,
 )
+from polish_sim.motion.makes import use_arm, used_arm

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from polish_sim.motion import link_frames
-from polish_sim.motion.kinematics import used_arm
+from polish_sim.motion.makes import used_arm
 from polish_sim.ur.api import Listener
 from polish_sim.ur.physics import TICK_S
 from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, TEXT, message

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from polish_sim.motion import JOINT_LIMITS
-from polish_sim.motion.kinematics import NOMINAL, used_arm
+from polish_sim.motion.kinematics import NOMINAL
+from polish_sim.motion.makes import used_arm
 
 if TYPE_CHECKING:
     from polish_sim.ur.controller import Controller

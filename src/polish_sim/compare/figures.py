@@ -1,0 +1,99 @@
+"""Figures of measured joints beside simulated ones, each by the same estimate on both sides."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.signal import butter, correlate, sosfiltfilt
+
+from polish_sim.arrays import Array
+
+RATE_HZ: Final = 100.0  #: Both sides are looked at on this clock
+CYCLES: Final = np.arange(20.0, 450.0, 0.1)  #: Of a turn of the joint, looked through for ripple
+_HIGH_PASS_HZ: Final = 2.0
+_SLOW, _FAST = 0.1, 0.9  #: Speeds between which ripple is within the band of a log of 100 Hz [rad/s]
+_STILL: Final = 0.02  #: Below it friction is not that of sliding [rad/s]
+_LEAST: Final = 300  #: Samples of a direction
+SPEEDS: Final = np.array([0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3])
+"""Bounds between which friction is averaged [rad/s]."""
+
+
+def nrms(measured: Array, simulated: Array) -> Array:
+    """Rms of the difference over the range of what is measured, (k,), of columns (n, k)."""
+    off = np.sqrt(np.mean((simulated - measured) ** 2, axis=0))
+    return np.asarray(off / np.maximum(np.ptp(measured, axis=0), 1e-12))
+
+
+def delay(time: Array, measured: Array, simulated: Array, most: float = 0.1) -> float:
+    """How late what is measured is behind what is simulated [s], columns (n, k), within +-``most``; NaN if still."""
+    dt = 1e-3
+    t = np.arange(time[0], time[-1], dt)
+    count, total = round(most / dt), np.zeros(2 * round(most / dt) + 1)
+    for a, b in zip(measured.T, simulated.T, strict=True):
+        a, b = (np.interp(t, time, x - x.mean()) for x in (a, b))
+        size = np.linalg.norm(a) * np.linalg.norm(b)
+        if size > 0.0:
+            whole = correlate(a, b, "full", "fft") / size
+            total += whole[len(t) - 1 - count : len(t) + count]
+    best = int(total.argmax())
+    if not 0 < best < len(total) - 1:
+        return float("nan")
+    before, at, after = total[best - 1 : best + 2]
+    return float((best - count + 0.5 * (before - after) / (before - 2.0 * at + after)) * dt)
+
+
+class Ripple(NamedTuple):
+    """The strongest line in a joint's torque by its angle."""
+
+    cycles: float  #: Of a turn of the joint; NaN where it hardly moved
+    amplitude: float  #: [N m]
+
+
+def ripple(time: Array, q: Array, qd: Array, torque: Array) -> Ripple:
+    """What of a torque (n,) repeats with the joint's angle (n,), mean of both directions."""
+    t = np.arange(time[0], time[-1], 1.0 / RATE_HZ)
+    angle, speed, value = (np.interp(t, time, x) for x in (q, qd, torque))
+    value = sosfiltfilt(butter(3, _HIGH_PASS_HZ, "high", fs=RATE_HZ, output="sos"), value)
+    lines, count = np.zeros(len(CYCLES)), 0
+    for sign in (1.0, -1.0):
+        moving = (sign * speed > _SLOW) & (np.abs(speed) < _FAST)
+        if (n := int(moving.sum())) >= _LEAST:
+            waves = np.exp(-1j * np.outer(CYCLES, angle[moving]))
+            lines += np.abs(waves @ value[moving]) * 2.0
+            count += n
+    if not count:
+        return Ripple(float("nan"), float("nan"))
+    best = int(lines.argmax())
+    return Ripple(float(CYCLES[best]), float(lines[best] / count))
+
+
+def friction_curve(qd: Array, torque: Array, rigid: Array) -> Array:
+    """Mean friction of a joint by speed, (k,) of `SPEEDS` [N m]: torque less that without friction, all (n,).
+
+    NaN where there are fewer than 30 samples.
+    """
+    size, rubbing = np.abs(qd), (torque - rigid) * np.sign(qd)
+    return np.array([
+        rubbing[inside].mean() if (inside := (size > low) & (size <= high)).sum() >= 30 else np.nan
+        for low, high in itertools.pairwise(SPEEDS)
+    ])  # fmt: skip
+
+
+class Friction(NamedTuple):
+    """Friction of a sliding joint: (coulomb + viscous speed + share |load|) against its speed."""
+
+    coulomb: float  #: [N m]
+    viscous: float  #: [N m s/rad]
+    driving: float  #: Share of the load while the motor drives [-]
+    driven: float  #: While the load drives [-]
+
+
+def fit_friction(qd: Array, torque: Array, rigid: Array) -> Friction:
+    """Fit friction by speed and load to a joint's torque, that without friction given, all (n,)."""
+    moving = np.abs(qd) > _STILL
+    sign, speed, load = np.sign(qd[moving]), np.abs(qd[moving]), rigid[moving]
+    drives = load * sign > 0.0
+    base = np.column_stack([np.ones(len(sign)), speed, np.abs(load) * drives, np.abs(load) * ~drives])
+    return Friction(*np.linalg.lstsq(base, (torque - rigid)[moving] * sign, rcond=None)[0].tolist())

@@ -1,0 +1,123 @@
+"""A log's motion replayed in free space: what the simulated arm does and needs for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+from polish_sim.arrays import Array
+from polish_sim.cell.playback import JointTargets, play_joints
+from polish_sim.cell.real_arm import is_real
+from polish_sim.cell.scene import build_scene
+from polish_sim.config import RobotConfig, Scenario, SpindleConfig
+from polish_sim.exchange.robot_log import RobotRecording
+
+SCENARIO: Final = Scenario(experiment="compare", robot=RobotConfig(), spindle=SpindleConfig(speed_rpm=0.0))
+MOTION_HZ: Final = 4.0  #: What of a measured motion was commanded [Hz]
+CLOCK_S: Final = 0.005  #: On which it is looked at [s]
+LEAD_S: Final = 0.5  #: In which the arm gets up to the speed a log begins with [s]
+_NO_TOOL: Final = 1e-3  #: Mass of a tool that is not there [kg]
+
+
+class Payload(NamedTuple):
+    """What the real arm carried."""
+
+    mass: float = 0.0  #: [kg]
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: From the flange, its axes [m]
+
+
+class Replay(NamedTuple):
+    """The simulated arm at the log's times, shape (n, 6)."""
+
+    q: Array  #: By the encoders [rad]
+    qd: Array  #: [rad/s]
+    torque: Array  #: Of the motors, the arm's weight included [N m]
+
+
+def replay(scenario: Scenario, log: RobotRecording, payload: Payload) -> Replay:
+    """Play a log's commanded joints, or its measured ones, on the servos of the scenario's arm.
+
+    The arm is bare but for the ``payload``, which its controller does not know. Of a log that begins in motion the
+    start is led up to.
+
+    Raises:
+        ReachError: Links would touch each other.
+        ProtectiveStop: The simulation ran away.
+    """
+    dt = scenario.simulation.timestep_s
+    wanted = commands_of(log)
+    t: Array = np.arange(-round(LEAD_S / dt), round(log.time[-1] / dt) + 1) * np.float64(dt)
+    inside = np.maximum(t, 0.0)
+    q, qd = wanted(inside), wanted(inside, 1)
+    # From rest to the first speed at a constant acceleration.
+    lead, first = t < 0.0, qd[0]
+    share = 1.0 + t[lead, None] / LEAD_S
+    q[lead] = q[0] - first * LEAD_S * 0.5 * (1.0 - share**2)
+    qd[lead] = first * share
+    played = play_joints(scenario, JointTargets(q, qd), change=lambda model: load_flange(model, payload))
+    elastic = is_real(scenario)
+    rows = (
+        played.read,
+        played.qd,
+        played.torque if elastic else played.torque + weights_of(scenario, played.q, payload),
+    )
+    return Replay(*(np.stack([np.interp(log.time, t, column) for column in values.T], 1) for values in rows))
+
+
+def commands_of(log: RobotRecording) -> CubicSpline:
+    """The commanded joints over the log's time; those measured if it has none, without what their gears add.
+
+    A measured motion repeats its gears' error 202 times a turn: played as a command, the rotors' inertia would make
+    torque of it. It is low-passed, forwards and backwards, at `MOTION_HZ`.
+    """
+    if "q_desired_rad" in log.values:
+        return CubicSpline(log.time, log.values["q_desired_rad"])
+    t = np.arange(log.time[0], log.time[-1], CLOCK_S)
+    q = CubicSpline(log.time, log.values["q_rad"])(t)
+    low = butter(2, MOTION_HZ, fs=1.0 / CLOCK_S, output="sos")
+    return CubicSpline(t, sosfiltfilt(low, q, axis=0, padtype="odd", padlen=min(len(t) - 1, round(1.0 / CLOCK_S))))
+
+
+def weights_of(scenario: Scenario, q: Array, payload: Payload) -> Array:
+    """Torques that hold the bare arm and its payload, (n, 6) [N m]."""
+    still = np.zeros_like(q)
+    return rigid_torques(scenario, q, still, still, payload)
+
+
+def rigid_torques(scenario: Scenario, q: Array, qd: Array, qdd: Array, payload: Payload) -> Array:
+    """Torques the bare arm with its rotors and payload takes without friction, (n, 6) [N m]."""
+    model = build_scene(scenario, None, None)
+    load_flange(model, payload)
+    model.body_gravcomp[:] = model.dof_frictionloss[:] = model.dof_damping[:] = 0.0
+    model.dof_armature[:6] = scenario.robot.real.rotor_kg_m2
+    model.jnt_stiffness[:] = 0.0
+    data, torques = mujoco.MjData(model), np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[:6], data.qvel[:6], data.qacc[:6] = q[k], qd[k], qdd[k]
+        mujoco.mj_inverse(model, data)
+        torques[k] = data.qfrc_inverse[:6]
+    return torques
+
+
+def load_flange(model: mujoco.MjModel, payload: Payload) -> None:
+    """Take the cell's tool off a compiled arm and put a payload on its flange; the robot compensates none of it."""
+    mount, head = model.body("tool_mount").id, model.body("head").id
+    mass = max(payload.mass, _NO_TOOL)
+    for body in (mount, head):
+        scale = (mass if body == mount else _NO_TOOL) / model.body_mass[body]
+        model.body_inertia[body] *= scale
+        model.body_mass[body] *= scale
+    model.body_ipos[mount] = payload.center
+    model.body_gravcomp[mount] = 0.0
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def warm(scenario: Scenario) -> Scenario:
+    """The scenario with an arm that is warm, its table exact and no packet missed: logs tell nothing of these."""
+    real = replace(scenario.robot.real, cold_friction=0.0, kinematics="exact", missed_every_s=0.0)
+    return replace(scenario, robot=replace(scenario.robot, real=real))
