@@ -18,6 +18,7 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.calibrate import calibrate
 from polish_sim.cli.catalogue import config, list_names
+from polish_sim.cli.compare import compare
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.identify import identify
 from polish_sim.cli.inspect import inspect
@@ -77,6 +78,7 @@ commands.command("sweep", cls=PanelledCommand, short_help="Many runs over settin
 commands.command("tune", cls=PanelledCommand, short_help="Search a controller's parameters.")(tune)
 commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget.")
 commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)
+commands.command("compare", cls=PanelledCommand, short_help="A robot's log beside the simulation.")(compare)
 commands.command("report", cls=PanelledCommand, short_help="Plots and tables again from saved runs.")(report)
 commands.command("view", cls=PanelledCommand, short_help="A saved run in the browser, in 3D and over time.")(view)
 commands.command("config", cls=PanelledCommand, short_help="The full default config as TOML.")(config)

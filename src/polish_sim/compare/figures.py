@@ -6,13 +6,14 @@ import itertools
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.signal import butter, correlate, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.arrays import Array
 
 RATE_HZ: Final = 100.0  #: Both sides are looked at on this clock
 CYCLES: Final = np.arange(20.0, 450.0, 0.1)  #: Of a turn of the joint, looked through for ripple
 _HIGH_PASS_HZ: Final = 2.0
+_CLOCK_S: Final = 1e-3  #: Shifts are tried in steps of it [s]
 _SLOW, _FAST = 0.1, 0.9  #: Speeds between which ripple is within the band of a log of 100 Hz [rad/s]
 _STILL: Final = 0.02  #: Below it friction is not that of sliding [rad/s]
 _LEAST: Final = 300  #: Samples of a direction
@@ -27,21 +28,22 @@ def nrms(measured: Array, simulated: Array) -> Array:
 
 
 def delay(time: Array, measured: Array, simulated: Array, most: float = 0.1) -> float:
-    """How late what is measured is behind what is simulated [s], columns (n, k), within +-``most``; NaN if still."""
-    dt = 1e-3
-    t = np.arange(time[0], time[-1], dt)
-    count, total = round(most / dt), np.zeros(2 * round(most / dt) + 1)
-    for a, b in zip(measured.T, simulated.T, strict=True):
-        a, b = (np.interp(t, time, x - x.mean()) for x in (a, b))
-        size = np.linalg.norm(a) * np.linalg.norm(b)
-        if size > 0.0:
-            whole = correlate(a, b, "full", "fft") / size
-            total += whole[len(t) - 1 - count : len(t) + count]
-    best = int(total.argmax())
-    if not 0 < best < len(total) - 1:
+    """How late what is measured is behind what is simulated [s], columns (n, k), within +-``most``.
+
+    The shift of the least squared difference, all columns in shares of their deviation; NaN if none is within.
+    """
+    t, count = np.arange(time[0], time[-1], _CLOCK_S), round(most / _CLOCK_S)
+    if len(t) < 4 * count:
         return float("nan")
-    before, at, after = total[best - 1 : best + 2]
-    return float((best - count + 0.5 * (before - after) / (before - 2.0 * at + after)) * dt)
+    scale = np.maximum(measured.std(axis=0), 1e-12)
+    late, early = (np.stack([np.interp(t, time, x) for x in side.T], 1) / scale for side in (measured, simulated))
+    inside = late[count:-count]
+    off = [np.mean((inside - early[count - k : len(t) - count - k]) ** 2) for k in range(-count, count + 1)]
+    best = int(np.argmin(off))
+    if not 0 < best < len(off) - 1:
+        return float("nan")
+    before, at, after = off[best - 1 : best + 2]
+    return float((best - count + 0.5 * (before - after) / (before - 2.0 * at + after)) * _CLOCK_S)
 
 
 class Ripple(NamedTuple):

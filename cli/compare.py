@@ -1,0 +1,119 @@
+"""`polish-sim compare`: a robot's log beside the simulation."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from polish_sim.cli import console
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.output_folder import claimed
+from polish_sim.config.key import SECOND
+from polish_sim.errors import InputError, leave_out
+
+if TYPE_CHECKING:
+    from polish_sim.exchange.robot_log import RobotRecording
+
+PANEL: Final = "Log"
+ROBOT: Final = "robot."  #: What --set may change
+REPLAY: Final = ("--arm", "--payload", "--payload-center", "--set")
+LogFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="REAL", help="CSV of ur_rtde or an RTDE recorder, ROS bag (.mcap, .db3, folder), or npz.",
+        show_default=False,
+    ),
+]  # fmt: skip
+
+
+@takes(
+    Own("--map", PANEL, "FILE.toml", "Names of columns and units where they are others'; docs/how_to_log.md.", Path),
+    Own("--run", PANEL, "NAME", "Which of several runs in an npz."),
+    Own("--from", PANEL, "S", "First second of the log to use (s).", float, 0.0, unit=SECOND),
+    Own("--to", PANEL, "S", "Last second (s); default: the end, 1000 s at 500 Hz at most.", float, 0.0, unit=SECOND),
+    Own("--arm", PANEL, "NAME", "The robot's make, robot.arm; default: ur5e."),
+    Own("--payload", PANEL, "KG", "What it carried on its flange, not told to its controller (kg).", float, 0.0, 50.0),
+    Own("--payload-center", PANEL, "X,Y,Z", "Its centre of mass from the flange (mm)."),
+    Own("--beside", PANEL, "RUN", "A saved run: its force beside the log's, both from first contact.", Path),
+    Own("--asked", PANEL, "N", "With --beside: the force asked for; default: the run's (N).", float, 0.0, 1e4),
+    *("--set", *OUTPUT_OPTIONS),
+)
+def compare(real: LogFile, given: Given) -> int:
+    """Replay a robot's log in the cell, measured beside simulated: joints, torques, friction, ripple; or forces."""
+    from polish_sim.exchange.robot_log import ColumnMap, read_column_map, read_robot_recording
+
+    columns = read_column_map(given["--map"]) if given["--map"] else ColumnMap()
+    beside, until = given["--beside"], math.inf if given["--to"] is None else given["--to"]
+    if beside is not None and (idle := [name for name in REPLAY if given[name] is not None]):
+        raise InputError(leave_out(idle, "would change nothing with --beside"))
+    if beside is None and given["--asked"] is not None:
+        raise InputError("--asked belongs to --beside.")
+    window = given["--from"] or 0.0, until
+    log = read_robot_recording(real, () if beside else ("q_rad",), columns, given["--run"] or "", window)
+    if not log.whole and given["--to"] is None:
+        console.note(f"the log is long: its first {log.time[-1]:.0f} s from there are used; --from and --to choose.")
+    with claimed(given["--out"], "compare", given["--overwrite"]) as folder:
+        if beside is not None:
+            _forces(real, log, beside, given, folder.draft)
+        else:
+            _joints(real, log, given, folder.draft)
+    console.say_folder(folder.final)
+    return 0
+
+
+def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
+    from polish_sim.compare.joints import compare_joints
+    from polish_sim.compare.replay import SCENARIO, Payload
+    from polish_sim.compare.show import PAGE, PICTURE, joint_page, joint_rows, plot_joints, write_figures
+    from polish_sim.scenario_file import override, to_toml
+
+    settings = list(given["--set"] or [])
+    if other := [text for text in settings if not text.startswith(ROBOT)]:
+        raise InputError(f"--set {other[0]} would change nothing in 'compare': it takes robot.KEY and robot.real.KEY.")
+    scenario = override(SCENARIO, [*([f"robot.arm={given['--arm']}"] if given["--arm"] else []), *settings])
+    payload = Payload(given["--payload"] or 0.0, _center(given["--payload-center"]))
+    with console.progress() as observer:
+        observer.stage("replay")
+        found = compare_joints(scenario, log, payload)
+        observer.stage("draw")
+        title = f"{real.name} beside {scenario.robot.arm}"
+        (draft / "config.toml").write_text(to_toml(scenario), encoding="utf-8")
+        write_figures(draft, found.figures)
+        plot_joints(found, title).savefig(draft / PICTURE)
+        (draft / PAGE).write_text(joint_page(found, scenario, title), encoding="utf-8")
+    delays = (f"{name} {1e3 * found.figures[key]:.1f} ms" for name, key in
+              (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in found.figures)  # fmt: skip
+    caption = f"measured behind simulated: {', '.join(delays)}"
+    heads = ["figure", "unit", "side", *(f"joint {j}" for j in range(1, 7))]
+    console.table(f"compare: {title}", heads, joint_rows(found.figures), left=3, caption=caption)
+
+
+def _center(text: str | None) -> tuple[float, float, float]:
+    try:
+        x, y, z = (1e-3 * float(part) for part in (text or "0,0,0").split(","))
+    except ValueError:
+        raise InputError(f"--payload-center {text}: wanted X,Y,Z in mm, e.g. 0,0,60.") from None
+    return x, y, z
+
+
+def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Path) -> None:
+    from polish_sim.analysis.metrics import numbers
+    from polish_sim.analysis.run_record import read_record
+    from polish_sim.compare.contact import compare_steps, from_contact
+    from polish_sim.compare.show import PAGE, PICTURE, plot_steps, step_page, step_rows, write_figures
+    from polish_sim.page.page import page_html
+
+    record = read_record(run)
+    force = log.values["wrench"][:, 2:3] if "force_n" not in log.values and "wrench" in log.values else None
+    force = log.need("force_n", real) if force is None else force
+    asked = given["--asked"] or record.scenario.process.contact_force_n
+    measured = from_contact(log.time, force[:, 0], asked)
+    simulated = from_contact(numbers(record.log, "time_s"), numbers(record.log, "normal_force_n"), asked)
+    found, title = compare_steps(measured, simulated), f"{real.name} {given['--run'] or ''} beside {record.name}"
+    write_figures(draft, found)
+    plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
+    (draft / PAGE).write_text(page_html(step_page(found, title)), encoding="utf-8")
+    console.table(f"compare: {title}", ["figure", "measured", "simulated"], step_rows(found))

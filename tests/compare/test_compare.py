@@ -1,0 +1,128 @@
+"""A log of a simulated run compared with its own replay differs by nothing; what is planted in a log is found."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.cell.scene import build_scene
+from polish_sim.compare.contact import compare_steps, from_contact, measure_step
+from polish_sim.compare.figures import delay, fit_friction, friction_curve, nrms, ripple
+from polish_sim.compare.joints import compare_joints
+from polish_sim.compare.replay import SCENARIO, Payload, load_flange, replay, rigid_torques, warm
+from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
+from polish_sim.motion.makes import use_arm
+from polish_sim.scenario_file import override
+from tests.exchange.robot_logs import write_bag, write_csv, write_npz
+
+UR10E = warm(override(SCENARIO, ["robot.arm=ur10e"]))
+NAMES = {"time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}", "q_desired_rad": "target_q_{i}",
+         "torque_nm": "actual_current_as_torque_{i}"}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _back_to_the_first():
+    yield
+    use_arm("ur5e")
+
+
+def sines(seconds: float, rate: float = 250.0) -> RobotRecording:
+    """A slow motion of all joints that begins in motion."""
+    t = np.arange(round(seconds * rate)) / rate
+    w = 2.0 * np.pi * np.array([0.2, 0.25, 0.3, 0.35, 0.4, 0.45])
+    q = np.array([0.3, -1.6, 1.2, -1.0, -1.2, 0.2]) + 0.35 * np.sin(np.outer(t, w))
+    return RobotRecording(t, {"q_rad": q, "q_desired_rad": q}, 0.0, True)
+
+
+@pytest.fixture(scope="module")
+def logged() -> dict[str, np.ndarray]:
+    """What a recorder would have of a simulated run with a payload."""
+    log = sines(4.0)
+    played = replay(UR10E, log, Payload(2.0, (0.0, 0.0, 0.05)))
+    use_arm("ur5e")
+    return {"time_s": 100.0 + log.time, "q_desired_rad": log.values["q_desired_rad"], "q_rad": played.q,
+            "qd_rad_s": played.qd, "torque_nm": played.torque, "wrench": np.zeros((len(log.time), 6))}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["csv", "npz"])
+def test_a_simulated_log_is_its_own_replay(logged, tmp_path: Path, kind: str) -> None:
+    file = tmp_path / f"log.{kind}"
+    _ = write_csv(file, logged, ",", NAMES) if kind == "csv" else write_npz(file, logged)
+    found = compare_joints(UR10E, read_robot_recording(file, ("q_rad",)), Payload(2.0, (0.0, 0.0, 0.05)))
+    assert max(found.figures["nrms"]) < 1e-3
+    assert max(found.figures["motion_rms_rad"]) < 1e-6
+    assert abs(found.figures["delay_s"]) < 1e-5
+    np.testing.assert_allclose(found.figures["ripple_nm"], found.figures["simulated_ripple_nm"], rtol=0.05, atol=1e-3)
+
+
+def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path: Path) -> None:
+    """It holds no commands: what the servos lag behind and the low-pass are left."""
+    pytest.importorskip("rosbags")
+    log = read_robot_recording(write_bag(tmp_path / "bag", logged, "mcap"))
+    found = compare_joints(UR10E, log, Payload(2.0, (0.0, 0.0, 0.05)))
+    # The servos are 2 ms behind their commands, which the log does not hold, and again behind the replay's.
+    assert max(found.figures["motion_rms_rad"]) < 0.002 * np.abs(logged["qd_rad_s"]).max()
+    assert max(found.figures["nrms"]) < 0.1
+
+
+def test_a_payload_that_is_not_named_is_seen_in_the_torques(logged, tmp_path: Path) -> None:
+    found = compare_joints(UR10E, read_robot_recording(write_npz(tmp_path / "log.npz", logged)), Payload())
+    assert found.figures["nrms"][1] > 0.02
+
+
+def test_rigid_torques_hold_a_payload_at_its_lever() -> None:
+    still = np.zeros((1, 6))
+    with_load = rigid_torques(UR10E, still, still, still, Payload(5.0, (0.0, 0.0, 0.1)))
+    without = rigid_torques(UR10E, still, still, still, Payload())
+    lever = 1.18425  # all joints at zero: the flange is level with the shoulder, its z axis across the arm
+    assert abs((with_load - without)[0, 1]) == pytest.approx(5.0 * 9.81 * lever, rel=2e-3)
+
+
+def test_the_flange_carries_what_is_named() -> None:
+    model = build_scene(UR10E, None, None)
+    load_flange(model, Payload(3.0, (0.01, 0.0, 0.02)))
+    assert model.body("tool_mount").mass[0] == pytest.approx(3.0)
+    np.testing.assert_allclose(model.body("tool_mount").ipos, [0.01, 0.0, 0.02])
+
+
+@pytest.mark.parametrize("cycles", [101.0, 202.0])
+def test_planted_ripple_is_found(cycles: float) -> None:
+    t = np.arange(0.0, 40.0, 0.01)
+    q, qd = 2.0 * np.sin(0.3 * t), 0.6 * np.cos(0.3 * t)
+    noise = np.random.default_rng(500).normal(0.0, 0.3, len(t))
+    line = ripple(t, q, qd, 0.7 * np.sin(cycles * q + 0.3) + noise)
+    assert line.cycles == pytest.approx(cycles, abs=0.3)
+    assert line.amplitude == pytest.approx(0.7, rel=0.1)
+
+
+def test_planted_friction_is_found_by_speed_and_load() -> None:
+    t = np.arange(0.0, 60.0, 0.01)
+    qd, rigid = 0.8 * np.cos(0.5 * t), 40.0 * np.sin(0.31 * t)
+    share = np.where(rigid * qd > 0.0, 0.09, 0.04)
+    torque = rigid + np.sign(qd) * (5.0 + 8.0 * np.abs(qd) + share * np.abs(rigid))
+    np.testing.assert_allclose(fit_friction(qd, torque, rigid), (5.0, 8.0, 0.09, 0.04), atol=1e-9)
+    curve = friction_curve(qd, torque, rigid)
+    assert 5.0 < curve[0] < curve[8] < 5.0 + 8.0 * 0.8 + 0.09 * 40.0
+
+
+def test_a_planted_delay_and_error_are_found() -> None:
+    t = np.arange(0.0, 20.0, 0.004)
+    a = np.sin(2.0 * t)[:, None] * np.ones(6)
+    late = np.sin(2.0 * (t - 0.0123))[:, None] * np.ones(6)
+    assert delay(t, late, a) == pytest.approx(0.0123, abs=2e-4)
+    np.testing.assert_allclose(nrms(a, a + 0.02), 0.01, rtol=1e-3)
+
+
+def test_a_step_is_measured_by_its_closed_form() -> None:
+    """20 N (1 - exp(-t / 0.2 s) cos): the last time it leaves 10 N is where the envelope is 10 N."""
+    t = np.arange(-1.0, 4.0, 0.001)
+    force = np.where(t < 0.0, 0.0, 20.0 * (1.0 - np.exp(-t / 0.2)))
+    step = from_contact(t, force, 20.0)
+    found = measure_step(step)
+    contact = 0.2 * np.log(20.0 / 18.0)
+    assert found["settling_s"] == pytest.approx(0.2 * np.log(2.0) - contact, abs=0.003)
+    assert found["mean_error_n"] == pytest.approx(18.0 * 0.2 / 3.0, rel=0.01)
+    assert found["lost_s"] == 0.0
+    same = compare_steps(step, step)
+    assert same["force_rms_n"] == 0.0
+    assert same["simulated_settling_s"] == same["settling_s"]
