@@ -115,6 +115,7 @@ def test_the_noise_sets_how_still_the_force_stands(noise: float) -> None:
     assert result.figures["steady_std_n"] < 0.05 + 0.15 * noise
 
 
+LITTLE = "controller.baselines.mode_damping=0.005"  # the default of older texts
 FINE = ("simulation.timestep_s=0.0005", "simulation.control_every=2", "process.approach_speed_m_s=0.02")
 
 
@@ -132,7 +133,7 @@ def late(run: RunResult) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def bouncing() -> RunResult:
-    return pressed_on(10.0, "process.hold_s=4")
+    return pressed_on(10.0, "process.hold_s=4", LITTLE)
 
 
 def test_on_a_block_ten_times_as_stiff_force_mode_bounces_off_and_on_and_does_not_come_to_rest(
@@ -140,10 +141,10 @@ def test_on_a_block_ten_times_as_stiff_force_mode_bounces_off_and_on_and_does_no
 ) -> None:
     force = late(bouncing)
     assert bouncing.stop_reason is None
-    assert force.max() > 30.0
-    assert 0.4 < np.mean(force < 0.01) < 0.8
+    assert force.max() > 20.0
+    assert 0.25 < np.mean(force < 0.01) < 0.6
     landings = np.sum((force[1:] > 0.5) & (force[:-1] <= 0.5))
-    assert 3 * 2 <= landings <= 6 * 2  # slow: some four times a second
+    assert 2 * 2 <= landings <= 4 * 2  # slow: some three times a second
 
 
 def test_on_the_springs_as_drawn_it_comes_to_rest() -> None:
@@ -159,9 +160,9 @@ def test_more_damping_lowers_the_bounce(bouncing: RunResult) -> None:
 
 def test_the_bounce_is_the_loops_delay_not_the_noise() -> None:
     quiet = ("sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_quantum_n=0")
-    assert late(pressed_on(10.0, "process.hold_s=4", *quiet)).max() > 30.0
+    assert late(pressed_on(10.0, "process.hold_s=4", LITTLE, *quiet)).max() > 20.0
     prompt = ("robot.command_latency_s=0", "sensor.latency_s=0", "sensor.bandwidth_hz=0")
-    assert late(pressed_on(10.0, "process.hold_s=4", *prompt)).min() > 2.0
+    assert late(pressed_on(10.0, "process.hold_s=4", LITTLE, *prompt)).min() > 2.0
 
 
 FORCE = override(default_scenario("force"), ["robot.arm=ideal", "controller.force_filter_hz=10"])
