@@ -7,14 +7,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+import mujoco
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.real_arm import is_real
-from polish_sim.cell.scene import build_scene
-from polish_sim.config import Scenario
+from polish_sim.cell.scene import bend_links, build_scene
+from polish_sim.config import RealArmConfig, Scenario
 from polish_sim.errors import InputError
+from polish_sim.identification.elastic import KnownArm, SprungHead
 from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
 from polish_sim.identification.log_file import Gears, RobotLog, read_by
 from polish_sim.identification.model_file import read_robot_model
@@ -30,6 +32,8 @@ from polish_sim.identification.robot_model import (
     read_chain,
 )
 from polish_sim.identification.settings import SCENARIO, STEP_S
+from polish_sim.motion.kinematics import NOMINAL
+from polish_sim.motion.serial_chain import ChainGeometry
 
 RAMP_S: Final = 2.0
 _TORQUE: Final = np.array([150.0] * 3 + [28.0] * 3)
@@ -47,6 +51,13 @@ class Arm:
     servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
     clearance: RobotClearance
     load: CarriedLoad | None = None  #: Bolted to the last link, part of the truth
+    head: SprungHead | None = None  #: Of an elastic arm's tool
+    bent: tuple[ChainGeometry, ...] = ()  #: An elastic arm's chain with each number of its table off by its tolerance
+
+    def known(self, drawing: Drawing) -> KnownArm:
+        """What an identification of the elastic arm knows of it beforehand."""
+        assert self.head is not None
+        return KnownArm(self.truth, self.scenario.robot.real, self.head, self.bent, drawing.parameters)
 
 
 def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None) -> Arm:
@@ -66,7 +77,29 @@ def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: Carri
     carried = chain.parameters - own_parameters(model, ARM_JOINTS)
     gains = -model.actuator_biasprm[:, 2]
     clearance = RobotClearance(model, 6, also=("head_pad",))
-    return Arm(scenario, TorqueModel(chain, terms), carried, elastic, gains.copy(), clearance, load)
+    head, bent = (_head_of(model), _bent(model, real)) if elastic else (None, ())
+    return Arm(scenario, TorqueModel(chain, terms), carried, elastic, gains.copy(), clearance, load, head, bent)
+
+
+def _head_of(model: mujoco.MjModel) -> SprungHead:
+    slide, head = model.joint("head_slide"), model.body("head")
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    flange = data.site("flange")
+    center = flange.xmat.reshape(3, 3).T @ (data.body("head").xipos - flange.xpos)
+    spring = float(model.jnt_stiffness[slide.id]), float(model.dof_damping[slide.dofadr[0]])
+    return SprungHead(float(head.mass[0]), *spring, center)
+
+
+def _bent(model: mujoco.MjModel, real: RealArmConfig) -> tuple[ChainGeometry, ...]:
+    sizes = np.repeat([real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad], 6)
+    links = [model.body(f"link_{number}") for number in range(1, 7)]
+    joints, chains = [model.joint(name) for name in ARM_JOINTS], []
+    for step in np.diag(sizes):
+        bend_links(links, joints, NOMINAL + step.reshape(NOMINAL.shape))
+        chains.append(read_chain(model, ARM_JOINTS).geometry)
+    bend_links(links, joints, NOMINAL)
+    return tuple(chains)
 
 
 def motion_limits() -> MotionLimits:
