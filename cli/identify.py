@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -131,14 +130,14 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
 
 def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim, ...]:
     """What is asked of a simulated identification, for a task or for any motion."""
-    from polish_sim.identification.settings import GEARS, IDENTIFY
+    from polish_sim.identification.settings import ELASTIC, GEARS, IDENTIFY
 
     kind = "full" if settings.periods >= FULL_PERIODS else "short"
     claims = IDENTIFY["task" if for_task else kind]
     if settings.robot.arm == IDEAL:
         return claims
-    # Rigid links with friction of one size are not what the real arm is: no error is asked.
-    return tuple(c._replace(high=math.inf) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
+    # Its torques are predicted from what both encoders read: their steps and the gears' ripple are in every error.
+    return tuple(c._replace(high=ELASTIC) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
 
 
 def from_log(robot: LoggedRobot, file: Path, loaded: Path | None, period: float | None, draft: Path) -> Outcome:

@@ -20,6 +20,7 @@ from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.mesh import PartMesh
 from polish_sim.hand_guiding.cell import GuidedArm, Hand
 from polish_sim.hand_guiding.law import Belief, GuidingLimits, Lent, gains_of
+from polish_sim.identification.model_file import friction_by_load
 from polish_sim.identification.robot_model import ARM_JOINTS, read_chain
 from polish_sim.motion import forward, inverse_near
 from polish_sim.motion.serial_chain import SerialChain, chain_model
@@ -108,13 +109,15 @@ def believe(scenario: Scenario) -> Belief:
     own = read_chain(unloaded, ARM_JOINTS)
     chain = chain_of_file(Path(guide.model_file)) if guide.model_file else own
     rubbing = chain if is_real(scenario) else own
-    # Friction that grows with load is in no identified file.
-    exact, real = is_real(scenario) and not guide.model_file, scenario.robot.real
-    load = np.array([real.coulomb_driving, real.coulomb_driven]) * (guide.friction_scale if exact else 0.0)
+    real, load = scenario.robot.real, np.zeros((2, 6))
+    if is_real(scenario) and guide.model_file:
+        load = friction_by_load(Path(guide.model_file))
+    elif is_real(scenario):
+        load = np.tile([[real.coulomb_driving], [real.coulomb_driven]], 6)
     return Belief(
         chain_model(chain, guide.mass_scale), guide.friction_scale * rubbing.frictionloss,
         guide.friction_scale * rubbing.damping, np.array(guide.creep_rad_s),
-        np.array(unloaded.actuator_forcerange[:, 1]), *load,
+        np.array(unloaded.actuator_forcerange[:, 1]), *(guide.friction_scale * load),
     )  # fmt: skip
 
 

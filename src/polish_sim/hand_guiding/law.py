@@ -34,8 +34,8 @@ class Belief(NamedTuple):
     viscous: Array  #: Viscous friction [N m s/rad], shape (n,)
     creep: Array  #: Speed at which a joint creeps under its full Coulomb friction before it breaks away [rad/s], (n,)
     torque_limit: Array  #: Of the motors [N m], shape (n,)
-    driving: float  #: More Coulomb friction by the weight a joint holds, when it moves against it [-]
-    driven: float  #: When it moves with it [-]
+    driving: Array  #: More Coulomb friction by the weight a joint holds, when it moves against it [-], shape (n,)
+    driven: Array  #: When it moves with it [-], shape (n,)
 
 
 class GuidingGains(NamedTuple):
@@ -115,7 +115,7 @@ def guide_by_hand(belief: Belief, gains: GuidingGains, memory: GuidingMemory, sh
 @njit(cache=True, error_model="numpy", forceinline=True)
 def dry_friction(belief: Belief, memory: GuidingMemory, j: int, qd: float) -> float:
     """Coulomb friction of joint ``j`` at a speed [rad/s] under the weight it holds [N m]."""
-    load = belief.driving if memory.weight[j] * qd > 0.0 else belief.driven
+    load = belief.driving[j] if memory.weight[j] * qd > 0.0 else belief.driven[j]
     return belief.coulomb[j] + load * abs(memory.weight[j])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -60,17 +61,20 @@ class Arm:
         return KnownArm(self.truth, self.scenario.robot.real, self.head, self.bent, drawing.parameters)
 
 
-def build_arm(terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None) -> Arm:
+def build_arm(
+    terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None, warm_at: float = math.inf
+) -> Arm:
     """Compile the cell in free space and read its arm; the robot's gravity compensation must be exact.
 
     ``terms``: of the torque model; ``load``: what is bolted to the last link besides. Elastic joints have for truth
-    their rotors and the friction of their warm motors without load.
+    their rotors and the friction of their motors without load, as warm as they are at ``warm_at`` [s].
     """
     elastic, real = is_real(scenario), scenario.robot.real
     model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
     if elastic:
-        model.dof_armature[:6], model.dof_frictionloss[:6] = real.rotor_kg_m2, real.coulomb_nm
-        model.dof_damping.reshape(model.nv, -1)[:6, 0] = real.viscous_nm_s_rad
+        warm = 1.0 + real.cold_friction * math.exp(-warm_at / real.warming_s)
+        model.dof_armature[:6], model.dof_frictionloss[:6] = real.rotor_kg_m2, warm * np.array(real.coulomb_nm)
+        model.dof_damping.reshape(model.nv, -1)[:6, 0] = warm * np.array(real.viscous_nm_s_rad)
     if load is not None:
         carry(model, LAST_LINK, load)
     chain = read_chain(model, ARM_JOINTS)

@@ -6,8 +6,8 @@
 Motor side and link side are measured, so neither the springs nor their hysteresis have to be known. Only e', the slope
 of the gears' error, tells the size of T from the friction that grows with it: links and load could else be scaled
 together. What the arm is built off its table bends the weight's lever arms; it is fitted along, with the table's
-tolerance as prior knowledge. The parameters are those of `TorqueModel` with all its terms, the two shares of load behind them; Gauss-Newton
-on torques and columns that are low-passed alike.
+tolerance as prior knowledge. The parameters are those of `TorqueModel` with all its terms, the two shares of load and
+the bends behind them; Gauss-Newton on torques and columns that are low-passed alike.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from polish_sim.identification.estimate import (
     condition_number,
     inverse_of,
 )
+from polish_sim.identification.gear_fit import GearFit
 from polish_sim.identification.log_file import Gears, RobotLog
 from polish_sim.identification.regressor import FULL, States, TorqueModel, random_states, rigid_regressor
 from polish_sim.motion.kinematics import jacobian, link_frames
@@ -35,7 +36,7 @@ from polish_sim.motion.serial_chain import ChainGeometry
 
 LOW_PASS_HZ: Final = 30.0  #: Of torques and columns that are fitted: above, encoder steps are all there is to see
 BAND_HZ: Final = 250.0  #: Of the states columns are made of
-PREDICTED_HZ: Final = 90.0  #: Of the states torques are predicted from: less loses the gears' ripple, more adds steps
+PREDICTED_HZ: Final = 130.0  #: Of the states torques are predicted from: less loses the gears' ripple, more adds steps
 BLOCK_S: Final = 0.2  #: How long residuals may be alike
 LOADS: Final = 2  #: Parameters of friction by load, a joint
 _ORDER: Final = 8
@@ -113,10 +114,13 @@ class Found(NamedTuple):
 class ElasticMotion:
     """One period of a motion, and the arm's torques in it as a function of parameters."""
 
-    def __init__(self, arm: KnownArm, errors: Array, log: RobotLog, band: float) -> None:
-        """``errors``: factors of the gears' error, (n, 4) [rad], as `cell.real_arm.gear_errors`."""
+    def __init__(self, arm: KnownArm, gears: GearFit, log: RobotLog, band: float, sprung: bool = False) -> None:
+        """``sprung``: what gears pass on faster than `LOW_PASS_HZ` is read from their twist, where springs are known.
+
+        That needs no second derivative of encoder steps, but is no function of the links' parameters.
+        """
         assert log.gears is not None
-        model = arm.model
+        model, errors = arm.model, gears.errors()
         self.dt = float(np.mean(np.diff(log.time)))
         motor, link = (States(*(filtered(side, self.dt, band, k) for k in range(3))) for side in log.gears)
         self.model, self.motor = model, motor
@@ -125,6 +129,10 @@ class ElasticMotion:
         drawn = arm.drawn[: self.Y.shape[2]]
         bent = [(rigid_regressor(geometry, *link) - self.Y) @ drawn for geometry in arm.bent]
         self.bends: Array = np.stack(bent, axis=-1)
+        self.quick = None
+        if sprung:
+            springs = gears.torques(arm.real, Gears(motor.q, link.q), self.dt)
+            self.quick = springs - filtered(springs, self.dt, LOW_PASS_HZ)
         waves = 2.0 * arm.real.gear_ratio
         s, c, e = np.sin(waves * motor.q), np.cos(waves * motor.q), errors.T
         self.slope = waves * (e[0] * c - e[1] * s + 2.0 * (e[2] * (c**2 - s**2) - e[3] * 2.0 * s * c))
@@ -138,6 +146,8 @@ class ElasticMotion:
     def passed(self, found: Found) -> tuple[Array, Array]:
         """What the gears pass on [N m], and how many times that the motors feel, (m, n) each."""
         T = self.Y @ found.full[: self.Y.shape[2]] + self.head + self.bends @ found.bends
+        if self.quick is not None:
+            T = np.where(np.isnan(self.quick), T, filtered(T, self.dt, LOW_PASS_HZ) + self.quick)
         return T, 1.0 + self.slope + np.where(self.driving(T), found.loads[:, 0], -found.loads[:, 1])
 
     def driving(self, T: Array) -> Bools:

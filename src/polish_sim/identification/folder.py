@@ -47,7 +47,13 @@ def _joints(found: Identification) -> IdentifiedJoints:
     n = found.model.joints
     friction = dict(zip(found.model.terms, found.full[10 * n :].reshape(-1, n), strict=True))
     own = found.full[: 10 * n].reshape(n, 10) - found.drawing.carried
-    return IdentifiedJoints(own, friction.get("viscous"), friction.get("coulomb"), friction.get("armature"))
+    return IdentifiedJoints(
+        own,
+        friction.get("viscous"),
+        friction.get("coulomb"),
+        friction.get("armature"),
+        None if found.gears is None else found.gears.loads_known().T,
+    )
 
 
 def write_payload(folder: Path, weighed: Weighed) -> None:
@@ -66,8 +72,7 @@ def write_payload(folder: Path, weighed: Weighed) -> None:
 @styled
 def plot_torques(found: Identification) -> Figure:
     """Torques held out, joint by joint: measured, the identified model's, the drawing's (paper's fig. 4)."""
-    held, Y = found.held_out, found.model.regressor(found.held_out.states)
-    drawing, predicted = Y @ found.drawing.parameters, Y[:, :, found.base.columns] @ found.found.theta
+    held = found.held_out
     n, figures = held.measured.shape[1], found.figures
     figure = new_figure(11.0, 1.1 + 2.2 * ((n + 1) // 2))
     grid = figure.subplots((n + 1) // 2, 2, sharex=True, squeeze=False).ravel()
@@ -75,8 +80,8 @@ def plot_torques(found: Identification) -> Figure:
     for joint, axes in enumerate(grid[:n]):
         for values, colour, dashes, width, label in (
             (held.measured, GREY, "-", 0.5, "measured"),
-            (drawing, ORANGE, DASHES[1], 1.0, "drawing"),
-            (predicted, BLUE, "-", 1.2, "identified"),
+            (held.drawn, ORANGE, DASHES[1], 1.0, "drawing"),
+            (held.found, BLUE, "-", 1.2, "identified"),
         ):
             line = _broken(values[:, joint], held.time)
             axes.plot(time, line, color=colour, ls=dashes, lw=width, label=label)

@@ -20,7 +20,7 @@ from scipy.signal import butter, sosfiltfilt
 from polish_sim.arrays import Array, Bools
 from polish_sim.config import RealArmConfig
 from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of
-from polish_sim.identification.log_file import RobotLog
+from polish_sim.identification.log_file import Gears, RobotLog
 from polish_sim.identification.physical import ParameterRow
 
 LOW_PASS_HZ: Final = 30.0
@@ -29,12 +29,14 @@ BLOCK_S: Final = 0.2  #: How long residuals may be alike
 FORGOTTEN: Final = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
 SEEN: Final = 0.7  #: A slope is fitted where a first estimate of the torque goes beyond this share of its knee
 KNOWN: Final = 0.1  #: A slope whose standard deviation is a larger share of it is not known
+TOLD: Final = 0.03  #: Standard deviation below which a share of friction by load is told
 CONFOUNDED: Final = 1e6  #: Condition number of the fit from which its parameters are not separable
 _ENDS_S: Final = 0.2  #: Left out at both ends of the log, where the low-pass has no past or future
 _NAMES: Final = ("Jr", "fvr", "fcr", "ldr", "ldn", "D", "Th", "offset", "es", "ec", "es2", "ec2", "Ka", "Kb", "Kc")
 _UNITS: Final = ("kg m^2", "N m s/rad", "N m", "-", "-", "N m s/rad", "N m", *["rad"] * 5, *["N m/rad"] * 3)
 _TYPICAL: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 10.0, 1.0, *[1e-4] * 5, *[1e4] * 3])
 _FIRST: Final = 12  #: Where the slopes begin in these
+_LOADS, _ERRORS = slice(3, 5), slice(8, _FIRST)  #: Where friction by load is, and the error of the gears
 
 
 class GearFit(NamedTuple):
@@ -55,11 +57,47 @@ class GearFit(NamedTuple):
             for k in chosen for j in range(len(self.values))
         ]  # fmt: skip
 
+    def errors(self) -> Array:
+        """Factors of the gears' errors, shape (n, 4) [rad], 0 where none is seen."""
+        return np.nan_to_num(self.values[:, _ERRORS])
+
+    def torques(self, real: RealArmConfig, sides: Gears, dt: float) -> Array:
+        """What the gears' springs, hysteresis and damping pass on, (m, n) [N m]; NaN where no slope is known."""
+        torques = np.full(sides.motor.shape, np.nan)
+        for j in np.flatnonzero(np.isfinite(self.values[:, _FIRST])):
+            x = self.values[j]
+            error = _error_of(2.0 * real.gear_ratio * sides.motor[:, j]) @ np.nan_to_num(x[_ERRORS])
+            twist = sides.motor[:, j] - sides.link[:, j] - x[7] + error
+            knees = real.knee_1_nm[j], real.knee_2_nm[j]
+            spring = _spring(twist, x[_FIRST:][np.isfinite(x[_FIRST:])], knees)
+            slip = np.nan_to_num(x[6]) * _hysteresis(twist, real.lost_motion_rise_rad)
+            torques[:, j] = spring + slip + np.nan_to_num(x[5]) * np.gradient(twist, dt)
+        return torques
+
+    def with_loads(self, loads: Array, std: Array) -> GearFit:
+        """The same with shares of friction by load found otherwise, shape (n, 2) each."""
+        values, deviations = self.values.copy(), self.std.copy()
+        values[:, _LOADS], deviations[:, _LOADS] = loads, std
+        return self._replace(values=values, std=deviations)
+
+    def true_loads(self) -> Array:
+        """Those of the simulated arm, shape (n, 2)."""
+        return np.asarray(self.truth[:, _LOADS])
+
+    def loads_known(self) -> Array:
+        """Shares of friction by load, shape (n, 2): of gears that bear too little to show theirs the others' mean."""
+        loads, std = self.values[:, _LOADS], self.std[:, _LOADS]
+        weights = np.where(std < TOLD, 1.0 / std**2, 0.0)
+        mean = (weights * loads).sum(axis=0) / weights.sum(axis=0)
+        return np.where(std < TOLD, loads, mean)
+
     def figures(self) -> dict[str, Any]:
-        """Keys of metrics.json, of the slopes."""
+        """Keys of metrics.json: slopes and friction by load."""
         K, std, true = (part[:, _FIRST:] for part in self)
         off, found = np.abs(K - true), np.isfinite(K)
         return {
+            "friction_by_load": _listed(self.values[:, _LOADS]),
+            "friction_by_load_std": _listed(self.std[:, _LOADS]),
             "gear_stiffness_nm_rad": _listed(K),
             "gear_stiffness_std_nm_rad": _listed(std),
             "gear_slopes_found": int(found.sum()),
@@ -116,7 +154,7 @@ class _Gear:
         self._torque = self._low(log.torque[:, j])
         waves = 2.0 * real.gear_ratio
         s, c = np.sin(waves * angle), np.cos(waves * angle)
-        self._error = np.column_stack([s, c, 2.0 * s * c, c**2 - s**2])
+        self._error = _error_of(waves * angle)
         self._slope = waves * np.column_stack([c, -s, 2.0 * (c**2 - s**2), -4.0 * s * c])
         self._every = max(1, round(1.0 / (SAMPLED_HZ * self._dt)))
         self._counts = self._moving()
@@ -179,6 +217,12 @@ class _Gear:
         smooth = x[0] * self._acceleration + x[1] * self._speed
         given = smooth + self._low(np.sign(self._speed) * (x[2] + load) + passed)
         return np.asarray((self._torque - given)[:: self._every])
+
+
+def _error_of(phase: Array) -> Array:
+    """Columns of the gear's error at its phases (m,), shape (m, 4)."""
+    s, c = np.sin(phase), np.cos(phase)
+    return np.column_stack([s, c, 2.0 * s * c, c**2 - s**2])
 
 
 def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, NamedTuple
@@ -13,18 +14,27 @@ from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.arm import Arm, LoggedRobot, believe, build_arm, motion_limits, play_motion
+from polish_sim.identification.elastic import (
+    BAND_HZ,
+    PREDICTED_HZ,
+    ElasticMotion,
+    Found,
+    elastic_base,
+    fit_elastic,
+    one_period,
+)
 from polish_sim.identification.estimate import (
     BaseParameters,
     Estimate,
     base_of,
     condition_number,
     estimate_widened,
-    held_out_error,
     information,
     informative,
     inverse_of,
     require_rank,
     sum_samples,
+    torque_error,
 )
 from polish_sim.identification.excitation import (
     Excitation,
@@ -34,16 +44,17 @@ from polish_sim.identification.excitation import (
     mean_information,
     use_matrix,
 )
-from polish_sim.identification.fourier import FourierMotion
+from polish_sim.identification.fourier import FREQUENCY, FourierMotion
 from polish_sim.identification.gear_fit import GearFit, fit_gears
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
 from polish_sim.identification.payload import Weighed, guessed_load, weigh_block
 from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent
-from polish_sim.identification.regressor import States, TorqueModel
+from polish_sim.identification.regressor import FULL, States, TorqueModel
 from polish_sim.identification.settings import IdentifySettings
 
 USE_MOTIONS = 12  #: Random motions under the same limits: what the identified model is designed to predict
 USE_SAMPLES = 200
+PERIOD = 1.0 / FREQUENCY  #: Of exciting motions [s]
 HELD_OUT = 0.2  #: Share of a robot's own log, its end, that is not fitted
 
 
@@ -54,6 +65,9 @@ class HeldOut(NamedTuple):
     states: States
     measured: Array  #: Torques with noise [N m], NaN where a torque does not count, shape (m, n)
     exact: Array  #: Without noise [N m], shape (m, n); the measured ones of a real robot
+    found: Array  #: Predicted by the estimate [N m], shape (m, n)
+    consistent: Array  #: By bodies that can exist [N m], shape (m, n)
+    drawn: Array  #: By the drawing [N m], shape (m, n)
 
 
 @dataclass(frozen=True)
@@ -85,7 +99,7 @@ def run_identification(
     # The fifth is not used; without it the payload of a seed would be another.
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")
-    arm = build_arm(settings.terms, settings.scenario)
+    arm = build_arm(settings.terms, settings.scenario, warm_at=0.5 * settings.periods * PERIOD)
     base, sigma = base_of(arm.truth), np.array(settings.sigma)
     drawing = believe(arm, streams[0])
     observer.stage("design a motion")
@@ -96,36 +110,43 @@ def run_identification(
     log = with_noise(
         play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder_step, sigma, streams[2]
     )
-    held_out = _hold_out(arm, other, settings, streams[3])
+    other_log = play_motion(arm, other, 1, settings.rate)
     observer.stage("estimate")
     started = time.process_time()
     states = periodic_states(log, excitation.motion.period)
     sums = sum_samples(arm.truth, base, states, log.torque)
     require_rank(sums, base, arm.truth)
-    found = estimate_widened(arm.truth, base, sums, states, log.torque)
+    gears, truth = None, arm.truth.truth()
+    if log.gears is not None and settings.terms == FULL:
+        fitted = _fit_elastic(arm, log, other_log, drawing, settings)
+        found, full, base, gears = fitted.found, fitted.full, fitted.base, fitted.gears
+        against, predicted = fitted.against, fitted.predicted
+    else:
+        found = estimate_widened(arm.truth, base, sums, states, log.torque)
+        full = fit_consistent(arm.truth, base, found, drawing)
+        off = found.theta - base.combination @ truth
+        over = float(np.sqrt(np.mean(off**2 / np.diag(inverse_of(information(sums, sigma))))))
+        against = {
+            "error_over_crb": over,
+            "interval_coverage": float(np.mean(found.covers(base.combination @ truth))),
+        }
+        predicted = _rigid_predictions(arm.truth, base, found, full, drawing)
     fit_s = time.process_time() - started
-    full = fit_consistent(arm.truth, base, found, drawing)
-    truth = base.combination @ arm.truth.truth()
-    figures = measure_fit(arm.truth, base, found, full, drawing, held_out)
-    bound = np.diag(inverse_of(information(sums, sigma)))
-    figures |= {
-        "error_over_crb": float(np.sqrt(np.mean((found.theta - truth) ** 2 / bound))),
-        "interval_coverage": float(np.mean(found.covers(truth))),
-    }
+    held_out = _hold_out(other_log, other.period, predicted, sigma, streams[3])
+    figures = measure_fit(arm.truth, base, found, full, held_out) | against
+    figures["nrms_rigid"] = _rigid_error(arm.truth, full, held_out.states).tolist()
+    if gears is not None:
+        figures |= gears.figures()
     figures |= _motion_figures(task, excitation, len(log.time))
     figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
-    gears = None
-    if log.gears is not None:
-        observer.stage("fit the gears")
-        gears = fit_gears(log, settings.robot.real, excitation.motion.period)
-        figures |= gears.figures()
     weighed = None
     if settings.payload:
         observer.stage(f"play {settings.periods} periods with a payload")
-        weighed = weigh_block(sums, base, excitation.motion, settings, streams[5])
+        weighed = weigh_block(sums, task.base, excitation.motion, settings, streams[5])
         figures |= weighed.figures
     return Identification(
-        arm.truth, base, found, full, drawing, held_out, figures, truth, excitation.motion, weighed, gears
+        arm.truth, base, found, full, drawing, held_out, figures, base.combination @ truth, excitation.motion, weighed,
+        gears,
     )  # fmt: skip
 
 
@@ -151,26 +172,73 @@ def _design(
     return task, other, design(task, rng, settings.starts, settings.iterations)
 
 
-def _hold_out(arm: Arm, motion: FourierMotion, settings: IdentifySettings, rng: np.random.Generator) -> HeldOut:
-    log = play_motion(arm, motion, 1, settings.rate)
-    states = periodic_states(log, motion.period)
-    measured = with_noise(log, 0.0, np.array(settings.sigma), rng).torque
+Predictions = Callable[[States], tuple[Array, Array, Array]]
+"""Torques (m, n) [N m] of states by the estimate, by bodies that can exist, and by the drawing."""
+
+
+class _FittedArm(NamedTuple):
+    """An elastic arm identified, and what it says of the motion held out."""
+
+    base: BaseParameters
+    found: Estimate
+    full: Array
+    gears: GearFit
+    against: dict[str, float]
+    predicted: Predictions
+
+
+def _fit_elastic(arm: Arm, log: RobotLog, other: RobotLog, drawing: Drawing, settings: IdentifySettings) -> _FittedArm:
+    """First the gears, whose error tells friction by load from the links' size; then links, rotors and friction."""
+    real = arm.scenario.robot.real
+    gears, base, known = fit_gears(log, real, PERIOD), elastic_base(arm.truth), arm.known(drawing)
+    mean = one_period(log, PERIOD)
+    motion = ElasticMotion(known, gears, mean, BAND_HZ)
+    fit = fit_elastic(motion, base, mean.torque, np.array(settings.sigma), settings.periods)
+    full = fit_consistent(arm.truth, base, fit.estimate, drawing)
+    held = ElasticMotion(known, gears, other, PREDICTED_HZ, sprung=True)
+    nothing = Found(drawing.parameters, np.zeros_like(fit.numbers.loads), np.zeros_like(fit.numbers.bends))
+    torques = [held.torques(numbers) for numbers in (fit.numbers, fit.numbers._replace(full=full), nothing)]
+    gears = gears.with_loads(fit.numbers.loads, fit.loads_std)
+    against = fit.against(base, arm.truth.truth(), gears.true_loads())
+    return _FittedArm(base, fit.estimate, full, gears, against, lambda _states: (torques[0], torques[1], torques[2]))
+
+
+def _rigid_predictions(
+    model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, drawing: Drawing
+) -> Predictions:
+    def predicted(states: States) -> tuple[Array, Array, Array]:
+        Y = model.regressor(states)
+        return Y[:, :, base.columns] @ found.theta, Y @ full, Y @ drawing.parameters
+
+    return predicted
+
+
+def _hold_out(log: RobotLog, period: float, predicted: Predictions, sigma: Array, rng: np.random.Generator) -> HeldOut:
+    states = periodic_states(log, period)
+    measured = with_noise(log, 0.0, sigma, rng).torque
     # Where any joint reverses, the engine's friction has no sign; torques of moving joints are compared.
     moving = np.all(informative(states), axis=1)
-    return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving])
+    given = (torque[moving] for torque in predicted(states))
+    return HeldOut(log.time[moving], states.rows(moving), measured[moving], log.torque[moving], *given)
+
+
+def _rigid_error(model: TorqueModel, full: Array, states: States) -> Array:
+    """Rms error / range of the torques without friction, of links and rotors (p,), shape (n,)."""
+    kept = [model.names[k][:2] not in ("fc", "fv", "f0") for k in range(model.columns)]
+    Y = model.regressor(states)[:, :, kept]
+    return torque_error(Y @ full[kept], Y @ model.truth()[kept])
 
 
 def measure_fit(
-    model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, drawing: Drawing, held_out: HeldOut
+    model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, held_out: HeldOut
 ) -> dict[str, Any]:
     """Figures every identification has; held-out errors are rms error / range of the torque, joint by joint."""
-
-    def error(theta: Array) -> Array:
-        return held_out_error(model, base, theta, held_out.states, held_out.exact)
-
-    nrms, consistent = error(found.theta), error(base.combination @ full)
+    exact = held_out.exact
+    nrms, consistent, drawn = (
+        torque_error(given, exact) for given in (held_out.found, held_out.consistent, held_out.drawn)
+    )
     links = full[: 10 * model.joints].reshape(-1, 10)
-    off = model.regressor(held_out.states)[:, :, base.columns] @ found.theta - held_out.measured
+    off = held_out.found - held_out.measured
     return {
         "base_parameters": base.rank,
         "condition": found.condition,
@@ -179,7 +247,7 @@ def measure_fit(
         "nrms_heldout": nrms.tolist(),
         "nrms_heldout_mean": float(nrms.mean()),
         "nrms_heldout_consistent_mean": float(consistent.mean()),
-        "nrms_heldout_drawing_mean": float(error(base.combination @ drawing.parameters).mean()),
+        "nrms_heldout_drawing_mean": float(drawn.mean()),
         "residual_over_noise_heldout": (np.sqrt(np.nanmean(off**2, axis=0)) / found.sigma).tolist(),
         "physically_consistent": is_consistent(links),
         "r_squared": found.r_squared.tolist(),
@@ -216,24 +284,31 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States) -> Iden
     states_fitted, torque = states.rows(fitted), log.torque[fitted]
     sums = sum_samples(model, base, states_fitted, torque)
     require_rank(sums, base, model)
-    held_out = _hold_out_log(model, log, states, kept)
+    _require_moving(model, states.rows(kept))
     found = estimate_widened(model, base, sums, states_fitted, torque)
     fit_s = time.process_time() - started
     full = fit_consistent(model, base, found, drawing)
-    figures: dict[str, Any] = measure_fit(model, base, found, full, drawing, held_out)
+    held_out = _hold_out_log(log, states, kept, _rigid_predictions(model, base, found, full, drawing))
+    figures: dict[str, Any] = measure_fit(model, base, found, full, held_out)
     figures |= {"error_over_crb": None, "interval_coverage": None, "design_s": None, "fit_s": fit_s}
     figures |= {"samples": len(log.time)}
     return Identification(model, base, found, full, drawing, held_out, figures)
 
 
-def _hold_out_log(model: TorqueModel, log: RobotLog, states: States, rows: slice) -> HeldOut:
-    counts = informative(states.rows(rows))
+def _require_moving(model: TorqueModel, states: States) -> None:
+    """Refuse a part held out that has no usable torque of a joint."""
+    counts = informative(states)
     silent = [joint for j, joint in enumerate(model.chain.joints) if not counts[:, j].any()]
     if silent:
         raise IdentificationError(
             f"the last fifth of the log, which is held out, has no usable torque of {', '.join(silent)}: the joint "
             "stands still or reverses there. Let every joint move until the end of the log."
         )
+
+
+def _hold_out_log(log: RobotLog, states: States, rows: slice, predicted: Predictions) -> HeldOut:
+    counts = informative(states.rows(rows))
+    measured = np.where(counts, log.torque[rows], np.nan)
     some = np.flatnonzero(counts.any(axis=1))
-    measured = np.where(counts, log.torque[rows], np.nan)[some]
-    return HeldOut(log.time[rows][some], states.rows(rows).rows(some), measured, measured)
+    kept = states.rows(rows).rows(some)
+    return HeldOut(log.time[rows][some], kept, measured[some], measured[some], *predicted(kept))

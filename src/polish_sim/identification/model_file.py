@@ -13,9 +13,11 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
+from polish_sim.identification.robot_model import ARM_JOINTS
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import inertia_at_origin, point_inertia
 
+BY_LOAD: Final = "friction_by_load"  #: Name of its numbers in an identified model
 ASSETS: Final = "meshes"  #: Folder beside the model with copies of its files
 _TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
@@ -64,6 +66,7 @@ class IdentifiedJoints(NamedTuple):
     damping: Array | None = None  #: [N m s/rad], shape (n,)
     frictionloss: Array | None = None  #: [N m], shape (n,)
     armature: Array | None = None  #: [kg m^2], shape (n,)
+    by_load: Array | None = None  #: Friction by load, driving and driven [-], shape (2, n)
 
 
 def read_robot_model(file: Path) -> mujoco.MjModel:
@@ -91,8 +94,19 @@ def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path 
             joint.frictionloss = found.frictionloss[number]
         if found.armature is not None:
             joint.armature = found.armature[number]
+    if found.by_load is not None:
+        spec.add_numeric(name=BY_LOAD, data=found.by_load.ravel(), size=found.by_load.size)
     _compiled(spec, file)
     return str(spec.to_xml())
+
+
+def friction_by_load(file: Path) -> Array:
+    """Friction by load of an identified model's joints, driving and driven, shape (2, n); 0 where it has none."""
+    model = read_robot_model(file)
+    names = [model.numeric(k).name for k in range(model.nnumeric)]
+    if BY_LOAD not in names:
+        return np.zeros((2, len(ARM_JOINTS)))
+    return np.array(model.numeric(BY_LOAD).data).reshape(2, -1)
 
 
 def write_identified(folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> Path:

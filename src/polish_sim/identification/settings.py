@@ -80,6 +80,7 @@ _IDENTIFY_DATA: Final = (
     Claim("condition", "condition, SI units", "", 1.0),
     Claim("physically_consistent", "bodies that can exist", "", 1.0, low=1.0, more_is_better=True),
 )
+ELASTIC: Final = 5e-3  #: Asked of an elastic arm's error held out, in ranges of the torque
 GEARS: Final = (
     Claim("gear_slopes_found", "slopes of the gears' stiffness found, of 18", "", 1.0),
     Claim("gear_stiffness_error_max", "  their largest error", "%", 100.0),
