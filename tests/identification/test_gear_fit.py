@@ -91,17 +91,19 @@ def test_the_files_of_the_real_arm_are_whole(planted: Planted) -> None:
     assert len(planted.figures["nrms_heldout"]) == 6
 
 
-def test_of_elastic_joints_without_what_a_rigid_model_lacks_errors_are_near_the_bound(planted: Planted) -> None:
-    """That is gear error, friction by load, and friction above the warm arm's, which is taken for the truth."""
-    smooth = ["robot.real.gear_error_rad=[0,0,0,0,0,0]", "robot.real.cold_friction=0"]
-    load = ["robot.real.coulomb_driving=0", "robot.real.coulomb_driven=0"]
-    robot = override(SCENARIO, ["robot.arm=ur5e", *smooth, *load]).robot
-    known = run_identification(IdentifySettings(periods=1, iterations=5, robot=robot, seed=1)).figures
-    assert known["error_over_crb"] < 3.0
-    assert known["interval_coverage"] > 0.8
-    assert planted.figures["error_over_crb"] > 10.0
-    assert planted.figures["nrms_heldout_mean"] > 5.0 * known["nrms_heldout_mean"]
+def test_of_elastic_joints_as_they_are_errors_are_near_the_bound(planted: Planted) -> None:
+    assert planted.figures["error_over_crb"] < 4.0
+    assert planted.figures["nrms_heldout_mean"] < 0.008
     assert planted.figures["physically_consistent"]
+
+
+def test_gears_without_error_cannot_tell_load_from_links_and_are_taken_for_alike_both_ways() -> None:
+    robot = override(SCENARIO, ["robot.arm=ur5e", "robot.real.gear_error_rad=[0,0,0,0,0,0]"]).robot
+    found = run_identification(IdentifySettings(periods=1, iterations=5, robot=robot, seed=1)).figures
+    driving, driven = np.array(found["friction_by_load"])[:5].T
+    # 0.11 and 0.055: their sum is seen whatever the links weigh.
+    np.testing.assert_allclose(driving + driven, 0.165, atol=0.02)
+    assert found["nrms_heldout_mean"] < 0.006
 
 
 def test_spring_and_hysteresis_are_those_of_the_simulated_gears() -> None:

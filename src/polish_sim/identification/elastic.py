@@ -38,6 +38,7 @@ LOW_PASS_HZ: Final = 30.0  #: Of torques and columns that are fitted: above, enc
 BAND_HZ: Final = 250.0  #: Of the states columns are made of
 PREDICTED_HZ: Final = 130.0  #: Of the states torques are predicted from: less loses the gears' ripple, more adds steps
 BLOCK_S: Final = 0.2  #: How long residuals may be alike
+LIKELY: Final = 0.3  #: Size of these shares before anything is measured: decides only where gears show no error
 LOADS: Final = 2  #: Parameters of friction by load, a joint
 _ORDER: Final = 8
 _ROUNDS: Final = 5
@@ -234,6 +235,7 @@ class _Fit:
         self.bends = base.rank + LOADS * n
         self.size = self.bends + motion.bends.shape[2]
         self.prior = (np.arange(self.size) >= self.bends).astype(float)
+        self.prior[base.rank : self.bends] = 1.0 / LIKELY**2
         self.rigid = base.columns[base.columns < 10 * n]
         self.rows = slice(None, None, max(1, round(1.0 / (2.5 * LOW_PASS_HZ * self.dt))))
         self.torque, self.noise = self.low(torque)[self.rows], np.ones(n)
