@@ -29,7 +29,7 @@ BLOCK_S: Final = 0.2  #: How long residuals may be alike
 FORGOTTEN: Final = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
 SEEN: Final = 0.7  #: A slope is fitted where a first estimate of the torque goes beyond this share of its knee
 KNOWN: Final = 0.1  #: A slope whose standard deviation is a larger share of it is not known
-TOLD: Final = 0.03  #: Standard deviation below which a share of friction by load is told
+SURE: Final = 0.03  #: Standard deviation below which a share of friction by load counts as known
 CONFOUNDED: Final = 1e6  #: Condition number of the fit from which its parameters are not separable
 _ENDS_S: Final = 0.2  #: Left out at both ends of the log, where the low-pass has no past or future
 _NAMES: Final = ("Jr", "fvr", "fcr", "ldr", "ldn", "D", "Th", "offset", "es", "ec", "es2", "ec2", "Ka", "Kb", "Kc")
@@ -87,9 +87,9 @@ class GearFit(NamedTuple):
     def loads_known(self) -> Array:
         """Shares of friction by load, shape (n, 2): of gears that bear too little to show theirs the others' mean."""
         loads, std = self.values[:, _LOADS], self.std[:, _LOADS]
-        weights = np.where(std < TOLD, 1.0 / std**2, 0.0)
+        weights = np.where(std < SURE, 1.0 / std**2, 0.0)
         mean = (weights * loads).sum(axis=0) / weights.sum(axis=0)
-        return np.where(std < TOLD, loads, mean)
+        return np.where(std < SURE, loads, mean)
 
     def figures(self) -> dict[str, Any]:
         """Keys of metrics.json: slopes and friction by load."""
