@@ -10,7 +10,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.errors import unknown_name
 
-KINDS: Final = ("parts", "controllers", "experiments", "patterns", "faults")
+KINDS: Final = ("parts", "controllers", "experiments", "patterns", "faults", "tools")
 LIMITS: Final = "limits"  #: Not an experiment, but a file of defaults as well
 
 Kind = Annotated[
@@ -49,7 +49,7 @@ def config(experiment: Name) -> None:
 
 
 def list_names(kind: Kind = None) -> None:
-    """List the parts, controllers, experiments, patterns and faults that ship with the package."""
+    """List the parts, controllers, experiments, patterns, faults and tools that ship with the package."""
     if kind is not None and kind not in KINDS:
         raise unknown_name("kind of thing to list", kind, KINDS)
     known = _known()
@@ -68,6 +68,7 @@ def _known() -> Mapping[str, Mapping[str, str]]:
     from polish_sim.cell import FAULTS
     from polish_sim.control import CONTROLLERS
     from polish_sim.experiments.registry import experiments
+    from polish_sim.job.tools import read_tools
     from polish_sim.models import WORKPIECES
     from polish_sim.planning import PATTERNS
 
@@ -81,6 +82,7 @@ def _known() -> Mapping[str, Mapping[str, str]]:
         "experiments": {name: row.text for name, row in experiments().items()},
         "patterns": _first_lines({name: pattern.plan for name, pattern in PATTERNS.items()}),
         "faults": {name: fault.text for name, fault in FAULTS.items()},
+        "tools": {name: tool.text for name, tool in read_tools().items()},
     }
 
 

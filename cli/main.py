@@ -22,6 +22,7 @@ from polish_sim.cli.compare import compare
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.identify import identify
 from polish_sim.cli.inspect import inspect
+from polish_sim.cli.job import job
 from polish_sim.cli.plan import plan
 from polish_sim.cli.report import report
 from polish_sim.cli.run import RunGroup, demo
@@ -70,6 +71,7 @@ def _every_run() -> None:
 commands.command("demo", cls=PanelledCommand, short_help="The whole main job on a shipped part.")(demo)
 commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
 commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
+commands.command("job", cls=PanelledCommand, short_help="Setups, regions and passes from one file.")(job)
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
 commands.add_typer(runs, name="run", short_help="Simulate arc, force, surface, smooth, teach or dual.")
 commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(score)

@@ -38,8 +38,10 @@ class Dwelling(NamedTuple):
     depths: Array  #: How deep it is pressed in [m], shape (k,)
 
 
-def exposure_rates(nodes: PressedNodes, poses: PadPoses, pad_radius: float, stiffness: float) -> Dwelling:
-    """Press a pad whose whole disc has ``stiffness`` [N/m] at every place.
+def exposure_rates(
+    nodes: PressedNodes, poses: PadPoses, pad_radius: float, stiffness: float, slide: float = 0.0
+) -> Dwelling:
+    """Press a pad whose whole disc has ``stiffness`` [N/m] at every place; ``slide`` [m/s] as of `expose_nodes`.
 
     Where nothing carries the force it has no rates, and is as deep as a pad can be.
     """
@@ -48,7 +50,7 @@ def exposure_rates(nodes: PressedNodes, poses: PadPoses, pad_radius: float, stif
     bedding = stiffness / (math.pi * pad_radius**2)
     starts = np.concatenate([[0], np.cumsum(_count(ordered, poses, grid, pad_radius))])
     numbers, rates = np.zeros(starts[-1], dtype=np.int64), np.zeros(starts[-1])
-    depths = _fill(ordered, poses, grid, pad_radius, bedding, starts, numbers, rates)
+    depths = _fill(ordered, poses, grid, pad_radius, bedding, slide, starts, numbers, rates)
     shape = len(poses.tips), len(nodes.areas)
     return Dwelling(csr_array((rates, grid.items[numbers], starts), shape=shape), depths)
 
@@ -68,7 +70,7 @@ def _sunk(poses, k, depth):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(nodes, poses, grid, radius, bedding, starts, numbers, rates):  # type: ignore[no-untyped-def]
+def _fill(nodes, poses, grid, radius, bedding, slide, starts, numbers, rates):  # type: ignore[no-untyped-def]
     under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
     depths = np.empty(len(starts) - 1)
     for k in range(len(depths)):
@@ -94,7 +96,7 @@ def _fill(nodes, poses, grid, radius, bedding, starts, numbers, rates):  # type:
         center = _sunk(poses, k, depth)
         _press_nodes(
             nodes.positions, nodes.normals, nodes.areas, center, axis, poses.velocities[k], poses.turning[k],
-            bedding, under, number, force, power,
+            bedding, slide, under, number, force, power,
         )  # fmt: skip
         carried = 0.0
         for t in range(number):

@@ -238,29 +238,31 @@ class Removed(NamedTuple):
     carried: Array  #: Mean force of the field along the pad's axis before scaling [N], shape (k,); 0: no node touched
 
 
-def expose_nodes(nodes: PressedNodes, motion: PadMotion, pad_radius: float, stiffness: float) -> Removed:
+def expose_nodes(
+    nodes: PressedNodes, motion: PadMotion, pad_radius: float, stiffness: float, slide: float = 0.0
+) -> Removed:
     """Carry a pad whose whole disc has ``stiffness`` [N/m] over the nodes: what it took off, but for the wear
-    coefficient.
+    coefficient. All of its face also slides at ``slide`` [m/s], to all sides in turn, as on a quick orbit.
     """
     grid = build_point_grid(nodes.positions, CELL * pad_radius)
     # Neighbours in space are neighbours in memory.
     order = grid.items
     sorted_nodes = PressedNodes(*(np.ascontiguousarray(column[order]) for column in nodes))
-    found = _carry(sorted_nodes, motion, grid, pad_radius, stiffness / (math.pi * pad_radius**2))
+    found = _carry(sorted_nodes, motion, grid, pad_radius, stiffness / (math.pi * pad_radius**2), slide)
     exposure = np.empty(len(order))
     exposure[order] = found[0]
     return Removed(exposure, found[1], found[2])
 
 
 @njit(cache=True, error_model="numpy")
-def _carry(nodes, motion, grid, radius, bedding):  # type: ignore[no-untyped-def]
+def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-untyped-def]
     exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(len(motion.times)), np.zeros(len(motion.times))
     under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
     for k in range(len(motion.times)):
         number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, DEEPEST * radius, under)
         _press_nodes(
             nodes.positions, nodes.normals, nodes.areas, motion.centers[k], motion.axes[k], motion.velocities[k],
-            motion.turning[k], bedding, under, number, force, power,
+            motion.turning[k], bedding, slide, under, number, force, power,
         )  # fmt: skip
         total = 0.0
         for t in range(number):
@@ -309,7 +311,7 @@ def _find_under(positions, normals, first, last, center, axis, radius, under, nu
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _press_nodes(  # type: ignore[no-untyped-def]
-    positions, normals, areas, center, axis, velocity, turning, bedding, under, number, force, power
+    positions, normals, areas, center, axis, velocity, turning, bedding, slide, under, number, force, power
 ):
     """Force on each node along the pad's axis [N], and force along the part's normal x sliding speed [W]."""
     cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
@@ -327,4 +329,4 @@ def _press_nodes(  # type: ignore[no-untyped-def]
         along = vx * nx + vy * ny + vz * nz
         vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
         force[t] = push * facing
-        power[t] = push * math.sqrt(vx * vx + vy * vy + vz * vz)
+        power[t] = push * math.sqrt(vx * vx + vy * vy + vz * vz + slide * slide)

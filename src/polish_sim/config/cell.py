@@ -203,7 +203,13 @@ class PadConfig:
     points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)
     damping_s_m: float = key(3.0, "Hunt-Crossley factor a of f = k d (1 + a d_dot) [s/m]", 0.0, 100.0)
     friction: float = key(0.3, "Coulomb friction coefficient [-]", 0.0, 2.0)
-    friction_smoothing_m_s: float = key(0.005, "sliding speed at which friction is developed to 71% [m/s]", 1e-5, 1.0)
+    friction_smoothing_m_s: float = key(0.005, "sliding speed at which friction is developed to 71% [m/s]", 1e-5, 100.0)
+    slide_m_s: float = key(
+        0.0,
+        "speed at which all of the face slides beside the spindle's turning: of an orbit, or a belt [m/s]",
+        0.0,
+        100.0,
+    )
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,8 @@ class _Problem:
         return max(KNOTS * self.pad.radius_m, most**3 * (1.0 / least - 1.0 / most) / CELL_LIMITS.tip_acceleration)
 
     def _rate(self) -> None:
-        found = exposure_rates(self.nodes.pressed, self.poses, self.pad.radius_m, self.stiffness)
+        pad = self.pad
+        found = exposure_rates(self.nodes.pressed, self.poses, pad.radius_m, self.stiffness, pad.slide_m_s)
         self.depths, self.rates = found.depths, found.rates[:, : len(self.areas)].T.tocsr()
         first = np.flatnonzero(np.diff(self.s, prepend=-math.inf) > 2.0 * self.steps.max())
         self.landing = TOUCH_DOWN_TIME * np.asarray(self.rates[:, first].sum(axis=1)).ravel()

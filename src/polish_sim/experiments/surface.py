@@ -52,7 +52,7 @@ def remove_material(
         place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m, part.field.band)
     )
     motion = pad_motion(run.log, run.trace, part, pad.radius_m, part_turns)
-    removed = expose_nodes(nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale)
+    removed = expose_nodes(nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale, pad.slide_m_s)
     own = len(nodes.mesh.vertices)
     pressed = float(motion.impulses.sum())
     removal = RemovalMap(

@@ -1,0 +1,108 @@
+"""`polish-sim job`: setups x regions x passes from one file, planned, simulated, written; it resumes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from polish_sim.cli import console
+from polish_sim.cli.boundary import DONE, STOPPED
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.output_folder import RESULTS, refuse_taken, unused
+from polish_sim.config.key import OUTPUT
+from polish_sim.errors import InputError
+from polish_sim.row_file import whole_file
+
+if TYPE_CHECKING:
+    from polish_sim.job.run_job import Row
+
+INIT: Final = "init"
+COPY: Final = "job.toml"  #: Of the job's file, in its folder
+What = Annotated[str, typer.Argument(metavar="JOB.toml|init", help="A job's file, or init PART.", show_default=False)]
+PartFile = Annotated[str | None, typer.Argument(metavar="PART", help="For init: the part.", show_default=False)]
+
+
+@takes(
+    Own("--resume", OUTPUT, "", "Go on with the job in --out where it was stopped or killed.", bool), *OUTPUT_OPTIONS
+)
+def job(what: What, given: Given, part: PartFile = None) -> int:
+    """Plan, simulate and write a job; `job init PART` writes a file to begin with."""
+    if what == INIT:
+        return _init(part, given["--out"], bool(given["--overwrite"]))
+    if part is not None:
+        raise InputError(f"'{part}' is too much: give one job's file, or 'job init PART'.")
+    # Lazy: --help must not wait for the numerical libraries.
+    from polish_sim.analysis.run_record import write_json
+    from polish_sim.job.job_file import read_job
+    from polish_sim.job.page import job_page
+    from polish_sim.job.run_job import job_figures, programs, run_job
+
+    file = Path(what)
+    asked = read_job(file)
+    folder = _folder(file, given["--out"], bool(given["--resume"]), bool(given["--overwrite"]))
+    rows: list[Row] = []
+    with console.progress() as observer:
+        for row in run_job(asked, folder, observer):
+            rows.append(row)
+    figures = job_figures(asked, folder, rows)
+    for number, text in programs(asked, folder):
+        (folder / f"setup_{number}.script").write_text(text, encoding="utf-8")
+    (folder / "report.html").write_text(job_page(f"Job {file.stem}: {asked.head.part}", figures), encoding="utf-8")
+    write_json(folder / "job.json", figures)
+    _show(rows)
+    console.say(
+        f"robot {figures['cycle_time_s']:.1f} s (planned {figures['planned_cycle_time_s']:.1f}), operator "
+        f"{figures['operator_s']:.0f} s, {1e4 * figures['area_per_hour_m2']:.0f} cm^2 an hour"
+    )
+    console.say_folder(folder)
+    return STOPPED if any(row.figures["protective_stop"] for row in rows) else DONE
+
+
+def _init(part: str | None, out: Path | None, overwrite: bool) -> int:
+    from polish_sim.job.job_file import TEMPLATE
+    from polish_sim.models import part_path
+
+    if part is None:
+        raise InputError("job init PART: give the part's mesh, or a shipped part.")
+    if not part_path(part).is_file():
+        raise InputError(f"the part '{part}' is no file and no shipped part.")
+    file = out or Path(f"{Path(part).stem}.toml")
+    if file.exists() and not overwrite:
+        raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
+    with whole_file(file) as draft:
+        draft.write_text(TEMPLATE.format(part=part, name=file.name), encoding="utf-8")
+    console.say(f"{file}: run it with polish-sim job {file}")
+    return DONE
+
+
+def _folder(file: Path, out: Path | None, resume: bool, overwrite: bool) -> Path:
+    """The job's folder, new or taken up.
+
+    Raises:
+        InputError: It exists, or holds another job.
+    """
+    text = file.read_text(encoding="utf-8")
+    if resume:
+        if out is None or not (out / COPY).is_file():
+            raise InputError("--resume takes up a job's folder: name it with --out.")
+        if (out / COPY).read_text(encoding="utf-8") != text:
+            raise InputError(f"'{out}' was begun with another job file: see '{out / COPY}'.")
+        return out
+    refuse_taken(out, overwrite)
+    folder = out or unused(RESULTS / "job")
+    folder.mkdir(parents=True, exist_ok=overwrite)
+    (folder / COPY).write_text(text, encoding="utf-8")
+    return folder
+
+
+def _show(rows: list[Row]) -> None:
+    table = []
+    for row in rows:
+        f = row.figures
+        times = (f["cycle_time_s"], f["planned_cycle_time_s"], f["contact_time_s"])
+        spread = console.number_or_dash(f["removal_cv"], 100.0, ".1f")
+        table.append([row.folder, f["tool"], str(f["grit"] or "-"), *(f"{t:.1f}" for t in times), spread])
+    heads = ["pass", "tool", "grit", "time, s", "planned, s", "contact, s", "removal std, %"]
+    console.table("job", heads, table, left=2)

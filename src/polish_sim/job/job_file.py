@@ -1,0 +1,230 @@
+"""A job's file: setups x regions x passes (JOB.toml -> Job). Keys inside a pass are those of `polish-sim config`."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeVar
+
+from polish_sim.config import Scenario
+from polish_sim.config.key import key
+from polish_sim.errors import ConfigError, PolishSimError, unknown_name
+from polish_sim.experiments.assembly import check_force, check_settings
+from polish_sim.experiments.even_removal import axis_kept
+from polish_sim.experiments.registry import default_scenario
+from polish_sim.job.tools import Tool, read_tools
+from polish_sim.scenario_file import merge
+from polish_sim.toml_text import read_toml
+
+T = TypeVar("T")
+SECTIONS: Final = ("plan", "process", "smoothing", "safety", "controller")
+"""Sections of the scenario that a pass may set; `[cell]` may set any."""
+
+
+@dataclass(frozen=True)
+class JobHead:
+    """The job as a whole."""
+
+    part: str = key("freeform", "mesh of the part, or a shipped part")
+    fixture: str = key("", "mesh of what holds it; empty = none")
+    tools: str = key("", "file of your own tools; empty = the shipped ones")
+    parts: int = key(1, "parts of the batch, each displaced as its seed draws it", 1, 1000)
+    seed: int = key(0, "of the first part", 0, 2**31)
+
+
+@dataclass(frozen=True)
+class SetupHead:
+    """One clamping."""
+
+    name: str = key("", "what the operator is told")
+    up: str = key("auto", "side turned up")
+    clamp_s: float = key(60.0, "time to clamp the part, or to turn it [s]", 0.0, 1e5)
+
+
+@dataclass(frozen=True)
+class PassHead:
+    """One pass over each region of its setup."""
+
+    tool: str = key("spindle-pad", "of the tool library, see 'polish-sim list tools'")
+    grit: int = key(0, "grit of the abrasive, 0 = unknown; for the operator", 0, 10000)
+    change_s: float = key(30.0, "time to mount tool and abrasive, where they change [s]", 0.0, 1e5)
+    edge_force: float = key(1.0, "share of the force at the region's border, rising to 1 over edge_m [-]", 0.1, 1.0)
+    edge_m: float = key(0.01, "see edge_force [m]", 0.001, 0.2)
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Part of a region with a force and a feed of its own."""
+
+    region: str = key("", "as plan.region: box:..., polygon:... or faces:FILE")
+    force: float = key(1.0, "times the pass's force [-]", 0.05, 5.0)
+    feed: float = key(1.0, "times the pass's feed [-]", 0.05, 5.0)
+
+
+class Pass(NamedTuple):
+    """One pass over one region, ready to be planned."""
+
+    setup: int  #: From 1
+    region: int
+    number: int
+    setup_head: SetupHead
+    head: PassHead
+    tool: Tool
+    zones: tuple[Zone, ...]
+    scenario: Scenario
+
+    @property
+    def folder(self) -> str:
+        """Below the job's folder."""
+        return f"setup_{self.setup}/region_{self.region}/pass_{self.number}"
+
+
+class Job(NamedTuple):
+    """All passes in order."""
+
+    head: JobHead
+    passes: tuple[Pass, ...]
+    sha256: str  #: Of the file
+
+
+def read_job(file: Path) -> Job:
+    """Read and check a job's file; nothing is planned or written.
+
+    Raises:
+        PolishSimError: A key or value is wrong; names it and its line.
+    """
+    table = read_toml(file, "job file", ConfigError)
+    text = file.read_text(encoding="utf-8")
+    try:
+        head, setups, cell = _parts(table, file)
+        tools = read_tools(_beside(file, head.tools) if head.tools else None)
+        base = merge(default_scenario("surface"), cell, "cell.")
+        base = merge(base, {"part": {"file": _part(file, head.part), "fixture_file": head.fixture}}, "")
+        passes = tuple(_passes(base, setups, tools, file))
+    except PolishSimError as error:
+        raise type(error)(f"{file}{_line_of(str(error), text)}: {error}") from error
+    return Job(head, passes, hashlib.sha256(text.encode()).hexdigest())
+
+
+def _parts(table: dict[str, Any], file: Path) -> tuple[JobHead, list[Any], dict[str, Any]]:
+    rest = {name: value for name, value in table.items() if name not in ("setup", "cell")}
+    setups, cell = table.get("setup", []), table.get("cell", {})
+    if not (isinstance(setups, list) and setups):
+        raise ConfigError("a job has at least one [[setup]].")
+    if not isinstance(cell, dict):
+        raise ConfigError("'cell' is a section: write [cell.robot] and its keys below.")
+    return merge(JobHead(), rest, ""), setups, cell
+
+
+def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, Tool], file: Path) -> Iterator[Pass]:
+    for s, setup in enumerate(setups, 1):
+        place = f"setup {s}: "
+        found, inner = _split(setup, SetupHead(), ("regions", "pass", "pose"), place)
+        regions, passes = inner.get("regions", ["auto"]), inner.get("pass", [])
+        if not (isinstance(regions, list) and regions and all(isinstance(region, str) for region in regions)):
+            raise ConfigError(f"{place}'regions' must be a list of regions, e.g. [\"auto\"].")
+        if not (isinstance(passes, list) and passes):
+            raise ConfigError(f"{place}has no [[setup.pass]].")
+        part = {"up": found.up, **({"pose": inner["pose"]} if "pose" in inner else {})}
+        clamped = merge(base, {"part": part}, place)
+        for r, region in enumerate(regions, 1):
+            for p, asked in enumerate(passes, 1):
+                yield _pass(clamped, (s, r, p), found, region, asked, tools, file)
+
+
+def _pass(
+    base: Scenario, at: tuple[int, int, int], setup: SetupHead, region: str, asked: Any, tools: Mapping[str, Tool],
+    file: Path,
+) -> Pass:  # fmt: skip
+    place = f"setup {at[0]}, pass {at[2]}: "
+    head, inner = _split(asked, PassHead(), ("zone", *SECTIONS), place)
+    if head.tool not in tools:
+        raise unknown_name("tool", head.tool, tools)
+    tool = tools[head.tool]
+    scenario = merge(base, tool.settings(), "tool.")
+    scenario = merge(scenario, {name: inner[name] for name in SECTIONS if name in inner}, place)
+    choice, colon, words = region.partition(":")
+    if choice in ("faces", "polygon") and _beside(file, words).is_file():
+        region = f"{choice}{colon}{_beside(file, words)}"
+    scenario = axis_kept(merge(scenario, {"plan": {"region": region}}, place))
+    zones = inner.get("zone", [])
+    if not isinstance(zones, list):
+        raise ConfigError(f"{place}'zone' is a list: write [[setup.pass.zone]].")
+    tool.check_force(head.tool, scenario.process.contact_force_n)
+    check_settings(scenario, plans=True)
+    check_force(scenario, None)
+    return Pass(*at, setup, head, tool, tuple(_split(zone, Zone(), (), place)[0] for zone in zones), scenario)
+
+
+def _split(table: Any, default: T, inner: tuple[str, ...], place: str) -> tuple[T, dict[str, Any]]:
+    """A table's own keys, checked, and those of its ``inner`` tables."""
+    if not isinstance(table, dict):
+        raise ConfigError(f"{place}is no table of keys.")
+    own = {name: value for name, value in table.items() if name not in inner}
+    return merge(default, own, place), {name: table[name] for name in inner if name in table}  # type: ignore[type-var]
+
+
+def _beside(file: Path, name: str) -> Path:
+    """A file named in a job, from the job's folder."""
+    return (file.parent / name).resolve()
+
+
+def _part(file: Path, name: str) -> str:
+    return str(_beside(file, name)) if _beside(file, name).is_file() else name
+
+
+def _line_of(message: str, text: str) -> str:
+    """Where the key that a message names first stands, as `, line N`; empty if nowhere."""
+    for word in re.findall(r"'([^']+)'", message) + re.findall(r"[a-z_]+\.([a-z_0-9]+)", message):
+        name = re.escape(word.rpartition(".")[2].rpartition(": ")[2])
+        for number, line in enumerate(text.splitlines(), 1):
+            if re.search(rf"(^|[\s{{.\[]){name}\s*[=\].]|[\"']{re.escape(word)}[\"']", line):
+                return f", line {number}"
+    return ""
+
+
+def with_seed(one: Pass, seed: int) -> Pass:
+    """The pass on the part of a seed."""
+    return one._replace(scenario=replace(one.scenario, seed=seed))
+
+
+TEMPLATE: Final = """\
+# A job: setups x regions x passes. Run it: polish-sim job {name}
+part = "{part}"
+parts = 1  # of the batch
+
+[cell]
+# Any key of `polish-sim config surface`; SI units.
+robot.arm = "ur5e"
+
+[[setup]]
+name = "as it stands"
+up = "auto"
+clamp_s = 60.0
+regions = ["auto"]  # or box:..., polygon:..., faces:FILE, as --region
+
+[[setup.pass]]
+tool = "spindle-pad"  # polish-sim list tools
+grit = 120
+plan.pattern = "raster"
+plan.raster_direction = [1.0, 0.0, 0.0]
+process.contact_force_n = 20.0
+process.feed_m_s = 0.01
+
+[[setup.pass]]
+tool = "spindle-pad"
+grit = 240
+plan.pattern = "raster"  # across the first pass
+plan.raster_direction = [0.0, 1.0, 0.0]
+process.contact_force_n = 15.0
+process.feed_m_s = 0.015
+# edge_force = 0.7    # less force near edges
+# plan.removal = "even"
+# [[setup.pass.zone]]
+# region = "box:0,0,0,50,50,50"
+# force = 0.5
+# feed = 1.0
+"""

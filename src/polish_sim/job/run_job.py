@@ -1,0 +1,269 @@
+"""Plan, simulate and measure a job's passes one after the other; what is done is on disk (Job -> folder).
+
+A pass under way writes a piece of its record every simulated second. After a stop or a kill it goes on behind the last
+whole piece: the tool lands there, and its force rises over a pad's diameter.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from polish_sim.analysis.metrics import measure_removal
+from polish_sim.analysis.run_record import METRICS, RunRecord, read_json, write_json, write_record
+from polish_sim.cell import Cell, Observer
+from polish_sim.cell.cell import Played
+from polish_sim.cell.stroke import cycle_time
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError
+from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
+from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.experiments.even_removal import plan_removal
+from polish_sim.experiments.proof import prove_with_a_pad_that_fits
+from polish_sim.experiments.result import RunResult
+from polish_sim.experiments.surface import measure_run, prepare_surface
+from polish_sim.geometry import select_region
+from polish_sim.job.job_file import Job, Pass, with_seed
+from polish_sim.log import RemovalMap, read_removal
+from polish_sim.planning import PlanResult, measure_given_path
+from polish_sim.row_file import whole_file
+from polish_sim.spatial import to_pose
+
+PIECE_S: Final = 1.0  #: Of simulated time between pieces on disk
+FED: Final = 2  #: Phase of the log from which the pad has worked
+NOTHING_M: Final = 1e-4  #: So little of a path left is done [m]
+ON_ZONE_M: Final = 1e-4  #: Points of a path so near a zone are in it [m]
+
+
+class Row(NamedTuple):
+    """One pass that is done: what job.json says of it."""
+
+    folder: str
+    part: int
+    figures: dict[str, Any]
+
+
+def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
+    """Do what is not done yet; each pass is given when it is on disk.
+
+    Raises:
+        PolishSimError: A pass cannot be planned or run; says which.
+    """
+    worn: dict[tuple[str, int], float] = {}
+    for part in range(1, job.head.parts + 1):
+        for one in job.passes:
+            here = f"part_{part}/{one.folder}" if job.head.parts > 1 else one.folder
+            abrasive = one.head.tool, one.head.grit
+            target = folder / here
+            observer.stage(here)
+            if not (target / "run").is_dir():
+                seeded = with_seed(one, job.head.seed + part - 1)
+                try:
+                    run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
+                except InputError as error:
+                    raise InputError(f"{here}: {error}") from error
+            figures = read_json(target / "run" / METRICS)
+            worn[abrasive] = figures["sliding_work_after_nm"]
+            yield Row(here, part, figures)
+
+
+def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
+    """Plan a pass unless its plan is there, run what of it is not done, and write its figures.
+
+    ``worn`` is the sliding work its abrasive has done [N m]: it takes off less, and the feed is lower for it.
+    """
+    left = one.tool.left(worn)
+    process = replace(one.scenario.process, feed_m_s=max(one.scenario.process.feed_m_s * left, 1e-4))
+    plan, scenario = _planned(one, replace(one.scenario, process=process), folder, observer)
+    parts: list[RunResult] = []
+    planned_s = math.nan
+    while True:
+        task = prepare_surface(scenario, plan)
+        part = build_part(scenario, task.place)
+        cell = build_cell(scenario, task.place, part)
+        planned_s = planned_s if parts else cycle_time(cell.strokes)
+        pieces = folder / "pieces" / str(len(parts))
+        before = _read_pieces(pieces)
+        reached = max((float(piece.trace["path_s_m"][-1]) for piece in before if piece.trace["phase"][-1] >= FED),
+                      default=None)  # fmt: skip
+        played = before if reached is not None else _play(cell, pieces, observer)
+        parts.append(measure_run(scenario, task, cell, part, cell.result(played)))
+        if reached is None or reached >= plan.path.s[plan.path.process][-1] - NOTHING_M:
+            break
+        plan = plan.behind(reached)
+    _write(one, folder, parts, worn, left, planned_s)
+
+
+def _planned(one: Pass, scenario: Scenario, folder: Path, observer: Observer) -> tuple[PlanResult, Scenario]:
+    """The plan on disk, or a new one; and the scenario with the part where it was proven."""
+    done = folder / "plan"
+    if done.is_dir():
+        pose = tuple(read_json(done / "pass.json")["pose"])
+        scenario = replace(scenario, part=replace(scenario.part, pose=pose))
+        asked = (scenario.part, scenario.plan, scenario.process, scenario.pad)
+        return measure_given_path(read_path(done), *asked), scenario
+    plan = zoned(one, scenario, plan_removal(scenario, observer))
+    if scenario.safety.proof != "none":
+        plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
+    pose = to_pose(prepare_surface(scenario, plan).reach.T_base_work)
+    scenario = replace(scenario, part=replace(scenario.part, pose=pose))
+    # A job is repeated byte for byte.
+    plan = replace(plan, figures={**plan.figures, "plan_time_s": 0.0})
+    with _whole_folder(done) as draft:
+        write_json(draft / "pass.json", {"pose": list(pose)})
+        setup = ExportSetup(scenario.process, scenario.spindle, part_pose=pose)
+        export_plan(draft, plan, ("urscript",), setup)
+        write_plan(draft, plan)
+    return plan, scenario
+
+
+@contextmanager
+def _whole_folder(folder: Path) -> Iterator[Path]:
+    """A folder that appears under its name when its files are whole."""
+    draft = folder.with_name(f".part-{folder.name}")
+    shutil.rmtree(draft, ignore_errors=True)
+    draft.mkdir(parents=True)
+    yield draft
+    draft.rename(folder)
+
+
+def zoned(one: Pass, scenario: Scenario, plan: PlanResult) -> PlanResult:
+    """The plan with less force near the region's border, and the zones' own force and feed."""
+    path, process, asked = plan.path, scenario.process, plan.plan
+    force = path.force_at(path.s, process.contact_force_n)
+    feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
+    if one.head.edge_force < 1.0:
+        border = np.concatenate(list(plan.region.boundary_loops))
+        away, _ = cKDTree(border).query(path.positions_work)
+        force = force * np.interp(away, [0.0, one.head.edge_m], [one.head.edge_force, 1.0])
+    for zone in one.zones:
+        region = select_region(plan.surface, plan.mesh, zone.region, asked.feature_angle_rad)
+        off = np.linalg.norm(region.surface.closest(path.positions_work).positions - path.positions_work, axis=1)
+        force = np.where(off < ON_ZONE_M, force * zone.force, force)
+        feed = np.where(off < ON_ZONE_M, feed * zone.feed, feed)
+    if one.head.edge_force == 1.0 and not one.zones:
+        return plan
+    return replace(plan, path=replace(path, force=force, feed=feed))
+
+
+def _play(cell: Cell, folder: Path, observer: Observer) -> list[Played]:
+    """Run a cell to its end, a piece on disk every second."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    dt, total, played = cell.kernel.engine.dt, cycle_time(cell.strokes), list[Played]()
+    while not cell.done:
+        played.append(cell.play(round(PIECE_S / dt)))
+        with whole_file(folder / f"{len(played):06}.npz") as draft, draft.open("wb") as stream:
+            np.savez(stream, rows=played[-1].rows, trace=played[-1].trace)
+        observer.progress(min(cell.state.status.steps * dt, total), total)
+    return played
+
+
+def _read_pieces(folder: Path) -> list[Played]:
+    found = []
+    for file in sorted(folder.glob("[0-9]*.npz")):
+        with np.load(file, allow_pickle=False) as piece:
+            found.append(Played(piece["rows"], piece["trace"]))
+    return found
+
+
+def summed(maps: list[RemovalMap], factors: list[float]) -> RemovalMap:
+    """What several runs took off together, on the nodes of the first; each times its factor."""
+    first = maps[0]
+    total = np.zeros(len(first.exposure))
+    for each, factor in zip(maps, factors, strict=True):
+        same = each.vertices.shape == first.vertices.shape and np.array_equal(each.vertices, first.vertices)
+        rows: Any = slice(None) if same else cKDTree(each.vertices).query(first.vertices)[1]
+        total += factor * each.exposure[rows]
+    return replace(first, exposure=total)
+
+
+def _write(one: Pass, folder: Path, parts: list[RunResult], worn: float, left: float, planned_s: float) -> None:
+    last, maps = parts[-1], [result.removal for result in parts if result.removal is not None]
+    scenario, removal = last.scenario, summed(maps, [left] * len(maps))
+    simulated = sum(result.figures["simulated_s"] for result in parts)
+    fed = sum(float((result.trace.phase == 2).sum()) for result in parts) * scenario.simulation.timestep_s
+    work = removal_work(maps)
+    figures = {
+        **last.figures, **measure_removal(removal, scenario.pad.radius_m), "cycle_time_s": simulated,
+        "planned_cycle_time_s": planned_s, "contact_time_s": fed, "air_time_s": simulated - fed, "pieces": len(parts),
+        "abrasive_path_m": work / scenario.process.contact_force_n, "sliding_work_after_nm": worn + work,
+        "abrasive_left": left, "area_m2": float(removal.areas.sum()), "grit": one.head.grit, "tool": one.head.tool,
+        "wall_s": 0.0, "real_time_factor": 0.0,
+    }  # fmt: skip
+    with _whole_folder(folder / "run") as draft:
+        write_record(draft, RunRecord(scenario.experiment, scenario, figures, last.log, last.path, removal))
+    shutil.rmtree(folder / "pieces")
+
+
+def removal_work(maps: list[RemovalMap]) -> float:
+    """Pressure x sliding way summed over the part, beside the region too [N m]."""
+    return sum(float(each.areas @ each.exposure) + each.elsewhere_nm for each in maps)
+
+
+def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
+    """What job.json says: passes, times, and the removal of each region summed over its passes."""
+    by_folder = {one.folder: one for one in job.passes}
+    regions: dict[str, list[Row]] = {}
+    operator, before = 0.0, None
+    for row in rows:
+        one = by_folder[row.folder.partition("/")[2] if job.head.parts > 1 else row.folder]
+        regions.setdefault(row.folder.rpartition("/")[0], []).append(row)
+        if before is None or (row.part, one.setup) != before[:2]:
+            operator += one.setup_head.clamp_s
+        if before is None or (one.head.tool, one.head.grit) != before[2:]:
+            operator += one.head.change_s
+        before = (row.part, one.setup, one.head.tool, one.head.grit)
+    sums = []
+    for name, those in regions.items():
+        maps = [read_removal(folder / row.folder / "run" / "removal.npz") for row in those]
+        found = summed(maps, [1.0] * len(maps))
+        radius = by_folder[those[0].folder.partition("/")[2] if job.head.parts > 1 else those[0].folder].tool.radius_m
+        sums.append({"region": name, **measure_removal(found, radius)})
+    keys = ("cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s", "abrasive_path_m")
+    total = {name: sum(row.figures[name] for row in rows) for name in keys}
+    area = sum(row.figures["area_m2"] for row in rows)
+    return {
+        "job_sha256": job.sha256, "parts": job.head.parts, **total, "operator_s": operator,
+        "whole_s": total["cycle_time_s"] + operator,
+        "area_per_hour_m2": 3600.0 * area / (total["cycle_time_s"] + operator),
+        "passes": [{"folder": row.folder, **{k: row.figures[k] for k in PASS_KEYS}} for row in rows], "regions": sums,
+    }  # fmt: skip
+
+
+PASS_KEYS: Final = (
+    *("tool", "grit", "cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s", "pieces", "path_done"),
+    *("abrasive_path_m", "abrasive_left", "removal_cv", "removal_cv_inside", "force_rms_error_n", "protective_stop"),
+)
+
+
+def programs(job: Job, folder: Path) -> Iterator[tuple[int, str]]:
+    """A programme for each setup: its passes one after the other, a message wherever the operator acts."""
+    for number in sorted({one.setup for one in job.passes}):
+        those = [one for one in job.passes if one.setup == number]
+        lines, calls, before = [], [], None
+        for k, one in enumerate(those, 1):
+            where = folder / ("part_1" if job.head.parts > 1 else "") / one.folder
+            text = next((where / "plan").glob("*.script")).read_text(encoding="utf-8")
+            name = next(line.split()[1] for line in text.splitlines() if line.startswith("def "))
+            lines += [text.replace(name, f"{name}_{k}")]
+            if before is None:
+                calls.append(_say(f"Clamp the part: {one.setup_head.name or one.setup_head.up}."))
+            if (one.head.tool, one.head.grit) != before:
+                grit = f", grit {one.head.grit}" if one.head.grit else ""
+                calls.append(_say(f"Mount {one.head.tool}{grit}."))
+            calls.append(f"  {name}_{k}()")
+            before = (one.head.tool, one.head.grit)
+        yield number, "\n".join([*lines, f"def setup_{number}():", *calls, "end", f"setup_{number}()", ""])
+
+
+def _say(text: str) -> str:
+    return f'  popup("{text}", title="polish-sim", blocking=True)'

@@ -1,0 +1,99 @@
+"""The tool library: what turns on the arm's end, as settings of the scenario (tools.toml -> Tool -> table)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from polish_sim.config.key import key
+from polish_sim.errors import ConfigError, number_text, unknown_name
+from polish_sim.scenario_file import merge
+from polish_sim.toml_text import read_toml
+
+SHIPPED: Final = Path(__file__).with_name("tools.toml")
+SPINDLE, ORBITAL, BELT = "spindle", "orbital", "belt"
+KINDS: Final = (SPINDLE, ORBITAL, BELT)
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A tool."""
+
+    kind: str = key(SPINDLE, "spindle: the pad turns; orbital: it runs on a small orbit; belt: its cover slides")
+    text: str = key("", "what it is")
+    radius_m: float = key(0.025, "radius of its face [m]", 0.001, 0.2)
+    stiffness_n_m: float = key(20000.0, "stiffness of the whole face pressed flat [N/m]", 100.0, 1e7)
+    head_stiffness_n_m: float = key(20000.0 / 3.0, "spring behind it [N/m]", 100.0, 1e6)
+    moved_kg: float = key(0.3, "mass behind which that spring is, which the sensor carries too [kg]", 0.01, 10.0)
+    speed_rpm: float = key(6000.0, "speed of spindle or orbit [1/min]", 0.0, 60000.0)
+    speed_most_rpm: float = key(15000.0, "largest speed allowed [1/min]", 0.0, 60000.0)
+    orbit_m: float = key(0.0, "radius of the orbit [m]", 0.0, 0.02)
+    belt_m_s: float = key(0.0, "speed of the belt [m/s]", 0.0, 50.0)
+    force_least_n: float = key(1.0, "least force allowed [N]", 0.5, 200.0)
+    force_most_n: float = key(50.0, "largest force allowed [N]", 0.5, 200.0)
+    wear_nm: float = key(
+        0.0,
+        "sliding work, pressure x way over area, after which it takes off half as much; 0 = no wear [N m]",
+        0.0,
+        1e15,
+    )
+
+    @property
+    def slide_m_s(self) -> float:
+        """Speed at which all of the face slides, beside the turning [m/s]: |v| averaged over the orbit."""
+        return {SPINDLE: 0.0, ORBITAL: self.orbit_m * self.speed_rpm * math.tau / 60.0, BELT: self.belt_m_s}[self.kind]
+
+    def settings(self) -> dict[str, Any]:
+        """The tool as a table of the scenario.
+
+        A quick orbit leaves hardly any friction along the feed: Coulomb's law is smoothed over the sliding speed.
+        """
+        slide = self.slide_m_s
+        pad = {"radius_m": self.radius_m, "stiffness_n_m": self.stiffness_n_m, "slide_m_s": slide}
+        if slide > 0.0:
+            pad["friction_smoothing_m_s"] = slide
+        head = {"stiffness_n_m": self.head_stiffness_n_m, "mass_kg": self.moved_kg}
+        return {"pad": pad, "head": head, "spindle": {"speed_rpm": self.speed_rpm if self.kind == SPINDLE else 0.0}}
+
+    def left(self, work: float) -> float:
+        """Share of its removal that is left after sliding ``work`` [N m]."""
+        return float(0.5 ** (work / self.wear_nm)) if self.wear_nm > 0.0 else 1.0
+
+    def check_force(self, name: str, force: float) -> None:
+        """Refuse a force the tool does not bear.
+
+        Raises:
+            ConfigError: It is outside its range.
+        """
+        if not self.force_least_n <= force <= self.force_most_n:
+            raise ConfigError(
+                f"'contact_force_n' of {number_text(force)} N is outside {number_text(self.force_least_n)} to "
+                f"{number_text(self.force_most_n)} N, which '{name}' allows."
+            )
+
+
+def read_tools(file: Path | None = None) -> Mapping[str, Tool]:
+    """The shipped tools by name, and those of a file.
+
+    Raises:
+        ConfigError: A key or value is wrong; names tool and key.
+    """
+    tables = read_toml(SHIPPED, "tool file", ConfigError)
+    if file is not None:
+        tables |= read_toml(file, "tool file", ConfigError)
+    tools = {}
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            raise ConfigError(f"'{name}' is no tool: write [{name}] and its keys below.")
+        tool = merge(Tool(), table, f"{name}.")
+        if tool.kind not in KINDS:
+            raise unknown_name(f"kind of the tool '{name}'", tool.kind, KINDS)
+        if tool.kind != SPINDLE and tool.slide_m_s == 0.0:
+            raise ConfigError(f"the tool '{name}' does not slide: set '{name}.orbit_m' and speed_rpm, or belt_m_s.")
+        if tool.speed_rpm > tool.speed_most_rpm:
+            raise ConfigError(f"'{name}.speed_rpm' is above its speed_most_rpm.")
+        tools[name] = tool
+    return tools

@@ -1,0 +1,83 @@
+"""A job's file: what it says, and that what is wrong is refused with its line."""
+
+from __future__ import annotations
+
+import random
+import re
+from pathlib import Path
+
+import pytest
+
+from polish_sim.errors import PolishSimError
+from polish_sim.job.job_file import TEMPLATE, Job, read_job
+
+TEXT = TEMPLATE.format(part="plate", name="job.toml")
+
+
+def read(folder: Path, text: str) -> Job:
+    file = folder / "job.toml"
+    file.write_text(text, encoding="utf-8")
+    return read_job(file)
+
+
+def test_the_template_is_a_job_of_two_crossed_passes(tmp_path: Path):
+    job = read(tmp_path, TEXT)
+    one, other = job.passes
+    assert (one.head.grit, other.head.grit) == (120, 240)
+    assert one.scenario.plan.raster_direction == (1.0, 0.0, 0.0)
+    assert other.scenario.process.contact_force_n == 15.0
+    assert job.passes[0].scenario.robot.arm == "ur5e"
+
+
+def test_passes_are_setups_times_regions_times_passes(tmp_path: Path):
+    text = TEXT.replace('regions = ["auto"]', 'regions = ["top", "auto"]')
+    folders = [one.folder for one in read(tmp_path, text + "\n[[setup]]\n[[setup.pass]]\n").passes]
+    assert folders == [
+        "setup_1/region_1/pass_1", "setup_1/region_1/pass_2", "setup_1/region_2/pass_1", "setup_1/region_2/pass_2",
+        "setup_2/region_1/pass_1",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("grit = 120", "grti = 120"),
+        ("process.contact_force_n = 15.0", "process.contact_force_n = -15.0"),
+        ("process.contact_force_n = 15.0", "process.contact_force_n = 45.0"),
+        ('tool = "spindle-pad"  #', 'tool = "spindel-pad"  #'),
+        ('plan.pattern = "raster"\n', 'plan.pattern = "rastre"\n'),
+        ("clamp_s = 60.0", "clamp_s = 'long'"),
+        ('regions = ["auto"]', 'regions = "auto"'),
+        ("parts = 1", "parts = 0"),
+        ('robot.arm = "ur5e"', 'robot.arn = "ur5e"'),
+    ],
+)
+def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, old: str, new: str):
+    text = TEXT.replace(old, new, 1)
+    assert text != TEXT
+    if "45.0" in new:
+        text = text.replace("45.0", "55.0")
+    with pytest.raises(PolishSimError) as caught:
+        read(tmp_path, text)
+    lines = [n for n, (a, b) in enumerate(zip(TEXT.splitlines(), text.splitlines(), strict=True), 1) if a != b]
+    found = re.search(r"line (\d+)", str(caught.value))
+    assert found is not None
+    # The same key may stand in another pass above.
+    assert int(found[1]) in lines or text.splitlines()[int(found[1]) - 1].split("=")[0] in new
+
+
+def test_mutated_files_are_read_or_refused_with_one_error(tmp_path: Path):
+    rng = random.Random(500)
+    refused = 0
+    for _ in range(60):
+        text = list(TEXT)
+        for _ in range(rng.randint(1, 4)):
+            at = rng.randrange(len(text))
+            text[at : at + rng.randint(0, 3)] = rng.choice(["", "x", "=", "[", "-1", '"', "\n", "9e99"])
+        try:
+            read(tmp_path, "".join(text))
+        except PolishSimError as error:
+            refused += 1
+            assert "\n\n" not in str(error)
+    assert refused > 10
+    assert [file.name for file in tmp_path.iterdir()] == ["job.toml"]

@@ -1,0 +1,92 @@
+"""A small job simulated: its times, a stop in the middle, and the same bytes again."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from polish_sim.cell import Silent
+from polish_sim.job.job_file import Job, read_job
+from polish_sim.job.run_job import Row, job_figures, programs, run_job
+from polish_sim.log import read_removal
+
+JOB = """
+part = "plate"
+[cell]
+safety.proof = "none"
+[[setup]]
+name = "on the table"
+regions = ["box:0,0,-10,60,60,100"]
+[[setup.pass]]
+grit = 120
+plan.pattern = "raster"
+plan.stepover_m = 0.02
+process.feed_m_s = 0.05
+"""
+FILE = "setup_1/region_1/pass_1/run/removal.npz"
+
+
+class Stops(Silent):
+    """Interrupts the pass after so many seconds of it."""
+
+    def __init__(self, after: float) -> None:
+        self.after = after
+
+    def progress(self, done: float, total: float) -> None:
+        if total > 2.0 and done >= self.after:
+            raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    file = tmp_path_factory.mktemp("job") / "job.toml"
+    file.write_text(JOB)
+    return read_job(file)
+
+
+@pytest.fixture(scope="module")
+def whole(job: Job, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Row]]:
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, list(run_job(job, folder, Silent()))
+
+
+def test_planned_and_simulated_time_agree(job: Job, whole: tuple[Path, list[Row]]):
+    folder, rows = whole
+    figures = job_figures(job, folder, rows)
+    assert figures["planned_cycle_time_s"] == pytest.approx(figures["cycle_time_s"], rel=0.02)
+    assert figures["contact_time_s"] + figures["air_time_s"] == pytest.approx(figures["cycle_time_s"])
+    assert figures["operator_s"] == 90.0
+    assert rows[0].figures["path_done"] == 1.0
+
+
+def test_the_programme_of_a_setup_asks_the_operator(job: Job, whole: tuple[Path, list[Row]]):
+    ((number, text),) = programs(job, whole[0])
+    assert number == 1
+    assert text.count("on the table") == 1
+    assert "grit 120" in text
+
+
+@pytest.mark.parametrize("after", [1.0, 7.0])
+def test_a_stopped_job_goes_on_and_takes_off_as_much(
+    job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, after: float
+):
+    with pytest.raises(KeyboardInterrupt):
+        list(run_job(job, tmp_path, Stops(after)))
+    (row,) = run_job(job, tmp_path, Silent())
+    one, two = (read_removal(folder / FILE) for folder in (whole[0], tmp_path))
+    assert two.areas @ two.exposure == pytest.approx(one.areas @ one.exposure, rel=0.1)
+    assert (two.exposure[one.exposure > 0.2 * one.mean] > 0.0).all()
+    assert not (tmp_path / "setup_1/region_1/pass_1/pieces").exists()
+    assert row.figures["pieces"] == (1 if after < 2.0 else 2)
+
+
+def test_the_same_job_gives_the_same_bytes(job: Job, whole: tuple[Path, list[Row]], tmp_path: Path):
+    list(run_job(job, tmp_path, Silent()))
+
+    def digests(folder: Path) -> dict[str, str]:
+        files = sorted(file for file in folder.rglob("*") if file.is_file())
+        return {str(f.relative_to(folder)): hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
+
+    assert digests(tmp_path) == digests(whole[0])

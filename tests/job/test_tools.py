@@ -1,0 +1,70 @@
+"""The tool library: what a tool sets in the cell, what is refused, and what an orbit takes off."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from polish_sim.cell.dwell import exposure_rates
+from polish_sim.errors import PolishSimError
+from polish_sim.experiments.registry import default_scenario
+from polish_sim.job.tools import ORBITAL, Tool, read_tools
+from polish_sim.scenario_file import merge
+from tests.cell.test_dwell import FORCE, pressed_at
+from tests.cell.test_removal import STIFFNESS, R, level_nodes
+
+
+def test_every_shipped_tool_is_a_scenario():
+    for tool in read_tools().values():
+        scenario = merge(default_scenario("surface"), tool.settings(), "")
+        assert scenario.pad.radius_m == tool.radius_m
+
+
+def test_the_spindle_pad_is_the_default_of_run_surface():
+    usual = default_scenario("surface")
+    scenario = merge(usual, read_tools()["spindle-pad"].settings(), "")
+    assert (scenario.head, scenario.spindle) == (usual.head, usual.spindle)
+
+
+def test_an_orbit_takes_off_pressure_times_orbit_speed_evenly_over_the_pad():
+    """On a plane p = F / (pi R^2) everywhere, and |u + w t(phi)| averaged over the orbit is w for a slow feed u."""
+    tool = Tool(kind=ORBITAL, orbit_m=0.0025, speed_rpm=10000.0)
+    slide, feed = tool.slide_m_s, 0.05
+    exact = (
+        quad(lambda phi: math.hypot(feed + slide * math.cos(phi), slide * math.sin(phi)), 0.0, math.tau)[0] / math.tau
+    )
+    nodes = level_nodes(0.001)
+    pose = pressed_at(0.0)._replace(velocities=np.array([[feed, 0.0, 0.0]]), turning=np.zeros((1, 3)))
+    found = exposure_rates(nodes, pose, R, STIFFNESS, slide).rates.toarray()[0]
+    under = np.linalg.norm(nodes.positions[:, :2], axis=1) < 0.98 * R
+    np.testing.assert_allclose(found[under], FORCE / (math.pi * R**2) * exact, rtol=0.02)
+
+
+def test_a_worn_abrasive_takes_off_half_after_its_wear():
+    tool = Tool(wear_nm=1000.0)
+    assert tool.left(0.0) == 1.0
+    assert tool.left(1000.0) == pytest.approx(0.5)
+    assert Tool().left(1e9) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[a]\nradius_m = -1.0\n", "radius_m"),
+        ("[a]\nkind = 'laser'\n", "laser"),
+        ("[a]\nkind = 'orbital'\n", "orbit_m"),
+        ("[a]\nspeed_rpm = 20000.0\n", "speed_rpm"),
+        ("[a]\nweight = 1.0\n", "weight"),
+        ("a = 3\n", "a"),
+        ("[a\n", "TOML"),
+    ],
+)
+def test_a_bad_tool_is_refused_by_name(tmp_path: Path, text: str, named: str):
+    file = tmp_path / "tools.toml"
+    file.write_text(text)
+    with pytest.raises(PolishSimError, match=named):
+        read_tools(file)
