@@ -29,7 +29,7 @@ FILE = "setup_1/region_1/pass_1/run/removal.npz"
 
 
 class Stops(Silent):
-    """Interrupts the pass after so many seconds of it."""
+    """Interrupts a pass some seconds after its start."""
 
     def __init__(self, after: float) -> None:
         self.after = after

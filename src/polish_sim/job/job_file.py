@@ -39,7 +39,7 @@ class JobHead:
 class SetupHead:
     """One clamping."""
 
-    name: str = key("", "what the operator is told")
+    name: str = key("", "its name, for the operator")
     up: str = key("auto", "side turned up")
     clamp_s: float = key(60.0, "time to clamp the part, or to turn it [s]", 0.0, 1e5)
 
