@@ -13,7 +13,7 @@ import numpy as np
 from polish_sim.analysis.run_record import package_versions
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
-from polish_sim.cli.score import put
+from polish_sim.cli.output_folder import put
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.report import save_plots
 from polish_sim.row_file import plain

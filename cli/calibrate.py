@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -14,31 +14,30 @@ from polish_sim.cli import console
 from polish_sim.cli.calibrate_pair import (
     CALIBRATION,
     PANEL,
+    Means,
     arm,
     base,
+    carry_out,
     chosen,
-    each_seed,
     noise_option,
     refuse_beside_data,
     tcp,
     write_found,
-    write_seeds,
 )
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed
-from polish_sim.config import Scenario
 from polish_sim.config.key import SENSOR
 from polish_sim.dual.experiment import CALIBRATIONS
-from polish_sim.errors import InputError, count_text
-from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS, PAYLOAD_SCENARIO
+from polish_sim.errors import InputError
+from polish_sim.experiments.registry import SEED_OPTIONS
+from polish_sim.experiments.rows import PAYLOAD_SCENARIO
 
 if TYPE_CHECKING:
     from polish_sim.dual.budget import PairBudgetTrial, Share
     from polish_sim.experiments import PayloadCalibration
 
-UNFINISHED: Final = ".seed"
 OWN_OPTIONS: Final = (
     Own("--data", SENSOR, "FILE.csv", "Poses and readings of a real robot instead of a simulated one; columns: "
         "docs/calibration.md.", Path),
@@ -62,22 +61,28 @@ def _every_calibration() -> None:
 
 
 @takes(
-    *(*OWN_OPTIONS, "--noise", "--poses", "--seed", "--seeds", "--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS),
+    *(*OWN_OPTIONS, "--noise", "--poses", *SEED_OPTIONS, "--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS),
     defaults=PAYLOAD_SCENARIO,
 )
 def payload(given: Given) -> int:
     """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many poses."""
-    data, drift, seeds = given["--data"], bool(given["--drift"]), given["--seeds"]
-    refuse_beside_data(given, "--noise", "--poses", "--seed", "--seeds", "--config", "--set")
-    scenario = build_scenario(PAYLOAD_SCENARIO, given)
-    with claimed(given["--out"], "calibrate-payload", given["--overwrite"]) as folder:
-        if data is not None:
-            outcome = from_data(data, drift, folder.draft)
-        elif seeds is None:
-            outcome = one_seed(scenario, drift, folder.draft)
-        else:
-            outcome = many_seeds(scenario, drift, range(scenario.seed, scenario.seed + seeds), folder.draft)
-    return outcome.finish(folder.final, check=bool(given["--check"]))
+    refuse_beside_data(given, "--noise", "--poses", *SEED_OPTIONS, "--config", "--set")
+    drift, scenario = bool(given["--drift"]), build_scenario(PAYLOAD_SCENARIO, given)
+
+    def run(seed: int) -> PayloadCalibration:
+        from polish_sim.experiments import run_payload_calibration
+
+        with nullcontext() if given["--seeds"] else console.progress() as observer:
+            return run_payload_calibration(replace(scenario, seed=seed), drift, observer)
+
+    def read(file: Path) -> PayloadCalibration:
+        from polish_sim.calibration import read_readings
+        from polish_sim.experiments import calibrate_from
+
+        return calibrate_from(read_readings(file), drift)
+
+    means = Means("payload", "payload", "payload", run, read, _show_estimate, _write, "mean", folders=True)
+    return carry_out({**given, "--seed": scenario.seed}, means, (scenario, drift))
 
 
 @takes(
@@ -111,53 +116,7 @@ calibrate.command("arm", cls=PanelledCommand, short_help="Tables of two arms off
 calibrate.command("budget", cls=PanelledCommand, short_help="Where the error of two robots comes from.")(budget)
 
 
-def one_seed(scenario: Scenario, drift: bool, draft: Path) -> Outcome:
-    """Calibrate one simulated robot and write its folder."""
-    from polish_sim.experiments import run_payload_calibration
-
-    with console.progress() as observer:
-        found = run_payload_calibration(scenario, drift, observer)
-        observer.stage("draw")
-        _write(draft, found)
-    _show_estimate(found)
-    return Outcome(PAYLOAD_CLAIMS, f"payload, seed {scenario.seed}", {"this calibration": found.figures})
-
-
-def many_seeds(scenario: Scenario, drift: bool, seeds: Sequence[int], draft: Path) -> Outcome:
-    """Calibrate with each seed, a folder each; what is checked is the worst seed of each figure."""
-    from polish_sim.cli.seeds import aggregate
-    from polish_sim.experiments import run_payload_calibration
-
-    unfinished = draft / UNFINISHED
-
-    def calibrated(seed: int) -> Mapping[str, Any]:
-        found = run_payload_calibration(replace(scenario, seed=seed), drift)
-        # Renamed when whole, so that breaking off leaves no folder with half of its files.
-        unfinished.mkdir()
-        _write(unfinished, found)
-        unfinished.rename(draft / f"seed-{seed:04d}")
-        return found.figures
-
-    runs, interrupted = each_seed(seeds, calibrated)
-    shutil.rmtree(unfinished, ignore_errors=True)
-    mean, worst = aggregate(PAYLOAD_CLAIMS, list(runs.values()))
-    write_seeds(draft, "calibrate-payload", runs, {"mean": mean, "worst": worst})
-    columns = {"mean": mean, "worst seed": worst}
-    return Outcome(PAYLOAD_CLAIMS, f"payload, {count_text(len(runs), 'seed')}", columns, interrupted=interrupted)
-
-
-def from_data(file: Path, drift: bool, draft: Path) -> Outcome:
-    """Calibrate from a file of a real robot's poses and readings and write its folder."""
-    from polish_sim.calibration import read_readings
-    from polish_sim.experiments import calibrate_from
-
-    found = calibrate_from(read_readings(file), drift)
-    _write(draft, found)
-    _show_estimate(found)
-    return Outcome(PAYLOAD_DATA_CLAIMS, f"payload from {file.name}", {"this calibration": found.figures})
-
-
-def _write(folder: Path, found: PayloadCalibration) -> None:
+def _write(found: PayloadCalibration, folder: Path) -> None:
     from polish_sim.analysis.payload_plot import plot_drift, plot_residuals
     from polish_sim.analysis.run_record import CONFIG
     from polish_sim.calibration import residual_table, write_calibration
@@ -185,11 +144,9 @@ def _facts(found: PayloadCalibration) -> list[str]:
     ]
 
 
-def _show_estimate(found: PayloadCalibration) -> None:
-    """Print what was found, each number with its standard deviation, and which readings were left out."""
+def _show_estimate(found: PayloadCalibration) -> tuple[str, ...]:
+    """Print what was found, each number with its standard deviation; notes name the readings that were left out."""
     estimate = found.estimate
-    for number in (k for k, used in enumerate(estimate.used, 1) if not used):
-        console.note(f"note: reading {number} does not fit the others and was left out. Did something touch the tool?")
     rows = [["mass", "kg", f"{estimate.mass:.5f}", f"{estimate.mass_std:.2g}"]]
     groups: list[tuple[str, str, float, Any, Any]] = [
         ("centre", "mm", 1e3, estimate.center, estimate.center_std),
@@ -206,6 +163,10 @@ def _show_estimate(found: PayloadCalibration) -> None:
         for axis, value, deviation in zip("xyz", values, deviations, strict=True):
             rows.append([f"{name} {axis}", unit, f"{scale * value:.4f}", f"{scale * deviation:.2g}"])
     console.table("tool and sensor, sensor axes", ["estimate", "unit", "value", "std"], rows)
+    return tuple(
+        f"note: reading {number} does not fit the others and was left out. Did something touch the tool?"
+        for number in found.figures["outliers"]
+    )
 
 
 def budget_once(trial: PairBudgetTrial, draft: Path) -> Outcome:

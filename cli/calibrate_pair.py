@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from polish_sim.cli import console
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder, whole_folder
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_without, takes
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
-from polish_sim.errors import InputError, count_text, leave_out, unknown_name
+from polish_sim.errors import InputError, leave_out, unknown_name
+from polish_sim.experiments.registry import SEED_OPTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,12 +25,10 @@ if TYPE_CHECKING:
     from polish_sim.dual.calibrate_bases import ArmsFound, BasesFound
     from polish_sim.dual.calibrate_tcp import TcpCalibration
 
-Figures = Mapping[str, Any]
-
 CALIBRATION: Final = "calibration.toml"
 PANEL: Final = "Instrument and measurements"
 LARGEST_NOISE: Final = 10.0  #: [mm]
-TRIAL_OPTIONS: Final = ("--seed", "--seeds", "--check", *OUTPUT_OPTIONS)
+TRIAL_OPTIONS: Final = (*SEED_OPTIONS, "--check", *OUTPUT_OPTIONS)
 DATA: Final = Own(
     "--data", PANEL, "FILE.csv", "Measurements of real robots instead of simulated ones: docs/calibration.md.", Path
 )
@@ -50,15 +49,17 @@ def noise_option(name: str, of: str, default: str) -> Own:
 
 
 class Means(NamedTuple):
-    """One of the three calibrations, as its options ask for it: how it is done, written and shown."""
+    """A calibration as its options ask for it: how it is done, written and shown."""
 
-    kind: str  #: Of the table of many seeds; from a file its claims are those of ``<kind>-data``
+    kind: str  #: From a file its claims are those of ``<kind>-data``
     what: str  #: What is found, for titles
     claims: str  #: Asked of simulated measurements
     run: Callable[[int], Any]  #: Simulates and calibrates with a seed
     read: Callable[[Path], Any]  #: Calibrates from a file
-    notes: Callable[[Any], tuple[str, ...]]
+    show: Callable[[Any], tuple[str, ...]]  #: Prints its own tables, returns notes
     write: Callable[[Any, Path], None]
+    mean: str = "rms"  #: Of many seeds, or ``mean``
+    folders: bool = False  #: Whether each of many seeds leaves its files
 
 
 @takes(
@@ -72,7 +73,7 @@ class Means(NamedTuple):
 )  # fmt: skip
 def tcp(given: Given) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
-    refuse_beside_data(given, "--noise", "--poses", "--cone", "--cell-tool", "--arm", "--seed", "--seeds")
+    refuse_beside_data(given, "--noise", "--poses", "--cone", "--cell-tool", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_tcp import TcpTrial, calibrate_tcp_from, run_tcp_calibration
     from polish_sim.dual.calibration.tool import read_tool_measurements
@@ -91,7 +92,7 @@ def tcp(given: Given) -> int:
         return calibrate_tcp_from(read_tool_measurements(file))
 
     claims = "tcp-gears" if _elastic(given) else "tcp"
-    return _calibrate(given, Means("tcp", "tool frame", claims, run, read, _tcp_notes, _write_tcp))
+    return carry_out(given, Means("tcp", "tool frame", claims, run, read, _tcp_notes, _write_tcp), trial)
 
 
 @takes(
@@ -102,7 +103,7 @@ def tcp(given: Given) -> int:
 )  # fmt: skip
 def base(given: Given) -> int:
     """Find where the second robot's base stands in the first one's, from axes turned before a laser tracker."""
-    refuse_beside_data(given, "--noise", "--points", "--arm", "--seed", "--seeds")
+    refuse_beside_data(given, "--noise", "--points", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import BaseTrial, calibrate_base_from, run_base_calibration
     from polish_sim.dual.calibration.bases import read_base_measurements
@@ -117,7 +118,7 @@ def base(given: Given) -> int:
         return calibrate_base_from(read_base_measurements(file))
 
     claims, write = "base-gears" if _elastic(given) else "base", partial(_write_base, _pair(given))
-    return _calibrate(given, Means("base", "bases", claims, run, read, _base_notes, write))
+    return carry_out(given, Means("base", "bases", claims, run, read, _base_notes, write), trial)
 
 
 @takes(
@@ -132,7 +133,7 @@ def base(given: Given) -> int:
 )  # fmt: skip
 def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
-    refuse_beside_data(given, "--noise", "--poses", "--length-error", "--angle-error", "--arm", "--seed", "--seeds")
+    refuse_beside_data(given, "--noise", "--poses", "--length-error", "--angle-error", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import ArmTrial, calibrate_arm_from, run_arm_calibration
     from polish_sim.dual.calibration.arm import Tolerance, read_tracked
@@ -149,7 +150,7 @@ def arm(given: Given) -> int:
         return calibrate_arm_from(read_tracked(file))
 
     write = partial(_write_arm, _pair(given))
-    return _calibrate(given, Means("arm", "arms", "arm", run, read, _arm_notes, write))
+    return carry_out(given, Means("arm", "arms", "arm", run, read, _arm_notes, write), trial)
 
 
 def _elastic(given: Given) -> bool:
@@ -189,58 +190,37 @@ def _pair(given: Given) -> str:
     return given["--pair"] or "simulated"
 
 
-def _calibrate(given: Given, means: Means) -> int:
-    """Calibrate from a file, once, or with many seeds, write the folder and show the outcome."""
+def carry_out(given: Given, means: Means, trial: object) -> int:
+    """Calibrate from a file, once, or with many seeds of a ``trial``, write the folder and show the outcome."""
     data, first = given["--data"], given["--seed"] or 0
+    refuse_without(given, "--seeds", "--workers", "--on")
+    if given["--seeds"] is not None:
+        kind, claims = f"calibrate-{means.kind}", CALIBRATIONS[means.claims]
+        prepare = partial(_each, means)
+        many = Many(kind, means.what, f"{trial} {given.get('--arm')}", prepare, claims, means.mean, "here")
+        return run_seeds(many, given, lambda _folder, _runs, outcome: outcome)
     with claimed(given["--out"], f"calibrate-{means.kind}", given["--overwrite"]) as folder:
-        if given["--seeds"] is not None:
-            outcome = _together(means, range(first, first + given["--seeds"]), folder.draft)
-        else:
-            found = means.run(first) if data is None else means.read(data)
-            means.write(found, folder.draft)
-            claims = CALIBRATIONS[means.claims if data is None else f"{means.kind}-data"]
-            title = f"{means.what}, seed {first}" if data is None else f"{means.what} from {data.name}"
-            outcome = Outcome(claims, title, {"this calibration": found.figures}, notes=means.notes(found))
+        found = means.run(first) if data is None else means.read(data)
+        means.write(found, folder.draft)
+        claims = CALIBRATIONS[means.claims if data is None else f"{means.kind}-data"]
+        title = f"{means.what}, seed {first}" if data is None else f"{means.what} from {data.name}"
+        outcome = Outcome(claims, title, {"this calibration": found.figures}, notes=means.show(found))
     return outcome.finish(folder.final, check=bool(given["--check"]))
 
 
-def _together(means: Means, seeds: Sequence[int], draft: Path) -> Outcome:
-    """Calibrate with each seed: rms and worst value of each figure; at an interrupt over those that are done."""
-    runs, interrupted = each_seed(seeds, lambda seed: means.run(seed).figures)
-    claims = CALIBRATIONS[means.claims]
+def _each(means: Means, folder: Path) -> Callable[[int], Figures]:
+    """What calibrates with a seed, in any process."""
+    place = folder.resolve()
 
-    def over(summary: Callable[[list[float]], float]) -> dict[str, float]:
-        known = {c.figure: [run[c.figure] for run in runs.values() if c.figure in run] for c in claims}
-        return {figure: summary(values) for figure, values in known.items() if values}
+    def calibrated(seed: int) -> Figures:
+        found = means.run(seed)
+        if means.folders:
+            with whole_folder(seed_folder(place, seed)) as own:
+                means.write(found, own)
+        figures: Figures = found.figures
+        return figures
 
-    rms, worst = over(lambda values: (sum(value**2 for value in values) / len(values)) ** 0.5), over(max)
-    write_seeds(draft, f"calibrate-{means.kind}", runs, {"rms": rms, "worst": worst})
-    title = f"{means.what}, {count_text(len(runs), 'seed')}"
-    return Outcome(claims, title, {"rms": rms, "worst seed": worst}, interrupted=interrupted)
-
-
-def each_seed(seeds: Sequence[int], calibrate: Callable[[int], Figures]) -> tuple[dict[int, Figures], bool]:
-    """Figures by seed, and whether the user broke off after the first."""
-    runs: dict[int, Figures] = {}
-    with console.progress() as observer:
-        observer.stage(f"calibrate {count_text(len(seeds), 'seed')}")
-        try:
-            for seed in seeds:
-                runs[seed] = calibrate(seed)
-                observer.progress(len(runs), len(seeds))
-        except KeyboardInterrupt:
-            if not runs:
-                raise
-            return runs, True
-    return runs, False
-
-
-def write_seeds(folder: Path, kind: str, runs: Mapping[int, Figures], columns: Mapping[str, Figures]) -> None:
-    """Write the figures of many seeds, and what is made of them."""
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
-
-    table = {"experiment": kind, "seeds": list(runs), **columns, "runs": runs, "versions": package_versions()}
-    write_json(folder / METRICS, table)
+    return calibrated
 
 
 def write_found(folder: Path, figures: Figures, residuals: str, plots: Mapping[str, Figure]) -> None:

@@ -19,7 +19,7 @@ import typer
 
 from polish_sim.config import Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
-from polish_sim.errors import ConfigError, InputError, number_text
+from polish_sim.errors import ConfigError, InputError, leave_out, number_text
 from polish_sim.scenario_file import AUTO, COUNTS, FILE_KEYS, load_scenario, merge, override, presets_in
 
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
@@ -405,6 +405,13 @@ def _placed(scenario: Scenario) -> Scenario:
     if Path(file_name).is_file():
         scenario = merge(scenario, {"controller": {"name": f"{Path(file_name).resolve()}:{class_name}"}}, "")
     return scenario
+
+
+def refuse_without(given: Given, needed: str, *options: str) -> None:
+    """Refuse options that change nothing without another one, by name (InputError)."""
+    idle = [option for option in options if given.get(option) is not None]
+    if idle and given.get(needed) is None:
+        raise InputError(leave_out(idle, f"would change nothing without {needed}"))
 
 
 def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]], given: Given) -> None:

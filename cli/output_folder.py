@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from polish_sim.errors import InputError
-from polish_sim.row_file import ROWS
+from polish_sim.row_file import ROWS, locked, whole_file
 
 try:
     import fcntl
@@ -134,25 +134,49 @@ def unused(kind: Path) -> Path:
     return candidate
 
 
-def rows_folder(out: Path | None, kind: str, what: str, holds: Sequence[str] = (ROWS,)) -> Path:
-    """Make the folder of work kept row by row, or take up one where it was begun, which ``holds`` these files.
+@contextmanager
+def rows_folder(
+    out: Path | None, kind: str, what: str, begin: Mapping[str, str], refuse: Callable[[Path], None]
+) -> Iterator[Path]:
+    """Make the folder of work kept row by row, or take up one where it was begun; others are kept out meanwhile.
 
-    ``out`` None means a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``what`` names the work, e.g. ``score``.
+    ``out`` None means a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``what`` names the work, e.g. ``score``; ``begin``:
+    files that say what it is of, as text by name; ``refuse`` raises where the folder holds other work. If the block
+    raises before there is a row, nothing is left behind.
 
     Raises:
-        InputError: If the folder holds something else or cannot be written.
+        InputError: If the folder holds something else, is in use, or cannot be written.
     """
     folder = out if out is not None else unused(RESULTS / kind)
+    made = not folder.exists()
     if folder.exists() and not folder.is_dir():
         raise InputError(_taken(folder))
-    if folder.is_dir() and any(folder.iterdir()) and not all((folder / name).exists() for name in holds):
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / ROWS).exists():
         raise InputError(f"'{folder}' holds something that is not a {what}. Choose another folder with --out.")
+    created = _create_parents(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(exist_ok=True)
         (folder / ROWS).touch()
     except OSError as error:
+        _remove_empty(created)
         raise InputError(f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out.") from error
-    return folder
+    try:
+        with locked(folder, what):
+            refuse(folder)
+            for name, text in begin.items():
+                put(folder, name, text)
+            yield folder
+    except BaseException:
+        if made and not (folder / ROWS).stat().st_size:
+            shutil.rmtree(folder, ignore_errors=True)
+            _remove_empty(created)
+        raise
+
+
+def put(folder: Path, name: str, content: str | bytes) -> None:
+    """Write a file; it appears when it is whole."""
+    with whole_file(folder / name) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def _taken(folder: Path) -> str:

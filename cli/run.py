@@ -16,7 +16,15 @@ from typer.core import TyperGroup
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.help import PanelledCommand
-from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
+from polish_sim.cli.options import (
+    CONFIG_OPTIONS,
+    OUTPUT_OPTIONS,
+    Given,
+    build_scenario,
+    refuse_idle_on_path,
+    refuse_without,
+    takes,
+)
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell
 from polish_sim.cli.view import Address, asked_address
@@ -111,7 +119,9 @@ def run(row: Experiment, given: Given) -> int:
     if seeds is not None and (view or video or given.get("--live")):
         raise InputError("--view, --live and --video show one run: leave --seeds out.")
     live = _live_address(given)
-    refuse_taken(given["--out"], given["--overwrite"])
+    if seeds is None:
+        refuse_taken(given["--out"], given["--overwrite"])
+        refuse_without(given, "--seeds", "--workers", "--on")
     if video:
         from polish_sim.cli.film import check_film
 
@@ -121,18 +131,17 @@ def run(row: Experiment, given: Given) -> int:
     if given.get("--dry-run"):
         check_reach(scenario, plan)
         return DONE
+    if seeds is not None:
+        from polish_sim.cli.many import run_many
+
+        return run_many(scenario, plan, {**given, "--seed": scenario.seed})
     with claimed(given["--out"], f"run-{row.name}", given["--overwrite"]) as folder:
-        if seeds is None:
-            sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
-            if live is not None:
-                from polish_sim.cli.live_view import LiveView
+        sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
+        if live is not None:
+            from polish_sim.cli.live_view import LiveView
 
-                sinks.append(LiveView(live, row.title(scenario)))
-            outcome = run_once(scenario, plan, folder.draft, sinks, bool(video))
-        else:
-            from polish_sim.cli.seeds import run_seeds
-
-            outcome = run_seeds(scenario, plan, range(scenario.seed, scenario.seed + seeds), folder.draft)
+            sinks.append(LiveView(live, row.title(scenario)))
+        outcome = run_once(scenario, plan, folder.draft, sinks, bool(video))
     return outcome.finish(folder.final, check=bool(given["--check"]))
 
 

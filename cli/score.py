@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import json
-import math
-import sys
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
+from polish_sim.cli.many import asked_folder, at_work
 from polish_sim.cli.options import OWN, Given, Own, takes
-from polish_sim.cli.output_folder import claimed, rows_folder
+from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
 from polish_sim.page import PAGE
-from polish_sim.row_file import ROWS, locked, whole_file
 
 if TYPE_CHECKING:
-    from polish_sim.scoring import Case, Entry, Score, Verdict
+    from polish_sim.scoring import Entry, Score, Verdict
+
+    Verdicts = Sequence[tuple[Entry, Sequence[Verdict]]]
 
 SEEDS: Final = 5
 SEEDS_OF_REACH: Final = 20
@@ -30,7 +27,6 @@ CONTROLLER_TEXT: Final = (
     "A shipped controller (see 'list'; default hybrid-pi), FILE.py:CLASS, or a policy: FILE.npz:linear, FILE.zip:sb3. "
     "A .py or .zip file runs code."
 )
-ASKED: Final = "asked.json"  #: What the score in the folder is of
 
 
 @takes(
@@ -67,7 +63,16 @@ def score(given: Given) -> int:
     if given["--worst"]:
         return find_worst(given)
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.scoring import BATTERY, REACH_CASES, ablations, asked_for, check_entries, choose_cases, user_entry
+    from polish_sim.scoring import (
+        BATTERY,
+        REACH_CASES,
+        ablations,
+        asked_for,
+        check_entries,
+        choose_cases,
+        run_score,
+        user_entry,
+    )  # fmt: skip
 
     reach, out, overwrite = bool(given["--reach"]), given["--out"], bool(given["--overwrite"])
     cases = choose_cases(REACH_CASES if reach else BATTERY, given["--case"] or [])
@@ -82,12 +87,19 @@ def score(given: Given) -> int:
 
         if settings or ablate:
             raise InputError("--border takes controllers as they ship: leave --set and --ablate out.")
-        with open_folder(out, {"of": "border", "controllers": [entry.label for entry in entries]}, overwrite) as folder:
+        asked = {"of": "border", "controllers": [entry.label for entry in entries]}
+        with asked_folder(out, "score", "score", asked, overwrite) as folder:
             return search_border(entries, folder)
     seeds = given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)
-    request = Request(cases, tuple(entries), seeds, reach, ablate, given["--workers"], given["--on"] or "local")
-    with open_folder(out, asked_for(cases, entries, seeds), overwrite) as folder:
-        return run_and_show(request, folder, bool(given["--check"]))
+    with asked_folder(out, "score", "score", asked_for(cases, entries, seeds), overwrite) as folder:
+        console.note(f"folder: {folder} (the same command with --out {folder} resumes an interrupted score)")
+        files = [file for entry in entries if (file := Path(entry.name.rpartition(":")[0])).is_file()]
+        stage = f"score {', '.join(entry.label for entry in entries)}: {count_text(len(cases), 'case')}"
+        with at_work(given, stage, files) as (workers, heard):
+            score = run_score(cases, entries, seeds, folder, heard, workers)
+        if not score.rows:
+            raise KeyboardInterrupt
+        return write_and_show(score, given, folder)
 
 
 def find_worst(given: Given) -> int:
@@ -124,67 +136,23 @@ def find_worst(given: Given) -> int:
     return DONE if worst.runs == given["--worst"] else INTERRUPTED
 
 
-@dataclass(frozen=True)
-class Request:
-    """What is to be scored."""
-
-    cases: tuple[Case, ...]
-    entries: tuple[Entry, ...]
-    seeds: int
-    reach: bool
-    ablate: bool
-    workers: int | None
-    on: str = "local"
-
-
-def run_and_show(request: Request, folder: Path, check: bool) -> int:
-    """Score, write the locked folder, print the tables; returns 1 only with ``check``, 130 if it was interrupted."""
+def write_and_show(score: Score, given: Given, folder: Path) -> int:
+    """Write and print what came of a score; returns 1 only with ``--check``, 130 if it was interrupted."""
     from polish_sim.scoring import BATTERY_ASKED, REACH, judge
 
-    console.note(f"folder: {folder} (the same command with --out {folder} resumes an interrupted score)")
-    score = _run(request, folder)
-    verdicts = [
-        (entry, judge(REACH if request.reach else BATTERY_ASKED, score.rows_of(entry))) for entry in request.entries
-    ]
-    _write(folder, request, score, verdicts)
-    _show(request, score, verdicts)
+    asked = REACH if given["--reach"] else BATTERY_ASKED
+    verdicts = [(entry, judge(asked, score.rows_of(entry))) for entry in score.entries]
+    _write(folder, given, score, verdicts)
+    _show(given, score, verdicts)
     console.say_folder(folder)
     if score.interrupted:
         console.note("interrupted: the rows above are kept; the same command with --out continues.")
         return INTERRUPTED
     short = any(not verdict.met for verdict in verdicts[0][1]) or not score.complete
-    return SHORT if check and short else DONE
+    return SHORT if given["--check"] and short else DONE
 
 
-def _run(request: Request, folder: Path) -> Score:
-    from polish_sim.cli.compiling import FIRST_START
-    from polish_sim.cli.progress import QUIET_S
-    from polish_sim.kernel_cache import is_warm
-    from polish_sim.scoring import run_score
-    from polish_sim.workers import open_workers
-
-    if not is_warm():
-        console.note(FIRST_START)
-    with console.progress() as observer:
-        observer.stage(f"score {', '.join(e.label for e in request.entries)}: {count_text(len(request.cases), 'case')}")
-        bar, told_at = sys.stderr.isatty(), -math.inf
-
-        def heard(done: int, total: int, trouble: str | None) -> None:
-            nonlocal told_at
-            if trouble is not None:
-                console.note(f"warning: {trouble}.")
-            if bar:
-                observer.progress(done, total)
-            elif done == total or time.monotonic() - told_at >= QUIET_S:
-                console.note(f"{done} of {total} runs")
-                told_at = time.monotonic()
-
-        files = [file for entry in request.entries if (file := Path(entry.name.rpartition(":")[0])).is_file()]
-        with open_workers(request.on, request.workers, files) as workers:
-            return run_score(request.cases, request.entries, request.seeds, folder, heard, workers)
-
-
-def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> None:
+def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts) -> None:
     from polish_sim.analysis.run_record import package_versions
     from polish_sim.experiments.report import save_plots
     from polish_sim.scoring import BATTERY_ASKED, REACH, ablation_ratios, markdown
@@ -214,17 +182,13 @@ def _write(folder: Path, request: Request, score: Score, verdicts: Sequence[tupl
     }  # fmt: skip
     put(folder, "score.json", json.dumps(whole, indent=1, allow_nan=False) + "\n")
     put(folder, "metrics.json", json.dumps(facts | {"asked": asked}, indent=2, allow_nan=False) + "\n")
-    page = markdown(score, verdicts)
-    if request.ablate:
-        page += _ablation_page(request, score)
-    put(folder, "score.md", page)
-    put(folder, PAGE, _page(request, score, verdicts))
-    if score.rows and request.ablate:
-        save_plots(folder, {"score.png": plot_ablation(ablation_ratios(score))})
-    elif score.rows:
-        moving = {case.name: case.moving for case in score.cases}
-        figure = plot_score(score.rows, moving, REACH if request.reach else BATTERY_ASKED)
-        save_plots(folder, {"score.png": figure})
+    put(folder, "score.md", markdown(score, verdicts, bool(given["--ablate"])))
+    put(folder, PAGE, _page(score, verdicts))
+    moving = {case.name: case.moving for case in score.cases}
+    save_plots(folder, {
+        "score.png": plot_ablation(ablation_ratios(score)) if given["--ablate"]
+        else plot_score(score.rows, moving, REACH if given["--reach"] else BATTERY_ASKED)
+    })  # fmt: skip
 
 
 def _facts(score: Score) -> dict[str, Any]:
@@ -242,18 +206,16 @@ def _facts(score: Score) -> dict[str, Any]:
     }
 
 
-def _show(request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> None:
+def _show(given: Given, score: Score, verdicts: Verdicts) -> None:
     from polish_sim.scoring import ablation_table, breaking, overview, summarize, verdict_table, worst_line
 
     summaries = summarize(score.cases, score.entries, score.rows)
-    if not score.rows:
-        return
     left = 2 if len(score.entries) > 1 else 1
     seeds = f"worst of {score.seeds} seeds (means in score.md)" if score.seeds > 1 else "one seed"
     console.table(f"score [s, N], {seeds}", *overview(summaries, means=False), left=left)
-    if request.ablate:
+    if given["--ablate"]:
         console.table("without each law: mean change and largest [s, N]", *ablation_table(score, places=False))
-    for entry, own in verdicts if not request.ablate else verdicts[:1]:
+    for entry, own in verdicts if not given["--ablate"] else verdicts[:1]:
         if own:
             console.table(f"what is asked: {entry.label}", *verdict_table(own))
     for entry in score.entries:
@@ -262,7 +224,7 @@ def _show(request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequen
             console.say(f"  breaks in {line}")
 
 
-def _page(request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> str:
+def _page(score: Score, verdicts: Verdicts) -> str:
     """The tables for a browser, with the command that plays the worst run of each case and leaves its own page."""
     from polish_sim.analysis.run_record import once_more
     from polish_sim.experiments.registry import default_scenario
@@ -271,9 +233,9 @@ def _page(request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequen
 
     summaries = summarize(score.cases, score.entries, score.rows)
     tables: dict[str, list[Sequence[str]]] = {
-        f"Asked of {entry.label}": _rows(*verdict_table(own)) for entry, own in verdicts if own
+        f"Asked of {entry.label}": verdict_table(own).lines for entry, own in verdicts if own
     }
-    tables["Cases, mean / worst of the seeds"] = _rows(*overview(summaries))
+    tables["Cases, mean / worst of the seeds"] = overview(summaries).lines
     runs: list[Sequence[str]] = [["case", "controller", "seed", "the worst run, with a page of its own"]]
     for summary in summaries:
         worst = worst_case([summary], summary.entry)
@@ -287,75 +249,3 @@ def _page(request: Request, score: Score, verdicts: Sequence[tuple[Entry, Sequen
     notes = [f"worst case of {worst_line(score, entry)}" for entry in score.entries]
     notes += [f"{entry.label} breaks in {line}" for entry in score.entries for line in breaking(summaries, entry)]
     return page_html(tables_page(f"score: {named}", about, tables, notes))
-
-
-def _rows(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
-    return [headings, *rows]
-
-
-def _ablation_page(request: Request, score: Score) -> str:
-    from polish_sim.scoring import ablation_table
-
-    headings, rows = ablation_table(score)
-    lines = [headings, ["---"] * len(headings), *rows]
-    grid = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-    return f"\n## What each law of `{request.entries[0].label}` is worth\n\n{grid}\n"
-
-
-@contextmanager
-def open_folder(
-    out: Path | None, asked: Mapping[str, Any], overwrite: bool = False, kind: str = "score"
-) -> Iterator[Path]:
-    """Make the folder of a score, or take up one that the same score has begun, and keep others out while it is filled.
-
-    ``asked``: what the score is of, by name: only the same one is continued, unless ``overwrite``. Raises InputError if
-    the folder holds something else, is in use, or not writable.
-    """
-    folder = rows_folder(out, kind, "score")
-    with locked(folder, kind):
-        if not overwrite:
-            _refuse_another(folder, asked)
-        put(folder, ASKED, json.dumps(asked, indent=1) + "\n")
-        yield folder
-
-
-def put(folder: Path, name: str, content: str | bytes) -> None:
-    """Write a file of the score; it appears when it is whole."""
-    with whole_file(folder / name) as draft:
-        draft.write_bytes(content.encode() if isinstance(content, str) else content)
-
-
-def _refuse_another(folder: Path, asked: Mapping[str, Any]) -> None:
-    """Refuse a folder in which another score was begun."""
-    begun = _begun(folder)
-    if begun is None or begun == asked:
-        return
-    raise InputError(
-        f"'{folder}' holds another {asked['of']}: {_difference(begun, asked)}. Choose another folder with --out"
-        + (", or add --overwrite to replace it; runs that both have are kept." if asked["of"] == "score" else ".")
-    )
-
-
-def _begun(folder: Path) -> Mapping[str, Any] | None:
-    """What the score in a folder is of; None if there is none yet, nothing known if it cannot be read."""
-    if not (folder / ROWS).stat().st_size and not (folder / ASKED).exists():
-        return None
-    try:
-        begun = json.loads((folder / ASKED).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return begun if isinstance(begun, dict) else {}
-
-
-def _difference(begun: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
-    """The first thing in which two scores differ, in words."""
-    if begun.get("of") != asked["of"]:
-        return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else "what it is of is not known"
-    for name in (name for name in asked if name not in ("of", "rows")):
-        if begun.get(name) != asked.get(name):
-            return f"its {name} are {_listed(begun.get(name))}, not {_listed(asked.get(name))}"
-    return "a controller's file or settings, or this program, have changed since it was begun"
-
-
-def _listed(value: Any) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import statistics
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, redirect_stdout
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,22 +15,21 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
+from polish_sim.cli.many import at_work, duration
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, build_scenario, takes
-from polish_sim.cli.output_folder import rows_folder
-from polish_sim.cli.score import put
+from polish_sim.cli.output_folder import put, rows_folder
 from polish_sim.config.key import OUTPUT, RUN
-from polish_sim.errors import InputError, count_text, number_text, unknown_name
+from polish_sim.errors import InputError, count_text, unknown_name
 from polish_sim.experiments.registry import ROWS as EXPERIMENTS
 from polish_sim.experiments.registry import default_scenario, experiment, refuse_idle_options
 from polish_sim.page import PAGE
-from polish_sim.row_file import ROWS, locked
+from polish_sim.row_file import ROWS
 
 if TYPE_CHECKING:
     from polish_sim.row_file import Row
     from polish_sim.studies.study import Study
     from polish_sim.studies.table import RunTable
 
-QUIET_S: Final = 10.0  #: Between two lines of progress where no bar can be shown [s]
 MOST_CHECKED: Final = 100  #: Values of an axis that are tried before the start
 OF_RUNS: Final = ("--controller", "--part", "--path", "--fault")
 OF_STUDY: Final = ("--vary", "--seeds", "--seed", "--sample", "--count", *OF_RUNS, *CONFIG_OPTIONS)
@@ -70,7 +68,7 @@ def sweep(what: What, given: Given) -> int:
         first = time_first(study, begun) if known is None else None
         announce(study, begun, given, known if first is None else run_time(first))
         return DONE
-    with open_sweep(out, study) as folder:
+    with sweep_folder(out, study) as folder:
         return run_and_show(study, RunTable(folder), given)
 
 
@@ -120,28 +118,17 @@ def check_values(study: Study) -> None:
             check_settings(scenario, plans=experiment(scenario.experiment).plans and not scenario.plan.file)
 
 
-@contextmanager
-def open_sweep(out: Path | None, study: Study) -> Iterator[Path]:
-    """Make the folder of a sweep, or take up that of one, and keep others out while it is filled.
-
-    Raises:
-        InputError: If it holds something else, is in use, or cannot be written.
-    """
+def sweep_folder(out: Path | None, study: Study) -> AbstractContextManager[Path]:
+    """The folder of a sweep, a new one or that of one of the same experiment; InputError if it holds another."""
     from polish_sim.studies.study import STUDY, read_study, to_text
 
-    made = out is None or not out.exists()
-    folder = rows_folder(out, f"sweep-{study.base.experiment}", "sweep", (ROWS, STUDY))
-    if (folder / STUDY).exists() and (held := read_study(folder / STUDY).base.experiment) != study.base.experiment:
-        raise InputError(f"'{folder}' holds a sweep of '{held}'. Choose another folder with --out.")
-    with locked(folder, "sweep"):
-        put(folder, STUDY, to_text(study))
-        try:
-            yield folder
-        finally:
-            if made and not (folder / ROWS).stat().st_size:  # nothing was recorded
-                for file in (folder / ROWS, folder / STUDY):
-                    file.unlink(missing_ok=True)
-                folder.rmdir()
+    def refuse(folder: Path) -> None:
+        if not (folder / STUDY).exists() and (folder / ROWS).stat().st_size:
+            raise InputError(f"'{folder}' holds something that is not a sweep. Choose another folder with --out.")
+        if (folder / STUDY).exists() and (held := read_study(folder / STUDY).base.experiment) != study.base.experiment:
+            raise InputError(f"'{folder}' holds a sweep of '{held}'. Choose another folder with --out.")
+
+    return rows_folder(out, f"sweep-{study.base.experiment}", "sweep", {STUDY: to_text(study)}, refuse)
 
 
 def announce(study: Study, table: RunTable | None, given: Given, run_s: float | None) -> None:
@@ -176,21 +163,12 @@ def time_first(study: Study, table: RunTable | None) -> Row | None:
             return run_row(study, None, missing[0])
 
 
-def duration(seconds: float) -> str:
-    """A time as people say it."""
-    for unit, size in (("h", 3600.0), ("min", 60.0)):
-        if seconds >= 1.5 * size:
-            return f"{number_text(seconds / size, 2)} {unit}"
-    return f"{max(1, round(seconds))} s"
-
-
 def run_and_show(study: Study, table: RunTable, given: Given) -> int:
     """Do the runs, write table, summary and page, print what came of them; 130 if it was interrupted."""
     from polish_sim.experiments.assembly import user_files
     from polish_sim.kernel_cache import is_warm
     from polish_sim.source_stamp import package_hash
     from polish_sim.studies.table import run_study, write_summary
-    from polish_sim.workers import open_workers
 
     if table.sources - {package_hash()[:12]}:
         console.note("note: rows of another version of polish-sim are in the folder and kept; see the column 'source'.")
@@ -200,14 +178,11 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
         # All kernels are compiled once, not in every process; once they are, the processes start at once.
         if not is_warm() and not given["--logs"] and (row := time_first(study, table)):
             table.add(row)
-        if known := table.run_s is not None:
-            announce(study, table, given, table.run_s)
+        announce(study, table, given, table.run_s)
         named = [study.with_value(axis, v) for axis in study.axes for v in axis.values if isinstance(v, str)]
         files = sorted({file for scenario in (study.base, *named) for file in user_files(scenario)})
-        with open_workers(given["--on"] or "local", given["--workers"], files) as workers:
-            console.note(f"at work: {workers.where}")
-            with _progress(None if known else lambda: announce(study, table, given, table.run_s)) as heard:
-                run_study(study, table, workers, heard, bool(given["--logs"]))
+        with at_work(given, "simulate", files) as (workers, heard):
+            run_study(study, table, workers, heard, bool(given["--logs"]))
     except KeyboardInterrupt:
         interrupted = True
         if not table.outcomes:
@@ -221,33 +196,6 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
         console.note("interrupted: the runs that are done are kept; the same command with --out resumes.")
         return INTERRUPTED
     return DONE if facts["done"] else STOPPED
-
-
-@contextmanager
-def _progress(announced: Callable[[], None] | None) -> Iterator[Any]:
-    """Show how far a sweep is; call ``announced`` once a run is done."""
-    begun, first, told = time.monotonic(), -1, time.monotonic()
-    with console.progress() as observer:
-        observer.stage("simulate")
-
-        def heard(done: int, total: int, trouble: str | None) -> None:
-            nonlocal first, told, begun, announced
-            if trouble is not None:
-                console.note(f"warning: {trouble}.")
-            if announced and done >= first >= 0:
-                announced()
-                announced = None
-            first = done + 1 if first < 0 else first
-            if done <= first:  # what comes before the first result is no measure
-                begun = time.monotonic()
-            if sys.stderr.isatty():
-                observer.progress(done, total)
-            elif done == total or (done > first and time.monotonic() - told >= QUIET_S):
-                told = time.monotonic()
-                left = (told - begun) / max(1, done - first) * (total - done)
-                console.note(f"{done} of {total} runs" + (f", about {duration(left)} left" if done < total else ""))
-
-        yield heard
 
 
 def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:

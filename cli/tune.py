@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import sys
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,14 +13,15 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED
+from polish_sim.cli.many import asked_folder, at_work
 from polish_sim.cli.options import OWN, Given, Own, takes
-from polish_sim.cli.score import open_folder, put
+from polish_sim.cli.output_folder import put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, number_text, unknown_name
 from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
-    from polish_sim.studies.tune import Scorer, Search, Verdict
+    from polish_sim.studies.tune import Search, Verdict
 
 TUNED: Final = "tuned.toml"
 TRIALS, SEEDS, HELD_OUT_SEEDS = 100, 2, 5
@@ -58,8 +58,8 @@ def tune(controller: Controller, given: Given) -> int:
             raise InputError("'tune' searches with Optuna: pip install 'polish-sim[tune]'.")
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.scoring import check_entries
-    from polish_sim.studies.tune import Scorer
-    from polish_sim.workers import check_engine, open_workers
+    from polish_sim.studies.tune import Scorer, judge_tuned, search_best
+    from polish_sim.workers import check_engine
 
     check_engine(given["--on"] or "local")
     search = asked_search(controller, given)
@@ -67,11 +67,27 @@ def tune(controller: Controller, given: Given) -> int:
     check_entries((*search.cases, *search.held_out), [search.entry(None)])
     asked = _facts(search)
     file = Path(search.controller.rpartition(":")[0])
-    with open_folder(given["--out"], asked, kind="tune") as folder:
+    with asked_folder(given["--out"], "tune", "tune", asked) as folder:
         console.note(f"folder: {folder} (the same command with --out {folder} continues it)")
-        with open_workers(given["--on"] or "local", given["--workers"], [file] if file.is_file() else []) as workers:
+        trials = given["--trials"] or TRIALS
+        stage = f"search {', '.join(p.key for p in search.over)}, {trials} trials"
+        with at_work(given, stage, [file] if file.is_file() else []) as (workers, heard):
+
+            def tried(number: int, text: str) -> None:
+                console.note(f"trial {number} of {trials}: {text}")
+                heard(number, trials, None)
+
             scorer = Scorer(folder, workers)
-            return search_and_show(search, given, folder, scorer)
+            try:
+                best = search_best(search, trials, folder, scorer, tried)
+                console.note("shipped and tuned, on held-out seeds and cases")
+                verdicts = judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, scorer)
+            except KeyboardInterrupt:
+                console.note(f"interrupted: trials are kept; the same command with --out {folder} resumes.")
+                return INTERRUPTED
+        put(folder, TUNED, tuned_toml(search, best))
+        show(search, best, verdicts, folder)
+    return DONE
 
 
 def asked_search(controller: str, given: Given) -> Search:
@@ -114,32 +130,6 @@ def _facts(search: Search) -> dict[str, Any]:
         "settings": list(search.settings),
         "sampler": search.sampler,
     }
-
-
-def search_and_show(search: Search, given: Given, folder: Path, scorer: Scorer) -> int:
-    """Search, judge what was found, write and show it; 130 if it was interrupted."""
-    from polish_sim.studies.tune import judge_tuned, search_best
-
-    trials = given["--trials"] or TRIALS
-    try:
-        with console.progress() as observer:
-            observer.stage(f"search {', '.join(p.key for p in search.over)}: {trials} trials")
-
-            def heard(number: int, text: str) -> None:
-                if sys.stderr.isatty():
-                    observer.progress(number, trials)
-                else:
-                    console.note(f"trial {number} of {trials}: {text}")
-
-            best = search_best(search, trials, folder, scorer, heard)
-            observer.stage("shipped and tuned, on held-out seeds and cases")
-            verdicts = judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, scorer)
-    except KeyboardInterrupt:
-        console.note(f"interrupted: trials are kept; the same command with --out {folder} resumes.")
-        return INTERRUPTED
-    put(folder, TUNED, tuned_toml(search, best))
-    show(search, best, verdicts, folder)
-    return DONE
 
 
 def tuned_toml(search: Search, best: Mapping[str, float]) -> str:

@@ -60,6 +60,19 @@ class RowFile:
             raise
 
 
+class Rows(RowFile):
+    """The same, all of them in memory."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.known = dict(self.read())
+
+    def add(self, key: str, row: Mapping[str, Any]) -> None:
+        """Append a row."""
+        super().add(key, row)
+        self.known[key] = plain(row)
+
+
 def plain(value: Any) -> Any:
     """Values as JSON has them: arrays as lists, what is not a finite number as null."""
     if isinstance(value, Mapping):

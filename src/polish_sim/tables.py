@@ -1,4 +1,7 @@
-"""The one reader of CSV files: named columns of text, and numbers from them; errors name file, line and column."""
+"""The one reader of CSV files: named columns of text, and numbers from them; errors name file, line and column.
+
+And a table to be shown.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 
@@ -125,6 +128,24 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+class Table(NamedTuple):
+    """A table for the screen (`console.table`), for Markdown, and for a page (`lines`)."""
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    @property
+    def lines(self) -> list[Sequence[str]]:
+        """Headings and rows."""
+        return [self.headings, *self.rows]
+
+    @property
+    def markdown(self) -> str:
+        """The same in Markdown."""
+        ruled = [self.headings, ["---", *("---:" for _ in self.headings[1:])], *self.rows]
+        return "\n".join("| " + " | ".join(line) + " |" for line in ruled)
 
 
 def csv_text(names: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -20,7 +20,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import closing, contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
 from polish_sim.errors import InputError, PolishSimError, did_you_mean
+from polish_sim.row_file import Row, Rows
 from polish_sim.source_stamp import package_hash
 
 TRIES: Final = 2  #: A task at which this many processes died is left out
@@ -39,6 +40,7 @@ ENGINES: Final = ("local", "dask", "tcp://HOST:PORT", "tls://HOST:PORT")
 
 Work = Callable[[Any], Any]
 GroupOf = Callable[[Any], Hashable]
+Heard = Callable[[int, int, str | None], None]  #: Called with tasks done, all of them, and a trouble, if any
 
 
 class Result(NamedTuple):
@@ -72,6 +74,23 @@ class Workers(Protocol):
         ...
 
 
+def do_all(
+    workers: Workers, tasks: Sequence[Any], work: Work, group_of: GroupOf, keep: Callable[[Result], None],
+    heard: Heard, done: int = 0,
+) -> None:  # fmt: skip
+    """Have tasks done and ``keep`` each result as it comes; ``done`` more were done before.
+
+    ``keep`` also gets a result without a value where a process died. Ctrl-C ends the work with what is kept.
+    """
+    total = done + len(tasks)
+    heard(done, total, None)
+    with closing(workers.results(tasks, work, group_of)) as results:
+        for result in results:
+            keep(result)
+            done += result.value is not None
+            heard(done, total, result.trouble and f"{result.trouble} ({result.task})")
+
+
 @contextmanager
 def open_workers(on: str = "local", count: int | None = None, files: Sequence[Path] = ()) -> Iterator[Workers]:
     """Start ``count`` processes (by default one a processor) on an engine of `ENGINES`; they end with the block.
@@ -83,7 +102,9 @@ def open_workers(on: str = "local", count: int | None = None, files: Sequence[Pa
     """
     count = count or processors()
     check_engine(on)
-    if on == "local":
+    if on == "here":
+        yield Here()
+    elif on == "local":
         local = _Local(count)
         try:
             yield local
@@ -101,7 +122,7 @@ def check_engine(on: str) -> None:
     Raises:
         InputError: Listing them.
     """
-    if on not in ENGINES[:2] and not re.fullmatch(r"(tcp|tls)://\S+:\d+", on):
+    if on not in ("here", *ENGINES[:2]) and not re.fullmatch(r"(tcp|tls)://\S+:\d+", on):
         raise InputError(f"unknown engine '{on}'.{did_you_mean(on, ENGINES)} Known: {', '.join(ENGINES)}.")
 
 
@@ -109,6 +130,35 @@ def processors() -> int:
     """How many processors this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
     return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def fill_rows(
+    rows: dict[Any, Row], keys: Mapping[Any, str], kept: Rows, work: Work, group_of: GroupOf, workers: Workers,
+    heard: Heard,
+) -> None:  # fmt: skip
+    """Put the rows of tasks, named with their ``keys``, into ``rows``: those that are ``kept``, then those measured.
+
+    One whose process dies is left out; Ctrl-C leaves what is there.
+    """
+
+    def keep(result: Result) -> None:
+        if result.value is not None:
+            kept.add(keys[result.task], result.value)
+            rows[result.task] = kept.known[keys[result.task]]
+
+    rows |= {task: kept.known[key] for task, key in keys.items() if key in kept.known}
+    do_all(workers, [task for task in keys if task not in rows], work, group_of, keep, heard, len(rows))
+
+
+class Here:
+    """Tasks done in this process, one after the other: for those that take less time than to start another."""
+
+    count, where = 1, "this process"
+
+    def results(self, tasks: Sequence[Any], work: Work, _group_of: GroupOf) -> Generator[Result]:
+        """As of `Workers`."""
+        for task in tasks:
+            yield Result(task, work(task), None)
 
 
 # Processes of this machine.

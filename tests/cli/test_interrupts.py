@@ -30,6 +30,11 @@ def write_long_path(file: Path) -> None:
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n")
 
 
+def _at_work(out: Path) -> Path:
+    """Where a command writes: its draft, or the folder of its rows."""
+    return out / "cut" if (out / "cut/rows.jsonl").exists() else out / ".cut.polish-sim-part"
+
+
 def interrupted(words: list[str], folder: Path, ready: Callable[[Path, str], bool], then_s: float) -> str:
     """What a command says when Ctrl-C comes a while after it is ready, by its draft folder and what it has said; it
     ends with 130.
@@ -39,7 +44,7 @@ def interrupted(words: list[str], folder: Path, ready: Callable[[Path, str], boo
         tempfile.NamedTemporaryFile() as said,
         subprocess.Popen(command, cwd=folder, env=environment, stderr=said) as run,
     ):
-        while not ready(folder / "out/.cut.polish-sim-part", Path(said.name).read_text()):
+        while not ready(_at_work(folder / "out"), Path(said.name).read_text()):
             assert run.poll() is None, Path(said.name).read_text()
             time.sleep(0.02)
         time.sleep(then_s)
@@ -132,12 +137,19 @@ def test_ctrl_c_of_a_run_keeps_what_was_recorded(tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["cut"]
 
 
-def test_ctrl_c_of_many_seeds_keeps_those_that_ended(tmp_path: Path) -> None:
-    many = ["run", "arc", "--seeds", "40", "--set", "process.max_feed_s=2"]
-    interrupted(many, tmp_path, lambda draft, _: (draft / "seed-0010").exists(), 0.0)  # by then at least one has ended
+def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_the_same_command_does_the_others(
+    tmp_path: Path, polish_sim: Tool
+) -> None:
+    many = ["run", "arc", "--seeds", "12", "--set", "process.max_feed_s=1"]
+    interrupted(many, tmp_path, lambda folder, _: (folder / "seed-0002").exists(), 0.0)
     kept = metrics_of(tmp_path / "out/cut")["seeds"]
-    assert 1 <= len(kept) < 40
+    assert 1 <= len(kept) < 12
     assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [f"seed-{s:04d}" for s in kept]
+    begun = (tmp_path / "out/cut/rows.jsonl").read_bytes()
+    assert polish_sim(*many, "--out", "out/cut").code == 0
+    assert metrics_of(tmp_path / "out/cut")["seeds"] == list(range(12))
+    assert (tmp_path / "out/cut/rows.jsonl").read_bytes().startswith(begun)
+    assert polish_sim(*many, "--feed", "20", "--out", "out/cut").code == 2  # another run is not mixed in
 
 
 @pytest.mark.parametrize("what", ["tcp", "payload"])
@@ -156,6 +168,6 @@ def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(what: str, polis
     assert metrics["seeds"] == list(range(count))
     assert len(metrics["runs"]) == count
     folders = {f"seed-{seed:04d}" for seed in range(count)} if what == "payload" else set()
-    assert {path.name for path in cut.iterdir()} == {"metrics.json"} | folders
+    assert {path.name for path in cut.iterdir()} == {"metrics.json", "rows.jsonl", "asked.json"} | folders
     files = {"calibration.toml", "residuals.csv", "metrics.json", "config.toml", "residuals.png", "drift.png"}
     assert all({path.name for path in (cut / name).iterdir()} == files for name in folders)

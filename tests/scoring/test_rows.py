@@ -14,10 +14,10 @@ import pytest
 import polish_sim
 from polish_sim import models
 from polish_sim.errors import InputError
-from polish_sim.row_file import ROWS, locked
+from polish_sim.row_file import ROWS, Rows, locked
 from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, run_score, user_entry
 from polish_sim.scoring.battery import BATTERY, Case
-from polish_sim.scoring.journal import Journal, row_key
+from polish_sim.scoring.journal import keys_of
 from polish_sim.workers import open_workers
 
 PI = Entry("hybrid-pi", "hybrid-pi")
@@ -102,12 +102,12 @@ def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -
     file = tmp_path / "mine.py"
     file.write_text(CONTROLLER.format(body="return target.twist"))
     task = Task(SHORT, user_entry(f"{file}:Press"), 0)
-    key = row_key(task, {})
-    assert row_key(task, {}) == key
-    assert row_key(task._replace(seed=1), {}) != key
-    assert row_key(task._replace(case=replace(SHORT, settings=("process.hold_s=2",))), {}) != key
+    others = [task._replace(seed=1), task._replace(case=replace(SHORT, settings=("process.hold_s=2",)))]
+    key = keys_of([task])[task]
+    assert keys_of([task]) == {task: key}
+    assert len(set(keys_of([task, *others]).values())) == 3
     file.write_text(CONTROLLER.format(body="return 0 * target.twist"))
-    assert row_key(task, {}) != key
+    assert keys_of([task])[task] != key
 
 
 def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp_path: Path) -> None:
@@ -146,12 +146,9 @@ def test_a_case_that_cannot_be_set_up_says_so_and_has_no_figures() -> None:
 
 
 def test_undefined_figures_are_null_on_disk(tmp_path: Path) -> None:
-    journal = Journal(tmp_path)
-    journal.add(Task(SHORT, PI, 0), {"case": "short", "rms_error_n": float("nan")})
+    Rows(tmp_path).add("key", {"case": "short", "rms_error_n": float("nan")})
     assert "null" in (tmp_path / ROWS).read_text()
-    found = Journal(tmp_path).row(Task(SHORT, PI, 0))
-    assert found is not None
-    assert found["rms_error_n"] is None
+    assert Rows(tmp_path).known["key"]["rms_error_n"] is None
 
 
 def test_two_scores_do_not_write_into_one_folder(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from polish_sim.experiments.registry import (
     Experiment,
     always,
 )
+from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS
 
 TOOL_ON_PART: Final = (
     Claim("relative_error_rms_m", "tool on the part, error rms", "mm", 1e3, high=6e-5),
@@ -69,6 +70,8 @@ _ARM: Final = (
 )
 
 CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
+    "payload": PAYLOAD_CLAIMS,
+    "payload-data": PAYLOAD_DATA_CLAIMS,
     "arm": (
         Claim("relative_error_m", "tool of one arm by the other's, rms", "mm", 1e3, high=1.5e-4),
         Claim("relative_error_nominal_m", "  with nominal tables", "mm", 1e3),

@@ -47,7 +47,8 @@ PATH_OPTIONS: Final = (
 """What decides where a planned path runs."""
 FINISHED: Final = "is a finished plan"
 TOOL_OPTIONS: Final = ("--pad-diameter", "--contact-force", "--spindle-rpm")
-TRIAL_OPTIONS: Final = ("--controller", "--calibration", "--seed", "--seeds", "--fault", "--dry-run")
+SEED_OPTIONS: Final = ("--seed", "--seeds", "--workers", "--on")
+TRIAL_OPTIONS: Final = ("--controller", "--calibration", *SEED_OPTIONS, "--fault", "--dry-run")
 WATCH_OPTIONS: Final = ("--view", "--live", "--live-port", "--live-host", "--video", "--log-rate")
 
 

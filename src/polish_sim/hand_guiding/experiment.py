@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
 from polish_sim.config import Scenario, SpindleConfig
-from polish_sim.experiments.registry import PART_OPTIONS, REGION_OPTIONS, WATCH_OPTIONS, Excludes, Experiment
+from polish_sim.experiments.registry import (
+    PART_OPTIONS,
+    REGION_OPTIONS,
+    SEED_OPTIONS,
+    WATCH_OPTIONS,
+    Excludes,
+    Experiment,
+)
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
@@ -91,9 +98,9 @@ TEACH: Final = Experiment(
     comparisons={"hand_force.png": "polish_sim.hand_guiding.plots:plot_guiding_runs"},
     options=(
         *("--mode", "--direction", "--duration", "--follow"),
-        *(*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", "--seed", "--seeds", *WATCH_OPTIONS),
+        *(*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS, *WATCH_OPTIONS),
     ),
-    only_with={"--follow": (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", "--seed", "--seeds")},
+    only_with={"--follow": (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS)},
     not_with=(Excludes("--follow", "says where the hand goes", ("--direction", "--duration")),),
     title=_title,
 )

@@ -1,13 +1,13 @@
-"""The rows of a score on disk, one line each as they come, so that an interrupted score resumes.
+"""One row of the scorecard: a case, a controller and a seed become figures. A row depends on its scenario alone.
 
-A line counts as long as the key beside it is the key of the row that is wanted: the whole scenario, the user's
+On disk a row counts as long as the key beside it is the key of the row that is wanted: the whole scenario, the user's
 files and the package's own source enter it. Change any of them, and the row is measured anew.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -22,12 +22,10 @@ from polish_sim.experiments.assembly import Workplace, build_cell, build_part, c
 from polish_sim.experiments.force import hold_done, place_force
 from polish_sim.experiments.part_setup import path_done
 from polish_sim.experiments.surface import prepare_surface
-from polish_sim.row_file import Row, RowFile, plain
+from polish_sim.row_file import Row, plain
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import FIGURES, measure_score
 from polish_sim.source_stamp import package_hash
-
-# One row of the scorecard: a case, a controller and a seed become figures. A row depends on its scenario alone.
 
 
 class Task(NamedTuple):
@@ -36,6 +34,10 @@ class Task(NamedTuple):
     case: Case
     entry: Entry
     seed: int
+
+    def __str__(self) -> str:
+        """For messages."""
+        return f"{self.case.name}, {self.entry.label}, seed {self.seed}"
 
     @property
     def scenario(self) -> Scenario:
@@ -109,26 +111,10 @@ def _done(scenario: Scenario, place: Workplace, run: CellRun) -> bool:
 _NOTHING: Final[Row] = dict.fromkeys((*FIGURES, "peaks_error_n", "slowed")) | {"stable": False}
 
 
-class Journal:
-    """The file of rows of one score folder."""
-
-    def __init__(self, folder: Path) -> None:
-        self._file = RowFile(folder)
-        self._known = dict(self._file.read())
-        self._hashes: dict[Path, str] = {}
-
-    def row(self, task: Task) -> Row | None:
-        """The row of a task, if it was measured before."""
-        return self._known.get(row_key(task, self._hashes))
-
-    def add(self, task: Task, row: Row) -> None:
-        """Append a row."""
-        key = row_key(task, self._hashes)
-        self._file.add(key, row)
-        self._known[key] = plain(row)
-
-
-def row_key(task: Task, hashes: dict[Path, str]) -> str:
-    """What a row depends on, as a hash: scenario, the files it names (see `config_hash`), this package's source."""
-    words = package_hash(), config_hash(task.scenario, hashes), task.case.name, task.entry.label
-    return hashlib.sha256("|".join(words).encode()).hexdigest()[:24]
+def keys_of(tasks: Iterable[Task]) -> dict[Task, str]:
+    """What each row depends on, as a hash: scenario, the files it names (see `config_hash`), this package's source."""
+    hashes: dict[Path, str] = {}
+    words = {
+        task: (package_hash(), config_hash(task.scenario, hashes), task.case.name, task.entry.label) for task in tasks
+    }
+    return {task: hashlib.sha256("|".join(said).encode()).hexdigest()[:24] for task, said in words.items()}

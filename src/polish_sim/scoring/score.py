@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,10 @@ from typing import Any
 from polish_sim.control import build_controller
 from polish_sim.control.laws import file_of, tell_error
 from polish_sim.errors import InputError
+from polish_sim.row_file import Row, Rows
 from polish_sim.scoring.battery import Case, Entry
-from polish_sim.scoring.journal import Journal, Row, Task, measure_row, row_key, setup_key
-from polish_sim.workers import Workers
-
-Heard = Callable[[int, int, str | None], None]  #: Called with the rows there are, those wanted, and a problem, if any
+from polish_sim.scoring.journal import Task, keys_of, measure_row, setup_key
+from polish_sim.workers import Heard, Workers, fill_rows
 
 
 @dataclass(frozen=True)
@@ -47,9 +45,9 @@ def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> l
 
 def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> dict[str, Any]:
     """What a score is of, to compare it with another: controllers, cases, seeds, one hash of all they depend on."""
-    digest, hashes = hashlib.sha256(), dict[Path, str]()
-    for task in list_tasks(cases, entries, seeds):
-        digest.update(row_key(task, hashes).encode())
+    digest = hashlib.sha256()
+    for key in keys_of(list_tasks(cases, entries, seeds)).values():
+        digest.update(key.encode())
     return {
         "of": "score",
         "controllers": [entry.label for entry in entries],
@@ -89,34 +87,14 @@ def run_score(
     Rows do not depend on the ``workers`` or their number; those of the same scenarios that are in the folder already
     are taken over. Seeds count up from 0.
     """
-    tasks, rows, interrupted = list_tasks(cases, entries, seeds), dict[Task, Row](), False
+    rows, interrupted = dict[Task, Row](), False
+    tasks = keys_of(list_tasks(cases, entries, seeds))
     try:
-        fill_rows(rows, tasks, Journal(folder), workers, heard)
+        fill_rows(rows, tasks, Rows(folder), measure_row, lambda task: setup_key(task.scenario), workers, heard)
     except KeyboardInterrupt:
         interrupted = True
     ordered = tuple(rows[task] for task in tasks if task in rows)
     return Score(tuple(cases), tuple(entries), seeds, ordered, len(tasks), interrupted)
-
-
-def fill_rows(
-    rows: dict[Task, Row], tasks: Sequence[Task], journal: Journal, workers: Workers, heard: Heard = lambda *_: None
-) -> None:
-    """Put the rows of tasks into ``rows``: those of the journal, then those measured; one whose process dies is left
-    out.
-    """
-    rows |= {task: row for task in tasks if (row := journal.row(task)) is not None}
-    missing = [task for task in tasks if task not in rows]
-    heard(len(rows), len(tasks), None)
-    with closing(workers.results(missing, measure_row, _group)) as results:
-        for task, row, trouble in results:
-            if row is not None:
-                journal.add(task, row)
-                rows[task] = row
-            heard(len(rows), len(tasks), _told(task, trouble))
-
-
-def _group(task: Task) -> object:
-    return setup_key(task.scenario)
 
 
 def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Entry:
@@ -129,9 +107,3 @@ def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Ent
     if separator and Path(file).is_file():  # one that is missing is named as it was given
         name = f"{Path(file).resolve()}:{class_name}"
     return Entry(label, name, tuple(settings))
-
-
-def _told(task: Task | None, trouble: str | None) -> str | None:
-    if trouble is None or task is None:
-        return trouble
-    return f"{trouble} ({task.case.name}, {task.entry.label}, seed {task.seed})"

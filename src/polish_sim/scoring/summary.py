@@ -9,12 +9,13 @@ from typing import Any, Final
 
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments import default_scenario
+from polish_sim.row_file import Row
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import DEFINITIONS, Spread, spread
-from polish_sim.scoring.journal import Row
 from polish_sim.scoring.reach import Verdict
 from polish_sim.scoring.score import Score
+from polish_sim.tables import Table
 
 SHOWN: Final[Mapping[str, str]] = {
     "settling_1n_s": "settling [s]",
@@ -95,10 +96,6 @@ def _error_share(row: Row) -> float:
 _FIGURES: Final = (*SHOWN, "mean_error_n", "std_n", "oscillation_n", "peaks_error_n")
 
 
-# The score in words and tables: the same cells for the screen and for Markdown.
-
-Table = tuple[list[str], list[list[str]]]  #: Headings and rows
-
 NONE: Final = "-"
 
 
@@ -117,7 +114,7 @@ def overview(summaries: Sequence[Summary], means: bool = True) -> Table:
         before = summary.case.name
         cells = [_cell(summary, figure, means) for figure in SHOWN]
         rows.append([name, *([summary.entry.label] if several else []), *cells, _stable(summary)])
-    return headings, rows
+    return Table(headings, rows)
 
 
 def breaking(summaries: Sequence[Summary], entry: Entry) -> list[str]:
@@ -143,7 +140,7 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
         mean = NONE if shares else number(v.mean)
         last = [str(v.runs), v.worst_case or NONE, "yes" if v.met else "NO"]
         rows.append([v.asked.label, v.asked.unit, v.asked.published, asked, worst, mean, *last])
-    return headings, rows
+    return Table(headings, rows)
 
 
 def worst_line(score: Score, entry: Entry) -> str:
@@ -156,16 +153,16 @@ def worst_line(score: Score, entry: Entry) -> str:
     return f"{entry.label}: {worst['case']} (seed {worst['seed']}{error}{how})"
 
 
-def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) -> str:
-    """The whole score as a Markdown page."""
+def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]], ablated: bool = False) -> str:
+    """The whole score as a Markdown page; ``ablated``: every controller but the first lacks one of its laws."""
     summaries = summarize(score.cases, score.entries, score.rows)
     names = " and ".join(f"`{entry.label}`" for entry in score.entries)
     parts = [f"# Score of {names}", _intro(score)]
     parts += [f"Worst case of {worst_line(score, entry)}." for entry in score.entries]
     for entry, own in verdicts:
         if own:
-            parts.append(f"## What is asked: `{entry.label}`\n\n{_grid(*verdict_table(own))}")
-    parts.append(f"## All cases, mean / worst seed\n\n{_grid(*overview(summaries))}")
+            parts.append(f"## What is asked: `{entry.label}`\n\n{verdict_table(own).markdown}")
+    parts.append(f"## All cases, mean / worst seed\n\n{overview(summaries).markdown}")
     for entry in score.entries:
         lines = breaking(summaries, entry)
         text = "\n".join(f"- {line}" for line in lines) if lines else "Nowhere in these cases."
@@ -174,6 +171,8 @@ def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]]) 
     parts += [_case_part(score, summaries, index) for index in range(len(score.cases))]
     definitions = "\n".join(f"- **{name}**: {text}" for name, text in DEFINITIONS.items())
     parts.append(f"## Definitions\n\n{definitions}")
+    if ablated:
+        parts.append(f"## What each law of `{score.entries[0].label}` is worth\n\n{ablation_table(score).markdown}")
     return "\n\n".join(parts) + "\n"
 
 
@@ -196,7 +195,7 @@ def _case_part(score: Score, summaries: Sequence[Summary], index: int) -> str:
     rows.append(["stable", *("" for _ in own), *(_stable(s) for s in own), *([""] if len(own) == 2 else [])])
     headings += ["worst, change"] if len(own) == 2 else []
     keys = ", ".join(f"`{setting}`" for setting in case.settings) or "the defaults"
-    return f"### {case.name}\n\n{case.text}. `run {case.experiment}` with {keys}.\n\n{_grid(headings, rows)}"
+    return f"### {case.name}\n\n{case.text}. `run {case.experiment}` with {keys}.\n\n{Table(headings, rows).markdown}"
 
 
 def _cell(summary: Summary, figure: str, means: bool) -> str:
@@ -228,11 +227,6 @@ def _weakness(summary: Summary) -> str:
     lost = summary.figures["contact_lost_s"].mean or 0.0
     swing = summary.figures["oscillation_n"].worst or 0.0
     return f"contact lost for {number(lost)} s on average, oscillation up to {number(swing)} N"
-
-
-def _grid(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [headings, ["---", *("---:" for _ in headings[1:])], *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 # What each law of a composed controller is worth: the battery with one of them left out at a time.
@@ -271,7 +265,7 @@ def ablation_table(score: Score, places: bool = True) -> Table:
         changes = [{case: after - before for case, before, after in _means(pairs, key)} for key in _ABLATION_KEYS]
         more = sum(with_it.stable - without.stable for with_it, without in pairs)
         rows.append([law, *(_told(change, places) for change in changes), f"{more:+d}"])
-    return [*headings, "unstable runs"], rows
+    return Table([*headings, "unstable runs"], rows)
 
 
 def ablation_ratios(score: Score) -> dict[str, dict[str, dict[str, float]]]:

@@ -7,8 +7,7 @@ import platform
 import statistics
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
-from contextlib import closing
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -23,7 +22,7 @@ from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.row_file import Row, RowFile, whole_file
 from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Run, Study
-from polish_sim.workers import Workers, local_copy
+from polish_sim.workers import Heard, Result, Workers, do_all, local_copy
 
 RUNS: Final = "runs.parquet"
 RUN_FOLDERS: Final = "runs"  #: Of logs, where they are wanted
@@ -32,7 +31,6 @@ _NOT_FIGURES: Final = ("protective_stop", "protective_stop_at", "T_base_work", "
 _PAUSE_S: Final = 60.0  #: Between two writings of the table, at least
 _SHARE: Final = 50.0  #: Pause over the time one takes, at least
 
-Heard = Callable[[int, int, str | None], None]  #: Called with runs done, all of them, and a trouble, if any
 _PLANS = Memory()
 
 
@@ -40,8 +38,7 @@ def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
     """Simulate one run and give its row; a run that cannot be done says why. ``logs``: where its folder goes."""
     key, run = task
     begun = time.perf_counter()
-    values = {axis.key: _cell(value) for axis, value in zip(study.axes, run.values, strict=True)}
-    row: Row = {"config_hash": key, "seed": run.seed, **values, "outcome": FAILED, "reason": None}
+    row = begun_row(study, task) | {"outcome": FAILED, "reason": None}
     try:
         scenario = study.scenario(run)
         plan = _given_plan(scenario) if scenario.plan.file and experiment(scenario.experiment).along_plan else None
@@ -64,6 +61,13 @@ def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
         row["loop_wall_s"] = result.figures["wall_s"]
     wall = time.perf_counter() - begun
     return row | {"wall_s": wall, "host": platform.node(), "versions": _versions(), "source": package_hash()[:12]}
+
+
+def begun_row(study: Study, task: tuple[str, Run]) -> Row:
+    """What is known of a run before it is done."""
+    key, run = task
+    values = {axis.key: _cell(value) for axis, value in zip(study.axes, run.values, strict=True)}
+    return {"config_hash": key, "seed": run.seed, **values}
 
 
 def run_time(row: Row) -> float:
@@ -182,8 +186,6 @@ def run_study(study: Study, table: RunTable, workers: Workers, heard: Heard, log
     """
     missing, total = missing_runs(study, table)
     place = table.folder.resolve() / RUN_FOLDERS if logs else None
-    done = total - len(missing)
-    heard(done, total, None)
     keys: dict[tuple[Any, ...], int] = {}
 
     def group_of(task: tuple[str, Run]) -> int:
@@ -193,15 +195,13 @@ def run_study(study: Study, table: RunTable, workers: Workers, heard: Heard, log
             keys[values] = hash(place_key(study.scenario(task[1])))
         return keys[values]
 
-    with closing(workers.results(missing, partial(run_row, study, place), group_of)) as results:
-        for (key, run), row, trouble in results:
-            if row is not None:
-                table.add(row)
-            elif trouble is not None and trouble.endswith("left out"):
-                values = {axis.key: _cell(value) for axis, value in zip(study.axes, run.values, strict=True)}
-                table.add({"config_hash": key, "seed": run.seed, **values, "outcome": LOST, "reason": trouble})
-            done += row is not None
-            heard(done, total, trouble)
+    def keep(result: Result) -> None:
+        if result.value is not None:
+            table.add(result.value)
+        elif result.trouble is not None and result.trouble.endswith("left out"):
+            table.add(begun_row(study, result.task) | {"outcome": LOST, "reason": result.trouble})
+
+    do_all(workers, missing, partial(run_row, study, place), group_of, keep, heard, total - len(missing))
 
 
 def missing_runs(study: Study, table: RunTable | None) -> tuple[list[tuple[str, Run]], int]:

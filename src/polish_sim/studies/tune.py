@@ -17,11 +17,11 @@ from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
 from polish_sim.control.laws import own_parameters
 from polish_sim.errors import InputError, number_text, unknown_name
+from polish_sim.row_file import Row, Rows
 from polish_sim.scoring.battery import BATTERY, Case, Entry, choose_cases
 from polish_sim.scoring.figures import FIGURES
-from polish_sim.scoring.journal import Journal, Row, Task
-from polish_sim.scoring.score import fill_rows
-from polish_sim.workers import Workers
+from polish_sim.scoring.journal import Task, keys_of, measure_row, setup_key
+from polish_sim.workers import Workers, fill_rows
 
 STORAGE: Final = "trials.sqlite3"
 STUDY_NAME: Final = "tune"
@@ -32,8 +32,6 @@ HELD_OUT_SEED: Final = 1000  #: The first seed the search does not see
 BROKEN: Final = 1e6  #: Added to the goal of a trial that breaks a condition, beside the share of its rows that do
 WIDE: Final = 4.0  #: A range that is not given goes from the shipped value by this to the shipped value times this
 BY_LOG: Final = 8.0  #: Ratio of a range's ends from which it is searched by logarithm
-
-Heard = Callable[[int, str], None]  #: Called after each trial with its number and how it went
 
 
 class Searched(NamedTuple):
@@ -224,19 +222,23 @@ class Scorer:
     """Rows of the score, measured by workers or found in the folder's journal."""
 
     def __init__(self, folder: Path, workers: Workers) -> None:
-        self._journal, self._workers = Journal(folder), workers
+        self._kept, self._workers = Rows(folder), workers
 
     def rows(self, tasks: Sequence[Task]) -> list[Row]:
         """The rows of tasks; one whose process died is left out."""
         rows: dict[Task, Row] = {}
-        fill_rows(rows, tasks, self._journal, self._workers)
+        group_of, heard = (lambda task: setup_key(task.scenario)), (lambda *_: None)
+        fill_rows(rows, keys_of(tasks), self._kept, measure_row, group_of, self._workers, heard)
         return [rows[task] for task in tasks if task in rows]
 
 
-def search_best(search: Search, trials: int, folder: Path, scorer: Scorer, heard: Heard) -> dict[str, float]:
+def search_best(
+    search: Search, trials: int, folder: Path, scorer: Scorer, heard: Callable[[int, str], None]
+) -> dict[str, float]:
     """Search until the folder's storage holds that number of ``trials``; the best values by key.
 
-    The first trial is the shipped one. What a killed command had begun is done again.
+    The first trial is the shipped one; ``heard`` gets each trial's number and how it went. What a killed command had
+    begun is done again.
 
     Raises:
         InputError: If no trial keeps the conditions.

@@ -1,0 +1,255 @@
+"""Many runs as one mechanism: tasks -> rows on disk -> what is made of them; the same command with --out resumes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from polish_sim.analysis.claim import Claim
+from polish_sim.cli import console
+from polish_sim.cli.compiling import FIRST_START
+from polish_sim.cli.options import Given
+from polish_sim.cli.outcome import Outcome, other_conditions
+from polish_sim.cli.output_folder import rows_folder
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError, count_text, number_text
+from polish_sim.row_file import ROWS, Row, Rows
+
+if TYPE_CHECKING:
+    from polish_sim.planning import PlanResult, ToolPath
+    from polish_sim.workers import Heard, Workers
+
+Figures = Row
+ASKED: Final = "asked.json"  #: What the rows in the folder are of
+QUIET_S: Final = 10.0  #: Between two lines of progress where no bar can be shown [s]
+
+
+@contextmanager
+def asked_folder(
+    out: Path | None, kind: str, what: str, asked: Mapping[str, Any], overwrite: bool = False
+) -> Iterator[Path]:
+    """The folder of rows of what is ``asked``, by name: only the same is continued there, unless ``overwrite``."""
+
+    def refuse(folder: Path) -> None:
+        begun = _begun(folder)
+        if overwrite or begun is None or begun == asked:
+            return
+        raise InputError(
+            f"'{folder}' holds another {asked['of']}: {_difference(begun, asked)}. Choose another folder with --out"
+            + (", or add --overwrite to replace it; rows that both have are kept." if what != "tune" else ".")
+        )
+
+    with rows_folder(out, kind, what, {ASKED: json.dumps(asked, indent=1) + "\n"}, refuse) as folder:
+        yield folder
+
+
+def _begun(folder: Path) -> Mapping[str, Any] | None:
+    """What the rows in a folder are of; None if there are none yet, nothing known if it cannot be read."""
+    if not (folder / ROWS).stat().st_size and not (folder / ASKED).exists():
+        return None
+    try:
+        begun = json.loads((folder / ASKED).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return begun if isinstance(begun, dict) else {}
+
+
+def _difference(begun: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
+    """The first thing in which two works differ, in words."""
+    if begun.get("of") != asked["of"]:
+        return f"a {begun['of']}, not a {asked['of']}" if "of" in begun else "what it is of is not known"
+    for name in (name for name in asked if name not in ("of", "rows")):
+        if begun.get(name) != asked.get(name):
+            return f"its {name} are {_listed(begun.get(name))}, not {_listed(asked.get(name))}"
+    return "a file, a setting, or this program, have changed since it was begun"
+
+
+def _listed(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+@contextmanager
+def at_work(
+    given: Given, stage: str, files: Sequence[Path] = (), usual: str = "local"
+) -> Iterator[tuple[Workers, Heard]]:
+    """Workers of ``--on`` (``usual`` where it is not given) and ``--workers``, and what shows how far they are.
+
+    ``files``: the user's, which are shipped to other machines.
+    """
+    from polish_sim.kernel_cache import is_warm
+    from polish_sim.workers import open_workers
+
+    on = given["--on"] or ("local" if given["--workers"] else usual)
+    if not is_warm() and on != "here":
+        console.note(FIRST_START)
+    with open_workers(on, given["--workers"], files) as workers, console.progress() as observer:
+        observer.stage(f"{stage}: {workers.where}")
+        begun = told = time.monotonic()
+        first = -1
+
+        def heard(done: int, total: int, trouble: str | None) -> None:
+            nonlocal begun, told, first
+            if trouble is not None:
+                console.note(f"warning: {trouble}.")
+            first = done + 1 if first < 0 else first
+            now = time.monotonic()
+            if done <= first:  # what comes before the first result is no measure
+                begun = now
+            if sys.stderr.isatty():
+                observer.progress(done, total)
+            elif done == total or (done > first and now - told >= QUIET_S):
+                told, left = now, (now - begun) / max(1, done - first) * (total - done)
+                console.note(f"{done} of {total} runs" + (f", about {duration(left)} left" if done < total else ""))
+
+        yield workers, heard
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{number_text(seconds / size, 2)} {unit}"
+    return f"{max(1, round(seconds))} s"
+
+
+# Many seeds of one work: a row each.
+
+
+class Many(NamedTuple):
+    """What is done with each of many seeds, and what its figures are."""
+
+    kind: str  #: Of the folder, e.g. ``run-force``
+    what: str  #: For titles
+    depends: str  #: All that a row depends on, but the seed
+    prepare: Callable[[Path], Callable[[int], Figures]]  #: From the folder, what makes a seed's figures, in any process
+    claims: Sequence[Claim]
+    mean: str = "mean"  #: Or ``rms``
+    usual: str = "local"  #: Where the work is done if nothing is said
+
+
+def run_seeds(many: Many, given: Given, finish: Callable[[Path, dict[int, Figures], Outcome], Outcome]) -> int:
+    """Do the work for each of ``--seeds``, write their figures, mean and worst; what is checked is the worst.
+
+    ``finish`` draws, and adds to the outcome; an interrupt keeps the seeds that are done.
+    """
+    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.source_stamp import package_hash
+    from polish_sim.workers import fill_rows
+
+    first = given["--seed"] or 0
+    seeds = range(first, first + given["--seeds"])
+    stamp = hashlib.sha256(f"{many.depends}|{package_hash()}".encode()).hexdigest()[:24]
+    asked, interrupted = {"of": f"{many.kind} of many seeds", "rows": stamp}, False
+    with asked_folder(given["--out"], many.kind, many.kind, asked, bool(given["--overwrite"])) as folder:
+        runs, kept, keys = dict[int, Figures](), Rows(folder), {seed: f"{stamp}-{seed}" for seed in seeds}
+        try:
+            # What is done already needs no plan.
+            work = many.prepare(folder) if set(keys.values()) - set(kept.known) else dict
+            with at_work(given, f"{count_text(len(seeds), 'seed')} of {many.what}", (), many.usual) as (workers, heard):
+                fill_rows(runs, keys, kept, work, lambda _: 0, workers, heard)
+        except KeyboardInterrupt:
+            interrupted = True
+            if not runs:
+                raise
+        whole = {seed_folder(folder, int(key.rpartition("-")[2])) for key in kept.known}
+        for left in set(folder.glob("*seed-*")) - whole:  # of an interrupt
+            shutil.rmtree(left, ignore_errors=True)
+        runs = {seed: runs[seed] for seed in seeds if seed in runs}
+        middle, worst = aggregate(many.claims, list(runs.values()), many.mean)
+        facts = {"experiment": many.kind.removeprefix("run-"), "seeds": list(runs), many.mean: middle, "worst": worst}
+        write_json(folder / METRICS, {**facts, "runs": runs, "versions": package_versions()})
+        columns = {many.mean: middle, "worst seed": worst}
+        title = f"{many.what}, {count_text(len(runs), 'seed')}"
+        outcome = finish(folder, runs, Outcome(many.claims, title, columns, interrupted=interrupted))
+    return outcome.finish(folder, check=bool(given["--check"]))
+
+
+def aggregate(claims: Sequence[Claim], runs: Sequence[Figures], mean: str = "mean") -> tuple[Figures, Figures]:
+    """Mean (or rms) and worst value of each figure over the runs; what no run has is left out."""
+    power, middle, worst = 2.0 if mean == "rms" else 1.0, {}, {}
+    for claim in claims:
+        values = [run.get(claim.figure) for run in runs]
+        known = [float(value) for value in values if value is not None]
+        middle[claim.figure] = (sum(v**power for v in known) / len(known)) ** (1.0 / power) if known else float("nan")
+        worst[claim.figure] = claim.worst_of(values)
+    return middle, worst
+
+
+def seed_folder(folder: Path, seed: int) -> Path:
+    """Where the files of one seed are."""
+    return folder / f"seed-{seed:04d}"
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A draft to fill in the block, instead of what was there; it gets the folder's name when it is whole."""
+    draft = folder.with_name(f".{folder.name}")
+    shutil.rmtree(draft, ignore_errors=True)
+    draft.mkdir()
+    try:
+        yield draft
+        shutil.rmtree(folder, ignore_errors=True)
+        draft.rename(folder)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def run_many(scenario: Scenario, plan: ToolPath | None, given: Given) -> int:
+    """Run a scenario with each seed, each with its run folder; the path is planned once."""
+    from polish_sim.cli.run import plan_to_run
+    from polish_sim.experiments.assembly import config_hash
+    from polish_sim.experiments.registry import claims_shown
+
+    def prepare(folder: Path) -> Callable[[int], Figures]:
+        with console.progress() as observer:
+            way, placed = plan_to_run(scenario, plan, observer, folder)
+        return partial(_run_one, placed, way, folder.resolve())
+
+    depends, claims = config_hash(replace(scenario, seed=0), {}), claims_shown([scenario])
+    what = f"{scenario.experiment}, {scenario.controller.label}"
+    many = Many(f"run-{scenario.experiment}", what, depends, prepare, claims)
+    return run_seeds(many, given, partial(_finish_runs, scenario))
+
+
+def _run_one(scenario: Scenario, way: PlanResult | None, folder: Path, seed: int) -> Figures:
+    from polish_sim.cli.run import simulate
+
+    with whole_folder(seed_folder(folder, seed)) as own:
+        return dict(simulate(replace(scenario, seed=seed), way, own).metrics)
+
+
+def _finish_runs(scenario: Scenario, folder: Path, runs: Mapping[int, Figures], outcome: Outcome) -> Outcome:
+    """Draw all seeds together, and say what went wrong in which."""
+    from polish_sim.analysis.run_record import METRICS, read_json, read_record, write_json
+    from polish_sim.cli.run import PICTURES_MISSING
+    from polish_sim.experiments.report import draw_seeds, save_plots, write_seeds_page
+
+    undrawn = ""
+    try:
+        records = [read_record(seed_folder(folder, seed)) for seed in runs]
+        save_plots(folder, draw_seeds(records))
+        write_seeds_page(folder, records, outcome.columns)
+    except KeyboardInterrupt:
+        undrawn = "'polish-sim report' with the folders of the seeds puts them side by side."
+        write_json(folder / METRICS, read_json(folder / METRICS) | {PICTURES_MISSING: True})
+
+    def said(texts: Callable[[Figures], Sequence[str]]) -> tuple[str, ...]:
+        return tuple(f"seed {seed}: {text}" for seed, figures in runs.items() for text in texts(figures))
+
+    return replace(
+        outcome,
+        stops=said(lambda figures: [figures["protective_stop"]] if figures["protective_stop"] else []),
+        undrawn=undrawn,
+        notes=said(lambda m: [f"the fault {e} did not happen, the run was over before." for e in m["faults_missed"]]),
+        bad=said(lambda figures: figures.get("bad_figures", ())),
+        conditions=other_conditions(scenario),
+    )
