@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.cli import console
-from polish_sim.cli.compiling import FIRST_START
 from polish_sim.cli.options import Given
 from polish_sim.cli.outcome import Outcome, other_conditions
 from polish_sim.cli.output_folder import rows_folder
@@ -85,6 +84,7 @@ def at_work(
 
     ``files``: the user's, which are shipped to other machines.
     """
+    from polish_sim.cli.compiling import FIRST_START
     from polish_sim.kernel_cache import is_warm
     from polish_sim.workers import open_workers
 

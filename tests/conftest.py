@@ -15,6 +15,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # A shell starts background jobs with SIGINT ignored, and so would every process the tests start: they test Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+from tests.kept import share_fields  # noqa: E402  (imports numpy)
+
+share_fields()
+
 # What compiles longest comes first and side by side: with an empty cache each process has its own kernels to make.
 COMPILE_LONGEST = (
     "motion/certified/test_certified_rule.py",

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import html
+import io
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.analysis.run_record import once_more
+from polish_sim.analysis.style import BLUE, GREY, ORANGE, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError, InputError, count_text, number_text
 from polish_sim.experiments.registry import claims_shown, default_scenario
@@ -25,15 +29,7 @@ PREFERRED: Final = (
     *("cycle_time_s", "overshoot_n", "tracking_error_max_m", "force_max_deviation_n"),
 )
 """The figures a front is drawn of, the first two that differ between the runs."""
-WIDE, HIGH, LEFT, FOOT = 900, 300, 60, 34  #: Of a chart, its margin on the left and below
-
-
-class Scale(NamedTuple):
-    """An axis of a chart: a number's or a word's place on it, 0 to 1."""
-
-    label: str
-    ticks: Sequence[tuple[float, str]]
-    share: Callable[[Any], float]
+MOST_BINS: Final = 40  #: More values of a setting than this are put together by twentieths of its range
 
 
 def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> str:
@@ -45,12 +41,16 @@ def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> str:
     tables: dict[str, Sequence[Sequence[str]]] = {}
     if axes and goals and outcomes:
         shown = [claim for claim in claims.values() if claim not in goals][: 5 - len(goals)]
-        charts["All runs"] = parallel(columns, axes, [*goals, *shown])
+        charts["All runs"] = _svg(plot_parallel(columns, axes, [*goals, *shown]))
         for claim in [*goals, *shown]:
-            charts[f"{claim.label} [{claim.unit}], mean and 10 to 90% of the runs"] = responses(columns, axes, claim)
+            charts[f"{claim.label} [{claim.unit}], mean and 10 to 90% of the runs"] = _svg(
+                plot_responses(columns, axes, claim)
+            )
     if len(goals) == 2:
         front = pareto(columns, axes, goals)
-        charts[f"Pareto front: {goals[0].label} and {goals[1].label}, means of the seeds"] = front_chart(front, goals)
+        charts[f"Pareto front: {goals[0].label} and {goals[1].label}, means of the seeds"] = _svg(
+            plot_front(front, goals)
+        )
         tables["Pareto front"] = [[*axes, *(f"{claim.label} [{claim.unit}]" for claim in goals)]] + [
             [*map(_word, point), *(number_text(value * claim.scale, 4) for value, claim in zip(at, goals, strict=True))]
             for point, at, best in front
@@ -118,123 +118,112 @@ def pareto(
 # Charts, as SVG.
 
 
-def _scale(label: str, values: Sequence[Any], unit: float = 1.0) -> Scale:
-    """The axis of some values: by number, by logarithm where they span a decade evenly, or word by word."""
-    known = [value for value in values if value is not None]
-    if not all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in known) or not known:
-        words = sorted({_word(v) for v in known})
-        last = max(1, len(words) - 1)
-        return Scale(label, [(k / last, w) for k, w in enumerate(words)], lambda v: words.index(_word(v)) / last)
-    found = np.unique(np.array(known, dtype=float))
-    low, high = float(found[0]), float(found[-1])
-    log = low > 0.0 and high / low >= 8.0 and np.log(np.median(found) / low) > 0.3 * np.log(high / low)
+def _numeric(values: Sequence[Any]) -> bool:
+    return all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values if v is not None)
 
-    def bend(v: float) -> float:
-        return math.log(max(v, 1e-300)) if log else float(v)
 
-    start, span = bend(low), (bend(high) - bend(low)) or 1.0
-    steps = found if len(found) <= 6 else (np.geomspace if log else np.linspace)(low, high, 5)
-    ticks = [((bend(v) - start) / span, number_text(float(v * unit), 3)) for v in steps]
-    return Scale(label, ticks, lambda v: (bend(v) - start) / span)
+def _by_log(known: Array) -> bool:
+    """Whether values are shown by their logarithm: where they span a decade evenly."""
+    low, high = float(known.min()), float(known.max())
+    return low > 0.0 and high / low >= 8.0 and bool(np.log(np.median(known) / low) > 0.3 * np.log(high / low))
 
 
 def _word(value: Any) -> str:
     return number_text(value, 4) if isinstance(value, float) else str(value)
 
 
-def _svg(content: Sequence[str]) -> str:
-    return f'<svg viewBox="0 0 {WIDE} {HIGH}" role="img">{"".join(content)}</svg>'
+def _svg(figure: Figure) -> str:
+    """A figure as it stands in a page, its texts as texts."""
+    content = io.StringIO()
+    with rc_context({"svg.fonttype": "none"}):
+        figure.savefig(content, format="svg")
+    return content.getvalue()[content.getvalue().index("<svg") :]
 
 
-def _text(x: float, y: float, text: str, anchor: str = "middle") -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{html.escape(text)}</text>'
+def _places(values: Sequence[Any], unit: float = 1.0) -> tuple[Array, list[tuple[float, str]]]:
+    """Where values stand on an axis from 0 to 1, NaN where there is none, and its ticks."""
+    if not _numeric(values):
+        words = sorted({_word(v) for v in values if v is not None})
+        last = max(1, len(words) - 1)
+        at = [math.nan if v is None else words.index(_word(v)) / last for v in values]
+        return np.array(at), [(k / last, word) for k, word in enumerate(words)]
+    numbers = _numbers(values)
+    found = np.unique(numbers[np.isfinite(numbers)])
+    log = _by_log(found)
+    bent, ends = (np.log(numbers), np.log(found[[0, -1]])) if log else (numbers, found[[0, -1]])
+    ticks = found if len(found) <= 6 else (np.geomspace if log else np.linspace)(found[0], found[-1], 5)
+    span = float(np.ptp(ends)) or 1.0
+    shares = ((np.log(ticks) if log else ticks) - ends[0]) / span
+    return (bent - ends[0]) / span, [
+        (float(s), number_text(float(v * unit), 3)) for s, v in zip(shares, ticks, strict=True)
+    ]
 
 
-def _line(points: Sequence[tuple[float, float]], style: str) -> str:
-    return f'<polyline points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in points)}" fill="none" style="{style}"/>'
-
-
-def _dot(x: float, y: float, color: str, words: str = "") -> str:
-    title = f"<title>{html.escape(words)}</title>" if words else ""
-    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" style="fill:var({color})">{title}</circle>'
-
-
-def parallel(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], claims: Sequence[Claim]) -> str:
+@styled
+def plot_parallel(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], claims: Sequence[Claim]) -> Figure:
     """Every run as a line across settings and figures, coloured by the first figure."""
-    scales = [_scale(axis, columns[axis]) for axis in axes]
-    scales += [_scale(f"{c.label} [{c.unit}]", columns[c.figure], c.scale) for c in claims]
-    names = [*axes, *(claim.figure for claim in claims)]
-    gap = (WIDE - 2 * LEFT) / max(1, len(names) - 1)
-    base, top = HIGH - FOOT, 24
-    content: list[str] = []
-    rows = range(0, len(columns[names[0]]), max(1, len(columns[names[0]]) // MOST_LINES))
-    for k in rows:
-        points = [
-            (LEFT + gap * place, base - (base - top) * scale.share(columns[name][k]))
-            for place, (name, scale) in enumerate(zip(names, scales, strict=True))
-            if columns[name][k] is not None
-        ]
-        goal = columns[claims[0].figure][k]
-        share = 1.0 if goal is None else scales[len(axes)].share(goal)
-        color = f"color-mix(in oklab, var(--c1) {100.0 * share:.0f}%, var(--c0))"
-        content.append(_line(points, f"stroke:{color};stroke-width:1;opacity:{max(0.15, 1.0 - len(rows) / 300):.2f}"))
-    for place, scale in enumerate(scales):
-        x = LEFT + gap * place
-        content.append(_line([(x, top), (x, base)], "stroke:var(--ink)"))
-        content += [_text(x - 4, base - (base - top) * at + 4, word, "end") for at, word in scale.ticks]
-        side = "start" if place == 0 else "end" if place == len(scales) - 1 else "middle"
-        content.append(_text(x, HIGH - 14 + 12 * (place % 2), scale.label, side))
-    return _svg(content)
+    columns_shown = [(axis, columns[axis], 1.0) for axis in axes]
+    columns_shown += [(f"{c.label} [{c.unit}]", columns[c.figure], c.scale) for c in claims]
+    figure = new_figure(11.0, 4.0)
+    plot = figure.add_subplot()
+    placed = [_places(values, unit) for _, values, unit in columns_shown]
+    at = np.stack([places for places, _ in placed], axis=1)
+    at = at[:: max(1, len(at) // MOST_LINES)]
+    across = np.broadcast_to(np.arange(at.shape[1]), at.shape)
+    lines = LineCollection(
+        np.stack([across, at], axis=2),
+        array=at[:, len(axes)],
+        cmap="viridis",
+        lw=1.0,
+        alpha=max(0.15, 1.0 - len(at) / 300),
+    )
+    plot.add_collection(lines)
+    for place, (_, ticks) in enumerate(placed):
+        plot.axvline(place, color=GREY, lw=1.0)
+        for share, word in ticks:
+            plot.annotate(
+                word, (place, share), (-3, 0), textcoords="offset points", ha="right", va="center", fontsize=8.0
+            )
+    plot.set(xlim=(-0.3, at.shape[1] - 0.9), ylim=(-0.05, 1.05), yticks=[])
+    plot.set_xticks(range(at.shape[1]), [name for name, _, _ in columns_shown], rotation=12, ha="right")
+    plot.grid(visible=False)
+    return figure
 
 
-def responses(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], claim: Claim) -> str:
+@styled
+def plot_responses(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], claim: Claim) -> Figure:
     """A figure over each setting: the mean of all other settings and seeds, with a band from 10 to 90%."""
-    values = _numbers(columns[claim.figure])
-    known = values[np.isfinite(values)]
-    upright = _scale("", [float(np.quantile(known, 0.02)), float(np.quantile(known, 0.98))], claim.scale)
-    gap, base, top = (WIDE - LEFT) / len(axes), HIGH - FOOT, 10
-    content = [_text(LEFT - 8, base - (base - top) * at + 4, word, "end") for at, word in upright.ticks]
-    for number, axis in enumerate(axes):
-        scale, left = _scale(axis, columns[axis]), LEFT + gap * number
-        wide = gap - 30
-        bins: dict[float, list[float]] = {}
-        for at, value in zip(columns[axis], values, strict=True):
-            if at is not None and math.isfinite(value):
-                share = scale.share(at)
-                bins.setdefault(share if len(set(columns[axis])) <= 40 else round(20 * share) / 20, []).append(value)
-        places = sorted(bins)
-        x = [left + wide * place for place in places]
-        ends = [np.quantile(bins[place], (0.1, 0.9)) for place in places]
-        y = [_height(upright, float(np.mean(bins[place])), base, top) for place in places]
-        low, high = ([_height(upright, float(pair[k]), base, top) for pair in ends] for k in (0, 1))
-        curve, upper, lower = (list(zip(x, heights, strict=True)) for heights in (y, high, low))
-        band = " ".join(f"{a:.1f},{b:.1f}" for a, b in [*lower, *upper[::-1]])
-        content.append(f'<polygon points="{band}" style="fill:var(--band)"/>')
-        content.append(_line(curve, "stroke:var(--c0);stroke-width:2"))
-        content += [_dot(a, b, "--c0") for a, b in curve]
-        content.append(_line([(left, base), (left + wide, base)], "stroke:var(--rule)"))
-        content += [_text(left + wide * at, base + 14, word) for at, word in scale.ticks]
-        content.append(_text(left + 0.5 * wide, HIGH - 4, axis))
-    return _svg(content)
+    values = claim.scale * _numbers(columns[claim.figure])
+    known = np.isfinite(values)
+    figure = new_figure(11.0, 3.2)
+    panels = figure.subplots(1, len(axes), sharey=True, squeeze=False)[0]
+    for plot, axis in zip(panels, axes, strict=True):
+        at, ticks = _places(columns[axis])
+        at = at if len(np.unique(at)) <= MOST_BINS else np.round(20.0 * at) / 20.0
+        places = np.unique(at[known])
+        bins = [values[known & (at == place)] for place in places]
+        low, high = (np.array([np.quantile(own, share) for own in bins]) for share in (0.1, 0.9))
+        plot.fill_between(places, low, high, color=BLUE, alpha=0.2, lw=0)
+        plot.plot(places, [own.mean() for own in bins], "o-", color=BLUE, ms=4)
+        plot.set_xticks([share for share, _ in ticks], [word for _, word in ticks])
+        plot.set(xlabel=axis)
+    low, high = np.quantile(values[known], (0.02, 0.98))
+    panels[0].set(ylabel=f"{claim.label} [{claim.unit}]", ylim=(low - 0.1 * (high - low), high + 0.1 * (high - low)))
+    return figure
 
 
-def _height(scale: Scale, value: float, base: float, top: float) -> float:
-    """Where a value stands, kept within the chart."""
-    return base - (base - top) * min(1.02, max(-0.02, scale.share(value)))
-
-
-def front_chart(front: Sequence[tuple[tuple[Any, ...], Array, bool]], goals: Sequence[Claim]) -> str:
-    """Points by two figures, those of the front joined by a line."""
-    if not front:
-        return _svg([_text(WIDE / 2, HIGH / 2, "no point whose runs all came to their end")])
-    across, up = (_scale(g.label, [float(at[k]) for _, at, _ in front], g.scale) for k, g in enumerate(goals))
-    base, top, wide = HIGH - FOOT, 10, WIDE - LEFT - 20
-    at = [(LEFT + wide * across.share(p[0]), base - (base - top) * up.share(p[1])) for _, p, _ in front]
-    front_line = [xy for xy, (_, _, best) in zip(at, front, strict=True) if best]
-    content = [_line(front_line, "stroke:var(--c1);stroke-width:2")]
-    for (x, y), (values, _, best) in zip(at, front, strict=True):
-        content.append(_dot(x, y, "--c1" if best else "--soft", ", ".join(map(_word, values))))
-    content += [_text(LEFT + wide * t, base + 14, word) for t, word in across.ticks[::2]]
-    content += [_text(LEFT - 8, base - (base - top) * t + 4, word, "end") for t, word in up.ticks[::2]]
-    named = f"{goals[0].label} [{goals[0].unit}], upright: {goals[1].label} [{goals[1].unit}]"
-    return _svg([*content, _text(LEFT + wide / 2, HIGH - 4, named)])
+@styled
+def plot_front(front: Sequence[tuple[tuple[Any, ...], Array, bool]], goals: Sequence[Claim]) -> Figure:
+    """Points by two figures, those of the front joined by a line and named."""
+    figure = new_figure(11.0, 4.0)
+    plot = figure.add_subplot()
+    scales = [claim.scale for claim in goals]
+    for best, color in ((False, GREY), (True, ORANGE)):
+        at = np.array([scales * point for _, point, own in front if own == best]).reshape(-1, 2)
+        plot.plot(*at.T, "o-" if best else "o", color=color, ms=5)
+    for values, point, best in front:
+        if best:
+            name = ", ".join(map(_word, values))
+            plot.annotate(name, tuple(scales * point), (5, 5), textcoords="offset points", fontsize=8.0)
+    plot.set(**{f"{x}label": f"{claim.label} [{claim.unit}]" for x, claim in zip("xy", goals, strict=True)})
+    return figure

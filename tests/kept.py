@@ -1,0 +1,56 @@
+"""Distance fields and plans that the processes of a test session share on disk: each is made once.
+
+A distance field of the freeform part takes ten times as long as a short run on it, and every file of tests has its own
+process. What is kept is known by its inputs and by the package's source, as a row of a sweep is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import shutil
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from polish_sim.geometry import distance_field
+from polish_sim.source_stamp import package_hash
+
+try:
+    import fcntl
+except ImportError:  # Windows: what two processes need at once is made twice
+    fcntl = None  # type: ignore[assignment]
+
+FOLDER = Path(__file__).parents[1] / ".pytest_cache" / "kept" / package_hash()[:16]
+
+
+def share_fields() -> None:
+    """Let every distance field of this process come from disk where one of the processes has made it."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        for old in set(FOLDER.parent.glob("*")) - {FOLDER}:
+            shutil.rmtree(old, ignore_errors=True)  # of another source
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    made = distance_field.build_distance_field
+
+    def kept(surface: Any, spacing: float, band: float, bounds: Any = None) -> Any:
+        arrays = [getattr(surface, field.name) for field in fields(surface)]
+        return keep((arrays, spacing, band, bounds), lambda: made(surface, spacing, band, bounds))
+
+    distance_field.build_distance_field = kept
+
+
+def keep(inputs: Any, make: Callable[[], Any]) -> Any:
+    """What was made of the same inputs by the same source before, or made now."""
+    file = FOLDER / hashlib.sha256(pickle.dumps(inputs)).hexdigest()[:24]
+    with file.with_suffix(".lock").open("ab") as lock:
+        if fcntl is not None:
+            fcntl.flock(lock.fileno(), fcntl.LOCK_EX)
+        if file.exists():
+            return pickle.loads(file.read_bytes())
+        result = make()
+        draft = file.with_suffix(f".{os.getpid()}")
+        draft.write_bytes(pickle.dumps(result))
+        draft.replace(file)
+        return result
