@@ -20,7 +20,7 @@ from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER
 from polish_sim.analysis.path_plot import cross_out, scale_flat
-from polish_sim.analysis.run_record import stop_mark
+from polish_sim.analysis.run_record import path_words, stop_mark
 from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, Views, head, line_look, new_figure, styled, views_of
 from polish_sim.arrays import Array
 from polish_sim.errors import number_text
@@ -56,7 +56,7 @@ def plot_removal(record: RunRecord) -> Figure:
         cross_out(flat, (views.flat @ stop.on_path(record.path))[:2] * MM)
     _color_bar(figure, flat, removal)
     _draw_shares(share, record)
-    title = f"Removal, {record.scenario.controller.label}, {_pattern(record)}"
+    title = f"Removal, {record.scenario.controller.label}, {path_words(record.scenario)}"
     head(figure, title, [*_facts(record), f"seen {views.name}"], legend=(flat,))
     return figure
 
@@ -74,7 +74,7 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
     for index, (record, flat) in enumerate(zip(records, grid, strict=False)):
         removal, color = _of(record), SERIES[index % len(SERIES)]
         _draw_flat(flat, removal, views_of(removal.normals, removal.up))
-        run = f"{record.scenario.controller.label}, {_pattern(record)} ({record.name})"
+        run = f"{record.scenario.controller.label}, {path_words(record.scenario)} ({record.name})"
         flat.set_title(f"{run}\n{_spread(record)}", fontsize=9.0, color=color)
         edges, shares = _histogram(removal)
         share.plot(0.5 * (edges[1:] + edges[:-1]), shares, **line_look(index))
@@ -94,12 +94,6 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
 def _of(record: RunRecord) -> RemovalMap:
     assert record.removal is not None
     return record.removal
-
-
-def _pattern(record: RunRecord) -> str:
-    if record.scenario.plan.file:
-        return "given path"
-    return "once around the rim" if record.scenario.experiment == "dual" else record.scenario.plan.pattern
 
 
 def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:

@@ -146,14 +146,15 @@ class Setting(NamedTuple):
     experiments: tuple[str, ...]  #: Where it has an effect
 
 
-def _path(scenario: Scenario) -> str:
+def path_words(scenario: Scenario) -> str:
+    """The path of a run: its file's name, or how it was planned."""
     planned = "around the rim" if scenario.experiment == "dual" else scenario.plan.pattern
     return Path(scenario.plan.file).name or planned
 
 
 SETTINGS: Final = (
     Setting("part", "", lambda s: Path(s.part.file).name, ("force", "surface", "dual")),
-    Setting("path", "", _path, ("surface", "dual")),
+    Setting("path", "", path_words, ("surface", "dual")),
     Setting("step-over", "mm", lambda s: "-" if s.plan.file else f"{1e3 * s.plan.stepover_m:g}", ("surface",)),
     Setting("set force", "N", lambda s: f"{s.process.contact_force_n:g}", ("force", "surface", "dual")),
     Setting("feed", "mm/s", lambda s: f"{1e3 * s.process.feed_m_s:g}", ("arc", "surface", "dual")),

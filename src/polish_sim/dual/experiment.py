@@ -143,6 +143,8 @@ DUAL: Final = Experiment(
         *(*TOOL_OPTIONS, "--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
     ),
     along_plan=True,
+    carried=True,
+    remade=False,
     not_with=(
         Excludes("--path", FINISHED, REGION_OPTIONS),
         Excludes("--master-path", "says where the part goes", ("--master-speed", "--master-turn", "--part-pose")),

@@ -30,7 +30,7 @@ from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, SteppedC
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.assembly import Workplace, build_part, cell_for, course_for, strokes_for
 from polish_sim.experiments.force import place_force
-from polish_sim.experiments.registry import default_scenario
+from polish_sim.experiments.registry import default_scenario, experiment
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.scenario_file import load_scenario, override
 from polish_sim.scoring.figures import measure_score
@@ -80,7 +80,7 @@ class Stage:
             for value in (low, high):
                 override(scenario, [f"{key}={value!r}"])
         self.rebuilds = any(not key.startswith(_LIVE) for key in ranges)
-        self.moving = scenario.experiment == "surface"
+        self.moving = not experiment(scenario.experiment).holds
         self.place: Workplace = prepare_surface(scenario).place if self.moving else place_force(scenario)
         self.strokes = strokes_for(scenario, self.place)
         surface = self.place.region.surface

@@ -31,6 +31,7 @@ from polish_sim.experiments.part_setup import (
     touched,
 )
 from polish_sim.experiments.payload import believe_tool
+from polish_sim.experiments.registry import experiment
 from polish_sim.experiments.stroke_motion import within_noise
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.models import part_path
@@ -173,8 +174,9 @@ def build_cell(scenario: Scenario, place: Workplace, part: RealPart) -> Cell:
 
 
 def strokes_for(scenario: Scenario, place: Workplace) -> list[Stroke]:
-    """The strokes of a cell on the nominal part; in ``force`` the tool holds at the end, else it is lifted."""
-    hold, lift = (scenario.process.hold_s, 0.0) if scenario.experiment == "force" else (0.0, scenario.plan.clearance_m)
+    """The strokes of a cell on the nominal part; the tool holds at the end of the last one, or it is lifted."""
+    holds = experiment(scenario.experiment).holds
+    hold, lift = (scenario.process.hold_s, 0.0) if holds else (0.0, scenario.plan.clearance_m)
     placed = placed_tool(place.path, place.reach)
     return placed_strokes(within_noise(scenario, place.mesh.noise), place.path, placed, hold, lift)
 
@@ -212,9 +214,6 @@ def course_for(
 
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
-CONTROLLED: Final = ("arc", "force", "surface", "dual")  #: Experiments in which a controller drives the cell
-ON_PART: Final = ("force", "surface", "dual")  #: Those with a part to press on
-
 
 def check_settings(scenario: Scenario, plans: bool) -> None:
     """Refuse a scenario that could not be run on any part, or whose path could not be planned on any (``plans``).
@@ -226,11 +225,12 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
         read_calibrated_tool(Path(scenario.payload.file))
     parse_events(scenario.faults.events)
     is_real(scenario)
-    if scenario.part.fixture_file and scenario.experiment != "surface":
+    row = experiment(scenario.experiment)
+    if scenario.part.fixture_file and not row.fixtures:
         raise InputError(f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'.")
-    if scenario.experiment not in CONTROLLED:
+    if not row.controlled:
         return
-    if scenario.experiment in ON_PART:
+    if row.on_part:
         if plans:
             from polish_sim.planning.feasibility import check_asked  # slow to import
 
@@ -240,7 +240,7 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
         _check_file(scenario.part.real_file, "real part", "--real-part")
         _check_file(scenario.part.fixture_file, "fixture", "--fixture")
     check_rates(scenario)
-    planned_events(scenario, scenario.experiment in ON_PART, two_robots=scenario.experiment == "dual")
+    planned_events(scenario, row.on_part, two_robots=row.carried)
     build_controller(scenario.controller)
 
 
@@ -250,7 +250,7 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
     Raises:
         ConfigError: Naming the limit that is broken.
     """
-    if scenario.experiment in CONTROLLED:
+    if experiment(scenario.experiment).controlled:
         usual = scenario.process.contact_force_n
         force = usual if path is None else largest_force(scenario, path)
         raised = [change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE]

@@ -16,14 +16,13 @@ from polish_sim.analysis.run_record import RunRecord, notes_of, setting_rows
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments.registry import claims_shown
+from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.experiments.run_page import clock, named_rows, run_motion, run_page, run_plots, shown_rows
 from polish_sim.geometry import load_part
 from polish_sim.models import part_path
 from polish_sim.page import PAGE
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 
-ON_STAND: Final = ("force", "surface")  #: Experiments with a part on a stand
 ALIKE: Final = ("exact force", "error", "speed", "distance")  #: Curves of one run each that are put over each other
 
 
@@ -36,13 +35,13 @@ def saved_page(folder: Path, record: RunRecord) -> Page | None:
 
 def remade(record: RunRecord) -> bool:
     """Whether the cell of a run can be set up again from what it left."""
-    return record.scenario.experiment in ("arc", "smooth", *ON_STAND) and len(record.log) > 0
+    return experiment(record.scenario.experiment).remade and len(record.log) > 0
 
 
 def cell_model(record: RunRecord) -> Any:
     """The cell of a run with one robot, the part where it was planned; without the part if its file is gone."""
     spec, T_base_work = robot_with_tool(record.scenario), record.metrics.get("T_base_work")
-    if T_base_work is not None and record.scenario.experiment in ON_STAND:
+    if T_base_work is not None and experiment(record.scenario.experiment).on_part:
         part = record.scenario.part
         with suppress(PolishSimError):
             mesh, below = load_part(part_path(part.file), part.unit, part.up), False

@@ -87,6 +87,12 @@ class Experiment:
     seeds_plots: Mapping[str, str] = field(default_factory=dict)  #: More pictures of many seeds, as ``comparisons``
     title: Callable[[Scenario], str] = _usual_title
     notes: str = ""  #: (figures) -> lines to print beside the table of a run; empty: none
+    controlled: bool = True  #: Whether a controller drives the cell
+    on_part: bool = True  #: Whether there is a part to press on
+    carried: bool = False  #: Whether a second robot carries the part
+    remade: bool = True  #: Whether the cell of a run can be set up again from what it left
+    fixtures: bool = False  #: Whether a fixture may hold the part
+    holds: bool = False  #: Whether the tool stays on one point, instead of being fed along the path
 
     def is_paper_trial(self, scenario: Scenario) -> bool:
         """Whether part, path, force and feed of a run are those of the paper's trial."""

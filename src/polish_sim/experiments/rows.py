@@ -85,6 +85,7 @@ ARC: Final = Experiment(
     plots=always({"arc.png": "polish_sim.analysis.run_plots:plot_arc"}),
     comparisons={"arc.png": "polish_sim.analysis.run_plots:plot_arc_runs"},
     options=("--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
+    on_part=False,
     paper={"process.feed_m_s": 0.01},
 )
 FORCE: Final = Experiment(
@@ -101,6 +102,7 @@ FORCE: Final = Experiment(
         *(*PART_OPTIONS, "--real-part", "--region", "--feature-angle"),
         *(*TOOL_OPTIONS, *TRIAL_OPTIONS, *WATCH_OPTIONS),
     ),
+    holds=True,
     paper={"part.file": "plate", "process.contact_force_n": 20.0},
 )
 SURFACE: Final = Experiment(
@@ -123,6 +125,7 @@ SURFACE: Final = Experiment(
     ),
     along_plan=True,
     plans=True,
+    fixtures=True,
     only_with={"--path": ("--from",)},
     not_with=(Excludes("--path", FINISHED, PATH_OPTIONS),),
     paper={

@@ -103,4 +103,7 @@ TEACH: Final = Experiment(
     only_with={"--follow": (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS)},
     not_with=(Excludes("--follow", "says where the hand goes", ("--direction", "--duration")),),
     title=_title,
+    controlled=False,
+    on_part=False,
+    remade=False,
 )

@@ -13,6 +13,7 @@ import numpy as np
 from polish_sim.config import Scenario
 from polish_sim.errors import unknown_name
 from polish_sim.experiments import default_scenario
+from polish_sim.experiments.registry import experiment
 from polish_sim.scenario_file import override
 from polish_sim.scoring.margins import share_latency
 
@@ -49,7 +50,7 @@ class Case:
     @property
     def moving(self) -> bool:
         """Whether the tool is fed along a path; else it holds one point."""
-        return self.experiment == "surface"
+        return not experiment(self.experiment).holds
 
     def scenario(self, entry: Entry, seed: int) -> Scenario:
         """The complete scenario of one row; ConfigError if a setting does not fit the config."""

@@ -69,7 +69,7 @@ def setup_key(scenario: Scenario) -> Hashable:
 
 def _measure(task: Task) -> Row:
     scenario = task.scenario
-    place = prepare_surface(scenario).place if scenario.experiment == "surface" else place_force(scenario)
+    place = prepare_surface(scenario).place if task.case.moving else place_force(scenario)
     run = build_cell(scenario, place, build_part(scenario, place)).run()
     if run.interrupted:
         raise KeyboardInterrupt
@@ -82,7 +82,7 @@ def _measure(task: Task) -> Row:
 def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> Row:
     trace, force = run.trace, scenario.process.contact_force_n
     wanted = place.path.force_at(trace.path_s_m, force) if task.case.moving else np.full(len(trace.time_s), force)
-    figures = measure_score(trace, wanted, task.case.moving, run.stop_reason is None and _done(scenario, place, run))
+    figures = measure_score(trace, wanted, task.case.moving, run.stop_reason is None and _done(task, place, run))
     fed = trace.phase == PROCESS
     path_s = trace.path_s_m[fed]
     if not task.case.moving:
@@ -98,9 +98,10 @@ def _slowed(scenario: Scenario, path_s: Array) -> float | None:
     return 1.0 - float(path_s[-1] - path_s[0]) / planned if len(path_s) > 1 else None
 
 
-def _done(scenario: Scenario, place: Workplace, run: CellRun) -> bool:
+def _done(task: Task, place: Workplace, run: CellRun) -> bool:
     """Whether the hold or the feed went to its end; a feed of limited time ends when its time is over."""
-    if scenario.experiment == "force":
+    scenario = task.scenario
+    if not task.case.moving:
         return hold_done(scenario, run) > 0.999
     fed = run.trace.phase == PROCESS
     limit = scenario.process.max_feed_s

@@ -53,4 +53,6 @@ SMOOTH: Final = Experiment(
     options=("--part-pose", "--path", "--dry-run", "--log-rate"),
     paper={"plan.file": "", "smoothing.limits_file": ""},
     title=always("smooth, every rule on the servos"),
+    controlled=False,
+    on_part=False,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -137,7 +138,9 @@ def _svg(figure: Figure) -> str:
     content = io.StringIO()
     with rc_context({"svg.fonttype": "none"}):
         figure.savefig(content, format="svg")
-    return content.getvalue()[content.getvalue().index("<svg") :]
+    drawn = content.getvalue()
+    # Without a size of its own it is as wide as the page.
+    return re.sub(r' (width|height)="[\d.]+pt"', "", drawn[drawn.index("<svg") :], count=2)
 
 
 def _places(values: Sequence[Any], unit: float = 1.0) -> tuple[Array, list[tuple[float, str]]]:
