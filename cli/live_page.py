@@ -79,10 +79,6 @@ class Worked:
         lines = lines[(length > 1e-6) & (length < self._radius)]
         return lines if len(lines) else np.array([[over[0], over[0] + 1e-6]])
 
-    def clear(self) -> None:
-        """Nothing has been worked on."""
-        self._trace, self._done[:] = [], 0.0
-
     def add(self, pads: Array, impulses: Array) -> None:
         """Let the pad have been at ``pads`` (m, 3), frame of the part [m], pressing with ``impulses`` (m,) [N s]."""
         pressing = impulses > 0.0
@@ -175,14 +171,14 @@ class Page:
         """Where the pad is on the part, in its frame [m], shape (1, 3)."""
         return moment.pad[None] if self.part < 0 else apply(inverse(moment.poses[self.part]), moment.pad[None])
 
-    def show(self, moment: Moment, rows: Array) -> bool:
-        """Send a moment if it is time to, now and then its numbers and the plot, and say whether these were sent.
+    def show(self, moment: Moment, rows: Array) -> None:
+        """Send a moment if it is time to, and now and then its numbers and the plot.
 
         ``rows`` are times, forces and set forces, shape (n, 3).
         """
         now = time.monotonic()
         if now - self._shown_at < 1.0 / SHOWN_HZ:
-            return False
+            return
         if not self.shown:
             self._enter(moment)
         self._shown_at, self.shown = now, self.shown + 1
@@ -195,14 +191,13 @@ class Page:
             for frame, pose, turn in zip(self._frames, moment.poses, turns, strict=True):
                 frame.position, frame.wxyz = pose[:3, 3], turn
         if now - self._drawn_at < 1.0 / GAUGES_HZ:
-            return False
+            return
         self._drawn_at = now
         self.text.content = block(numbers_text(self._title, moment, self.paused))
         if len(rows) > 1:
             self.plot.data = tuple(np.nan_to_num(rows.T))
         if self.worked is not None:
             self.worked.draw()
-        return True
 
     def _enter(self, moment: Moment) -> None:
         """Lay the floor and turn every camera to the whole cell, now that it is known where its bodies are."""

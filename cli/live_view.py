@@ -1,11 +1,10 @@
-"""What fills the page of a cell in the browser: a run while it goes, or a saved one again."""
+"""What fills the page of a cell in the browser: a run while it goes."""
 
 from __future__ import annotations
 
 import math
 import queue
 import time
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -16,7 +15,7 @@ from polish_sim.cell.faults import FAULTS, as_planned, lacking_for
 from polish_sim.cell.observer import STOPPING
 from polish_sim.cell.set_points import FEED, FORCE
 from polish_sim.cell.stroke import cycle_time
-from polish_sim.cli.live_page import PLOT_S, SHOWN_HZ, Moment, Page, block
+from polish_sim.cli.live_page import PLOT_S, Moment, Page, block
 from polish_sim.cli.pictures import FrameSink
 from polish_sim.cli.view import Address
 from polish_sim.experiments.run_page import part_body, scene_solids
@@ -25,15 +24,9 @@ from polish_sim.spatial import apply, inverse, transform
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
     from polish_sim.config import Scenario
-    from polish_sim.page.page import Body
-    from polish_sim.page.page import Page as SavedPage
 
 SETTLED_S: Final = 0.25  #: A slider counts when it has rested this long [s]
 STAGES: Final = ("zero the sensor", "travel", "approach", "seek contact", "touch down", "process", "retract", "done")
-FASTEST, STEP_S = 30.0, 0.02  #: Of a playback: speed, and one step [s]
-
-
-# A run while it goes.
 
 
 class LiveView(FrameSink):
@@ -165,83 +158,3 @@ def on_surface(stroke: Stroke) -> Array:
     axes = Rotation.from_quat(table.quaternions, scalar_first=True).as_matrix()[:, :, 2]
     depth = stroke.depth * stroke.force / stroke.force[0]
     return np.asarray(table.positions - depth[:, None] * axes)
-
-
-# A saved run again.
-
-
-class Replay:
-    """Plays the rows of a saved run."""
-
-    def __init__(self, asked: Address, saved: SavedPage, radius: float) -> None:
-        self._asked, self._saved, self._radius = asked, saved, radius
-        self._time, self._end = 0.0, max(round(float(saved.motion.time[-1]), 2), 0.01)
-
-    def __enter__(self) -> Replay:
-        saved = self._saved
-        self._page = page = Page(self._asked, saved.title)
-        page.build(len(saved.bodies), saved.solids, saved.part_body, saved.path, self._radius)
-        page.scale(1.1 * max(1.0, float(np.nanmax(saved.motion.force))))
-        self._moment = page.server.gui.add_slider("Moment [s]", 0.0, self._end, 0.01, 0.0)
-        self._moment.on_update(self._seek)
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self._page.close("Closed.")
-
-    def _seek(self, event: Any) -> None:
-        if event.client is not None:
-            self._time = float(event.target.value)
-
-    def play(self) -> None:
-        """Show moment after moment until Ctrl-C."""
-        page, saved, shown, before = self._page, self._saved, 0, time.monotonic()
-        motion, poses = saved.motion, body_poses(saved.bodies, saved.motion.joints)
-        pads = motion.pad
-        if page.part >= 0:
-            part = poses[:, page.part]
-            pads = np.einsum("nji,nj->ni", part[:, :3, :3], pads - part[:, :3, 3])
-        impulses = np.nan_to_num(motion.force) * np.diff(motion.time, prepend=motion.time[0])
-        while True:
-            now, step = time.monotonic(), 0.0
-            if not page.paused:
-                step = (now - before) * min(page.speed, FASTEST)
-            elif page.steps:
-                page.steps, step = page.steps - 1, STEP_S
-            before = now
-            if step:  # while it waits, the time is the page's: what somebody enters there must not be lost
-                self._time = min(self._time + step, self._end)
-            row = max(int(np.searchsorted(motion.time, self._time + 1e-9)), 1)
-            if page.worked is not None and row != shown:
-                if row < shown:
-                    page.worked.clear()
-                new = slice(shown if row > shown else 0, row)
-                page.worked.add(pads[new], impulses[new])
-            shown, k = row, row - 1
-            stage = "the end" if self._time >= self._end else "playback"
-            told = page.show(
-                Moment(self._time, self._end, stage, poses[k], motion.pad[k], float(motion.force[k]),
-                       float(motion.asked[k]), float(motion.speed[k])),
-                self._rows(k),
-            )  # fmt: skip
-            if told and self._moment.value != round(self._time, 2):
-                self._moment.value = round(self._time, 2)
-            time.sleep(0.5 / SHOWN_HZ)
-
-    def _rows(self, k: int) -> Array:
-        motion = self._saved.motion
-        some = slice(int(np.searchsorted(motion.time, motion.time[k] - PLOT_S)), k + 1)
-        return np.stack([motion.time[some], motion.force[some], motion.asked[some]], axis=1)
-
-
-def body_poses(bodies: Sequence[Body], joints: Array) -> Array:
-    """Where bodies are in the world at rows of joints (n, k) [rad, m], shape (n, len(bodies), 4, 4)."""
-    poses = np.tile(np.eye(4), (len(joints), len(bodies), 1, 1))
-    for number, body in enumerate(bodies):
-        own, anchor = np.asarray(body.rest, dtype=float), np.asarray(body.anchor)
-        if body.joint >= 0:
-            by = joints[:, body.joint, None] * np.asarray(body.axis)
-            turn = np.eye(3) if body.slide else np.asarray(Rotation.from_rotvec(by).as_matrix())
-            own = own @ transform(turn, by if body.slide else anchor - turn @ anchor)
-        poses[:, number] = own if body.parent < 0 else poses[:, body.parent] @ own
-    return poses

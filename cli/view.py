@@ -1,6 +1,6 @@
 """`polish-sim view`, and where the pages of `--live` and `view` are served: this computer, unless asked otherwise.
 
-viser is imported when a page is opened, not before.
+A saved run has its page already, which is served as it is. viser is imported when a live page is opened.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import io
 import ipaddress
 import socket
 from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
@@ -152,18 +153,40 @@ def _is_loopback(host: str) -> bool:
     return False
 
 
+def page_server(address: Address, content: bytes) -> HTTPServer:
+    """A server of one page of HTML, for pages of its own alone."""
+
+    class Answer(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            may = allowed(self.headers.get("Origin"), self.headers.get("Host", ""))
+            self.send_response(200 if may else 403)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.end_headers()
+            self.wfile.write(content if may else b"refused: this page belongs to another server")
+
+        def log_message(self, *_: object) -> None:
+            """Nothing is said of requests."""
+
+    class Server(ThreadingHTTPServer):
+        address_family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+        daemon_threads = True
+
+    return Server((address.host, address.port), Answer)
+
+
 @takes("--live-port", "--live-host")
 def view(run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder made by 'run'.")], given: Given) -> None:
-    """Play a saved run in the browser until Ctrl-C: the cell in 3D, the force, the part as it is worked on."""
-    asked = asked_address(given)
+    """Show a saved run in the browser until Ctrl-C: the cell in 3D, the force, the part as it is worked on."""
     # Lazy: --help must not wait for numpy.
     from polish_sim.analysis.run_record import read_record
-    from polish_sim.cli.live_view import Replay
     from polish_sim.experiments.compared_page import saved_page
+    from polish_sim.page.page import page_html
 
-    record = read_record(run)
-    saved = saved_page(run, record)
+    saved = saved_page(run, read_record(run))
     if saved is None or not len(saved.motion.time):
         raise InputError(f"'{run}' has nothing to show: it lacks its page, and its cell cannot be set up again.")
-    with contextlib.suppress(KeyboardInterrupt), Replay(asked, saved, record.scenario.pad.radius_m) as replay:
-        replay.play()
+    asked = Address(given["--live-host"] or LOOPBACK, given["--live-port"] or 0)
+    address = free_address(asked)
+    with page_server(address, page_html(saved).encode()) as server, contextlib.suppress(KeyboardInterrupt):
+        say_address(asked, address)
+        server.serve_forever()
