@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -79,20 +79,34 @@ def plot_arc(record: RunRecord) -> Figure:
     return figure
 
 
-@styled
 def plot_arc_runs(records: Sequence[RunRecord]) -> Figure:
     """Draw the tracking error of several runs over the way round the commanded circle."""
+
+    def curve(record: RunRecord) -> tuple[Array, Array]:
+        process = fed(record.log)
+        error = distance_to_circle(numbers(record.log, "tcp_position_m")[process], PAPER_ARC)
+        return numbers(record.log, "path_s_m")[process], error * 1e6
+
+    return compare_runs(
+        records, curve, ("at most {:.3g} mm", "tracking_error_max_m", 1e3), (PAPER_LIMIT_M * 1e6, "paper: < 0.3 mm"),
+        ("way round the circle [m]", "distance from the circle [µm]"), "Distance from the circle, side by side",
+    )  # fmt: skip
+
+
+@styled
+def compare_runs(
+    records: Sequence[RunRecord], curve: Callable[[RunRecord], tuple[Array, Array]], fact: tuple[str, str, float],
+    limit: tuple[float, str], labels: tuple[str, str], title: str,
+) -> Figure:  # fmt: skip
+    """Draw an error of several runs over each other, a line each with its controller and a figure, and a limit."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     for index, record in enumerate(records):
-        process = fed(record.log)
-        error = distance_to_circle(numbers(record.log, "tcp_position_m")[process], PAPER_ARC)
-        facts = facts_of(record.metrics, ("at most {:.3g} mm", "tracking_error_max_m", 1e3))
-        label = ", ".join([f"{record.name}: {record.scenario.controller.label}", *facts])
-        axes.plot(numbers(record.log, "path_s_m")[process], error * 1e6, label=label, **line_look(index))
-    axes.axhline(PAPER_LIMIT_M * 1e6, color=GREEN, ls="--", lw=1.0, label="paper: < 0.3 mm")
-    axes.set(xlabel="way round the circle [m]", ylabel="distance from the circle [µm]", ylim=(0.0, None))
-    head(figure, "Distance from the circle, side by side", legend=(axes,))
+        label = ", ".join([f"{record.name}: {record.scenario.controller.label}", *facts_of(record.metrics, fact)])
+        axes.plot(*curve(record), label=label, **line_look(index))
+    axes.axhline(limit[0], color=GREEN, ls="--", lw=1.0, label=limit[1])
+    axes.set(xlabel=labels[0], ylabel=labels[1], ylim=(0.0, None))
+    head(figure, title, legend=(axes,))
     return figure
 
 

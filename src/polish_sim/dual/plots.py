@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import FORCE_BANDS_N, fed, numbers
+from polish_sim.analysis.run_plots import compare_runs
 from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import (
     AXIS_COLORS,
@@ -23,7 +24,6 @@ from polish_sim.analysis.style import (
     SERIES,
     facts_of,
     head,
-    line_look,
     mark_stop,
     new_figure,
     shade_band,
@@ -75,19 +75,17 @@ def plot_dual(record: RunRecord) -> Figure | None:
     return figure
 
 
-@styled
 def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
     """Draw the tool's error on the part along the path, one line a run."""
-    figure = new_figure(9.0, 4.0)
-    axes = figure.subplots()
-    for index, record in enumerate(records):
+
+    def curve(record: RunRecord) -> tuple[Array, Array]:
         error = 1e3 * np.linalg.norm(_while_fed(record, "relative_error_m"), axis=1)
-        label = "".join(facts_of(record.metrics, (f"{record.name}: rms {{:.3f}} mm", "relative_error_rms_m", 1e3)))
-        axes.plot(_while_fed(record, "path_s_m"), error, label=label or record.name, **line_look(index))
-    axes.axhline(BAND_MM, color=GREEN, ls="--", lw=0.9, label=f"{BAND_MM:g} mm")
-    axes.set(xlabel="along the path [m]", ylabel="error [mm]", ylim=(0.0, None))
-    head(figure, "How far the tool is from its place on the moving part", legend=(axes,))
-    return figure
+        return _while_fed(record, "path_s_m"), error
+
+    return compare_runs(
+        records, curve, ("rms {:.3f} mm", "relative_error_rms_m", 1e3), (BAND_MM, f"{BAND_MM:g} mm"),
+        ("along the path [m]", "error [mm]"), "How far the tool is from its place on the moving part",
+    )  # fmt: skip
 
 
 def _from_first_feed_to_last(record: RunRecord) -> slice:
