@@ -79,7 +79,7 @@ def tune(controller: Controller, given: Given) -> int:
 
             scorer = Scorer(folder, workers)
             try:
-                best = search_best(search, trials, folder, scorer, tried)
+                best = search_best(search, trials, scorer, tried)
                 console.note("shipped and tuned, on held-out seeds and cases")
                 verdicts = judge_tuned(search, best, given["--held-out-seeds"] or HELD_OUT_SEEDS, scorer)
             except KeyboardInterrupt:

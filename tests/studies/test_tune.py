@@ -74,10 +74,10 @@ def silent(_number: int, _text: str) -> None:
 
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes"])
 def test_the_search_finds_planted_gains_and_runs_paths_only_where_holds_are_no_worse_than_the_best(
-    tmp_path: Path, sampler: str
+    sampler: str,
 ) -> None:
     scorer = Planted()
-    best = search_best(search(sampler=sampler), 60, tmp_path, scorer, silent)  # type: ignore[arg-type]
+    best = search_best(search(sampler=sampler), 60, scorer, silent)  # type: ignore[arg-type]
     assert best["controller.force_p_m_sn"] == pytest.approx(BEST_P, rel=0.3)
     assert best["controller.force_i_m_s2n"] == pytest.approx(BEST_I, rel=0.5)
     first = scorer.asked[0].scenario.controller
@@ -92,20 +92,18 @@ def test_the_search_finds_planted_gains_and_runs_paths_only_where_holds_are_no_w
     assert cases.rows == 3 * len(search().held_out)
 
 
-def test_a_search_that_was_broken_off_goes_on_to_the_same_end(tmp_path: Path) -> None:
-    whole, parts = Planted(), Planted()
-    (tmp_path / "a").mkdir()
-    (tmp_path / "b").mkdir()
-    best = search_best(search(), 16, tmp_path / "a", whole, silent)  # type: ignore[arg-type]
-    for trials in (8, 16):
-        again = search_best(search(), trials, tmp_path / "b", parts, silent)  # type: ignore[arg-type]
-    assert again == best
-    assert [t.entry.settings for t in whole.asked] == [t.entry.settings for t in parts.asked]
+def test_a_search_that_was_interrupted_makes_the_same_trials_again_and_then_the_others() -> None:
+    begun, whole = Planted(), Planted()
+    search_best(search(), 8, begun, silent)  # type: ignore[arg-type]
+    search_best(search(), 16, whole, silent)  # type: ignore[arg-type]
+    asked = [[(t.case.name, t.seed, t.entry.settings) for t in scorer.asked] for scorer in (begun, whole)]
+    assert asked[1][: len(asked[0])] == asked[0]
+    assert len(asked[1]) > len(asked[0])
 
 
-def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse(tmp_path: Path) -> None:
+def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse() -> None:
     scorer = Planted(lucky_seeds=True)
-    best = search_best(search(), 20, tmp_path, scorer, silent)  # type: ignore[arg-type]
+    best = search_best(search(), 20, scorer, silent)  # type: ignore[arg-type]
     seen, seeds, _ = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
     assert (seen.better, seeds.better) == (True, False)  # on other seeds the planted figure falls with the distance
 

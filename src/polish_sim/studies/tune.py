@@ -23,8 +23,6 @@ from polish_sim.scoring.figures import FIGURES
 from polish_sim.scoring.journal import Task, keys_of, measure_row, setup_key
 from polish_sim.workers import Workers, fill_rows
 
-STORAGE: Final = "trials.sqlite3"
-STUDY_NAME: Final = "tune"
 SAMPLERS: Final = ("tpe", "cmaes")
 TRAINING: Final = ("step-20", "approach-20", "stiffness-0.5", "stiffness-2", "latency-12", "noise-1", "flat-30")
 """The cases the search sees unless others are named; the rest of the battery is held out."""
@@ -232,13 +230,11 @@ class Scorer:
         return [rows[task] for task in tasks if task in rows]
 
 
-def search_best(
-    search: Search, trials: int, folder: Path, scorer: Scorer, heard: Callable[[int, str], None]
-) -> dict[str, float]:
-    """Search until the folder's storage holds that number of ``trials``; the best values by key.
+def search_best(search: Search, trials: int, scorer: Scorer, heard: Callable[[int, str], None]) -> dict[str, float]:
+    """Search with a number of ``trials``, the shipped values first; the best values by key.
 
-    The first trial is the shipped one; ``heard`` gets each trial's number and how it went. What a killed command had
-    begun is done again.
+    The sampler of each trial is seeded by its number: a search that was interrupted makes the same trials again, whose
+    rows are kept. ``heard`` gets each trial's number and how it went.
 
     Raises:
         InputError: If no trial keeps the conditions.
@@ -246,18 +242,11 @@ def search_best(
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    storage = f"sqlite:///{(folder / STORAGE).resolve()}"
-    study = optuna.create_study(storage=storage, study_name=STUDY_NAME, load_if_exists=True)
-    for begun in [trial for trial in study.trials if trial.state == optuna.trial.TrialState.RUNNING]:
-        study.enqueue_trial(begun.params)
-        study.tell(begun.number, state=optuna.trial.TrialState.FAIL)
-    if not study.trials:
-        study.enqueue_trial({p.key: min(max(p.shipped, p.low), p.high) for p in search.over})
-    ended = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.PRUNED)
-    while (done := sum(trial.state in ended for trial in study.trials)) < trials:
-        # Seeded by the number of the trial: a search that was killed resumes as if it had not been.
-        study.sampler = optuna.samplers.TPESampler(seed=done, n_startup_trials=10) if search.sampler == "tpe" else (
-            optuna.samplers.CmaEsSampler(seed=done)
+    study = optuna.create_study()
+    study.enqueue_trial({p.key: min(max(p.shipped, p.low), p.high) for p in search.over})
+    for number in range(trials):
+        study.sampler = optuna.samplers.TPESampler(seed=number, n_startup_trials=10) if search.sampler == "tpe" else (
+            optuna.samplers.CmaEsSampler(seed=number)
         )  # fmt: skip
         trial = study.ask()
         values = {p.key: trial.suggest_float(p.key, p.low, p.high, log=p.log) for p in search.over}
@@ -266,7 +255,7 @@ def search_best(
         trial.report(value, 0)
         study.tell(trial, value if whole else None, state=state)
         how = "" if whole else "given up early: "
-        heard(done + 1, f"{how}{_value_text(value)}; best {_value_text(_best_of(study))}")
+        heard(number + 1, f"{how}{_value_text(value)}; best {_value_text(_best_of(study))}")
     if not _best_of(study) < BROKEN:
         names = ", ".join(condition.figure for condition in search.conditions)
         raise InputError(f"no trial keeps what it is subject to ({names}) in all cases. Search wider, or ask less.")
