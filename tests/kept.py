@@ -10,6 +10,7 @@ import hashlib
 import os
 import pickle
 import shutil
+import time
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -25,13 +26,15 @@ except ImportError:  # Windows: what two processes need at once is made twice
 
 FOLDER = Path(__file__).parents[1] / ".pytest_cache" / "kept" / package_hash()[:16]
 
+KEPT_S = 24.0 * 3600.0  #: What another source made is removed after this time
+
 
 def share_fields() -> None:
     """Let every distance field of this process come from disk where one of the processes has made it."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         for old in set(FOLDER.parent.glob("*")) - {FOLDER}:
-            shutil.rmtree(old, ignore_errors=True)  # of another source
-    FOLDER.mkdir(parents=True, exist_ok=True)
+            if time.time() - old.stat().st_mtime > KEPT_S:  # of another source; its tests may be under way
+                shutil.rmtree(old, ignore_errors=True)
     made = distance_field.build_distance_field
 
     def kept(surface: Any, spacing: float, band: float, bounds: Any = None) -> Any:
@@ -43,6 +46,7 @@ def share_fields() -> None:
 
 def keep(inputs: Any, make: Callable[[], Any]) -> Any:
     """What was made of the same inputs by the same source before, or made now."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
     file = FOLDER / hashlib.sha256(pickle.dumps(inputs)).hexdigest()[:24]
     with file.with_suffix(".lock").open("ab") as lock:
         if fcntl is not None:
