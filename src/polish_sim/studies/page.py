@@ -174,7 +174,7 @@ def plot_parallel(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], cla
     at = at[:: max(1, len(at) // MOST_LINES)]
     across = np.broadcast_to(np.arange(at.shape[1]), at.shape)
     lines = LineCollection(
-        np.stack([across, at], axis=2),
+        list(np.stack([across, at], axis=2)),
         array=at[:, len(axes)],
         cmap="viridis",
         lw=1.0,
@@ -227,6 +227,8 @@ def plot_front(front: Sequence[tuple[tuple[Any, ...], Array, bool]], goals: Sequ
     for values, point, best in front:
         if best:
             name = ", ".join(map(_word, values))
-            plot.annotate(name, tuple(scales * point), (5, 5), textcoords="offset points", fontsize=8.0)
+            plot.annotate(
+                name, (scales[0] * point[0], scales[1] * point[1]), (5, 5), textcoords="offset points", fontsize=8.0
+            )
     plot.set(**{f"{x}label": f"{claim.label} [{claim.unit}]" for x, claim in zip("xy", goals, strict=True)})
     return figure
