@@ -1,7 +1,4 @@
-"""Margins of a loop from its frequency response, and force gains designed for a margin.
-
-Everything here is numpy on a few hundred frequencies: fast enough for a controller that designs itself at its start.
-"""
+"""Margins of a loop from its frequency response, whether it is stable, and up to which latency."""
 
 from __future__ import annotations
 
@@ -26,14 +23,6 @@ class Margins(NamedTuple):
     delay: float  #: The loop may be this much later [s]
     crossover: float  #: Highest frequency at which the loop's gain is one [rad/s]; NaN when it never is
     phase_crossover: float  #: Frequency at which it would oscillate if the gain grew [rad/s]; NaN when it never would
-
-
-class ForceGains(NamedTuple):
-    """Gains of a force loop by velocity, and what they leave."""
-
-    p: float  #: [m/(s N)]
-    i: float  #: [m/(s^2 N)]
-    margins: Margins
 
 
 def margins(loop: Response) -> Margins:
@@ -70,84 +59,6 @@ def _crossings(values: Array) -> list[tuple[int, float]]:
 
 def _between(values: Array, k: int, share: float) -> float:
     return float(values[k] + share * (values[k + 1] - values[k]))
-
-
-def pi_on_spring(
-    p: float, i: float, stiffness: float, delay: float, filters_hz: Sequence[float] = (), felt_mass: float = 0.0
-) -> Response:
-    """Open loop of a PI law that presses a spring by velocity: L = (p + i/s) (k/s + m s) e^(-s delay) / prod(1 + s/w).
-
-    Args:
-        p: [m/(s N)].
-        i: [m/(s^2 N)].
-        stiffness: k, of all springs in series [N/m].
-        delay: From command to motion and from force to reading, together [s].
-        filters_hz: Corners of the first-order low-passes in the loop [Hz].
-        felt_mass: m, the inertia the force sensor reads besides the contact force [kg].
-    """
-
-    def response(omega: Array) -> Complex:
-        s = 1j * omega
-        loop = (p + i / s) * (stiffness / s + felt_mass * s) * np.exp(-s * delay)
-        for corner in filters_hz:
-            loop = loop / (1.0 + s / (2.0 * math.pi * corner))
-        return loop
-
-    return response
-
-
-def design_gains(
-    stiffness: float,
-    delay: float,
-    filters_hz: Sequence[float] = (80.0,),
-    phase_margin: float = math.radians(60.0),
-    integral_lag: float = math.radians(10.0),
-    gain_margin: float = 2.0,
-    felt_mass: float = 0.0,
-) -> ForceGains:
-    """Fastest PI gains on a spring that leave the margins asked for.
-
-    The crossover w solves pi/2 - integral_lag - w delay - sum atan(w / w_filter) = phase_margin; the integral's corner
-    i/p = w tan(integral_lag) costs the lag set aside for it; p makes the loop's gain one at w. The gain margin is kept
-    at *every* frequency past the first phase crossover: inertia felt by the sensor raises the gain there, and the
-    phase of so late a loop is not to be relied on.
-
-    Args:
-        stiffness: Of all springs in series [N/m].
-        delay: Pure delay in the loop, the servo's lag included [s].
-        filters_hz: Corners of the first-order low-passes in the loop [Hz].
-        phase_margin: Wanted at least [rad].
-        integral_lag: Phase given to the integral at the crossover [rad].
-        gain_margin: Wanted at least [-].
-        felt_mass: Uncompensated inertia seen by the force sensor [kg].
-
-    Returns:
-        The gains and their margins.
-    """
-    corners = [2.0 * math.pi * f for f in filters_hz]
-    budget = 0.5 * math.pi - integral_lag - phase_margin
-    low, high = 0.0, budget / max(delay, 1e-5)
-    for _ in range(60):
-        w = 0.5 * (low + high)
-        lag = w * delay + sum(math.atan(w / c) for c in corners)
-        low, high = (w, high) if lag < budget else (low, w)
-    for _ in range(8):
-        i_per_p = w * math.tan(integral_lag)
-        shape = pi_on_spring(1.0, i_per_p, stiffness, delay, filters_hz, felt_mass)
-        wanted, most = 1.0 / float(np.abs(shape(np.array([w])))[0]), 0.99 * _largest_gain(shape, w) / gain_margin
-        p, i = min(wanted, most), min(wanted, most) * i_per_p
-        if wanted <= most:
-            break
-        w = min(w, p * stiffness)
-    return ForceGains(p, i, margins(pi_on_spring(p, i, stiffness, delay, filters_hz, felt_mass)))
-
-
-def _largest_gain(shape: Response, lowest: float) -> float:
-    """Factor that brings a loop to one at its highest gain from its first phase crossover on; inf without one."""
-    omega = np.geomspace(lowest, NYQUIST, 600)
-    response = shape(omega)
-    late = np.flatnonzero(np.unwrap(np.angle(response)) <= -math.pi)
-    return 1.0 / float(np.abs(response[late[0] :]).max()) if len(late) else math.inf
 
 
 # Whether a modelled force loop is stable: eigenvalues where the law has a state space, else Nyquist.
