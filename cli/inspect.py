@@ -102,7 +102,6 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["sharpest corner", "deg", f"{math.degrees(m['sharpest_corner_rad']):.1f}"],
         ["largest turn of the tool axis", "deg/mm", f"{math.degrees(m['max_axis_rate_rad_m']) * 1e-3:.2f}"],
         ["out of the tool's reach", "mm^2", f"{m['unreachable_area_m2'] * mm2:.4g}"],
-        ["  places", "", str(m["unreachable_places"])],
         ["tool in the part, at most", "mm", f"{m['pad_in_part_max_m'] * mm:.3g}"],
         ["  over a length of the path", "m", f"{m['pad_in_part_length_m']:.3g}"],
         ["largest distance to surface", "mm", f"{m['max_distance_to_surface_m'] * mm:.2g}"],

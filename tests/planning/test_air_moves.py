@@ -13,10 +13,8 @@ from polish_sim.planning.moves.leads import (
     LEADS,
     Air,
     Move,
-    Remark,
     choose_leads,
     normal_lead,
-    notes_of,
     tangent_lead,
     with_leads,
 )
@@ -82,15 +80,12 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
 
 
-def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_with_a_note(tmp_path):
+def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing(tmp_path):
     part = slab_with_wall(tmp_path)
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
     leads = choose_leads(stroke(0.032, 0.07), "tangent", Air(part, 0.025, CLEARANCE, UP), STEPOVER)
     assert leads.start.shape is normal_lead
     assert leads.end.shape is tangent_lead
-    assert notes_of(leads.remarks) == (
-        "the tangent lead-in would run into the part, it goes straight along the tool axis: at (32, 0, 0) mm",
-    )
 
 
 @pytest.mark.parametrize("name", LEADS)
@@ -100,15 +95,6 @@ def test_on_a_free_plate_every_lead_is_kept(tmp_path, name):
     leads = choose_leads(move, name, Air(part, 0.025, CLEARANCE, UP), STEPOVER)
     assert leads.start.shape is LEADS[name]
     assert leads.end.shape is LEADS[name]
-    assert leads.remarks == ()
-
-
-def test_the_same_remark_at_many_places_is_one_note():
-    remarks = [Remark("too narrow", np.array([0.001 * k, 0.0, 0.0])) for k in (4, 5, 6)]
-    assert notes_of([*remarks, Remark("hits", np.zeros(3))]) == (
-        "too narrow: at (4, 0, 0) mm and 2 more places",
-        "hits: at (0, 0, 0) mm",
-    )
 
 
 def bowl(radius_mm):

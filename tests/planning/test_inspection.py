@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning import inspect_path
-from polish_sim.planning.quality.figures import measure_pad_reach
 from polish_sim.planning.quality.spacing import guess_stepover
-from tests.planning.shapes import path_through, shipped_plan, surface_of
+from tests.planning.shapes import path_through, shipped_plan
 
 PLATE = PartConfig("plate", up="z")
 TOP = 0.02
@@ -163,33 +161,3 @@ def test_no_points_in_contact_are_refused():
     lifted = replace(raster(), segment=np.zeros(40, dtype=np.int8))
     with pytest.raises(PlanError, match="no points in contact"):
         inspect_path(lifted, PLATE, PlanConfig(stepover_m=0.01))
-
-
-def channel(folder, radius, half_angle, length=100.0, flat=40.0):
-    """A sheet with a channel of circular section along y, in mm, seen from inside the circle."""
-    angle = np.linspace(-half_angle, half_angle, 49)
-    x = radius * np.sin(angle)
-    z = radius * (np.cos(half_angle) - np.cos(angle))
-    side = np.linspace(x[-1], x[-1] + flat, 11)[1:]
-    x, z = np.concatenate([-side[::-1], x, side]), np.concatenate([0 * side, z, 0 * side])
-    y = np.linspace(0.0, length, 41)
-    vertices = np.stack([np.repeat(x, len(y)), np.tile(y, len(x)), np.repeat(z, len(y))], axis=1)
-    k = (np.arange(len(x) - 1)[:, None] * len(y) + np.arange(len(y) - 1)).ravel()
-    faces = np.concatenate([np.stack(c, 1) for c in ((k, k + len(y), k + 1), (k + 1, k + len(y), k + len(y) + 1))])
-    return surface_of(trimesh.Trimesh(vertices, faces, process=False), folder)
-
-
-@pytest.mark.parametrize("radius", [10.0, 24.0])
-def test_a_channel_tighter_than_the_pad_is_out_of_reach_over_its_whole_area(tmp_path, radius):
-    """Arc length times length; the outermost facets lie half in the flat."""
-    surface = channel(tmp_path, radius, np.pi / 4.0)
-    found = measure_pad_reach(surface, len(surface.faces), 0.025)
-    assert found.area_m2 == pytest.approx(1e-6 * radius * np.pi / 2.0 * 100.0, rel=0.05)
-    assert len(found.places) == 1
-    assert found.places[0].radius_m == pytest.approx(1e-3 * radius, rel=0.1)
-    assert abs(found.places[0].position[0]) < 1e-3 * radius
-
-
-def test_a_channel_wider_than_the_pad_is_within_reach(tmp_path):
-    surface = channel(tmp_path, 27.0, np.pi / 4.0)
-    assert measure_pad_reach(surface, len(surface.faces), 0.025).area_m2 == 0.0

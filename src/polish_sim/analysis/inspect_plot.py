@@ -11,14 +11,14 @@ from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap, TwoSlopeNorm
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, Views, head, new_figure, styled, views_of
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Indices
 
 if TYPE_CHECKING:
     from polish_sim.planning import Inspection
@@ -26,37 +26,23 @@ if TYPE_CHECKING:
 # An inspected region as a coloured mesh with the time under the pad at every vertex (Inspection -> coverage.ply).
 
 
-HOLLOW = (204, 121, 167)  #: Colour of places the pad cannot touch
 BARE = (213, 94, 0)  #: Colour of places it never reaches
 
 Columns = Mapping[str, tuple[str, NDArray[Any]]]  #: Columns of a PLY file by name: numpy type and values, (v,)
-COMMENT = (
-    "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path; "
-    "hollow: tighter than the pad"
-)
+COMMENT = "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path"
 
 
 def write_coverage_mesh(file: Path, found: Inspection) -> None:
-    """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s, strict and hollow."""
-    mesh, times, hollow = found.ground.mesh, found.quality.exposure.times, hollow_vertices(found)
-    columns: Columns = {"exposure_s": ("<f4", times), "strict": ("u1", found.strict), "hollow": ("u1", hollow)}
-    write_ply(file, COMMENT, (mesh.vertices, mesh.normals, mesh.triangles), _colors(times, hollow), columns)
+    """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s and strict."""
+    mesh, times = found.ground.mesh, found.quality.exposure.times
+    columns: Columns = {"exposure_s": ("<f4", times), "strict": ("u1", found.strict)}
+    write_ply(file, COMMENT, (mesh.vertices, mesh.normals, mesh.triangles), _colors(times), columns)
 
 
-def hollow_vertices(found: Inspection) -> Bools:
-    """Vertices of the region on facets the pad cannot touch, shape (v,)."""
-    mesh, hollow = found.ground.mesh, found.quality.reach.hollow
-    out = np.zeros(len(mesh.vertices), dtype=bool)
-    own = mesh.owners < len(hollow)
-    out[mesh.triangles[own][hollow[mesh.owners[own]] > 0.5]] = True
-    return out
-
-
-def _colors(times: Array, hollow: Bools) -> NDArray[np.uint8]:
+def _colors(times: Array) -> NDArray[np.uint8]:
     top = float(np.percentile(times, 99.0)) or 1.0
     colors = np.asarray(colormaps["viridis"](np.clip(times / top, 0.0, 1.0), bytes=True))[:, :3].copy()
     colors[times <= 0.0] = BARE
-    colors[hollow] = HOLLOW
     return colors
 
 
@@ -112,18 +98,16 @@ class _View(NamedTuple):
 
 @styled
 def plot_maps(found: Inspection) -> Figure:
-    """Draw time under the pad, coverage and, if there are any, hollows too tight for the pad, seen from above.
+    """Draw time under the pad and coverage, seen from above.
 
     A region that looks down is seen from below, a side of the part along its face.
     """
-    view, hollow = _look(found), bool(found.quality.reach.places)
+    view = _look(found)
     wide = (view.extent[1] - view.extent[0]) >= 1.2 * (view.extent[3] - view.extent[2])
-    figure = new_figure(14.0 if hollow else 10.5, 4.6 if wide else 5.4)
-    panels = figure.subplots(1, 3 if hollow else 2, sharex=True, sharey=True)
+    figure = new_figure(10.5, 4.6 if wide else 5.4)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
     _draw_time(figure, panels[0], found, view)
     handles = _draw_cover(panels[1], found, view)
-    if hollow:
-        _draw_reach(figure, panels[2], found, view)
     for axes in panels:
         axes.set_aspect("equal")
         axes.grid(False)
@@ -133,8 +117,7 @@ def plot_maps(found: Inspection) -> Figure:
     panels[0].set_xlim(view.extent[0] - room, view.extent[1] + room)
     panels[0].set_ylim(view.extent[2] - room, view.extent[3] + room)
     panels[0].set_ylabel(view.views.labels[1])
-    facts = [] if hollow else ["no place is too hollow for the pad"]
-    head(figure, f"Path on {found.mesh.name}, seen {view.views.name}", facts)
+    head(figure, f"Path on {found.mesh.name}, seen {view.views.name}")
     figure.legend(handles=handles, loc="outside lower left", ncols=4)
     return figure
 
@@ -220,33 +203,6 @@ def _draw_cover(axes: Axes, found: Inspection, view: _View) -> list[Artist]:
     )
     handles: list[Artist] = [Patch(color=color, label=name) for name, color in LEVELS.items()]
     return handles + axes.get_legend_handles_labels()[0]
-
-
-def _draw_reach(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
-    m, mesh, reach = found.figures, found.ground.mesh, found.quality.reach
-    tightness = np.full(len(mesh.vertices), np.nan)
-    own = mesh.owners < len(reach.tightness)
-    tightness[mesh.triangles[own].ravel()] = np.repeat(reach.tightness[mesh.owners[own]], 3)
-    drawn = axes.imshow(
-        _image(view, tightness), extent=view.extent, origin="lower", cmap="RdBu", norm=TwoSlopeNorm(0.0, -1.5, 1.5)
-    )
-    hollow = np.where(hollow_vertices(found), 1.0, np.nan)
-    axes.imshow(_image(view, hollow), extent=view.extent, origin="lower", cmap=ListedColormap([DARK]))
-    for number, place in enumerate(reach.places[:LABELLED], start=1):
-        at = view.views.flat @ place.position * MM
-        axes.annotate(
-            f"{number}: {1e6 * place.area_m2:.4g} mm²",
-            (float(at[0]), float(at[1])),
-            (8, 8),
-            textcoords="offset points",
-            fontsize=8,
-            bbox={"boxstyle": "round", "fc": "white", "ec": GREY, "lw": 0.5, "alpha": 0.85},
-            arrowprops={"arrowstyle": "-", "lw": 0.6},
-        )
-    label = "pad radius / smallest radius of curvature, hollow < 0"
-    figure.colorbar(drawn, ax=axes, label=label, shrink=0.85, pad=0.02, extend="both")
-    out = f"{1e6 * m['unreachable_area_m2']:.4g} mm² in {m['unreachable_places']} places"
-    axes.set_title(f"Too hollow for the pad (dark): {out}", fontsize=9.0)
 
 
 def _draw_spacing(axes: Axes, found: Inspection) -> None:

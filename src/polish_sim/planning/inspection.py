@@ -111,7 +111,7 @@ def _reason(mesh: PartMesh, path: ToolPath, middle: float, even: float) -> str:
     return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
 
 
-NAMED = 3  #: Places the pad cannot touch that are named at most
+NAMED = 3  #: Crossings that are named at most
 MOSTLY = 0.9  #: A region is the path's own if this share of the path runs on it
 
 
@@ -246,13 +246,6 @@ def _findings(quality: Quality, offset: Offset, pad: PadConfig) -> list[str]:
         notes.append(f"{warning}: keep the path {away:.3g} mm further from what stands there, or take a smaller pad")
     if offset.sideways.max() > OFF_PART_M:
         notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
-    for place in quality.reach.places[:NAMED]:
-        notes.append(
-            f"out of the pad's reach: {1e6 * place.area_m2:.4g} mm^2 at {place_in_mm(place.position)}, hollow of "
-            f"{1e3 * place.radius_m:.3g} mm radius, the pad has {1e3 * pad.radius_m:.3g} mm"
-        )
-    if len(quality.reach.places) > NAMED:
-        notes.append(f"{len(quality.reach.places) - NAMED} smaller places are out of the pad's reach as well")
     if len(quality.crossings):
         first = ", ".join(place_in_mm(place) for place in quality.crossings[:NAMED])
         more = " ..." if len(quality.crossings) > NAMED else ""

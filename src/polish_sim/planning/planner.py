@@ -16,13 +16,12 @@ from polish_sim.planning.curves.turns import Report
 from polish_sim.planning.feasibility import check_plan_words
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import (
+    LEADS,
     Air,
     Move,
-    Remark,
     choose_leads,
     concatenate,
     every,
-    notes_of,
     with_leads,
 )
 from polish_sim.planning.moves.stroke import ContactRun, give_axes
@@ -57,7 +56,7 @@ class Placed(NamedTuple):
 
     stroke: ContactRun
     moves: list[Move]  #: Travel if there was a stroke before, approach, lead-in, process, lead-out, retract
-    remarks: tuple[Remark, ...]
+    straight: int  #: How many of its leads are not as asked: straight along the tool axis
     shortened: Array  #: What was cut off its ends [m], shape (k, 3)
 
 
@@ -157,9 +156,8 @@ def assemble(
     """
     moves: list[Move] = []
     curvature: list[Array] = []
-    remarks: list[Remark] = []
     all_cuts = list(cuts)
-    passes, deviation = 0, 0.0
+    passes, deviation, straight = 0, 0.0, 0
     for run in runs:
         for whole in _clear_of_part(run, give_axes(run, plan, passes, leaning), plan, air, all_cuts):
             placed = _place(whole, moves[-1] if moves else None, plan, air)
@@ -170,7 +168,7 @@ def assemble(
             all_cuts.append(CutOut(SHORTENED, placed.shortened))
             passes = int(stroke.process.pass_index.max()) + 1
             deviation = max(deviation, stroke.axis_deviation_rad)
-            remarks += placed.remarks
+            straight += placed.straight
             before = sum(len(move.positions) for move in placed.moves[:-3])
             after = sum(len(move.positions) for move in placed.moves[-2:])
             curvature.append(np.pad(stroke.curvature, (before, after), mode="edge"))
@@ -185,7 +183,8 @@ def assemble(
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
     # The tool may come down again where it went up.
     path = path.rows(np.diff(path.s, prepend=-1.0) > 0.0)
-    return Planned(path, deviation, notes_of(remarks), tuple(all_cuts))
+    note = f"{straight} leads go straight along the tool axis: a {plan.lead_in} one would run into the part"
+    return Planned(path, deviation, (note,) if straight else (), tuple(all_cuts))
 
 
 def _clear_of_part(
@@ -225,4 +224,5 @@ def _place(whole: ContactRun, previous: Move | None, plan: PlanConfig, air: Air)
             return None
         parts = [between, *parts]
     shortened = np.concatenate([line[: start.row], line[end.row + 1 :]])
-    return Placed(stroke, parts, chosen.remarks, shortened)
+    straight = sum(landing.shape is not LEADS[plan.lead_in] for landing in chosen)
+    return Placed(stroke, parts, straight, shortened)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.errors import place_in_mm
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, rim_depths, way_out
@@ -123,13 +122,6 @@ NEAR = 3  #: Points tried when only the pad's rim touches
 LONGEST_CUT = 0.45  #: No end of a stroke is shortened by more than this share of it
 
 
-class Remark(NamedTuple):
-    """Something the user should know, and where."""
-
-    what: str
-    place: Array  #: [m], shape (3,)
-
-
 class Air(NamedTuple):
     """What the lifted tool must keep clear of."""
 
@@ -156,7 +148,6 @@ class Landing(NamedTuple):
     shape: LeadShape
     clearance: float  #: Height it begins from [m]
     row: int  #: Point of the stroke at which the tool lands or leaves
-    remark: Remark | None  #: What is not as asked
 
 
 class ChosenLeads(NamedTuple):
@@ -164,11 +155,6 @@ class ChosenLeads(NamedTuple):
 
     start: Landing
     end: Landing
-
-    @property
-    def remarks(self) -> tuple[Remark, ...]:
-        """What is not as asked."""
-        return tuple(landing.remark for landing in self if landing.remark is not None)
 
 
 def choose_leads(process: Move, name: str, air: Air, stepover: float) -> ChosenLeads | None:
@@ -190,26 +176,21 @@ def choose_leads(process: Move, name: str, air: Air, stepover: float) -> ChosenL
 
 def _choose(process: Move, at_start: bool, name: str, air: Air, ball: Ball, stepover: float) -> Landing | None:
     """The first landing that is clear: as asked, straight, from lower, further along; last with the pad in a wall."""
-    word = "lead-in" if at_start else "lead-out"
     rows = _rows_along(process, at_start, stepover)
     straight: list[tuple[LeadShape, float]] = [(normal_lead, share * air.clearance) for share in LOWER]
     point_only = air._replace(pad_radius=0.0)
     last = 0 if at_start else len(process.positions) - 1
-    tries: list[tuple[Air, list[tuple[LeadShape, float]], list[int], str]] = [
-        (air, [(LEADS[name], air.clearance)], [last], ""),
-        (air, straight[:1], [last], f"the {name} {word} would run into the part, it goes straight along the tool axis"),
-        (air, straight[1:], [last], f"there is no room for a {word} of the clearance asked for, it is lower"),
-        (air, straight, rows[:NEAR], ""),
-        (point_only, straight, [last], f"even straight along the tool axis the pad runs into the part on the {word}"),
-        (point_only, straight, rows, ""),
+    tries: list[tuple[Air, list[tuple[LeadShape, float]], list[int]]] = [
+        (air, [(LEADS[name], air.clearance), *straight], [last]),
+        (air, straight, rows[:NEAR]),
+        (point_only, straight, [last, *rows]),
     ]
-    for around, shapes, where, remark in tries:
+    for around, shapes, where in tries:
         for row in where:
             for shape, clearance in shapes:
                 cut = slice(row, None) if at_start else slice(row + 1)
                 if _is_clear(process.rows(cut), at_start, shape, clearance, around, ball):
-                    place = process.positions[last]
-                    return Landing(shape, clearance, row, Remark(remark, place) if remark else None)
+                    return Landing(shape, clearance, row)
     return None
 
 
@@ -255,18 +236,6 @@ def every(line: Array, spacing: float) -> Indices:
     s = arc_length(line)
     marks = np.linspace(0.0, s[-1], max(int(np.ceil(s[-1] / spacing)), 1) + 1)
     return np.unique(np.append(np.searchsorted(s, marks).clip(0, len(s) - 1), [0, len(s) - 1]))
-
-
-def notes_of(remarks: Sequence[Remark]) -> tuple[str, ...]:
-    """Remarks as sentences: the same ones together, with the first place."""
-    places: dict[str, list[Array]] = {}
-    for remark in remarks:
-        places.setdefault(remark.what, []).append(remark.place)
-    out = []
-    for what, where in places.items():
-        more = f" and {len(where) - 1} more places" if len(where) > 1 else ""
-        out.append(f"{what}: at {place_in_mm(where[0])}{more}")
-    return tuple(out)
 
 
 # A path made elsewhere gets a way down to its first point if it has none (ToolPath -> ToolPath).

@@ -36,7 +36,7 @@ class AskedRegion:
     reasons: tuple[str, ...] = ()
     why: Indices | None = None  #: Number of each vertex's reason, -1: it may be polished, shape (v,); None: all may be
     touched: Array | None = None  #: Share of each vertex's area that the pad can touch, shape (v,); None: all
-    unreachable_m2: float | None = None  #: The area it cannot touch; None: all is in reach
+    unreachable_m2: float = 0.0  #: The area it cannot touch
 
     def without(self, out: Bools, reason: str) -> AskedRegion:
         """The same with some more vertices (v,) left out; an edge margin is under the pad all the same."""

@@ -12,7 +12,6 @@ from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.fixture import Fixture
-from polish_sim.geometry.topology import label_within
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.areas import AreaAccount, AskedRegion, CutOut, account_for
 from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
@@ -81,61 +80,6 @@ def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
     return AxisRate(np.concatenate(along), rate, Peak(float(rate[k]), where[k]))
 
 
-# Places more hollow than the pad is round (surface, pad -> PadReach).
-
-QUARTERS = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0], [2.0, 2.0, 2.0]]) / 6.0
-"""Middles of the four quarters of a facet, barycentric."""
-
-
-class HollowPlace(NamedTuple):
-    """A connected place the pad cannot touch."""
-
-    position: Array  #: Where it is tightest [m], shape (3,)
-    area_m2: float
-    radius_m: float  #: Radius of curvature there [m]
-
-
-class PadReach(NamedTuple):
-    """The parts of a region a pad cannot touch."""
-
-    area_m2: float
-    hollow: Array  #: Share of each facet that is too hollow, shape (m,)
-    tightness: Array  #: Pad radius over each facet's smallest radius of curvature, negative hollow, shape (m,)
-    places: tuple[HollowPlace, ...]  #: Connected places, largest first
-
-
-def measure_pad_reach(surface: Surface, facets: int, radius: float) -> PadReach:
-    """Find where the surface is hollow in any direction with a radius smaller than the pad's: area and places.
-
-    A disc that touches such a place with its middle would have to bend further than its own radius. Facets after the
-    first ``facets`` close holes.
-    """
-    smallest = np.stack([_smallest_curvature(surface, facets, weights) for weights in QUARTERS], axis=1)
-    hollow = (smallest * radius < -1.0).mean(axis=1)
-    areas = surface.facet_areas[:facets] * hollow
-    across = surface.neighbours[:facets]
-    one, edge = np.nonzero((across >= 0) & (across < facets))
-    count, label = label_within(np.column_stack([one, across[one, edge]]), hollow > 0.0)
-    places = []
-    middle = np.full((1, 3), 1.0 / 3.0)
-    for number in range(count):
-        rows = np.flatnonzero(label == number)
-        tight = rows[int(smallest[rows].min(axis=1).argmin())]
-        position = surface.evaluate(np.array([tight], dtype=np.int32), middle).positions[0]
-        places.append(HollowPlace(position, float(areas[rows].sum()), float(-1.0 / smallest[tight].min())))
-    places.sort(key=lambda place: -place.area_m2)
-    return PadReach(float(areas.sum()), hollow, radius * smallest.min(axis=1), tuple(places))
-
-
-def _smallest_curvature(surface: Surface, facets: int, weights: Array) -> Array:
-    """Smaller principal curvature at one place of every facet [1/m], shape (m,)."""
-    a, b, c, d, e, f = np.tensordot(weights, surface.shape[:facets], axes=(0, 1)).T  # diagonal, then the others
-    trace = a + b + c
-    square = a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)
-    # Of a symmetric operator in the tangent plane: k1 + k2 and k1^2 + k2^2.
-    return np.asarray(0.5 * trace - np.sqrt(np.maximum(0.5 * square - 0.25 * trace * trace, 0.0)))
-
-
 # Everything that is measured of a path on a region, coverage, spacing and crossings included.
 
 
@@ -146,7 +90,6 @@ class Quality:
     figures: dict[str, Any]  #: The keys of metrics.json
     area: AreaAccount  #: Where every cm^2 of the region is
     exposure: ExposureMap  #: Time under the pad
-    reach: PadReach  #: Where the pad cannot touch
     pad_in_part: PadInPart  #: Where the pad runs into the part
     spacing: Stepover
     axis_rate: AxisRate
@@ -178,7 +121,6 @@ def measure_quality(
         figures={},
         area=area,
         exposure=exposure,
-        reach=measure_pad_reach(ground.region.surface, ground.part_facets, pad.radius_m),
         pad_in_part=find_pad_in_part(on, ground.region.surface if part is None else part, pad, fixture),
         spacing=measure_stepover(on.runs, stepover),
         axis_rate=_measure_axis_rate(on),
@@ -195,8 +137,8 @@ def measure_quality(
         | {
             "length_ratio": sum(run.length for run in on.runs) * stepover / ground.region.area_m2,
             "bridged_holes": ground.holes,
+            "unreachable_area_m2": asked.unreachable_m2,
         }
-        | ({} if asked.unreachable_m2 is None else {"unreachable_area_m2": asked.unreachable_m2})
         | area.figures
     )
     return quality
@@ -254,8 +196,6 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
         "exposure_cv": exposure.variation,
         "over_polished_area_m2": exposure.over_area_m2,
         "under_polished_area_m2": exposure.under_area_m2,
-        "unreachable_area_m2": quality.reach.area_m2,
-        "unreachable_places": len(quality.reach.places),
     }
 
 
