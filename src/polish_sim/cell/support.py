@@ -24,12 +24,23 @@ STEP: Final = 5e-4  #: Between the depths that are looked at [m]
 
 
 @kernel
-def _carried(pad: Pad, part: RealPart, frames: Array, middles: Array, out: Array) -> None:
-    """Force against the pad's axis [N], (n,), at poses ``frames`` (n, 3, 3), ``middles`` (n, 3) [m]."""
-    still, force, torque = np.zeros(3), np.zeros(3), np.zeros(3)
+def _first_depth(
+    pad: Pad, part: RealPart, frames: Array, middles: Array, force: Array, depths: Array, out: Array
+) -> None:
+    """The first of some depths (k,) [m] at which the pad carries a force (n,) [N], infinite for none, (n,).
+
+    Poses before it is pressed in: ``frames`` (n, 3, 3), ``middles`` (n, 3) [m].
+    """
+    still, pushed, torque, place = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(len(middles)):
-        press_pad(pad, part, 0.0, frames[i], middles[i], still, still, force, torque)
-        out[i] = -(force[0] * frames[i, 0, 2] + force[1] * frames[i, 1, 2] + force[2] * frames[i, 2, 2])
+        out[i] = np.inf
+        for depth in depths:
+            for k in range(3):
+                place[k] = middles[i, k] + depth * frames[i, k, 2]
+            press_pad(pad, part, 0.0, frames[i], place, still, still, pushed, torque)
+            if -(pushed[0] * frames[i, 0, 2] + pushed[1] * frames[i, 1, 2] + pushed[2] * frames[i, 2, 2]) >= force[i]:
+                out[i] = depth
+                break
 
 
 def would_sink(
@@ -49,15 +60,11 @@ def would_sink(
     part, pad = place_part(fields, np.eye(4), np.eye(4), axes[0]), build_pad(config)
     across = perpendicular(axes)
     frames = np.ascontiguousarray(np.stack([across, np.cross(-axes, across), -axes], axis=2))
-    depths, carried = np.arange(1, round(deepest / STEP) + 1) * STEP, np.empty(len(axes))
+    depths = np.arange(1, round(deepest / STEP) + 1) * STEP
     shifts = [np.zeros_like(axes)]
     for angle in 2.0 * np.pi / SIDES * np.arange(SIDES):
         shifts.append(aside * (np.cos(angle) * frames[:, :, 0] + np.sin(angle) * frames[:, :, 1]))
-    lowest = []
-    for shift in shifts:
-        first = np.full(len(axes), np.inf)
-        for depth in depths:
-            _carried(pad, part, frames, positions + shift - depth * axes, carried)
-            first[(carried >= force) & np.isinf(first)] = depth
-        lowest.append(first)
-    return np.asarray(~(np.max(lowest, axis=0) <= lowest[0] + SINKS) | np.isinf(lowest[0]))
+    lowest = np.empty((len(shifts), len(axes)))
+    for first, shift in zip(lowest, shifts, strict=True):
+        _first_depth(pad, part, frames, positions + shift, force, depths, first)
+    return np.asarray(~(lowest.max(axis=0) <= lowest[0] + SINKS) | np.isinf(lowest[0]))

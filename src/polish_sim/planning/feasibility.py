@@ -11,7 +11,9 @@ from polish_sim.geometry import PartMesh, Region, Surface, merge_regions
 from polish_sim.geometry.mesh import LARGEST_PART, METRES_PER_UNIT, metres_per_unit
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.geometry.step_file import ENDINGS
-from polish_sim.planning.ground.ground import footprint
+from polish_sim.planning.curves.offset_curve import CurveSet
+from polish_sim.planning.curves.turns import border_curves
+from polish_sim.planning.ground.ground import Ground, footprint
 from polish_sim.planning.moves.leads import LEADS
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.quality.access import AVOID, TILT, Access
@@ -31,6 +33,8 @@ with a note where the pad hangs over."""
 
 START_REACH = 0.1  #: A start asked for may be off the part by this share of the part's size, as a region's point may
 FAR_START = 2.0  #: A path that begins more than this many step-overs from there is noted
+
+FEW = 20  #: One vertex in this many is measured against the border
 
 
 def check_asked(part: PartConfig, plan: PlanConfig, pad: PadConfig) -> None:
@@ -170,6 +174,13 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
         return []
     why = "; an outward path begins in the middle" if plan.order == "outward" else ""
     return [f"the path begins at {place_in_mm(begin)}, {distance * 1e3:.3g} mm from the start asked for{why}"]
+
+
+def width_between_borders(ground: Ground) -> float:
+    """How wide a region is between its borders in the mean: places on a strip are a quarter of that off them [m]."""
+    mesh, some = ground.mesh, slice(None, None, FEW if len(ground.mesh.vertices) > 100 * FEW else 1)
+    distances = CurveSet(border_curves(mesh)).nearest(mesh.vertices[some]).nearest.distances
+    return 4.0 * float(np.average(distances, weights=mesh.vertex_areas[some]))
 
 
 def lean_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[str]:

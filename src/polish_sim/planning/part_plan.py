@@ -17,6 +17,7 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_par
 from polish_sim.geometry.fixture import Fixture, joined_meshes, joined_surfaces, load_fixture
 from polish_sim.models import part_path
 from polish_sim.planning.feasibility import (
+    NARROWEST,
     check_asked,
     check_request,
     check_start,
@@ -28,6 +29,7 @@ from polish_sim.planning.feasibility import (
     too_small,
     wall_notes,
     widest_piece,
+    width_between_borders,
 )
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import Air, with_way_down
@@ -322,7 +324,10 @@ def prepare_region(
         PlanError: None does; says why the first does not.
     """
     width, pad, refused = widest_piece(region), tool.pad, list[PlanError]()
+    hanging_over: PreparedRegion | None = None
     for taken, asked in _pads(pad, plan, width, tool.force):
+        if hanging_over is not None and 2.0 * taken.radius_m > width:
+            continue
         kept = (
             "" if asked.edge_margin_m == plan.edge_margin_m else f", {1e3 * asked.edge_margin_m:.2g} mm off the edges"
         )
@@ -336,6 +341,11 @@ def prepare_region(
         except PlanError as error:
             refused.append(too_small(mesh, width, taken, tool.force) if kept else error)
             continue
+        between = width_between_borders(found[1].ground) if _is_free(taken) else width
+        if between < 2.0 * NARROWEST * taken.radius_m:
+            hanging_over = PreparedRegion(mesh, surface, region, asked, process, fitted, *found)
+            width = min(width, between)
+            continue
         note = (
             f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm{kept} chosen: the "
             f"default pad of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide "
@@ -343,6 +353,8 @@ def prepare_region(
         )
         notes = () if taken is pad else (note,)
         return PreparedRegion(mesh, surface, region, asked, process, fitted, *found, notes)
+    if hanging_over is not None:
+        return hanging_over
     raise refused[0]
 
 

@@ -1,24 +1,26 @@
 """Where a path crosses itself: segment against segment, seen along the surface normal (runs -> places).
 
 Two segments cross where they do so in the plane across their mean normal, on the same side and the same sheet of the
-part. A point within a micron of a line counts as left of it, for both segments that meet there: a path through
-another's waypoint crosses once, and one that only touches crosses twice at one place, which is not counted.
+part. Where they meet within a micron the later one counts as moved aside a little, all of it the same way. Pairs that
+follow each other over such places are one meeting: paths that cross there do so an odd number of times, those that only
+touch, or run together for a while and part to the side they came from, an even one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.geometry.topology import label_pieces
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments_of
 from polish_sim.spatial import unit
 
-ONE_PLACE = 5.0  #: Crossings at segments' ends within this many `SAME_PLACE_M` of each other are at one place
+ASIDE = np.array([0.6143, 0.5517, 0.5642])  #: The way the later segment counts as moved, along no plane of a part
 
 
 def find_crossings(runs: Sequence[Curve]) -> Array:
@@ -26,13 +28,19 @@ def find_crossings(runs: Sequence[Curve]) -> Array:
     if not runs:
         return np.empty((0, 3))
     chords = segments_of(runs)
-    places, touching = _crossed(chords, *_near_pairs(chords))
+    i, j = _near_pairs(chords)
+    pairs = _look_at(chords, i, j)
+    met = np.flatnonzero(pairs.meets.any(axis=0))
+    label = _chains(chords, i[met], j[met], pairs.meets[:, met])
     # Where a path begins or ends it only touches.
-    tips = cKDTree(np.concatenate([run.positions[[0, -1]] for run in runs]))
-    through, met = places[~touching], places[touching & (tips.query(places)[0] > ONE_PLACE * SAME_PLACE_M)]
-    _, label = label_pieces(cKDTree(met).query_pairs(ONE_PLACE * SAME_PLACE_M, output_type="ndarray"), len(met))
-    first, counts = np.unique(label, return_index=True, return_counts=True)[1:]
-    return np.concatenate([through, met[first[counts % 2 == 1]]])
+    begins, ends = (np.diff(chords.number, **{end: -9}) != 1 for end in ("prepend", "append"))
+    at_tip = (pairs.meets & np.stack([begins[i], ends[i], begins[j], ends[j]])).any(axis=0)
+    times, touched = (np.bincount(label, kind[met], minlength=len(met)) for kind in (pairs.across, at_tip))
+    through = met[pairs.across[met] & ((times % 2 == 1) & (touched == 0))[label]]
+    _, first = np.unique(label[np.isin(met, through)], return_index=True)
+    alone = pairs.across.copy()
+    alone[met] = False
+    return np.concatenate([pairs.places[alone], pairs.places[through[first]]])
 
 
 def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:
@@ -55,34 +63,54 @@ def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:
     return pairs[:, 0], pairs[:, 1]
 
 
-def _crossed(chords: Segments, i: Indices, j: Indices) -> tuple[Array, Bools]:
-    """Where those of some pairs of segments (n,) that cross do so [m], (k, 3), and whether at an end of one, (k,)."""
+class _Pairs(NamedTuple):
+    """How pairs of segments lie to each other."""
+
+    places: Array  #: Where those that cross do so [m], shape (n, 3)
+    across: Bools  #: Whether they cross, shape (n,)
+    meets: Bools  #: Which ends lie on the other one: the first one's start and end, the second one's, shape (4, n)
+
+
+def _look_at(chords: Segments, i: Indices, j: Indices) -> _Pairs:
+    """Look at pairs of segments in the plane across their mean normal."""
     mean_i = unit(chords.start_normals[i] + chords.end_normals[i])
     mean_j = unit(chords.start_normals[j] + chords.end_normals[j])
     normal = unit(mean_i + mean_j)
     p, q = chords.start[i], chords.start[j]
-    u, v, w = chords.end[i] - p, chords.end[j] - q, q - p
+    u, v, w = (a - (a * normal).sum(axis=1)[:, None] * normal for a in (chords.end[i] - p, chords.end[j] - q, q - p))
 
     def turn(a: Array, b: Array) -> Array:
         return np.asarray((np.cross(a, b) * normal).sum(axis=1))
 
-    def flat(a: Array) -> Array:
-        return np.maximum(np.linalg.norm(a - (a * normal).sum(axis=1)[:, None] * normal, axis=1), 1e-300)
-
-    # How far each segment's ends are left of the other one's line.
-    ends_i = np.stack([-turn(v, w), turn(v, u - w)]) / flat(v)
-    ends_j = np.stack([turn(u, w), turn(u, w + v)]) / flat(u)
-    left_i, left_j = ends_i >= -SAME_PLACE_M, ends_j >= -SAME_PLACE_M
-    across = (left_i[0] != left_i[1]) & (left_j[0] != left_j[1])
-    share_u, share_v = (
-        np.divide(ends[0], ends[0] - ends[1], out=np.zeros(len(i)), where=across) for ends in (ends_i, ends_j)
-    )
-    on_u, on_v = p + share_u[:, None] * u, q + share_v[:, None] * v
-    height = np.abs(((on_v - on_u) * normal).sum(axis=1))
+    lines = []
+    for way, ends, aside in ((v, (-w, u - w), -ASIDE), (u, (w, w + v), ASIDE)):
+        long = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
+        left = np.stack([turn(way, end) for end in ends]) / long
+        on_line = np.abs(left) <= SAME_PLACE_M
+        along = np.stack([(way * end).sum(axis=1) for end in ends]) / long
+        within = (along >= -SAME_PLACE_M) & (along <= long + SAME_PLACE_M)
+        is_left = np.where(on_line, (np.cross(normal, way) @ aside) > 0.0, left > 0.0)
+        crosses = is_left[0] != is_left[1]
+        share = np.divide(left[0], left[0] - left[1], out=np.zeros(len(i)), where=crosses)
+        lines.append((on_line & within, crosses, share[:, None]))
+    (meets_i, crossed_j, share_u), (meets_j, crossed_i, share_v) = lines
+    on_u, on_v = p + share_u * (chords.end[i] - p), q + share_v * (chords.end[j] - q)
     room = SAME_PLACE_M + _sag(chords, i) + _sag(chords, j)
-    across &= ((mean_i * mean_j).sum(axis=1) > 0.0) & (height <= room)
-    touching = np.abs([*ends_i, *ends_j]).min(axis=0) <= SAME_PLACE_M
-    return 0.5 * (on_u + on_v)[across], touching[across]
+    near = ((mean_i * mean_j).sum(axis=1) > 0.0) & (np.abs(((on_v - on_u) * normal).sum(axis=1)) <= room)
+    return _Pairs(0.5 * (on_u + on_v), near & crossed_i & crossed_j, near & np.concatenate([meets_i, meets_j]))
+
+
+def _chains(chords: Segments, i: Indices, j: Indices, meets: Bools) -> Ints:
+    """Label of the meeting each pair (n,) belongs to: pairs follow each other over a waypoint that lies on both."""
+    follows, count = np.append(np.diff(chords.number) == 1, False), len(chords.number)
+    code, links = i * count + j, [np.empty((0, 2), dtype=np.int64)]
+    _, end_i, start_j, end_j = meets
+    for step_i, step_j, over in ((0, 1, end_j), (1, 0, end_i), (1, 1, end_i & end_j), (1, -1, end_i & start_j)):
+        at = np.searchsorted(code, code + step_i * count + step_j).clip(max=len(code) - 1)
+        there = over & (code[at] == code + step_i * count + step_j)
+        there &= (follows[i] | (step_i == 0)) & (follows[j + min(step_j, 0)] | (step_j == 0))
+        links.append(np.column_stack([np.flatnonzero(there), at[there]]))
+    return label_pieces(np.concatenate(links), len(code))[1]
 
 
 def _sag(chords: Segments, index: Indices) -> Array:
