@@ -21,7 +21,7 @@ AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not gi
 FILE_KEYS = (
     *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow")),
     *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
-    *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal")),
+    *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal"), ("plan", "removal_run")),
 )
 """Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a region may
 hold one."""
