@@ -1,66 +1,65 @@
-"""`python -m benchmarks.corner_shapes FILE.npz`: remake the table of corner kernels (needs the extra `bench`)."""
+"""`python -m benchmarks.corner_shapes`: find the control points of `motion.spline.curve.SWINGS` again.
+
+One corner between two legs, tip only: the control points off the chain's are moved until the law of time loses least
+over several turns. The knots of each swing are given; its largest distance from the chain is made 1 at the end.
+"""
 
 from __future__ import annotations
 
-import math
-import sys
-from itertools import product
-from multiprocessing import Pool
-from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.optimize import minimize
 
-from benchmarks.corner_program import Corner, braking_time, solve_half
+from polish_sim.motion.rules.chain import build_chain
+from polish_sim.motion.rules.limits import SmoothingLimits
+from polish_sim.motion.spline import curve
+from polish_sim.motion.spline.motion import smooth_by_spline
 
 Array = NDArray[np.float64]
 
-HALF = 6
-ANGLES = np.array([3, 6, 9, 12, 15, 18, 22, 26, 30, 35, 40, 45, 50, 55, 60, 67.5, 75, 82.5, 90, 97.5, 105, 112.5, 120,
-                   130, 140, 150, 160, 170, 178])  # fmt: skip
-TOLERANCES = np.array([1e-4, 3e-4, 6e-4, 1e-3, 1.5e-3, 2.2e-3, 3.2e-3, 4.6e-3, 7e-3, 0.01, 0.016, 0.025, 0.04,
-                       0.06, 0.1, 0.16, 0.25, 0.4, 0.8, 2.0])  # fmt: skip
-SPEEDS = np.array([0.5, 1.0, 2.0, 3.5, 7.0])
+LEG, TOLERANCE = 0.02, 2e-5
+TURNS = np.radians([45, 75, 90, 110])
 
 
-class Node(NamedTuple):
-    """Where the programme is solved; angle in degrees."""
+def largest(points: Array) -> float:
+    """Distance of a swing from the kink, by the change of slopes and the unit."""
+    half = curve.Swing(1.0, 1.0, points).knots
+    half = np.concatenate([half, half[-1] + (half[-1] - half[-2]) * np.arange(1, 8)])
+    knots = np.concatenate([-half[:0:-1], half])
+    t = np.concatenate([np.full(5, knots[0]), knots, np.full(5, knots[-1])])
+    greville = np.convolve(t[1:-1], np.full(5, 0.2), "valid")
+    control, middle, m = 0.5 * np.abs(greville), len(greville) // 2, len(points)
+    control[middle - m + 1 : middle + m] += np.concatenate([points[:0:-1], points])
+    x = np.linspace(0.0, half[-1], 4000)
+    return float(np.abs(BSpline(t, control, 5)(x) - 0.5 * x).max())
 
-    angle: float
-    tolerance: float
-    speed: float
 
-
-def half_duration(tolerance: float) -> float:
-    """Time of half a kernel: longer ones gain little there, and take more of the segments."""
-    decades = math.log10(tolerance / 1e-3)
-    return max(1.1, 1.2 + 0.667 * decades, 2.33 + 1.4 * (decades - 1.7))
-
-
-def shape_at(node: Node) -> Array:
-    """One node of the table: half duration, X at knots 0 to HALF - 1, Y at knots 1 to HALF."""
-    angle = math.radians(node.angle)
-    time = half_duration(node.tolerance)
-    straight = np.full(30, braking_time(node.speed) / 30)
-    half = solve_half(Corner(angle, node.tolerance, node.speed), straight, np.full(HALF, time / HALF), 6)
-    difference = np.append(-half.accelerations[1:-1, 0] / math.cos(angle / 2), 0.0)
-    new = 0.5 * (half.accelerations[1:, 1] / math.sin(angle / 2) - difference)
-    return np.concatenate([[time, half.slowing], difference[:-1], new * math.sin(min(angle, math.pi / 2))])
+def lost(points: Array) -> float:
+    """Mean time of corners that keep the tolerance [s]."""
+    size = largest(points)
+    swing = curve.Swing(1.0, 1.0 / size, points / size)
+    times = []
+    for turn in TURNS:
+        tips = LEG * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(turn), np.sin(turn), 0]])
+        chain = build_chain(tips, np.tile(np.eye(3), (3, 1, 1)))
+        with patch.object(curve, "SWINGS", (swing,)):
+            times.append(smooth_by_spline(chain, SmoothingLimits(), TOLERANCE, 1e-3, None).end)
+    return float(np.mean(times))
 
 
 def main() -> None:
-    nodes = [Node(*map(float, node)) for node in product(ANGLES, TOLERANCES, SPEEDS)]
-    with Pool() as pool:
-        values = np.array(pool.map(shape_at, nodes, chunksize=16), dtype=np.float32)
-    shape = (len(ANGLES), len(TOLERANCES), len(SPEEDS), 1 + 2 * HALF)
-    np.savez_compressed(
-        sys.argv[1],
-        angles=np.radians(ANGLES),
-        tolerances=TOLERANCES,
-        speeds=SPEEDS,
-        values=values.reshape(shape),
-    )
-    print(f"{len(nodes)} kernels")
+    """Print every swing found from the one that stands."""
+    for swing in curve.SWINGS:
+        start = swing.points * 1.0
+        simplex = np.vstack([start, start + 0.1 * np.eye(len(start))])
+        options = {"maxfev": 200, "initial_simplex": simplex, "fatol": 1e-6}
+        points = minimize(lost, start, method="Nelder-Mead", options=options).x
+        size = largest(points)
+        print(f"{1e3 * lost(start):.2f} ms, found {1e3 * lost(points):.2f} ms: reach {1.0 / size:.4f}", end=" ")
+        print(np.round(points / size, 4).tolist(), flush=True)
 
 
 if __name__ == "__main__":

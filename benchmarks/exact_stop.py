@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.motion.certified.segment_limits import choose_limits
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits
@@ -29,7 +28,7 @@ def plan_exact_stop(
 
     Joint limits are shared out per segment with the largest |q'|, |q''|, |q'''| of its nodes: for speed V, acceleration
     A and jerk J of progress |q''| V^2 + |q'| A <= qdd_max, |q'''| V^3 + 3 |q''| V A + |q'| J <= qddd_max; of all such
-    V, A, J those of least time are taken (`segment_limits`).
+    V, A, J those of least time are taken.
 
     Args:
         chain: The segments.
@@ -52,7 +51,28 @@ def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimi
     most = np.stack([np.abs(column).max(axis=1) for column in rates[1:]], axis=1)
     motions = np.minimum(np.stack(tool, axis=1), _ANY)
     joint = limits.values().joint
-    for k in range(len(motions)):
-        if not choose_limits(most[k], 1.0, joint, 1.0, motions[k]):
+    for k, motion in enumerate(motions):
+        motion[:] = _least_time(most[k], joint, motion)
+        if not np.isfinite(motion).all():
             raise singular_segment(k)
     return stop_triples(*motions.T)
+
+
+def _least_time(most: Array, joint: Array, tool: Array) -> Array:
+    """Speed, acceleration and jerk of progress (3,) of least time up to the tool's, by ever finer grids."""
+    q1, q2, q3 = most
+    best, reach = np.array([tool[0], min(tool[1], np.sqrt(tool[0] * tool[2]))]), 1e-4
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for _ in range(12):
+            V = np.minimum(best[0] * np.geomspace(reach, 1.0 / reach, 81), tool[0])[:, None, None]
+            A = np.minimum(best[1] * np.geomspace(reach, 1.0 / reach, 81), tool[1])[:, None]
+            J = np.minimum(((joint[2] - q3 * V**3 - 3.0 * q2 * V * A) / q1).min(axis=2), tool[2])
+            kept = ((q1 * V <= joint[0]) & (q2 * V**2 + q1 * A <= joint[1])).all(axis=2) & (J > 0.0)
+            V, A = np.broadcast_to(V[..., 0], kept.shape), np.broadcast_to(A[:, 0], kept.shape)
+            time = np.where(kept, stop_triples(*(np.where(kept, each, 1.0) for each in (V, A, J))).sum(axis=1), np.inf)
+            i = np.unravel_index(time.argmin(), time.shape)
+            if not np.isfinite(time[i]):
+                return np.full(3, np.nan)
+            best, reach = np.array([V[i], A[i]]), reach**0.4
+            found = np.array([V[i], A[i], J[i]])
+    return found * (1.0 - 1e-9)

@@ -16,7 +16,7 @@ from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import BATTERY
 
 CASES = (("freeform-30", (0.01, 0.03, 0.06, 0.1)), ("flat-100", (0.03, 0.1)))
-RULES = ("certified", "spline")
+RULES = ("joint-jerk", "spline")
 
 
 def scenario_of(case: str) -> Scenario:

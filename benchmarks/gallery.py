@@ -78,7 +78,6 @@ SHOWN: Final = {
 """Pictures of the gallery, and where they come from."""
 DRAWN: Final = {
     "real_arc.png": "benchmarks.how_real",
-    "corner_kernels.png": "benchmarks.corner_kernels",
     "patterns.png": "benchmarks.patterns --out",
 }
 """Pictures of the gallery that benchmarks draw, and what the name of the file follows."""

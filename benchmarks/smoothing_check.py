@@ -20,17 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.arm_jets import tool_jet
+from benchmarks.exact_stop import plan_exact_stop
 from benchmarks.random_paths import RandomPath, draw_path
 from polish_sim.errors import PolishSimError
-from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
-from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import Samples, Schedule, sample_schedule, turning
+from polish_sim.motion.rules.rule import RULES, Rule
+from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
 
 Array = NDArray[np.float64]
 
+STOPS = "exact-stop"
+PLANS: dict[str, Rule] = {STOPS: plan_exact_stop, **RULES}
 TOLERANCE, AXIS_TOLERANCE = 0.02e-3, math.radians(0.02)
 FIGURES = (
     "tip speed", "tip acceleration", "tip jerk", "axis speed", "axis acceleration", "axis jerk",
@@ -64,11 +66,14 @@ class Judged(NamedTuple):
     """Cycle time [s]."""
     refused: str
     """Why the rule gave no motion; empty if it did."""
+    segments: int
+    took: float
+    """Processor time of planning [s]."""
 
 
-def sample_times(schedule: Schedule) -> Array:
+def sample_times(motion: SmoothMotion) -> Array:
     """Times in every span in which no piece begins or ends [s]."""
-    edges = np.unique(np.concatenate([schedule.starts, schedule.starts + schedule.durations]))
+    edges = motion.edges
     spans = np.diff(edges)
     kept = spans > 1e-9
     return np.asarray((edges[:-1][kept, None] + spans[kept, None] * np.array(PLACES)).ravel())
@@ -94,10 +99,9 @@ def tool_shares(samples: Samples, limits: SmoothingLimits) -> Array:
     return np.asarray(np.concatenate([tip, axis]) / np.array(limits.values().item()[:6]))
 
 
-def judge_motion(chain: Chain, schedule: Schedule, path: RandomPath, limits: SmoothingLimits) -> Array:
+def judge_motion(motion: SmoothMotion, path: RandomPath, limits: SmoothingLimits) -> Array:
     """Largest share of each of `FIGURES`, shape (11,)."""
-    samples = sample_schedule(chain, schedule, sample_times(schedule))
-    deviation = measure_deviation(chain, schedule, path.chain)
+    samples, deviation = motion.sample(sample_times(motion)), measure_deviation(motion, path.chain)
     strayed = [deviation.contour.value / TOLERANCE, deviation.axis.value / AXIS_TOLERANCE]
     return np.concatenate([tool_shares(samples, limits), joint_shares(samples, path, limits), strayed])
 
@@ -108,14 +112,16 @@ def judge_path(number: int, task: Task) -> list[Judged]:
     rows = []
     for rule in task.rules:
         try:
-            chain, schedule = RULES[rule](path.chain, task.limits, TOLERANCE, AXIS_TOLERANCE, path.arm, None)
+            began = time.process_time()
+            motion = PLANS[rule](path.chain, task.limits, TOLERANCE, AXIS_TOLERANCE, path.arm, None)
+            took = time.process_time() - began
         except PolishSimError as error:
-            rows.append(Judged(rule, path.kind, number, np.full(11, np.nan), math.nan, str(error)))
+            rows.append(Judged(rule, path.kind, number, np.full(11, np.nan), math.nan, str(error), 0, 0.0))
             continue
-        shares = judge_motion(chain, schedule, path, task.limits)
-        if not (np.isfinite(shares).all() and np.isfinite(schedule.end) and np.isfinite(schedule.starts).all()):
+        shares = judge_motion(motion, path, task.limits)
+        if not (np.isfinite(shares).all() and np.isfinite(motion.end)):
             shares = np.full(11, np.inf)  # no motion at all breaks everything
-        rows.append(Judged(rule, path.kind, number, shares, schedule.end, ""))
+        rows.append(Judged(rule, path.kind, number, shares, motion.end, "", len(path.chain.lengths), took))
     return rows
 
 
@@ -133,7 +139,7 @@ def judge(task: Task, workers: int) -> list[Judged]:
 
 
 def print_table(rows: Iterable[Judged], rules: tuple[str, ...]) -> bool:
-    """Print counts and worst shares of every rule; return whether `certified` broke nothing."""
+    """Print counts and worst shares of every rule; return whether `spline` broke nothing."""
     rows = list(rows)
     by_rule = {rule: [row for row in rows if row.rule == rule] for rule in rules}
     print(f"{'paths that break it (largest share)':22s}" + "".join(f"{rule:>24s}" for rule in rules))
@@ -147,14 +153,26 @@ def print_table(rows: Iterable[Judged], rules: tuple[str, ...]) -> bool:
     both = [group for group in zip(*by_rule.values(), strict=True) if not any(row.refused for row in group)]
     total = [sum(group[i].end for group in both) for i in range(len(rules))]
     print(f"{f'time of {len(both)} paths done by all [s]':35s}" + "".join(f"{t:>24.2f}" for t in total))
-    good = bool((shares["certified"] <= 1.0 + SLACK).all()) if "certified" in shares else True
-    for row in sorted(by_rule.get("certified", []), key=lambda r: -np.nanmax(np.append(r.shares, 0.0)))[:3]:
+    if STOPS in rules:
+        _print_by_stops(by_rule, rules)
+    speeds = [sum(row.segments for row in own) / max(sum(row.took for row in own), 1e-9) for own in by_rule.values()]
+    print(f"{'segments per second of processor time':35s}" + "".join(f"{speed:>24.0f}" for speed in speeds))
+    good = bool((shares["spline"] <= 1.0 + SLACK).all()) if "spline" in shares else True
+    for row in sorted(by_rule.get("spline", []), key=lambda r: -np.nanmax(np.append(r.shares, 0.0)))[:3]:
         if not row.refused:
             worst = int(np.argmax(row.shares))
-            print(f"certified, path {row.number} ({row.kind}): {FIGURES[worst]} {row.shares[worst]:.9f}")
-    for row in [row for row in by_rule.get("certified", []) if row.refused][:3]:
-        print(f"certified refused path {row.number} ({row.kind}): {row.refused}")
+            print(f"spline, path {row.number} ({row.kind}): {FIGURES[worst]} {row.shares[worst]:.9f}")
+    for row in [row for row in by_rule.get("spline", []) if row.refused][:3]:
+        print(f"spline refused path {row.number} ({row.kind}): {row.refused}")
     return good
+
+
+def _print_by_stops(by_rule: dict[str, list[Judged]], rules: tuple[str, ...]) -> None:
+    """Print mean and largest share of the time of exact stops."""
+    ends = {rule: np.array([row.end for row in by_rule[rule]]) for rule in rules}
+    shares = [ends[rule] / ends[STOPS] for rule in rules]
+    cells = "".join(f"{f'{np.nanmean(each):.4f}, {np.nanmax(each):.4f}':>24s}" for each in shares)
+    print(f"{'time by that of stops, mean, largest':35s}" + cells)
 
 
 def main() -> None:
@@ -163,7 +181,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=1000, help="paths")
     parser.add_argument("--first", type=int, default=0, help="number of the first path")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rules", nargs="+", default=sorted(RULES), choices=sorted(RULES))
+    parser.add_argument("--rules", nargs="+", default=sorted(PLANS), choices=sorted(PLANS))
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--limits", type=Path, help="TOML file of limits; the package's defaults if not given")
     given = parser.parse_args()

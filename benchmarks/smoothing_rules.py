@@ -23,14 +23,14 @@ from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
 from polish_sim.motion.rules.paper_rules import block_triples, filter_times
 from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import Schedule, sample_schedule
+from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
 from polish_sim.smoothing.trial import DOME, TOP, TRIAL_LIMITS, trial_arm, trial_path
 from polish_sim.spatial import rotation_to_axis, unit
 
 Array = NDArray[np.float64]
 ALL = {"exact stop": plan_exact_stop, **RULES}
-PAPER = {"joint-jerk": partial(block_triples, jerk=True), "joint-acceleration": block_triples}
+PAPER = {"joint-jerk": partial(block_triples, jerk_share=0.5, signed=True), "joint-acceleration": block_triples}
 BROKEN = 1.0 + 1e-6
 
 
@@ -45,10 +45,10 @@ class Shares(NamedTuple):
     axis_deviation: float
 
 
-def measure_shares(motion: tuple[Chain, Schedule], raw: Chain, limits: SmoothingLimits, arm: Arm | None) -> Shares:
+def measure_shares(motion: SmoothMotion, raw: Chain, limits: SmoothingLimits, arm: Arm | None) -> Shares:
     """Sample a motion between all changes of jerk."""
-    samples = sample_schedule(*motion, sample_times(motion[1]))
-    tool, found = tool_shares(samples, limits), measure_deviation(*motion, raw)
+    samples = motion.sample(sample_times(motion))
+    tool, found = tool_shares(samples, limits), measure_deviation(motion, raw)
     return Shares(
         tool[:3],
         tool[3:],
@@ -90,7 +90,7 @@ def print_trial(jerks: tuple[float, ...]) -> None:
             if name in PAPER:
                 second = f"{filter_times(chain, limits, arm, None, PAPER[name])[:, 1].sum():.4f}"
             joints = " ".join(f"{share:7.3f}" for share in shares.joints)
-            print(f"{jerk:6.0f} {name:21s}{motion[1].end:9.4f}{second:>8s}   {joints}", end="")
+            print(f"{jerk:6.0f} {name:21s}{motion.end:9.4f}{second:>8s}   {joints}", end="")
             print(f"{shares.tip[2]:8.3f}{shares.contour:9.4f}{shares.vertex:7.4f}", flush=True)
 
 
@@ -101,7 +101,7 @@ def judge_random(count: int, limits: SmoothingLimits) -> Iterator[tuple[dict[str
         chain = random_path(np.random.default_rng([4, number]))
         motions = {name: plan(chain, limits, TOLERANCE, AXIS_TOLERANCE, arm, None) for name, plan in ALL.items()}
         shares = {name: measure_shares(motion, chain, limits, arm) for name, motion in motions.items()}
-        yield shares, {name: motion[1].end for name, motion in motions.items()}
+        yield shares, {name: motion.end for name, motion in motions.items()}
 
 
 def print_random(count: int, title: str, limits: SmoothingLimits) -> None:
@@ -157,7 +157,7 @@ def print_hard() -> None:
             motion = plan(chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, None, None)
             shares = measure_shares(motion, chain, TRIAL_LIMITS, None)
             tip = " ".join(f"{share:7.3f}" for share in shares.tip)
-            print(f"{title:33s}{name:22s}{motion[1].end:9.4f}   {tip}{shares.contour:9.4f}{shares.vertex:7.4f}")
+            print(f"{title:33s}{name:22s}{motion.end:9.4f}   {tip}{shares.contour:9.4f}{shares.vertex:7.4f}")
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
 
-RULES = ("none", "certified", "spline")
+RULES = ("none", "joint-jerk", "spline")
 PLATE = (
     "robot.arm=ideal",  # no cycles of the link are missed: rows are of even steps
     "part.file=plate",

@@ -15,7 +15,7 @@ from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config.key import DEG, MM, MM_S, OUTPUT, PATH, Unit
-from polish_sim.errors import InputError, PolishSimError, SmoothingError, count_text, unknown_name
+from polish_sim.errors import InputError, PolishSimError, count_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,9 +43,9 @@ PathFile = Annotated[
     ),
 ]
 OPTIONS: Final = (
-    Own("--rule", MOTION, "NAME", "certified (default), joint-jerk or joint-acceleration."),
+    Own("--rule", MOTION, "NAME", "spline (default), joint-jerk or joint-acceleration."),
     Own("--against", MOTION, "NAME", "A rule to measure and draw beside it."),
-    Own("--tolerance", MOTION, "MM", "Largest distance of the tip from the path (certified) or of a corner from the "
+    Own("--tolerance", MOTION, "MM", "Largest distance of the tip from the path (spline) or of a corner from the "
         "tip's motion (the others) (mm); 0 stops at every corner; default 0.02.", float, 0.0, 10.0, MM),
     Own("--axis-tolerance", MOTION, "DEG", "Largest angle of the tool axis to its path (deg); default 0.02.", float,
         0.0, 10.0, DEG),
@@ -86,7 +86,7 @@ def smooth(path: PathFile, given: Given) -> None:
     if given["--no-joints"] and pose is not None:
         raise InputError("--part-pose would change nothing with --no-joints: leave it out.")
     refuse_taken(given["--out"], given["--overwrite"])
-    rule, against = given["--rule"] or "certified", given["--against"]
+    rule, against = given["--rule"] or "spline", given["--against"]
     request = SmoothRequest(
         path,
         (rule,) if against is None else (rule, against),
@@ -131,8 +131,8 @@ def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) ->
         figures["against"] = smoothing_figures(other, task.placed.chain, points, task.placed.rows)
     observer.stage("write")
     first = motions[0]
-    times = even_times(first.schedule.end, request.rate)
-    write_trajectory(folder, sample_in_blocks(first.chain, first.schedule, times, task.placed.arm))
+    times = even_times(first.motion.end, request.rate)
+    write_trajectory(folder, sample_in_blocks(first.motion, times, task.placed.arm))
     (folder / LIMITS).write_text(limits_toml(task.limits), encoding="utf-8")
     write_json(folder / METRICS, figures | {"notes": notes, "versions": package_versions()})
     observer.stage("draw")
@@ -142,17 +142,10 @@ def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) ->
 
 def _check_rules(rules: Sequence[str]) -> None:
     """Refuse rules that do not exist, and one that would be compared with itself."""
-    from polish_sim.experiments.stroke_motion import STROKE_RULES
-    from polish_sim.motion.rules.rule import RULES
+    from polish_sim.motion.rules.rule import RULES, check_rule
 
     for rule in rules:
-        if rule in STROKE_RULES and rule not in RULES:
-            raise InputError(
-                f"rule '{rule}' is for strokes on a part only ('run surface --set smoothing.rule={rule}'): it needs "
-                f"their arc length and feed. For any path: {', '.join(sorted(RULES))}."
-            )
-        if rule not in RULES:
-            raise unknown_name("rule", rule, RULES)
+        check_rule("rule", rule, RULES)
     if len(set(rules)) < len(rules):
         raise InputError(f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another.")
 
@@ -189,9 +182,6 @@ def _prepare(
     return SmoothingTask(placed, limits, request.tolerance, request.axis_tolerance, feeds)
 
 
-NARROWER: Final = (1.0, 0.5, 0.25, 0.0)  #: Shares of the tolerance that are tried; 0 stops at every point
-
-
 def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> Measured:
     """Smooth by a rule, compiled before its time is taken, and measure the motion."""
     from polish_sim.smoothing.figures import measure_smoothing
@@ -200,19 +190,10 @@ def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> Measured:
     observer.stage(f"smooth by {rule}")
     prepare_rule(task, rule)
     begin = time.perf_counter()
-    for share in NARROWER:
-        narrower = task._replace(tolerance=share * task.tolerance, axis_tolerance=share * task.axis_tolerance)
-        try:
-            smoothed = smooth_path(narrower, rule)
-            break
-        except SmoothingError as error:
-            if share == 0.0 or task.tolerance == 0.0:
-                raise
-            console.note(f"note: {rule} finds no motion within {share:.0%} of the tolerance: {error}")
+    motion = smooth_path(task, rule)
     took = time.perf_counter() - begin
     observer.stage("measure")
-    placed = task.placed
-    return measure_smoothing(rule, smoothed.chain, smoothed.schedule, placed.chain, placed.arm, task.limits, took)
+    return measure_smoothing(rule, motion, task.placed.chain, task.placed.arm, task.limits, took)
 
 
 def _times_by_rule(
@@ -222,14 +203,14 @@ def _times_by_rule(
     from polish_sim.motion.rules.rule import RULES
     from polish_sim.smoothing.place import smooth_path
 
-    times: dict[str, float | None] = {motion.rule: motion.schedule.end for motion in motions}
+    times: dict[str, float | None] = {each.rule: each.motion.end for each in motions}
     few = len(task.placed.chain.lengths) <= MANY
     for rule in RULES:
         if rule in times or not few:
             continue
         observer.stage(f"smooth by {rule}")
         try:
-            times[rule] = smooth_path(task, rule).schedule.end
+            times[rule] = smooth_path(task, rule).end
         except PolishSimError as error:
             times[rule] = None
             notes.append(f"{rule} finds no motion: {error}")
@@ -259,7 +240,6 @@ def _rows() -> list[tuple[str, str, Any]]:
     ]
     return [
         ("segments", "", lambda m: str(m["segments"])),
-        ("  after short ones are joined", "", lambda m: str(m["segments_planned"])),
         ("path length", "mm", lambda m: f"{1e3 * m['path_length_m']:.1f}"),
         ("cycle time", "s", lambda m: f"{m['cycle_time_s']:.3f}"),
         ("tip off the path, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_contour_max_m']:.2f}"),
@@ -276,7 +256,7 @@ def draw_smoothing(task: SmoothingTask, motions: Sequence[Measured], name: str) 
 
     raw, limits, arm = task.placed.chain, task.limits.values(), task.placed.arm
     curves = [_curves(motion, raw, arm) for motion in motions]
-    times = ", ".join(f"{motion.rule} {motion.schedule.end:.4g} s" for motion in motions)
+    times = ", ".join(f"{each.rule} {each.motion.end:.4g} s" for each in motions)
     facts = [f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm", times]
     tolerances = f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°"
     allowed = (task.tolerance, task.axis_tolerance)
@@ -289,18 +269,18 @@ def draw_smoothing(task: SmoothingTask, motions: Sequence[Measured], name: str) 
     return plots | _corners(task, motions, name, [*facts, tolerances])
 
 
-def _curves(motion: Measured, raw: Chain, arm: Arm | None) -> Curves:
+def _curves(measured: Measured, raw: Chain, arm: Arm | None) -> Curves:
     import numpy as np
 
     from polish_sim.motion.rules.deviation import deviation_curve
     from polish_sim.smoothing.figures import sample_motion
     from polish_sim.smoothing.plots import Curves
 
-    end = motion.schedule.end
+    motion, end = measured.motion, measured.motion.end
     times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
-    seen = sample_motion(motion.chain, motion.schedule, times, arm)
-    strays = deviation_curve(motion.chain, motion.schedule, raw, times)
-    return Curves(motion.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:], strays)
+    seen = sample_motion(motion, times, arm)
+    strays = deviation_curve(motion, raw, times)
+    return Curves(measured.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:], strays)
 
 
 def _corners(task: SmoothingTask, motions: Sequence[Measured], name: str, facts: list[str]) -> dict[str, Figure]:
@@ -308,7 +288,7 @@ def _corners(task: SmoothingTask, motions: Sequence[Measured], name: str, facts:
 
     raw = task.placed.chain
     turns = path_turns(raw)
-    ways = [way_past(raw, motion.chain, motion.schedule) for motion in motions]
+    ways = [way_past(raw, each.motion) for each in motions]
     chosen = chosen_corners(turns, ways[0], motions[0].deviation)
     if not chosen:
         return {}

@@ -21,7 +21,6 @@ share_fields()
 
 # What compiles longest comes first and side by side: with an empty cache each process has its own kernels to make.
 COMPILE_LONGEST = (
-    "motion/certified/test_certified_rule.py",
     "cell/test_engine_contact.py",
     "analysis/test_path_plot.py",
 )

@@ -96,7 +96,7 @@ PRINTS = {
     "09_own_controller": r"Damper +within 3 N after 0\.[23]\d s, overshoot 0\.\d\d N\nhybrid-pi ",
     "10_two_robots": r"tool on the part: 0\.0\d\d mm rms\n",
     "11_identify": r"error / range: 0\.\d+ %, by the drawing 2\.\d+ %\nclassical .* 2\d\.\d N.*\ninertia .* 1\d\.\d N",
-    "12_smooth": r"certified +2\.0\d+ s, off the path by (20\.0|19\.\d) um",
+    "12_smooth": r"spline +2\.0\d+ s, off the path by (20\.0|19\.\d) um",
     "13_environment": r"observation of 34 numbers, exact force .* N\nreward \d+\.\d; (stopped: |its time)",
     "14_admittance": r"x 1: Admittance within 3 N after 0\.1\d s, overshoot 0\.\d N\n",
     "15_impedance": r"position +\+3\.\d\d N off.*\nimpedance +\+0\.[56]\d N off.*\nhybrid-pi +[+-]0\.0",

@@ -40,13 +40,13 @@ def test_files_and_figures_are_those_of_the_contract(smoothed: Path) -> None:
     metrics = metrics_of(smoothed)
     assert {file.name for file in smoothed.iterdir()} == FILES
     assert set(metrics) >= KEYS
-    assert metrics["rule"] == "certified"
+    assert metrics["rule"] == "spline"
     assert metrics["segments"] == 4
-    assert set(metrics["cycle_time_by_rule_s"]) == {"joint-jerk", "joint-acceleration", "certified"}
-    assert metrics["cycle_time_by_rule_s"]["certified"] == metrics["cycle_time_s"]
+    assert set(metrics["cycle_time_by_rule_s"]) == {"joint-jerk", "joint-acceleration", "spline"}
+    assert metrics["cycle_time_by_rule_s"]["spline"] == metrics["cycle_time_s"]
 
 
-def test_certified_keeps_tolerances_and_limits(smoothed: Path) -> None:
+def test_spline_keeps_tolerances_and_limits(smoothed: Path) -> None:
     metrics = metrics_of(smoothed)
     assert metrics["tip_deviation_contour_max_m"] <= 0.02e-3 * (1.0 + 1e-9)
     assert metrics["axis_deviation_max_rad"] <= math.radians(0.02) * (1.0 + 1e-9)
@@ -124,12 +124,11 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Tool) -> None:
     archive = np.load("out/trajectory.npz")
     speed = np.linalg.norm(np.diff(archive["tip_m"], axis=0), axis=1)[:-1] / 0.001
     x = archive["tip_m"][1:-1, 0]
-    assert speed[x < 0.049].max() == pytest.approx(0.05, rel=1e-6)
-    assert speed[(x > 0.051) & (x < 0.099)].max() == pytest.approx(0.01, rel=1e-6)
-    assert speed[x > 0.101].max() == pytest.approx(0.02, rel=1e-6)
+    for part, feed in ((x < 0.049, 0.05), ((x > 0.051) & (x < 0.099), 0.01), (x > 0.101, 0.02)):
+        assert 0.999 * feed < speed[part].max() <= feed * (1.0 + 1e-6)
     assert any("no tool axis" in note for note in metrics_of(Path("out"))["notes"])
     assert polish_sim("smooth", "path.nc", "--no-joints", "--feed", 25, "--out", "fed")[0] == 0
-    assert metrics_of(Path("fed"))["peaks"]["tip_speed"]["value_m_s"] == pytest.approx(0.025)
+    assert metrics_of(Path("fed"))["peaks"]["tip_speed"]["value_m_s"] == pytest.approx(0.025, rel=1e-3)
 
 
 def test_another_rule_stands_beside_it(polish_sim: Tool, smoothed: Path) -> None:
@@ -155,13 +154,13 @@ BAD = {
     "out of reach": (HEAD + "0,0,0,0,0,1\n3000,0,0,0,0,1\n", (), "out of reach"),
     "out of reach where it lies": (ZIGZAG, ("--part-pose", "5000,0,0,0,0,0"), "out of reach"),
     "a pose of two numbers": (ZIGZAG, ("--part-pose", "1,2"), "six numbers"),
-    "no such rule": (ZIGZAG, ("--rule", "fast"), "unknown rule 'fast'. Known: certified, joint-acceleration"),
+    "no such rule": (ZIGZAG, ("--rule", "fast"), "unknown rule 'fast'"),
     "a tolerance below zero": (ZIGZAG, ("--tolerance", "-1"), "--tolerance -1 is outside 0 to 10 mm"),
     "no limits there": (ZIGZAG, ("--limits", "none.toml"), "none.toml"),
     "a limit of zero": (ZIGZAG, ("--limits", "zero.toml"), "tip.jerk_mm_s3"),
     "a limit without end": (ZIGZAG, ("--limits", "inf.toml"), "'tip.speed_mm_s' in 'inf.toml' must be a finite"),
-    "a rule beside itself": (ZIGZAG, ("--against", "certified"), "--against certified is the rule itself"),
-    "a rule of strokes": (ZIGZAG, ("--rule", "spline"), "'spline' is for strokes on a part only"),
+    "a rule beside itself": (ZIGZAG, ("--against", "spline"), "--against spline is the rule itself"),
+    "a rule that has left": (ZIGZAG, ("--rule", "certified"), "spline"),
     "a limit missing": (ZIGZAG, ("--limits", "short.toml"), "'tip.jerk_mm_s3' is missing"),
 }  # fmt: skip
 
@@ -197,5 +196,5 @@ def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_s
     code, out, err = polish_sim("run", "smooth", "--path", "path.csv", "--out", "out")
     assert code == 0, err
     assert metrics_of(Path("out"))["path_done"] == 1.0
-    assert "certified" in out
+    assert "spline" in out
     assert polish_sim("report", "out")[0] == 0

@@ -86,7 +86,7 @@ def test_without_a_rule_the_feed_is_kept_whatever_it_takes() -> None:
     ("wrong", "said"),
     [
         ({"rule": "splines"}, "smoothing.*" + ".*".join(sorted(STROKE_RULES))),
-        ({"tolerance_m": 0.0}, "smoothing.*certified"),
+        ({"rule": "certified"}, "smoothing.rule.*spline"),
         ({"limits_file": "none.toml"}, "limits"),
     ],
 )

@@ -9,6 +9,7 @@ from numba import njit
 from polish_sim.motion.rules.chain import build_chain, chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.fir import box_progress, corner_overlap, corner_speed, fir_schedule, rise_time
+from polish_sim.motion.rules.schedule import Smoothed
 
 MM = 1e-3
 
@@ -83,7 +84,7 @@ def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn: float) -
     tips = length * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(turn), np.sin(turn), 0.0]])
     chain = build_chain(tips, np.tile(np.eye(3), (3, 1, 1)))
     schedule = fir_schedule(np.array([0.0, triple.sum() - overlap]), np.tile(triple, (2, 1)))
-    found = measure_deviation(chain, schedule, chain)
+    found = measure_deviation(Smoothed(chain, schedule), chain)
     change = corner_speed(length / 0.1, length / 0.1, np.cos(turn))
     assert found.vertex.value == pytest.approx(vertex_error(overlap, 0.05, 0.02, change), abs=1e-15)
     assert found.contour.value == pytest.approx(contour_error(overlap, 0.05, 0.02, change, np.cos(turn)), rel=1e-10)
@@ -101,7 +102,7 @@ def test_unlike_corners_stay_within_their_tolerance() -> None:
         change = corner_speed(*(lengths / triples[:, 0]), np.cos(turn))
         overlap = corner_overlap(tolerance, change, *triples[0, 1:], *triples[1, 1:])
         schedule = fir_schedule(np.array([0.0, triples[0].sum() - overlap]), triples)
-        found = measure_deviation(chain, schedule, chain)
+        found = measure_deviation(Smoothed(chain, schedule), chain)
         assert found.vertex.value <= tolerance * (1.0 + 1e-9)
         assert found.contour.value <= tolerance * (1.0 + 1e-9)
         used.append(found.vertex.value / tolerance)
@@ -116,7 +117,7 @@ def test_the_axis_strays_by_its_formula_on_a_flat_sphere_and_less_on_a_round_one
         chain = chain_from_axes(np.zeros((3, 3)), np.stack([axes[1] * [-1, 1, 1], axes[0], on]))
         triple, overlap = np.array([0.1, 0.05, 0.02]), 0.06
         schedule = fir_schedule(np.array([0.0, triple.sum() - overlap]), np.tile(triple, (2, 1)))
-        found = measure_deviation(chain, schedule, chain).axis.value
+        found = measure_deviation(Smoothed(chain, schedule), chain).axis.value
         change = corner_speed(size / 0.1, size / 0.1, np.cos(2 * half))
         bound = contour_error(overlap, 0.05, 0.02, change, np.cos(2 * half))
         assert bound * (1.0 - exact) <= found <= bound * (1.0 + 1e-9)

@@ -40,17 +40,11 @@ def test_paths_are_of_every_kind_and_the_same_again() -> None:
 @pytest.mark.parametrize("number", range(3))
 def test_exact_stops_break_nothing_and_played_too_fast_they_break_speeds_but_no_tolerance(number: int) -> None:
     path = draw_path(np.random.default_rng([0, number]), number)
-    chain, schedule = plan(path.chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, path.arm)
-    shares = judge_motion(chain, schedule, path, LIMITS)
+    motion = plan(path.chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, path.arm)
+    shares = judge_motion(motion, path, LIMITS)
     assert shares.max() <= 1.0 + 1e-6
     rate = 1.5
-    hurried = schedule._replace(
-        starts=schedule.starts / rate,
-        durations=schedule.durations / rate,
-        coefficients=schedule.coefficients * rate ** np.arange(4),
-        end=schedule.end / rate,
-    )
-    spoilt = judge_motion(chain, hurried, path, LIMITS)
+    spoilt = judge_motion(motion.stretched(1.0 / rate), path, LIMITS)
     np.testing.assert_allclose(spoilt[:9], shares[:9] * np.tile(rate ** np.arange(1, 4), 3), rtol=1e-4)
     jerk = FIGURES.index("tip jerk")
     assert max(spoilt[jerk], spoilt[jerk + 3], spoilt[jerk + 6]) > 1.0 + 1e-6

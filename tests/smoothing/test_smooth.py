@@ -9,7 +9,7 @@ from polish_sim.experiments import RunResult, check_experiment, default_scenario
 from polish_sim.motion.rules.chain import chain_from_axes
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import Schedule
+from polish_sim.motion.rules.schedule import Smoothed
 from polish_sim.scenario_file import override
 from polish_sim.smoothing.experiment import CLAIMS
 from polish_sim.smoothing.figures import find_peaks, stretch_times
@@ -57,9 +57,9 @@ def test_at_equal_cycle_times_the_slowest_rule_is_played_as_before(run: RunResul
     assert same == pytest.approx(run.figures[f"{slowest}_tracking_error_max_rad"], rel=1e-6)
 
 
-def test_certified_keeps_the_joint_limits_and_the_compared_rule_does_not(run: RunResult) -> None:
-    assert run.figures["certified_joint_jerk_ratio_max"] <= 1.0
-    assert run.figures["certified_joint_acceleration_ratio_max"] <= 1.0
+def test_spline_keeps_the_joint_limits_and_the_compared_rule_does_not(run: RunResult) -> None:
+    assert run.figures["spline_joint_jerk_ratio_max"] <= 1.0
+    assert run.figures["spline_joint_acceleration_ratio_max"] <= 1.0
     assert run.figures["joint_acceleration_joint_jerk_ratio_max"] > 1.0
 
 
@@ -73,14 +73,14 @@ DOWN = np.array([0.0, 0.0, -1.0])
 TIMES = np.array([[2.0, 0.5, 0.1]])
 
 
-def corner(starts: list[float]) -> tuple[object, Schedule]:
+def corner(starts: list[float]) -> Smoothed:
     """100 mm along x, then 100 mm along y, each a box of 2 s filtered by 0.5 and 0.1 s."""
     chain = chain_from_axes(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]]), np.tile(DOWN, (3, 1)))
-    return chain, fir_schedule(np.array(starts), np.repeat(TIMES, 2, axis=0))
+    return Smoothed(chain, fir_schedule(np.array(starts), np.repeat(TIMES, 2, axis=0)))
 
 
 def test_a_filtered_box_has_the_peaks_of_its_closed_form() -> None:
-    peaks = find_peaks(*corner([0.0, 2.6]), None)
+    peaks = find_peaks(corner([0.0, 2.6]), None)
     assert [peak.value for peak in peaks.tip] == pytest.approx([0.05, 0.1, 1.0], rel=1e-6)
     assert [peak.value for peak in peaks.axis] == pytest.approx([0.0, 0.0, 0.0])
     assert peaks.joints == ()
@@ -88,23 +88,23 @@ def test_a_filtered_box_has_the_peaks_of_its_closed_form() -> None:
 
 def test_overlapping_segments_add_their_jerks() -> None:
     # For 0.1 s the last ramp of the old segment and the first one of the new, square to it, are one.
-    peaks = find_peaks(*corner([0.0, 2.5]), None)
+    peaks = find_peaks(corner([0.0, 2.5]), None)
     assert peaks.tip[2].value == pytest.approx(np.sqrt(2.0), rel=1e-9)
     assert 2.5 < peaks.tip[2].time < 2.6
 
 
 @pytest.mark.parametrize("overlap", [1e-15, 1e-12, 4e-11])
 def test_segments_that_overlap_by_rounding_only_do_not(overlap: float) -> None:
-    assert find_peaks(*corner([0.0, 2.6 - overlap]), None).tip[2].value == pytest.approx(1.0, rel=1e-9)
+    assert find_peaks(corner([0.0, 2.6 - overlap]), None).tip[2].value == pytest.approx(1.0, rel=1e-9)
 
 
 def test_times_rise_and_fill_every_stretch() -> None:
-    _, schedule = corner([0.0, 2.6])
-    times = np.concatenate(list(stretch_times(schedule)))
+    motion = corner([0.0, 2.6])
+    times = np.concatenate(list(stretch_times(motion.edges)))
     assert np.all(np.diff(times) > 0.0)
     assert np.diff(times).max() <= 0.01 + 1e-12
     assert times[0] == pytest.approx(0.0, abs=1e-7)
-    assert times[-1] == pytest.approx(schedule.end, abs=1e-7)
+    assert times[-1] == pytest.approx(motion.end, abs=1e-7)
 
 
 LIMITS = np.full(6, 10.0)
@@ -134,7 +134,7 @@ def test_a_jerk_peak_is_found_once_and_only_where_the_limit_breaks() -> None:
 def test_half_the_error_at_the_same_place_is_a_reduction_of_a_half_whatever_the_time() -> None:
     reference = played("joint-acceleration", 4.0, {1: 1e-4 - 1e-6})
     for duration in (3.0, 4.0, 6.0):
-        other = played("certified", duration, {1: 5e-5 - 1e-6})
+        other = played("spline", duration, {1: 5e-5 - 1e-6})
         (peak,) = [found for found in at_peaks(other, reference, LIMITS) if found.joint == 1]
         assert peak.place == pytest.approx(0.5 * WAY, abs=1e-4)
         assert peak.reduction == pytest.approx(0.5, abs=0.02)
@@ -142,7 +142,7 @@ def test_half_the_error_at_the_same_place_is_a_reduction_of_a_half_whatever_the_
 
 def test_the_largest_reduction_names_its_joint_and_rises_are_told() -> None:
     reference = played("joint-acceleration", 4.0, {0: 1e-4, 3: 1e-4, 5: 1e-4})
-    other = played("certified", 4.0, {0: 0.9e-4, 3: 0.2e-4, 5: 1.3e-4})
+    other = played("spline", 4.0, {0: 0.9e-4, 3: 0.2e-4, 5: 1.3e-4})
     figures = compare_tracking(other, reference, LIMITS)
     assert figures["jerk_peaks"] == 3
     assert figures["reduction_largest_joint"] == 4
@@ -154,7 +154,7 @@ def test_the_largest_reduction_names_its_joint_and_rises_are_told() -> None:
 
 
 def test_largest_and_rms_are_of_the_whole_path() -> None:
-    play = played("certified", 4.0, {4: 1e-4})
+    play = played("spline", 4.0, {4: 1e-4})
     figures = measure_tracking(play)
     assert figures["tracking_error_max_rad"][4] == pytest.approx(1.01e-4, rel=1e-3)
     assert figures["tracking_error_rms_rad"][0] == pytest.approx(1e-6)

@@ -230,7 +230,7 @@ class SmoothingConfig:
 
     rule: str = key(
         "spline",
-        "surface: spline, certified, joint-jerk, joint-acceleration, or none: constant feed, no limits; "
+        "surface: spline, joint-jerk, joint-acceleration, or none: constant feed, no limits; "
         "smooth plays the three in the middle",
     )
     tolerance_m: float = key(1e-4, "how far the tool may be from the path, 0 = exact (not with spline) [m]", 0.0, 0.01)

@@ -15,12 +15,11 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.config import Scenario
-from polish_sim.errors import SmoothingError, unknown_name
 from polish_sim.kernels import memory_of
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
-from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import Schedule, sample_schedule
+from polish_sim.motion.rules.rule import RULES, check_rule
+from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.motion.segment_rates import sampled_joints
 from polish_sim.motion.timed_path import TimedPath, marks_on, row_times, time_path, time_schedule, with_feed
 from polish_sim.motion.trajectory import build_path_table, with_feed_share
@@ -59,21 +58,8 @@ class StrokePath(NamedTuple):
 
 
 def check_stroke_rule(scenario: Scenario) -> None:
-    """Refuse, before anything is planned, an unknown rule, tolerances it cannot keep to, limits that cannot be read.
-
-    Raises:
-        InputError: The rule is not known.
-        ConfigError: The file of limits cannot be used.
-        SmoothingError: The rule cannot stop at corners.
-    """
-    asked = scenario.smoothing
-    if asked.rule not in STROKE_RULES:
-        raise unknown_name("smoothing rule", asked.rule, STROKE_RULES)
-    if asked.rule == SPLINE and not (asked.tolerance_m > 0.0 and asked.axis_tolerance_rad > 0.0):
-        raise SmoothingError(
-            f"smoothing.rule '{SPLINE}' cannot pass corners exactly: set smoothing.tolerance_m and "
-            "smoothing.axis_tolerance_rad above 0, or smoothing.rule to 'certified', which stops at them."
-        )
+    """Refuse an unknown rule (InputError) and a file of limits that cannot be used (ConfigError) before planning."""
+    check_rule("smoothing.rule", scenario.smoothing.rule, STROKE_RULES)
     cell_limits(scenario, CELL_LIMITS, math.inf)
 
 
@@ -117,12 +103,12 @@ def within_noise(scenario: Scenario, noise: Noise) -> Scenario:
 
 def along_a_curve(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits allow it."""
-    from polish_sim.motion.spline.motion import Feed, plan_spline, time_spline  # slow to import
+    from polish_sim.motion.spline.motion import Feed, plan_spline  # slow to import
 
     asked = scenario.smoothing
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     limits, tolerances = cell_limits(scenario, stroke.limits, math.inf), (asked.tolerance_m, asked.axis_tolerance_rad)
-    return time_spline(plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm))
+    return time_schedule(plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm), marks)
 
 
 def by_rule(plan: Rule, scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
@@ -142,12 +128,12 @@ def by_rule(plan: Rule, scenario: Scenario, stroke: StrokePath, chain: Chain, ar
         tool = replace(
             limits, axis_acceleration=share * limits.axis_acceleration, axis_jerk=share**2 * limits.axis_jerk
         )
-        smoothed, schedule = plan(chain, tool, asked.tolerance_m, asked.axis_tolerance_rad, None, None)
-        if arm is None or joints_keep(limits, smoothed, schedule, arm):
+        smooth = plan(chain, tool, asked.tolerance_m, asked.axis_tolerance_rad, None, None)
+        if arm is None or joints_keep(limits, smooth, arm):
             break
     else:
-        smoothed, schedule = plan(chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, arm, None)
-    motion = time_schedule(smoothed, schedule, marks_on(smoothed, stroke.tips, stroke.rotations, stroke.s))
+        smooth = plan(chain, limits, asked.tolerance_m, asked.axis_tolerance_rad, arm, None)
+    motion = time_schedule(smooth, marks)
     feed = np.interp(motion.places, stroke.s, stroke.feed)
     return with_feed(motion, feed, feed_pace(top).acceleration / top)
 
@@ -161,16 +147,16 @@ def at_the_feed(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm |
 
 StrokeRule = Callable[[Scenario, StrokePath, Chain, Arm | None], TimedPath]
 STROKE_RULES: Mapping[str, StrokeRule] = {
-    SPLINE: along_a_curve,
     **{name: partial(by_rule, plan) for name, plan in RULES.items()},
+    SPLINE: along_a_curve,
     "none": at_the_feed,
 }
 """How a stroke may be followed, by name."""
 
 
-def joints_keep(limits: SmoothingLimits, chain: Chain, schedule: Schedule, arm: Arm) -> bool:
+def joints_keep(limits: SmoothingLimits, motion: SmoothMotion, arm: Arm) -> bool:
     """Whether all joints are within their limits at every row of a motion; between rows nothing is looked at."""
-    joints = sampled_joints(sample_schedule(chain, schedule, row_times(schedule.end)), arm)
+    joints = sampled_joints(motion.sample(row_times(motion.end)), arm)
     rates = ((joints.first, limits.joint_speed), (joints.second, limits.joint_acceleration))
     kept = all(bool(np.all(np.abs(rate) <= np.array(limit))) for rate, limit in rates)
     return kept and bool(np.all(np.abs(joints.third) <= np.array(limits.joint_jerk)))

@@ -12,7 +12,7 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion import trajectory
 from polish_sim.motion.rules.chain import Chain, rows_among
 from polish_sim.motion.rules.fir import stop_times
-from polish_sim.motion.rules.schedule import Schedule, ScheduleIndex, index_schedule, progress_at, sample_schedule
+from polish_sim.motion.rules.schedule import SmoothMotion
 
 ROW_S = 0.005  # between rows; short against a jerk-limited corner [s]
 MOST_ROWS = 400_000  # longer motions get longer rows
@@ -140,37 +140,29 @@ def sample_rate(motion: TimedPath, clock: float) -> float:
     return float(motion.rates[row] + (share - row) * (motion.rates[row + 1] - motion.rates[row]))
 
 
-# A smoothed chain as a motion (Chain, Schedule -> TimedPath).
+# A smoothed chain as a motion (SmoothMotion -> TimedPath).
 
 
-def time_schedule(chain: Chain, schedule: Schedule, marks: Array) -> TimedPath:
-    """Sample a schedule of a chain in the base frame densely.
+def time_schedule(motion: SmoothMotion, marks: Array) -> TimedPath:
+    """Sample a motion along a chain in the base frame densely.
 
     ``marks`` (segments + 1,) [m], rising, are the arc lengths at the chain's way points: the motion's places go from
     mark to mark as its segments progress.
     """
-    clock = row_times(schedule.end)
-    motion = sample_schedule(chain, schedule, clock)
-    places, speeds = np.empty(len(clock)), np.empty(len(clock))
-    _mark(schedule, index_schedule(chain, schedule), clock, marks, places, speeds)
+    clock = row_times(motion.end)
+    seen = motion.sample(clock)
+    places, speeds = motion.places_at(marks, clock)
     return TimedPath(
         float(clock[1] - clock[0]),
-        schedule.end,
-        np.ascontiguousarray(motion.tips[:, 0]),
-        np.ascontiguousarray(motion.tips[:, 1]),
-        trajectory.continuous_quaternions(motion.rotations),
-        np.ascontiguousarray(motion.spins[:, 0]),
-        np.maximum.accumulate(places),
+        motion.end,
+        np.ascontiguousarray(seen.tips[:, 0]),
+        np.ascontiguousarray(seen.tips[:, 1]),
+        trajectory.continuous_quaternions(seen.rotations),
+        np.ascontiguousarray(seen.spins[:, 0]),
+        places,
         speeds,
         np.ones(len(clock)),
     )
-
-
-def places_at(chain: Chain, schedule: Schedule, marks: Array, times: Array) -> Array:
-    """Arc length a schedule has reached at rising times (n,) [s], never falling [m], (n,); see `time_schedule`."""
-    places, speeds = np.empty(len(times)), np.empty(len(times))
-    _mark(schedule, index_schedule(chain, schedule), times, marks, places, speeds)
-    return np.maximum.accumulate(places)
 
 
 def marks_on(chain: Chain, tips: Array, rotations: Array, s: Array) -> Array:
@@ -181,16 +173,3 @@ def marks_on(chain: Chain, tips: Array, rotations: Array, s: Array) -> Array:
     """
     own, raw = (np.hstack([p, R.reshape(-1, 9)]) for p, R in ((chain.tips, chain.rotations), (tips, rotations)))
     return s[rows_among(own, raw)]
-
-
-@njit(cache=True, error_model="numpy")
-def _mark(schedule: Schedule, index: ScheduleIndex, clock: Array, marks: Array, places: Array, speeds: Array) -> None:
-    rates = np.empty(4)
-    for i in range(len(clock)):
-        first = np.searchsorted(index.all_ended, clock[i], side="right")
-        stop = max(first, np.searchsorted(index.none_begun, clock[i], side="right"))
-        places[i], speeds[i] = marks[first], 0.0
-        for k in range(first, stop):
-            progress_at(schedule, index, k, clock[i], rates)
-            places[i] += rates[0] * (marks[k + 1] - marks[k])
-            speeds[i] += rates[1] * (marks[k + 1] - marks[k])

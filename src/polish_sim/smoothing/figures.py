@@ -11,14 +11,14 @@ import numpy as np
 from polish_sim.arrays import Array, Indices
 from polish_sim.exchange import WayPoints
 from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.deviation import Deviation, Place, measure_deviation, raw_places
+from polish_sim.motion.rules.deviation import Deviation, Place, measure_deviation
 from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, build_arm
-from polish_sim.motion.rules.schedule import Samples, Schedule, index_schedule, sample_schedule, turning
+from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
 
 ORDERS: Final = ("speed", "acceleration", "jerk")
 EDGE: Final = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
-NODES, STEP_S = 5, 0.01  #: Samples in a stretch of constant tip jerk: least number, largest distance [s]
+NODES, STEP_S = 5, 0.01  #: Samples in a smooth stretch: least number, largest distance [s]
 MANY, FEWEST = 200_000, 2  #: In a motion of more stretches than this, at least so few samples each
 SHORTEST_S = 1e-9  #: A shorter stretch is rounding where pieces meet, and left out [s]
 BLOCK = 100_000
@@ -64,33 +64,28 @@ class Motion(NamedTuple):
         return np.linalg.norm(turning(self.tool.axes), axis=2).T
 
 
-def sample_motion(chain: Chain, schedule: Schedule, times: Array, arm: Arm | None) -> Motion:
+def sample_motion(motion: SmoothMotion, times: Array, arm: Arm | None) -> Motion:
     """Tool and joints at rising times [s], exact at every one, dense enough for the arm, if there is one, to be
     followed.
 
     Raises ReachError, naming the place, if the arm cannot be there, or only singularly.
     """
-    tool = sample_schedule(chain, schedule, times)
+    tool = motion.sample(times)
     if arm is None:
         return Motion(times, tool, np.empty((4, len(times), 0)))
     return Motion(times, tool, np.stack(sampled_joints(tool, arm)))
 
 
-def sample_in_blocks(chain: Chain, schedule: Schedule, times: Iterator[Array], arm: Arm | None) -> Iterator[Motion]:
+def sample_in_blocks(motion: SmoothMotion, times: Iterator[Array], arm: Arm | None) -> Iterator[Motion]:
     """`sample_motion` block by block, so that long motions need little memory; each begins where the last ended."""
     for block in times:
-        motion = sample_motion(chain, schedule, block, arm)
-        yield motion
-        arm = None if arm is None else build_arm(arm.T_base_work, arm.T_flange_tool, motion.q[0, -1])
+        seen = sample_motion(motion, block, arm)
+        yield seen
+        arm = None if arm is None else build_arm(arm.T_base_work, arm.T_flange_tool, seen.q[0, -1])
 
 
-def stretch_times(schedule: Schedule) -> Iterator[Array]:
-    """Times in every stretch in which the tip's jerk is constant, blocks of rising times.
-
-    Within a stretch the tip's acceleration is linear and largest at an end; joint rates are smooth.
-    """
-    edges = np.unique(np.concatenate([schedule.starts, schedule.starts + schedule.durations, [0.0, schedule.end]]))
-    edges = edges[(edges >= 0.0) & (edges <= schedule.end)]
+def stretch_times(edges: Array) -> Iterator[Array]:
+    """Times in every stretch between ``edges`` (n,) [s], in which all rates are smooth, blocks of rising times."""
     widths = np.diff(edges)
     begins, widths = edges[:-1][widths > SHORTEST_S], widths[widths > SHORTEST_S]
     least = NODES if len(widths) <= MANY else FEWEST
@@ -112,17 +107,17 @@ def _nodes(begins: Array, widths: Array, counts: Indices) -> Array:
     return begins[k] + edge + (widths[k] - 2.0 * edge) * place / (counts[k] - 1)
 
 
-def find_peaks(chain: Chain, schedule: Schedule, arm: Arm | None) -> MotionPeaks:
-    """Peaks of a motion, looked for at both ends of every stretch of constant tip jerk and between them."""
+def find_peaks(motion: SmoothMotion, arm: Arm | None) -> MotionPeaks:
+    """Peaks of a motion, looked for at both ends of every smooth stretch and between them."""
     columns = 2 if arm is None else 8
     best, at = np.full((3, columns), -1.0), np.zeros((3, columns))
-    for motion in sample_in_blocks(chain, schedule, stretch_times(schedule), arm):
-        tool = [motion.tip_rates[:, :, None], motion.axis_rates[:, :, None]]
-        rates = np.concatenate([*tool, np.abs(motion.q[1:])], axis=2)
+    for seen in sample_in_blocks(motion, stretch_times(motion.edges), arm):
+        tool = [seen.tip_rates[:, :, None], seen.axis_rates[:, :, None]]
+        rates = np.concatenate([*tool, np.abs(seen.q[1:])], axis=2)
         row = rates.argmax(axis=1)
         value = np.take_along_axis(rates, row[:, None], axis=1)[:, 0]
         better = value > best
-        best, at = np.where(better, value, best), np.where(better, motion.times[row], at)
+        best, at = np.where(better, value, best), np.where(better, seen.times[row], at)
     peaks = [[Peak(float(best[d, c]), float(at[d, c])) for c in range(columns)] for d in range(3)]
     joints = tuple(tuple(row[2:]) for row in peaks) if arm is not None else ()
     return MotionPeaks(tuple(row[0] for row in peaks), tuple(row[1] for row in peaks), joints)
@@ -132,8 +127,7 @@ class Measured(NamedTuple):
     """A smoothed motion and its measures."""
 
     rule: str
-    chain: Chain  #: The segments the schedule passes, work frame
-    schedule: Schedule
+    motion: SmoothMotion  #: In the work frame
     peaks: MotionPeaks
     deviation: Deviation
     limits: SmoothingLimits
@@ -141,47 +135,45 @@ class Measured(NamedTuple):
 
 
 def measure_smoothing(
-    rule: str, chain: Chain, schedule: Schedule, raw: Chain, arm: Arm | None, limits: SmoothingLimits, plan_s: float
+    rule: str, motion: SmoothMotion, raw: Chain, arm: Arm | None, limits: SmoothingLimits, plan_s: float
 ) -> Measured:
     """Measure a motion, planned by a rule in ``plan_s`` [s], against its path ``raw`` and limits; or ReachError."""
-    deviation = measure_deviation(chain, schedule, raw)
-    return Measured(rule, chain, schedule, find_peaks(chain, schedule, arm), deviation, limits, plan_s)
+    return Measured(rule, motion, find_peaks(motion, arm), measure_deviation(motion, raw), limits, plan_s)
 
 
-def smoothing_figures(motion: Measured, raw: Chain, points: WayPoints, rows: Indices) -> dict[str, Any]:
+def smoothing_figures(measured: Measured, raw: Chain, points: WayPoints, rows: Indices) -> dict[str, Any]:
     """The figures of metrics.json; ``rows``: the file's row of each way point, shape (segments + 1,)."""
-    segments, deviation, limits = len(raw.lengths), motion.deviation, motion.limits.values()
-    locate = _locator(motion, raw, points, rows)
+    segments, deviation, limits = len(raw.lengths), measured.deviation, measured.limits.values()
+    locate = _locator(measured.motion, points, rows)
     return {
-        "rule": motion.rule,
+        "rule": measured.rule,
         "segments": segments,
-        "segments_planned": len(motion.chain.lengths),
         "path_length_m": float(raw.lengths.sum()),
         "axis_turn_rad": float(raw.angles.sum()),
-        "cycle_time_s": motion.schedule.end,
+        "cycle_time_s": measured.motion.end,
         "tip_deviation_vertex_max_m": deviation.vertex.value,
         "tip_deviation_contour_max_m": deviation.contour.value,
         "axis_deviation_max_rad": deviation.axis.value,
-        **_ratio_figures(motion.peaks, limits),
-        "segments_per_s": segments / motion.plan_s,
-        "plan_time_s": motion.plan_s,
+        **_ratio_figures(measured.peaks, limits),
+        "segments_per_s": segments / measured.plan_s,
+        "plan_time_s": measured.plan_s,
         "deviations": {
             "vertex": _deviation(deviation.vertex, "m", locate),
             "contour": _deviation(deviation.contour, "m", locate),
             "axis": _deviation(deviation.axis, "rad", locate),
         },
-        "peaks": _peak_figures(motion.peaks, limits, locate),
+        "peaks": _peak_figures(measured.peaks, limits, locate),
     }
 
 
-def _locator(motion: Measured, raw: Chain, points: WayPoints, rows: Indices) -> Locate:
+def _locator(motion: SmoothMotion, points: WayPoints, rows: Indices) -> Locate:
     """The tip at a time, and the way point it has left, by its place in the file."""
-    index, places = index_schedule(motion.chain, motion.schedule), raw_places(motion.chain, raw)
+    numbers = np.arange(len(rows), dtype=float)
 
     def locate(time: float) -> dict[str, Any]:
-        begun = max(int(np.searchsorted(index.none_begun, time, side="right")) - 1, 0)
-        tip = sample_schedule(motion.chain, motion.schedule, np.array([time])).tips[0, 0]
-        return {"tip_m": tip, "after": points.place(int(rows[places[min(begun, len(places) - 1)]]))}
+        at = np.array([time])
+        left = int(motion.places_at(numbers, at)[0][0] + 1e-9)
+        return {"tip_m": motion.sample(at).tips[0, 0], "after": points.place(int(rows[left]))}
 
     return locate
 

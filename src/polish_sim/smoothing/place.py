@@ -9,7 +9,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.cell import tool_on_flange
-from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm, unknown_name
+from polish_sim.errors import PolishSimError, ReachError, SmoothingError, place_in_mm
 from polish_sim.exchange import WayPoints
 from polish_sim.experiments.placement import (
     Reach,
@@ -22,8 +22,8 @@ from polish_sim.experiments.placement import (
 from polish_sim.motion import track
 from polish_sim.motion.rules.chain import HALF_TURN, Chain, build_chain, chain_from_axes, part_of
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
-from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import Smoothed
+from polish_sim.motion.rules.rule import RULES, check_rule
+from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.planning.toolpath import APPROACH, RETRACT, ToolPath
 from polish_sim.spatial import apply, transform
 
@@ -173,10 +173,9 @@ class SmoothingTask(NamedTuple):
     feeds: Array | None = None  #: Largest speed of the tip on each segment [m/s], inf where it has none, (segments,)
 
 
-def smooth_path(task: SmoothingTask, rule: str) -> Smoothed:
+def smooth_path(task: SmoothingTask, rule: str) -> SmoothMotion:
     """Smooth a path by a rule of `RULES`; SmoothingError says where no motion keeps within the limits."""
-    if rule not in RULES:
-        raise unknown_name("rule", rule, RULES)
+    check_rule("rule", rule, RULES)
     chain, arm = task.placed.chain, task.placed.arm
     return RULES[rule](chain, task.limits, task.tolerance, task.axis_tolerance, arm, task.feeds)
 

@@ -17,7 +17,7 @@ from polish_sim.arrays import Array, Indices
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.motion.rules.deviation import Deviation, DeviationCurve, deviation_curve, vertex_distances
 from polish_sim.motion.rules.limits import LimitValues
-from polish_sim.motion.rules.schedule import Schedule, sample_schedule
+from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.smoothing.figures import ORDERS, axis_limits, tip_limits
 
 SUFFIX: Final = ("/s", "/s²", "/s³")
@@ -140,17 +140,14 @@ class CornerView(NamedTuple):
 class Way(NamedTuple):
     """One rule's motion, with when it is nearest to each way point of the path."""
 
-    chain: Chain
-    schedule: Schedule
+    motion: SmoothMotion
     distances: Array  #: [m], shape (n + 1,)
     times: Array  #: [s], shape (n + 1,)
 
 
-def way_past(raw: Chain, chain: Chain, schedule: Schedule) -> Way:
+def way_past(raw: Chain, motion: SmoothMotion) -> Way:
     """A motion, and when it is nearest to each of the path's way points."""
-    distances, times = vertex_distances(chain, schedule, raw)
-    times[0], times[-1] = 0.0, schedule.end
-    return Way(chain, schedule, distances, times)
+    return Way(motion, *vertex_distances(motion, raw))
 
 
 def path_turns(raw: Chain) -> Array:
@@ -195,7 +192,7 @@ def view_corner(
     # Contour: half way to the neighbouring way points.
     before, at, after = first.times[k - 1 : k + 2]
     times = np.linspace(0.5 * (before + at), 0.5 * (at + after), SAMPLES)
-    contour = float(deviation_curve(first.chain, first.schedule, raw, times).tip.max())
+    contour = float(deviation_curve(first.motion, raw, times).tip.max())
     path, vertex = (raw.tips[near] - raw.tips[k]) @ frame.T, float(first.distances[k])
     return CornerView(f"{name}: point {rows[k] + 1}", path, tips, tolerance, vertex, contour, turn)
 
@@ -215,13 +212,13 @@ def _flat_frame(points: Array, corner: int) -> Array:
 def _tips_near(way: Way, corner: int, radius: float) -> Array:
     """The tip's way [m] within a distance of a corner, shape (m, 3)."""
     at, span = float(way.times[corner]), 1e-3
-    place = sample_schedule(way.chain, way.schedule, np.array([at])).tips[0, 0]
+    place = way.motion.sample(np.array([at])).tips[0, 0]
     # The tip is slow at sharp corners: the time it takes to leave the view is found by doubling.
     while True:
-        times = np.linspace(max(at - span, 0.0), min(at + span, way.schedule.end), SAMPLES)
-        tips = sample_schedule(way.chain, way.schedule, times).tips[:, 0]
+        times = np.linspace(max(at - span, 0.0), min(at + span, way.motion.end), SAMPLES)
+        tips = way.motion.sample(times).tips[:, 0]
         ends = np.linalg.norm(tips[[0, -1]] - place, axis=1)
-        out = (ends > radius) | np.array([at - span <= 0.0, at + span >= way.schedule.end])
+        out = (ends > radius) | np.array([at - span <= 0.0, at + span >= way.motion.end])
         if out.all():
             return np.asarray(tips)
         span *= 2.0

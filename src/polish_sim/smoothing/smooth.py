@@ -26,9 +26,8 @@ from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits
 from polish_sim.motion.rules.rule import RULES
-from polish_sim.motion.rules.schedule import Smoothed, sample_schedule, stretched
+from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
-from polish_sim.motion.timed_path import marks_on, places_at
 from polish_sim.planning.toolpath import PROCESS, ToolPath
 from polish_sim.smoothing.figures import ORDERS
 from polish_sim.smoothing.place import place_path
@@ -166,15 +165,12 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
     }
     observer.stage("simulate")
     started = time.perf_counter()
-    own = [play_rule(scenario, task, name, smoothed) for name, smoothed in made.items()]
-    slowest = max(smoothed.schedule.end for smoothed in made.values())
-    even = [
-        play_rule(scenario, task, name, Smoothed(chain, stretched(schedule, slowest / schedule.end)))
-        for name, (chain, schedule) in made.items()
-    ]
+    own = [play_rule(scenario, task, name, motion) for name, motion in made.items()]
+    slowest = max(motion.end for motion in made.values())
+    even = [play_rule(scenario, task, name, motion.stretched(slowest / motion.end)) for name, motion in made.items()]
     figures: dict[str, Any] = {}
-    for play, (name, smoothed) in zip(own, made.items(), strict=True):
-        figures |= _named(name, "", {"cycle_time_s": smoothed.schedule.end} | _peaks_over_limits(play, task.limits))
+    for play, (name, motion) in zip(own, made.items(), strict=True):
+        figures |= _named(name, "", {"cycle_time_s": motion.end} | _peaks_over_limits(play, task.limits))
     for plays, when in ((own, ""), (even, "_at_equal_time")):
         figures |= _compared({play.seen.rule: play.seen for play in plays}, task.limits, when)
     figures |= {"rules": list(made), "joint_jerk_limits_rad_s3": list(task.limits.joint_jerk), "equal_time_s": slowest}
@@ -184,14 +180,12 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
     return RunResult(scenario, log_of_rules(own, scenario), trace_of_rule(own[-1]), figures, None, False)
 
 
-def play_rule(scenario: Scenario, task: SmoothTask, rule: str, smoothed: Smoothed) -> RulePlay:
+def play_rule(scenario: Scenario, task: SmoothTask, rule: str, motion: SmoothMotion) -> RulePlay:
     """Play one rule's motion: joint angles and speeds to the servos, one pair a step."""
-    chain, schedule = smoothed
-    clock = np.arange(0.0, schedule.end + AFTER_S, scenario.simulation.timestep_s)
-    targets = sampled_joints(sample_schedule(chain, schedule, clock), task.arm)
+    clock = np.arange(0.0, motion.end + AFTER_S, scenario.simulation.timestep_s)
+    targets = sampled_joints(motion.sample(clock), task.arm)
     played: Played = play_joints(scenario, JointTargets(targets.q, targets.first))
-    marks = marks_on(chain, task.chain.tips, task.chain.rotations, task.marks)
-    places = places_at(chain, schedule, marks, clock)
+    places = motion.places_at(task.marks, clock)[0]
     return RulePlay(PlayedRule(rule, clock, places, targets.q - played.read, targets.third), targets, played)
 
 

@@ -32,7 +32,7 @@ NEAR_M = 0.006  #: Of the path on either side of the jerk peak that is drawn
 AROUND_S = 0.03  #: Time before and after a jerk peak that belongs to it [s]
 APART_S = 0.05  #: Between two peaks, at least [s]
 HIGH = 0.8  #: Share of the largest jerk that counts as a peak where none breaks the limit
-RULES: Final = {"joint-acceleration": ORANGE, "joint-jerk": PINK, "certified": BLUE}  #: Names and colours
+RULES: Final = {"joint-acceleration": ORANGE, "joint-jerk": PINK, "spline": BLUE}  #: Names and colours
 JOINT_NAMES: Final = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
 TICKS: Final = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
 
@@ -129,7 +129,7 @@ def _step(time: Array) -> float:
 def plot_tracking(record: RunRecord) -> Figure | None:
     """Draw what rules make of the tracking error where the reference's joint jerk peaks; None without such a peak.
 
-    On the left the peak at which ``certified`` gains most, on the right all of them.
+    On the left the peak at which ``spline`` gains most, on the right all of them.
     """
     played, limits = _played(record), record.metrics.get("joint_jerk_limits_rad_s3")
     peaks = {rule: [AtPeak(*row) for row in record.metrics.get(f"{_key(rule)}_at_peaks") or []] for rule in RULES}
@@ -138,7 +138,7 @@ def plot_tracking(record: RunRecord) -> Figure | None:
     figure = new_figure(11.0, 5.2)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.15))
     jerk, error, share = (figure.add_subplot(place) for place in (grid[0, 0], grid[1, 0], grid[:, 1]))
-    best = max(peaks["certified"], key=lambda peak: peak.reduction)
+    best = max(peaks["spline"], key=lambda peak: peak.reduction)
     for (rule, color), dashes in zip(RULES.items(), DASHES[2::-1], strict=True):
         near = np.abs(played[rule].place - best.place) < NEAR_M
         at = 1e3 * (played[rule].place[near] - best.place)
@@ -149,7 +149,7 @@ def plot_tracking(record: RunRecord) -> Figure | None:
     jerk.set(ylabel="jerk asked [rad/s³]")
     jerk.set_title(f"{JOINT_NAMES[best.joint]}, {best.place:.3f} m along the path", fontsize=9.0, fontweight="normal")
     error.set(xlabel="along the path, from the jerk peak [mm]", ylabel="tracking error [µrad]")
-    for side, (rule, mark) in enumerate((("joint-jerk", "o"), ("certified", "^"))):
+    for side, (rule, mark) in enumerate((("joint-jerk", "o"), ("spline", "^"))):
         joints = [peak.joint + 0.24 * (side - 0.5) for peak in peaks[rule]]
         gains = [100.0 * peak.reduction for peak in peaks[rule]]
         share.plot(joints, gains, mark, color=RULES[rule], ms=5, alpha=0.7, label=f"{rule}, every jerk peak")
@@ -157,8 +157,8 @@ def plot_tracking(record: RunRecord) -> Figure | None:
     share.set_xticks(range(6), TICKS)
     share.set(ylabel=f"error less than with {REFERENCE} [%]")
     rows = [(f"{rule}: {{:.2f}} s", f"{_key(rule)}_cycle_time_s", 1.0) for rule in RULES]
-    less = ("{:.1f}% less error at most with certified", "certified_reduction_largest", 100.0)
-    half = ("{:.1f}% in the median", "certified_reduction_median", 100.0)
+    less = ("{:.1f}% less error at most with spline", "spline_reduction_largest", 100.0)
+    half = ("{:.1f}% in the median", "spline_reduction_median", 100.0)
     head(
         figure,
         f"Tracking error where the jerk of {REFERENCE} peaks",
@@ -170,19 +170,19 @@ def plot_tracking(record: RunRecord) -> Figure | None:
 
 @styled
 def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw by how much ``certified`` reduces each joint's largest tracking error in several runs."""
+    """Draw by how much ``spline`` reduces each joint's largest tracking error in several runs."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     width = 0.8 / len(records)
     for k, record in enumerate(records):
-        shares = record.metrics.get("certified_reduction_max")
+        shares = record.metrics.get("spline_reduction_max")
         if shares is not None:
             place = np.arange(6) + width * (k - 0.5 * (len(records) - 1))
             axes.bar(place, 100.0 * np.array(shares), 0.9 * width, color=SERIES[k % len(SERIES)], label=record.name)
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_xticks(range(6), TICKS)
     axes.set(ylabel="reduction of the largest error [%]")
-    head(figure, "Certified against joint-acceleration, joint by joint", legend=(axes,))
+    head(figure, "Spline against joint-acceleration, joint by joint", legend=(axes,))
     return figure
 
 

@@ -12,24 +12,18 @@ from polish_sim.motion.rules.fir import stop_times
 from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.rules.schedule import turning
 from polish_sim.motion.spline import law as law_module
-from polish_sim.motion.spline.bounded import Bounded
 from polish_sim.motion.spline.curve import curve_rates
-from polish_sim.motion.spline.law import (
-    LOOKS,
-    MOST_SLOWED,
-    Launch,
-    Law,
-    around,
-    control_values,
-    keep_limits,
-    squares_on,
-)
-from polish_sim.motion.spline.motion import Feed, SplineMotion, passage_at, plan_spline, time_spline
+from polish_sim.motion.spline.motion import Feed, SplineMotion, passage_at, plan_spline
+from polish_sim.motion.timed_path import TimedPath, time_schedule
 from tests.motion.spline.strokes import LIMITS, TOLERANCES, circle, random_stroke, stroke, unlimited
 
 
 def plan(chain: Chain, places: np.ndarray, feed: float, limits: SmoothingLimits = LIMITS) -> SplineMotion:
     return plan_spline(chain, places, Feed(places, np.full(len(places), feed)), limits, TOLERANCES, None)
+
+
+def time_spline(motion: SplineMotion) -> TimedPath:
+    return time_schedule(motion, motion.line.places)
 
 
 @pytest.mark.parametrize("length", [1e-4, 1e-3, 1e-2, 0.1])
@@ -68,8 +62,8 @@ def test_limits_hold_on_smooth_and_on_jagged_strokes(seed: float) -> None:
     for (x1, x2, x3), (acceleration, jerk) in zip((rates.tips[1:], turns), limits, strict=True):
         second = x2 * v[:, None] ** 2 + x1 * a[:, None]
         third = x3 * v[:, None] ** 3 + 3.0 * x2 * (v * a)[:, None] + x1 * j[:, None]
-        assert np.linalg.norm(second, axis=1).max() <= acceleration * 1.002
-        assert np.linalg.norm(third, axis=1).max() <= jerk * 1.005
+        assert np.linalg.norm(second, axis=1).max() <= acceleration * 1.001
+        assert np.linalg.norm(third, axis=1).max() <= jerk * 1.001
 
 
 def test_the_passage_is_smooth_and_its_derivatives_are_its_own() -> None:
@@ -85,29 +79,12 @@ def test_the_passage_is_smooth_and_its_derivatives_are_its_own() -> None:
     assert v.min() >= 0.0
 
 
-@pytest.mark.parametrize("factor", [1.05, 1.5])
-def test_a_law_that_is_too_fast_somewhere_is_slowed_there(factor: float) -> None:
-    """On a straight line at a steady speed nothing but its own changes bounds the law: too fast a stretch is slowed."""
-    knots = np.linspace(1e-9, 0.2, 401)
-    rates = np.zeros((3, LOOKS * 400 + 1, 3))
-    rates[0, :, 0] = 1.0
-    tip = Bounded(rates, np.array([0.05, 0.6, 15.0]))
-    wanted = np.where(np.abs(knots - 0.1) < 0.01, factor * 0.05, 0.05)
-    squares, launch = squares_on(knots), Launch(1e-3, 1e-3)
-    law, left = keep_limits(Law(squares, control_values(squares, wanted**2), launch, launch), [tip])
-    speeds = np.sqrt(around(squares.values, law.controls))
-    assert left <= MOST_SLOWED
-    assert np.all(speeds <= MOST_SLOWED * 0.05)
-    np.testing.assert_allclose(speeds[np.abs(knots - 0.1) > 0.09], 0.05, rtol=1e-9)
-    assert 1.0 - np.mean(speeds) / 0.05 < 0.5 * (1.0 - 1.0 / factor)  # slowed as a whole it would lose twice as much
-
-
-def test_a_jagged_stroke_is_timed_in_time_proportional_to_its_length(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Counted in unknowns that programmes were solved for: the processor's clock is not asked."""
+def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counted in knots of the programmes that were solved: the processor's clock is not asked."""
     solved: list[int] = []
-    maximize = law_module.maximize
+    plan_law = law_module.plan_law
     monkeypatch.setattr(
-        law_module, "maximize", lambda gains, *rest: solved.append(len(gains)) or maximize(gains, *rest)
+        law_module, "plan_law", lambda knots, *rest: solved.append(len(knots)) or plan_law(knots, *rest)
     )
     rng, work = np.random.default_rng(5), []
     steps = 0.002 * np.stack([np.ones(1600), *0.15 * rng.normal(size=(2, 1600))], axis=1)
@@ -115,7 +92,7 @@ def test_a_jagged_stroke_is_timed_in_time_proportional_to_its_length(monkeypatch
         solved.clear()
         plan(*stroke(np.cumsum(steps[:count], axis=0), 0.02 * rng.normal(size=(count, 3))), 0.03)
         work.append(sum(solved))
-    assert work[1] <= 4.4 * work[0]
+    assert work[1] <= 6.0 * work[0]
 
 
 def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> None:

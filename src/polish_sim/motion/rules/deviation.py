@@ -1,38 +1,28 @@
-"""How far a smoothed motion strays from its way points, whatever planned it (Chain, Schedule, raw Chain -> Deviation).
+"""How far a smoothed motion strays from its way points, whatever planned it (SmoothMotion, Chain -> Deviation).
 
 Two measures are kept apart: *contour* is the largest distance of the trajectory from the polyline, *vertex* the largest
 distance of a way point from the trajectory. The trajectory is compared with the stretch of the polyline it is on at
-that time, so paths that cross themselves are measured right. The search samples every cubic span and refines its local
-maxima by golden section: exact to rounding where a span has no more than a few of them.
+that time, so paths that cross themselves are measured right. The search samples every smooth span and narrows down
+the neighbourhoods of the largest samples: exact to rounding where a span has no more than a few local maxima.
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array, Indices
-from polish_sim.errors import SmoothingError
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.rules.chain import Chain, axis_distance, rows_among, tip_distance
-from polish_sim.motion.rules.schedule import (
-    Schedule,
-    ScheduleIndex,
-    axis_between,
-    index_schedule,
-    sample_schedule,
-    tip_between,
-)
+from polish_sim.motion.rules.chain import Chain, axis_distance, tip_distance
+from polish_sim.motion.rules.schedule import SmoothMotion
 
-SAMPLES = 12  #: Of each cubic span, and of each overlap of two segments
-LONG_SAMPLES = 64  #: Of two whole segments
-GOLDEN = 0.6180339887498949
-STEPS = 50  #: Of the golden section: a bracket shrinks by 4e-11
-TIP, AXIS, NEARNESS = 0, 1, 2
-"""What is made largest: distance of the tip from the polyline, angle of the axis to its arcs, minus the distance of the
-tip from one way point."""
+SAMPLES, FEW_SAMPLES = 12, 2  #: Of each smooth span; of motions of more than ``MANY`` spans
+MANY, BLOCK = 200_000, 100_000
+SHORTEST_S = 1e-9  #: A shorter span is rounding where pieces meet [s]
+NARROWED, ZOOM, ZOOMS = 32, 9, 14
+"""Largest samples whose neighbourhoods are narrowed down; places in one, and how often it shrinks, by 4 each time."""
 
 
 class Place(NamedTuple):
@@ -40,7 +30,7 @@ class Place(NamedTuple):
 
     value: float  #: [m] or [rad]
     time: float  #: [s]
-    point: int  #: Way point it belongs to: for the contour the last one begun, counted from 0 in the raw chain
+    point: int  #: Way point it belongs to, counted from 0: the last one left, or the one that is missed
 
 
 class Deviation(NamedTuple):
@@ -65,171 +55,98 @@ class DeviationCurve(NamedTuple):
     axis: Array  #: Angle of the tool axis to its arcs [rad], shape (n,)
 
 
-class _Motion(NamedTuple):
-    """A motion and the way points it is compared with, as kernels take them."""
+def measure_deviation(motion: SmoothMotion, raw: Chain) -> Deviation:
+    """Measure a motion against its way points."""
+    found = [np.zeros((0, 3)), np.zeros((0, 3))]
+    for times in _sample_times(motion):
+        curve = deviation_curve(motion, raw, times)
+        for i, values in enumerate(curve):
+            rows = np.argsort(values)[-NARROWED:]
+            low, high = times[np.maximum(rows - 1, 0)], times[np.minimum(rows + 1, len(times) - 1)]
+            both = np.concatenate([found[i], np.stack([values[rows], low, high], axis=1)])
+            found[i] = both[np.argsort(both[:, 0])[-NARROWED:]]
+    worst = []
+    for i in range(2):
 
-    chain: Chain
-    schedule: Schedule
-    lookup: ScheduleIndex
-    raw: Chain
-    places: Indices  #: Number of each of the chain's way points among the raw ones, shape (n + 1,)
+        def measured(times: Array, i: int = i) -> Array:
+            return deviation_curve(motion, raw, times)[i]
 
-
-def measure_deviation(chain: Chain, schedule: Schedule, raw: Chain) -> Deviation:
-    """Measure the motion along a chain, each way point one of the raw chain's in order, against the raw way points.
-
-    Raises:
-        SmoothingError: The chain is not made of the raw chain's way points.
-    """
-    motion = _motion(chain, schedule, raw)
-    knots = np.unique(np.concatenate([schedule.starts, schedule.starts + schedule.durations]))
-    worst = np.zeros((2, 2))
-    _scan_spans(motion, knots, worst, np.empty((3, 16)))
-    distances, times = _vertex_distances(motion)
+        values, times = _narrowed(measured, found[i][:, 1], found[i][:, 2])
+        row = int(values.argmax())
+        left = motion.places_at(np.arange(len(raw.tips), dtype=float), times[row : row + 1])[0][0]
+        worst.append(Place(float(values[row]), float(times[row]), int(left + 1e-9)))
+    distances, times = vertex_distances(motion, raw)
     vertex = int(np.argmax(distances))
-    begun = np.maximum(np.searchsorted(motion.lookup.none_begun, worst[:, 1], side="right") - 1, 0)
-    points = motion.places[np.minimum(begun, len(motion.places) - 1)]
-    contour, axis = (Place(float(worst[i, 0]), float(worst[i, 1]), int(points[i])) for i in range(2))
-    return Deviation(contour, Place(float(distances[vertex]), float(times[vertex]), vertex), axis)
+    return Deviation(worst[0], Place(float(distances[vertex]), float(times[vertex]), vertex), worst[1])
 
 
-def vertex_distances(chain: Chain, schedule: Schedule, raw: Chain) -> VertexDistances:
-    """Distance of every raw way point from the tip's trajectory, and when it is least; see `measure_deviation`."""
-    return _vertex_distances(_motion(chain, schedule, raw))
+def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:
+    """Distance of every way point from the tip's trajectory, and when it is least."""
+    m = len(raw.tips)
+    best, low, high = np.full(m, np.inf), np.zeros(m), np.full(m, motion.end)
+    for times in _sample_times(motion):
+        _nearest(raw.tips, np.ascontiguousarray(motion.sample(times).tips[:, 0]), *motion.under_way(times), times, best,
+                 low, high)  # fmt: skip
+    distances, nearest = np.zeros(m), low
+    for first in range(0, m, BLOCK // ZOOM):
+        rows = slice(first, first + BLOCK // ZOOM)
+        places = np.repeat(raw.tips[rows], ZOOM, axis=0)
+
+        def nearness(t: Array, places: Array = places) -> Array:
+            return -np.linalg.norm(motion.sample(t).tips[:, 0] - places, axis=1)
+
+        values, nearest[rows] = _narrowed(nearness, low[rows], high[rows])
+        distances[rows] = -values
+    distances[[0, -1]], nearest[[0, -1]] = 0.0, (0.0, motion.end)
+    return VertexDistances(distances, nearest)
 
 
-def deviation_curve(chain: Chain, schedule: Schedule, raw: Chain, times: Array) -> DeviationCurve:
+def deviation_curve(motion: SmoothMotion, raw: Chain, times: Array) -> DeviationCurve:
     """Measure a motion against the stretch of the way points it is on at each of some times [s], shape (n,)."""
-    seen = sample_schedule(chain, schedule, times)
-    curve = DeviationCurve(np.zeros(len(times)), np.zeros(len(times)))
+    seen, curve = motion.sample(times), DeviationCurve(np.zeros(len(times)), np.zeros(len(times)))
     tips, axes = np.ascontiguousarray(seen.tips[:, 0]), np.ascontiguousarray(seen.axes[:, 0])
-    _fill_curve(_motion(chain, schedule, raw), times, tips, axes, curve)
+    _fill_curve(raw, *motion.under_way(times), tips, axes, curve)
     return curve
 
 
-def raw_places(chain: Chain, raw: Chain) -> Indices:
-    """Number of each of the chain's way points among the raw ones, shape (n + 1,).
-
-    Raises:
-        SmoothingError: One is not among them, in order, or an end is not an end.
-    """
-    places = rows_among(np.hstack([chain.tips, chain.axes]), np.hstack([raw.tips, raw.axes]))
-    if places[0] != 0 or places[-1] != len(raw.tips) - 1:
-        raise SmoothingError("the smoothed chain does not begin and end where the given one does.")
-    return places
-
-
-def _motion(chain: Chain, schedule: Schedule, raw: Chain) -> _Motion:
-    return _Motion(chain, schedule, index_schedule(chain, schedule), raw, raw_places(chain, raw))
+def _sample_times(motion: SmoothMotion) -> Iterator[Array]:
+    """Rising times in every smooth span, its ends included, block by block."""
+    edges = motion.edges
+    edges = edges[np.concatenate([np.diff(edges) > SHORTEST_S, [True]])]
+    samples = SAMPLES if len(edges) < MANY else FEW_SAMPLES
+    for first in range(0, len(edges) - 1, BLOCK // samples):
+        part = edges[first : first + BLOCK // samples + 1]
+        inner = part[:-1, None] + np.diff(part)[:, None] * np.arange(samples) / samples
+        yield np.append(inner.ravel(), part[-1])
 
 
-def _vertex_distances(motion: _Motion) -> VertexDistances:
-    found = np.zeros((len(motion.raw.tips), 2))
-    _scan_points(motion, found, np.empty((3, 16)))
-    return VertexDistances(np.abs(found[:, 0]), found[:, 1].copy())
-
-
-@njit(cache=True, error_model="numpy", _nrt=False)
-def _scan_spans(motion: _Motion, knots: Array, worst: Array, room: Array) -> None:
-    """Find where the tip strays furthest from the raw polyline, and the axis from its arcs.
-
-    Written are rows TIP and AXIS of ``worst`` (2, 2): value, time [s]. ``knots`` are the ends of all pieces [s].
-    """
-    values = room[2]
-    for span in range(knots.shape[0] - 1):
-        begin, step = knots[span], (knots[span + 1] - knots[span]) / SAMPLES
-        middle = begin + 0.5 * SAMPLES * step
-        early = np.searchsorted(motion.lookup.all_ended, middle, side="right")
-        late = np.searchsorted(motion.lookup.none_begun, middle, side="right")
-        # At rest, or alone on a segment of the raw chain.
-        if late <= early or motion.places[late] - motion.places[early] == 1:
-            continue
-        for what in range(2):
-            for i in range(SAMPLES + 1):
-                values[i] = _value(motion, what, 0, early, late, begin + i * step, room)
-            for i in range(SAMPLES + 1):
-                before, after = max(i - 1, 0), min(i + 1, SAMPLES)
-                rise = max(values[i] - values[before], values[i] - values[after])
-                if values[i] < values[before] or values[i] < values[after] or values[i] + rise <= worst[what, 0]:
-                    continue
-                _refine(motion, what, 0, early, late, begin + before * step, begin + after * step, room, worst[what])
+def _narrowed(value: Callable[[Array], Array], low: Array, high: Array) -> tuple[Array, Array]:
+    """Largest values between times ``low`` and ``high`` (k,) [s], and where; ``value`` takes ``ZOOM`` times of each."""
+    rows = np.arange(len(low))
+    for _ in range(ZOOMS):
+        times = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, ZOOM)
+        values = value(times.ravel()).reshape(times.shape)
+        best = values.argmax(axis=1)
+        low, high = times[rows, np.maximum(best - 1, 0)], times[rows, np.minimum(best + 1, ZOOM - 1)]
+    return values[rows, best], times[rows, best]
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _scan_points(motion: _Motion, found: Array, room: Array) -> None:
-    """Find minus the distance of every inner raw way point from the tip's trajectory, and the time, shape (m, 2)."""
-    index, places, k = motion.lookup, motion.places, 0
-    for r in range(1, motion.raw.tips.shape[0] - 1):
-        while places[k + 1] < r:
-            k += 1
-        later = k + 1 if places[k + 1] == r else k  # a corner of the chain belongs to two segments
-        if later > k and index.none_begun[later] >= index.all_ended[k]:  # a stop at the way point
-            found[r, 1] = index.all_ended[k]
-            continue
-        found[r, 0] = -np.inf
-        _pass_point(motion, r, index.none_begun[k], index.all_ended[later], LONG_SAMPLES, room, found[r])
-        if later > k:
-            _pass_point(motion, r, index.none_begun[later], index.all_ended[k], SAMPLES, room, found[r])
-
-
-@njit(cache=True, error_model="numpy")
-def _pass_point(motion: _Motion, point: int, begin: float, end: float, count: int, room: Array, best: Array) -> None:
-    """Nearest passage of the tip by a way point between two times; ``best`` is written where it is surpassed."""
-    early = np.searchsorted(motion.lookup.all_ended, begin, side="right")
-    late = np.searchsorted(motion.lookup.none_begun, end, side="right")
-    step, own = (end - begin) / count, room[2, :2]
-    own[0], own[1] = -np.inf, begin
-    for i in range(count + 1):
-        value = _value(motion, NEARNESS, point, early, late, begin + i * step, room)
-        if value > own[0]:
-            own[0], own[1] = value, begin + i * step
-    low, high = max(own[1] - step, begin), min(own[1] + step, end)
-    _refine(motion, NEARNESS, point, early, late, low, high, room, own)
-    if own[0] > best[0]:
-        best[0], best[1] = own[0], own[1]
-
-
-@njit(cache=True, error_model="numpy")
-def _refine(
-    motion: _Motion, what: int, point: int, early: int, late: int, low: float, high: float, room: Array, best: Array
+def _nearest(
+    points: Array, tips: Array, first: Indices, stop: Indices, times: Array, best: Array, low: Array, high: Array
 ) -> None:
-    """Largest value between two times by golden section; ``best`` (value, time) is written where it is surpassed."""
-    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    at_left = _value(motion, what, point, early, late, left, room)
-    at_right = _value(motion, what, point, early, late, right, room)
-    for _ in range(STEPS):
-        if max(at_left, at_right) > best[0]:
-            best[0], best[1] = max(at_left, at_right), left if at_left > at_right else right
-        if at_left > at_right:
-            high, right, at_right = right, left, at_left
-            left = high - GOLDEN * (high - low)
-            at_left = _value(motion, what, point, early, late, left, room)
-        else:
-            low, left, at_left = left, right, at_right
-            right = low + GOLDEN * (high - low)
-            at_right = _value(motion, what, point, early, late, right, room)
+    """Where the tip (n, 3) comes nearer to a way point of the segments under way than before: the times beside."""
+    for i in range(tips.shape[0]):
+        for r in range(first[i], min(stop[i] + 1, points.shape[0])):
+            x, y, z = tips[i, 0] - points[r, 0], tips[i, 1] - points[r, 1], tips[i, 2] - points[r, 2]
+            square = x * x + y * y + z * z
+            if square < best[r]:
+                best[r], low[r], high[r] = square, times[max(i - 1, 0)], times[min(i + 1, tips.shape[0] - 1)]
 
 
 @njit(cache=True, error_model="numpy")
-def _value(motion: _Motion, what: int, point: int, early: int, late: int, time: float, room: Array) -> float:
-    """What is made largest, at a time at which segments ``early`` to ``late - 1`` are under way."""
-    place, first, stop = room[0, :3], motion.places[early], motion.places[late]
-    if what == AXIS:
-        axis_between(motion.chain, motion.schedule, motion.lookup, early, late, time, place, room[1])
-        return float(axis_distance(motion.raw, first, stop, place))
-    tip_between(motion.chain, motion.schedule, motion.lookup, early, late, time, place, room[1])
-    if what == TIP:
-        return float(tip_distance(motion.raw, first, stop, place))
-    target = motion.raw.tips[point]
-    return -math.sqrt((place[0] - target[0]) ** 2 + (place[1] - target[1]) ** 2 + (place[2] - target[2]) ** 2)
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_curve(motion: _Motion, times: Array, tips: Array, axes: Array, curve: DeviationCurve) -> None:
-    for i in range(times.shape[0]):
-        early = np.searchsorted(motion.lookup.all_ended, times[i], side="right")
-        late = np.searchsorted(motion.lookup.none_begun, times[i], side="right")
-        if late > early:
-            first, stop = motion.places[early], motion.places[late]
-            curve.tip[i] = tip_distance(motion.raw, first, stop, tips[i])
-            curve.axis[i] = axis_distance(motion.raw, first, stop, axes[i])
+def _fill_curve(raw: Chain, first: Indices, stop: Indices, tips: Array, axes: Array, curve: DeviationCurve) -> None:
+    for i in range(tips.shape[0]):
+        if stop[i] > first[i]:
+            curve.tip[i] = tip_distance(raw, first[i], stop[i], tips[i])
+            curve.axis[i] = axis_distance(raw, first[i], stop[i], axes[i])

@@ -169,18 +169,22 @@ def fir_rule(
     return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
 
 
-def block_triples(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits, jerk: bool = False) -> Array:
+def block_triples(
+    tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits, jerk_share: float = 0.0, signed: bool = False
+) -> Array:
     """Filter times of a block of k segments by one of the paper's rules [s], shape (k, 3).
 
-    ``rates`` are joint derivatives (k, nodes, 6); with ``jerk`` the joints' jerk is limited too (eq. 24 and 30),
-    without it is not (eq. 25).
+    ``rates`` are joint derivatives (k, nodes, 6). Acceleration is limited by eq. 24 if ``signed``, else by eq. 25; jerk
+    by a share of the joints' limits (eq. 30), with a share of 0 not at all.
     """
 
     def triples_at(speed: Array, rows: Indices) -> Array:
         part = JointRates(*(column[rows] for column in rates))
         base = stop_triples(speed, tool.acceleration[rows], tool.jerk[rows])
-        t2 = np.maximum(base[:, 1], second_time(speed, part, limits, jerk))
-        t3 = np.maximum(base[:, 2], third_time(speed, speed / t2, part, limits)) if jerk else base[:, 2]
+        t2 = np.maximum(base[:, 1], second_time(speed, part, limits, signed))
+        t3 = base[:, 2]
+        if jerk_share > 0.0:
+            t3 = np.maximum(t3, third_time(speed, speed / t2, part, jerk_share * np.asarray(limits.joint_jerk)))
         return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
 
     # No joint is too fast either (eq. 18-20).
@@ -201,14 +205,14 @@ def second_time(speed: Array, rates: JointRates, limits: SmoothingLimits, signed
     return needed.max(axis=(1, 2))
 
 
-def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: SmoothingLimits) -> Array:
-    """T3 of eq. 30 [s], shape (k,), the limit halved for corners; infinite where the denominator is not positive.
+def third_time(speed: Array, acceleration: Array, rates: JointRates, most: Array) -> Array:
+    """T3 of eq. 30 [s], shape (k,), within joint jerks (6,); infinite where the denominator is not positive.
 
     The jerk due to curvature counts with both signs, as jerk has both in either half.
     """
     sd, sdd = speed[:, None, None], acceleration[:, None, None]
     bent = np.abs(rates.third * sd**3 + 3.0 * rates.second * _GAINING * sd * sdd)
-    left = 0.5 * np.asarray(limits.joint_jerk) - bent
+    left = most - bent
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = np.where(left > 0.0, np.abs(rates.first) * sdd / left, np.inf)
     return needed.max(axis=(1, 2))
@@ -216,4 +220,25 @@ def third_time(speed: Array, acceleration: Array, rates: JointRates, limits: Smo
 
 plan_joint_acceleration = partial(fir_rule, block_triples)
 """The method paper 4 compares with ([18] there): eq. 18-20 for T1, 25 for T2; joint jerk is not limited."""
-plan_joint_jerk = partial(fir_rule, partial(block_triples, jerk=True))  #: Paper 4's rule: eq. 18-20, 24, 30
+plan_joint_jerk = partial(fir_rule, partial(block_triples, jerk_share=0.5, signed=True))
+"""Paper 4's rule: eq. 18-20, 24, 30, the limit of jerk halved for corners."""
+
+
+class Stops(NamedTuple):
+    """Every segment of a chain from rest to rest."""
+
+    triples: Array  #: Filter times [s], shape (n, 3)
+    q: Array  #: Joint angles at the way points [rad], 0 without an arm, shape (n + 1, 6)
+
+
+def plan_stops(chain: Chain, limits: SmoothingLimits, arm: Arm | None, feeds: Array | None) -> Stops:
+    """The fastest three boxes for every segment; joint limits are kept at `NODES`. Errors as of `filter_times`."""
+    q = np.zeros((len(chain.lengths) + 1, 6))
+    begun = iter(range(0, len(chain.lengths), BLOCK))
+
+    def whole(tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits) -> Array:
+        first = next(begun)
+        q[first : first + len(rates.q)], q[first + len(rates.q)] = rates.q[:, 0], rates.q[-1, -1]
+        return block_triples(tool, rates, limits, jerk_share=1.0)
+
+    return Stops(filter_times(chain, limits, arm, feeds, whole), q)

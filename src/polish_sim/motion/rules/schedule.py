@@ -1,12 +1,12 @@
 """When each segment of a chain is passed: its progress as cubic pieces of time.
 
-Every rule answers in this form: FIR-filtered boxes are piecewise cubic, corners of piecewise constant jerk too.
+The paper's rules answer in this form: boxes filtered twice are piecewise cubic.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -30,24 +30,6 @@ class Schedule(NamedTuple):
     end: float  #: When the last segment has arrived [s]: the cycle time
 
 
-class Smoothed(NamedTuple):
-    """The segments passed, the given ones or fewer where the rule joins short ones, and when they are passed."""
-
-    chain: Chain
-    schedule: Schedule
-
-
-def stretched(schedule: Schedule, factor: float) -> Schedule:
-    """Pass a schedule slower by a factor: speeds fall by it, accelerations by its square, jerks by its cube."""
-    powers = factor ** -np.arange(4.0)
-    return schedule._replace(
-        starts=schedule.starts * factor,
-        durations=schedule.durations * factor,
-        coefficients=schedule.coefficients * powers,
-        end=schedule.end * factor,
-    )
-
-
 class Samples(NamedTuple):
     """Motion at n times."""
 
@@ -55,6 +37,86 @@ class Samples(NamedTuple):
     axes: Array  #: Unit tool axis and its first three time derivatives [1/s^k], shape (n, 4, 3)
     rotations: Array  #: Tool frames, third column the tool axis, shape (n, 3, 3)
     spins: Array  #: Angular velocity, roll included, and its first two derivatives [rad/s^k], shape (n, 3, 3)
+
+
+class SmoothMotion(Protocol):
+    """A motion along a chain, whatever rule planned it."""
+
+    @property
+    def end(self) -> float:
+        """The cycle time [s]."""
+
+    @property
+    def edges(self) -> Array:
+        """Times between which all derivatives are smooth, from 0 to the end [s], rising."""
+
+    def sample(self, times: Array) -> Samples:
+        """Pose and rates of the tool at ``times`` (n,) [s]; at rest at the end and after it."""
+
+    def under_way(self, times: Array) -> tuple[Indices, Indices]:
+        """First segment the motion is on or near at times (n,) [s], and the one past the last; none at rest."""
+
+    def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
+        """Arc length reached at rising times (n,) [s] and its rate; way points are at ``marks`` (segments + 1,) [m]."""
+
+    def stretched(self, factor: float) -> SmoothMotion:
+        """The same in ``factor`` times the time: accelerations fall by its square, jerks by its cube."""
+
+
+class Smoothed(NamedTuple):
+    """A chain and when its segments are passed: a `SmoothMotion`."""
+
+    chain: Chain
+    schedule: Schedule
+
+    @property
+    def end(self) -> float:
+        """See `SmoothMotion`."""
+        return self.schedule.end
+
+    @property
+    def edges(self) -> Array:
+        """See `SmoothMotion`."""
+        starts, end = self.schedule.starts, self.schedule.end
+        return np.unique(np.clip(np.concatenate([starts, starts + self.schedule.durations, [0.0, end]]), 0.0, end))
+
+    def sample(self, times: Array) -> Samples:
+        """See `SmoothMotion`."""
+        return sample_schedule(self.chain, self.schedule, times)
+
+    def under_way(self, times: Array) -> tuple[Indices, Indices]:
+        """See `SmoothMotion`."""
+        index = index_schedule(self.chain, self.schedule)
+        first = np.searchsorted(index.all_ended, times, side="right")
+        return first, np.maximum(first, np.searchsorted(index.none_begun, times, side="right"))
+
+    def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
+        """See `SmoothMotion`."""
+        places, speeds = np.empty(len(times)), np.empty(len(times))
+        _mark(self.schedule, index_schedule(self.chain, self.schedule), times, marks, places, speeds)
+        return np.maximum.accumulate(places), speeds
+
+    def stretched(self, factor: float) -> Smoothed:
+        """See `SmoothMotion`."""
+        schedule, powers = self.schedule, factor ** -np.arange(4.0)
+        slower = Schedule(
+            schedule.segments, schedule.starts * factor, schedule.durations * factor, schedule.coefficients * powers,
+            schedule.end * factor,
+        )  # fmt: skip
+        return self._replace(schedule=slower)
+
+
+@njit(cache=True, error_model="numpy")
+def _mark(schedule: Schedule, index: ScheduleIndex, clock: Array, marks: Array, places: Array, speeds: Array) -> None:
+    rates = np.empty(4)
+    for i in range(len(clock)):
+        first = np.searchsorted(index.all_ended, clock[i], side="right")
+        stop = max(first, np.searchsorted(index.none_begun, clock[i], side="right"))
+        places[i], speeds[i] = marks[first], 0.0
+        for k in range(first, stop):
+            progress_at(schedule, index, k, clock[i], rates)
+            places[i] += rates[0] * (marks[k + 1] - marks[k])
+            speeds[i] += rates[1] * (marks[k + 1] - marks[k])
 
 
 class ScheduleIndex(NamedTuple):
@@ -141,43 +203,6 @@ def roll_on(roll: tuple[float, float, float, float], R: Array, spin: Array, axis
     for i in range(3):
         x, y = R[i, 0], R[i, 1]
         R[i, 0], R[i, 1] = cosine * x + sine * y, cosine * y - sine * x
-
-
-@njit(cache=True, error_model="numpy")
-def tip_between(
-    chain: Chain, schedule: Schedule, index: ScheduleIndex, first: int, stop: int, time: float, tip: Array, room: Array
-) -> None:
-    """Write the tip [m], shape (3,), at a time [s] at which no segments but ``first`` to ``stop - 1`` are under way.
-
-    ``room`` (4,) is room to work.
-    """
-    for i in range(3):
-        tip[i] = chain.tips[first, i]
-    for k in range(first, stop):
-        progress_at(schedule, index, k, time, room)
-        way = room[0] * chain.lengths[k]
-        for i in range(3):
-            tip[i] += way * chain.directions[k, i]
-
-
-@njit(cache=True, error_model="numpy")
-def axis_between(
-    chain: Chain, schedule: Schedule, index: ScheduleIndex, first: int, stop: int, time: float, axis: Array, room: Array
-) -> None:
-    """Write the tool axis, shape (3,), likewise."""
-    for i in range(3):
-        axis[i] = chain.axes[first, i]
-    for k in range(first, stop):
-        if chain.angles[k] == 0.0:
-            continue
-        progress_at(schedule, index, k, time, room)
-        n, phi = chain.turn_axes[k], chain.angles[k] * room[0]
-        cosine, sine, rest = math.cos(phi), math.sin(phi), 2.0 * math.sin(0.5 * phi) ** 2
-        x, y, z = axis[0], axis[1], axis[2]
-        along = rest * (n[0] * x + n[1] * y + n[2] * z)
-        axis[0] = cosine * x + sine * (n[1] * z - n[2] * y) + along * n[0]
-        axis[1] = cosine * y + sine * (n[2] * x - n[0] * z) + along * n[1]
-        axis[2] = cosine * z + sine * (n[0] * y - n[1] * x) + along * n[2]
 
 
 @njit(cache=True, error_model="numpy")

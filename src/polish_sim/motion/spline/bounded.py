@@ -19,79 +19,63 @@ from polish_sim.motion.rules.schedule import turning
 from polish_sim.motion.segment_rates import joint_motion
 from polish_sim.motion.spline.curve import CurveRates
 
-PLANNED_SHARE = 0.97  #: Of acceleration and jerk limits planned with: the curve continues between the places looked at
 SLOWEST_TURN = 1e-9  #: A rate below this counts as this: what does not move bounds nothing
+PARTS = 12
+FIRST_PARTS = np.array([0, 3, *range(6, PARTS)])  #: Of tip, axis and six joints
+SIZES = np.diff(FIRST_PARTS, append=PARTS)
 
 
 class Bounded(NamedTuple):
-    """One quantity at n places of a curve."""
+    """Eight quantities, of 12 parts in all, at n places of a curve: tip (3), axis (3) and joints (1 each)."""
 
-    rates: Array  #: X1, X2, X3, shape (3, n, d)
-    limits: Array  #: Largest Euclidean norm of its speed, acceleration and jerk that is planned with, shape (3,)
+    rates: Array  #: X1, X2, X3, shape (3, n, 12)
+    limits: Array  #: Largest Euclidean norms of speeds, accelerations and jerks, shape (3, 8)
+
+    def every(self, step: int) -> Bounded:
+        """Every so many places."""
+        return self._replace(rates=self.rates[:, ::step])
 
 
-def bounded_quantities(rates: CurveRates, limits: SmoothingLimits, arm: Arm | None) -> list[Bounded]:
+def bounded_quantities(rates: CurveRates, limits: SmoothingLimits, arm: Arm | None) -> Bounded:
     """Tip, tool axis and, with an arm, its six joints.
 
     Raises:
         ReachError: The arm cannot reach a place, or is singular there.
     """
-    turned = turning(rates.axes.swapaxes(0, 1)).swapaxes(0, 1)
-    found = [
-        _bounded(rates.tips[1:], limits.tip_speed, limits.tip_acceleration, limits.tip_jerk),
-        _bounded(turned, limits.axis_speed, limits.axis_acceleration, limits.axis_jerk),
-    ]
+    known, most = np.zeros((3, len(rates.rotations), PARTS)), limits.values()
+    known[:, :, :3], known[:, :, 3:6] = rates.tips[1:], turning(rates.axes.swapaxes(0, 1)).swapaxes(0, 1)
     if arm is not None:
-        joints = joint_motion(rates.tips[0], rates.rotations, rates.tips[1:], rates.spins, arm)
-        moved = np.stack([joints.first, joints.second, joints.third])
-        most = zip(limits.joint_speed, limits.joint_acceleration, limits.joint_jerk, strict=True)
-        found += [_bounded(moved[:, :, j : j + 1], *each) for j, each in enumerate(most)]
-    return found
+        known[:, :, 6:] = joint_motion(rates.tips[0], rates.rotations, rates.tips[1:], rates.spins, arm)[1:]
+    tip = (most.tip_speed, most.tip_acceleration, most.tip_jerk)
+    axis = (most.axis_speed, most.axis_acceleration, most.axis_jerk)
+    return Bounded(known, np.column_stack([tip, axis, most.joint]))
 
 
-def speed_cap(quantity: Bounded) -> Array:
-    """Largest u' a quantity's speed limit allows [m/s], shape (n,)."""
-    return _over(quantity.limits[0], quantity.rates[0])
+def norms(parts: Array) -> Array:
+    """Of the quantities made of parts (..., 12), shape (..., 8)."""
+    return np.sqrt(np.add.reduceat(parts * parts, FIRST_PARTS, axis=-1))
 
 
-def steady_cap(quantity: Bounded) -> Array:
-    """Largest constant u' its three limits allow [m/s], shape (n,)."""
-    most = [_over(limit, rate) for limit, rate in zip(quantity.limits, quantity.rates, strict=True)]
-    return np.minimum(most[0], np.minimum(np.sqrt(most[1]), np.cbrt(most[2])))
+def caps_of(bounded: Bounded) -> tuple[Array, Array]:
+    """Largest u' the speed limits allow, and the largest constant one all limits allow [m/s], shape (n,) each."""
+    most = bounded.limits[:, None] / np.maximum(norms(bounded.rates), SLOWEST_TURN)
+    speed, acceleration, jerk = most.min(axis=2)
+    return speed, np.minimum(speed, np.minimum(np.sqrt(acceleration), np.cbrt(jerk)))
 
 
-def jerk_from_rest(quantities: list[Bounded]) -> float:
-    """Largest third derivative of u from rest at either end [m/s^3]."""
-    return min(float(_over(each.limits[2], each.rates[0, [0, -1]]).min()) for each in quantities)
+def jerk_from_rest(bounded: Bounded) -> float:
+    """Largest third derivative of u from rest at the places [m/s^3]."""
+    return float((bounded.limits[2] / np.maximum(norms(bounded.rates[0]), SLOWEST_TURN)).min())
 
 
-def at_ends(quantity: Bounded) -> Bounded:
-    """The quantity at its first and last place."""
-    return Bounded(quantity.rates[:, [0, -1]], quantity.limits)
+def time_factors(bounded: Bounded, speed: Array, acceleration: Array, jerk: Array) -> Array:
+    """How much more time a passage must take to keep the limits, wholly used, place by place.
 
-
-def time_factors(quantity: Bounded, speed: Array, acceleration: Array, jerk: Array) -> Array:
-    """How much more time a passage must take for a quantity to keep its limits, wholly used, place by place.
-
-    Args:
-        quantity: At n places.
-        speed: u' there [m/s], shape (n,).
-        acceleration: Second derivative [m/s^2], shape (n,).
-        jerk: Third derivative [m/s^3], shape (n,).
-
-    Returns:
-        The factors, shape (n,); up to 1 it keeps them.
+    ``speed`` is u' at the n places [m/s], ``acceleration`` and ``jerk`` are its derivatives, shape (n,) each; the
+    factors, shape (n,), are up to 1 where it keeps them.
     """
-    x1, x2, x3 = quantity.rates
+    x1, x2, x3 = bounded.rates
     v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]
-    moved = (x1 * v, x2 * v**2 + x1 * a, x3 * v**3 + 3.0 * x2 * v * a + x1 * j)
-    over = [np.linalg.norm(each, axis=1) / limit for each, limit in zip(moved, quantity.limits, strict=True)]
-    return np.asarray(np.maximum.reduce([over[0], np.sqrt(PLANNED_SHARE * over[1]), np.cbrt(PLANNED_SHARE * over[2])]))
-
-
-def _bounded(rates: Array, speed: float, acceleration: float, jerk: float) -> Bounded:
-    return Bounded(rates, np.array([speed, PLANNED_SHARE * acceleration, PLANNED_SHARE * jerk]))
-
-
-def _over(limit: float, rates: Array) -> Array:
-    return np.asarray(limit / np.maximum(np.linalg.norm(rates, axis=-1), SLOWEST_TURN))
+    moved = np.stack([x1 * v, x2 * v**2 + x1 * a, x3 * v**3 + 3.0 * x2 * v * a + x1 * j])
+    over = (norms(moved) / bounded.limits[:, None]).max(axis=2)
+    return np.asarray(np.maximum.reduce([over[0], np.sqrt(over[1]), np.cbrt(over[2])]))

@@ -8,55 +8,88 @@ round ones nearly so. Knots are halved wherever the curve leaves the tolerance: 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import SmoothingError, place_in_mm
+from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain
 
 # Functions of one variable with their derivatives, carried along exactly.
 #
-# A jet is an array whose first index counts derivatives: ``f[k]`` is the k-th one at n places, shape (orders, n, ...).
+# A jet is an array whose first index counts derivatives, of a vector shape (4, 3), of a number (4,).
+
+BINOMIAL = np.array([[1.0, 0, 0, 0], [1, 1, 0, 0], [1, 2, 1, 0], [1, 3, 3, 1]])
 
 
-def scale(f: Array, g: Array) -> Array:
-    """f times a scalar g: f (orders, n, 3), g (orders, n)."""
-    return _leibniz(f, g[..., None], np.multiply)
+@njit(cache=True, error_model="numpy", _nrt=False)
+def dot(f: Array, g: Array, out: Array) -> None:
+    """Scalar product of vectors."""
+    for m in range(4):
+        out[m] = 0.0
+        for k in range(m + 1):
+            out[m] += BINOMIAL[m, k] * (f[k, 0] * g[m - k, 0] + f[k, 1] * g[m - k, 1] + f[k, 2] * g[m - k, 2])
 
 
-def dot(f: Array, g: Array) -> Array:
-    """Scalar product of vectors, shape (orders, n)."""
-    return _leibniz(f, g, lambda a, b: np.einsum("ni,ni->n", a, b))
+@njit(cache=True, error_model="numpy", _nrt=False)
+def add_scaled(f: Array, g: Array, sign: float, out: Array) -> None:
+    """Add a vector f times a number g, with a sign."""
+    for m in range(4):
+        for k in range(m + 1):
+            for i in range(3):
+                out[m, i] += sign * BINOMIAL[m, k] * f[k, i] * g[m - k]
 
 
-def cross(f: Array, g: Array) -> Array:
-    """Vector product, shape (orders, n, 3)."""
-    return _leibniz(f, g, np.cross)
+@njit(cache=True, error_model="numpy", _nrt=False)
+def cross(f: Array, g: Array, sign: float, out: Array) -> None:
+    """Add the vector product, with a sign; as many orders as ``out`` has."""
+    for m in range(out.shape[0]):
+        for k in range(m + 1):
+            w = sign * BINOMIAL[m, k]
+            for i in range(3):
+                j, n = (i + 1) % 3, (i + 2) % 3
+                out[m, i] += w * (f[k, j] * g[m - k, n] - f[k, n] * g[m - k, j])
 
 
-def inverse_root(s: Array) -> Array:
-    """1 / sqrt(s) of a positive scalar, shape (orders, n); from 2 s g' = -g s'."""
-    g = np.empty_like(s)
-    g[0] = 1.0 / np.sqrt(s[0])
-    for m in range(len(s) - 1):
-        known = sum(math.comb(m, k) * (-0.5 * g[m - k] * s[k + 1]) for k in range(m + 1))
-        known -= sum(math.comb(m, k) * s[k] * g[m + 1 - k] for k in range(1, m + 1))
+@njit(cache=True, error_model="numpy", _nrt=False)
+def normalize(f: Array, room: Array, out: Array) -> None:
+    """A vector over its length; ``room`` is (2, 4). With s its square, g = s^-1/2 follows from 2 s g' = -g s'."""
+    s, g = room[0], room[1]
+    dot(f, f, s)
+    g[0] = 1.0 / math.sqrt(s[0])
+    for m in range(3):
+        known = 0.0
+        for k in range(m + 1):
+            known -= 0.5 * BINOMIAL[m, k] * g[m - k] * s[k + 1]
+        for k in range(1, m + 1):
+            known -= BINOMIAL[m, k] * s[k] * g[m + 1 - k]
         g[m + 1] = known / s[0]
-    return g
+    out[:] = 0.0
+    add_scaled(f, g, 1.0, out)
 
 
-def normalized(f: Array) -> Array:
-    """f over its length."""
-    return scale(f, inverse_root(dot(f, f)))
-
-
-def _leibniz(f: Array, g: Array, product: Callable[[Array, Array], Array]) -> Array:
-    orders = range(min(len(f), len(g)))
-    return np.stack([sum(math.comb(m, k) * product(f[k], g[m - k]) for k in range(m + 1)) for m in orders])  # type: ignore[misc]
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Array) -> None:
+    """Write tool axes (n, 4, 3), frames (n, 3, 3) and spins (n, 3, 3) of jets (n, 4, 10); ``room`` is (4, 4, 3)."""
+    x, y, part, numbers = room[0], room[1], room[2], room[3].reshape(3, 4)
+    for n in range(jets.shape[0]):
+        z = axes[n]
+        normalize(jets[n, :, 6:9], numbers[:2], z)
+        for m in range(4):
+            for i in range(3):
+                part[m, i], y[m, i] = jets[n, m, 3 + i], 0.0
+        dot(part, z, numbers[2])
+        add_scaled(z, numbers[2], -1.0, part)
+        normalize(part, numbers[:2], x)
+        cross(z, x, 1.0, y)
+        for i in range(3):
+            rotations[n, i, 0], rotations[n, i, 1], rotations[n, i, 2] = x[0, i], y[0, i], z[0, i]
+        # e x e' summed over the axes is twice the angular velocity.
+        for e in (x, y, z):
+            cross(e[:3], e[1:], 0.5, spins[n])
 
 
 DEGREE = 5
@@ -70,14 +103,38 @@ TURN_LENGTH = 0.001  #: A turn of the tool by one radian on the spot counts as t
 
 
 class Polyline(NamedTuple):
-    """What a curve is drawn along: rows of numbers over a parameter."""
+    """What a curve is drawn along: a chain over the way of its tip."""
 
-    u: Array  #: Parameter: way of the tip [m], rising, shape (n,)
-    values: Array  #: Tip (3), x axis (3), z axis (3) of the tool, place on the path, shape (n, 10)
+    chain: Chain
+    u: Array  #: Parameter at the way points, rising; turns on the spot have a little way too [m], shape (n + 1,)
+    places: Array  #: Place on the path there [m], shape (n + 1,)
 
     def at(self, u: Array) -> Array:
-        """Its values in between, shape (m, 10)."""
-        return np.stack([np.interp(u, self.u, column) for column in self.values.T], axis=1)
+        """Tip (3), x axis (3) and z axis (3) of the tool, place on the path, shape (m, 10)."""
+        chain, k = self.chain, np.clip(np.searchsorted(self.u, u, side="right") - 1, 0, len(self.u) - 2)
+        share = (u - self.u[k]) / (self.u[k + 1] - self.u[k])
+        tips = chain.tips[k] + (share * chain.lengths[k])[:, None] * chain.directions[k]
+        R, roll = chain.rotations[k], (share * chain.rolls[k])[:, None]
+        rolled = np.cos(roll) * R[:, :, 0] + np.sin(roll) * R[:, :, 1]
+        n, angle = chain.turn_axes[k], (share * chain.angles[k])[:, None]
+        turned = [
+            np.cos(angle) * v + np.sin(angle) * np.cross(n, v) + (1.0 - np.cos(angle)) * n * (n * v).sum(1)[:, None]
+            for v in (rolled, R[:, :, 2])
+        ]
+        places = self.places[k] + share * (self.places[k + 1] - self.places[k])
+        return np.concatenate([tips, *turned, places[:, None]], axis=1)
+
+    def slopes(self) -> tuple[Array, Array]:
+        """Derivatives of `at` before and after every inner way point, shape (n - 1, 10) each."""
+        chain, step = self.chain, np.diff(self.u)[:, None]
+        tips, turns = chain.lengths[:, None] * chain.directions / step, chain.angles[:, None] * chain.turn_axes / step
+        rolls, places, R = chain.rolls[:, None] / step, np.diff(self.places)[:, None] / step, chain.rotations[1:-1]
+        sides = []
+        for side in (slice(None, -1), slice(1, None)):
+            spin = turns[side] + rolls[side] * R[:, :, 2]
+            axes = [np.cross(spin, R[:, :, 0]), np.cross(spin, R[:, :, 2])]
+            sides.append(np.concatenate([tips[side], *axes, places[side]], axis=1))
+        return sides[0], sides[1]
 
 
 class Curve(NamedTuple):
@@ -103,64 +160,174 @@ class CurveRates(NamedTuple):
 
 
 def polyline_of(chain: Chain, places: Array) -> Polyline:
-    """A chain over its tip's way; turns on the spot have a little way too."""
+    """A chain, with places on the path at its way points (n + 1,) [m], over its tip's way."""
     steps = np.maximum(chain.lengths, TURN_LENGTH * np.maximum(chain.angles, np.abs(chain.rolls)))
-    u = np.concatenate([[0.0], np.cumsum(steps)])
-    R = chain.rotations
-    return Polyline(u, np.concatenate([chain.tips, R[:, :, 0], R[:, :, 2], places[:, None]], axis=1))
+    return Polyline(chain, np.concatenate([[0.0], np.cumsum(steps)]), places)
+
+
+# A corner: the fastest way round one is a racing line. The tip swings out, in and out again within the tolerance
+# before it cuts the corner. Where jerk decides, its form over u is the same for every turn, but for the unit of length.
+
+
+class Swing(NamedTuple):
+    """The form of half a corner in units; its largest distance from the chain is 1 (`benchmarks.corner_shapes`)."""
+
+    gain: float  #: How fast corners are passed with it, by one another
+    reach: float  #: Knots are stretched by this
+    points: Array  #: Control points off the chain's, by the change of slopes, from the middle outwards
+
+    @property
+    def knots(self) -> Array:
+        """From the middle to the end."""
+        return 2.5 * self.reach * _STEPS[: len(self.points) + 3]
+
+
+_STEPS = np.cumsum([0.0, 1.0, *1.5 ** np.arange(10.0)])
+SWINGS = (
+    Swing(1.02, 1.0053, np.array([0.8825, -0.2397, -0.9645, -1.1303, -0.6074, 0.385, 1.1039, 0.7602])),
+    Swing(1.0, 1.1681, np.array([0.8327, -0.4023, -1.0535, -1.0574, -0.552])),
+    Swing(0.8, 0.6588, np.array([0.8764, 0.2484])),
+)
+MOST_UNEQUAL = 4.0  #: Ratio of slopes up to which distances at a corner are taken square to its sides
+UNIT_SHARE = 0.999  #: Of what keeps the tolerance: swings are known to four digits
+LONGEST_UNIT = 0.001  #: A corner of a longer unit is a bend [m]
+LEAST_CORNER = 0.25  #: Corners that neighbours leave less of their unit than this are not rounded on their own
+LEG_SHARE, END_SHARE = 0.45, 0.9  #: Of a segment that one corner may take, between two corners and at an end
+
+
+class Corner(NamedTuple):
+    """One rounded way point."""
+
+    place: float  #: u [m]
+    unit: float  #: [m]
+    swing: Swing
+    change: Array  #: Of the slopes, shape (10,)
+
+    @property
+    def knots(self) -> Array:
+        """From its beginning to its end [m]."""
+        half = self.unit * self.swing.knots
+        return self.place + np.concatenate([-half[:0:-1], half])
+
+
+def corner_units(line: Polyline, tolerance: float, axis_tolerance: float) -> Array:
+    """The unit the tolerances allow every inner way point's corner [m], infinite without one, shape (n - 1,)."""
+    before, after = line.slopes()
+    units = np.full(len(before), np.inf)
+    for rows, most in ((slice(0, 3), tolerance), (slice(6, 9), axis_tolerance)):
+        a, b = before[:, rows], after[:, rows]
+        off, change = np.linalg.norm(np.cross(a, b), axis=1), np.linalg.norm(b - a, axis=1)
+        low, high = np.sort([np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)], axis=0)
+        # Swings of the faster side would reach beyond the end of a much slower one.
+        off = np.where(high < MOST_UNEQUAL * low, off / np.maximum(low, 1e-300), change)
+        units = np.minimum(units, UNIT_SHARE * most / np.maximum(np.maximum(off, 0.5 * change), 1e-300))
+    return units
+
+
+def _isolated(line: Polyline, k: int, unit: float, least: float) -> Corner | None:
+    """Way point k rounded on its own, with the swing that is fastest in the room there is; None below ``least``."""
+    steps, last = np.diff(line.u), len(line.u) - 2
+    room = min(steps[k - 1] * (END_SHARE if k == 1 else LEG_SHARE), steps[k] * (END_SHARE if k == last else LEG_SHARE))
+    shares = [min(1.0, room / (unit * swing.knots[-1])) for swing in SWINGS]
+    share, swing = max(zip(shares, SWINGS, strict=True), key=lambda fit: fit[1].gain * math.cbrt(fit[0]))
+    if share < least:
+        return None
+    before, after = line.slopes()
+    return Corner(float(line.u[k]), share * unit, swing, after[k - 1] - before[k - 1])
 
 
 def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
-    """The curve with knots as far apart as the tolerances allow.
+    """The curve with knots as far apart as the tolerances allow; it begins and ends at the line's ends.
 
-    Args:
-        line: What it follows.
-        tolerance: Largest distance of the tip from the chain's, at the same parameter [m], positive.
-        axis_tolerance: The same for the tool's axis and for its turn about it [rad], positive.
-
-    Returns:
-        The curve; it begins and ends at the line's ends.
+    ``tolerance`` is the largest distance of the tip from the chain [m], ``axis_tolerance`` that of the tool's axis
+    from its turns [rad]; both positive.
 
     Raises:
         SmoothingError: There is none; names a place.
     """
-    length = float(line.u[-1])
+    length, units = float(line.u[-1]), corner_units(line, tolerance, axis_tolerance)
     knots = np.linspace(0.0, length, max(2, int(np.ceil(length / LONGEST_SPAN)) + 1))
+    found = {int(k): _isolated(line, int(k) + 1, units[k], LEAST_CORNER) for k in np.flatnonzero(units < LONGEST_UNIT)}
+    known = {k: corner for k, corner in found.items() if corner is not None}
     for _ in range(MOST_HALVINGS):
-        spline = _drawn(line, knots)
-        off = _off(line, spline, knots, tolerance, axis_tolerance)
+        corners = [known[k] for k in sorted(known)]
+        knots = _with_corners(knots, corners)
+        spline = _drawn(line, knots, corners)
+        off = _off(line, spline, knots, (tolerance, axis_tolerance))
+        off &= ~_inside(0.5 * (knots[1:] + knots[:-1]), corners)
         if not off.any():
             return Curve(spline, length)
         place = place_in_mm(line.at(knots[:-1][off][:1])[0, :3])
-        knots = _graded(_halved(knots, off))
+        more = [int(k) - 1 for k in _alone(line, knots, off) if int(k) - 1 not in known]
+        known |= {k: corner for k in more if (corner := _isolated(line, k + 1, units[k], 0.0)) is not None}
+        knots = _halved(knots, off)
     raise SmoothingError(
         f"no smooth curve stays within {tolerance * 1e3:g} mm and {math.degrees(axis_tolerance):g} deg of the path at "
-        f"{place}. Widen smoothing.tolerance_m or smoothing.axis_tolerance_rad, or set smoothing.rule to certified."
+        f"{place}. Widen the tolerances of the tip or the axis, or set both to 0 to stop at every point."
     )
 
 
-def curve_rates(curve: Curve, u: Array, orders: int = 4) -> CurveRates:
-    """Frames of a curve and their exact derivatives at parameters u (n,) [m]; values and derivatives are ``orders``."""
-    jets = np.stack([curve.spline(u, k) for k in range(orders)])
-    z = normalized(jets[..., 6:9])
-    x = jets[..., 3:6]
-    x = normalized(x - scale(z, dot(x, z)))
-    y = cross(z, x)
-    # e x e' summed over the axes is twice the angular velocity.
-    spins = 0.5 * sum(cross(e[:-1], e[1:]) for e in (x, y, z))
-    return CurveRates(jets[..., :3], z, np.stack([x[0], y[0], z[0]], axis=2), np.asarray(spins), jets[..., 9])
+def curve_rates(curve: Curve, u: Array) -> CurveRates:
+    """Frames of a curve and their exact derivatives at parameters u (n,) [m]."""
+    jets, n = np.stack([curve.spline(u, k) for k in range(4)], axis=1), len(u)
+    axes, rotations, spins = np.empty((n, 4, 3)), np.empty((n, 3, 3)), np.zeros((n, 3, 3))
+    _frames(jets, np.empty((4, 4, 3)), axes, rotations, spins)
+    first = (jets[..., :3], axes, spins, jets[..., 9])
+    tips, axes, spins, places = (np.ascontiguousarray(each.swapaxes(0, 1)) for each in first)
+    return CurveRates(tips, axes, rotations, spins, places)
 
 
-def _drawn(line: Polyline, knots: Array) -> BSpline:
+def _drawn(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
     t = np.concatenate([np.full(DEGREE, knots[0]), knots, np.full(DEGREE, knots[-1])])
     greville = np.convolve(t[1:-1], np.full(DEGREE, 1.0 / DEGREE), "valid")
     greville[0], greville[-1] = knots[0], knots[-1]
     once = line.at(greville)
-    # What a spline through these control points takes off a bend is put on them beforehand.
-    return BSpline(t, 2.0 * once - BSpline(t, once, DEGREE)(greville), DEGREE)
+    # What a spline through these control points takes off a bend is put on them beforehand; corners have their own.
+    missing = (once - BSpline(t, once, DEGREE)(greville)) * ~_inside(greville, corners)[:, None]
+    for corner in corners:
+        points = corner.swing.points
+        middle, m = int(np.searchsorted(knots, corner.place - 1e-12)) + 2, len(points)
+        both = np.concatenate([points[:0:-1], points])
+        missing[middle - m + 1 : middle + m] += corner.unit * both[:, None] * corner.change
+    return BSpline(t, once + missing, DEGREE)
 
 
-def _off(line: Polyline, spline: BSpline, knots: Array, tolerance: float, axis_tolerance: float) -> Bools:
+def _inside(u: Array, corners: list[Corner]) -> Bools:
+    """Which places are in a corner, shape (m,)."""
+    if not corners:
+        return np.zeros(len(u), dtype=bool)
+    ends = np.array([each.knots[[0, -1]] for each in corners])
+    k = np.searchsorted(ends[:, 0], u, side="right") - 1
+    return (k >= 0) & (u < ends[k, 1])
+
+
+def _with_corners(knots: Array, corners: list[Corner]) -> Array:
+    """Knots with those of corners instead of their own there, graded elsewhere."""
+    ends = knots[[0, -1]]
+    for each in corners:
+        own = each.knots
+        clear = own[[0, -1]] + 0.5 * (own[1] - own[0]) * np.array([-1.0, 1.0])
+        knots = np.concatenate([ends, knots[(knots < clear[0]) | (knots > clear[1])], own])
+    knots = np.unique(knots)
+    while True:
+        spans = np.diff(knots)
+        beside = np.minimum(np.r_[np.inf, spans[:-1]], np.r_[spans[1:], np.inf])
+        steep = (spans > STEEPEST_GRADING * beside * (1.0 + 1e-9)) & ~_inside(0.5 * (knots[1:] + knots[:-1]), corners)
+        if not steep.any():
+            return knots
+        knots = _halved(knots, steep)
+
+
+def _alone(line: Polyline, knots: Array, off: Bools) -> Indices:
+    """Inner way points near spans that are off with no other near them."""
+    k = np.flatnonzero(off)
+    first = np.searchsorted(line.u, knots[np.maximum(k - 3, 0)], side="left")
+    stop = np.searchsorted(line.u, knots[np.minimum(k + 4, len(knots) - 1)], side="right")
+    alone = np.unique(first[stop - first == 1])
+    return alone[(alone > 0) & (alone < len(line.u) - 1)]
+
+
+def _off(line: Polyline, spline: BSpline, knots: Array, tolerances: tuple[float, float]) -> Bools:
     """Which knot spans hold a place beyond a tolerance, shape (spans,)."""
     shares = np.linspace(0.0, 1.0, LOOKS, endpoint=False)
     looks = (knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel()
@@ -168,7 +335,7 @@ def _off(line: Polyline, spline: BSpline, knots: Array, tolerance: float, axis_t
     drawn, wanted = spline(u), line.at(u)
     tip = np.linalg.norm(drawn[:, :3] - wanted[:, :3], axis=1)
     turned = np.maximum(*(_angles(drawn[:, k : k + 3], wanted[:, k : k + 3]) for k in (3, 6)))
-    beyond = u[~((tip <= tolerance) & (turned <= axis_tolerance))]
+    beyond = u[~((tip <= tolerances[0]) & (turned <= tolerances[1]))]
     off = np.zeros(len(knots) - 1, dtype=bool)
     off[np.clip(np.searchsorted(knots, beyond, side="right") - 1, 0, len(off) - 1)] = True
     return off
@@ -183,14 +350,3 @@ def _angles(one: Array, two: Array) -> Array:
 def _halved(knots: Array, which: Bools) -> Array:
     middles = 0.5 * (knots[:-1] + knots[1:])
     return np.sort(np.concatenate([knots, middles[which]]))
-
-
-def _graded(knots: Array) -> Array:
-    """Halve spans until none is much longer than a neighbour."""
-    while True:
-        spans = np.diff(knots)
-        beside = np.minimum(np.r_[np.inf, spans[:-1]], np.r_[spans[1:], np.inf])
-        steep = spans > STEEPEST_GRADING * beside * (1.0 + 1e-9)
-        if not steep.any():
-            return knots
-        knots = _halved(knots, steep)

@@ -1,44 +1,37 @@
 """The fastest law of time along a curve whose quantities keep their limits (Bounded -> u'^2).
 
-The unknown is b = u'^2, a quadratic spline of u that is to be as large as possible everywhere. Acceleration is linear
-in b. Jerk is u' times something linear: that something has to stay below limit / sqrt(b), and the tangent of
-1 / sqrt(b) at the last solution is below it for every b. So each round is a linear programme whose solution keeps
-what was asked for; asked for are, round by round, the directions in which a vector has come near its limit or beyond.
+The unknown is b = u'^2, a quadratic spline of u. Acceleration is linear in b and its slope, jerk u' times something
+linear. The time is made least by an interior point method (Mehrotra, SIAM J. Optim. 2, 1992) on the squares of all
+norms, their curvature taken from the linear parts (Gauss and Newton): every step solves one matrix of five diagonals,
+so that the cost is proportional to the number of knots.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from polish_sim.arrays import Array, Bools, Indices
-from polish_sim.motion.spline.bounded import (
-    SLOWEST_TURN,
-    Bounded,
-    at_ends,
-    jerk_from_rest,
-    speed_cap,
-    steady_cap,
-    time_factors,
-)
-from polish_sim.motion.spline.program import Rows, maximize
+from polish_sim.arrays import Array, Bools
+from polish_sim.kernel_cache import njit
+from polish_sim.motion.spline.bounded import FIRST_PARTS, PARTS, SIZES, Bounded, caps_of, norms, time_factors
 
 # The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
 #
 # b(u) has one control value more than knots. At a knot b and its slope depend on two of them, on a span between knots
-# the second derivative, which is constant there, on three: control values i - 1, i and i + 1 around a centre i.
+# the second derivative, which is constant there, on three: control values k, k + 1 and k + 2 for row k.
 
 
 class Squares(NamedTuple):
     """How b and its derivatives follow from n + 1 control values with n knots."""
 
     knots: Array  #: [m], rising, shape (n,)
-    values: Array  #: Of b at the knots; row k is about centre k + 1, as are the slopes, shape (n, 3)
+    values: Array  #: Of b at the knots, shape (n, 3)
     slopes: Array  #: Of b_u at the knots [1/m], shape (n, 3)
-    bends: Array  #: Of b_uu on the spans; row k is about centre k + 1 [1/m^2], shape (n - 1, 3)
-    end_values: Array  #: Of b at the end of every span, about its centre, shape (n - 1, 3)
+    bends: Array  #: Of b_uu on the spans [1/m^2], shape (n - 1, 3)
+    end_values: Array  #: Of b at the end of every span, shape (n - 1, 3)
     end_slopes: Array  #: Of b_u there [1/m], shape (n - 1, 3)
 
 
@@ -60,102 +53,10 @@ def control_values(squares: Squares, b: Array) -> Array:
 
 
 def around(stencils: Array, controls: Array) -> Array:
-    """What the stencils (m, 3) give of control values, row k about centre k + 1, shape (m,)."""
+    """What the stencils (m, 3) give of control values, shape (m,)."""
     padded = np.concatenate([controls, [0.0]])
     m = len(stencils)
     return np.asarray(sum(stencils[:, k] * padded[k : k + m] for k in range(3)))
-
-
-# Acceleration and jerk along a curve as linear functions of b = u'^2 (Bounded, Squares -> rows).
-
-NEAR = 0.9  #: Share of a limit from which a row is asked for
-
-
-class Terms(NamedTuple):
-    """A quantity's acceleration at every knot, or its jerk over u' at one end of every span."""
-
-    factors: Array  #: Of three control values about a centre, k + 1 for row k, over the limit, shape (m, 3, d)
-    ways: Array  #: The quantity's own direction there, zero where it stands still, shape (m, d)
-    squares: Array | None  #: Factors of b there, of jerks; None: acceleration, shape (m, 3)
-
-
-class Cuts(NamedTuple):
-    """Directions in which terms are to stay below 1 (over u', if they are jerks)."""
-
-    numbers: Indices  #: Of the terms, shape (m,)
-    factors: Array  #: Shape (m, 3)
-    squares: Array | None  #: As of the terms, of all of them
-
-
-def terms_of(law: Squares, quantity: Bounded) -> tuple[Terms, Terms, Terms]:
-    """Acceleration at the knots, jerk where spans begin and where they end; rates are given at the knots."""
-    x1, x2, x3 = quantity.rates
-    acceleration = _outer(law.values, x2) + 0.5 * _outer(law.slopes, x1)
-    begin = _outer(law.values[:-1], x3[:-1]) + 1.5 * _outer(law.slopes[:-1], x2[:-1])
-    end = _outer(law.end_values, x3[1:]) + 1.5 * _outer(law.end_slopes, x2[1:])
-    begin += 0.5 * _outer(law.bends, x1[:-1])
-    end += 0.5 * _outer(law.bends, x1[1:])
-    sizes = np.linalg.norm(x1, axis=1, keepdims=True)
-    ways = np.where(sizes > SLOWEST_TURN, x1 / np.maximum(sizes, SLOWEST_TURN), 0.0)
-    return (
-        Terms(acceleration / quantity.limits[1], ways, None),
-        Terms(begin / quantity.limits[2], ways[:-1], law.values[:-1]),
-        Terms(end / quantity.limits[2], ways[1:], law.end_values),
-    )
-
-
-def along_the_way(terms: Terms) -> Cuts:
-    """Both signs of the quantity's own direction, wherever it moves."""
-    moving = np.flatnonzero(terms.ways.any(axis=1))
-    return _both_signs(terms, moving, terms.ways[moving])
-
-
-def beyond(terms: Terms, controls: Array) -> tuple[float, Cuts]:
-    """The largest value over the limit, and cuts where it is nearly one or more."""
-    vectors = np.stack([around(terms.factors[:, :, d], controls) for d in range(terms.factors.shape[2])], axis=1)
-    sizes = np.linalg.norm(vectors, axis=1)
-    over = sizes if terms.squares is None else sizes * np.sqrt(around(terms.squares, controls))
-    near = np.flatnonzero(over > NEAR)
-    return float(over.max()), _both_signs(terms, near, vectors[near] / sizes[near, None])
-
-
-def rows_of(cuts: Cuts, controls: Array, size: Array, fixed: Bools) -> Rows:
-    """Cuts as rows of unknowns, control values over their ``size``.
-
-    Args:
-        cuts: What is asked for.
-        controls: Near these, jerks are made linear, shape (n + 1,).
-        size: Of the unknowns, shape (n + 1,).
-        fixed: Unknowns that keep their size: no factors are left of them, shape (n + 1,).
-    """
-    at, factors, ends = cuts.numbers, cuts.factors, np.ones(len(cuts.numbers))
-    if cuts.squares is not None:
-        # 1 / sqrt(b) is at least 1.5 near^-0.5 - 0.5 b near^-1.5.
-        near = around(cuts.squares, controls)[at]
-        factors = factors + 0.5 * near[:, None] ** -1.5 * cuts.squares[at]
-        ends = 1.5 * near**-0.5
-    around_it = at[:, None] + np.arange(3)
-    sizes, known = (np.append(values, 0.0)[around_it] for values in (size, fixed * 1.0))
-    scaled = factors * sizes / ends[:, None]
-    return Rows(at + 1, scaled * (1.0 - known), 1.0 - np.sum(scaled * known, axis=1))
-
-
-def _outer(stencils: Array, rates: Array) -> Array:
-    return stencils[:, :, None] * rates[:, None, :]
-
-
-def _both_signs(terms: Terms, numbers: Indices, ways: Array) -> Cuts:
-    along = np.einsum("nkd,nd->nk", terms.factors[numbers], ways)
-    return Cuts(np.concatenate([numbers, numbers]), np.concatenate([along, -along]), terms.squares)
-
-
-MOST_ROUNDS = 20
-LEAST_ROUNDS = 3
-"""Of laws with many knots: what these leave beyond a limit is little, and slowed down for (``keep_limits``)."""
-ROUND_KNOTS = 20_000  #: Knots of all further rounds together
-KEPT = 1.01  #: Excess over what is planned with at which the rounds end
-EVEN = 1e-4  #: Caps are even where means of neighbouring squares are no more than this share above one of them
-LEAST = 1e-6  #: Least share of a first guess a control value is taken for
 
 
 class Launch(NamedTuple):
@@ -179,10 +80,6 @@ class Launch(NamedTuple):
         """At its end [m/s^2]."""
         return self.jerk * self.duration
 
-    def slowed(self, factor: float) -> Launch:
-        """The same way in ``factor`` times the time."""
-        return Launch(self.jerk / factor**3, self.duration * factor)
-
 
 class Law(NamedTuple):
     """b(u) between the launches."""
@@ -193,129 +90,348 @@ class Law(NamedTuple):
     landing: Launch  #: Played backwards
 
 
-def plan_law(knots: Array, caps: Array, quantities: list[Bounded], launch: Launch) -> Law:
+# The programme: rows of three control values each, compiled.
+
+MOST_STEPS = 80
+GAP = 1e-4  #: Share of the time that may be left to the least one when the steps end
+KEPT = 1e-3  #: Of the squares of norms over their limits: what rows may be off then
+ROWS = 25
+"""Of every knot: eight quantities' acceleration, jerk at the begin and at the end of the span after it, and the cap."""
+KINDS = 3
+LEAST_SLACK = 0.1
+FIRST, FIRST_NEAR = (0.5, 0.1), (0.95, 0.01)
+"""Of the expected law, where the steps begin; products of slacks and weights then, by the time."""
+KEEP = 1e30  #: Diagonal of an unknown that stays
+
+
+class Programme(NamedTuple):
+    """Of control values over their sizes, n + 1 and one more that counts for nothing."""
+
+    spans: Array  #: [m], shape (n - 1,)
+    forms: Array  #: Acceleration, jerk over u' at both ends over their limits, shape (n, 3, 12, 3)
+    squares: Array  #: b where the kinds look, shape (n, 3, 3)
+    caps: Array  #: Control value k + 1, which b is never above on both spans beside, over its cap, shape (n,)
+    fixed: Bools  #: Which unknowns stay 1, shape (n + 2,)
+
+
+class Work(NamedTuple):
+    """Room for rows (n, 25) and unknowns (n + 2,)."""
+
+    value: Array
+    rates: Array  #: Shape (n, 25, 3)
+    slack: Array
+    weight: Array
+    slack_step: Array
+    weight_step: Array
+    both: Array
+    bands: Array  #: Shape (n + 2, 3)
+    slope: Array
+    lower: Array  #: Weights of the unknowns' own bound, 0
+    lower_both: Array
+    step: Array
+
+
+def plan_law(
+    knots: Array, caps: Array, bounded: Bounded, launch: Launch, shares: Array, near: Law | None = None
+) -> Law | None:
     """The fastest law.
 
     Args:
         knots: Of b, from the end of the launch to the start of the landing [m], shape (n,).
         caps: Largest u' wanted there [m/s], positive, shape (n,).
-        quantities: At the knots.
+        bounded: At the knots.
         launch: How the motion begins; the landing is its mirror image.
+        shares: Of the limits of acceleration and jerk that are planned with, shape (n,).
+        near: A law that is nearly it, on any knots.
 
     Returns:
-        The law; it keeps the limits at the knots, most often within ``KEPT``.
+        The law; it keeps the limits at the knots. None where the method does not converge.
     """
-    squares = squares_on(knots)
-    caps = np.minimum.reduce([caps, *(speed_cap(each) for each in quantities)])
-    most = _most(knots, caps)
-    size = np.minimum(most, control_values(squares, envelope(knots, caps, quantities, launch) ** 2))
-    fixed = np.zeros(len(size), dtype=bool)
+    squares, n = squares_on(knots), len(knots)
+    expected = envelope(knots, caps, bounded, launch) ** 2 if near is None else squares_at(near, knots)
+    size = control_values(squares, expected)
+    caps = np.minimum(caps, caps_of(bounded)[0])
+    fixed = np.zeros(n + 2, dtype=bool)
     for two, span in (([0, 1], knots[1] - knots[0]), ([-1, -2], knots[-1] - knots[-2])):
         # Value and slope where the launch hands over.
         size[two] = launch.speed**2 + np.array([0.0, launch.acceleration * span])
-        fixed[two] = True
-    return _within_limits(Law(squares, size, launch, launch), np.maximum(most, size), quantities, fixed, False)
+    fixed[[0, 1, n - 1, n, n + 1]] = True
+    size = np.append(size, 1.0)
+    programme = _programme(squares, caps, bounded, size, fixed, shares)
+    share, weight = FIRST if near is None else FIRST_NEAR
+    unknowns, (r, m) = np.where(fixed, 1.0, share), ((n, ROWS), n + 2)
+    shapes = (r, (n, ROWS, 3), r, r, r, r, r, (m, 3), m, m, m, m)
+    work = Work(*(np.zeros(shape) for shape in shapes))
+    found = _solve(programme, work, unknowns, weight)
+    return Law(squares, (unknowns * size)[:-1], launch, launch) if found else None
 
 
-def refine_law(law: Law, knots: Array, caps: Array, quantities: list[Bounded]) -> Law:
-    """Plan a law again on more knots; arguments as of `plan_law`, the law's own knots are among them."""
-    squares, old = squares_on(knots), law.squares
-    # A control value is the value between two knots that a tangent at the first has there.
-    i = np.clip(np.searchsorted(old.knots, knots[:-1], side="right") - 1, 0, len(old.knots) - 2)
-    past, bend = knots[:-1] - old.knots[i], around(old.bends, law.controls)[i]
-    slope = around(old.slopes, law.controls)[i] + bend * past
-    value = around(old.values, law.controls)[i] + (slope - 0.5 * bend * past) * past
-    size = np.concatenate([law.controls[:1], value + 0.5 * slope * np.diff(knots), law.controls[-1:]])
-    fixed = np.isin(np.arange(len(size)), [0, 1, len(size) - 2, len(size) - 1])
-    most = np.maximum(_most(knots, np.minimum.reduce([caps, *(speed_cap(each) for each in quantities)])), size)
-    return _within_limits(law._replace(squares=squares, controls=size), most, quantities, fixed, True)
+def _programme(squares: Squares, caps: Array, bounded: Bounded, size: Array, fixed: Bools, shares: Array) -> Programme:
+    """Arrange what `plan_law` is given."""
+    n = len(caps)
+    sizes = size[np.minimum(np.arange(n)[:, None] + np.arange(3), n + 1)]
+    x1, x2, x3 = bounded.rates
+    limits = np.repeat(bounded.limits[1:], SIZES, axis=1)[:, :, None]
+    acceleration = limits[0] * shares[:, None, None]
+    jerk = limits[1] * np.minimum(shares[1:], shares[:-1])[:, None, None]
+    forms, places, half = np.zeros((n, KINDS, PARTS, 3)), np.zeros((n, KINDS, 3)), 0.5 * squares.bends
+    forms[:, 0] = (_outer(squares.values, x2) + 0.5 * _outer(squares.slopes, x1)) / acceleration
+    begin = _outer(squares.values[:-1], x3[:-1]) + 1.5 * _outer(squares.slopes[:-1], x2[:-1]) + _outer(half, x1[:-1])
+    end = _outer(squares.end_values, x3[1:]) + 1.5 * _outer(squares.end_slopes, x2[1:]) + _outer(half, x1[1:])
+    forms[:-1, 1], forms[:-1, 2] = begin / jerk, end / jerk
+    places[:, 0], places[:-1, 1], places[:-1, 2] = squares.values, squares.values[:-1], squares.end_values
+    return Programme(
+        np.diff(squares.knots), forms * sizes[:, None, None], places * sizes[:, None],
+        sizes[:, 1] / np.minimum(caps, np.append(caps[1:], caps[-1])) ** 2, fixed,
+    )  # fmt: skip
 
 
-def _within_limits(law: Law, most: Array, quantities: list[Bounded], fixed: Bools, known: bool) -> Law:
-    """The fastest law near one, with control values up to ``most`` (n + 1,) and some that are fixed (n + 1,).
-
-    Where the law is ``known`` to be near, what it is beyond is asked for at once.
-    """
-    squares, size = law.squares, law.controls
-    terms: list[Terms] = [each for quantity in quantities for each in terms_of(squares, quantity)]
-    asked = [along_the_way(each) for each in terms] + [beyond(each, size)[1] for each in terms if known]
-    for _ in range(min(MOST_ROUNDS, LEAST_ROUNDS + ROUND_KNOTS // len(size))):
-        rows = [rows_of(each, law.controls, size, fixed) for each in asked]
-        shares = maximize(np.ones(len(size)), _bounds(most, size, fixed), rows, law.controls / size)
-        if shares is None:
-            break
-        law = law._replace(controls=size * np.where(fixed, 1.0, np.maximum(shares, LEAST)))
-        found = [beyond(each, law.controls) for each in terms]
-        asked += [cuts for _, cuts in found]
-        if max(excess for excess, _ in found) <= KEPT:
-            break
-    return law
+def _outer(stencils: Array, rates: Array) -> Array:
+    return np.asarray(rates[:, :, None] * stencils[:, None, :])
 
 
-def _most(knots: Array, caps: Array) -> Array:
-    """Largest control values with which u' stays below caps at the knots [m/s] (n,), shape (n + 1,)."""
-    square, spans = caps**2, np.diff(knots)
-    between, least = 0.5 * (square[:-1] + square[1:]), np.minimum(square[:-1], square[1:])
-    # What means of the neighbours give too much at a knot: little, but where the caps change their course.
-    given = (between[:-1] * spans[1:] + between[1:] * spans[:-1]) / (spans[:-1] + spans[1:])
-    over = np.concatenate([[0.0], np.maximum(given - square[1:-1], 0.0), [0.0]])
-    over = np.maximum(over[:-1], over[1:])
-    return np.concatenate([square[:1], np.where(over < EVEN * least, between - over, least), square[-1:]])
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _solve(programme: Programme, work: Work, y: Array, weight: float) -> bool:
+    """Bring the unknowns ``y`` (n + 2,) to the least time; whether that was reached."""
+    n = programme.caps.shape[0]
+    time = _evaluate(programme, work, y)
+    for k in range(n):
+        for i in range(ROWS):
+            work.slack[k, i] = max(1.0 - work.value[k, i], LEAST_SLACK)
+            work.weight[k, i] = weight * time / n / work.slack[k, i]
+    for k in range(n + 2):
+        work.lower[k] = 0.0 if programme.fixed[k] else weight * time / n / y[k]
+    for step in range(MOST_STEPS):
+        time = _evaluate(programme, work, y)
+        total, worst = 0.0, 0.0
+        for k in range(n):
+            for i in range(ROWS):
+                total += work.slack[k, i] * work.weight[k, i]
+                worst = max(worst, abs(work.value[k, i] + work.slack[k, i] - 1.0))
+        for k in range(n + 2):
+            total += y[k] * work.lower[k]
+        if not (math.isfinite(total) and math.isfinite(worst)):
+            return False
+        if total < GAP * time and worst < KEPT:
+            return True
+        _weigh(programme, work, y)
+        _factor(work.bands)
+        _direct(programme, work, y, 0.0, 0.0)
+        by_y, by_weight = _longest(programme, work, y, 1.0)
+        left = 0.0
+        for k in range(n):
+            for i in range(ROWS):
+                left += (work.slack[k, i] + by_y * work.slack_step[k, i]) * (
+                    work.weight[k, i] + by_weight * work.weight_step[k, i]
+                )
+                work.both[k, i] = work.slack_step[k, i] * work.weight_step[k, i]
+        mean = total / (n * ROWS + n)
+        _direct(programme, work, y, max((left / total) ** 3, 1e-4) * mean, 1.0)
+        by_y, by_weight = _longest(programme, work, y, 0.9 if step < 4 else 0.98)
+        for k in range(n):
+            for i in range(ROWS):
+                work.slack[k, i] += by_y * work.slack_step[k, i]
+                work.weight[k, i] += by_weight * work.weight_step[k, i]
+        for k in range(n + 2):
+            if not programme.fixed[k]:
+                y[k] += by_y * work.step[k]
+                work.lower[k] += by_weight * work.lower_both[k]
+    return False
 
 
-def envelope(u: Array, caps: Array, quantities: list[Bounded], launch: Launch) -> Array:
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _evaluate(programme: Programme, work: Work, y: Array) -> float:
+    """Write rows, their rates, slope and curvature of time and rows; the time."""
+    n, H, time = programme.caps.shape[0], work.bands, 0.0
+    for k in range(n + 2):
+        work.slope[k] = H[k, 0] = H[k, 1] = H[k, 2] = 0.0
+    for k in range(n):
+        y0, y1, y2 = y[k], y[k + 1], y[k + 2] if k < n - 1 else 0.0
+        for kind in range(KINDS if k < n - 1 else 1):
+            c0, c1, c2 = programme.squares[k, kind]
+            b = c0 * y0 + c1 * y1 + c2 * y2
+            for q in range(8):
+                v = e0 = e1 = e2 = h00 = h01 = h02 = h11 = h12 = h22 = 0.0
+                for i in range(FIRST_PARTS[q], FIRST_PARTS[q] + SIZES[q]):
+                    f0, f1, f2 = programme.forms[k, kind, i]
+                    form = f0 * y0 + f1 * y1 + f2 * y2
+                    v, e0, e1, e2 = v + form * form, e0 + form * f0, e1 + form * f1, e2 + form * f2
+                    h00, h01, h02 = h00 + f0 * f0, h01 + f0 * f1, h02 + f0 * f2
+                    h11, h12, h22 = h11 + f1 * f1, h12 + f1 * f2, h22 + f2 * f2
+                row, part = 8 * kind + q, 1.0 if kind == 0 else b
+                own = 0.0 if kind == 0 else v
+                work.value[k, row], rate = part * v, work.rates[k, row]
+                rate[0], rate[1] = 2.0 * part * e0 + own * c0, 2.0 * part * e1 + own * c1
+                rate[2] = 2.0 * part * e2 + own * c2
+                w = 2.0 * part * work.weight[k, row]
+                _add(H, k, w * h00, w * h01, w * h02, w * h11, w * h12, w * h22)
+        work.rates[k, ROWS - 1, 1] = programme.caps[k]
+        work.value[k, ROWS - 1] = programme.caps[k] * y1
+        if k < n - 1:
+            time += _add_time(programme, work, y, k)
+    return time
+
+
+@njit(error_model="numpy", _nrt=False, forceinline=True)
+def _add(H: Array, k: int, h00: float, h01: float, h02: float, h11: float, h12: float, h22: float) -> None:
+    H[k, 0], H[k, 1], H[k, 2] = H[k, 0] + h00, H[k, 1] + h01, H[k, 2] + h02
+    H[k + 1, 0], H[k + 1, 1], H[k + 2, 0] = H[k + 1, 0] + h11, H[k + 1, 1] + h12, H[k + 2, 0] + h22
+
+
+@njit(error_model="numpy", _nrt=False, forceinline=True)
+def _add_time(programme: Programme, work: Work, y: Array, k: int) -> float:
+    """Time of span k, twice its way over the sum of both ends' speeds; add its slope and curvature, convex in b."""
+    a0, a1, a2 = programme.squares[k, 1]
+    c0, c1, c2 = programme.squares[k, 2]
+    v = math.sqrt(a0 * y[k] + a1 * y[k + 1] + a2 * y[k + 2])
+    w = math.sqrt(c0 * y[k] + c1 * y[k + 1] + c2 * y[k + 2])
+    time = 2.0 * programme.spans[k] / (v + w)
+    first, last = -0.5 * time / (v + w) / v, -0.5 * time / (v + w) / w
+    work.slope[k] += first * a0 + last * c0
+    work.slope[k + 1] += first * a1 + last * c1
+    work.slope[k + 2] += first * a2 + last * c2
+    m = 0.5 * time / (v + w) ** 2
+    p, q, r = m / (v * v) - 0.5 * first / (v * v), m / (w * w) - 0.5 * last / (w * w), m / (v * w)
+    _add(
+        work.bands, k,
+        p * a0 * a0 + q * c0 * c0 + 2.0 * r * a0 * c0,
+        p * a0 * a1 + q * c0 * c1 + r * (a0 * c1 + a1 * c0),
+        p * a0 * a2 + q * c0 * c2 + r * (a0 * c2 + a2 * c0),
+        p * a1 * a1 + q * c1 * c1 + 2.0 * r * a1 * c1,
+        p * a1 * a2 + q * c1 * c2 + r * (a1 * c2 + a2 * c1),
+        p * a2 * a2 + q * c2 * c2 + 2.0 * r * a2 * c2,
+    )  # fmt: skip
+    return time
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _weigh(programme: Programme, work: Work, y: Array) -> None:
+    """Add the rows' weights over their slacks to the curvature."""
+    n, H = programme.caps.shape[0], work.bands
+    for k in range(n):
+        for i in range(ROWS):
+            w, (a, b, c) = work.weight[k, i] / work.slack[k, i], work.rates[k, i]
+            _add(H, k, w * a * a, w * a * b, w * a * c, w * b * b, w * b * c, w * c * c)
+    for k in range(n + 2):
+        H[k, 0] = KEEP if programme.fixed[k] else (H[k, 0] + work.lower[k] / y[k]) * (1.0 + 1e-12)
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _factor(H: Array) -> None:
+    """L D L' in place of a symmetric matrix's diagonal and the two beside it."""
+    m = H.shape[0]
+    for i in range(m):
+        near, far = H[i, 1] / H[i, 0], H[i, 2] / H[i, 0]
+        if i + 1 < m:
+            H[i + 1, 0] -= near * H[i, 1]
+            H[i + 1, 1] -= near * H[i, 2]
+        if i + 2 < m:
+            H[i + 2, 0] -= far * H[i, 2]
+        H[i, 1], H[i, 2] = near, far
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _direct(programme: Programme, work: Work, y: Array, target: float, corrected: float) -> None:
+    """Write the steps of unknowns, slacks and weights towards products of slack and weight of ``target``."""
+    n, H, r = programme.caps.shape[0], work.bands, work.step
+    m = n + 2
+    for k in range(m):
+        r[k] = -work.slope[k] + (target - corrected * work.lower_both[k]) / y[k]
+    for k in range(n):
+        for i in range(ROWS):
+            s = work.slack[k, i]
+            off = work.value[k, i] + s - 1.0
+            w = (target - corrected * work.both[k, i] + work.weight[k, i] * off) / s
+            r[k] -= w * work.rates[k, i, 0]
+            r[k + 1] -= w * work.rates[k, i, 1]
+            if k < n - 1:
+                r[k + 2] -= w * work.rates[k, i, 2]
+    for k in range(m):
+        r[k] = 0.0 if programme.fixed[k] else r[k]
+    for k in range(m - 1):
+        r[k + 1] -= H[k, 1] * r[k]
+        if k + 2 < m:
+            r[k + 2] -= H[k, 2] * r[k]
+    for k in range(m - 1, -1, -1):
+        r[k] /= H[k, 0]
+        if k + 1 < m:
+            r[k] -= H[k, 1] * r[k + 1]
+        if k + 2 < m:
+            r[k] -= H[k, 2] * r[k + 2]
+    for k in range(n):
+        for i in range(ROWS):
+            s, z, rate = work.slack[k, i], work.weight[k, i], work.rates[k, i]
+            moved = rate[0] * r[k] + rate[1] * r[k + 1] + rate[2] * r[k + 2]
+            work.slack_step[k, i] = 1.0 - s - work.value[k, i] - moved
+            work.weight_step[k, i] = (target - corrected * work.both[k, i] - z * work.slack_step[k, i]) / s - z
+    for k in range(m):
+        z = work.lower[k]
+        change = (target - corrected * work.lower_both[k] - z * r[k]) / y[k] - z
+        # First the product of both steps, for the correction; then the weight's own step.
+        work.lower_both[k] = change if corrected > 0.0 else r[k] * change
+
+
+@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _longest(programme: Programme, work: Work, y: Array, part: float) -> tuple[float, float]:
+    """Largest shares, up to 1, of the steps of unknowns and of weights that keep ``part`` of what is positive."""
+    by_y, by_weight = 1.0 / part, 1.0 / part
+    for k in range(work.slack.shape[0]):
+        for i in range(ROWS):
+            if work.slack_step[k, i] < 0.0:
+                by_y = min(by_y, -work.slack[k, i] / work.slack_step[k, i])
+            if work.weight_step[k, i] < 0.0:
+                by_weight = min(by_weight, -work.weight[k, i] / work.weight_step[k, i])
+    for k in range(y.shape[0]):
+        if work.step[k] < 0.0:
+            by_y = min(by_y, -y[k] / work.step[k])
+        if part < 1.0 and work.lower_both[k] < 0.0 and not programme.fixed[k]:
+            by_weight = min(by_weight, -work.lower[k] / work.lower_both[k])
+    return min(part * by_y, 1.0), min(part * by_weight, 1.0)
+
+
+def squares_at(law: Law, u: Array) -> Array:
+    """b at places (m,) between launch and landing [m], shape (m,)."""
+    old = law.squares
+    i = np.clip(np.searchsorted(old.knots, u, side="right") - 1, 0, len(old.knots) - 2)
+    value, slope, bend = (around(each, law.controls)[i] for each in (old.values, old.slopes, old.bends))
+    past = u - old.knots[i]
+    return np.asarray(value + (slope + 0.5 * bend * past) * past)
+
+
+def envelope(u: Array, caps: Array, bounded: Bounded, launch: Launch) -> Array:
     """Speeds a motion without a limit of tangential jerk could have [m/s], shape (n,), positive."""
-    square = np.minimum.reduce([caps, *(steady_cap(each) for each in quantities)]) ** 2
+    square = np.minimum(caps, caps_of(bounded)[1]) ** 2
     square[[0, -1]] = np.minimum(square[[0, -1]], launch.speed**2)
-    tip = quantities[0]
-    gain = 2.0 * tip.limits[1] / np.maximum(np.linalg.norm(tip.rates[0], axis=1), 1e-3)
-    for rows, before in ((range(1, len(u)), -1), (range(len(u) - 2, -1, -1), 1)):
-        for row in rows:
-            square[row] = min(square[row], square[row + before] + gain[row] * abs(u[row] - u[row + before]))
+    gain = 2.0 * bounded.limits[1, 0] / np.maximum(np.linalg.norm(bounded.rates[0, :, :3], axis=1), 1e-3)
+    _spread(u, square, gain)
     return np.sqrt(square)
 
 
-def _bounds(most: Array, size: Array, fixed: Bools) -> Rows:
-    """0 <= b <= most, in unknowns b / size; fixed ones at most 1."""
-    n = np.arange(len(size))
-    factors = np.zeros((2 * len(n), 3))
-    factors[: len(n), 1], factors[len(n) :, 1] = np.where(fixed, 1.0, size / most), -1.0
-    return Rows(np.concatenate([n, n]), factors, np.concatenate([np.ones(len(n)), np.zeros(len(n))]))
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _spread(u: Array, square: Array, gain: Array) -> None:
+    """Lower squares of speeds (n,) until they rise and fall by no more than ``gain`` (n,) a way."""
+    n = u.shape[0]
+    for row in range(1, n):
+        square[row] = min(square[row], square[row - 1] + gain[row] * (u[row] - u[row - 1]))
+    for row in range(n - 2, -1, -1):
+        square[row] = min(square[row], square[row + 1] + gain[row] * (u[row + 1] - u[row]))
 
 
-# Between the knots: a law is slowed down where it goes beyond a limit, and for a while before and after.
+# Between the knots a law may be beyond a limit: it is planned again with less of it there.
 
-LOOKS = 4  #: Places in every span of the law at which limits are looked at
-MOST_SLOWED = 1.0005  #: A law that keeps its limits when it takes this much more time is slowed as a whole
-MOST_DIPS = 16
-DIP_TIME = 0.05
-"""Before and after a place at which the law is slowed down; twice as long after every ``DIPS`` tries [s]."""
-DIPS = 2
-DIP_STEP = 0.005  #: Of the clock that dips are drawn on [s]
-DIP_MORE = 1.002  #: A dip is deeper than needed by this factor: its own slopes take some of the limits
+LOOKS = 5  #: Places in every span of the law at which limits are looked at
+MOST_SLOWED = 1.0003  #: A law that keeps its limits when it takes this much more time is slowed as a whole
+MOST_TRIES = 5
+HALVED = 1.01  #: A span that needs so much more time than the law gives it is divided
+Look = Callable[[Array], tuple[Bounded, Array]]
+TIGHTER = 3.3  #: Power of the time that is missing by which limits are planned lower: jerk goes by the third
 
 
-def keep_limits(law: Law, quantities: list[Bounded]) -> tuple[Law, float]:
-    """Slow a law down where it is beyond a limit; elsewhere it stays as fast as it is.
+def factors_of_spans(law: Law, bounded: Bounded) -> Array:
+    """How much more time each span must take to keep the limits, both its ends looked at, shape (n - 1,).
 
-    Args:
-        law: The law, n knots.
-        quantities: At the knots ``divided`` by ``LOOKS``.
-
-    Returns:
-        The law, and how much more time it must take to keep every limit between launch and landing: hardly more than 1
-        but for laws that need more than ``MOST_DIPS`` tries.
+    ``bounded`` is at the knots ``divided`` by ``LOOKS``.
     """
-    for attempt in range(MOST_DIPS):
-        factors = factors_of_spans(law, quantities)
-        if not (np.isfinite(factors).all() and factors.max() > MOST_SLOWED):
-            break
-        law = _with_dips(law, factors, DIP_TIME * 2.0 ** (attempt // DIPS))
-    return law, float(factors_of_spans(law, quantities).max())
-
-
-def factors_of_spans(law: Law, quantities: list[Bounded]) -> Array:
-    """How much more time each span must take to keep the limits, both its ends looked at, shape (n - 1,)."""
     squares, controls = law.squares, law.controls
     spans = np.diff(squares.knots)[:, None]
     bend, slope = around(squares.bends, controls)[:, None], around(squares.slopes, controls)[:-1, None]
@@ -323,29 +439,37 @@ def factors_of_spans(law: Law, quantities: list[Bounded]) -> Array:
     speed = np.sqrt(around(squares.values, controls)[:-1, None] + (slope + 0.5 * bend * past) * past).ravel()
     acceleration, jerk = 0.5 * (slope + bend * past).ravel(), 0.5 * speed * np.repeat(bend, LOOKS + 1)
     places = (LOOKS * np.arange(len(spans))[:, None] + np.arange(LOOKS + 1)).ravel()
-    here = [each._replace(rates=each.rates[:, places]) for each in quantities]
-    factors = [time_factors(each, speed, acceleration, jerk) for each in here]
-    return np.asarray(np.max(factors, axis=0).reshape(len(spans), -1).max(axis=1))
+    here = bounded._replace(rates=bounded.rates[:, places])
+    return np.asarray(time_factors(here, speed, acceleration, jerk).reshape(len(spans), -1).max(axis=1))
 
 
-def _with_dips(law: Law, factors: Array, width: float) -> Law:
-    """The law slowed by factors of its spans (n - 1,), and less and less within a time before and after each [s]."""
-    squares = law.squares
-    speeds = np.sqrt(around(squares.values, law.controls))
-    times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(squares.knots) / (speeds[1:] + speeds[:-1]))])
-    clock = np.arange(0.0, times[-1] + 2.0 * DIP_STEP, DIP_STEP)
-    wanted, depth = np.maximum(1.0 - 1.0 / (DIP_MORE * factors), 0.0) * (factors > MOST_SLOWED), np.zeros(len(clock))
-    for at in (times[:-1] / DIP_STEP, times[1:] / DIP_STEP + 1.0):
-        np.maximum.at(depth, at.astype(int), wanted)
-    box = 2 * int(width / DIP_STEP / 3.0) + 1
-    depth = maximum_filter1d(depth, 3 * box, mode="nearest")
-    for _ in range(3):
-        depth = uniform_filter1d(depth, box, mode="nearest")
-    kept = 1.0 - np.interp(times, clock, depth)
-    shares = control_values(squares, kept)
-    shares[:2], shares[-2:] = kept[0], kept[-1]
-    launch, landing = law.launch.slowed(1.0 / float(kept[0])), law.landing.slowed(1.0 / float(kept[-1]))
-    return Law(squares, law.controls * shares**2, launch, landing)
+def fastest_law(knots: Array, look: Look, launch: Launch) -> tuple[Law, float] | None:
+    """The fastest law that keeps its limits between its knots too, and how much more time it still needs for that.
+
+    Arguments as of `plan_law`; None where there is none. ``look`` gives what is bounded at places (n,) [m] and the
+    largest u' wanted there.
+    """
+    shares, law, best, seen = np.ones(len(knots)), None, None, None
+    for attempt in range(MOST_TRIES):
+        if seen is None:
+            seen = look(divided(knots, LOOKS))
+        bounded, caps = seen
+        law = plan_law(knots, caps[::LOOKS], bounded.every(LOOKS), launch, shares, law)
+        if law is None:
+            break
+        factors = factors_of_spans(law, bounded)
+        most = float(factors.max())
+        if best is None or most < best[1]:
+            best = law, most
+        if not most > MOST_SLOWED:
+            break
+        far = factors > HALVED
+        beside = np.maximum(np.append(factors[0], factors), np.append(factors, factors[-1]))
+        shares *= np.where(beside > 1.0, beside, 1.0) ** -TIGHTER
+        if attempt < 2 and far.any():
+            more = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1])[far])
+            shares, knots, seen = np.ones(len(more)), more, None
+    return best
 
 
 # Where along a curve the law of time is solved for (knots of the curve -> knots of the law).
@@ -355,12 +479,17 @@ KNOT_TIME = 0.02
 SETTLED = 0.3
 """After a stretch that is passed more slowly than wanted, and before one, the speed has settled: several times what
 jerk limits take to build up an acceleration [s]."""
-KNOTS_PER_SPAN = 4  #: Least number of knots of the law in a span between knots of the curve
-LAUNCH_TIME = 0.005  #: Of constant jerk from rest, at most [s]
-LAUNCH_SHARE = 0.9  #: Of the largest jerk from rest
-BEFORE_LIMITS = 0.97  #: Of the speed at which a limit would be met, at the end of the launch
+LAUNCH_PART = 0.3  #: Of the time in which the largest jerk passes the whole way that is launch, at most
+LAUNCH_SPEED = 0.6  #: Of the speed wanted at the ends, which the launch reaches half of
+LAUNCH_SHARE = 0.98  #: Of the largest jerk from rest
+BEFORE_LIMITS = 0.9999  #: Of the speed at which a limit would be met, in the launch
+Ends = Callable[[Array], Bounded]
+"""What is bounded so far from the start (m,) [m], and then so far from the end."""
 LAUNCH_GROWTH = 1.2
 """After it the time from rest grows by this factor from knot to knot, until knots are ``KNOT_TIME`` apart."""
+MUCH = 1.5  #: Ratio of what a quantity goes along u at both ends of a span from which the span is divided
+BENT, BEND_SPAN = 0.1, 3e-4
+"""Share of a limit a bend takes at the largest speed from which a span is divided, if it is longer than this [m]."""
 SAME_KNOT = 2e-5  #: Knots nearer than this count as one [m]
 
 
@@ -370,21 +499,33 @@ def divided(knots: Array, parts: int) -> Array:
     return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
 
 
-def launch_of(length: float, slowest: float, quantities: list[Bounded]) -> Launch:
+def launch_of(length: float, slowest: float, jerk: float, ends: Ends) -> Launch:
     """The launch of a motion over a length [m]: short beside the way, and until bends make themselves felt.
 
     After it the speed still rises by as much again while the acceleration fades: that may not pass ``slowest``, the
-    smaller speed wanted at the ends [m/s].
+    smaller speed wanted at the ends [m/s]. ``jerk`` is the largest from rest [m/s^3].
     """
-    jerk = LAUNCH_SHARE * jerk_from_rest(quantities)
-    launch = Launch(jerk, min(LAUNCH_TIME, 0.1 * float(np.cbrt(length / jerk))))
-    ends = [at_ends(each) for each in quantities]
-    moved = np.ones(2)
-    while 2.0 * launch.speed > BEFORE_LIMITS * slowest or max(
-        time_factors(each, launch.speed * moved, launch.acceleration * moved, jerk * moved).max() for each in ends
-    ) > BEFORE_LIMITS:  # fmt: skip
+    longest = min(LAUNCH_PART * math.cbrt(length / jerk), math.sqrt(LAUNCH_SPEED * slowest / jerk))
+    launch = Launch(LAUNCH_SHARE * jerk, longest)
+    at = np.linspace(0.25, 1.0, 4)
+    while True:
+        times = at * launch.duration
+        speed, acceleration = 0.5 * launch.jerk * times**2, launch.jerk * times
+        moved = np.tile(speed, 2), np.concatenate([acceleration, -acceleration]), np.full(8, launch.jerk)
+        if time_factors(ends(launch.jerk * times**3 / 6.0), *moved).max() <= BEFORE_LIMITS:
+            return launch
         launch = launch._replace(duration=0.7 * launch.duration)
-    return launch
+
+
+def with_bends(knots: Array, bounded: Bounded, caps: Array) -> Array:
+    """Knots (n,) with three between in spans where the rates of tip or axis change much, or bends limit the speed."""
+    sizes = norms(bounded.rates)
+    first, speed = sizes[0, :, :2], np.minimum(caps, caps_of(bounded)[1])[:, None]
+    change = (np.maximum(first[1:], first[:-1]) > MUCH * np.minimum(first[1:], first[:-1])).any(axis=1)
+    used = np.maximum(sizes[1] * speed**2 / bounded.limits[1], sizes[2] * speed**3 / bounded.limits[2]).max(axis=1)
+    bent = (np.maximum(used[1:], used[:-1]) > BENT) & (np.diff(knots) > BEND_SPAN)
+    which = change | bent
+    return np.union1d(knots, knots[:-1][which, None] + np.diff(knots)[which, None] * np.array([0.25, 0.5, 0.75]))
 
 
 def with_feed_changes(coarse: Array, changes: Array) -> Array:
@@ -411,13 +552,19 @@ def law_knots(coarse: Array, speeds: Array, caps: Array, launch: Launch) -> Arra
     parts[_steady(coarse, speeds, caps)] = 1
     counted = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     inner = np.repeat(coarse[:-1], parts) + counted * np.repeat(steps / parts, parts)
-    last = max(KNOT_TIME / (LAUNCH_GROWTH - 1.0) / launch.duration, LAUNCH_GROWTH**2)
-    times = launch.duration * LAUNCH_GROWTH ** np.arange(1 + int(np.log(last) / np.log(LAUNCH_GROWTH)))
-    first = launch.jerk / 6.0 * times**3
-    first = first[first < 0.3 * length]
-    clear = 2.0 * first[-1] - first[-2]
-    inner = inner[(inner > clear) & (inner < length - clear)]
-    return np.concatenate([first, inner, length - first[::-1]])
+    most = max(KNOT_TIME / (LAUNCH_GROWTH - 1.0) / launch.duration, LAUNCH_GROWTH**2)
+    times = launch.duration * LAUNCH_GROWTH ** np.arange(1 + int(np.log(most) / np.log(LAUNCH_GROWTH)))
+    ways = np.asarray(launch.jerk / 6.0 * times**3)
+    first, last = _growing(ways, coarse), _growing(ways, length - coarse[::-1])
+    inner = inner[(inner > 2.0 * first[-1] - first[-2]) & (length - inner > 2.0 * last[-1] - last[-2])]
+    return np.concatenate([first, inner, length - last[::-1]])
+
+
+def _growing(ways: Array, coarse: Array) -> Array:
+    """The ways (m,) up to where they are as far apart as the knots (n,) from the same end, two at least."""
+    spans = np.diff(coarse)[np.clip(np.searchsorted(coarse, ways[1:], side="right") - 1, 0, len(coarse) - 2)]
+    far = (np.diff(ways) > spans) | (ways[1:] > 0.3 * coarse[-1])
+    return ways[: max(2, 1 + int(np.argmax(far)) if far.any() else len(ways))]
 
 
 def _steady(coarse: Array, speeds: Array, caps: Array) -> Bools:

@@ -1,37 +1,34 @@
-"""Way points followed as a smooth curve at a feed (Chain, limits -> TimedPath)."""
+"""Way points followed as a smooth curve, with stops where these are faster (Chain, limits -> SplineMotion)."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import BSpline
 
-from polish_sim.arrays import Array
-from polish_sim.errors import SmoothingError, place_in_mm
-from polish_sim.motion.rules.chain import Chain
-from polish_sim.motion.rules.limits import Arm, SmoothingLimits
-from polish_sim.motion.spline.bounded import Bounded, bounded_quantities, time_factors
-from polish_sim.motion.spline.curve import Curve, Polyline, curve_rates, fit_curve, polyline_of
+from polish_sim.arrays import Array, Indices
+from polish_sim.errors import SmoothingError
+from polish_sim.motion.rules.chain import Chain, part_of
+from polish_sim.motion.rules.fir import PIECES, box_pieces
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
+from polish_sim.motion.rules.paper_rules import Stops, plan_stops
+from polish_sim.motion.rules.schedule import Samples
+from polish_sim.motion.segment_rates import chebyshev_nodes
+from polish_sim.motion.spline.bounded import Bounded, bounded_quantities, jerk_from_rest, time_factors
+from polish_sim.motion.spline.curve import DEGREE, Curve, CurveRates, Polyline, curve_rates, fit_curve, polyline_of
 from polish_sim.motion.spline.law import (
-    KNOTS_PER_SPAN,
-    LOOKS,
-    MOST_SLOWED,
-    Launch,
     Law,
     around,
-    divided,
     envelope,
-    factors_of_spans,
-    keep_limits,
+    fastest_law,
     launch_of,
     law_knots,
-    plan_law,
-    refine_law,
+    with_bends,
     with_feed_changes,
 )
-from polish_sim.motion.timed_path import TimedPath, row_times
-from polish_sim.motion.trajectory import continuous_quaternions
 
 # The parameter as a function of time (Law -> u(t)).
 #
@@ -39,66 +36,59 @@ from polish_sim.motion.trajectory import continuous_quaternions
 
 
 class Passage(NamedTuple):
-    """Spans of u'' = a + beta (u - u0) between launch and landing."""
+    """Pieces of u''' = beta u' + jerk, one of the two zero."""
 
-    launch: Launch
-    landing: Launch  #: Played backwards
-    times: Array  #: When each begins and, last, when the landing does [s], shape (n,)
-    places: Array  #: u there [m], shape (n,)
+    times: Array  #: When each begins and, last, the end [s], shape (n + 1,)
+    places: Array  #: u there [m], shape (n + 1,)
     speeds: Array  #: u' [m/s], shape (n,)
     accelerations: Array  #: u'' [m/s^2], shape (n,)
-    bends: Array  #: beta [1/s^2], shape (n - 1,)
+    bends: Array  #: beta [1/s^2], shape (n,)
+    jerks: Array  #: [m/s^3], shape (n,)
 
     @property
     def duration(self) -> float:
         """[s]."""
-        return float(self.times[-1]) + self.landing.duration
+        return float(self.times[-1])
 
 
 def pass_by(law: Law) -> Passage:
     """When the parameter is where."""
     squares, controls, launch, landing = law
     speeds = np.sqrt(around(squares.values, controls))
-    bends = 0.5 * around(squares.bends, controls)
+    bends, slopes = 0.5 * around(squares.bends, controls), 0.5 * around(squares.slopes, controls)
     # The way over the sum of both speeds is tan(w T / 2) / w, with w^2 = -beta, or tanh.
     share, rate = np.diff(squares.knots) / (speeds[1:] + speeds[:-1]), np.sqrt(np.abs(bends))
     angles = np.where(bends > 0.0, np.arctanh(np.minimum(rate * share, 1.0 - 1e-15)), np.arctan(rate * share))
     spans = 2.0 * np.where(rate * share > 1e-6, angles / np.maximum(rate, 1e-300), share)
-    return Passage(
-        launch, landing, launch.duration + np.concatenate([[0.0], np.cumsum(spans)]), squares.knots, speeds,
-        0.5 * around(squares.slopes, controls), bends,
-    )  # fmt: skip
+    times = np.cumsum([0.0, launch.duration, *spans, landing.duration])
+    jerks = np.zeros(len(times) - 1)
+    jerks[[0, -1]] = launch.jerk, landing.jerk
+    places = np.concatenate([[0.0], squares.knots, [squares.knots[-1] + landing.way]])
+    bends = np.concatenate([[0.0], bends, [0.0]])
+    return Passage(times, places, np.append(0.0, speeds), np.append(0.0, slopes), bends, jerks)
 
 
 def passage_at(passage: Passage, times: Array) -> Array:
     """u [m] and its first three derivatives at times from 0 to the duration [s], shape (4, m)."""
-    i = np.clip(np.searchsorted(passage.times, times, side="right") - 1, 0, len(passage.times) - 2)
-    t, a, v, beta = times - passage.times[i], passage.accelerations[i], passage.speeds[i], passage.bends[i]
+    i = np.clip(np.searchsorted(passage.times, times, side="right") - 1, 0, len(passage.speeds) - 1)
+    t = np.minimum(times, passage.duration) - passage.times[i]
+    a, v, beta, j = (column[i] for column in (passage.accelerations, passage.speeds, passage.bends, passage.jerks))
     sine, rise = _waves(t, beta)
-    cosine = 1.0 + beta * rise
-    between = np.stack([
-        passage.places[i] + v * sine + a * rise, v * cosine + a * sine, v * beta * sine + a * cosine,
-        beta * (v * cosine + a * sine),
+    speed = v * (1.0 + beta * rise) + a * sine + j * rise
+    # Rounding may not let a piece reach into the next one, behind a stop.
+    last = np.nextafter(passage.places[i + 1], -1.0)
+    return np.stack([
+        np.minimum(np.maximum(passage.places[i] + v * sine + a * rise + j * t**3 / 6.0, passage.places[i]), last),
+        speed, v * beta * sine + a * (1.0 + beta * rise) + j * t, beta * speed + j,
     ])  # fmt: skip
-    end, length = passage.duration, passage.places[-1] + passage.landing.way
-    early, late = times < passage.times[0], times > passage.times[-1]
-    left = end - times
-    first = _launched(times, passage.launch.jerk)
-    last = _launched(left, passage.landing.jerk) * np.array([[-1.0], [1.0], [-1.0], [1.0]])
-    last[0] += length
-    return np.where(early, first, np.where(late, last, between))
 
 
 def slowed(passage: Passage, factor: float) -> Passage:
     """The same way in ``factor`` times the time."""
+    times, places, speeds, accelerations, bends, jerks = passage
     return Passage(
-        passage.launch.slowed(factor), passage.landing.slowed(factor), passage.times * factor, passage.places,
-        passage.speeds / factor, passage.accelerations / factor**2, passage.bends / factor**2,
-    )  # fmt: skip
-
-
-def _launched(t: Array, jerk: float) -> Array:
-    return np.stack([jerk * t**3 / 6.0, 0.5 * jerk * t**2, jerk * t, np.full_like(t, jerk)])
+        times * factor, places, speeds / factor, accelerations / factor**2, bends / factor**2, jerks / factor**3
+    )
 
 
 def _waves(t: Array, beta: Array) -> tuple[Array, Array]:
@@ -112,125 +102,271 @@ def _waves(t: Array, beta: Array) -> tuple[Array, Array]:
     return np.where(small, t * (1.0 + beta * t * t / 6.0), sine), np.where(small, 0.5 * t * t, rise)
 
 
-MOST_HALVINGS = 6
-"""How often spans of the law that are beyond a limit between their knots are halved, of laws with few knots."""
-HALVED_KNOTS = 8_000  #: Knots of all halvings together
+class SplineMotion(NamedTuple):
+    """A curve and when its parameter is passed; what `Smoothed` is for other rules."""
+
+    line: Polyline
+    curve: Curve
+    passage: Passage
+
+    @property
+    def end(self) -> float:
+        """The cycle time [s]."""
+        return self.passage.duration
+
+    @property
+    def edges(self) -> Array:
+        """Times between which all derivatives are smooth [s], rising."""
+        return self.passage.times
+
+    def sample(self, times: Array) -> Samples:
+        """Pose and rates of the tool at times (n,) [s]."""
+        u, v, a, j = passage_at(self.passage, np.clip(times, 0.0, self.end))
+        rates = curve_rates(self.curve, np.clip(u, 0.0, self.curve.length))
+        v, a, j = ((times < self.end) * each for each in (v, a, j))
+        v, a, j = v[:, None], a[:, None], j[:, None]
+        tips, axes = (_in_time(jet, v, a, j) for jet in (rates.tips, rates.axes))
+        s0, s1, s2 = rates.spins
+        spins = np.stack([s0 * v, s1 * v**2 + s0 * a, s2 * v**3 + 3.0 * s1 * v * a + s0 * j], axis=1)
+        return Samples(tips, axes, rates.rotations, spins)
+
+    def stretched(self, factor: float) -> SplineMotion:
+        """The same motion in ``factor`` times the time."""
+        return self._replace(passage=slowed(self.passage, factor))
+
+    def under_way(self, times: Array) -> tuple[Indices, Indices]:
+        """First segment the curve is drawn from at times (n,) [s], and the one past the last."""
+        u, knots = passage_at(self.passage, times)[0], self.curve.knots
+        i = np.searchsorted(knots, u, side="right") - 1
+        low, high = knots[np.maximum(i - REACH, 0)], knots[np.minimum(i + 1 + REACH, len(knots) - 1)]
+        first = np.searchsorted(self.line.u, low + 1e-12, side="right") - 1
+        return np.maximum(first, 0), np.minimum(np.searchsorted(self.line.u, high - 1e-12), len(self.line.u) - 1)
+
+    def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
+        """Arc length reached at rising times (n,) [s] and its rate; way points are at ``marks`` (segments + 1,) [m].
+
+        Marks that are the places the motion was planned with are reached by the curve itself, smoothly.
+        """
+        u, speed = passage_at(self.passage, np.clip(times, 0.0, self.end))[:2]
+        if marks is self.line.places:
+            rates = curve_rates(self.curve, u).places
+            return np.maximum.accumulate(rates[0]), np.maximum(rates[1] * speed, 0.0)
+        k = np.clip(np.searchsorted(self.line.u, u, side="right") - 1, 0, len(marks) - 2)
+        return np.interp(u, self.line.u, marks), speed * (np.diff(marks) / np.diff(self.line.u))[k]
+
+
+REACH = 3  #: Spans on either side from which the chain shapes a curve
+
+
+def _in_time(jet: Array, v: Array, a: Array, j: Array) -> Array:
+    x, x1, x2, x3 = jet
+    return np.stack([x, x1 * v, x2 * v**2 + x1 * a, x3 * v**3 + 3.0 * x2 * v * a + x1 * j], axis=1)
+
+
+# Stretches between stops.
 
 
 class Feed(NamedTuple):
     """The wanted rate of the place on the path."""
 
-    places: Array  #: [m], rising, shape (n,)
+    places: Array  #: [m], never falling; a step of the feed has two, shape (n,)
     speeds: Array  #: [m/s], positive, shape (n,)
 
-
-class _Look(NamedTuple):
-    """What bounds the speed along a curve."""
-
-    caps: Array  #: Largest u' by the feed, at the knots [m/s], shape (n,)
-    at_knots: list[Bounded]
-    between: list[Bounded]  #: At the knots divided by ``LOOKS``
+    def at(self, places: Array) -> Array:
+        """The smaller one where it steps [m/s], shape (m,)."""
+        return np.minimum(np.interp(places - 1e-9, *self), np.interp(places + 1e-9, *self))
 
 
-class SplineMotion(NamedTuple):
-    """A curve and when its parameter is passed."""
+class Task(NamedTuple):
+    """What all stretches have in common."""
 
+    feed: Feed
+    limits: SmoothingLimits
+    tolerances: tuple[float, float]  #: Of the tip [m] and the tool's axis [rad]
+    arm: Arm | None
+    of_tip: bool  #: Whether the feed is the tip's, not the place's
+
+    def feed_cap(self, rates: CurveRates) -> Array:
+        """Largest u' at places of a curve with which the feed is kept [m/s], shape (n,)."""
+        pace = np.linalg.norm(rates.tips[1], axis=1) if self.of_tip else rates.places[1]
+        return np.asarray(self.feed.at(rates.places[0]) / np.maximum(pace, 1e-9))
+
+    def bounded(self, curve: Curve, u: Array, q: Array) -> Bounded:
+        """What is limited at places of a curve (n,) [m]; joints near ``q`` (6,) at the first."""
+        return bounded_quantities(curve_rates(curve, u), self.limits, self.arm_near(q))
+
+    def arm_near(self, q: Array) -> Arm | None:
+        """The arm in its configuration at some way point."""
+        return None if self.arm is None else build_arm(self.arm.T_base_work, self.arm.T_flange_tool, q)
+
+
+class Stretch(NamedTuple):
+    """A motion from rest to rest."""
+
+    line: Polyline
     curve: Curve
     passage: Passage
 
+    def times_at(self, u: Array) -> Array:
+        """When places (n,) [m] are passed [s]."""
+        times = np.linspace(0.0, self.passage.duration, 20 * len(self.passage.places))
+        return np.interp(u, passage_at(self.passage, times)[0], times)
+
+
+MOST_ROUNDS = 12  #: Of stops added
+LAUNCH_SHARES = (1.0, 0.5, 0.1)  #: Of the launch that are tried until a law is found
+SPARE = 1.0003  #: More time than the places looked at need
+STOP_STEP = 0.05  #: Between knots of a curve without corners [rad]
+FINAL_LOOKS = np.clip(chebyshev_nodes(17), 1e-6, 1.0 - 1e-6)  #: In every piece of a passage
+
 
 def plan_spline(
-    chain: Chain, places: Array, feed: Feed, limits: SmoothingLimits, tolerances: tuple[float, float], arm: Arm | None
-) -> SplineMotion:
-    """The fastest motion along a smooth curve near a chain, no faster than a feed.
+    chain: Chain, places: Array, feed: Feed, limits: SmoothingLimits, tolerances: tuple[float, float],
+    arm: Arm | None, of_tip: bool = False,
+) -> SplineMotion:  # fmt: skip
+    """The fastest motion found along a smooth curve near a chain, no faster than a feed; never slower than stops.
 
     Args:
         chain: The way points, at least one segment.
         places: Arc length of the path at them [m], never falling, shape (segments + 1,).
-        feed: Largest rate of it.
+        feed: Largest rate of it, or of the tip, if it is ``of_tip``.
         limits: Of tool and joints.
-        tolerances: Of the tip [m] and the tool's axis [rad], positive.
+        tolerances: Of the tip [m] and the tool's axis [rad]; 0: stops at every way point.
         arm: The robot; None: tool only.
 
     Returns:
         The motion, from rest to rest.
 
     Raises:
-        SmoothingError: There is no such curve; names a place.
         ReachError: The arm cannot follow it; names a place.
+        SmoothingError: No speed keeps the joints' limits; names a segment.
     """
-    line = polyline_of(chain, places)
-    curve = fit_curve(line, *tolerances)
-    coarse = with_feed_changes(divided(curve.knots, KNOTS_PER_SPAN), _changes(feed, line))
-    law, factor = _fastest(curve, coarse, feed, limits, arm)
-    passage = pass_by(law)
-    factor = max(factor, _time_at_ends(curve, passage, limits, arm))
-    if not np.isfinite(factor):
-        start = place_in_mm(chain.tips[0])
-        raise SmoothingError(f"no law of time was found from {start} on. Set smoothing.rule to certified.")
-    return SplineMotion(curve, slowed(passage, max(factor, 1.0)))
-
-
-def _time_at_ends(curve: Curve, passage: Passage, limits: SmoothingLimits, arm: Arm | None) -> float:
-    """How much more time a passage must take to keep every limit at ``LOOKS`` places of launch and of landing."""
-    share = np.linspace(0.0, passage.times[0], LOOKS, endpoint=False)
-    u, *moved = passage_at(passage, np.concatenate([share, passage.duration - share]))
-    rates = curve_rates(curve, np.clip(u, 0.0, curve.length))
-    return max(float(time_factors(each, *moved).max()) for each in bounded_quantities(rates, limits, arm))
-
-
-def _changes(feed: Feed, line: Polyline) -> Array:
-    """Parameters at which the wanted feed begins or ceases to change [m]."""
-    bent = np.flatnonzero(np.abs(np.diff(feed.speeds, 2)) > 1e-9) + 1
-    return np.interp(feed.places[bent], line.values[:, 9], line.u)
-
-
-def _fastest(curve: Curve, coarse: Array, feed: Feed, limits: SmoothingLimits, arm: Arm | None) -> tuple[Law, float]:
-    """The fastest law through coarse knots and those between, and how much more time it needs (``keep_limits``)."""
-    rates = curve_rates(curve, coarse)
-    bounded = bounded_quantities(rates, limits, arm)
-    caps = _feed_cap(rates.places, feed)
-    launch = launch_of(curve.length, float(caps[[0, -1]].min()), bounded)
-    knots = law_knots(coarse, envelope(coarse, caps, bounded, launch), caps, launch)
-    looked = _look(curve, knots, feed, limits, arm)
-    law = plan_law(knots, looked.caps, looked.at_knots, launch)
-    for _ in range(min(MOST_HALVINGS, HALVED_KNOTS // len(knots))):
-        over = factors_of_spans(law, looked.between) > MOST_SLOWED
-        if not over.any():
+    task, n = Task(feed, limits, tolerances, arm, of_tip), len(chain.lengths)
+    slowest = np.minimum(feed.at(places[:-1] + 1e-6), feed.at(places[1:] - 1e-6))
+    steps = np.diff(places)
+    feeds = np.where(steps > 0.0, slowest * chain.lengths / np.where(steps > 0.0, steps, 1.0), np.inf)
+    stops = plan_stops(chain, limits, arm, feeds)
+    lasting, turns = stops.triples.sum(axis=1), -np.sum(chain.directions[1:] * chain.directions[:-1], axis=1)
+    known: dict[tuple[int, int], Stretch | None] = {}
+    cuts = np.arange(n + 1) if min(tolerances) <= 0.0 else np.array([0, n])
+    for _ in range(MOST_ROUNDS):
+        more = [np.zeros(0, dtype=np.int64)]
+        for a, b in pairwise(cuts.tolist()):
+            if b - a > 1 and (a, b) not in known:
+                known[a, b] = _stretch(task, chain, places, a, b, stops)
+            if b - a > 1:
+                more.append(a + 1 + _slower(known[a, b], lasting[a:b], turns[a : b - 1]))
+        stopped = np.concatenate(more)
+        if not len(stopped):
             break
-        near = np.convolve(over, np.ones(3), "same") > 0.5
-        knots = np.union1d(knots, 0.5 * (knots[:-1] + knots[1:])[near])
-        looked = _look(curve, knots, feed, limits, arm)
-        law = refine_law(law, knots, looked.caps, looked.at_knots)
-    return keep_limits(law, looked.between)
+        cuts = np.union1d(cuts, stopped)
+    parts: list[Stretch] = []
+    for a, b in pairwise(cuts.tolist()):
+        smooth = known.get((a, b))
+        if smooth is None or smooth.passage.duration > lasting[a:b].sum():
+            parts += [_stop(task, chain, places, k, stops) for k in range(a, b)]
+        else:
+            parts.append(smooth)
+    return _joined(polyline_of(chain, places), parts)
 
 
-def _look(curve: Curve, knots: Array, feed: Feed, limits: SmoothingLimits, arm: Arm | None) -> _Look:
-    rates = curve_rates(curve, divided(knots, LOOKS))
-    between = bounded_quantities(rates, limits, arm)
-    at_knots = [each._replace(rates=np.ascontiguousarray(each.rates[:, ::LOOKS])) for each in between]
-    return _Look(_feed_cap(rates.places[:, ::LOOKS], feed), at_knots, between)
+def _slower(stretch: Stretch | None, lasting: Array, turns: Array) -> Indices:
+    """Inner way points where stops are faster, from middle to middle of their segments, and more so than beside them.
+
+    Where there is no motion the way point with the largest of ``turns`` (segments - 1,).
+    """
+    if stretch is None:
+        return np.array([int(turns.argmax())])
+    middles = stretch.times_at(0.5 * (stretch.line.u[1:] + stretch.line.u[:-1]))
+    spans = np.diff(np.concatenate([[0.0], middles[1:-1], [stretch.passage.duration]]))
+    stopped = 0.5 * (lasting[1:] + lasting[:-1])
+    stopped[0] += 0.5 * lasting[0]
+    stopped[-1] += 0.5 * lasting[-1]
+    lost = np.concatenate([[0.0], spans - stopped, [0.0]])
+    return np.flatnonzero((lost[1:-1] > 0.0) & (lost[1:-1] >= np.maximum(lost[:-2], lost[2:])))
 
 
-def time_spline(motion: SplineMotion) -> TimedPath:
-    """Sample a motion densely."""
-    curve, passage = motion
-    clock = row_times(passage.duration)
-    u, speed = passage_at(passage, clock)[:2]
-    rates = curve_rates(curve, np.clip(u, 0.0, curve.length), 2)
-    return TimedPath(
-        float(clock[1] - clock[0]),
-        passage.duration,
-        np.ascontiguousarray(rates.tips[0]),
-        rates.tips[1] * speed[:, None],
-        continuous_quaternions(rates.rotations),
-        rates.spins[0] * speed[:, None],
-        np.maximum.accumulate(rates.places[0]),
-        np.maximum(rates.places[1] * speed, 0.0),
-        np.ones(len(clock)),
-    )
+def _stretch(task: Task, chain: Chain, places: Array, a: int, b: int, stops: Stops) -> Stretch | None:
+    """The fastest motion along a smooth curve near some segments; None where there is none."""
+    line = polyline_of(part_of(chain, slice(a, b)), places[a : b + 1])
+    try:
+        curve = fit_curve(line, *task.tolerances)
+    except SmoothingError:
+        return None
+
+    def ends(way: Array) -> Bounded:
+        first = task.bounded(curve, way, stops.q[a])
+        last = task.bounded(curve, curve.length - way, stops.q[b])
+        return first._replace(rates=np.concatenate([first.rates, last.rates], axis=1))
+
+    arm = task.arm_near(stops.q[a])
+    bent = np.flatnonzero(np.abs(np.diff(task.feed.speeds, 2)) > 1e-9) + 1
+    coarse = with_feed_changes(curve.knots, np.interp(task.feed.places[bent], line.places, line.u))
+
+    def look(u: Array) -> tuple[Bounded, Array]:
+        rates = curve_rates(curve, u)
+        return bounded_quantities(rates, task.limits, arm), task.feed_cap(rates)
+
+    coarse = with_bends(coarse, *look(coarse))
+    bounded, caps = look(coarse)
+    launch = launch_of(curve.length, float(caps[[0, -1]].min()), jerk_from_rest(ends(np.zeros(1))), ends)
+    for share in LAUNCH_SHARES:
+        begun = launch._replace(duration=share * launch.duration)
+        found = fastest_law(law_knots(coarse, envelope(coarse, caps, bounded, begun), caps, begun), look, begun)
+        if found is not None:
+            break
+    if found is None or not math.isfinite(found[1]):
+        return None
+    passage = pass_by(found[0])
+    passage.places[-1] = curve.length
+    return Stretch(line, curve, _within_limits(task, curve, slowed(passage, max(1.0, found[1])), stops.q[a]))
 
 
-def _feed_cap(places: Array, feed: Feed) -> Array:
-    """Largest u' at which the place on the path, with derivatives (4, n), keeps the feed [m/s], shape (n,)."""
-    return np.asarray(np.interp(places[0], *feed) / np.maximum(places[1], 1e-9))
+def _stop(task: Task, chain: Chain, places: Array, k: int, stops: Stops) -> Stretch:
+    """One segment from rest to rest."""
+    line = polyline_of(part_of(chain, slice(k, k + 1)), places[k : k + 2])
+    length = float(line.u[-1])
+    knots = np.linspace(0.0, length, max(2, 1 + math.ceil((chain.angles[k] + abs(chain.rolls[k])) / STOP_STEP)))
+    t = np.concatenate([np.full(DEGREE, 0.0), knots, np.full(DEGREE, length)])
+    greville = np.convolve(t[1:-1], np.full(DEGREE, 1.0 / DEGREE), "valid")
+    once = line.at(greville)
+    curve = Curve(BSpline(t, 2.0 * once - BSpline(t, once, DEGREE)(greville), DEGREE), length)
+    durations, c = np.zeros(PIECES), np.zeros((PIECES, 4))
+    n = box_pieces(*stops.triples[k], durations, c)
+    times, c = np.concatenate([[0.0], np.cumsum(durations[:n])]), length * c[:n]
+    passage = Passage(times, np.append(c[:, 0], length), c[:, 1], 2.0 * c[:, 2], np.zeros(n), 6.0 * c[:, 3])
+    return Stretch(line, curve, _within_limits(task, curve, passage, stops.q[k], 1.0))
+
+
+def _within_limits(task: Task, curve: Curve, passage: Passage, q: Array, spare: float = SPARE) -> Passage:
+    """A passage slowed as a whole by as much as any place of it needs; joints near ``q`` (6,) at its start."""
+    u, *moved = passage_at(passage, (passage.times[:-1, None] + FINAL_LOOKS * np.diff(passage.times)[:, None]).ravel())
+    return slowed(passage, max(1.0, spare * float(time_factors(task.bounded(curve, u, q), *moved).max())))
+
+
+def _joined(line: Polyline, parts: list[Stretch]) -> SplineMotion:
+    """Stretches one after the other, the curve kinked between them."""
+    t, points, columns, place, clock = [np.zeros(DEGREE + 1)], [], [], 0.0, 0.0
+    for part in parts:
+        t.append(place + part.curve.spline.t[DEGREE + 1 :])
+        points.append(part.curve.spline.c)
+        times, places, *others = part.passage
+        columns.append((clock + times[:-1], place + places[:-1], *others))
+        place, clock = place + part.curve.length, clock + float(times[-1])
+    times, places, *others = (np.concatenate(column) for column in zip(*columns, strict=True))
+    curve = Curve(BSpline(np.concatenate(t), np.concatenate(points), DEGREE), place)
+    return SplineMotion(line, curve, Passage(np.append(times, clock), np.append(places, place), *others))
+
+
+NO_FEED = 1e3  #: Stands for an infinite one [m/s]
+
+
+def smooth_by_spline(
+    chain: Chain, limits: SmoothingLimits, tolerance: float, axis_tolerance: float, arm: Arm | None,
+    feeds: Array | None = None,
+) -> SplineMotion:  # fmt: skip
+    """The rule `spline` for any path; arguments as of `Rule`, the tolerance is the contour's."""
+    places = np.concatenate([[0.0], np.cumsum(chain.lengths)])
+    fastest = np.minimum(np.full(len(chain.lengths), NO_FEED) if feeds is None else feeds, NO_FEED)
+    feed = Feed(np.repeat(places, 2)[1:-1], np.repeat(fastest, 2))
+    return plan_spline(chain, places, feed, limits, (tolerance, axis_tolerance), arm, True)
