@@ -32,7 +32,7 @@ class Bounded(NamedTuple):
     limits: Array  #: Largest Euclidean norms of speeds, accelerations and jerks, shape (3, 8)
 
     def every(self, step: int) -> Bounded:
-        """Every so many places."""
+        """At every ``step``-th place."""
         return self._replace(rates=self.rates[:, ::step])
 
 
