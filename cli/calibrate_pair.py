@@ -273,7 +273,7 @@ def _base_notes(done: BasesFound) -> tuple[str, ...]:
         ]
     notes += [
         f"note: axes 1 and 2 of the {robot} miss each other by {1e3 * axes.gap:.3f} mm, more than noise explains: that "
-        "they meet on a UR5e was not used. Is the arm as its table says?"
+        "they meet on this arm was not used. Is the arm as its table says?"
         for robot, axes in done.found.frames.items()
         if not axes.meets
     ]

@@ -34,7 +34,7 @@ LogFile = Annotated[
     Own("--run", PANEL, "NAME", "Which of several runs in an npz."),
     Own("--from", PANEL, "S", "First second of the log to use (s).", float, 0.0, unit=SECOND),
     Own("--to", PANEL, "S", "Last second (s); default: the end, 1000 s at 500 Hz at most.", float, 0.0, unit=SECOND),
-    Own("--arm", PANEL, "NAME", "The robot's make, robot.arm; default: ur5e."),
+    Own("--arm", PANEL, "NAME", "The robot's make, robot.arm; default: the cell's."),
     Own("--payload", PANEL, "KG", "What it carried on its flange, not told to its controller (kg).", float, 0.0, 50.0),
     Own("--payload-center", PANEL, "X,Y,Z", "Its centre of mass from the flange (mm)."),
     Own("--beside", PANEL, "RUN", "A saved run: its force beside the log's, both from first contact.", Path),

@@ -37,7 +37,7 @@ SETTINGS: Final = ("periods", "starts", "seed", "payload")
     Own("--data", PANEL, "FILE.csv", "A robot's own log instead of a simulated one; columns: "
         "docs/identification.md.", Path),
     Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float),
-    Own("--model", PANEL, "FILE.xml", "MJCF of the robot of --data; without it the cell's UR5e.", Path),
+    Own("--model", PANEL, "FILE.xml", "MJCF of the robot of --data; without it the cell's arm.", Path),
     Own("--joints", PANEL, "NAMES", "Joints of --model that make the chain, with commas; default: all."),
     Own("--task", PANEL, "PLAN", "What the model is for: a plan or path, a run's folder, or joint positions over time "
         "(csv, npz).", Path),
@@ -96,9 +96,9 @@ def _refuse_idle(given: Given) -> None:
     if period is not None and period <= 0.0:
         raise InputError(f"--period {period:g}: the time after which a motion repeats is more than 0 s.")
     if model is not None and (data or loaded) is None and not given["--report"]:
-        raise InputError("--model belongs to --data or --report: what is simulated is the cell's UR5e.")
+        raise InputError("--model belongs to --data or --report: what is simulated is the cell's arm.")
     if given["--joints"] is not None and model is None:
-        raise InputError("--joints belongs to --model: the cell's UR5e has its six.")
+        raise InputError("--joints belongs to --model: the cell's arm has its six.")
 
 
 def _robot(given: Given) -> LoggedRobot:

@@ -38,7 +38,7 @@ ROW: Final = experiment("surface")
     defaults=ROW.defaults,
 )
 def serve(given: Given) -> int:
-    """Serve a simulated UR5e with sensor, pad and part to programmes written for a real one; Ctrl-C ends it."""
+    """Serve a simulated UR with sensor, pad and part to programmes written for a real one; Ctrl-C ends it."""
     addresses = given["--address"] or ["127.0.0.1"]
     speed, version = given["--speed"] or SPEEDS[0], given["--polyscope"] or POLYSCOPES[0]
     for name, word, known in (("--speed", speed, SPEEDS), ("--polyscope", version, POLYSCOPES)):
@@ -71,6 +71,7 @@ def _serve(scenario: Any, given: Given, addresses: list[str], speed: str, versio
     from polish_sim.cli.run import checked, plan_to_run
     from polish_sim.experiments.assembly import build_cell, build_part
     from polish_sim.experiments.surface import prepare_surface
+    from polish_sim.motion.makes import used_arm
     from polish_sim.ur.controller import Controller
     from polish_sim.ur.robot import SimulatedRobot
     from polish_sim.ur.script import Machine
@@ -91,7 +92,7 @@ def _serve(scenario: Any, given: Given, addresses: list[str], speed: str, versio
             controllers[address] = Controller(robot, version, Machine)
     server = Server(controllers, speed == SPEEDS[0], given["--port-offset"] or 0)
     started, end = time.perf_counter(), given["--for"]
-    console.say(f"serving a UR5e (PolyScope {version}) at {', '.join(addresses)}; Ctrl-C ends it")
+    console.say(f"serving a {used_arm().label} (PolyScope {version}) at {', '.join(addresses)}; Ctrl-C ends it")
     try:
         with interrupts_noted() as interrupt:
             server.run(lambda: interrupt.seen or (end is not None and robot.ticks * 0.002 >= end))

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arms import FIRST
 from polish_sim.arrays import Array
 from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool
@@ -154,7 +155,7 @@ def real_arms(
 
 def lone_arms(seed: int, q_work: Array) -> PairArms:
     """The arms of a seed with the cell's tool and no part, calibrated by the maker around ``q_work`` (6,) [rad]."""
-    scenario = Scenario(seed=seed, robot=RobotConfig(arm="ur5e"))
+    scenario = Scenario(seed=seed, robot=RobotConfig(arm=FIRST))
     places = dict(zip(ROBOTS, (ArmPlace(number=MASTER_ARM.number), ArmPlace()), strict=True))
     return real_arms(scenario, robot_with_tool(scenario).compile(), dict.fromkeys(ROBOTS, q_work), places)
 
@@ -167,7 +168,7 @@ def pair_arms(
 
     Raises:
         ConfigError: Two sources of one thing, or too few poses.
-        CalibrationError: The calibration on file is another pair's, or of arms that are no UR5e.
+        CalibrationError: The calibration on file is another pair's, or of arms of another make.
     """
     if config.arms_file or config.arm_poses:
         _refuse_second_source(config)

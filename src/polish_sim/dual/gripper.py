@@ -17,7 +17,7 @@ from polish_sim.spatial import apply, from_pose, inverse, transform
 GRIPPER_LENGTH: Final = 0.1  # from the flange to its face [m]
 GRIPPER_RADIUS: Final = 0.04  # [m]
 GRIPPER_MASS: Final = 0.9  # [kg]
-PAYLOAD_LIMIT: Final = 5.0  # of a UR5e [kg]
+PAYLOAD_LIMIT: Final = 5.0  # of the arm [kg]
 TOUCHING: Final = 1e-4  #: A part this close to the gripper is held by it [m]
 _SPACING: Final = 0.002  # between the sampled points of the gripper's face [m]
 _STEPS: Final = 2000

@@ -21,7 +21,7 @@ from polish_sim.spatial import inverse, transform
 
 TIME: Final = "time_s"
 FLANGE: Final = "flange_"  #: What the columns of a place begin with where the poses are the flange's
-JUMP_M_S, JUMP_RAD_S = 1.0, np.pi  #: Faster between lines is a jump: a UR5e's tool speed and joints' [m/s], [rad/s]
+JUMP_M_S, JUMP_RAD_S = 1.0, np.pi  #: Faster between lines is a jump: the arm's tool speed and joints' [m/s], [rad/s]
 WITHOUT_FILE: Final = (
     "master_speed_m_s", "master_direction", "master_arc_radius_m", "master_turn_rad_s", "master_axis", "master_center",
 )  # fmt: skip
@@ -138,7 +138,7 @@ def _refuse_jumps(columns: Measured, what: str, times: Array, poses: Array) -> N
         np.r_[False, (way > JUMP_M_S * steps) | (turn > JUMP_RAD_S * steps)],
         lambda row: (
             f"{what} would jump by {1e3 * way[row - 1]:.4g} mm and {np.degrees(turn[row - 1]):.4g} deg in "
-            f"{steps[row - 1]:.4g} s. A UR5e does {1e3 * JUMP_M_S:g} mm/s and {np.degrees(JUMP_RAD_S):g} deg/s at "
+            f"{steps[row - 1]:.4g} s. The arm does {1e3 * JUMP_M_S:g} mm/s and {np.degrees(JUMP_RAD_S):g} deg/s at "
             "most: give the poses between, or more time."
         ),
     )

@@ -40,7 +40,7 @@ CELL_LIMITS = SmoothingLimits(
 )
 """Of the tip half of what the robot's velocity interface does by default (1.2 m/s^2), built up in 40 ms: the other half
 is for the force loop. Of the axis, which that loop leaves alone, all of it (6 rad/s^2), built up in 20 ms: half of it
-costs the spiral on the freeform part 3% of its time. The tip's speed is the feed; of the joints the UR5e's defaults,
+costs the spiral on the freeform part 3% of its time. The tip's speed is the feed; of the joints the arm's defaults,
 their jerk (no maker publishes one) high enough that the tool's limits decide at most corners."""
 
 SPLINE = "spline"

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
+from polish_sim.arms import FIRST
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.identification.robot_model import ARM_JOINTS
@@ -81,7 +82,7 @@ def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path 
     """
     file = source or robot_model_path()
     spec = _read(file)
-    spec.modelname = f"{'ur5e' if source is None else spec.modelname}_identified"
+    spec.modelname = f"{FIRST if source is None else spec.modelname}_identified"
     # What is read from a string has no folder of its own.
     beside = Path(spec.modelfiledir).resolve()
     spec.meshdir, spec.texturedir = str(beside / spec.meshdir), str(beside / spec.texturedir)

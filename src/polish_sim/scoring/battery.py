@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from polish_sim.arms import FIRST
 from polish_sim.config import Scenario
 from polish_sim.errors import unknown_name
 from polish_sim.experiments import default_scenario
@@ -85,7 +86,7 @@ def _hold(name: str, text: str, *settings: str) -> Case:
 
 
 def _real(name: str, text: str, *settings: str) -> Case:
-    return _hold(f"real-{name}", f"{text}; 20 N, approach 20 mm/s", "robot.arm=ur5e", APPROACH_20, *settings)
+    return _hold(f"real-{name}", f"{text}; 20 N, approach 20 mm/s", f"robot.arm={FIRST}", APPROACH_20, *settings)
 
 
 def _flat(name: str, text: str, feed_mm_s: float, seconds: float, *settings: str) -> Case:
@@ -197,7 +198,7 @@ BATTERY: Final = (
         "robot.real.stiffness_2_nm_rad=[25000.0,25000.0,25000.0,3050.0,3050.0,3050.0]",
         "robot.real.stiffness_3_nm_rad=[28500.0,28500.0,28500.0,3550.0,3550.0,3550.0]",
     ),
-    _real("cold-sensor", "the UR5e's built-in sensor, just switched on", "sensor.model=ur5e-built-in"),
+    _real("cold-sensor", "the robot's built-in sensor, just switched on", "sensor.model=ur5e-built-in"),
     _real(
         "hiccup", "4 ms without the host, three times a second", "robot.real.missed_s=0.004",
         "robot.real.missed_every_s=0.3",

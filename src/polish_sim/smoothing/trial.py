@@ -56,7 +56,7 @@ def _on_dome(flat: Array) -> Array:
 
 
 def trial_arm(T_flange_tool: Array = _TOOL, q_near: Array = _HOME) -> Arm:
-    """A UR5e with a tool, by default of 150 mm along the flange's axis, the path given in its base frame.
+    """An arm with a tool, by default of 150 mm along the flange's axis, the path given in its base frame.
 
     ``q_near`` (6,) [rad] says the configuration it begins in.
     """

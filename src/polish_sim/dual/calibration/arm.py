@@ -35,9 +35,9 @@ ARM: Final = Kind(
     "transform, the follower's base in the master's, which goes with them. `pair` names the two robots it is true for. "
     "true_...: of simulated robots only.",
 )
-FAR_M, FAR_RAD = 0.01, 0.02  #: No built UR5e is farther off its table than this [m], [rad]
+FAR_M, FAR_RAD = 0.01, 0.02  #: No built arm is farther off its table than this [m], [rad]
 JOINTS_DEG: Final = tuple(f"q{k}_deg" for k in range(1, 7))
-TURNS = 2.0  #: No joint of a UR5e turns farther, so that a larger angle is in degrees [full turns]
+TURNS = 2.0  #: No joint of the arm turns farther, so that a larger angle is in degrees [full turns]
 
 
 class TrackedArm(NamedTuple):
@@ -233,7 +233,7 @@ def read_arm_calibration(file: Path, pair: str) -> CalibratedArms:
 
     Raises:
         InputError: No such file, not the calibration of arms, or a value that cannot be.
-        CalibrationError: The calibration of another pair of robots, or of arms that are no UR5e.
+        CalibrationError: The calibration of another pair of robots, or of arms of another make.
     """
     table = read_table(file, ARM)
     table.refuse_other_pair(pair)
@@ -254,8 +254,8 @@ def _tables(read: Calibration, prefix: str) -> dict[str, Array]:
         if (np.abs(table - NOMINAL) > limits).any():
             raise CalibrationError(
                 f"'{read.file}': {prefix}{robot}_table is more than {1e3 * FAR_M:g} mm or {np.degrees(FAR_RAD):.1f} "
-                "deg off the UR5e's: it is another robot's, or its rows or units are mixed (offsets, d, a, alpha; rad "
-                "and m)."
+                "deg off the maker's table: it is another robot's, or its rows or units are mixed (offsets, d, a, "
+                "alpha; rad and m)."
             )
     return tables
 

@@ -1,6 +1,6 @@
 """A robot's base from two circles: those a tracker's target runs while axis 1, then axis 2 of the robot turns.
 
-z1 is the first axis. x runs along the common normal of both axes, z1 x z2: on a UR5e the axes meet, so that the
+z1 is the first axis. x runs along the common normal of both axes, z1 x z2: on this arm the axes meet, so that the
 normal's foot is where they meet, but its direction is as good. The origin lies d1 below the foot on the first axis:
 its height follows from the robot's table, not from this measurement. Joint angles are not used (paper 2).
 """
@@ -26,8 +26,8 @@ LEAST_POINTS = 6
 LEAST_ARC = np.radians(30.0)  #: Shortest arc that is accepted; 120 deg and more are good [rad]
 GOOD_ARC = np.radians(119.0)
 LEAST_AXES_ANGLE = np.radians(5.0)  #: Least angle between the two axes [rad]
-SQUARE_TOLERANCE = np.radians(2.0)  #: How far axes 1 and 2 may be from square, as they are on a UR5e [rad]
-LARGEST_GAP = 5e-3  #: How far axes 1 and 2 of one arm may miss each other [m]; on a UR5e they meet
+SQUARE_TOLERANCE = np.radians(2.0)  #: How far axes 1 and 2 may be from square, as they are on the arm [rad]
+LARGEST_GAP = 5e-3  #: How far axes 1 and 2 of one arm may miss each other [m]; on the arm they meet
 RADIUS_SLACK = 0.35  #: How far the target may be from the flange [m], when radii are compared with the arm's
 _STEP = 1e-5
 
@@ -153,12 +153,12 @@ class BaseFrame(NamedTuple):
 
     T: Array  #: T_tracker_base [m], shape (4, 4)
     covariance: Array  #: Of the origin's displacement [m] and a small rotation [rad], tracker axes, shape (6, 6)
-    gap: float  #: Distance between the two axes [m]; 0 on a perfect UR5e
+    gap: float  #: Distance between the two axes [m]; 0 on a perfect arm
     meets: bool  #: Whether it was used that the axes meet and are square
 
 
 def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
-    """Base frame of a UR5e and its covariance, to first order in the noise of the circles of joints 1 and 2.
+    """Base frame of an arm and its covariance, to first order in the noise of the circles of joints 1 and 2.
 
     Joint 2 turns with joint 1 at zero, all others are at zero, points in rising order. Raises CalibrationError for axes
     nearly parallel or not square, or circles that cannot be the arm's.
@@ -182,7 +182,7 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     if off @ np.linalg.solve(S, off) > chdtri(2, CHANCE):
         if abs(off[0]) > LARGEST_GAP:
             raise CalibrationError(
-                f"axes 1 and 2 miss each other by {1e3 * abs(off[0]):.4g} mm, on a UR5e they meet: arcs of two robots "
+                f"axes 1 and 2 miss each other by {1e3 * abs(off[0]):.4g} mm, here they meet: arcs of two robots "
                 "taken for one's, or a tracker, target or stand that moved in between?"
             )
         return base_from_circles(first, second)
@@ -239,7 +239,7 @@ def _frame(first: Circle, second: Circle, step: Array) -> Array:
 
 
 def _check_axes(first: Circle, second: Circle) -> None:
-    """Refuse circles that are not those of a UR5e's axes 1 and 2.
+    """Refuse circles that are not those of the arm's axes 1 and 2.
 
     Radii are compared with those of the stretched arm, give or take the target's place on the flange: a wrong unit is
     far off. On which side of the axes the circles lie shows a mirror image, and points recorded backwards: with all
@@ -256,12 +256,12 @@ def _check_axes(first: Circle, second: Circle) -> None:
     for axis, (circle, radius) in enumerate(zip((first, second), wanted, strict=True), 1):
         if abs(circle.radius - radius) > RADIUS_SLACK:
             raise CalibrationError(
-                f"the circle of axis {axis} has a radius of {1e3 * circle.radius:.4g} mm; with the UR5e stretched out "
+                f"the circle of axis {axis} has a radius of {1e3 * circle.radius:.4g} mm; with the arm stretched out "
                 f"(all other joints at zero) it is about {1e3 * radius:.0f} mm. Wrong unit, or joints not at zero?"
             )
     if abs(angle - 0.5 * np.pi) > SQUARE_TOLERANCE:
         raise CalibrationError(
-            f"axes 1 and 2 are {np.degrees(angle):.2f} deg apart, on a UR5e they are square: did another joint or "
+            f"axes 1 and 2 are {np.degrees(angle):.2f} deg apart, on this arm they are square: did another joint or "
             "the robot's stand move?"
         )
     foot = _frame(first, second, np.zeros(10))[:3, 3] + NOMINAL[1, 0] * first.axis
@@ -269,7 +269,7 @@ def _check_axes(first: Circle, second: Circle) -> None:
     backwards_1 = float((first.center - foot) @ first.axis) > 0.0
     if backwards_1 and backwards_2:
         raise CalibrationError(
-            "the circles are the mirror image of a UR5e's: the measurements are left-handed. Two columns are swapped, "
+            "the circles are the mirror image of the arm's: the measurements are left-handed. Two columns are swapped, "
             "one has the wrong sign, or both arcs were recorded with falling joint angles."
         )
     if backwards_1 or backwards_2:

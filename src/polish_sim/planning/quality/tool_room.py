@@ -38,7 +38,7 @@ BEHIND_PAD: Final = (
     Body("sensor", 0.125, 0.2655, 0.0401),
     Body("wrist", 0.2655, 0.400, 0.1435),
 )
-"""What stands above the pad in models/ur5e_spindle.xml with the head's spring at rest, up to the arm's fourth link."""
+"""What stands above the pad in the model file with the head's spring at rest, up to the arm's fourth link."""
 HOLLOW_SHARE: Final = 0.2
 MOST_HOLLOW_M: Final = 0.005
 """On hollow ground the part may stand above the pad's face by this share of its radius, and by no more than this [m]:

@@ -1,0 +1,246 @@
+"""A real UR10e beside the simulated one: joints without contact, force control in contact.
+
+    python -m benchmarks.real_arm joints --data FOLDER            # FOLDER/*.npz: logs of the joints
+    python -m benchmarks.real_arm forces --data FOLDER            # FOLDER/force_mode_*.npz: curves of the force
+    python -m benchmarks.real_arm forces --data FOLDER --picture FILE.png
+    python -m benchmarks.real_arm laws --data FOLDER              # our laws on the same steps
+    python -m benchmarks.real_arm fit --data FOLDER               # the rig, on one curve
+
+Joints: Mamedov and Mikhel, Frontiers in Robotics and AI 7, 571574 (2020). Forces: Gadringer, Gattringer and Mueller,
+Mechanical Sciences 13, 361-370 (2022). The data are not ours to ship; docs/how_real.md says how they were read.
+
+What is fitted, and on what: friction and gears of ``robot.arm = ur10e`` on the logs of `FITTED`; the rig of the
+straight profile on `ONE_CURVE`, that of the ramp's sheet on `ONE_RAMP`, the virtual mass of force-mode on the times of
+the approaches. All else is predicted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from benchmarks.table import Row, print_rows
+from polish_sim.compare.contact import ContactRig, ForceStep, compare_steps, from_contact, measure_step, on_rig
+from polish_sim.compare.joints import compare_joints
+from polish_sim.compare.replay import SCENARIO, Payload
+from polish_sim.compare.show import plot_steps
+from polish_sim.errors import PolishSimError
+from polish_sim.exchange.robot_log import read_robot_recording
+from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.scenario_file import override
+
+UR10E: Final = "robot.arm=ur10e"
+FITTED: Final = ("ident_50s_12harm", "ident_20_01_31_unload", "jointwise_1")
+HELD_OUT: Final = ("ident_30s_12harm", "ident_50s_14harm", "validation_ptp_10_points", "jointwise_2", "jointwise_3")
+LOADED: Final = ("ident_50s_14harm_load", Payload(2.805, (0.0, 0.0, 0.05)))
+"""The log with a load, its mass as published; where its centre is was not: 50 mm before the flange."""
+
+
+def joint_rows(data: Path) -> Iterator[Row]:
+    """Measured beside simulated, by joint, and the largest deviations on logs nothing was fitted to."""
+    scenario = override(SCENARIO, [UR10E])
+    for names, what in ((FITTED, "fitted on"), (HELD_OUT, "held out")):
+        found = {name: compare_joints(scenario, _log(data, name), Payload()).figures for name in names}
+        for name, figures in found.items():
+            yield Row(f"{name} ({what}): torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-")
+        for key, unit in (("ripple_cycles", "1/turn"), ("ripple_nm", "N m")):
+            both = [np.nanmedian([f[prefix + key] for f in found.values()], axis=0) for prefix in ("simulated_", "")]
+            yield Row(f"{what}: {key} [{unit}], median of the logs", _six(both[0]), _six(both[1]))
+        worst = np.array([f["friction_curve_error"] for f in found.values()])
+        by_joint = worst[np.nan_to_num(np.abs(worst)).argmax(axis=0), np.arange(6)]
+        yield Row(f"{what}: friction by speed, largest error [%]", _six(100.0 * by_joint), "within 20")
+        delays = ", ".join(f"{1e3 * f['motion_delay_s']:.1f}" for f in found.values())
+        yield Row(f"{what}: motion, measured behind simulated [ms]", delays, "-")
+    for payload, named in ((LOADED[1], "2.805 kg"), (Payload(), "none")):
+        figures = compare_joints(scenario, _log(data, LOADED[0]), payload).figures
+        yield Row(f"{LOADED[0]}, payload {named}: torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-")
+
+
+def _log(data: Path, name: str) -> Any:
+    return read_robot_recording(data / f"{name}.npz", ("q_rad",))
+
+
+def _six(values: Sequence[float]) -> str:
+    return " ".join("-" if math.isnan(value) else f"{value:.3g}" for value in values)
+
+
+# In contact.
+
+
+class Case(NamedTuple):
+    """One of the published steps of UR's force mode."""
+
+    profile: str  #: straight, ramp or contact
+    force: float  #: [N]
+    gain: float
+    speed: float  #: That its name says: of the path on the straight profile, of approach and path on the others [m/s]
+
+    @property
+    def name(self) -> str:
+        """As the data name it."""
+        return f"ur_{self.force:.0f}N_gain{self.gain:g}_v{self.speed:.2f}"
+
+    @property
+    def approach(self) -> float:
+        """Speed at which it lands: pushed from rest over `RUN_UP`, no faster than its limit [m/s]."""
+        limit = TOP_SPEED if self.profile == "straight" else self.speed
+        return min(limit, math.sqrt(2.0 * RUN_UP[self.profile] * self.force * self.gain / MODE_MASS))
+
+
+MODE_MASS: Final = 48.5  #: Of force-mode at a scaling of 1; see `masses` [kg]
+TOP_SPEED: Final = 0.25  #: Limit along the axis on the straight profile, as published [m/s]
+RUN_UP: Final = {"straight": 0.081, "ramp": 0.134, "contact": 0.303}
+"""Way to the part, from the times from the recordings' beginning to contact [m]."""
+BEFORE_S: Final = 0.25  #: From a recording's beginning to the force mode's, from the same times [s]
+STRAIGHT: Final = tuple(Case("straight", F, gain, v) for F in (15.0, 35.0, 55.0) for gain in (0.5, 1.0) for v in (0.1,))
+RAMP: Final = (
+    *(Case("ramp", 15.0, 0.5, 0.1), Case("ramp", 35.0, 0.5, 0.1), Case("ramp", 35.0, 1.0, 0.1)),
+    *(Case("ramp", 55.0, 1.0, 0.1), Case("ramp", 15.0, 0.5, 0.25), Case("ramp", 15.0, 1.0, 0.25)),
+    *(Case("ramp", 35.0, 1.0, 0.25), Case("ramp", 55.0, 0.5, 0.25)),
+)
+CONTACT: Final = (
+    *(Case("contact", 100.0, 0.5, 0.1), Case("contact", 100.0, 0.5, 0.25), Case("contact", 100.0, 1.0, 0.25)),
+)
+IMPACT_MASS: Final = 20.0  #: About half the impulse of the first 35 ms by the speed of landing, 26 to 50 kg [kg]
+DAMPINGS: Final = (150.0, 300.0, 450.0, 600.0)
+ONE_CURVE: Final = STRAIGHT[2]
+ONE_RAMP: Final = RAMP[2]
+RIGS: Final = {
+    "straight": ContactRig(7300.0, 450.0, 20.0, 1e6),
+    "ramp": ContactRig(7300.0, 150.0, 20.0, 1e5),
+    "contact": ContactRig(7300.0, 450.0, 20.0, 1e6),
+}
+"""Found by ``fit``; the contact test's is the straight profile's."""
+
+
+def measured_step(data: Path, case: Case) -> ForceStep:
+    """The published curve."""
+    log = read_robot_recording(data / f"force_mode_{case.profile}.npz", ("force_n",), run=case.name)
+    return from_contact(log.time, log.values["force_n"][:, 0], case.force)
+
+
+def simulated_step(case: Case, rig: ContactRig, law: str = "force-mode", *settings: str) -> ForceStep:
+    """The same step in the cell; a run that stops itself ends there."""
+    mode = [f"controller.baselines.mode_gain_scaling={case.gain}", "controller.baselines.mode_damping=0"]
+    own = [UR10E, f"controller.name={law}", f"controller.force_limit_m_s={TOP_SPEED}", *mode, *settings]
+    run = run_experiment(on_rig(default_scenario("force"), rig, case.force, case.approach, *own))
+    time, force = (np.asarray(run.log[name], dtype=float) for name in ("time_s", "normal_force_n"))
+    return from_contact(time, force, case.force)
+
+
+def force_rows(data: Path, pairs: list[tuple[str, ForceStep, ForceStep]]) -> Iterator[Row]:
+    """Each step's settling time and mean error, measured and simulated; fills ``pairs``."""
+    for case in (*STRAIGHT, *RAMP, *CONTACT):
+        measured, simulated = measured_step(data, case), simulated_step(case, RIGS[case.profile])
+        found = compare_steps(measured, simulated)
+        name = f"{case.profile} {case.force:.0f} N, gain {case.gain:g}, {case.speed:g} m/s"
+        pairs.append((name, measured, simulated))
+        for key, unit in (("settling_s", "s"), ("mean_error_n", "N"), ("peak_n", "N"), ("lost_s", "s")):
+            ours, theirs = found[f"simulated_{key}"], found[key]
+            yield Row(f"{name}: {key} [{unit}]", f"{ours:.3g} ({_percent(ours, theirs)})", f"{theirs:.3g}")
+        yield Row("  rms of the curves' difference [N]", f"{found['force_rms_n']:.3g}", "-")
+
+
+def _percent(ours: float, theirs: float) -> str:
+    if math.isnan(ours) or math.isnan(theirs):
+        return "both not settled" if math.isnan(ours) and math.isnan(theirs) else "one not settled"
+    return f"{100.0 * (ours / theirs - 1.0):+.0f}%" if theirs else "-"
+
+
+LAWS: Final = ("hybrid-pi", "hybrid-adaptive")
+
+
+def law_rows(data: Path) -> Iterator[Row]:
+    """Our laws on the straight profile's rig, landing at 20 mm/s, beside force mode and flange."""
+    for force in (15.0, 35.0, 55.0):
+        for law in LAWS:
+            case = Case("straight", force, 1.0, 0.1)
+            settings = ["process.approach_speed_m_s=0.02", "controller.force_limit_m_s=0.05"]
+            try:
+                step = simulated_step(case, RIGS["straight"], law, *settings)
+                yield from _step_rows(f"{law}, {force:.0f} N, simulated", step)
+            except PolishSimError as error:
+                yield Row(f"{law}, {force:.0f} N", str(error)[:80], "-")
+        for gain in (0.5, 1.0):
+            case = Case("straight", force, gain, 0.1)
+            yield from _step_rows(f"UR force mode, {force:.0f} N, gain {gain:g}, measured", measured_step(data, case))
+        log = read_robot_recording(data / "force_mode_straight.npz", run=f"acf_{force:.0f}N_ramp0.0_v0.10")
+        flange = from_contact(log.time, log.values["force_n"][:, 0], force)
+        yield from _step_rows(f"active flange, {force:.0f} N, measured", flange)
+
+
+def _step_rows(name: str, step: ForceStep) -> Iterator[Row]:
+    found = measure_step(step)
+    shown = [f"{found[key]:.3g}" for key in ("settling_s", "mean_error_n", "peak_n", "lost_s")]
+    yield Row(name, " / ".join(shown), "-")
+
+
+def mass_rows(data: Path) -> Iterator[Row]:
+    """Virtual mass of the real force mode: by how much sooner a larger push brings the tool to its speed limit.
+
+    Pushed by F g on a mass M from rest, a tool that reaches its limit v on the way d needs d / v + v M / (2 F g).
+    """
+    for profile, v, cases in (
+        ("ramp", 0.1, [(55.0, 1.0), (35.0, 1.0), (35.0, 0.5), (15.0, 0.5)]),
+        ("contact", 0.25, [(100.0, 1.0), (100.0, 0.5)]),
+    ):
+        before = [_before_contact(data, Case(profile, F, gain, v)) for F, gain in cases]
+        push = np.array([F * gain for F, gain in cases])
+        slope = np.polyfit(1.0 / push, before, 1)[0]
+        yield Row(f"{profile}, limit {v:g} m/s: M at a scaling of 1 [kg]", f"{2.0 * slope / v:.1f}", "-")
+
+
+def _before_contact(data: Path, case: Case) -> float:
+    with np.load(data / f"force_mode_{case.profile}.npz") as file:
+        return -float(file[f"{case.name}/time_s"][0])
+
+
+def fit_rows(data: Path) -> Iterator[Row]:
+    """The rigs on one curve each: stiffness from its period, damping by the least difference of the low-passed curves.
+
+    Mass and contact are those of the first impact: its impulse by the speed, and its width.
+    """
+    for case, contact in ((ONE_CURVE, 1e6), (ONE_RAMP, 2e5)):
+        measured, best = measured_step(data, case), (math.inf, RIGS["straight"])
+        stiffness = MODE_MASS / case.gain * _swing(measured) ** 2
+        for damping in DAMPINGS:
+            rig = ContactRig(round(stiffness, -2), damping, IMPACT_MASS, contact)
+            off = _smooth_difference(measured, simulated_step(case, rig))
+            best = min(best, (off, rig))
+            yield Row(
+                f"{case.profile} {case.name}, damping {damping:g} N s/m: rms of the difference [N]", f"{off:.3g}", "-"
+            )
+        yield Row(f"rig on {case.profile} {case.name}", " ".join(f"{value:g}" for value in best[1]), "-")
+
+
+def _swing(step: ForceStep) -> float:
+    """Frequency a force swings out with, 1 to 3.5 s after contact [rad/s]."""
+    rows = (step.time > 1.0) & (step.time < 3.5)
+    time, off = step.time[rows], step.force[rows] - step.force[rows].mean()
+    tried = np.arange(3.0, 20.0, 0.05)
+    return float(tried[np.abs(np.exp(-1j * np.outer(tried, time)) @ (off * np.hanning(len(off)))).argmax()])
+
+
+def _smooth_difference(measured: ForceStep, simulated: ForceStep) -> float:
+    t = np.arange(0.1, 3.0, 0.01)
+    a, b = (np.convolve(np.interp(t, s.time, s.force), np.full(5, 0.2), "same") for s in (measured, simulated))
+    return float(np.sqrt(np.mean((a - b) ** 2)))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("joints", "forces", "laws", "mass", "fit"))
+    parser.add_argument("--data", type=Path, required=True, help="folder of the published data")
+    parser.add_argument("--picture", type=Path, help="forces: curve on curve")
+    given = parser.parse_args()
+    curves: list[tuple[str, ForceStep, ForceStep]] = []
+    rows = {"joints": joint_rows, "laws": law_rows, "mass": mass_rows, "fit": fit_rows}
+    made = force_rows(given.data, curves) if given.what == "forces" else rows[given.what](given.data)
+    print_rows(f"A real UR10e: {given.what}", made, ("simulated", "measured"))
+    if given.picture and curves:
+        plot_steps(curves, "UR's force mode and force-mode").savefig(given.picture)
