@@ -13,6 +13,7 @@ from polish_sim.arrays import Array
 RATE_HZ: Final = 100.0  #: Both sides are looked at on this clock
 CYCLES: Final = np.arange(20.0, 450.0, 0.1)  #: Of a turn of the joint, looked through for ripple
 _HIGH_PASS_HZ: Final = 2.0
+_HARDLY: Final = 0.05  #: Deviation by the largest column's below which one says nothing of a delay
 _CLOCK_S: Final = 1e-3  #: Shifts are tried in steps of it [s]
 _SLOW, _FAST = 0.1, 0.9  #: Speeds between which ripple is within the band of a log of 100 Hz [rad/s]
 _STILL: Final = 0.02  #: Below it friction is not that of sliding [rad/s]
@@ -30,13 +31,18 @@ def nrms(measured: Array, simulated: Array) -> Array:
 def delay(time: Array, measured: Array, simulated: Array, most: float = 0.1) -> float:
     """How late what is measured is behind what is simulated [s], columns (n, k), within +-``most``.
 
-    The shift of the least squared difference, all columns in shares of their deviation; NaN if none is within.
+    The shift of the least squared difference, columns in shares of their deviation, those that hardly change left out;
+    NaN if none is within.
     """
     t, count = np.arange(time[0], time[-1], _CLOCK_S), round(most / _CLOCK_S)
     if len(t) < 4 * count:
         return float("nan")
-    scale = np.maximum(measured.std(axis=0), 1e-12)
-    late, early = (np.stack([np.interp(t, time, x) for x in side.T], 1) / scale for side in (measured, simulated))
+    scale = measured.std(axis=0)
+    moving = scale > _HARDLY * scale.max()
+    if not moving.any():
+        return float("nan")
+    both = (side[:, moving] / scale[moving] for side in (measured, simulated))
+    late, early = (np.stack([np.interp(t, time, x) for x in side.T], 1) for side in both)
     inside = late[count:-count]
     off = [np.mean((inside - early[count - k : len(t) - count - k]) ** 2) for k in range(-count, count + 1)]
     best = int(np.argmin(off))
