@@ -107,12 +107,12 @@ CONTACT: Final = (
     *(Case("contact", 100.0, 0.5, 0.1), Case("contact", 100.0, 0.5, 0.25), Case("contact", 100.0, 1.0, 0.25)),
 )
 IMPACT_MASS: Final = 20.0  #: About half the impulse of the first 35 ms by the speed of landing, 26 to 50 kg [kg]
-DAMPINGS: Final = (300.0, 450.0, 600.0, 800.0, 1000.0)
+DAMPINGS: Final = (150.0, 300.0, 450.0, 600.0, 800.0, 1000.0)
 ONE_CURVE: Final = STRAIGHT[2]
-ONE_RAMP: Final = RAMP[2]
+ONE_RAMP: Final = RAMP[1]
 RIGS: Final = {
     "straight": ContactRig(7700.0, 800.0, IMPACT_MASS, 1e6),
-    "ramp": ContactRig(4200.0, 600.0, IMPACT_MASS, 2e5),
+    "ramp": ContactRig(8400.0, 300.0, IMPACT_MASS, 2e5),
     "contact": ContactRig(7700.0, 800.0, IMPACT_MASS, 1e6),
 }
 """Found by ``fit``; the contact test's is the straight profile's."""
