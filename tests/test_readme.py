@@ -99,7 +99,7 @@ PRINTS = {
     "12_smooth": r"spline +2\.0\d+ s, off the path by (20\.0|19\.\d) um",
     "13_environment": r"observation of 34 numbers, exact force .* N\nreward \d+\.\d; (stopped: |its time)",
     "14_admittance": r"x 1: Admittance within 3 N after 0\.1\d s, overshoot 0\.\d N\n",
-    "15_impedance": r"position +\+3\.\d\d N off.*\nimpedance +\+0\.[56]\d N off.*\nhybrid-pi +[+-]0\.0",
+    "15_impedance": r"position +\+2\.\d\d N off.*\nimpedance +\+0\.4\d N off.*\nhybrid-pi +[+-]0\.0",
 }
 
 
