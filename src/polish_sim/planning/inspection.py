@@ -111,7 +111,6 @@ def _reason(mesh: PartMesh, path: ToolPath, middle: float, even: float) -> str:
     return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
 
 
-NAMED = 3  #: Crossings that are named at most
 MOSTLY = 0.9  #: A region is the path's own if this share of the path runs on it
 
 
@@ -247,7 +246,6 @@ def _findings(quality: Quality, offset: Offset, pad: PadConfig) -> list[str]:
     if offset.sideways.max() > OFF_PART_M:
         notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
     if len(quality.crossings):
-        first = ", ".join(place_in_mm(place) for place in quality.crossings[:NAMED])
-        more = " ..." if len(quality.crossings) > NAMED else ""
-        notes.append(f"crossings of the path with itself: {len(quality.crossings)}, at {first}{more}")
+        first = place_in_mm(quality.crossings[0])
+        notes.append(f"crossings of the path with itself: {len(quality.crossings)}, the first at {first}")
     return notes

@@ -9,7 +9,6 @@ A leaned pad presses with the side it leans to: its rim goes as deep as on the m
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final, Protocol
 
 import numpy as np
@@ -44,19 +43,12 @@ class Leaning:
 
     mesh: Triangulation
     leans: Array  #: At its vertices, along the surface, shape (v, 3)
-    tool: Tool
 
-    @cached_property
+    @property
     def note(self) -> str:
-        """How far it leans, and how the pad touches there, on flat ground."""
-        slope, radius = float(np.linalg.norm(self.leans, axis=1).max()), self.tool.pad.radius_m
-        depth = float(pad_depths(np.zeros((1, 2)), self.tool.pad, self.tool.force, np.array([[slope, 0.0]]))[0])
-        return (
-            f"by up to {np.degrees(np.arctan(slope)):.3g} deg away from what stands beside it; there the pad presses "
-            f"with the side it leans to, up to {1e3 * (depth + radius * slope):.2g} mm deep (flat: "
-            f"{1e3 * self.tool.force / self.tool.pad.stiffness_n_m:.2g} mm), and touches over "
-            f"{1e3 * min(depth / slope + radius, 2.0 * radius):.2g} of its {2e3 * radius:.3g} mm"
-        )
+        """How far it leans."""
+        slope = float(np.linalg.norm(self.leans, axis=1).max())
+        return f"by up to {np.degrees(np.arctan(slope)):.3g} deg away from what stands beside it"
 
     def lean(self, points: Array, axes: Array) -> Array:
         """Unit axes (n, 3) at points (n, 3) [m], leaned."""
@@ -93,7 +85,7 @@ def find_leaning(
     found = needed > 0.0
     if not found.any():
         return None
-    return Leaning(mesh, _faded(mesh, rows[found], needed[found], away[found], tool, steepest), tool)
+    return Leaning(mesh, _faded(mesh, rows[found], needed[found], away[found], tool, steepest))
 
 
 def _of(under: UnderPad, rows: Indices) -> UnderPad:
