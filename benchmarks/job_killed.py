@@ -1,4 +1,4 @@
-"""A small job killed with SIGKILL at random moments and resumed: what comes off beside that of the job left alone.
+"""A small job killed with SIGKILL at random simulated moments and resumed, beside the job left alone.
 
     python -m benchmarks.job_killed [--count 20] [--seed 500]
 
@@ -30,6 +30,7 @@ plan.pattern = "raster"
 plan.stepover_m = 0.02
 process.feed_m_s = 0.02
 """
+PASS = "setup_1/region_1/pass_1"
 COMMAND = (sys.executable, "-c", "from polish_sim.cli import start; start()", "job")
 
 
@@ -44,18 +45,16 @@ def main() -> None:
         folder = Path(name)
         file = folder / "job.toml"
         file.write_text(JOB)
-        begun = time.perf_counter()
         run(file, folder / "whole")
-        took = time.perf_counter() - begun
+        lasts = json.loads((folder / "whole" / "job.json").read_text())["cycle_time_s"]
         for number in range(asked.count):
-            out, after = folder / f"killed_{number}", rng.uniform(0.1, 0.95) * took
+            out, after = folder / f"killed_{number}", rng.uniform(0.0, lasts)
             process = subprocess.Popen([*COMMAND, str(file), "--out", str(out)], stderr=subprocess.DEVNULL,
                                        stdout=subprocess.DEVNULL)  # fmt: skip
-            try:
-                process.wait(after)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            while process.poll() is None and len(list(out.glob(f"{PASS}/pieces/0/0*.npz"))) < after:
+                time.sleep(0.02)
+            process.kill()
+            process.wait()
             run(file, out, *(["--resume"] if (out / "job.toml").is_file() else []))
             say(after, removal_of(folder / "whole"), removal_of(out), out)
 
@@ -67,7 +66,7 @@ def run(file: Path, out: Path, *more: str) -> None:
 
 def removal_of(out: Path) -> RemovalMap:
     """Of its one pass."""
-    return read_removal(out / "setup_1/region_1/pass_1/run/removal.npz")
+    return read_removal(out / PASS / "run" / "removal.npz")
 
 
 def say(after: float, one: RemovalMap, two: RemovalMap, out: Path) -> None:
@@ -76,7 +75,7 @@ def say(after: float, one: RemovalMap, two: RemovalMap, out: Path) -> None:
     polished = one.exposure > 0.1 * one.mean
     ratio, areas = two.exposure[polished] / one.exposure[polished], one.areas[polished]
     print(
-        f"killed after {after:5.1f} s, {pieces} piece(s): removal {two.mean / one.mean:.3f}, "
+        f"killed at {after:5.1f} simulated s, {pieces} piece(s): removal {two.mean / one.mean:.3f}, "
         f"under half {areas[ratio < 0.5].sum() / areas.sum():.4f}, "
         f"over 1.5 {areas[ratio > 1.5].sum() / areas.sum():.4f}",
         flush=True,
