@@ -41,13 +41,6 @@ class Segment(Record):
     roll: float
 
 
-def chain_segment(chain: Chain, k: int) -> Segment:
-    """Segment k of a chain that is given in the base frame."""
-    segment = Segment()
-    _copy_segment(chain, k, segment)
-    return segment
-
-
 @kernel
 def _copy_segment(chain: Chain, k: int, segment: Segment) -> None:
     """Write segment k of a chain that is given in the base frame."""

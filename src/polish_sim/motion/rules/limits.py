@@ -11,7 +11,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import ConfigError
-from polish_sim.kernels import Matrix4, Record, Vector6, kernel
+from polish_sim.kernels import Matrix4, Record, Vector6
 from polish_sim.motion.kinematics import NOMINAL, arm_lengths, joint_rows
 from polish_sim.motion.rules.chain import Chain
 from polish_sim.spatial import apply, inverse
@@ -174,17 +174,6 @@ def build_arm(T_base_work: Array, T_flange_tool: Array, q_start: Array) -> Arm:
     """Put an arm together; see `Arm` for the arguments."""
     T_tool_flange = inverse(np.asarray(T_flange_tool, dtype=float))
     return Arm(T_base_work, T_flange_tool, T_tool_flange, q_start, joint_rows(NOMINAL), arm_lengths())
-
-
-def arm_or_none(arm: Arm | None) -> Arm:
-    """The arm, or one of the same type that stands for none: kernels are then compiled for both at once."""
-    return Arm(np.eye(4)) if arm is None else arm
-
-
-@kernel
-def is_there(arm: Arm) -> bool:
-    """Whether there is an arm, see `arm_or_none`."""
-    return bool(arm.T_flange_tool[3, 3] != 0.0)
 
 
 def chain_in_base(chain: Chain, arm: Arm) -> Chain:
