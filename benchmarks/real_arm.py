@@ -27,8 +27,9 @@ import numpy as np
 from benchmarks.table import Row, print_rows
 from polish_sim.compare.contact import ContactRig, ForceStep, compare_steps, from_contact, measure_step, on_rig
 from polish_sim.compare.joints import compare_joints
-from polish_sim.compare.replay import SCENARIO, Payload
+from polish_sim.compare.replay import SCENARIO, Payload, commands_of, rigid_torques, warm
 from polish_sim.compare.show import plot_steps
+from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.exchange.robot_log import read_robot_recording
 from polish_sim.experiments import default_scenario, run_experiment
@@ -37,6 +38,7 @@ from polish_sim.scenario_file import override
 UR10E: Final = "robot.arm=ur10e"
 FITTED: Final = ("ident_50s_12harm", "ident_20_01_31_unload")
 HELD_OUT: Final = ("ident_30s_12harm", "ident_50s_14harm", "validation_ptp_10_points")
+MOVES_S: Final = (6.4, 35.0)  #: In which the first of the logs held out moves [s]
 LOADED: Final = ("ident_50s_14harm_load", Payload(2.805, (0.0, 0.0, 0.05)))
 """The log with a load, its mass as published; where its centre is was not: 50 mm before the flange."""
 
@@ -56,9 +58,21 @@ def joint_rows(data: Path) -> Iterator[Row]:
             yield Row(f"{name}: friction by speed, largest error [%]", _six(off), "within 20")
         delays = ", ".join(f"{1e3 * f['motion_delay_s']:.1f}" for f in found.values())
         yield Row(f"{what}: motion, measured behind simulated [ms]", delays, "-")
+    yield _own_torques(scenario, data, HELD_OUT[0])
     for payload, named in ((LOADED[1], "2.805 kg"), (Payload(), "none")):
         figures = compare_joints(scenario, _log(data, LOADED[0]), payload).figures
         yield Row(f"{LOADED[0]}, payload {named}: torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-")
+
+
+def _own_torques(scenario: Scenario, data: Path, name: str) -> Row:
+    """What the robot's controller computes for its links and rotors, beside our table, while it moves."""
+    log = _log(data, name)
+    commands, theirs = commands_of(log), log.values["torque_desired_nm"]
+    states = (commands(log.time, order) for order in range(3))
+    off = theirs - rigid_torques(warm(scenario), *states, Payload())
+    moving = (log.time > MOVES_S[0]) & (log.time < MOVES_S[1])
+    rms = np.sqrt(np.mean(np.array([off, theirs])[:, moving] ** 2, axis=1))
+    return Row(f"{name}: controller's torques less the table's, rms [N m]", _six(rms[0]), f"of {_six(rms[1])}")
 
 
 def _log(data: Path, name: str) -> Any:
