@@ -11,7 +11,7 @@ Mechanical Sciences 13, 361-370 (2022). The data are not ours to ship; docs/how_
 
 What is fitted, and on what: friction and gears of ``robot.arm = ur10e`` on the logs of `FITTED`; the rig of the
 straight profile on `ONE_CURVE`, that of the ramp's sheet on `ONE_RAMP`, the virtual mass of force-mode on the times of
-the approaches. All else is predicted.
+the approaches. All else is computed with these; the choice of mass and contact stiffness had seen the straight cases.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from polish_sim.scenario_file import override
 
 UR10E: Final = "robot.arm=ur10e"
 FITTED: Final = ("ident_50s_12harm", "ident_20_01_31_unload")
+#: Not used for the gears' error; friction was fitted on all unloaded logs, these among them.
 HELD_OUT: Final = ("ident_30s_12harm", "ident_50s_14harm", "validation_ptp_10_points")
 MOVES_S: Final = (6.4, 35.0)  #: In which the first of the logs held out moves [s]
 LOADED: Final = ("ident_50s_14harm_load", Payload(2.805, (0.0, 0.0, 0.05)))
@@ -44,7 +45,7 @@ LOADED: Final = ("ident_50s_14harm_load", Payload(2.805, (0.0, 0.0, 0.05)))
 
 
 def joint_rows(data: Path) -> Iterator[Row]:
-    """Measured beside simulated, by joint, and the largest deviations on logs nothing was fitted to."""
+    """Measured beside simulated, by joint, and the largest deviations on logs kept from the gears' fit."""
     scenario = override(SCENARIO, [UR10E])
     for names, what in ((FITTED, "fitted on"), (HELD_OUT, "held out")):
         found = {name: compare_joints(scenario, _log(data, name), Payload()).figures for name in names}
