@@ -4,7 +4,7 @@
 
 Only the part's place is filled in, as a user does. No ports and no clock: the programme runs as fast as it goes. A line
 for each: mean of the exact force, share within 4 N, rms and largest error in contact, largest distance of the tool
-across the path (pad on the part as the seed has it), time fed, and what the programme said last.
+between its path and that of `run surface` on the same displaced part, time fed, and what the programme said last.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ import time
 import numpy as np
 from scipy.spatial import cKDTree
 
+from polish_sim.arrays import Array
 from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.urscript import urscript_text
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.surface import measure_run, prepare_surface
+from polish_sim.log import Trace
 from polish_sim.planning import plan_part
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, to_pose
@@ -29,6 +31,7 @@ from polish_sim.ur.script import Machine
 
 PARTS = ("plate", "freeform", "saddle")
 MOST_S = 1200.0  #: Robot time a programme may take
+END_M = 0.002  #: Left out around the ends of strokes
 
 
 def main() -> None:
@@ -45,8 +48,8 @@ def main() -> None:
         scenario = override(default_scenario("surface"), [*settings, f"seed={asked.seed}"])
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
         task = prepare_surface(scenario, plan)
-        own = run_experiment(scenario, plan).figures
-        say(part, "run", own)
+        own = run_experiment(scenario, plan)
+        say(part, "run", own.figures)
         real = build_part(scenario, task.place)
         robot = SimulatedRobot(build_cell(scenario, task.place, real))
         controller = Controller(robot, "5.11", Machine)
@@ -60,10 +63,29 @@ def main() -> None:
         served = robot.rig.result(time.perf_counter() - begun, points, s[plan.path.process])
         figures = measure_run(scenario, task, robot.cell, real, served).figures
         say(part, "served", figures)
-        fed = served.trace.phase == 2
-        off = cKDTree(points).query(served.trace.tcp_position_m[fed])[0]
-        print(f"    {len(controller.log)} lines, the last: {controller.log[-1] if controller.log else '-'}; "
-              f"off the planned points {1e3 * float(np.max(off, initial=0.0)):.2f} mm at most", flush=True)  # fmt: skip
+        off = 1e3 * apart(own.trace, served.trace)
+        print(f"    {len(controller.log)} lines, the last: {controller.log[-1] if controller.log else '-'}; from the "
+              f"path of run surface {off[0]:.3f} mm at most, {off[1]:.3f} mm rms", flush=True)  # fmt: skip
+
+
+def apart(own: Trace, served: Trace) -> Array:
+    """Distance of the served tool's path from the other's, largest and rms [m], shape (2,).
+
+    Each place of the served path is compared with the piece between the two nearest of the other. Landings and ends
+    of strokes, where one path is longer than the other, are left out: what lies within 2 mm of the other's ends.
+    """
+    reference = own.tcp_position_m[own.phase == 2]
+    jumps = np.flatnonzero(np.linalg.norm(np.diff(reference, axis=0), axis=1) > 1e-3)
+    ends = reference[np.concatenate([[0], jumps, jumps + 1, [len(reference) - 1]])]
+    at = served.tcp_position_m[served.phase == 2]
+    at = at[cKDTree(ends).query(at)[0] > END_M]
+    near = cKDTree(reference).query(at)[1].clip(1, len(reference) - 2)
+    along = reference[near + 1] - reference[near - 1]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    off = at - reference[near]
+    off -= np.sum(off * along, axis=1, keepdims=True) * along
+    size = np.linalg.norm(off, axis=1)
+    return np.array([size.max(), np.sqrt(np.mean(size**2))])
 
 
 def say(part: str, what: str, figures: dict[str, object]) -> None:

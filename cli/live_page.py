@@ -231,7 +231,8 @@ def block(content: str) -> str:
 def numbers_text(title: str, moment: Moment, paused: bool) -> str:
     """What the page says of a moment, as HTML; the force also as a bar, full at twice the set force."""
     said = f"<b>{html.escape(title)}</b><br>{moment.time:.2f} s"
-    said += f" of {moment.total:.1f} s: {html.escape(moment.stage)}" if moment.stage else ""
+    said += f" of {moment.total:.1f} s" if math.isfinite(moment.total) else ""
+    said += f": {html.escape(moment.stage)}" if moment.stage else ""
     said += " <b>(paused)</b>" if paused else ""
     if not math.isfinite(moment.force):
         return said

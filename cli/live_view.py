@@ -34,8 +34,9 @@ class LiveView(FrameSink):
 
     every_s = 0.012  #: A whole number of log rows at the usual rate
 
-    def __init__(self, asked: Address, title: str) -> None:
-        self._asked, self._title = asked, title
+    def __init__(self, asked: Address, title: str, steered: bool = True) -> None:
+        """``steered``: whether force and feed are ours to change."""
+        self._asked, self._title, self._steered = asked, title, steered
         self._cell: Any = None
         self._stopping = False
         self._wanted: dict[str, tuple[float, float]] = {}  # set points under a hand: value and when it was moved
@@ -61,11 +62,14 @@ class LiveView(FrameSink):
         """Offer what can be changed in the cell that is about to run."""
         self._cell, gui, process = cell, self.page.server.gui, cell.scenario.process
         self._total, force, feed = cycle_time(cell.strokes), process.contact_force_n, 1e3 * process.feed_m_s
-        if cell.on_part and cell.scenario.controller.name != "position":
+        if self._steered and cell.on_part and cell.scenario.controller.name != "position":
             top = max(force, min(2.0 * force, 0.8 * cell.scenario.safety.force_limit_n))
             self._slider(gui, "Force [N]", FORCE, (min(1.0, force), top, 0.5, force), 1.0)
         self.page.scale(2.0 * force)
-        self._slider(gui, "Feed [mm/s]", FEED, (0.05 * feed, feed, 0.05 * feed, feed), 1e-3)
+        if self._steered:
+            self._slider(gui, "Feed [mm/s]", FEED, (0.05 * feed, feed, 0.05 * feed, feed), 1e-3)
+        else:
+            self._total = math.inf
         with gui.add_folder("Faults", expand_by_default=False):
             for name in FAULTS:
                 if not lacking_for(name, cell.on_part, bool(cell.arm)):

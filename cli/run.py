@@ -27,7 +27,7 @@ from polish_sim.cli.options import (
 )
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell
-from polish_sim.cli.view import Address, asked_address
+from polish_sim.cli.view import live_address
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, place_in_mm
 from polish_sim.experiments.registry import (
@@ -118,7 +118,7 @@ def run(row: Experiment, given: Given) -> int:
     view, video, seeds = given.get("--view"), given.get("--video"), given.get("--seeds")
     if seeds is not None and (view or video or given.get("--live")):
         raise InputError("--view, --live and --video show one run: leave --seeds out.")
-    live = _live_address(given)
+    live = live_address(given)
     if seeds is None:
         refuse_taken(given["--out"], given["--overwrite"])
         refuse_without(given, "--seeds", "--workers", "--on")
@@ -143,20 +143,6 @@ def run(row: Experiment, given: Given) -> int:
             sinks.append(LiveView(live, row.title(scenario)))
         outcome = run_once(scenario, plan, folder.draft, sinks, bool(video))
     return outcome.finish(folder.final, check=bool(given["--check"]))
-
-
-def _live_address(given: Given) -> Address | None:
-    """Where a live view is asked for; None if none is.
-
-    Raises:
-        InputError: It cannot be shown, or only its address is given.
-    """
-    if not given.get("--live"):
-        where = [option for option in ("--live-port", "--live-host") if given.get(option) is not None]
-        if where:
-            raise InputError(f"{' and '.join(where)}: where the page of --live is; give --live as well.")
-        return None
-    return asked_address(given)
 
 
 @takes(*OUTPUT_OPTIONS)

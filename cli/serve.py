@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import ipaddress
+import math
+import multiprocessing
+import signal
+import sys
+import threading
 import time
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,28 +19,43 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
+from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
-from polish_sim.errors import InputError, count_text, unknown_name
+from polish_sim.errors import InputError, count_text, leave_out, unknown_name
 from polish_sim.experiments.registry import experiment
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from polish_sim.cell import Cell
+    from polish_sim.cell.cell import CellRun
+    from polish_sim.experiments.assembly import Workplace
+    from polish_sim.experiments.result import RunResult
+    from polish_sim.scoring import Task
     from polish_sim.ur.controller import Controller
+    from polish_sim.ur.server import Pace
 
 SPEEDS: Final = ("1", "max")
 POLYSCOPES: Final = ("5.11", "5.23")
 CLIENT: Final = "the client's programme"  #: What the figures call the controller
 LOG: Final = "controller.log"  #: What the controller noted
+SCORE: Final = "score.json"
+READY: Final = "def ready():\n  sync()\nend\n"  #: A programme to begin with
+SWITCH_S: Final = 5e-4  #: The clock waits so long for a thread that reads a programme, or draws [s]
 ROW: Final = experiment("surface")
+CELL: Final = ("--part", "--real-part", "--part-pose", "--pad-diameter", "--contact-force", "--path", *CONFIG_OPTIONS)
 
 
 @takes(
-    *("--part", "--real-part", "--part-pose", "--pad-diameter", "--contact-force", "--path", "--seed"),
+    *CELL,
+    "--seed",
+    Own("--score", RUN, "CASE", "Serve the cell of a case of 'score', and score what the client does in it."),
     Own("--address", RUN, "ADDRESS", "Address to serve at; twice for two robots. Default 127.0.0.1.", list),
     Own("--speed", RUN, "1|max", "1: real time; max: as fast as a client that answers every packet. Default 1."),
     Own("--polyscope", RUN, "5.11|5.23", "Version the controller says it is. Default 5.11."),
     Own("--port-offset", RUN, "N", "Added to every port, for clients that can be told.", int, 0, 30000),
     Own("--for", RUN, "SECONDS", "End after this robot time; default: at Ctrl-C.", float, 0.0, 1e6),
-    *CONFIG_OPTIONS,
+    *("--live", "--live-port", "--live-host"),
     *OUTPUT_OPTIONS,
     defaults=ROW.defaults,
 )
@@ -51,10 +73,24 @@ def serve(given: Given) -> int:
             console.note(f"warning: whoever reaches {address} can drive the robot: there is no authentication.")
     if len(set(addresses)) < len(addresses):
         raise InputError("--address: each robot needs an address of its own, e.g. 127.0.0.1 and 127.0.0.2.")
+    live = live_address(given)
+    if len(addresses) > 1 and (live or given["--score"]):
+        raise InputError("--live and --score are for one robot: give one --address.")
     refuse_taken(given["--out"], given["--overwrite"])
-    scenario = build_scenario(ROW.defaults, given)
+    case = _case(given)
     with claimed(given["--out"], "serve", given["--overwrite"]) as folder:
-        _serve(scenario, given, addresses, speed, version, folder.draft)
+        with console.progress() as observer:
+            job = _prepared(given, case, observer)
+            reader = _reader() if speed == SPEEDS[0] else None
+            controllers = {address: _controller(job, version, reader, observer) for address in addresses}
+        _serve(job, given, controllers, reader is not None, live)
+        if reader is not None:
+            reader.shutdown()
+        for address, controller in controllers.items():
+            own = folder.draft if len(addresses) == 1 else folder.draft / address
+            own.mkdir(exist_ok=True)
+            (own / LOG).write_text("".join(f"{line}\n" for line in controller.log), encoding="utf-8")
+            _write_run(job, controller, own)
     console.say_folder(folder.final)
     return DONE
 
@@ -66,72 +102,183 @@ def _is_address(text: str) -> bool:
         return False
 
 
-def _serve(scenario: Any, given: Given, addresses: list[str], speed: str, version: str, draft: Path) -> None:
-    from polish_sim.cell.observer import interrupts_noted
+# What is served.
+
+
+@dataclass
+class _Job:
+    """A cell to serve, and how a run of it is measured."""
+
+    scenario: Any
+    place: Workplace
+    part: Any
+    measure: Callable[[Any, Cell, CellRun], RunResult]
+    notes: Any = ()
+    task: Task | None = None  #: Of the score
+    most_s: float = math.inf  #: What is scored is over after this long [s]
+    wall_s: float = 0.0  #: Time served [s]
+
+
+def _case(given: Given) -> Task | None:
+    """The row of the score that is asked for, if one is."""
+    if given["--score"] is None:
+        return None
+    if beside := [name for name in CELL if given[name] is not None]:
+        raise InputError(leave_out(beside, "would change the case of --score"))
+    from polish_sim.scoring import BATTERY, Entry, Task, choose_cases
+
+    cases = choose_cases(BATTERY, [given["--score"]])
+    if len(cases) > 1:
+        raise InputError(f"--score {given['--score']}: one case at a time, e.g. {cases[0].name}.")
+    return Task(cases[0], Entry(CLIENT, ROW.defaults.controller.name), given["--seed"] or 0)
+
+
+def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     from polish_sim.cli.run import checked, plan_to_run
-    from polish_sim.experiments.assembly import build_cell, build_part
-    from polish_sim.experiments.surface import prepare_surface
-    from polish_sim.motion.makes import used_arm
+    from polish_sim.experiments.assembly import build_part
+    from polish_sim.experiments.force import ForceTask, measure_hold, place_force
+    from polish_sim.experiments.surface import measure_run, prepare_surface
+
+    if task is not None and not task.case.moving:
+        scenario = task.scenario
+        place = place_force(scenario, observer)
+        part = build_part(scenario, place)
+
+        def measure(ran: Any, cell: Cell, run: CellRun) -> RunResult:
+            return measure_hold(ran, ForceTask(cell, place.path, place.reach), run)
+
+        return _Job(scenario, place, part, measure, task=task, most_s=scenario.process.hold_s)
+    path, scenario = checked(task.scenario if task else build_scenario(ROW.defaults, given), given)
+    with observer.compiling.ahead(scenario):
+        plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
+    surface = prepare_surface(scenario, plan, observer)
+    part, notes = build_part(scenario, surface.place), surface.plan.notes
+    most_s = (task and scenario.process.max_feed_s) or math.inf
+    return _Job(
+        scenario, surface.place, part, lambda *ran: measure_run(ran[0], surface, ran[1], part, ran[2]), notes, task,
+        most_s,
+    )  # fmt: skip
+
+
+def _reader() -> Executor:
+    """A process that reads programmes: the clock of the robot goes on meanwhile."""
+    from concurrent.futures import ProcessPoolExecutor
+
+    from polish_sim.ur.script.translate import read, translate
+
+    translate(READY)  # refuses here what it would refuse when a client waits
+    context = multiprocessing.get_context("spawn")
+    reader = ProcessPoolExecutor(1, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    reader.submit(read, READY).result()  # started before a client waits
+    return reader
+
+
+def _controller(job: _Job, version: str, reader: Executor | None, observer: Any) -> Controller:
+    from polish_sim.experiments.assembly import build_cell
     from polish_sim.ur.controller import Controller
     from polish_sim.ur.robot import SimulatedRobot
     from polish_sim.ur.script import Machine
-    from polish_sim.ur.script.translate import translate
+
+    observer.stage("prepare the cell")
+    robot = SimulatedRobot(build_cell(job.scenario, job.place, job.part))
+    robot.step()  # compiles what it needs before a client waits
+    return Controller(robot, version, Machine, reader)
+
+
+# Serving.
+
+
+def _serve(job: _Job, given: Given, controllers: dict[str, Controller], real_time: bool, live: Address | None) -> None:
+    from polish_sim.cell.observer import interrupts_noted
+    from polish_sim.motion.makes import used_arm
+    from polish_sim.ur.physics import TICK_S
     from polish_sim.ur.server import Server
 
-    translate("def ready():\n  sync()\nend\n")  # refuses here what it would refuse when a client waits
-    path, scenario = checked(scenario, given)
-    with console.progress() as observer, observer.compiling.ahead(scenario):
-        plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
-        task = prepare_surface(scenario, plan, observer)
-        observer.stage("prepare the cell")
-        part = build_part(scenario, task.place)
-        controllers = {}
-        for address in addresses:
-            robot = SimulatedRobot(build_cell(scenario, task.place, part))
-            robot.step()  # compiles what it needs before a client waits
-            controllers[address] = Controller(robot, version, Machine)
-    server = Server(controllers, speed == SPEEDS[0], given["--port-offset"] or 0)
-    started, end = time.perf_counter(), given["--for"]
-    console.say(f"serving a {used_arm().label} (PolyScope {version}) at {', '.join(addresses)}; Ctrl-C ends it")
+    server = Server(controllers, real_time, given["--port-offset"] or 0)
+    started, end, (first, *_) = time.perf_counter(), given["--for"], controllers.values()
+    most = math.inf if end is None else end / TICK_S
+    sys.setswitchinterval(SWITCH_S)
     try:
-        with interrupts_noted() as interrupt:
-            server.run(lambda: interrupt.seen or (end is not None and robot.ticks * 0.002 >= end))
+        with _watched(live, first.robot.cell), interrupts_noted() as interrupt:
+            console.say(f"serving a {used_arm().label} (PolyScope {'.'.join(map(str, first.version[:2]))}) at "
+                        f"{', '.join(controllers)}; Ctrl-C ends it")  # fmt: skip
+            server.run(lambda: interrupt.seen or first.robot.ticks >= most)
     finally:
         server.close()
-    pace = server.pace
-    if pace.ticks:
-        console.say(
-            f"real time: {100.0 * (1.0 - pace.late / pace.ticks):.2f}% of {count_text(pace.ticks, 'cycle')} began "
-            f"within 0.5 ms of when they were due, the latest {1e3 * pace.worst_s:.1f} ms late"
-        )
-    for address, controller in controllers.items():
-        own = draft if len(addresses) == 1 else draft / address
-        own.mkdir(exist_ok=True)
-        (own / LOG).write_text("".join(f"{line}\n" for line in controller.log), encoding="utf-8")
-        _write_run(scenario, task, part, controller, own, time.perf_counter() - started)
+    job.wall_s = time.perf_counter() - started
+    if server.pace.ticks:
+        console.say(_pace_text(server.pace))
 
 
-def _write_run(scenario: Any, task: Any, part: Any, controller: Controller, folder: Path, wall_s: float) -> None:
-    """The usual log, figures and page of what was recorded, if anything was."""
+@contextmanager
+def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
+    """A page of the cell while it is served, drawn by a thread of its own."""
+    if live is None:
+        yield
+        return
+    from polish_sim.cell.observer import STOPPING
+    from polish_sim.cli.live_view import LiveView
+
+    ended = threading.Event()
+    with LiveView(live, "serve", steered=False) as view:
+
+        def draw() -> None:
+            view.start(cell)
+            while not ended.wait(view.every_s):
+                view.take(cell.model, cell.data)
+
+        thread = threading.Thread(target=draw)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            view.stage(STOPPING)
+            thread.join()
+
+
+def _pace_text(pace: Pace) -> str:
+    late = [
+        f"{100.0 * (1.0 - count / pace.ticks):.3f}% within {1e3 * bound:g} ms" for bound, count in pace.late.items()
+    ]
+    return (f"real time: of {count_text(pace.ticks, 'cycle')} {', '.join(late)} of when they were due, the latest "
+            f"{1e3 * pace.worst_s:.1f} ms late")  # fmt: skip
+
+
+# What is left of it.
+
+
+def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
+    """The usual log, figures and page of what was recorded, if anything was, and its row of the score."""
     from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
     from polish_sim.cli.run import draw_run
     from polish_sim.experiments.report import write_page
-    from polish_sim.experiments.surface import measure_run
     from polish_sim.spatial import apply
 
-    rig = controller.robot.rig
+    rig, path = controller.robot.rig, job.place.path
     if not rig.recorded:
         console.note("nothing was recorded: no programme ran.")
         return
-    path = task.plan.path
-    points = apply(task.reach.T_base_work, path.positions_work[path.process])
-    run = rig.result(wall_s, points, path.s[path.process])
+    points = apply(job.place.reach.T_base_work, path.positions_work[path.process])
+    run = rig.result(job.wall_s, points, path.s[path.process], job.most_s)
     if not (run.trace.phase == 2).any():
         console.note("the pad never touched the part: only log and page of the motion have something to show.")
-    scenario = replace(scenario, controller=replace(scenario.controller, name=CLIENT))
-    result = measure_run(scenario, task, controller.robot.cell, part, run)
+    scenario = replace(job.scenario, controller=replace(job.scenario.controller, name=CLIENT))
+    result = job.measure(scenario, controller.robot.cell, run)
     figures = {**result.figures, "versions": package_versions()}
     record = RunRecord(scenario.experiment, scenario, figures, result.log, result.path, result.removal)
     write_record(folder, record)
     draw_run(record, folder)
-    write_page(folder, record, controller.robot.cell.model, task.plan.notes)
+    write_page(folder, record, controller.robot.cell.model, job.notes)
+    if job.task is not None:
+        _score(job.task, job.place, run, folder)
+
+
+def _score(task: Task, place: Workplace, run: CellRun, folder: Path) -> None:
+    from polish_sim.analysis.run_record import write_json
+    from polish_sim.scoring import measured, overview, summarize
+
+    row = measured(task, place, run)
+    write_json(folder / SCORE, {"rows": [row]})
+    summaries = summarize([task.case], [task.entry], [row])
+    console.table(f"{CLIENT} [s, N], seed {task.seed}", *overview(summaries, means=False))

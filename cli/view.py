@@ -53,6 +53,20 @@ def asked_address(given: Given) -> Address:
     return Address(given.get("--live-host") or LOOPBACK, given.get("--live-port") or 0)
 
 
+def live_address(given: Given) -> Address | None:
+    """Where a live view is asked for; None if none is.
+
+    Raises:
+        InputError: It cannot be shown, or only its address is given.
+    """
+    if not given.get("--live"):
+        where = [option for option in ("--live-port", "--live-host") if given.get(option) is not None]
+        if where:
+            raise InputError(f"{' and '.join(where)}: where the page of --live is; give --live as well.")
+        return None
+    return asked_address(given)
+
+
 def free_address(asked: Address) -> Address:
     """An address that can be listened on: the port asked for, else the first free one.
 

@@ -21,4 +21,9 @@ def build() -> Callable[[], SimulatedRobot]:
     """What builds one."""
     scenario = override(default_scenario("surface"), ["part.file=plate", "plan.stepover_m=0.03"])
     task = prepare_surface(scenario)
-    return lambda: SimulatedRobot(build_cell(scenario, task.place, build_part(scenario, task.place)))
+
+    def make() -> SimulatedRobot:
+        return SimulatedRobot(build_cell(scenario, task.place, build_part(scenario, task.place)))
+
+    make().step()  # compiles before anything has to be in time
+    return make

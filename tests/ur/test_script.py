@@ -256,10 +256,62 @@ def test_a_failing_programme_stops_with_its_place(body: str, words: str) -> None
     assert time.perf_counter() - began < 2.0
 
 
-def test_nothing_of_python_can_be_reached() -> None:
-    for text in ("__import__(1)", "x = __builtins__", "x = f.__class__", "x = open(1)", "x = spend", "b_movej(1)"):
-        with pytest.raises(ScriptError):
-            Machine(f"def f():\n{text}\nend\n", Notes())
+@pytest.mark.parametrize(
+    "text",
+    [
+        "__import__(1)", "x = __builtins__", "x = f.__class__", "x = open(1)", "x = spend", "b_movej(1)",
+        "x = main", "x = Halt", "exec(\"1\")", "x = movej", "f_f()", "x = (1).real", "x = [1].append", "lambda: 1",
+        "x = 1 if True else 2", "x = [y for y in [1]]", "import os", "global f = 1\nf.x = 2", "x = g_y", "raise Halt",
+        "x = yield", "del x", "x = 1; y = 2", "x := 1", "movej.__globals__[0]", "x = {1: 2}", "x = *[1]",
+        "movej([0,0,0,0,0,0], **a)", "socket_open(\"a\", 1, self=1)", "set_tcp(self=1)", "x = 1e999",
+    ],
+)  # fmt: skip
+def test_nothing_of_python_can_be_reached(text: str) -> None:
+    with pytest.raises(ScriptError):
+        Machine(f"def f():\n{text}\nend\n", Notes())
+
+
+def test_a_programme_compiles_to_its_own_names_and_ours_only() -> None:
+    """Whatever a programme is called and says, its code names nothing but what it was given."""
+    words = ("__class__", "__globals__", "gi_frame", "f_back", "eval", "os", "main", "spend", "List", "Halt", "self")
+    body = "".join(f"{word} = 1\ndef {word}_(a):\n local {word} = a\n return {word}\nend\n" for word in words)
+    text = f"def f():\n{body}x = 'a\\\\\" + __import__(1)'\nsync()\nend\n"
+    machine = Machine(text, Notes())
+    codes, seen = [machine.program.code], set[str]()
+    while codes:
+        code = codes.pop()
+        seen |= set(code.co_names)
+        codes += [value for value in code.co_consts if hasattr(value, "co_names")]
+    known = {"main", "spend", "List", "checked", "pose", "add", "sub", "mul", "mod", "xor", "element", "replaced"}
+    assert {name for name in seen if name[:2] not in ("g_", "l_", "f_", "b_")} <= known
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "a = [1]\nb = [1]\nwhile True:\n a = [a, a]\n b = [b, b]\n c = a == b\n sync()\nend",
+        "a = [1]\nwhile True:\n a[0] = a\n sync()\nend",
+        "a = [" + "1," * 4999 + "1]\nb = [" + "a," * 4999 + "a]\nc = b * 2",
+        "a = [" + "1," * 4999 + "1]\nwhile True:\n b = a * 1.5\nend",
+        "i = 1\nwhile True:\n i = i + i\nend",
+        "i = 1\nwhile True:\n i = i - (0 - i)\nend",
+        "while True:\n m = get_mass_matrix()\nend",
+        "m = 1\n" + "a = [" + "1," * 4999 + "1]\n" + "b = a / 3 * a + a - a\n" * 3000,
+        "def g(n):\n while True:\n  m = n * [1.5,2,3]\n end\nend\nthread t(n):\n g(n)\nend\n"
+        + "i = 0\nwhile i < 60:\n h = run t(i)\n i = i + 1\nend\nsync()",
+    ],
+)
+def test_no_programme_holds_the_server_up(body: str) -> None:
+    """Neither by time nor by memory: what would be endless is stopped within a step."""
+    machine, notes, robot = Machine(f"def f():\n{body}\nend\n", Notes()), Notes(), FakeRobot()
+    machine.listener, longest = notes, 0.0
+    for _ in range(50):
+        began = time.thread_time()
+        machine.tick(robot)
+        longest = max(longest, time.thread_time() - began)
+    assert notes.events[0][0] == "exception"
+    assert not machine.running
+    assert longest < 1.0
 
 
 def test_sockets_carry_integers_in_network_order() -> None:

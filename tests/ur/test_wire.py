@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import json
+import multiprocessing
 import os
 import signal
 import socket
@@ -14,14 +15,19 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from polish_sim.errors import InputError
+from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import override
 from polish_sim.ur.controller import Controller
+from polish_sim.ur.link import Link
 from polish_sim.ur.robot import SimulatedRobot
+from polish_sim.ur.rtde import RtdeSession
 from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
 from tests.cli.conftest import PROGRAM
@@ -51,7 +57,7 @@ class Served:
     def connect(self, port: int) -> socket.socket:
         return socket.create_connection((ADDRESS, port + self.offset), 20.0)
 
-    def until(self, done: Callable[[], bool], most_s: float = 20.0) -> None:
+    def until(self, done: Callable[[], bool], most_s: float = 90.0) -> None:
         begun = time.monotonic()
         while not done():
             assert time.monotonic() - begun < most_s
@@ -192,6 +198,86 @@ def test_a_watchdog_stops_a_programme_whose_client_is_silent(served: Served) -> 
     served.until(lambda: served.controller.machine is None)
 
 
+def messages(connection: socket.socket, kind: int) -> Iterator[bytes]:
+    """Bodies of the robot messages of a kind, as they come on the primary port; states are passed over."""
+    stream = connection.makefile("rb")
+    while True:
+        size, package = struct.unpack(">IB", stream.read(5))
+        body = stream.read(size - 5)
+        if package == 20 and body[9] == kind:
+            yield body[10:]
+
+
+def test_the_primary_port_tells_of_stops_and_unknown_names_as_a_robot_does(served: Served) -> None:
+    primary = served.connect(PRIMARY)
+    primary.sendall(b"def bad():\n  no_such_function(1)\nend\n")
+    line, column = struct.unpack(">ii", (text := next(messages(primary, 10)))[:8])
+    assert (line, column, text[8:]) == (2, 3, b"compile_error_name_not_found:no_such_function:")
+    modes, errors = (messages(served.connect(PRIMARY), kind) for kind in (5, 6))
+    served.until(lambda: len(served.server._clients[served.controller]) == 3)
+    primary.sendall(b"sec stops():\n  protective_stop()\nend\n")
+    assert struct.unpack(">iiBII", next(modes)) == (0, 0, 3, 0, 0)
+    assert struct.unpack(">iiiII", next(errors)[:20])[:3] == (209, 0, 2)
+    primary.sendall(b"set unlock protective stop\n")
+    assert struct.unpack(">iiBII", next(modes))[2] == 1  # a second later: what was asked for too soon waits
+
+
+def test_what_a_client_sends_arrives_late_by_the_arms_settings(build: Callable[[], SimulatedRobot]) -> None:
+    robot = build()
+    controller = Controller(robot, "5.11", Machine)
+    session = RtdeSession(controller, lambda _: None)
+    session.feed(struct.pack(">HB", 3 + 20, ord("I")) + b"input_int_register_0")
+    late = round(robot.cell.scenario.robot.command_latency_s / 0.002)
+    assert late == 3
+    session.feed(struct.pack(">HBBi", 8, ord("U"), 1, 7))
+    seen = []
+    for _ in range(6):
+        controller.tick()
+        seen.append(robot.registers["in"]["int"][0])
+    assert seen == [0] * late + [7] * (6 - late)
+
+
+def test_the_line_falls_silent_now_and_then_and_loses_nothing() -> None:
+    scenario = override(default_scenario("surface"), ["robot.real.missed_every_s=0.2", "robot.real.missed_s=0.0056"])
+    link, came, silent = Link(scenario), list[int](), list[bool]()
+    for tick in range(50_000):
+        link.advance(tick)
+        silent.append(link.silent)
+        link.take(tick, lambda tick=tick: came.append(tick))  # type: ignore[misc]
+    gaps = np.flatnonzero(np.diff(np.array(silent, dtype=int)) == 1)
+    assert len(gaps) == pytest.approx(50_000 * 0.002 / 0.2, rel=0.2)
+    assert np.sum(silent) == 3 * len(gaps)
+    assert came == list(range(len(came)))
+    assert len(came) >= 50_000 - 10
+    ideal = Link(override(scenario, ["robot.arm=ideal"]))
+    for tick in range(1000):
+        ideal.advance(tick)
+        assert not ideal.silent
+
+
+def test_a_long_programme_is_read_while_the_clock_goes_on(build: Callable[[], SimulatedRobot]) -> None:
+    robot, reader = build(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+    controller = Controller(robot, "5.11", Machine, reader)
+    source = "def long():\n" + "".join(f"  x = {k} * (2 + [1, 2][1])\n" for k in range(5000)) + "  sleep(9)\nend\n"
+    controller.run(source, "")
+    controller.tick()
+    assert controller.machine is None
+    begun = time.monotonic()
+    while controller.machine is None and time.monotonic() - begun < 60.0:
+        controller.tick()
+    assert controller.program == "long"
+    assert robot.ticks > 20
+    controller.run("def bad():\n  nothing()\nend\n", "")
+    while "line 2, column 3: compile_error_name_not_found:nothing:" not in controller.log[-1]:
+        controller.tick()
+    controller.run(source + "#\n", "")
+    controller.stop("by the test")
+    reader.shutdown()
+    for _ in range(20):
+        controller.tick()
+    assert controller.machine is None
+
+
 def test_programmes_are_refused_with_their_place(served: Served) -> None:
     primary = served.connect(PRIMARY)
     primary.sendall(b"def bad():\n  no_such_function(1)\nend\n")
@@ -267,6 +353,9 @@ def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Callable[.
         (("--polyscope", "4.0"), "5.11"),
         (("--speed", "fast"), "max"),
         (("--address", ADDRESS, "--address", ADDRESS), "an address of its own"),
+        (("--score", "nothing"), "step-20"),
+        (("--score", "step-20", "--part", "plate"), "--part"),
+        (("--score", "step-20", "--address", ADDRESS, "--address", "127.0.0.2"), "one robot"),
     ):
         call = polish_sim("serve", *words)
         assert (call.code, said in call.err, call.err.count("\n")) == (2, True, 1), call.err  # type: ignore[attr-defined]

@@ -94,9 +94,14 @@ def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult
     The path's pattern and feed play no role. The default leaves the spindle off.
     """
     observer = observer or Silent()
-    cell, path, reach = prepare_force(scenario, observer)
+    task = prepare_force(scenario, observer)
     observer.stage("simulate")
-    run = cell.run(observer)
+    return measure_hold(scenario, task, task.cell.run(observer))
+
+
+def measure_hold(scenario: Scenario, task: ForceTask, run: CellRun) -> RunResult:
+    """How well a ``run`` of the task's cell has pressed on its point."""
+    cell, path, reach = task
     figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, hold_done(scenario, run), reach.T_base_work)
     figures |= cell.payload_errors._asdict()

@@ -50,11 +50,14 @@ def measure_row(task: Task) -> Row:
 
     A run that could not be set up says why as its protective_stop and has no figures.
     """
-    begin: Row = {"case": task.case.name, "controller": task.entry.label, "seed": task.seed}
     try:
-        return begin | _measure(task)
+        return _measure(task)
     except PolishSimError as error:
-        return begin | {**_NOTHING, "protective_stop": f"not run: {error}", "duration": 0.0}
+        return _named(task) | {**_NOTHING, "protective_stop": f"not run: {error}", "duration": 0.0}
+
+
+def _named(task: Task) -> Row:
+    return {"case": task.case.name, "controller": task.entry.label, "seed": task.seed}
 
 
 def setup_key(scenario: Scenario) -> Hashable:
@@ -73,10 +76,20 @@ def _measure(task: Task) -> Row:
     run = build_cell(scenario, place, build_part(scenario, place)).run()
     if run.interrupted:
         raise KeyboardInterrupt
-    return _figures(task, scenario, place, run) | {
-        "protective_stop": run.stop_reason,
-        "duration": run.steps * scenario.simulation.timestep_s,
-    }
+    return measured(task, place, run)
+
+
+def measured(task: Task, place: Workplace, run: CellRun) -> Row:
+    """The figures of a run of a task's scenario, whatever drove the robot."""
+    scenario = task.scenario
+    return (
+        _named(task)
+        | _figures(task, scenario, place, run)
+        | {
+            "protective_stop": run.stop_reason,
+            "duration": run.steps * scenario.simulation.timestep_s,
+        }
+    )
 
 
 def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> Row:

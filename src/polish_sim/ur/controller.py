@@ -13,45 +13,59 @@ import numpy as np
 from polish_sim.motion import link_frames
 from polish_sim.motion.makes import used_arm
 from polish_sim.ur.api import Listener
+from polish_sim.ur.link import Link
 from polish_sim.ur.physics import TICK_S
-from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, TEXT, message
+from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, SAFETY_MODE, TEXT, message
 from polish_sim.ur.robot import IDLE, NORMAL, PAUSED, PLAYING, POWER_OFF, PROTECTIVE, RUNNING, STOPPED, SimulatedRobot
 
 if TYPE_CHECKING:
-    from polish_sim.ur.script import Machine
+    from concurrent.futures import Executor, Future
+
+    from polish_sim.ur.script import Machine, ScriptError
+    from polish_sim.ur.script.translate import Program
 
 VERSIONS: Final = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000)}
 """PolyScope versions a controller may say it is: major, minor, bug fix, build."""
-UNLOCK_TICKS: Final = 2500  #: A protective stop can be unlocked 5 s after it
+UNLOCK_TICKS: Final = 2500  #: The dashboard unlocks a protective stop 5 s after it
+WAIT_TICKS: Final = 500  #: Other ports, whose clients wait 5 s at most, 1 s after it; the robot's time is not public
 GONE_TICKS: Final = 100  #: A programme whose RTDE client has gone goes on for so long
-READ_ONLY, CALLED = 210, 0  #: Codes of messages
-KEPT: Final = 1000  #: Lines of the controller's log that are kept
+PROTECTIVE_CODE, WARNING = 209, 2  #: Of the message that a protective stop was triggered
+KEPT: Final = 1000  #: Lines of the controller's log that are kept, and messages of a tick
+UNREAD: Final = 8  #: Programmes that may wait to be read
 
-Start = Callable[[str, Listener, str], "Machine"]
-"""Makes a machine of a source, for a client's address; `ScriptError` where it is refused."""
+Start = Callable[["Program", Listener, str], "Machine"]
+"""Makes a machine of a programme, for a client's address."""
 
 
 class Controller(Listener):
     """What all ports of one robot share."""
 
-    def __init__(self, robot: SimulatedRobot, version: str, start: Start) -> None:
-        self.robot, self.version, self._start = robot, VERSIONS[version], start
+    def __init__(self, robot: SimulatedRobot, version: str, start: Start, reader: Executor | None = None) -> None:
+        """``reader`` reads programmes beside the clock, in a process; without one time stands while they are read."""
+        self.robot, self.version, self._start, self._reader = robot, VERSIONS[version], start, reader
         self.torque_constants = np.array(used_arm().torque_constants)  #: [N m/A]
+        self.link = Link(robot.cell.scenario)
+        self._unread: list[tuple[Future[Any], str, str]] = []
         self.claimed: dict[str, Any] = {}  #: RTDE inputs by the session that has them
-        self.messages: list[bytes] = []  #: For every client of the primary port
+        self.messages: deque[bytes] = deque(maxlen=KEPT)  #: For every client of the primary port
         self.machine: Machine | None = None
         self.secondary: list[Machine] = []
         self.program, self.popups = "", 0
         self.log: deque[str] = deque(maxlen=KEPT)
         self.line = 0
-        self._stopped_at = -UNLOCK_TICKS
+        self._stopped_at, self._unlocking, self._safety = -UNLOCK_TICKS, False, NORMAL
+        self.changed_at = 0  #: Tick in which the safety mode changed last
         self._orphan: int | None = None
 
     # The tick.
 
     def tick(self) -> None:
         """Run programmes, then the robot, for 2 ms."""
-        robot, before = self.robot, self.robot.safety
+        robot = self.robot
+        self.link.advance(robot.ticks)
+        if self._unread and self._unread[0][0].done():
+            found, source, client = self._unread.pop(0)
+            self._begin(found.result(), source, client)
         if self._orphan is not None and robot.ticks - self._orphan >= GONE_TICKS:
             self.stop("the RTDE client that had the programme's registers has gone")
         if robot.watchdog is not None and robot.runtime == PLAYING:
@@ -71,16 +85,21 @@ class Controller(Listener):
             if self.machine is not None and not self.machine.running:
                 self._ended()
         robot.step()
-        if robot.safety == PROTECTIVE != before:
+        if self._unlocking:
+            self.unlock()
+        if robot.safety == self._safety:
+            return
+        self._safety, self.changed_at = robot.safety, robot.ticks
+        self._tell(SAFETY_MODE, struct.pack(">iiBII", 0, 0, robot.safety, 0, 0))
+        if robot.safety == PROTECTIVE:
             self._stopped_at = robot.ticks
             self.note(f"protective stop: {robot.stop_reason}")
-            self.messages.append(message(ERROR, self._stamp, struct.pack(">iiiII", 4, 0, 1, 0, 0) + b"PROTECTIVE_STOP"))
+            self._tell(ERROR, struct.pack(">iiiII", PROTECTIVE_CODE, 0, WARNING, 0, 0))
             if robot.runtime == PLAYING:
                 robot.runtime = PAUSED
 
-    @property
-    def _stamp(self) -> int:
-        return int(1e6 * self.robot.time_s)
+    def _tell(self, kind: int, body: bytes) -> None:
+        self.messages.append(message(kind, int(1e6 * self.robot.time_s), body))
 
     def note(self, text: str) -> None:
         """Keep a line of the controller's log."""
@@ -90,22 +109,27 @@ class Controller(Listener):
 
     def run(self, source: str, client: str) -> None:
         """Start a programme in the place of the one that runs; one of ``sec`` beside it. Nothing while unpowered."""
-        from polish_sim.ur.script import ScriptError
+        from polish_sim.ur.script.translate import read
 
-        beside = source.lstrip().startswith("sec ")
+        if not _beside(source):
+            self.stop("another programme starts")
+        if self._reader is None:
+            self._begin(read(source), source, client)
+        elif len(self._unread) < UNREAD:
+            self._unread.append((self._reader.submit(read, source), source, client))
+        else:
+            self.note(f"a programme was dropped: {UNREAD} wait to be read")
+
+    def _begin(self, found: Program | ScriptError, source: str, client: str) -> None:
         if self.robot.mode != RUNNING or self.robot.safety != NORMAL:
             self.note("a programme was not started: the robot is not running")
-            text = b"C210A0"
-            self.messages.append(message(ERROR, self._stamp, struct.pack(">iiiII", READ_ONLY, 0, 2, 0, 0) + text))
             return
-        if not beside:
-            self.stop("another programme starts")
-        try:
-            machine = self._start(source, self, client)
-        except ScriptError as error:
-            self.runtime_exception(error.line, error.column, str(error))
+        if isinstance(found, Exception):
+            self.note(found.text)
+            self.runtime_exception(found.line, found.column, found.wire)
             return
-        if beside:
+        machine = self._start(found, self, client)
+        if _beside(source):
             self.secondary.append(machine)
         else:
             self.machine, self.robot.runtime = machine, PLAYING
@@ -113,7 +137,8 @@ class Controller(Listener):
             self.robot.rig.recording = True
 
     def stop(self, why: str) -> None:
-        """Stop the programme, if one runs."""
+        """Stop the programme, if one runs or is being read."""
+        self._unread = [waiting for waiting in self._unread if _beside(waiting[1])]
         if self.machine is not None:
             self.note(f"stopped: {why}")
             self.machine.stop()
@@ -154,21 +179,20 @@ class Controller(Listener):
         return self.robot.mode >= IDLE
 
     def power(self, mode: int) -> None:
-        """Switch to one of `POWER_OFF`, `IDLE` and `RUNNING`; the programme stops below the last."""
+        """Power off, `IDLE`, or `RUNNING`: at once, from any; the programme stops below the last."""
+        if mode == IDLE and self.robot.mode == RUNNING:
+            return
         if mode != RUNNING:
             self.stop("power")
-        elif self.robot.mode == POWER_OFF:
-            return
         self.robot.mode = mode
 
-    def unlock(self) -> bool:
-        """Leave a protective stop; not within 5 s of it."""
-        if self.robot.safety != PROTECTIVE:
-            return True
-        if self.robot.ticks - self._stopped_at < UNLOCK_TICKS:
-            return False
-        self.robot.unlock()
-        return True
+    def unlock(self, after: int = WAIT_TICKS) -> bool:
+        """Leave a protective stop, not within so many ticks of it: the dashboard must be asked again, others wait."""
+        soon = self.robot.ticks - self._stopped_at < after
+        self._unlocking = soon and after == WAIT_TICKS
+        if self.robot.safety == PROTECTIVE and not soon:
+            self.robot.unlock()
+        return self.robot.safety != PROTECTIVE
 
     def close_popup(self) -> None:
         """Close the pendant's message."""
@@ -203,13 +227,13 @@ class Controller(Listener):
     def text(self, text: str) -> None:
         """See the protocol."""
         self.note(text)
-        self.messages.append(message(TEXT, self._stamp, text.encode()))
+        self._tell(TEXT, text.encode())
 
     def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
         """See the protocol."""
         self.popups += 1
         head = struct.pack(">IB???B", self.popups, 0, warning, error, blocking, len(title.encode()[:255]))
-        self.messages.append(message(POPUP, self._stamp, head + title.encode()[:255] + text.encode()))
+        self._tell(POPUP, head + title.encode()[:255] + text.encode())
 
     def started(self, name: str) -> None:
         """See the protocol."""
@@ -222,13 +246,16 @@ class Controller(Listener):
 
     def _key(self, title: str, name: str) -> None:
         self.note(f"{title} {name}")
-        body = struct.pack(">iiB", CALLED, 0, len(title)) + title.encode() + name.encode()
-        self.messages.append(message(KEY, self._stamp, body))
+        self._tell(KEY, struct.pack(">iiB", 0, 0, len(title)) + title.encode() + name.encode())
 
     def runtime_exception(self, line: int, column: int, text: str) -> None:
         """See the protocol."""
         self.note(f"line {line}, column {column}: {text}")
-        self.messages.append(message(RUNTIME_EXCEPTION, self._stamp, struct.pack(">ii", line, column) + text.encode()))
+        self._tell(RUNTIME_EXCEPTION, struct.pack(">ii", line, column) + text.encode())
+
+
+def _beside(source: str) -> bool:
+    return source.lstrip().startswith("sec ")
 
 
 class Programs:
@@ -238,7 +265,7 @@ class Programs:
     command to the controller, or a programme of one line.
     """
 
-    LONGEST: Final = 4_000_000  #: Characters of a programme
+    LONGEST: Final = 2_000_000  #: Characters of a programme
     _number = itertools.count(1)
 
     def __init__(self, controller: Controller, client: str) -> None:

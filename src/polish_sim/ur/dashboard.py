@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from polish_sim.ur.controller import Controller
+from polish_sim.ur.controller import UNLOCK_TICKS, Controller
 from polish_sim.ur.robot import IDLE, POWER_OFF, RUNNING, STOPPED
 
 GREETING: Final = "Connected: Universal Robots Dashboard Server"
@@ -19,8 +19,6 @@ BYE: Final = "Disconnected"
 
 def _power(mode: int, said: str) -> Callable[[Controller, str], str]:
     def command(controller: Controller, _: str) -> str:
-        if mode == RUNNING and controller.robot.mode == POWER_OFF:
-            controller.power(IDLE)
         controller.power(mode)
         return said
 
@@ -44,7 +42,7 @@ def _pause(controller: Controller, _: str) -> str:
 
 
 def _unlock(controller: Controller, _: str) -> str:
-    if controller.unlock():
+    if controller.unlock(UNLOCK_TICKS):
         return "Protective stop releasing"
     return (
         "Cannot unlock protective stop until 5s after occurrence. "

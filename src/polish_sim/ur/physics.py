@@ -37,7 +37,7 @@ from polish_sim.kernels import Record, Vector6
 from polish_sim.log import row_layout
 
 TICK_S: Final = 0.002  #: Cycle of the robot's controller
-TOUCH_PHASE, PROCESS_PHASE = 1, 2  #: In the log
+TOUCH_PHASE, PROCESS_PHASE, RETRACT_PHASE = 1, 2, 3  #: In the log
 SEATED: Final = 0.8  #: Share of the set force from which a client's pad counts as working
 LIFTED_S: Final = 1.0  #: A gap in the contact at least so long is a lift [s]
 _DRAWN: Final = 4096  # steps of the sensor's noise drawn at once
@@ -125,6 +125,8 @@ class Rig:
     def run(self) -> str:
         """Run the cell for a tick; why the arm stopped itself in it, or nothing."""
         before = int(self.cell.state.status.stop)
+        if self.cell.faults.waiting:
+            self.cell.faults.inject_due(self.cell.kernel)
         follow(self.cell.kernel, self.cell.real_arm, self.recorder, self.order, next(self._draws), self.steps)
         filled = self.recorder.filled
         if self.recording:
@@ -151,13 +153,13 @@ class Rig:
         wrench = self.cell.state.measurement.wrench
         return bool(np.linalg.norm(wrench[:3]) > self._force or np.linalg.norm(wrench[3:]) > self._torque)
 
-    def result(self, wall_s: float, points: Array, s: Array) -> CellRun:
+    def result(self, wall_s: float, points: Array, s: Array, most_s: float = math.inf) -> CellRun:
         """Everything recorded, as the run of a cell.
 
         The place on the path of each step in contact is that of the nearest of its ``points`` (n, 3) [m], base frame,
         which lie at arc lengths ``s`` (n,) [m]. A client says nothing of what it is about: the pad counts as working
         from when `SEATED` of the set force is first reached to when that is last so, before it is lifted for
-        `LIFTED_S` or longer; a shorter gap is lost contact.
+        `LIFTED_S` or longer; a shorter gap is lost contact. ``most_s`` after its begin the work is over.
         """
         contents = []
         for file in self.files:
@@ -176,6 +178,8 @@ class Rig:
         touching = seconds[pressing]
         for some in np.split(seated, np.flatnonzero(_lifted(seconds[seated], touching)) + 1) if len(seated) else ():
             trace["phase"][some[0] : some[-1] + 1] = PROCESS_PHASE
+        if len(seated):
+            trace["phase"][seconds > seconds[seated[0]] + most_s] = RETRACT_PHASE
         trace["path_s_m"] = place
         at, columns = np.searchsorted(seconds, rows[:, row_layout()["time_s"][0]] - 1e-9), row_layout()
         for name in ("path_s_m", "phase"):

@@ -176,7 +176,10 @@ class SimulatedRobot(Robot):
             start = drive.end
         if min(a, v) <= 0.0 or not np.isfinite([a, v, t, r]).all():
             raise ValueError(f"acceleration {a:g} and speed {v:g} of a move must be above 0")
-        drive.begin(make(start), a, v, t, r)
+        try:
+            drive.begin(make(start), a, v, t, r)
+        except ReachError as error:
+            self.protective_stop(str(error))
 
     def _pose_at(self, q: Array) -> Array:
         return tool_at(q, self._tcp)[0]

@@ -234,7 +234,7 @@ class RtdeSession:
                 self._set_inputs(body)
             elif kind in (START, PAUSE):
                 self.started = kind == START and bool(self.outputs or self.inputs)
-                self._due = dict.fromkeys(self.outputs, -1.0)
+                self._due = dict.fromkeys(self.outputs, self.controller.robot.ticks + 1.0)
                 self._reply(kind, bytes([self.started if kind == START else True]))
             elif kind == DATA:
                 self._take_data(body)
@@ -273,7 +273,8 @@ class RtdeSession:
         number, data = body[0], body[1:]
         if number not in self.inputs:
             raise ProtocolError(f"data for recipe {number}, which there is not")
-        apply_inputs(self.controller, self.inputs[number].unpack(data))
+        values = self.inputs[number].unpack(data)
+        self.controller.link.take(self.controller.robot.ticks, lambda: apply_inputs(self.controller, values))
         self.answered = True
 
     def packages(self) -> Iterator[bytes]:

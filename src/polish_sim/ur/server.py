@@ -20,6 +20,7 @@ DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 3000
 CLIENTS: Final = 64  #: Of one port
 COARSE_S: Final = 1e-3  #: Resolution of waiting on sockets
 LATE_S: Final = 0.25  #: So far behind the clock the server gives up catching up [s]
+BOUNDS_S: Final = 0.0005, 0.0025  #: By which cycles that begin late are counted [s]
 EVERY: Final = round(1.0 / (STATE_HZ * TICK_S))
 CONFIGURED: Final = 20  #: States between two with the configuration
 
@@ -88,9 +89,9 @@ class _Primary(_Script):
         send(version_message(self._controller))
 
     def packages(self) -> Sequence[bytes]:
-        """The state, ten times a second; the configuration at first and every few."""
-        found = self.news()
-        if self._controller.robot.ticks % EVERY == 0 or self._states == 0:
+        """The state, ten times a second and when safety changes; the configuration at first and every few."""
+        found, now = self.news(), self._controller.robot.ticks
+        if now % EVERY == 0 or now == self._controller.changed_at or self._states == 0:
             found.append(robot_state(self._controller, self._states % CONFIGURED == 0))
             self._states += 1
         return found
@@ -137,6 +138,7 @@ class _Client:
     port: int
     session: Any = None
     unsent: bytearray = field(default_factory=bytearray)
+    held: bytearray = field(default_factory=bytearray)  #: Until the line is no longer silent
     ending: bool = False
 
 
@@ -145,7 +147,7 @@ class Pace:
     """How well the clock was kept."""
 
     ticks: int = 0
-    late: int = 0  #: More than half a millisecond after they were due
+    late: dict[float, int] = field(default_factory=lambda: dict.fromkeys(BOUNDS_S, 0))  #: By more than each bound
     worst_s: float = 0.0
     given_up: int = 0  #: Times the server was too far behind and went on from there
 
@@ -200,7 +202,8 @@ class Server:
             now = time.perf_counter()
             late, pace = now - due, self.pace
             pace.ticks, pace.worst_s = pace.ticks + 1, max(pace.worst_s, late)
-            pace.late += late > 0.25 * TICK_S
+            for bound in BOUNDS_S:
+                pace.late[bound] += late > bound
             self._tick()
             due += TICK_S
             if late > LATE_S:
@@ -210,7 +213,7 @@ class Server:
         """Whether every client that answers packages has answered, and every reader has read."""
         everyone = [client for clients in self._clients.values() for client in clients]
         talking = [c for c in everyone if isinstance(c.session, RtdeSession) and c.session.started]
-        answered = all(c.session.answered or not c.session.inputs for c in talking)
+        answered = all(c.session.answered or c.held or not c.session.inputs for c in talking)
         return bool(talking) and answered and not any(c.unsent for c in talking)
 
     def _tick(self) -> None:
@@ -223,7 +226,10 @@ class Server:
                 if client.unsent and client.port == REALTIME:
                     continue
                 for package in client.session.packages():
-                    self._send(client, package)
+                    client.held += package
+                if client.held and not controller.link.silent:
+                    self._send(client, bytes(client.held))
+                    client.held.clear()
                 if len(client.unsent) > UNSENT:
                     self._drop(controller, client)
             controller.messages.clear()

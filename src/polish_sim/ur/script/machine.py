@@ -7,6 +7,7 @@ from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import dataclass
 from random import Random
+from time import thread_time
 from typing import Any
 
 from polish_sim.ur.api import Listener, Robot
@@ -15,6 +16,7 @@ from polish_sim.ur.script.built_ins import STOP_A, BuiltIns
 from polish_sim.ur.script.translate import FILE, Program, translate
 
 MOST_WORK = 300_000  #: Parts of statements a thread may run between two waits
+MOST_S = 0.2  #: And processor time of all threads in a step [s]
 MOST_THREADS = 64
 
 
@@ -40,7 +42,7 @@ class Machine:
     """Runs one programme, given as text; ``tick`` comes from the clock, the rest from the ports, all in one thread.
 
     Args:
-        source: The programme, ``def`` or ``sec`` or bare statements.
+        source: The programme, ``def`` or ``sec`` or bare statements; or what was made of it.
         listener: Hears what it says.
         client: The address its sockets reach.
 
@@ -50,8 +52,8 @@ class Machine:
 
     robot: Robot
 
-    def __init__(self, source: str, listener: Listener, client: str = "") -> None:
-        self.program = translate(source)
+    def __init__(self, source: str | Program, listener: Listener, client: str = "") -> None:
+        self.program = translate(source) if isinstance(source, str) else source
         self.listener = listener
         self.running = True
         self.popup_open = False
@@ -60,14 +62,14 @@ class Machine:
         self._built_ins = BuiltIns(self)
         self._built_ins.client = client
         space: dict[str, Any] = {"__builtins__": {}, "Halt": Halt, "List": values.List, "pose": values.pose}
-        for word in ("add", "mul", "mod", "xor", "element", "replaced"):
+        for word in ("add", "sub", "mul", "mod", "xor", "element", "replaced", "checked"):
             space[word] = getattr(values, word)
         space |= {"spend": self._spend, "run": self._run, "join": self._join, "kill": self._kill}
         space |= {f"b_{name}": built_in for name, built_in in self._built_ins.table().items()}
         exec(self.program.code, space)
         self._threads = [_Thread(space["main"]())]
         self._current = self._threads[0]
-        self._left = 0
+        self._left, self._until = 0, 0.0
         if not self.program.secondary:
             listener.started(self.program.name)
 
@@ -98,7 +100,7 @@ class Machine:
 
     def tick(self, robot: Robot) -> None:
         """Run each thread to its next wait: once in 2 ms, before the robot's step."""
-        self.robot = robot
+        self.robot, self._until = robot, thread_time() + MOST_S
         for thread in self._threads:  # a thread that starts another lets it run in the same step
             if thread.alive:
                 self._advance(thread)
@@ -129,7 +131,7 @@ class Machine:
 
     def _spend(self, work: int) -> None:
         self._left -= work
-        if self._left < 0:
+        if self._left < 0 or thread_time() > self._until:
             raise ValueError("an endless loop: nothing in it waits, such as sync()")
 
     def _run(self, steps: Generator[None, None, Any]) -> _Thread:

@@ -8,7 +8,7 @@ from typing import Any
 
 from polish_sim.errors import InputError
 
-LONGEST_PROGRAM = 4_000_000  #: Characters
+LONGEST_PROGRAM = 2_000_000  #: Characters
 DEEPEST = 80  #: Brackets within brackets
 
 GRAMMAR = r"""
@@ -75,9 +75,14 @@ _NL: /\n/
 class ScriptError(InputError):
     """A programme that cannot be run, or failed: says line and column, from 1."""
 
-    def __init__(self, line: int, column: int, text: str) -> None:
+    def __init__(self, line: int, column: int, text: str, wire: str = "") -> None:
+        """``wire``: what a robot says of it."""
         super().__init__(f"line {line}, column {column}: {text}")
-        self.line, self.column, self.text = line, column, text
+        self.line, self.column, self.text, self.wire = line, column, text, wire or text
+
+    def __reduce__(self) -> tuple[type[ScriptError], tuple[Any, ...]]:
+        """For another process."""
+        return ScriptError, (self.line, self.column, self.text, self.wire)
 
 
 class _Lines:

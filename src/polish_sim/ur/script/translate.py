@@ -7,18 +7,21 @@ nothing of Python can be reached; every statement remembers its line and column.
 from __future__ import annotations
 
 import inspect
+import marshal
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import inf
 from types import CodeType
 from typing import Any
 
 from polish_sim.errors import did_you_mean
 from polish_sim.ur.script.built_ins import BuiltIns
 from polish_sim.ur.script.parse import ScriptError, parse
+from polish_sim.ur.script.values import LONGEST_LIST
 
-LONGEST_LIST = 5000
 FILE = "<urscript>"
+LOOK_EVERY = 20  #: Statements between looks at the time that is left
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,14 @@ class Program:
     secondary: bool  #: Runs beside the present one and may not wait
     code: CodeType
     places: Mapping[int, tuple[int, int]]  #: Line and column of URScript by Python's line
+
+    def __reduce__(self) -> tuple[Callable[..., Program], tuple[Any, ...]]:
+        """For another process."""
+        return _received, (self.name, self.secondary, marshal.dumps(self.code), self.places)
+
+
+def _received(name: str, secondary: bool, code: bytes, places: Mapping[int, tuple[int, int]]) -> Program:
+    return Program(name, secondary, marshal.loads(code), places)
 
 
 @dataclass
@@ -166,7 +177,9 @@ class _Translator:
 
     def _write_block(self, block: Any, depth: int) -> None:
         self.lines.append(" " * depth + "pass")
-        for tree in block.children:
+        for number, tree in enumerate(block.children, 1):
+            if number % LOOK_EVERY == 0:
+                self._write(depth, "spend(0)", tree)
             if tree.data != "routine":
                 getattr(self, f"_write_{tree.data}")(tree, depth)
 
@@ -251,9 +264,7 @@ class _Translator:
 
     def _sum(self, tree: Any) -> str:
         left, sign, right = tree.children
-        if sign == "-":
-            return self._operation(tree)
-        return f"add({self._expression(left)}, {self._expression(right)})"
+        return f"{'add' if sign == '+' else 'sub'}({self._expression(left)}, {self._expression(right)})"
 
     def _term(self, tree: Any) -> str:
         left, sign, right = tree.children
@@ -264,7 +275,7 @@ class _Translator:
     def _list(self, tree: Any) -> str:
         if len(tree.children) > LONGEST_LIST:
             raise _refusal(tree, f"a list of more than {LONGEST_LIST} elements")
-        return "List((" + "".join(f"{self._expression(value)}, " for value in tree.children) + "))"
+        return "List(checked((" + "".join(f"{self._expression(value)}, " for value in tree.children) + ")))"
 
     def _index(self, tree: Any) -> str:
         of, *indices = tree.children
@@ -306,7 +317,8 @@ class _Translator:
         else:
             if name not in self.built_ins:
                 known = {*self.built_ins, *self.routines}
-                raise _refusal(word, f"unknown function '{name}'.{did_you_mean(name, known)}")
+                text = f"unknown function '{name}'.{did_you_mean(name, known)}"
+                raise ScriptError(*_place(word), text, f"compile_error_name_not_found:{name}:")
             called = self.built_ins[name]
             signature = inspect.signature(called).parameters.values()
             parameters = [parameter.name for parameter in signature]
@@ -323,7 +335,10 @@ class _Translator:
 def _number(token: Any) -> int | float:
     if token.startswith("0x"):
         return int(token, 16)
-    return int(token) if token.isdigit() and len(token) < 10 else float(token)
+    number = float(token)
+    if number == inf:
+        raise _refusal(token, "a number too large")
+    return int(token) if token.isdigit() and len(token) < 10 else number
 
 
 def _statements(body: Any, whole: bool = False) -> Iterator[Any]:
@@ -355,9 +370,19 @@ def _refusal(tree: Any, text: str) -> ScriptError:
 
 
 @lru_cache(8)
-def translate(text: str) -> Program:
-    """A programme ready to run. Raises ScriptError."""
+def read(text: str) -> Program | ScriptError:
+    """A programme ready to run, or what is wrong with it; the last few are kept."""
     try:
         return _Translator(BuiltIns().table()).translate(text.replace("\r\n", "\n"))
     except (RecursionError, MemoryError):
-        raise ScriptError(1, 1, "nested too deep") from None
+        return ScriptError(1, 1, "nested too deep")
+    except ScriptError as error:
+        return error
+
+
+def translate(text: str) -> Program:
+    """A programme ready to run. Raises ScriptError."""
+    found = read(text)
+    if isinstance(found, ScriptError):
+        raise found
+    return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import atan2, cos, fmod, isfinite, sin, sqrt
 from typing import Any
 
@@ -12,6 +12,7 @@ from polish_sim.arrays import Array
 
 LARGEST_INTEGER = 2**31
 LONGEST_TEXT = 8192
+LONGEST_LIST = 5000  #: With the elements of lists in it
 
 
 class List(tuple[Any, ...]):
@@ -33,10 +34,10 @@ class List(tuple[Any, ...]):
         return self._each(other, add)
 
     def __sub__(self, other: Any) -> List:
-        return self._each(other, lambda mine, theirs: mine - theirs)
+        return self._each(other, sub)
 
     def __rsub__(self, other: Any) -> List:
-        return self._each(other, lambda mine, theirs: theirs - mine)
+        return self._each(other, lambda mine, theirs: sub(theirs, mine))
 
     def __mul__(self, other: Any) -> List:
         return self._each(other, mul)
@@ -65,17 +66,26 @@ def add(a: Any, b: Any) -> Any:
     """Sum; texts are joined by ``str_cat`` only."""
     if isinstance(a, str):
         raise TypeError("texts are joined by str_cat")
-    return a + b
+    return whole(a + b)
+
+
+def sub(a: Any, b: Any) -> Any:
+    """Difference."""
+    return whole(a - b)
 
 
 def mul(a: Any, b: Any) -> Any:
-    """Product; an integer stays within 32 bits."""
+    """Product."""
     if isinstance(a, str) or isinstance(b, str):
         raise TypeError("a text is no number")
-    product = a * b
-    if type(product) is int and not -LARGEST_INTEGER <= product < LARGEST_INTEGER:
-        raise OverflowError(f"{a} * {b} is no 32-bit integer")
-    return product
+    return whole(a * b)
+
+
+def whole(result: Any) -> Any:
+    """A result as it is; OverflowError for an integer of more than 32 bits."""
+    if type(result) is int and not -LARGEST_INTEGER <= result < LARGEST_INTEGER:
+        raise OverflowError(f"{result} is no 32-bit integer")
+    return result
 
 
 def mod(a: Any, b: Any) -> Any:
@@ -101,7 +111,20 @@ def replaced(values: List, value: Any, index: Any, *inner: Any) -> List:
     row = element(values, index)
     changed = list(values)
     changed[int(index)] = replaced(row, value, *inner) if inner else value
-    return type(values)(changed)
+    return type(values)(checked(changed))
+
+
+def checked(values: Sequence[Any]) -> Sequence[Any]:
+    """Elements of a list as they are; ValueError for too many, or lists within lists within lists.
+
+    A list that holds itself twice, again and again, would be endless to compare.
+    """
+    rows = [value for value in values if isinstance(value, List)]
+    if len(values) + sum(map(len, rows)) > LONGEST_LIST:
+        raise ValueError(f"a list of more than {LONGEST_LIST} elements")
+    if any(isinstance(inner, List) for row in rows for inner in row):
+        raise ValueError("a list within a list within a list")
+    return values
 
 
 def as_list(values: Iterable[float] | Array) -> List:

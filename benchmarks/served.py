@@ -1,0 +1,42 @@
+"""What the benchmarks of `polish-sim serve` share: a server in a process of its own."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+PROGRAM = (sys.executable, "-c", "from polish_sim.cli.main import main; main()")
+START_S = 600.0  #: A first start compiles
+
+
+@contextmanager
+def serving(*words: str) -> Iterator[subprocess.Popen[bytes]]:
+    """`polish-sim serve` with these words while the block runs; at its end as after Ctrl-C, its words are printed."""
+    with tempfile.NamedTemporaryFile("r") as said:
+        process = subprocess.Popen([*PROGRAM, "serve", *words], stdout=said.fileno(), stderr=subprocess.STDOUT)
+        try:
+            begun = time.monotonic()
+            while "serving" not in Path(said.name).read_text():
+                if process.poll() is not None or time.monotonic() - begun > START_S:
+                    raise SystemExit(f"no server: {Path(said.name).read_text()}")
+                time.sleep(0.1)
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(300.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+            print(Path(said.name).read_text().partition("serving")[2], flush=True)
+
+
+def memory_mb(process: subprocess.Popen[bytes]) -> float:
+    """Resident memory of a process [MB]; of Linux."""
+    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+    return pages * 4096 / 1e6
