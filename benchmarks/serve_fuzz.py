@@ -84,7 +84,7 @@ class Watch(threading.Thread):
         self.address, self.longest, self.ended, self.count = address, 0.0, False, 0
 
     def run(self) -> None:
-        """Until it is told to end; each question over a connection of its own, as a new client would."""
+        """Ask until the end is set; each question over a connection of its own, as a new client would."""
         while not self.ended:
             begun = time.monotonic()
             with contextlib.suppress(OSError), socket.create_connection((self.address, 29999), 20.0) as line:
