@@ -187,7 +187,7 @@ class Controller(Listener):
         self.robot.mode = mode
 
     def unlock(self, after: int = WAIT_TICKS) -> bool:
-        """Leave a protective stop at the earliest ``after`` so many ticks: the dashboard must be asked again, others wait."""
+        """Leave a protective stop that is ``after`` ticks old: the dashboard must ask again, other ports wait."""
         soon = self.robot.ticks - self._stopped_at < after
         self._unlocking = soon and after == WAIT_TICKS
         if self.robot.safety == PROTECTIVE and not soon:
