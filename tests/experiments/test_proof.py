@@ -17,6 +17,7 @@ from polish_sim.planning import PlanResult, ToolPath, measure_given_path
 from polish_sim.planning.part_plan import LEFT_OUT, SLOWED
 from polish_sim.planning.toolpath import PROCESS, arc_length
 from polish_sim.scenario_file import override
+from polish_sim.spatial import apply
 
 
 def straight(begin: tuple[float, float], end: tuple[float, float]) -> ToolPath:
@@ -59,6 +60,22 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
         assert run.stop_reason is None
         assert run.figures["path_done"] == 1.0
         assert run.figures["force_max_deviation_n"] < 4.0
+
+
+def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_beginning() -> None:
+    """Zeroed on the way there the sensor would be wrong, and guards that follow its noise blind."""
+    scenario = override(
+        default_scenario("surface"),
+        ["part.file=plate", "process.feed_m_s=0.03", "process.contact_force_n=40.0", "safety.force_limit_n=80"],
+    )
+    plan = planned(scenario, straight((0.0995, 0.0995), (0.0, 0.0)))
+    proven = prove(scenario, plan)
+    begins = [path.positions_work[0] for path in (plan.path, proven.plan.path)]
+    assert np.linalg.norm(begins[1] - begins[0]) > 0.01  # [m]
+    run = run_experiment(proven.scenario, proven.plan)
+    start = apply(np.array(proven.plan.figures["T_base_work"]), begins[1][None])[0]
+    assert np.linalg.norm(run.log["tcp_position_m"][0] - start) < 0.003
+    assert run.stop_reason is None
 
 
 def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings(

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import FORCE_BANDS_N
 from polish_sim.arrays import Bools
-from polish_sim.cell import Cell, Observer, Silent
+from polish_sim.cell import Cell, Observer, Silent, tool_on_flange
 from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
 from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
@@ -42,6 +42,7 @@ from polish_sim.experiments.assembly import (
 )
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_setup import largest_force
+from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.leave_out import leave_out
@@ -318,9 +319,21 @@ class _Prover:
         base = self.path.feed
         usual = np.full(len(self.share), self.scenario.process.feed_m_s) if base is None else base
         feed = base if (self.share == 1.0).all() else usual * self.share
-        task = SurfaceTask(replace(self.plan, path=replace(self.path, feed=feed)), self.task.reach, self.task.shape)
+        plan = replace(self.plan, path=replace(self.path, feed=feed))
+        task = SurfaceTask(plan, self._reach_now(), self.task.shape)
         task.place.keep_fields_of(self.task.place)
         return task
+
+    def _reach_now(self) -> Reach:
+        """How the arm does the path as it is mended so far: with its first stroke cut, it starts elsewhere."""
+        path, whole, reach = self.path, self.plan.path, self.task.reach
+        if path is whole:
+            return reach
+        joints = check_whole_path(reach, whole.positions_work, whole.axes_work, tool_on_flange()).q
+        nearest = np.linalg.norm(whole.positions_work - path.positions_work[0], axis=1).argmin()
+        near = reach._replace(q_start=joints[nearest])
+        follows = check_whole_path(near, path.positions_work, path.axes_work, tool_on_flange())
+        return reach._replace(q_start=np.array(follows.q[0]))
 
     def _tighten(self, cell: Cell, margin: float, nominal: bool) -> None:
         """Leave a ``margin`` to every limit; to the surface's place on the drawing, what the part may be off it."""
