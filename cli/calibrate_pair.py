@@ -144,7 +144,10 @@ def arm(given: Given) -> int:
 
     def run(seed: int) -> ArmsFound:
         gears = _gears(given, seed)
-        return run_arm_calibration(replace(trial, seed=seed, rest=gears and partial(gears[0].rest, rng=gears[1])))
+        if gears is None:
+            return run_arm_calibration(replace(trial, seed=seed))
+        arms, rng = gears
+        return run_arm_calibration(replace(trial, seed=seed, rest=partial(arms.rest, rng=rng), weigh=arms.weigh))
 
     def read(file: Path) -> ArmsFound:
         return calibrate_arm_from(read_tracked(file))

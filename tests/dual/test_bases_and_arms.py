@@ -20,7 +20,7 @@ from polish_sim.dual.calibrate_bases import (
     run_arm_calibration,
     run_base_calibration,
 )
-from polish_sim.dual.calibration.arm import TrackedArm, fit_arm, fit_placement
+from polish_sim.dual.calibration.arm import ArmEstimate, TrackedArm, fit_arm, fit_placement
 from polish_sim.dual.calibration.circle import (
     BaseFrame,
     base_from_circles,
@@ -203,6 +203,20 @@ def test_exact_measurements_give_an_arm_that_predicts_exactly() -> None:
     others = RNG.uniform(LOW, HIGH, (100, 6))
     np.testing.assert_allclose(found.target_at(others), seen(others), atol=1e-8)
     assert np.abs(fit_placement(TrackedArm(Q, seen(Q))).residuals).max() > 1e-4
+
+
+def test_gears_that_wind_up_and_err_are_found_along_with_the_table() -> None:
+    rng = np.random.default_rng(31)
+    sizes = np.repeat([[3e-5] * 3 + [1.5e-4] * 4, [2e-4] * 3 + [2e-4] * 4], 3, axis=0)
+    table, T = NOMINAL + 2e-4 * rng.standard_normal((4, 6)), from_pose([2.0, 1.0, -0.5, 0.1, 0.2, 1.0])
+    planted = ArmEstimate(table, T, POINT, np.zeros((0, 3)), np.zeros((6, 6)), sizes * rng.uniform(0.5, 1.5, (6, 7)))
+    most = np.array([80.0, 80.0, 40.0, 8.0, 8.0, 8.0])
+    q, others = (rng.uniform(LOW, HIGH, (count, 6)) for count in (80, 100))
+    weight, other_weight = (rng.uniform(-most, most, (count, 6)) for count in (80, 100))
+    found = fit_arm(TrackedArm(q, planted.target_at(q, weight), weight), 0.0)
+    np.testing.assert_allclose(found.target_at(others, other_weight), planted.target_at(others, other_weight), atol=1e-7)
+    rigid = fit_arm(TrackedArm(q, planted.target_at(q, weight)), 1e-4)
+    assert np.abs(rigid.target_at(others) - planted.target_at(others, other_weight)).max() > 1e-3
 
 
 @pytest.mark.parametrize("seed", range(3))

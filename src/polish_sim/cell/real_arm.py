@@ -114,6 +114,10 @@ class RestingArm(NamedTuple):
             at = turned - self._hanging(at, slipped)
         return at
 
+    def weight(self, q: Array) -> Array:
+        """Torques that hold its weight, (n, 6) [N m], as its robot knows them."""
+        return weights(self.model, q, self.place)
+
     def encoders(self, q: Array, rng: np.random.Generator | None = None) -> Array:
         """What the encoders say, (n, 6) [rad], with the joints there; ``rng`` as in `links`."""
         read = q

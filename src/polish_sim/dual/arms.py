@@ -109,6 +109,11 @@ class PairArms(NamedTuple):
         """Where the links are, (n, 6) [rad], with the arm at rest and its encoders at ``q``; ``rng``: see `links`."""
         return self.gears[robot].links(q, rng) if self.gears else q
 
+    def weigh(self, robot: str, q: Array) -> Array:
+        """Torques that hold the weight of an arm with gears, (n, 6) [N m]."""
+        assert self.gears is not None
+        return self.gears[robot].weight(q)
+
     def standing(self, rng: np.random.Generator) -> Flanges:
         """Where flanges are with the arms at rest and their encoders somewhere."""
         return lambda robot, q: self.flanges(robot, self.rest(robot, q, rng))

@@ -175,6 +175,7 @@ class ArmTrial:
     poses: int = 60  #: Of each arm
     seed: int = 0
     rest: Rest | None = None  #: Of arms with gears; None: rigid
+    weigh: Rest | None = None  #: Torques that hold their weight; None: the gears are not found
 
 
 ArmsFound = Calibrated[Mapping[str, TrackedArm], PairTables]
@@ -198,13 +199,13 @@ def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
     T_tracker = planted_bases(rng)
     true = PairTables({robot: built_arm(wrong_table(trial.tolerance, rng), T_tracker[robot]) for robot in ROBOTS})
     rest = trial.rest or rigid
-    tracked = simulate_tracked(true, trial.poses, trial.noise, rng, rest)
+    tracked = simulate_tracked(true, trial.poses, trial.noise, rng, rest, trial.weigh)
     q = {robot: rng.uniform(LOW, HIGH, (CHECKS, 6)) for robot in ROBOTS}
     found = fit_pair(tracked, max(trial.noise, 1e-9) if trial.rest is None else None, trial.tolerance)
     nominal = PairTables({robot: fit_placement(one) for robot, one in tracked.items()})
     figures = pair_figures(tracked, found, trial.tolerance) | {
-        "relative_error_nominal_m": _relative_error(nominal, true, q, rest),
-        "relative_error_m": _relative_error(found, true, q, rest),
+        "relative_error_nominal_m": _relative_error(nominal, true, q, rest, None),
+        "relative_error_m": _relative_error(found, true, q, rest, trial.weigh),
         "seed": trial.seed,
     }
     return ArmsFound(tracked, found, figures, true)
@@ -227,17 +228,26 @@ def rigid(_robot: str, q: Array) -> Array:
 
 
 def simulate_tracked(
-    true: PairTables, poses: int, noise: float, rng: np.random.Generator, rest: Rest = rigid
+    true: PairTables,
+    poses: int,
+    noise: float,
+    rng: np.random.Generator,
+    rest: Rest = rigid,
+    weigh: Rest | None = None,
 ) -> dict[str, TrackedArm]:
     """Each arm holds its target still in poses all over its workspace before the tracker."""
     tracked = {}
     for robot, arm in true.arms.items():
         q = rng.uniform(LOW, HIGH, (poses, 6))
-        tracked[robot] = TrackedArm(q, arm.target_at(rest(robot, q)) + noise * rng.standard_normal((poses, 3)))
+        seen = arm.target_at(rest(robot, q)) + noise * rng.standard_normal((poses, 3))
+        tracked[robot] = TrackedArm(q, seen, weigh and weigh(robot, q))
     return tracked
 
 
-def _relative_error(found: PairTables, true: PairTables, q: Mapping[str, Array], rest: Rest) -> float:
+def _relative_error(
+    found: PairTables, true: PairTables, q: Mapping[str, Array], rest: Rest, weigh: Rest | None
+) -> float:
     there = {robot: true.arms[robot].target_at(rest(robot, q[robot])) for robot in ROBOTS}
-    off = {robot: found.arms[robot].target_at(q[robot]) - there[robot] for robot in ROBOTS}
+    seen = {robot: found.arms[robot].target_at(q[robot], weigh and weigh(robot, q[robot])) for robot in ROBOTS}
+    off = {robot: seen[robot] - there[robot] for robot in ROBOTS}
     return float(np.sqrt(np.mean(np.sum((off[ROBOTS[1]] - off[ROBOTS[0]]) ** 2, axis=1))))

@@ -2,7 +2,8 @@
 
 Each arm by least squares of where the tracker saw the target, with prior knowledge: the nominal table and how far a
 built arm may be from it. That also fixes what no measurement shows, such as sliding three parallel axes along
-themselves.
+themselves. Of arms with elastic joints whose weight is known, the gears are found along: how much each winds up below,
+between and above its catalogue's knees, and its error by the rotor's angle, once and twice a period.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.tables import JOINTS, XYZ_MM, Calibration, Kind, Measured, mm_texts, read_table, write_table
+from polish_sim.config import RealArmConfig
 from polish_sim.dual.calibration.bases import ROBOTS, robots_of
 from polish_sim.dual.calibration.matched_points import kabsch, moved_frame, point_slopes, relative_frame
 from polish_sim.errors import CalibrationError
@@ -27,7 +29,11 @@ from polish_sim.tables import csv_text
 LEAST_POSES = 20
 FOLDS = 5  #: Parts of the poses that are predicted from the others in turn
 USUAL_NOISE = 3e-5  #: Of a laser tracker, per coordinate [m]
-_PLACEMENT = 9
+_PLACEMENT, _GEARS = 9, 42
+CATALOGUE: Final = RealArmConfig()  #: Of the gears: where their stiffness changes, and their ratio
+_RIGID: Final = np.zeros((6, 7))
+_LIKELY: Final = np.repeat([[*[1e-4] * 3, *[3e-4] * 4], [*[6e-4] * 3, *[3e-4] * 4]], 3, axis=0)
+"""What gears may do: wind up [rad/(N m)], err [rad], standard deviations, shape (6, 7)."""
 ARM: Final = Kind(
     "arm",
     "two arms",
@@ -45,6 +51,11 @@ class TrackedArm(NamedTuple):
 
     q: Array  #: Joint angles as read [rad], shape (n, 6)
     seen: Array  #: Target, tracker frame [m], shape (n, 3)
+    weight: Array | None = None  #: Torques that hold the arm's weight [N m], shape (n, 6); None: rigid joints
+
+    def rows(self, kept: Bools) -> TrackedArm:
+        """Some of the poses."""
+        return TrackedArm(self.q[kept], self.seen[kept], None if self.weight is None else self.weight[kept])
 
 
 class Tolerance(NamedTuple):
@@ -62,11 +73,26 @@ class ArmEstimate(NamedTuple):
     target: Array  #: On the flange [m], shape (3,)
     residuals: Array  #: Seen minus predicted [m], shape (n, 3)
     base_covariance: Array  #: Of the base's origin [m] and rotation [rad], tracker axes, whatever the table is, (6, 6)
+    gears: Array = _RIGID  #: What joints turn by a unit of each column of `gear_columns`, shape (6, 7)
 
-    def target_at(self, q: Array) -> Array:
+    def links_at(self, q: Array, weight: Array | None = None) -> Array:
+        """Angles of the links (n, 6) [rad] with the encoders at ``q``, under torques that hold the weight (n, 6)."""
+        return q if weight is None else q + np.sum(gear_columns(q, weight) * self.gears, axis=2)
+
+    def target_at(self, q: Array, weight: Array | None = None) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""
-        T = self.T_tracker_base @ link_frames(q, self.table)[:, 6]
+        T = self.T_tracker_base @ link_frames(self.links_at(q, weight), self.table)[:, 6]
         return np.asarray(T[:, :3, :3] @ self.target + T[:, :3, 3])
+
+
+def gear_columns(q: Array, weight: Array) -> Array:
+    """What turns the links off their encoders: torque by parts between the knees, error once and twice, (n, 6, 7)."""
+    size, way = np.abs(weight), -np.sign(weight)
+    first, second = np.array(CATALOGUE.knee_1_nm), np.array(CATALOGUE.knee_2_nm)
+    parts = (np.minimum(size, first), np.clip(size, first, second) - first, np.maximum(size - second, 0.0))
+    phase = 2.0 * CATALOGUE.gear_ratio * q
+    waves = (np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase))
+    return np.stack([*(way * part for part in parts), *waves], axis=2)
 
 
 def fit_arm(tracked: TrackedArm, noise: float, tolerance: Tolerance | None = None) -> ArmEstimate:
@@ -76,16 +102,17 @@ def fit_arm(tracked: TrackedArm, noise: float, tolerance: Tolerance | None = Non
     """
     tolerance = tolerance or Tolerance()
     spread = np.repeat([tolerance.angle, tolerance.length, tolerance.length, tolerance.angle], 6)
-    return _refined(tracked, np.concatenate([np.full(_PLACEMENT, np.inf), spread]), max(noise, 1e-9))
+    gears = np.zeros(_GEARS) if tracked.weight is None else _LIKELY.ravel()
+    return _refined(tracked, np.concatenate([np.full(_PLACEMENT, np.inf), spread, gears]), max(noise, 1e-9))
 
 
 def fit_placement(tracked: TrackedArm) -> ArmEstimate:
     """Base and target alone, the table taken as nominal: the residual is the table's error."""
-    return _refined(tracked, np.concatenate([np.full(_PLACEMENT, np.inf), np.zeros(24)]), 1.0)
+    return _refined(tracked, np.concatenate([np.full(_PLACEMENT, np.inf), np.zeros(24 + _GEARS)]), 1.0)
 
 
 def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
-    """Least squares; ``spread``: standard deviation of each unknown about its nominal value (33,), 0 keeps it there."""
+    """Least squares; ``spread``: standard deviation of each unknown about its nominal value (75,), 0 keeps it there."""
     if len(tracked.q) < LEAST_POSES:
         raise CalibrationError(
             f"{len(tracked.q)} poses cannot determine an arm's table (33 unknowns): give {LEAST_POSES} or more, "
@@ -95,23 +122,27 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
     prior = 1.0 / spread[free]
 
     def residuals(arm: ArmEstimate) -> Array:
-        off = np.concatenate([np.zeros(_PLACEMENT), (arm.table - NOMINAL).ravel()])[free]
-        return np.concatenate([(arm.target_at(tracked.q) - tracked.seen).ravel() / noise, prior * off])[:, None]
+        off = np.concatenate([np.zeros(_PLACEMENT), (arm.table - NOMINAL).ravel(), arm.gears.ravel()])[free]
+        left = arm.target_at(tracked.q, tracked.weight) - tracked.seen
+        return np.concatenate([left.ravel() / noise, prior * off])[:, None]
 
     def slopes(arm: ArmEstimate) -> Array:
-        J = _slopes(arm, tracked.q)[:, :, free].reshape(-1, int(free.sum()))
+        J = _slopes(arm, tracked)[:, :, free].reshape(-1, int(free.sum()))
         return np.concatenate([J / noise, np.diag(prior)])[:, None]
 
     def moved(arm: ArmEstimate, step: Array) -> ArmEstimate:
         whole = np.zeros(len(free))
         whole[free] = step
         T = moved_frame(arm.T_tracker_base, whole[:6])
-        return arm._replace(table=arm.table + whole[9:].reshape(4, 6), T_tracker_base=T, target=arm.target + whole[6:9])
+        return arm._replace(
+            table=arm.table + whole[9:33].reshape(4, 6), T_tracker_base=T, target=arm.target + whole[6:9],
+            gears=arm.gears + whole[33:].reshape(6, 7),
+        )  # fmt: skip
 
     arm = solve(Problem(residuals, slopes, moved), _start(tracked))
     rows = slopes(arm)[:, 0]
     covariance = np.asarray(np.linalg.pinv(rows.T @ rows)[:6, :6], dtype=np.float64)
-    return arm._replace(residuals=tracked.seen - arm.target_at(tracked.q), base_covariance=covariance)
+    return arm._replace(residuals=tracked.seen - arm.target_at(tracked.q, tracked.weight), base_covariance=covariance)
 
 
 def _start(tracked: TrackedArm) -> ArmEstimate:
@@ -126,12 +157,16 @@ def _start(tracked: TrackedArm) -> ArmEstimate:
     return ArmEstimate(NOMINAL, T, np.zeros(3), tracked.seen - apply(T, own), np.zeros((6, 6)))
 
 
-def _slopes(arm: ArmEstimate, q: Array) -> Array:
-    """Derivative of the target by base (6), target (3) and table (24), shape (n, 3, 33)."""
-    frames = arm.T_tracker_base @ link_frames(q, arm.table)
+def _slopes(arm: ArmEstimate, tracked: TrackedArm) -> Array:
+    """Derivative of the target by base (6), target (3), table (24) and gears (42), shape (n, 3, 75)."""
+    frames = arm.T_tracker_base @ link_frames(arm.links_at(tracked.q, tracked.weight), arm.table)
     R = frames[:, 6, :3, :3]
     points = R @ arm.target + frames[:, 6, :3, 3]
-    return np.concatenate([point_slopes(arm.T_tracker_base, points), R, table_slopes(frames, points)], axis=2)
+    table, gears = table_slopes(frames, points), np.zeros((len(points), 3, 6, 7))
+    if tracked.weight is not None:
+        gears = table[:, :, :6, None] * gear_columns(tracked.q, tracked.weight)[:, None]
+    by_gears = gears.reshape(len(points), 3, _GEARS)
+    return np.concatenate([point_slopes(arm.T_tracker_base, points), R, table, by_gears], axis=2)
 
 
 class PairTables(NamedTuple):
@@ -181,8 +216,8 @@ def held_out_rms(tracked: Mapping[str, TrackedArm], noise: float, tolerance: Tol
     for one in tracked.values():
         fold = np.arange(len(one.q)) % FOLDS
         for k in range(FOLDS):
-            found = fit_arm(TrackedArm(one.q[fold != k], one.seen[fold != k]), noise, tolerance)
-            squares.append(np.sum((one.seen[fold == k] - found.target_at(one.q[fold == k])) ** 2, axis=1))
+            found, left = fit_arm(one.rows(fold != k), noise, tolerance), one.rows(fold == k)
+            squares.append(np.sum((left.seen - found.target_at(left.q, left.weight)) ** 2, axis=1))
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
@@ -225,6 +260,7 @@ def write_arm_calibration(file: Path, found: PairTables, pair: str, true: PairTa
         if arms is not None:
             values[f"{prefix}transform"] = arms.T_master_follower.tolist()
             values |= {f"{prefix}{robot}_table": arms.tables[robot].tolist() for robot in ROBOTS}
+    values |= {f"{robot}_gears": arm.gears.tolist() for robot, arm in found.arms.items() if arm.gears.any()}
     write_table(file, ARM, values | {"covariance": found.bases[1].tolist()})
 
 
