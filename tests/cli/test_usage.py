@@ -46,9 +46,9 @@ def test_the_version_is_the_package_s(polish_sim: Tool) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["runn"], "Known: calibrate, config, demo"),
+        (["runn"], "Known: calibrate, compare, config, demo"),
         (["run", "forse"], "'forse'. Did you mean 'force'? Known: arc, dual, force, smooth, surface, teach"),
-        (["list", "robots"], "Known: controllers, experiments, faults, parts, patterns."),
+        (["list", "robots"], "Known: controllers, experiments, faults, parts, patterns, tools."),
         (["config", "circle"], "Known: arc, calibrate-payload, dual, force, limits, smooth, surface, teach"),
         (["run"], "EXPERIMENT"),
         (["run", "arc", "--fed", "3"], "--fed"),

@@ -358,8 +358,11 @@ def spreads(relative: Array, areas: Array, places: Array, border: Indices, insid
     away, _ = cKDTree(places[border[:, 0]]).query(places)
     found = []
     for some in (areas, np.where(away >= inside, areas, 0.0)):
-        shares = some / some.sum() if some.any() else np.full(len(some), math.nan)
-        mean = float(shares @ relative)
+        mean = float(some @ relative) / float(some.sum()) if some.any() else 0.0
+        if mean <= 0.0:
+            found.append(math.nan)
+            continue
+        shares = some / some.sum()
         found.append(math.sqrt(float(shares @ (relative / mean - 1.0) ** 2)))
     return found[0], found[1]
 
