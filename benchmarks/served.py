@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-PROGRAM = (sys.executable, "-c", "from polish_sim.cli.main import main; main()")
+PROGRAM = (sys.executable, "-c", "from polish_sim.cli import start; start()")
 START_S = 600.0  #: A first start compiles
 
 
