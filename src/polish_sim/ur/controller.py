@@ -45,7 +45,8 @@ class Controller(Listener):
         self.robot, self.version, self._start, self._reader = robot, VERSIONS[version], start, reader
         self.torque_constants = np.array(used_arm().torque_constants)  #: [N m/A]
         self.link = Link(robot.cell.scenario)
-        self._unread: list[tuple[Future[Any], str, str]] = []
+        self._unread: list[tuple[str, str]] = []  #: Sources and clients; the first is with the reader
+        self._reading: tuple[Future[Any], tuple[str, str]] | None = None  #: One at a time, wanted or not
         self.claimed: dict[str, Any] = {}  #: RTDE inputs by the session that has them
         self.messages: deque[bytes] = deque(maxlen=KEPT)  #: For every client of the primary port
         self.machine: Machine | None = None
@@ -63,9 +64,8 @@ class Controller(Listener):
         """Run programmes, then the robot, for 2 ms."""
         robot = self.robot
         self.link.advance(robot.ticks)
-        if self._unread and self._unread[0][0].done():
-            found, source, client = self._unread.pop(0)
-            self._begin(found.result(), source, client)
+        if self._unread or self._reading:
+            self._read_on()
         if self._orphan is not None and robot.ticks - self._orphan >= GONE_TICKS:
             self.stop("the RTDE client that had the programme's registers has gone")
         if robot.watchdog is not None and robot.runtime == PLAYING:
@@ -116,9 +116,24 @@ class Controller(Listener):
         if self._reader is None:
             self._begin(read(source), source, client)
         elif len(self._unread) < UNREAD:
-            self._unread.append((self._reader.submit(read, source), source, client))
+            self._unread.append((source, client))
         else:
             self.note(f"a programme was dropped: {UNREAD} wait to be read")
+
+    def _read_on(self) -> None:
+        """Begin what has been read, unless it was stopped meanwhile, and hand the next to the reader."""
+        from polish_sim.ur.script.translate import read
+
+        assert self._reader is not None
+        if self._reading is not None:
+            found, job = self._reading
+            if not found.done():
+                return
+            self._reading = None
+            if self._unread and self._unread[0] is job:
+                self._begin(found.result(), *self._unread.pop(0))
+        if self._unread:
+            self._reading = self._reader.submit(read, self._unread[0][0]), self._unread[0]
 
     def _begin(self, found: Program | ScriptError, source: str, client: str) -> None:
         if self.robot.mode != RUNNING or self.robot.safety != NORMAL:
@@ -138,7 +153,7 @@ class Controller(Listener):
 
     def stop(self, why: str) -> None:
         """Stop the programme, if one runs or is being read."""
-        self._unread = [waiting for waiting in self._unread if _beside(waiting[1])]
+        self._unread = [waiting for waiting in self._unread if _beside(waiting[0])]
         if self.machine is not None:
             self.note(f"stopped: {why}")
             self.machine.stop()

@@ -309,6 +309,7 @@ class Server:
         client.socket.close()
         if client.session is not None:
             client.session.close()
+            client.session = None  # each holds the other
 
     def close(self) -> None:
         """Close every port and client."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import marshal
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -93,7 +94,8 @@ class _Translator:
             self.here = routine
             self._write_routine(routine, f"f_{routine.name}")
         try:
-            code = compile("\n".join(self.lines) + "\n", FILE, "exec")
+            with warnings.catch_warnings(action="ignore"):
+                code = compile("\n".join(self.lines) + "\n", FILE, "exec")
         except SyntaxError as error:
             line, column = self.places.get(error.lineno or 0, (1, 1))
             raise ScriptError(line, column, "nested too deep") from None
