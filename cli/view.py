@@ -10,10 +10,9 @@ import io
 import ipaddress
 import socket
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, HTTPServer, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 from urllib.parse import urlsplit
 
 import typer
@@ -21,6 +20,9 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.options import Given, takes
 from polish_sim.errors import InputError
+
+if TYPE_CHECKING:
+    from http.server import HTTPServer
 
 LOOPBACK: Final = "127.0.0.1"
 PORT: Final = 8080
@@ -169,6 +171,7 @@ def _is_loopback(host: str) -> bool:
 
 def page_server(address: Address, content: bytes) -> HTTPServer:
     """A server of one page of HTML, for pages of its own alone."""
+    from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
     class Answer(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
