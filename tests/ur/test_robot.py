@@ -81,6 +81,31 @@ def test_a_line_is_straight_and_as_quick_as_asked(build: Callable[[], SimulatedR
     assert robot.actual_tcp_pose[:3] == pytest.approx(goal[:3], abs=5e-4)
 
 
+def test_streamed_goals_move_the_arm_after_its_latency_and_a_stop_is_waited_for(
+    build: Callable[[], SimulatedRobot],
+) -> None:
+    robot = build()
+    late = round(robot.cell.scenario.robot.command_latency_s / TICK_S)
+    robot.speedl(np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]), 0.5, None)
+    speeds = []
+    for _ in range(late + 60):
+        robot.step()
+        speeds.append(float(robot.target_tcp_speed[2]))
+    assert late == 3
+    assert np.flatnonzero(np.array(speeds) > 1e-9)[0] == late
+    assert speeds[-1] == pytest.approx(0.02, abs=1e-6)
+    robot.stopl(0.5, None)
+    assert not robot.move_done()
+    assert go(robot, robot.move_done) == pytest.approx(0.02 / 0.5 + late * TICK_S, abs=2.1 * TICK_S)
+    assert np.abs(robot.target_qd).max() < 1e-6
+    robot.movel(robot.target_tcp_pose + np.array([0.0, 0.05, 0.0, 0.0, 0.0, 0.0]), 0.5, 0.05, 0.0, 0.0)
+    stand(robot, 0.3)
+    moving = robot.target_qd.copy()
+    robot.speedj(moving, 1.0)  # goes on as it was until the goal acts
+    stand(robot, 0.05)
+    assert robot.target_qd == pytest.approx(moving, abs=0.02)
+
+
 def test_the_speed_slider_stretches_a_move_and_a_blend_goes_by_its_corner(build: Callable[[], SimulatedRobot]) -> None:
     robot = build()
     first = robot.target_tcp_pose.copy()

@@ -27,7 +27,6 @@ from polish_sim.scenario_file import override
 from polish_sim.ur.controller import Controller
 from polish_sim.ur.link import Link
 from polish_sim.ur.robot import SimulatedRobot
-from polish_sim.ur.rtde import RtdeSession
 from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
 from tests.cli.conftest import PROGRAM
@@ -222,28 +221,13 @@ def test_the_primary_port_tells_of_stops_and_unknown_names_as_a_robot_does(serve
     assert struct.unpack(">iiBII", next(modes))[2] == 1  # a second later: what was asked for too soon waits
 
 
-def test_what_a_client_sends_arrives_late_by_the_arms_settings(build: Callable[[], SimulatedRobot]) -> None:
-    robot = build()
-    controller = Controller(robot, "5.11", Machine)
-    session = RtdeSession(controller, lambda _: None)
-    session.feed(struct.pack(">HB", 3 + 20, ord("I")) + b"input_int_register_0")
-    late = round(robot.cell.scenario.robot.command_latency_s / 0.002)
-    assert late == 3
-    session.feed(struct.pack(">HBBi", 8, ord("U"), 1, 7))
-    seen = []
-    for _ in range(6):
-        controller.tick()
-        seen.append(robot.registers["in"]["int"][0])
-    assert seen == [0] * late + [7] * (6 - late)
-
-
 def test_the_line_falls_silent_now_and_then_and_loses_nothing() -> None:
     scenario = override(default_scenario("surface"), ["robot.real.missed_every_s=0.2", "robot.real.missed_s=0.0056"])
     link, came, silent = Link(scenario), list[int](), list[bool]()
     for tick in range(50_000):
         link.advance(tick)
         silent.append(link.silent)
-        link.take(tick, lambda tick=tick: came.append(tick))  # type: ignore[misc]
+        link.take(lambda tick=tick: came.append(tick))  # type: ignore[misc]
     gaps = np.flatnonzero(np.diff(np.array(silent, dtype=int)) == 1)
     assert len(gaps) == pytest.approx(50_000 * 0.002 / 0.2, rel=0.2)
     assert np.sum(silent) == 3 * len(gaps)

@@ -1,4 +1,4 @@
-"""The line between robot and clients, by the arm's settings: what is sent acts late, and at times nothing passes."""
+"""The line between robot and clients, by the arm's settings: at times nothing passes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STREAM: Final = 0x4C494E4B  #: Of the random numbers
 
 
 class Link:
-    """Holds up what RTDE clients send by ``robot.command_latency_s``.
+    """What RTDE clients send arrives at the next tick.
 
     On an arm that is not ideal the line falls silent for ``robot.real.missed_s``, on average every ``missed_every_s``:
     what either side sends meanwhile arrives when that is over.
@@ -27,24 +27,23 @@ class Link:
 
     def __init__(self, scenario: Scenario) -> None:
         robot, self._rng = scenario.robot, np.random.default_rng([scenario.seed, STREAM])
-        self._delay = round(robot.command_latency_s / TICK_S)
         self._apart = robot.real.missed_every_s / TICK_S if is_real(scenario) else 0.0
         self._length = math.ceil(robot.real.missed_s / TICK_S)
-        self._coming: deque[tuple[int, Callable[[], None]]] = deque()
+        self._coming: deque[Callable[[], None]] = deque()
         self._gap = self._next(0)
         self.silent = False
 
     def _next(self, tick: int) -> float:
         return tick + 1 + int(self._rng.exponential(self._apart)) if self._apart else math.inf
 
-    def take(self, tick: int, act: Callable[[], None]) -> None:
+    def take(self, act: Callable[[], None]) -> None:
         """Take what a client sent; ``act`` is called when it has arrived."""
-        self._coming.append((tick + self._delay, act))
+        self._coming.append(act)
 
     def advance(self, tick: int) -> None:
         """Let a tick begin: what arrives in it acts."""
         if tick >= self._gap + self._length:
             self._gap = self._next(tick)
         self.silent = tick >= self._gap
-        while self._coming and not self.silent and self._coming[0][0] <= tick:
-            self._coming.popleft()[1]()
+        while self._coming and not self.silent:
+            self._coming.popleft()()

@@ -201,8 +201,12 @@ class Servo(Drive):
     What the gain does on a robot is not public: here it does nothing.
     """
 
-    def __init__(self) -> None:
-        self.goal, self.lookahead = np.zeros(6), 0.1
+    def __init__(self, q: Array) -> None:
+        self.aim(q.copy(), 0.1)
+
+    def aim(self, goal: Array, lookahead: float) -> None:
+        """Take a goal [rad] and the look-ahead time [s]."""
+        self.goal, self.lookahead = goal, lookahead
 
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """A step of the filter."""
@@ -218,8 +222,12 @@ class Servo(Drive):
 class JointSpeeds(Drive):
     """Accelerates to joint speeds and holds them; at rest it is the stop of the joints."""
 
-    def __init__(self) -> None:
-        self.goal, self.a, self._short = np.zeros(6), 1.0, True
+    def __init__(self, goal: Array) -> None:
+        self.aim(goal.copy(), 1.0)
+
+    def aim(self, goal: Array, a: float) -> None:
+        """Take joint speeds [rad/s] and the acceleration [rad/s^2]."""
+        self.goal, self.a, self._short = goal, a, True
 
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """The leading axis accelerates at the limit."""
@@ -236,9 +244,13 @@ class JointSpeeds(Drive):
 class ToolSpeed(Drive):
     """Accelerates to a twist of the TCP and holds it; at rest it is the stop on the line."""
 
-    def __init__(self, tcp: Array) -> None:
-        self.goal, self.twist, self._started = np.zeros(6), np.zeros(6), False
-        self.a, self.a_rot, self._tcp, self._short = 1.0, 1.0, tcp, True
+    def __init__(self, tcp: Array, goal: Array) -> None:
+        self._tcp, self.twist, self._started = tcp, np.zeros(6), False
+        self.aim(goal.copy(), 1.0, 1.0)
+
+    def aim(self, goal: Array, a: float, a_rot: float) -> None:
+        """Take a twist [m/s, rad/s] and its accelerations [m/s^2], [rad/s^2]."""
+        self.goal, self.a, self.a_rot, self._short = goal, a, a_rot, True
 
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """Linear and angular part accelerate at their limits."""

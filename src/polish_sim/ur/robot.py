@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 import mujoco
@@ -55,6 +56,8 @@ class SimulatedRobot(Robot):
         self._own_payload = self.payload_mass, self.payload_cog
         self.payload_inertia = np.zeros(6)
         self._drive: Drive | None = None
+        self._delay = round(cell.scenario.robot.command_latency_s / TICK_S)
+        self._coming: deque[tuple[int, Callable[[], None]]] = deque()  #: Streamed goals, and when they act
         self.compliance: Compliance | None = None
         self._mode_settings = Compliance(baselines.mode_mass_kg, baselines.mode_damping, baselines.mode_gain_scaling)
         self.registers: dict[str, dict[str, list[Any]]] = {
@@ -113,6 +116,8 @@ class SimulatedRobot(Robot):
     def _move_on(self) -> None:
         """The next set-points."""
         before, speeds = self._reference, self._reference_qd
+        while self._coming and self._coming[0][0] <= self.ticks:
+            self._coming.popleft()[1]()
         drive = self._drive
         if isinstance(drive, Moves):
             drive.scale = self.speed_fraction
@@ -207,14 +212,18 @@ class SimulatedRobot(Robot):
 
     def move_done(self) -> bool:
         """See the protocol."""
-        return self._drive is None or self._drive.done()
+        return self._drive is None or (self._drive.done() and not self._coming)
+
+    def _stream(self, act: Callable[[], None]) -> None:
+        """Let a streamed goal act after the arm's latency from command to motion."""
+        self._coming.append((self.ticks + self._delay, act))
 
     def servoj(self, q: Array, t: float, lookahead: float, gain: float) -> None:
         """See the protocol."""
         if not isinstance(self._drive, Servo):
-            self._begin(Servo())
+            self._begin(Servo(self.target_q))
         assert isinstance(self._drive, Servo)
-        self._drive.goal, self._drive.lookahead = np.array(q), min(max(lookahead, 0.03), 0.2)
+        self._stream(partial(self._drive.aim, np.array(q, dtype=float), min(max(lookahead, 0.03), 0.2)))
 
     def servoc(self, pose: Array, a: float, v: float, r: float) -> None:
         """See the protocol; its lines are not rounded beyond what ``servoj`` does."""
@@ -226,17 +235,16 @@ class SimulatedRobot(Robot):
     def speedj(self, qd: Array, a: float) -> None:
         """See the protocol."""
         if not isinstance(self._drive, JointSpeeds):
-            self._begin(JointSpeeds())
+            self._begin(JointSpeeds(self.target_qd))
         assert isinstance(self._drive, JointSpeeds)
-        self._drive.goal, self._drive.a, self._drive._short = np.array(qd, dtype=float), max(a, 1e-3), True
+        self._stream(partial(self._drive.aim, np.array(qd, dtype=float), max(a, 1e-3)))
 
     def speedl(self, xd: Array, a: float, a_rot: float | None) -> None:
         """See the protocol; without ``a_rot`` the rotation accelerates as ``a`` at 1 m."""
         if not isinstance(self._drive, ToolSpeed):
-            self._begin(ToolSpeed(self._tcp))
+            self._begin(ToolSpeed(self._tcp, self.target_tcp_speed))
         assert isinstance(self._drive, ToolSpeed)
-        self._drive.goal, self._drive.a, self._drive._short = np.array(xd, dtype=float), max(a, 1e-3), True
-        self._drive.a_rot = max(a_rot if a_rot else a, 1e-3)
+        self._stream(partial(self._drive.aim, np.array(xd, dtype=float), max(a, 1e-3), max(a_rot or a, 1e-3)))
 
     def stopj(self, a: float) -> None:
         """See the protocol."""
@@ -277,7 +285,8 @@ class SimulatedRobot(Robot):
 
     def _coast(self, a: float) -> None:
         """Leave force mode and torques, and stop the joints from the speeds they are commanded now."""
-        drive = JointSpeeds()
+        drive = JointSpeeds(np.zeros(6))
+        self._coming.clear()
         self.compliance, self._torque_left, drive.a = None, 0, a
         self._drive, self._reference, self._reference_qd = drive, self.target_q.copy(), self.target_qd.copy()
 

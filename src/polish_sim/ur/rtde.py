@@ -274,7 +274,7 @@ class RtdeSession:
         if number not in self.inputs:
             raise ProtocolError(f"data for recipe {number}, which there is not")
         values = self.inputs[number].unpack(data)
-        self.controller.link.take(self.controller.robot.ticks, lambda: apply_inputs(self.controller, values))
+        self.controller.link.take(lambda: apply_inputs(self.controller, values))
         self.answered = True
 
     def packages(self) -> Iterator[bytes]:
