@@ -44,7 +44,13 @@ def belief() -> Belief:
     friction = np.array([VISCOUS]), np.array([COULOMB])
     chain = SerialChain(geometry, links, np.array([ROTOR]), *friction, ("shoulder",), ("rod",), np.zeros((1, 3)))
     return Belief(
-        chain_model(chain), np.array([COULOMB]), np.array([VISCOUS]), np.array([CREEP]), np.array([150.0]), 0.0, 0.0
+        chain_model(chain),
+        np.array([COULOMB]),
+        np.array([VISCOUS]),
+        np.array([CREEP]),
+        np.array([150.0]),
+        np.zeros(1),
+        np.zeros(1),
     )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polish_sim.cell.real_arm import gear_twists
 from polish_sim.config import DragConfig, GuideConfig, HandConfig, Scenario
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
@@ -253,9 +254,13 @@ def test_by_the_motors_encoders_inertia_compensation_is_unstable_and_stopped() -
 def test_the_hand_pulls_the_link_and_winds_up_the_gear() -> None:
     """A hand that pulls at standing motors sees the gears' compliance between read and true joint angles."""
     move = scenario(mode="gravity", direction="x", duration_s=1.0)
-    run = run_experiment(on_real_arm(move, "guide.encoder_side=motor", "robot.real.kinematics=exact"))
-    q, read = np.asarray(run.log["q_rad"], float), np.asarray(run.log["encoder_q_rad"], float)
-    assert 1e-3 < np.abs(q - read)[:, 1].max() < 3e-3
+    exact = [f"robot.real.{name}_rad=[0,0,0,0,0,0]" for name in ("gear_error", "lost_motion")]
+    asked = on_real_arm(move, "guide.encoder_side=motor", "robot.real.kinematics=exact", *exact)
+    run = run_experiment(asked)
+    twist = np.asarray(run.log["q_rad"], float)[:, 1] - np.asarray(run.log["encoder_q_rad"], float)[:, 1]
+    held = np.asarray(run.log["torque_nm"], float)[0]
+    assert abs(twist[0]) == pytest.approx(abs(gear_twists(asked.robot.real, held)[1]), rel=0.01)
+    assert np.abs(twist - twist[0]).max() > 1e-4
 
 
 def test_a_real_arm_is_taught_a_rim_by_hand() -> None:

@@ -368,6 +368,9 @@ def test_the_unmodified_client_polishes(tmp_path: Path) -> None:
     finally:
         process.kill()
     figures = json.loads((tmp_path / "SERVED/metrics.json").read_text())
-    assert figures["force_mean_n"] == pytest.approx(20.0, abs=1.0)
+    with np.load(tmp_path / "SERVED/log.npz") as log:
+        time_s, exact = log["time_s"][log["phase"] == 2], log["normal_force_n"][log["phase"] == 2]
+    # Force mode of a UR settles within some two seconds.
+    assert exact[time_s > time_s[0] + 2.0].mean() == pytest.approx(20.0, abs=1.0)
     assert figures["contact_lost_s"] == 0.0
     assert (tmp_path / "SERVED/report.html").exists()

@@ -154,8 +154,9 @@ def path_done(path: ToolPath, fed_s: Array) -> float:
         return 0.0
     in_contact = [(path.s[a], path.s[b]) for a, b in stretches(path.process)]
     total = sum(end - start for start, end in in_contact)
-    done = sum(min(max(float(fed_s[-1]) - start, 0.0), end - start) for start, end in in_contact)
-    return float(done / total) if total > 0.0 else 1.0
+    reached = float(fed_s[-1]) + 1e-9  # the law of the feed may end some roundings short of the last point
+    left = sum(max(end - max(start, reached), 0.0) for start, end in in_contact)
+    return float(1.0 - left / total) if total > 0.0 else 1.0
 
 
 def _lift_off(lift: float, depth_first: float, depth_last: float) -> float:
