@@ -154,10 +154,8 @@ class GuardShare(NamedTuple):
 
 def guard_shares(guards: Guards) -> dict[str, GuardShare]:
     """How near each guard of `SHARES` has been to its limit since `forget_shares`, by its name."""
-    return {
-        name: GuardShare(*(float(kept[code]) for kept in (guards.shares, guards.places, guards.times)))
-        for name, code in SHARES.items()
-    }
+    kept = np.stack([guards.shares, guards.places, guards.times], axis=1).tolist()
+    return {name: GuardShare(*kept[code]) for name, code in SHARES.items()}
 
 
 def forget_shares(guards: Guards) -> None:
