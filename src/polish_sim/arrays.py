@@ -1,5 +1,8 @@
 """Types of the arrays that flow between modules; docstrings say shapes and units."""
 
+from collections.abc import Callable
+from typing import Any, Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,3 +10,10 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+SLICE: Final = 65_536
+
+
+def by_slices(function: Callable[..., Any], *rows: Any) -> Any:
+    """What a function makes of rows (n, ...), from `SLICE` rows at a time: what it holds on its way stays small."""
+    starts = range(0, max(len(rows[0]), 1), SLICE)
+    return np.concatenate([function(*(array[start : start + SLICE] for array in rows)) for start in starts])

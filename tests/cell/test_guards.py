@@ -201,14 +201,3 @@ def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place() -> None
     assert shares["sensor overloaded"].share == 0.0  # the sensor has no such limit
     forget_shares(cell.state.guards)
     assert all(share == (0.0, 0.0, 0.0) for share in guard_shares(cell.state.guards).values())
-
-
-def test_a_proof_keeps_its_share_of_a_jump_limit_that_the_noise_sets_too() -> None:
-    shares = []
-    for kept in (1.0, 0.5):
-        cell = on_plane("process.hold_s=1", "sensor.force_noise_n=0.6", "safety.jump_limit_n=1")
-        cell.state.guards.jump_kept = kept
-        assert cell.run().stop_reason is None
-        shares.append(guard_shares(cell.state.guards)["reading jumped"].share)
-    assert shares[0] > 0.1
-    assert shares[1] == pytest.approx(2.0 * shares[0])

@@ -128,7 +128,6 @@ class Guards(Record):
     sensor_timeout: float  #: [s]
     jump: float  #: Of the force, at once [N]; infinite for none
     jump_share: float  #: Of such a jump that the reading against itself smoothed shows [-]
-    jump_kept: float  #: Share of that limit (the noise's where that is larger) at which a jump stops; 1 but in a proof
     singular_value: float  #: [-]
     offset: float  #: Of the surface from where it was planned [m]
     lost: float  #: Time without contact so far [s]
@@ -188,7 +187,6 @@ def build_guards(scenario: Scenario) -> Guards:
         force=safety.force_limit_n, torque=safety.torque_limit_nm, contact_lost=safety.contact_lost_s,
         sensor_timeout=safety.sensor_timeout_s if restless else math.inf, jump=safety.jump_limit_n or math.inf,
         jump_share=_jump_share(sensor, scenario.simulation.timestep_s, scenario.controller.adaptive.arm_mode_hz),
-        jump_kept=1.0,
         singular_value=safety.singular_value_limit, offset=safety.offset_limit_m,
     )  # fmt: skip
 
@@ -237,7 +235,7 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
     for i in range(3):
         smooth[i] += share * (reading[i] - smooth[i])
         jump += (reading[i] - smooth[i]) ** 2
-    limit = guards.jump_kept * max(guards.jump, 2.0 * sequence.floor / guards.jump_share)
+    limit = max(guards.jump, 2.0 * sequence.floor / guards.jump_share)
     if sequence.stage == TARE:
         return NO_STOP
     guards.found = math.sqrt(jump) / guards.jump_share

@@ -14,7 +14,7 @@ from polish_sim.arms import ArmTable
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import Scenario
-from polish_sim.geometry.mesh import PartMesh
+from polish_sim.geometry.mesh import PartMesh, lighter_mesh
 from polish_sim.models import robot_model_path
 from polish_sim.motion.kinematics import NOMINAL, link_poses
 from polish_sim.motion.makes import use_arm
@@ -22,6 +22,7 @@ from polish_sim.spatial import apply, inverse, transform
 
 TABLE_TOP = 0.0  # z of the table in the base frame [m]
 _FROM_BELOW = -0.2  # z of a tool axis: the tool comes from below
+MOST_DRAWN = 100_000  #: Facets; a finer part is drawn by a lighter copy
 PART_COLOR, FIXTURE_COLOR = (0.72, 0.74, 0.78, 1.0), (0.45, 0.50, 0.58, 1.0)
 JOINT_NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 _SHELL = (0.80, 0.82, 0.84, 1.0)
@@ -188,9 +189,9 @@ def add_drawn_part(
     color: Sequence[float] = PART_COLOR,
 ) -> Any:
     """Draw a part on a body; it has no mass and touches nothing. Returns its own body."""
-    mesh = spec.add_mesh(name=name)
-    mesh.uservert = np.asarray(drawn.vertices, dtype=np.float32).ravel()
-    mesh.userface = np.asarray(drawn.faces, dtype=np.int32).ravel()
+    mesh, light = spec.add_mesh(name=name), lighter_mesh(drawn.vertices, drawn.faces, MOST_DRAWN)
+    mesh.uservert = np.asarray(light.vertices, dtype=np.float32).ravel()
+    mesh.userface = np.asarray(light.faces, dtype=np.int32).ravel()
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     turn = Rotation.from_matrix(T_parent_part[:3, :3]).as_quat(scalar_first=True)
     body = parent.add_body(name=name, pos=T_parent_part[:3, 3], quat=turn)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices
 from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet_links, label_pieces
 from polish_sim.spatial import unit
 
@@ -47,7 +47,7 @@ def smooth_corners(
     meets a rounding, the flat face's own normal is kept so that it stays flat.
     """
     count, index = corner_fans(adjacency, smooth)
-    normals = _sum_over(index, _max_weights(vertices, faces), count)
+    normals = _sum_over(index, by_slices(_max_weights, vertices[faces]), count)
     normals, flat = _keep_flat_faces(vertices, faces, adjacency, smooth, index, normals)
     length = np.linalg.norm(normals, axis=1)
     own, _ = facet_normals(vertices, faces)
@@ -63,9 +63,8 @@ def smooth_corners(
     return SmoothCorners(index, np.concatenate([normals, own[facet]]), np.append(flat, np.ones(len(facet), dtype=bool)))
 
 
-def _max_weights(vertices: Array, faces: Ints) -> Array:
-    """Weighted facet normals at each corner, n sin(angle) / (|e1| |e2|), shape (m, 3, 3)."""
-    corners = vertices[faces]
+def _max_weights(corners: Array) -> Array:
+    """Weighted facet normals at each corner (m, 3, 3), n sin(angle) / (|e1| |e2|), shape (m, 3, 3)."""
     ahead = np.roll(corners, -1, axis=1) - corners
     behind = np.roll(corners, 1, axis=1) - corners
     size = (ahead**2).sum(axis=2) * (behind**2).sum(axis=2)
@@ -161,39 +160,35 @@ CORNER_ANGLE = np.radians(40.0)  #: A crease that turns by more than this at a v
 STRAIGHT_DOMINANCE = 4.0  #: Where an edge this many times longer meets a short one, the long one is a straight line
 
 
-class CreaseTangents(NamedTuple):
-    """Unit directions at both ends of every facet edge, from the lower to the higher vertex index."""
+class SharpLines(NamedTuple):
+    """Creases and borders at the vertices."""
 
-    start: Array  #: At the end with the lower vertex index, shape (m, 3, 3)
-    end: Array  #: At the other end, shape (m, 3, 3)
-    border: Bools  #: Edges with one facet, shape (m, 3)
+    tangents: Array  #: Unit direction of the line through each vertex, 0 where there is none, shape (n, 3)
+    through: Bools  #: Whether a line runs through the vertex without a corner, shape (n,)
 
 
-def crease_tangents(vertices: Array, faces: Ints, neighbours: Ints, smooth: Bools) -> CreaseTangents:
-    """Find the direction of creases and borders at the ends of each edge; on smooth edges it is the chord's.
+def crease_tangents(lines: SharpLines, low: Ints, high: Ints, chords: Array, smooth: Bools) -> tuple[Array, Array]:
+    """Find the unit directions of creases and borders at the two ends of each edge, (m, 3, 3) both.
 
     Where a crease runs through a vertex its direction is that of the circle through the vertex and its two
-    neighbours; at a corner it mirrors the edge's other end, so that the edge is an arc. ``neighbours`` (m, 3) are
-    the facets across edges, -1 at borders; ``smooth`` (m, 3) the edges that are neither crease nor border.
+    neighbours; at a corner it mirrors the edge's other end, so that the edge is an arc. On ``smooth`` edges (m, 3),
+    neither crease nor border, it is the chord's. ``low``, ``high`` (m, 3): the vertices at an edge's ends;
+    ``chords`` (m, 3, 3): unit vectors from one to the other.
     """
-    low = np.minimum(faces, np.roll(faces, -1, axis=1))
-    high = np.maximum(faces, np.roll(faces, -1, axis=1))
-    chord = vertices[high] - vertices[low]
-    unit_chord = unit(chord)
-    sharp = np.unique(np.column_stack([low[~smooth], high[~smooth]]), axis=0)
-    tangent, through = _vertex_tangents(vertices, sharp)
-    start, start_known = _oriented(tangent[low], unit_chord), through[low] & ~smooth
-    end, end_known = _oriented(tangent[high], unit_chord), through[high] & ~smooth
-    start_way = np.where(start_known[..., None], start, unit_chord)
-    end_way = np.where(end_known[..., None], end, unit_chord)
-    mirrored_start = np.where((end_known & ~start_known)[..., None], _mirror(end, unit_chord), start_way)
-    mirrored_end = np.where((start_known & ~end_known)[..., None], _mirror(start, unit_chord), end_way)
-    return CreaseTangents(mirrored_start, mirrored_end, neighbours < 0)
+    tangent, through = lines
+    start, start_known = _oriented(tangent[low], chords), through[low] & ~smooth
+    end, end_known = _oriented(tangent[high], chords), through[high] & ~smooth
+    start_way = np.where(start_known[..., None], start, chords)
+    end_way = np.where(end_known[..., None], end, chords)
+    mirrored_start = np.where((end_known & ~start_known)[..., None], _mirror(end, chords), start_way)
+    mirrored_end = np.where((start_known & ~end_known)[..., None], _mirror(start, chords), end_way)
+    return mirrored_start, mirrored_end
 
 
-def _vertex_tangents(vertices: Array, sharp: Ints) -> tuple[Array, Bools]:
-    """Direction of the sharp line through each vertex, shape (n, 3), and whether there is one, shape (n,)."""
+def sharp_lines(vertices: Array, faces: Ints, smooth: Bools) -> SharpLines:
+    """Find the lines of the edges of facets (m, 3) that are not ``smooth`` (m, 3)."""
     count = len(vertices)
+    sharp = np.unique(np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)[~smooth], axis=1), axis=0)
     ends = np.concatenate([sharp[:, 0], sharp[:, 1]])
     others = np.concatenate([sharp[:, 1], sharp[:, 0]])
     order = np.argsort(ends, kind="stable")
@@ -212,7 +207,7 @@ def _vertex_tangents(vertices: Array, sharp: Ints) -> tuple[Array, Bools]:
     tangent[two] = direction / np.maximum(np.linalg.norm(direction, axis=1), 1e-300)[:, None]
     through = np.zeros(count, dtype=bool)
     through[two] = (before * after).sum(axis=1) > np.cos(CORNER_ANGLE)
-    return tangent, through
+    return SharpLines(tangent, through)
 
 
 def _oriented(tangents: Array, chords: Array) -> Array:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Ints
+from polish_sim.arrays import Array, Bools, Ints, by_slices
 from polish_sim.geometry.bezier import area_elements, edge_control, into_plane, quadratic_normals
 from polish_sim.geometry.features import (
     FEATURE_ANGLE,
-    CreaseTangents,
+    SharpLines,
     crease_tangents,
     facet_normals,
+    sharp_lines,
     smooth_corners,
     smooth_edges,
 )
@@ -42,8 +45,8 @@ def fit_triangles(vertices: Array, faces: Ints, feature_angle: float = FEATURE_A
     corners = smooth_corners(vertices, faces, adjacency, smooth, feature_angle)
     jets = fit_vertex_jets(vertices, faces, corners, smooth)
     corner_normals = jets.normals[corners.ids]
-    creases = crease_tangents(vertices, faces, adjacency.facets, smooth)
-    points = _edge_points(vertices, faces, corner_normals, smooth, creases)
+    lines = sharp_lines(vertices, faces, smooth)
+    points = by_slices(partial(_edge_points, vertices, lines), faces, adjacency.facets, corner_normals, smooth)
     facet, edge = np.nonzero(smooth & (adjacency.facets < np.arange(len(faces))[:, None]))
     points[facet, edge] = points[adjacency.facets[facet, edge], adjacency.edges[facet, edge]]  # to the last digit
     flat = np.abs(corner_normals - normals[:, None, :]).max(axis=(1, 2)) < FLAT_TILT
@@ -51,7 +54,7 @@ def fit_triangles(vertices: Array, faces: Ints, feature_angle: float = FEATURE_A
         vertices=vertices,
         faces=faces,
         control=_unfold(np.concatenate([vertices[faces], points], axis=1), normals, adjacency),
-        normal_control=quadratic_normals(vertices[faces], corner_normals),
+        normal_control=by_slices(quadratic_normals, vertices[faces], corner_normals),
         shape=np.where(flat[:, None, None], 0.0, jets.shape[corners.ids]),
         adjacency=adjacency,
         smooth=smooth,
@@ -62,7 +65,7 @@ def _unfold(control: Array, normals: Array, adjacency: Adjacency) -> Array:
     """Straighten the edges of patches that would fold over: slivers beside a strongly curved crease."""
     control = control.copy()
     for _ in range(UNFOLD_ROUNDS):
-        folded = _folds(control, normals)
+        folded = by_slices(_folds, control, normals)
         if not folded.any():
             break
         straight = np.repeat(folded[:, None], 3, axis=1)
@@ -81,20 +84,21 @@ def _folds(control: Array, normals: Array) -> Bools:
     return np.any([(area_elements(control, *place) * normals).sum(axis=1) < least for place in places], axis=0)
 
 
-def _edge_points(vertices: Array, faces: Ints, corner_normals: Array, smooth: Bools, creases: CreaseTangents) -> Array:
+def _edge_points(
+    vertices: Array, lines: SharpLines, faces: Ints, neighbours: Ints, corner_normals: Array, smooth: Bools
+) -> Array:
     """Control points of the three edges of each facet, shape (m, 3, 3); the same number from both sides."""
     first, second = faces, np.roll(faces, -1, axis=1)
     swap = first > second
-    start, end = vertices[np.where(swap, second, first)], vertices[np.where(swap, first, second)]
-    chord = end - start
-    unit_chord = unit(chord)
+    low, high = np.where(swap, second, first), np.where(swap, first, second)
+    start, end = vertices[low], vertices[high]
+    unit_chord = unit(end - start)
+    # Along a crease both sides take the crease's own direction; inside, the chord turned into the tangent plane.
+    start_way, end_way = crease_tangents(lines, low, high, unit_chord, smooth)
     normal_ahead = np.roll(corner_normals, -1, axis=1)
     start_normal = np.where(swap[..., None], normal_ahead, corner_normals)
     end_normal = np.where(swap[..., None], corner_normals, normal_ahead)
-    # Along a crease both sides take the crease's own direction; inside, the chord turned into the tangent plane.
-    start_way = np.where(smooth[..., None], unit_chord, creases.start)
-    end_way = np.where(smooth[..., None], unit_chord, creases.end)
-    turned = (smooth | creases.border)[..., None]
+    turned = (smooth | (neighbours < 0))[..., None]
     start_way = unit(np.where(turned, into_plane(start_way, start_normal), start_way))
     end_way = unit(np.where(turned, into_plane(end_way, end_normal), end_way))
     too_steep = np.minimum((start_way * unit_chord).sum(-1), (end_way * unit_chord).sum(-1)) < np.cos(STEEPEST)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Ints
+from polish_sim.arrays import Array, Bools, Ints, by_slices
 from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
@@ -78,7 +78,7 @@ class Surface:
     @cached_property
     def facet_areas(self) -> Array:
         """Areas of the patches [m^2], shape (m,)."""
-        return np.asarray(patch_areas(self.control))
+        return np.asarray(by_slices(patch_areas, self.control))
 
     @cached_property
     def normal_sum(self) -> Array:
@@ -89,15 +89,8 @@ class Surface:
     @cached_property
     def vertex_normal_sums(self) -> Array:
         """Sums of the patches' normals weighted by their angles at each vertex, zero at borders, shape (n, 3)."""
-        corners = self.control[:, :3]
-        ahead = self.control[:, 3:] - corners
-        behind = np.roll(self.control[:, 3:], 1, axis=1) - corners
-        cross = np.cross(ahead, behind)
-        size = np.linalg.norm(cross, axis=2)
-        angle = np.arctan2(size, (ahead * behind).sum(axis=2))
-        weighted = cross * (angle / np.maximum(size, 1e-300))[:, :, None]
         total = np.zeros_like(self.vertices)
-        np.add.at(total, self.faces.ravel(), weighted.reshape(-1, 3))
+        np.add.at(total, self.faces.ravel(), by_slices(_corner_normals, self.control).reshape(-1, 3))
         facet, edge = np.nonzero(self.neighbours < 0)
         total[self.faces[facet, edge]] = 0.0
         total[self.faces[facet, (edge + 1) % 3]] = 0.0
@@ -266,6 +259,17 @@ def trace_border(surface: Surface) -> list[list[tuple[int, int]]]:
             here = _next_border_edge(surface, here)
         loops.append(loop)
     return loops
+
+
+def _corner_normals(control: Array) -> Array:
+    """Normals of patches at their corners, as long as the angle there, shape (m, 3, 3)."""
+    corners = control[:, :3]
+    ahead = control[:, 3:] - corners
+    behind = np.roll(control[:, 3:], 1, axis=1) - corners
+    cross = np.cross(ahead, behind)
+    size = np.linalg.norm(cross, axis=2)
+    angle = np.arctan2(size, (ahead * behind).sum(axis=2))
+    return np.asarray(cross * (angle / np.maximum(size, 1e-300))[:, :, None])
 
 
 def _next_border_edge(surface: Surface, border_edge: tuple[int, int]) -> tuple[int, int]:

@@ -67,7 +67,7 @@ def facets_at_edges(faces: Ints | Indices) -> Indices:
     return counts.reshape(-1, 3)
 
 
-def label_pieces(links: Indices, count: int) -> tuple[int, Ints]:
+def label_pieces(links: Indices | Ints, count: int) -> tuple[int, Ints]:
     """Label connected pieces of a graph of ``count`` nodes by its links (k, 2): how many, and each node's label."""
     graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
     pieces, labels = connected_components(graph, directed=False)
@@ -86,9 +86,9 @@ def corner_fans(adjacency: Adjacency, passable: Bools) -> tuple[int, Ints]:
     """Gather facet corners around each vertex across passable edges (m, 3): how many fans, each corner's (m, 3)."""
     facet, edge = np.nonzero(passable)
     other, other_edge = adjacency.facets[facet, edge], adjacency.edges[facet, edge]
-    starts = np.column_stack([3 * facet + edge, 3 * other + (other_edge + 1) % 3])
-    ends = np.column_stack([3 * facet + (edge + 1) % 3, 3 * other + other_edge])
-    count, labels = label_pieces(np.concatenate([starts, ends]).astype(np.int64), adjacency.facets.size)
+    here = np.concatenate([3 * facet + edge, 3 * facet + (edge + 1) % 3], dtype=np.int32)
+    there = np.concatenate([3 * other + (other_edge + 1) % 3, 3 * other + other_edge], dtype=np.int32)
+    count, labels = label_pieces(np.stack([here, there], axis=1), adjacency.facets.size)
     return count, labels.reshape(-1, 3)
 
 
@@ -106,7 +106,7 @@ def facet_links(adjacency: Adjacency, keep: Bools | None = None) -> Indices:
     if keep is not None:
         linked &= keep
     facet, edge = np.nonzero(linked)
-    return np.column_stack([facet, adjacency.facets[facet, edge]]).astype(np.int64)
+    return np.column_stack([facet, adjacency.facets[facet, edge]])
 
 
 def sorted_half_edges(faces: Ints | Indices) -> tuple[Indices, Indices, Indices, Indices]:
