@@ -1,7 +1,7 @@
 """False alarms of the guards over healthy runs, and how soon they notice faults.
 
-    python -m benchmarks.guards healthy [--seeds 4] [--part NAME]...
-    python -m benchmarks.guards faults [--seeds 2]
+    python -m benchmarks.guards healthy [--seeds 4] [--first 500] [--part NAME]...
+    python -m benchmarks.guards faults [--seeds 2] [--first 500]
 
 Healthy runs: parts x feeds x sensors x controllers x seeds from 500 on, the first ``FED_S`` of each path. Faults: each
 of ``--fault`` in the approach and in contact, on a flat block, both controllers.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
@@ -21,7 +21,6 @@ from polish_sim.cell.guards import guard_shares
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.scenario_file import override
 
-FIRST_SEED = 500
 DRIVERS = ("hybrid-pi", "hybrid-adaptive")
 PARTS = {"freeform": "0.016", "sphere_50": "0.012", "saddle": "0.016", "wheel_hub_rim": "0.016"}  # step-overs [m]
 FEEDS = (0.01, 0.02, 0.03, 0.04)  # [m/s]
@@ -40,7 +39,7 @@ class Case(NamedTuple):
     seed: int
 
 
-def healthy(seeds: int, parts: Sequence[str]) -> Iterator[Case]:
+def healthy(seeds: Iterable[int], parts: Sequence[str]) -> Iterator[Case]:
     """Runs in which nothing is wrong."""
     for part, feed, sensor, driver in product(parts, FEEDS, SENSORS, DRIVERS):
         settings = (
@@ -48,11 +47,11 @@ def healthy(seeds: int, parts: Sequence[str]) -> Iterator[Case]:
             f"sensor.model={sensor}", f"controller.name={driver}", f"process.max_feed_s={FED_S}",
             "process.approach_speed_m_s=0.02", "safety.proof=none",
         )  # fmt: skip
-        for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+        for seed in seeds:
             yield Case(f"{part} {1e3 * feed:.0f} mm/s {sensor} {driver}", "surface", settings, seed)
 
 
-def faulty(seeds: int) -> Iterator[Case]:
+def faulty(seeds: Iterable[int]) -> Iterator[Case]:
     """Runs with one fault each."""
     names = [name for name, fault in FAULTS.items() if not fault.on_master]
     for name, moment, driver in product(names, MOMENTS, DRIVERS):
@@ -60,7 +59,7 @@ def faulty(seeds: int) -> Iterator[Case]:
             f"faults.events={name}@{moment}", f"controller.name={driver}", "process.hold_s=3",
             "process.approach_speed_m_s=0.01", *(["spindle.speed_rpm=6000"] if name == "spindle-stop" else []),
         )  # fmt: skip
-        for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+        for seed in seeds:
             yield Case(f"{name} | {moment}", "force", settings, seed)
 
 
@@ -83,9 +82,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.guards", description=__doc__)
     parser.add_argument("what", choices=("healthy", "faults"))
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--first", type=int, default=500)
     parser.add_argument("--part", action="append", choices=PARTS)
     given = parser.parse_args(arguments)
-    cases = healthy(given.seeds, given.part or list(PARTS)) if given.what == "healthy" else faulty(given.seeds)
+    seeds = range(given.first, given.first + given.seeds)
+    cases = healthy(seeds, given.part or list(PARTS)) if given.what == "healthy" else faulty(seeds)
     alarms, shares, delays, count = {}, {}, {}, 0
     for case in cases:
         keeper = Keeper()
