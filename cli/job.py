@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -12,7 +13,7 @@ from polish_sim.cli.boundary import DONE, STOPPED
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import RESULTS, refuse_taken, unused
 from polish_sim.config.key import OUTPUT
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, PolishSimError
 from polish_sim.row_file import whole_file
 
 if TYPE_CHECKING:
@@ -37,15 +38,21 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     from polish_sim.analysis.run_record import write_json
     from polish_sim.job.job_file import read_job
     from polish_sim.job.page import job_page
-    from polish_sim.job.run_job import job_figures, programs, run_job
+    from polish_sim.job.run_job import check_regions, job_figures, programs, run_job
 
     file = Path(what)
     asked = read_job(file)
+    check_regions(asked)
     folder = _folder(file, given["--out"], bool(given["--resume"]), bool(given["--overwrite"]))
     rows: list[Row] = []
-    with console.progress() as observer:
-        for row in run_job(asked, folder, observer):
-            rows.append(row)
+    try:
+        with console.progress() as observer:
+            for row in run_job(asked, folder, observer):
+                rows.append(row)
+    except PolishSimError:
+        if not (rows or given["--resume"] or given["--overwrite"]):
+            shutil.rmtree(folder)
+        raise
     figures = job_figures(asked, folder, rows)
     for number, text in programs(asked, folder):
         (folder / f"setup_{number}.script").write_text(text, encoding="utf-8")

@@ -20,7 +20,7 @@ import typer
 from polish_sim.config import Scenario
 from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
 from polish_sim.errors import ConfigError, InputError, leave_out, number_text
-from polish_sim.scenario_file import AUTO, COUNTS, FILE_KEYS, load_scenario, merge, override, presets_in
+from polish_sim.scenario_file import AUTO, COUNTS, load_scenario, merge, override, presets_in, with_files
 
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
@@ -33,7 +33,6 @@ _IN_RUNS: Final[Mapping[str, tuple[str, str]]] = {
     "arm": ("dual", "arms_file"),
 }
 """The key of each kind of calibration file."""
-_FILE_REGIONS: Final = ("polygon", "faces", "under")
 
 
 class Own(NamedTuple):
@@ -345,7 +344,7 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     # The overlap is a share of the pad, whoever set that.
     if given.get("--overlap") is not None:
         scenario = _overlapping(scenario, given, keys["--stepover"])
-    return _placed(scenario)
+    return with_files(scenario, Path())
 
 
 def _overlapping(scenario: Scenario, given: Given, stepover: Key) -> Scenario:
@@ -389,22 +388,6 @@ def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
         section, name = _IN_RUNS[kind]
         table.setdefault(section, {})[name] = file
     return table
-
-
-def _placed(scenario: Scenario) -> Scenario:
-    """Name every file a scenario names from the root, so that the written config runs from any folder."""
-    for section, name in FILE_KEYS:
-        file = Path(getattr(getattr(scenario, section), name))
-        if file.is_file():
-            scenario = merge(scenario, {section: {name: str(file.resolve())}}, "")
-    choice, _, words = scenario.plan.region.partition(":")
-    named, colon, share = words.rpartition(":") if choice == "under" else (words, "", "")
-    if choice in _FILE_REGIONS and Path(named).is_file():
-        scenario = merge(scenario, {"plan": {"region": f"{choice}:{Path(named).resolve()}{colon}{share}"}}, "")
-    file_name, _, class_name = scenario.controller.name.rpartition(":")
-    if Path(file_name).is_file():
-        scenario = merge(scenario, {"controller": {"name": f"{Path(file_name).resolve()}:{class_name}"}}, "")
-    return scenario
 
 
 def refuse_without(given: Given, needed: str, *options: str) -> None:

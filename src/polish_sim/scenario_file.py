@@ -25,6 +25,7 @@ FILE_KEYS = (
 )
 """Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a region may
 hold one."""
+FILE_REGIONS = ("polygon", "faces", "under")
 COUNTS = {2: "two", 3: "three", 6: "six"}
 _ROBOT_BEFORE_ARMS = {
     *("command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s"),
@@ -67,6 +68,27 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
             table = {name: table}
         scenario = merge(scenario, table, "")
     return scenario
+
+
+def with_files(scenario: Scenario, folder: Path) -> Scenario:
+    """Name every file a scenario names, from a folder, from the root, so that it runs from any folder."""
+    for section, name in FILE_KEYS:
+        file = folder / getattr(getattr(scenario, section), name)
+        if file.is_file():
+            scenario = merge(scenario, {section: {name: str(file.resolve())}}, "")
+    scenario = merge(scenario, {"plan": {"region": region_with_file(scenario.plan.region, folder)}}, "")
+    file_name, _, class_name = scenario.controller.name.rpartition(":")
+    if (file := folder / file_name).is_file():
+        scenario = merge(scenario, {"controller": {"name": f"{file.resolve()}:{class_name}"}}, "")
+    return scenario
+
+
+def region_with_file(region: str, folder: Path) -> str:
+    """The same of a region."""
+    choice, _, words = region.partition(":")
+    named, colon, share = words.rpartition(":") if choice == "under" else (words, "", "")
+    file = folder / named
+    return f"{choice}:{file.resolve()}{colon}{share}" if choice in FILE_REGIONS and file.is_file() else region
 
 
 def _rank(assignment: str) -> int:

@@ -14,7 +14,7 @@ from polish_sim.analysis.removal_plot import write_removal_mesh
 from polish_sim.analysis.run_record import RunRecord, write_record
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments.even_removal import MOST_SUNK, _Problem, axis_kept, plan_removal, response_of
+from polish_sim.experiments.even_removal import _Problem, axis_kept, plan_removal, response_of
 from polish_sim.log import RemovalMap
 from polish_sim.planning import PlanResult, plan_part
 from tests.analysis.synthetic import bumpy_path, log_of, surface_trace
@@ -55,7 +55,8 @@ def test_over_the_border_the_force_is_taken_off_so_that_the_pad_does_not_sink(pl
     assert force.min() < 0.8 * usual
     assert force.max() <= usual * (1.0 + 1e-9)
     problem = _Problem(EVEN, plan)
-    assert problem.depths.max() < 1.2 * MOST_SUNK * usual / EVEN.pad.stiffness_n_m
+    assert problem.depths.max() < 1.2 * problem.deepest
+    assert problem.deepest == pytest.approx(0.002)
 
 
 def test_no_feed_nearby_is_better(plan: PlanResult):

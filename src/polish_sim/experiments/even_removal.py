@@ -43,7 +43,9 @@ OVERRUN: Final = 0.4  #: How far past the border a path goes unless the plan say
 POSES: Final = 0.05  #: Places of the pad are so far apart [pad radii]
 KNOTS: Final = 0.32  #: Knots of dwell and force are at least so far apart [pad radii]
 NODES: Final = 0.25  #: Longest edge of the nodes' triangles [pad radii]
-MOST_SUNK: Final = 2.0  #: Times as deep as on a plane the pad may sink in; over an edge the force is taken off for it
+MOST_SUNK: Final = 0.2
+"""Share of the limit of the surface's place by which the pad may sink in deeper than on a plane; over an edge the force
+is taken off for it."""
 EASINGS: Final = 2
 ROUNDS: Final = 3  #: Of dwell and force by turns
 MOST_OFF: Final = 2.0  #: Times more or less than the model says a run may have taken off
@@ -125,6 +127,7 @@ class _Problem:
         self.usual = process.contact_force_n
         self.poses = _poses(self.path, self.s, process.feed_m_s, scenario.spindle.speed_rpm * math.tau / 60.0)
         self.stiffness = self.pad.stiffness_n_m * scenario.head.spring_scale
+        self.deepest = self.usual / self.stiffness + MOST_SUNK * scenario.safety.offset_limit_m
         self.areas = self.nodes.pressed.areas[: len(self.nodes.mesh.vertices)]
         self.weights = self.areas / self.areas.sum()
         self.response = np.ones(len(self.areas))
@@ -155,8 +158,7 @@ class _Problem:
 
     def _ease(self) -> None:
         """Take force off where the pad hangs over an edge and sinks in."""
-        deep = self.depths * self.stiffness / (MOST_SUNK * self.usual)
-        eased = self.poses.forces / np.maximum(deep, 1.0)
+        eased = self.poses.forces / np.maximum(self.depths / self.deepest, 1.0)
         near = np.abs(np.subtract.outer(self.knot_s, self.s)) <= 1.5 * np.diff(self.knot_s).max()
         self.press(np.where(near, eased, math.inf).min(axis=1))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,12 +10,13 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from polish_sim.config import Scenario
 from polish_sim.config.key import key
-from polish_sim.errors import ConfigError, PolishSimError, unknown_name
+from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.experiments.assembly import check_force, check_settings
 from polish_sim.experiments.even_removal import axis_kept
 from polish_sim.experiments.registry import default_scenario
+from polish_sim.job.lines import at, naming_line
 from polish_sim.job.tools import Tool, read_tools
-from polish_sim.scenario_file import merge
+from polish_sim.scenario_file import merge, region_with_file, with_files
 from polish_sim.toml_text import read_toml
 
 T = TypeVar("T")
@@ -85,6 +85,7 @@ class Pass(NamedTuple):
 class Job(NamedTuple):
     """All passes in order."""
 
+    file: Path
     head: JobHead
     passes: tuple[Pass, ...]
     sha256: str  #: Of the file
@@ -97,16 +98,13 @@ def read_job(file: Path) -> Job:
         PolishSimError: A key or value is wrong; names it and its line.
     """
     table = read_toml(file, "job file", ConfigError)
-    text = file.read_text(encoding="utf-8")
-    try:
+    with naming_line(file):
         head, setups, cell = _parts(table, file)
-        tools = read_tools(_beside(file, head.tools) if head.tools else None)
+        tools = read_tools(file.parent / head.tools if head.tools else None)
         base = merge(default_scenario("surface"), cell, "cell.")
-        base = merge(base, {"part": {"file": _part(file, head.part), "fixture_file": head.fixture}}, "")
+        base = merge(base, {"part": {"file": head.part, "fixture_file": head.fixture}}, "")
         passes = tuple(_passes(base, setups, tools, file))
-    except PolishSimError as error:
-        raise type(error)(f"{file}{_line_of(str(error), text)}: {error}") from error
-    return Job(head, passes, hashlib.sha256(text.encode()).hexdigest())
+    return Job(file, head, passes, hashlib.sha256(file.read_bytes()).hexdigest())
 
 
 def _parts(table: dict[str, Any], file: Path) -> tuple[JobHead, list[Any], dict[str, Any]]:
@@ -121,69 +119,49 @@ def _parts(table: dict[str, Any], file: Path) -> tuple[JobHead, list[Any], dict[
 
 def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, Tool], file: Path) -> Iterator[Pass]:
     for s, setup in enumerate(setups, 1):
-        place = f"setup {s}: "
-        found, inner = _split(setup, SetupHead(), ("regions", "pass", "pose"), place)
-        regions, passes = inner.get("regions", ["auto"]), inner.get("pass", [])
-        if not (isinstance(regions, list) and regions and all(isinstance(region, str) for region in regions)):
-            raise ConfigError(f"{place}'regions' must be a list of regions, e.g. [\"auto\"].")
-        if not (isinstance(passes, list) and passes):
-            raise ConfigError(f"{place}has no [[setup.pass]].")
-        part = {"up": found.up, **({"pose": inner["pose"]} if "pose" in inner else {})}
-        clamped = merge(base, {"part": part}, place)
+        with at(f"setup {s}"):
+            found, inner = _split(setup, SetupHead(), ("regions", "pass", "pose"))
+            regions, passes = inner.get("regions", ["auto"]), inner.get("pass", [])
+            if not (isinstance(regions, list) and regions and all(isinstance(region, str) for region in regions)):
+                raise ConfigError("'regions' must be a list of regions, e.g. [\"auto\"].")
+            if not (isinstance(passes, list) and passes):
+                raise ConfigError("it has no [[setup.pass]].")
+            part = {"up": found.up, **({"pose": inner["pose"]} if "pose" in inner else {})}
+            clamped = merge(base, {"part": part}, "")
         for r, region in enumerate(regions, 1):
             for p, asked in enumerate(passes, 1):
-                yield _pass(clamped, (s, r, p), found, region, asked, tools, file)
+                with at(f"setup {s}, pass {p}"):
+                    one = _pass(clamped, (s, r, p), found, region, asked, tools, file.parent)
+                yield one
 
 
 def _pass(
-    base: Scenario, at: tuple[int, int, int], setup: SetupHead, region: str, asked: Any, tools: Mapping[str, Tool],
-    file: Path,
+    base: Scenario, number: tuple[int, int, int], setup: SetupHead, region: str, asked: Any, tools: Mapping[str, Tool],
+    folder: Path,
 ) -> Pass:  # fmt: skip
-    place = f"setup {at[0]}, pass {at[2]}: "
-    head, inner = _split(asked, PassHead(), ("zone", *SECTIONS), place)
+    head, inner = _split(asked, PassHead(), ("zone", *SECTIONS))
     if head.tool not in tools:
         raise unknown_name("tool", head.tool, tools)
     tool = tools[head.tool]
-    scenario = merge(base, tool.settings(), "tool.")
-    scenario = merge(scenario, {name: inner[name] for name in SECTIONS if name in inner}, place)
-    choice, colon, words = region.partition(":")
-    if choice in ("faces", "polygon") and _beside(file, words).is_file():
-        region = f"{choice}{colon}{_beside(file, words)}"
-    scenario = axis_kept(merge(scenario, {"plan": {"region": region}}, place))
+    scenario = merge(merge(base, tool.settings(), "tool."), {k: inner[k] for k in SECTIONS if k in inner}, "")
+    scenario = axis_kept(with_files(merge(scenario, {"plan": {"region": region}}, ""), folder))
     zones = inner.get("zone", [])
     if not isinstance(zones, list):
-        raise ConfigError(f"{place}'zone' is a list: write [[setup.pass.zone]].")
+        raise ConfigError("'zone' is a list: write [[setup.pass.zone]].")
     tool.check_force(head.tool, scenario.process.contact_force_n)
     check_settings(scenario, plans=True)
     check_force(scenario, None)
-    return Pass(*at, setup, head, tool, tuple(_split(zone, Zone(), (), place)[0] for zone in zones), scenario)
+    read = (_split(zone, Zone(), ())[0] for zone in zones)
+    placed = (replace(zone, region=region_with_file(zone.region, folder)) for zone in read)
+    return Pass(*number, setup, head, tool, tuple(placed), scenario)
 
 
-def _split(table: Any, default: T, inner: tuple[str, ...], place: str) -> tuple[T, dict[str, Any]]:
+def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str, Any]]:
     """A table's own keys, checked, and those of its ``inner`` tables."""
     if not isinstance(table, dict):
-        raise ConfigError(f"{place}is no table of keys.")
+        raise ConfigError("it is no table of keys.")
     own = {name: value for name, value in table.items() if name not in inner}
-    return merge(default, own, place), {name: table[name] for name in inner if name in table}  # type: ignore[type-var]
-
-
-def _beside(file: Path, name: str) -> Path:
-    """A file named in a job, from the job's folder."""
-    return (file.parent / name).resolve()
-
-
-def _part(file: Path, name: str) -> str:
-    return str(_beside(file, name)) if _beside(file, name).is_file() else name
-
-
-def _line_of(message: str, text: str) -> str:
-    """Where the key that a message names first stands, as `, line N`; empty if nowhere."""
-    for word in re.findall(r"'([^']+)'", message) + re.findall(r"[a-z_]+\.([a-z_0-9]+)", message):
-        name = re.escape(word.rpartition(".")[2].rpartition(": ")[2])
-        for number, line in enumerate(text.splitlines(), 1):
-            if re.search(rf"(^|[\s{{.\[]){name}\s*[=\].]|[\"']{re.escape(word)}[\"']", line):
-                return f", line {number}"
-    return ""
+    return merge(default, own, ""), {name: table[name] for name in inner if name in table}  # type: ignore[type-var]
 
 
 def with_seed(one: Pass, seed: int) -> Pass:

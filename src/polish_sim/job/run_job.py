@@ -23,17 +23,18 @@ from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
 from polish_sim.cell.stroke import cycle_time
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.proof import prove_with_a_pad_that_fits
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import measure_run, prepare_surface
-from polish_sim.geometry import select_region
+from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass, with_seed
+from polish_sim.job.lines import at, naming_line
 from polish_sim.log import RemovalMap, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
+from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.row_file import whole_file
 from polish_sim.spatial import to_pose
 
@@ -48,7 +49,28 @@ class Row(NamedTuple):
 
     folder: str
     part: int
+    work: Pass
     figures: dict[str, Any]
+
+
+def check_regions(job: Job) -> None:
+    """Find the region and the zones of every pass on the part, before anything is planned or written.
+
+    Raises:
+        PolishSimError: The part cannot be used, or has no such region; says the line.
+    """
+    parts: dict[Any, tuple[PartMesh, Surface]] = {}
+    for one in job.passes:
+        asked, key = one.scenario.plan, (one.scenario.part, one.scenario.plan.feature_angle_rad)
+        with naming_line(job.file), at(f"{one.folder}, '{asked.region}'"):
+            if key not in parts:
+                mesh = load_mesh(one.scenario.part)
+                parts[key] = mesh, fit_surface(mesh, asked.feature_angle_rad)
+            mesh, surface = parts[key]
+            choose_region(mesh, surface, asked)
+        for zone in one.zones:
+            with naming_line(job.file), at(f"{one.folder}, zone '{zone.region}'"):
+                select_region(surface, mesh, zone.region, asked.feature_angle_rad)
 
 
 def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
@@ -66,13 +88,11 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
             observer.stage(here)
             if not (target / "run").is_dir():
                 seeded = with_seed(one, job.head.seed + part - 1)
-                try:
+                with naming_line(job.file), at(here):
                     run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
-                except InputError as error:
-                    raise InputError(f"{here}: {error}") from error
             figures = read_json(target / "run" / METRICS)
             worn[abrasive] = figures["sliding_work_after_nm"]
-            yield Row(here, part, figures)
+            yield Row(here, part, one, figures)
 
 
 def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
@@ -211,11 +231,10 @@ def removal_work(maps: list[RemovalMap]) -> float:
 
 def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
     """What job.json says: passes, times, and the removal of each region summed over its passes."""
-    by_folder = {one.folder: one for one in job.passes}
     regions: dict[str, list[Row]] = {}
     operator, before = 0.0, None
     for row in rows:
-        one = by_folder[row.folder.partition("/")[2] if job.head.parts > 1 else row.folder]
+        one = row.work
         regions.setdefault(row.folder.rpartition("/")[0], []).append(row)
         if before is None or (row.part, one.setup) != before[:2]:
             operator += one.setup_head.clamp_s
@@ -226,8 +245,7 @@ def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
     for name, those in regions.items():
         maps = [read_removal(folder / row.folder / "run" / "removal.npz") for row in those]
         found = summed(maps, [1.0] * len(maps))
-        radius = by_folder[those[0].folder.partition("/")[2] if job.head.parts > 1 else those[0].folder].tool.radius_m
-        sums.append({"region": name, **measure_removal(found, radius)})
+        sums.append({"region": name, **measure_removal(found, those[0].work.tool.radius_m)})
     keys = ("cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s", "abrasive_path_m")
     total = {name: sum(row.figures[name] for row in rows) for name in keys}
     area = sum(row.figures["area_m2"] for row in rows)

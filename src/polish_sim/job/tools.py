@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from polish_sim.config.key import key
 from polish_sim.errors import ConfigError, number_text, unknown_name
+from polish_sim.job.lines import naming_line
 from polish_sim.scenario_file import merge
 from polish_sim.toml_text import read_toml
 
@@ -81,19 +82,22 @@ def read_tools(file: Path | None = None) -> Mapping[str, Tool]:
     Raises:
         ConfigError: A key or value is wrong; names tool and key.
     """
-    tables = read_toml(SHIPPED, "tool file", ConfigError)
-    if file is not None:
-        tables |= read_toml(file, "tool file", ConfigError)
+    return _tools(SHIPPED) | (_tools(file) if file is not None else {})
+
+
+def _tools(file: Path) -> dict[str, Tool]:
     tools = {}
-    for name, table in tables.items():
-        if not isinstance(table, dict):
-            raise ConfigError(f"'{name}' is no tool: write [{name}] and its keys below.")
-        tool = merge(Tool(), table, f"{name}.")
-        if tool.kind not in KINDS:
-            raise unknown_name(f"kind of the tool '{name}'", tool.kind, KINDS)
-        if tool.kind != SPINDLE and tool.slide_m_s == 0.0:
-            raise ConfigError(f"the tool '{name}' does not slide: set '{name}.orbit_m' and speed_rpm, or belt_m_s.")
-        if tool.speed_rpm > tool.speed_most_rpm:
-            raise ConfigError(f"'{name}.speed_rpm' is above its speed_most_rpm.")
-        tools[name] = tool
+    tables = read_toml(file, "tool file", ConfigError)
+    with naming_line(file):
+        for name, table in tables.items():
+            if not isinstance(table, dict):
+                raise ConfigError(f"'{name}' is no tool: write [{name}] and its keys below.")
+            tool = merge(Tool(), table, f"{name}.")
+            if tool.kind not in KINDS:
+                raise unknown_name(f"kind of the tool '{name}'", tool.kind, KINDS)
+            if tool.kind != SPINDLE and tool.slide_m_s == 0.0:
+                raise ConfigError(f"the tool '{name}' does not slide: set '{name}.orbit_m' and speed_rpm, or belt_m_s.")
+            if tool.speed_rpm > tool.speed_most_rpm:
+                raise ConfigError(f"'{name}.speed_rpm' is above its speed_most_rpm.")
+            tools[name] = tool
     return tools

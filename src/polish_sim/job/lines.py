@@ -1,0 +1,56 @@
+"""The line of a job's or a tool's file that an error is about."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from polish_sim.errors import PolishSimError
+
+TABLES: Final = ("[[setup]]", "[[setup.pass]]")
+_PLACE: Final = re.compile(r"setup[ _](\d+)(?:.{1,12}?pass[ _](\d+))?")
+_LINE: Final = re.compile(r"line \d+[,:)]")
+
+
+@contextmanager
+def naming_line(file: Path) -> Iterator[None]:
+    """Put a file's name and the line before the errors of the block that have none yet."""
+    try:
+        yield
+    except PolishSimError as error:
+        if _LINE.search(str(error)):
+            raise
+        text = file.read_text(encoding="utf-8")
+        raise type(error)(f"{file}, line {line_of(str(error), text)}: {error}") from error
+
+
+@contextmanager
+def at(place: str) -> Iterator[None]:
+    """Put a place of the job before the errors of the block."""
+    try:
+        yield
+    except PolishSimError as error:
+        raise type(error)(f"{place}: {error}") from error
+
+
+def line_of(message: str, text: str) -> int:
+    """Where the key or word stands that a message names first; without one, where the table it names begins."""
+    lines = [line.partition("#")[0] for line in text.splitlines()]
+    place, begin = _PLACE.search(message), 0
+    for table, count in zip(TABLES, place.groups() if place else (), strict=False):
+        heads = [number for number, line in enumerate(lines) if number >= begin and line.strip() == table]
+        if count and len(heads) >= int(count):
+            begin = heads[int(count) - 1]
+    for word in re.findall(r"'([^']+)'", message) + re.findall(r"[a-z_]+\.[a-z_0-9]+", message):
+        *table, name = re.split(r"[.:] ?", word)
+        start = next((number for number, line in enumerate(lines) if line.strip() == f"[{'.'.join(table)}]"), begin)
+        words = "|".join(re.escape(known) for known in {word, Path(word).name} if known)
+        known = rf"(^|[\s{{.\[]){re.escape(name)}\s*[=\].]|[\"'](\w+:)?({words})[\"']"
+        order = (*range(start, len(lines)), *range(start))
+        found = next((number for number in order if re.search(known, lines[number])), None)
+        if found is not None:
+            return found + 1
+    return begin + 1
