@@ -164,11 +164,6 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
     return merge(default, own, ""), {name: table[name] for name in inner if name in table}  # type: ignore[type-var]
 
 
-def with_seed(one: Pass, seed: int) -> Pass:
-    """The pass on the part of a seed."""
-    return one._replace(scenario=replace(one.scenario, seed=seed))
-
-
 TEMPLATE: Final = """\
 # A job: setups x regions x passes. Run it: polish-sim job {name}
 part = "{part}"

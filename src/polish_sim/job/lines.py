@@ -40,8 +40,8 @@ def line_of(message: str, text: str) -> int:
     """Where the key or word stands that a message names first; without one, where the table it names begins."""
     lines = [line.partition("#")[0] for line in text.splitlines()]
     place, begin = _PLACE.search(message), 0
-    for table, count in zip(TABLES, place.groups() if place else (), strict=False):
-        heads = [number for number, line in enumerate(lines) if number >= begin and line.strip() == table]
+    for head, count in zip(TABLES, place.groups() if place else (), strict=False):
+        heads = [number for number, line in enumerate(lines) if number >= begin and line.strip() == head]
         if count and len(heads) >= int(count):
             begin = heads[int(count) - 1]
     for word in re.findall(r"'([^']+)'", message) + re.findall(r"[a-z_]+\.[a-z_0-9]+", message):

@@ -30,7 +30,7 @@ from polish_sim.experiments.proof import prove_with_a_pad_that_fits
 from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
-from polish_sim.job.job_file import Job, Pass, with_seed
+from polish_sim.job.job_file import Job, Pass
 from polish_sim.job.lines import at, naming_line
 from polish_sim.log import RemovalMap, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
@@ -87,7 +87,7 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
             target = folder / here
             observer.stage(here)
             if not (target / "run").is_dir():
-                seeded = with_seed(one, job.head.seed + part - 1)
+                seeded = one._replace(scenario=replace(one.scenario, seed=job.head.seed + part - 1))
                 with naming_line(job.file), at(here):
                     run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
             figures = read_json(target / "run" / METRICS)
