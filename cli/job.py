@@ -90,17 +90,17 @@ def _folder(file: Path, out: Path | None, resume: bool, overwrite: bool) -> Path
     Raises:
         InputError: It exists, or holds another job.
     """
-    text = file.read_text(encoding="utf-8")
+    text = file.read_bytes()
     if resume:
         if out is None or not (out / COPY).is_file():
             raise InputError("--resume takes up a job's folder: name it with --out.")
-        if (out / COPY).read_text(encoding="utf-8") != text:
+        if (out / COPY).read_bytes() != text:
             raise InputError(f"'{out}' was begun with another job file: see '{out / COPY}'.")
         return out
     refuse_taken(out, overwrite)
     folder = out or unused(RESULTS / "job")
     folder.mkdir(parents=True, exist_ok=overwrite)
-    (folder / COPY).write_text(text, encoding="utf-8")
+    (folder / COPY).write_bytes(text)
     return folder
 
 

@@ -21,11 +21,10 @@ AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not gi
 FILE_KEYS = (
     *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow")),
     *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
-    *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal"), ("plan", "removal_run")),
+    *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal")),
 )
 """Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a region may
 hold one."""
-FILE_REGIONS = ("polygon", "faces", "under")
 COUNTS = {2: "two", 3: "three", 6: "six"}
 _ROBOT_BEFORE_ARMS = {
     *("command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s"),
@@ -88,7 +87,7 @@ def region_with_file(region: str, folder: Path) -> str:
     choice, _, words = region.partition(":")
     named, colon, share = words.rpartition(":") if choice == "under" else (words, "", "")
     file = folder / named
-    return f"{choice}:{file.resolve()}{colon}{share}" if choice in FILE_REGIONS and file.is_file() else region
+    return f"{choice}:{file.resolve()}{colon}{share}" if file.is_file() else region
 
 
 def _rank(assignment: str) -> int:

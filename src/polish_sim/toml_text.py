@@ -13,13 +13,10 @@ from polish_sim.errors import PolishSimError, near_file
 def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
     """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read or is no TOML."""
     try:
-        text = file.read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8", errors="backslashreplace")
         return tomllib.loads(text)
     except OSError as caught:
         raise error(f"cannot read the {what} '{file}': {caught.strerror}.{near_file(file)}") from caught
-    except UnicodeDecodeError as caught:
-        line = caught.object.count(b"\n", 0, caught.start) + 1
-        raise error(f"the {what} '{file}' is not valid TOML: no UTF-8 (at line {line}).") from caught
     except ValueError as caught:
         why = str(caught).replace("end of document", f"line {len(text.splitlines())}, the end of the file")
         raise error(f"the {what} '{file}' is not valid TOML: {why}.") from caught

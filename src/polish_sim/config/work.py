@@ -121,12 +121,6 @@ class PlanConfig:
         "come off; empty = one feed",
         option=Option("--removal", PATH, "even|MAP.ply"),
     )
-    removal_run: str = key(
-        "",
-        "folder of a run on this part as it is clamped: where it took off more or less than the model says, the model "
-        "is corrected; empty = the part as drawn",
-        option=Option("--removal-run", PATH, "RUN"),
-    )
     removal_feed: tuple[float, ...] = key(
         (0.4, 2.0), "least and largest feed then, over the usual one [-]", 0.05, 20.0, length=2
     )

@@ -20,7 +20,6 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from polish_sim.analysis.metrics import spreads
-from polish_sim.analysis.run_record import read_record
 from polish_sim.arrays import Array
 from polish_sim.cell import Touch
 from polish_sim.cell.dwell import PadPoses, exposure_rates
@@ -48,7 +47,6 @@ MOST_SUNK: Final = 0.2
 is taken off for it."""
 EASINGS: Final = 2
 ROUNDS: Final = 3  #: Of dwell and force by turns
-MOST_OFF: Final = 2.0  #: Times more or less than the model says a run may have taken off
 LEAST_GOAL: Final = 0.02  #: Share of the mean below which a target's deviations weigh no more
 SMOOTH: Final = 1e-4  #: Weight of changes from knot to knot beside the deviation's
 
@@ -88,8 +86,6 @@ def even_out(scenario: Scenario, plan: PlanResult, observer: PlanObserver | None
         observer.stage("even the removal")
     problem = _Problem(scenario, plan)
     asked = scenario.plan
-    if asked.removal_run:
-        problem.correct(response_of(scenario, plan, Path(asked.removal_run)))
     low, high = (1.0 / (share * scenario.process.feed_m_s) for share in asked.removal_feed[::-1])
     slowness = np.full(problem.knots.shape[1], 1.0 / scenario.process.feed_m_s)
     eased, change = problem.force / problem.usual, asked.removal_force
@@ -111,7 +107,7 @@ def even_out(scenario: Scenario, plan: PlanResult, observer: PlanObserver | None
         f"removal planned {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the mean "
         f"beside it on the part as drawn ({100.0 * within:.1f}% a pad's radius inside the border), "
         f"{100.0 * was:.1f}% at one feed; feed {1e3 * feed[path.process].min():.3g} to "
-        f"{1e3 * feed[path.process].max():.3g} mm/s; the tool keeps its planned axis"
+        f"{1e3 * feed[path.process].max():.3g} mm/s"
     )
     return replace(plan, path=path, figures={**plan.figures, **spread}, notes=(*plan.notes, note))
 
@@ -130,7 +126,6 @@ class _Problem:
         self.deepest = self.usual / self.stiffness + MOST_SUNK * scenario.safety.offset_limit_m
         self.areas = self.nodes.pressed.areas[: len(self.nodes.mesh.vertices)]
         self.weights = self.areas / self.areas.sum()
-        self.response = np.ones(len(self.areas))
         self.press(np.full(len(self.knot_s), self.usual))
         for _ in range(EASINGS):
             self._ease()
@@ -143,19 +138,6 @@ class _Problem:
         least, most = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)
         return max(KNOTS * self.pad.radius_m, most**3 * (1.0 / least - 1.0 / most) / CELL_LIMITS.tip_acceleration)
 
-    def _rate(self) -> None:
-        pad = self.pad
-        found = exposure_rates(self.nodes.pressed, self.poses, pad.radius_m, self.stiffness, pad.slide_m_s)
-        self.depths = found.depths
-        self.rates: csr_array = (found.rates[:, : len(self.areas)].T * self.response[:, None]).tocsr()
-        first = np.flatnonzero(np.diff(self.s, prepend=-math.inf) > 2.0 * self.steps.max())
-        self.landing = TOUCH_DOWN_TIME * np.asarray(self.rates[:, first].sum(axis=1)).ravel()
-
-    def correct(self, response: Array) -> None:
-        """Let each node lose more or less than the model says, by a factor (v,)."""
-        self.response = response
-        self._rate()
-
     def _ease(self) -> None:
         """Take force off where the pad hangs over an edge and sinks in."""
         eased = self.poses.forces / np.maximum(self.depths / self.deepest, 1.0)
@@ -164,9 +146,13 @@ class _Problem:
 
     def press(self, force: Array) -> None:
         """Set the force at the knots [N] and find the rates under it."""
-        self.poses = self.poses._replace(forces=self.knots @ force)
+        self.poses, pad = self.poses._replace(forces=self.knots @ force), self.pad
         self.force = force
-        self._rate()
+        found = exposure_rates(self.nodes.pressed, self.poses, pad.radius_m, self.stiffness, pad.slide_m_s)
+        self.depths = found.depths
+        self.rates: csr_array = found.rates[:, : len(self.areas)].T.tocsr()
+        first = np.flatnonzero(np.diff(self.s, prepend=-math.inf) > 2.0 * self.steps.max())
+        self.landing = TOUCH_DOWN_TIME * np.asarray(self.rates[:, first].sum(axis=1)).ravel()
 
     def dwell_columns(self) -> csr_array:
         """Exposure by slowness at the knots [N/s], shape (nodes, knots)."""
@@ -210,29 +196,6 @@ class _Problem:
         relative = exposure / np.maximum(self.goal, 1e-9 * self.goal.max())
         mesh = self.nodes.mesh
         return spreads(relative, self.areas, mesh.vertices, mesh.border, self.pad.radius_m)
-
-
-def response_of(scenario: Scenario, plan: PlanResult, folder: Path) -> Array:
-    """What a run took off each vertex of a plan's region over what the model says of its path, both over their means.
-
-    Raises:
-        InputError: The folder is no run's, or the run took off next to nothing somewhere.
-    """
-    record = read_record(folder)
-    path, removal = record.path, record.removal
-    if path is None or removal is None:
-        raise InputError(f"'{folder}' is no run on a part: it has no path or no removal.")
-    model = _Problem(scenario, replace(plan, path=path))
-    process = record.scenario.process
-    feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
-    model.press(path.force_at(model.knot_s, process.contact_force_n))
-    expected = model.exposure(1.0 / np.interp(model.knot_s, path.s, feed))
-    _, nearest = cKDTree(removal.vertices).query(model.nodes.mesh.vertices)
-    found = removal.exposure[nearest]
-    ratio = found / float(model.weights @ found) / np.maximum(expected / float(model.weights @ expected), 1e-9)
-    if not ((ratio > 1.0 / MOST_OFF) & (ratio < MOST_OFF)).mean() > 0.9:
-        raise InputError(f"the run '{folder}' took off something else than planned: is it of this part and region?")
-    return np.asarray(np.clip(ratio, 1.0 / MOST_OFF, MOST_OFF))
 
 
 def drawn_nodes(plan: PlanResult, edge: float = NODES) -> Nodes:

@@ -41,7 +41,7 @@ PART_OPTIONS: Final = ("--part", "--part-pose", "--units", "--up")
 PATH_OPTIONS: Final = (
     *REGION_OPTIONS,
     *("--pattern", "--stepover", "--overlap", "--order", "--direction", "--start", "--raster-direction"),
-    *("--overrun", "--even-removal", "--removal", "--removal-run"),
+    *("--overrun", "--even-removal", "--removal"),
     *("--avoid", "--lead-in", "--lead-angle", "--tilt-angle", "--axis-smoothing", "--axis-deviation"),
 )
 """What decides where a planned path runs."""

@@ -23,7 +23,7 @@ def naming_line(file: Path) -> Iterator[None]:
     except PolishSimError as error:
         if _LINE.search(str(error)):
             raise
-        text = file.read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8", errors="replace")
         raise type(error)(f"{file}, line {line_of(str(error), text)}: {error}") from error
 
 
@@ -47,8 +47,8 @@ def line_of(message: str, text: str) -> int:
     for word in re.findall(r"'([^']+)'", message) + re.findall(r"[a-z_]+\.[a-z_0-9]+", message):
         *table, name = re.split(r"[.:] ?", word)
         start = next((number for number, line in enumerate(lines) if line.strip() == f"[{'.'.join(table)}]"), begin)
-        words = "|".join(re.escape(known) for known in {word, Path(word).name} if known)
-        known = rf"(^|[\s{{.\[]){re.escape(name)}\s*[=\].]|[\"'](\w+:)?({words})[\"']"
+        value = re.escape(Path(word).name)
+        known = rf"(^|[\s{{.\[]){re.escape(name)}\s*[=\].]|[\"']([^\"']*[/:])?{value}[\"']"
         order = (*range(start, len(lines)), *range(start))
         found = next((number for number in order if re.search(known, lines[number])), None)
         if found is not None:

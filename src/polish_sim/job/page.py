@@ -7,8 +7,8 @@ from html import escape
 from typing import Any
 
 STYLE = (
-    "body{font:15px sans-serif;margin:2em;max-width:70em}table{border-collapse:collapse}td,th{padding:.3em .8em;"
-    "border-bottom:1px solid #ccc;text-align:right}td:first-child,th:first-child{text-align:left}"
+    "body{font:15px sans-serif;margin:2em;}table{border-collapse:collapse}td,th{padding:.3em .8em;"
+    "border-bottom:1px solid #ccc;text-align:right}td:first-child,th:first-child{text-align:left}td{white-space:nowrap}"
 )
 
 
@@ -38,7 +38,7 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
         f"<h1>{escape(title)}</h1><p>{1e4 * f['area_per_hour_m2']:.0f} cm² an hour, {f['parts']} part(s)</p>"
         f"{_table(['time', 's'], totals)}<h2>Passes</h2>{_table(heads, passes)}"
         f"<h2>Removal</h2>{_table(sums, regions)}\n"
-    )
+    ).replace(">nan<", ">-<")
 
 
 CVS = ("removal_cv", "removal_cv_inside")

@@ -200,9 +200,7 @@ def summed(maps: list[RemovalMap], factors: list[float]) -> RemovalMap:
     first = maps[0]
     total = np.zeros(len(first.exposure))
     for each, factor in zip(maps, factors, strict=True):
-        same = each.vertices.shape == first.vertices.shape and np.array_equal(each.vertices, first.vertices)
-        rows: Any = slice(None) if same else cKDTree(each.vertices).query(first.vertices)[1]
-        total += factor * each.exposure[rows]
+        total += factor * each.exposure[cKDTree(each.vertices).query(first.vertices)[1]]
     return replace(first, exposure=total)
 
 
