@@ -47,8 +47,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     rows: list[Row] = []
     try:
         with console.progress() as observer:
-            for row in run_job(asked, folder, observer):
-                rows.append(row)
+            rows.extend(run_job(asked, folder, observer))
     except PolishSimError:
         if not (rows or given["--resume"] or given["--overwrite"]):
             shutil.rmtree(folder)
@@ -71,10 +70,8 @@ def _init(part: str | None, out: Path | None, overwrite: bool) -> int:
     from polish_sim.job.job_file import TEMPLATE
     from polish_sim.models import part_path
 
-    if part is None:
-        raise InputError("job init PART: give the part's mesh, or a shipped part.")
-    if not part_path(part).is_file():
-        raise InputError(f"the part '{part}' is no file and no shipped part.")
+    if part is None or not part_path(part).is_file():
+        raise InputError(f"job init PART: '{part or ''}' is no mesh and no shipped part.")
     file = out or Path(f"{Path(part).stem}.toml")
     if file.exists() and not overwrite:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")

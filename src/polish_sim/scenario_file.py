@@ -70,7 +70,7 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
 
 
 def with_files(scenario: Scenario, folder: Path) -> Scenario:
-    """Name every file a scenario names, from a folder, from the root, so that it runs from any folder."""
+    """Give the whole path of every file a scenario names from a folder."""
     for section, name in FILE_KEYS:
         file = folder / getattr(getattr(scenario, section), name)
         if file.is_file():

@@ -18,7 +18,7 @@ def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, A
     except OSError as caught:
         raise error(f"cannot read the {what} '{file}': {caught.strerror}.{near_file(file)}") from caught
     except ValueError as caught:
-        why = str(caught).replace("end of document", f"line {len(text.splitlines())}, the end of the file")
+        why = str(caught).replace("end of document", f"line {len(text.splitlines())}, its end")
         raise error(f"the {what} '{file}' is not valid TOML: {why}.") from caught
 
 

@@ -24,6 +24,7 @@ class Tool:
     """A tool."""
 
     kind: str = key(SPINDLE, "spindle: the pad turns; orbital: it runs on a small orbit; belt: its cover slides")
+    text: str = key("", "what it is")
     radius_m: float = key(0.025, "radius of its face [m]", 0.001, 0.2)
     stiffness_n_m: float = key(20000.0, "stiffness of the whole face pressed flat [N/m]", 100.0, 1e7)
     head_stiffness_n_m: float = key(20000.0 / 3.0, "spring behind it [N/m]", 100.0, 1e6)
