@@ -6,13 +6,8 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
 
 from polish_sim.errors import PolishSimError
-
-TABLES: Final = ("[[setup]]", "[[setup.pass]]")
-_PLACE: Final = re.compile(r"setup[ _](\d+)(?:.{1,12}?pass[ _](\d+))?")
-_LINE: Final = re.compile(r"line \d+[,:)]")
 
 
 @contextmanager
@@ -21,7 +16,7 @@ def naming_line(file: Path) -> Iterator[None]:
     try:
         yield
     except PolishSimError as error:
-        if _LINE.search(str(error)):
+        if re.search(r"line \d+[,:)]", str(error)):
             raise
         text = file.read_text(encoding="utf-8", errors="replace")
         raise type(error)(f"{file}, line {line_of(str(error), text)}: {error}") from error
@@ -39,8 +34,8 @@ def at(place: str) -> Iterator[None]:
 def line_of(message: str, text: str) -> int:
     """Where the key or word stands that a message names first; without one, where the table it names begins."""
     lines = [line.partition("#")[0] for line in text.splitlines()]
-    place, begin = _PLACE.search(message), 0
-    for head, count in zip(TABLES, place.groups() if place else (), strict=False):
+    place, begin = re.search(r"setup[ _](\d+)(?:.{1,12}?pass[ _](\d+))?", message), 0
+    for head, count in zip(("[[setup]]", "[[setup.pass]]"), place.groups() if place else (), strict=False):
         heads = [number for number, line in enumerate(lines) if number >= begin and line.strip() == head]
         if count and len(heads) >= int(count):
             begin = heads[int(count) - 1]
