@@ -207,7 +207,7 @@ def run_many(scenario: Scenario, plan: ToolPath | None, given: Given) -> int:
     """Run a scenario with each seed, each with its run folder; the path is planned once."""
     from polish_sim.cli.run import plan_to_run
     from polish_sim.experiments.assembly import config_hash
-    from polish_sim.experiments.registry import claims_shown
+    from polish_sim.experiments.registry import claims_shown, experiment
 
     def prepare(folder: Path) -> Callable[[int], Figures]:
         with console.progress() as observer:
@@ -215,7 +215,9 @@ def run_many(scenario: Scenario, plan: ToolPath | None, given: Given) -> int:
         return partial(_run_one, placed, way, folder.resolve())
 
     depends, claims = config_hash(replace(scenario, seed=0), {}), claims_shown([scenario])
-    what = f"{scenario.experiment}, {scenario.controller.label}"
+    what = scenario.experiment
+    if experiment(what).controlled:
+        what += f", {scenario.controller.label}"
     many = Many(f"run-{scenario.experiment}", what, depends, prepare, claims)
     return run_seeds(many, given, partial(_finish_runs, scenario))
 

@@ -198,3 +198,8 @@ def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_s
     assert metrics_of(Path("out"))["path_done"] == 1.0
     assert "spline" in out
     assert polish_sim("report", "out")[0] == 0
+    code, out, err = polish_sim("run", "smooth", "--path", "path.csv", "--seed", "7", "--seeds", "2", "--out", "two")
+    assert code == 0, err
+    assert "smooth, 2 seeds" in out
+    first, second = (metrics_of(Path(f"two/seed-000{seed}")) for seed in (7, 8))
+    assert first["spline_tracking_error_max_rad"] != second["spline_tracking_error_max_rad"]  # arms of their own

@@ -81,7 +81,6 @@ MM = 1e3
 DEG_MM = np.degrees(1.0) * 1e-3  #: A rate of turning in rad/m, in deg/mm
 LEAST_RATE = 1e-3  #: A level face shows nothing but rounding below it [deg/mm]
 PIXELS = 420  #: Along the longer side of a map
-LABELLED = 5
 DARK = "#3A0010"
 """Where the pad does not fit."""
 LEVELS = {"never touched": ORANGE, "under the pad": "#F0D9A0", "and within 0.55 step-overs": "#CFE8DF"}

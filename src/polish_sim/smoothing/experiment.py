@@ -7,7 +7,7 @@ from typing import Final
 
 from polish_sim.analysis.claim import PATH_DONE, Claim
 from polish_sim.config import Scenario, SmoothingConfig, SpindleConfig
-from polish_sim.experiments.registry import Experiment, always
+from polish_sim.experiments.registry import SEED_OPTIONS, Experiment, always
 
 TOLERANCE: Final = 0.02e-3  #: Of the tip in the paper's trial [m]
 AXIS_TOLERANCE: Final = math.radians(0.02)  #: Of the tool axis [rad]
@@ -50,7 +50,7 @@ SMOOTH: Final = Experiment(
     claims=always(CLAIMS),
     plots=always({"tracking.png": "polish_sim.smoothing.tracking:plot_tracking"}),
     comparisons={"tracking.png": "polish_sim.smoothing.tracking:plot_tracking_runs"},
-    options=("--part-pose", "--path", "--dry-run", "--log-rate"),
+    options=("--part-pose", "--path", *SEED_OPTIONS, "--dry-run", "--log-rate"),
     paper={"plan.file": "", "smoothing.limits_file": ""},
     title=always("smooth, every rule on the servos"),
     controlled=False,

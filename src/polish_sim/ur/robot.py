@@ -26,7 +26,6 @@ CLOCK_S: Final = 42.0  #: At the start; clients take less for a robot that boots
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  #: Robot modes
 NORMAL, PROTECTIVE = 1, 3  #: Safety modes
 STOPPED, PLAYING, PAUSED = 1, 2, 4  #: Runtime states
-REGISTERS: Final = {"int": 48, "double": 48, "bool": 128}
 JOINT_SPEED: Final = 1.05 * np.pi  #: Of a set-point, above which the arm stops itself [rad/s]
 SETTLED: Final = 0.01  #: Speed below which a joint counts as at rest [rad/s]
 STOP_A: Final = 20.0  #: Deceleration of the joints in a protective stop [rad/s^2]
