@@ -295,3 +295,21 @@ def test_nodes_lie_on_the_bent_surface_with_normals_out_of_it(block: tuple[Surfa
     assert np.abs(distances).max() < 1e-4
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     assert (normals[:, 2] > 0.9).all()
+
+
+def test_nodes_on_a_rings_sharp_edges_can_be_met_by_the_pad() -> None:
+    """There the field's slope is the wall's at some nodes; they lay 0.2% of the region's area off the map."""
+    ring = trimesh.creation.annulus(r_min=0.045, r_max=0.09, height=0.02, sections=128)
+    vertices, faces = np.array(ring.vertices) - [0.0, 0.0, 0.01], np.array(ring.faces, dtype=np.int32)
+    surface, mesh = fit_triangles(vertices, faces), part_from_arrays(vertices, faces)
+    region = select_region(surface, mesh, "top")
+    around = np.linspace(0.0, math.tau, 100)
+    track = 0.0675 * np.stack([np.cos(around), np.sin(around), 0.0 * around], axis=1)
+    touch = Touch(track, np.tile(UP, (len(track), 1)), 0.025)
+    fields = build_part_fields(surface, touch)
+    part = build_real_part(fields, PartConfig(), np.eye(4), region.surface, UP, np.random.default_rng(3))
+    nodes = place_nodes(surface, region, part, touch)
+    own = slice(len(nodes.mesh.vertices))
+    assert (nodes.pressed.normals[own, 2] > 0.9).all()
+    moved = nodes.pressed.positions[own, 2] - nodes.mesh.vertices[:, 2]
+    assert np.abs(moved).max() < 0.001

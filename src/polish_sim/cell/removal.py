@@ -144,6 +144,13 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     mesh = triangulate(region.surface, longest)
     beside = surroundings(surface, region, touch, longest)
     own = on_real_part(part.field, mesh.vertices, mesh.normals)
+    # On a sharp edge the field's slope may be the wall's: there the node next to it says how the part lies.
+    met, lost = own[1].any(axis=1), mesh.border[:, 0]
+    lost, sure = lost[~met[lost]], np.flatnonzero(met)
+    if len(sure):
+        next_to = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[lost])[1]]
+        own[0][lost] += own[0][next_to] - mesh.vertices[next_to]
+        own[1][lost] = own[1][next_to]
     others = on_real_part(part.field, beside.positions, beside.normals)
     met = others[1].any(axis=1)
     positions, normals = (np.concatenate([a, b[met]]) for a, b in zip(own, others, strict=True))

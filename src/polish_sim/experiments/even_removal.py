@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize
@@ -45,7 +45,6 @@ NODES: Final = 0.25  #: Longest edge of the nodes' triangles [pad radii]
 MOST_SUNK: Final = 0.2
 """Share of the limit of the surface's place by which the pad may sink in deeper than on a plane; over an edge the force
 is taken off for it."""
-EASINGS: Final = 2
 ROUNDS: Final = 3  #: Of dwell and force by turns
 LEAST_GOAL: Final = 0.02  #: Share of the mean below which a target's deviations weigh no more
 SMOOTH: Final = 1e-4  #: Weight of changes from knot to knot beside the deviation's
@@ -91,18 +90,16 @@ def even_out(scenario: Scenario, plan: PlanResult, observer: PlanObserver | None
     eased, change = problem.force / problem.usual, asked.removal_force
     before = problem.exposure(slowness)
     for _ in range(ROUNDS if change > 0.0 else 1):
-        slowness = problem.fit(problem.dwell_columns(), low, high, problem.landing, slowness)
+        slowness = problem.fit(problem.dwell_columns(), low, high, slowness)
         if change > 0.0:
             columns = problem.force_columns(slowness, eased)
-            share = problem.fit(columns, 1.0 - change, 1.0 + change, None, np.ones(len(eased)))
+            share = problem.fit(columns, 1.0 - change, 1.0 + change, np.ones(len(eased)))
             problem.press(share * eased * problem.usual)
-    found = problem.exposure(slowness)
     path = plan.path
     feed = 1.0 / np.clip(problem.at(path.s, slowness), low, high)
     path = replace(path, feed=feed, force=problem.at(path.s, problem.force))
-    names = ("planned_removal_cv", "planned_removal_cv_inside")
-    spread = dict(zip(names, problem.deviations(found), strict=True))
-    was, (now, within) = problem.deviations(before)[0], spread.values()
+    (was, _), (now, within) = problem.deviations(before), problem.deviations(problem.exposure(slowness))
+    spread = {"planned_removal_cv": now, "planned_removal_cv_inside": within}
     note = (
         f"removal planned {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the mean "
         f"beside it on the part as drawn ({100.0 * within:.1f}% a pad's radius inside the border), "
@@ -127,8 +124,8 @@ class _Problem:
         self.areas = self.nodes.pressed.areas[: len(self.nodes.mesh.vertices)]
         self.weights = self.areas / self.areas.sum()
         self.press(np.full(len(self.knot_s), self.usual))
-        for _ in range(EASINGS):
-            self._ease()
+        self._ease()
+        self._ease()
         at_feed = self.dwell_columns() @ np.full(len(self.knot_s), 1.0 / process.feed_m_s)
         shape = _shape_of(scenario.plan.removal, self.nodes.mesh)
         self.goal = shape * float(self.weights @ at_feed) / float(self.weights @ shape)
@@ -171,10 +168,10 @@ class _Problem:
         """Values at the knots, at other arc lengths of the path."""
         return np.interp(s, self.knot_s, values)
 
-    def fit(self, columns: csr_array, low: float, high: float, given: Array | None, start: Array) -> Array:
+    def fit(self, columns: csr_array, low: float, high: float, start: Array) -> Array:
         """Values at the knots within their limits for which the exposure comes nearest to the goal."""
         by = np.sqrt(self.weights) / np.maximum(self.goal, LEAST_GOAL * float(self.weights @ self.goal))
-        wanted = (self.goal if given is None else self.goal - given) * by
+        wanted = (self.goal - self.landing) * by
         scaled = (columns * by[:, None]).tocsr()
         square = (scaled.T @ scaled).toarray()
         usual = math.sqrt(low * high)
@@ -198,28 +195,20 @@ class _Problem:
         return spreads(relative, self.areas, mesh.vertices, mesh.border, self.pad.radius_m)
 
 
-def drawn_nodes(plan: PlanResult, edge: float = NODES) -> Nodes:
+def drawn_nodes(plan: PlanResult) -> Nodes:
     """Nodes as of `place_nodes`, on the part as drawn."""
     path, radius = plan.path, plan.tool.pad.radius_m
-    mesh = triangulate(plan.region.surface, edge * radius)
+    mesh = triangulate(plan.region.surface, NODES * radius)
     touch = Touch(path.positions_work[path.process], path.axes_work[path.process], radius)
-    beside = surroundings(plan.surface, plan.region, touch, edge * radius)
+    beside = surroundings(plan.surface, plan.region, touch, NODES * radius)
     own = PressedNodes(mesh.vertices, mesh.normals, mesh.vertex_areas)
     return Nodes(mesh, PressedNodes(*(np.concatenate(pair) for pair in zip(own, beside, strict=True))))
 
 
-class _Places(NamedTuple):
-    s: Array  #: Middles of steps along the path in contact [m], shape (k,)
-    steps: Array  #: Their lengths [m], shape (k,)
-
-
-def _places(path: ToolPath, apart: float) -> _Places:
+def _places(path: ToolPath, apart: float) -> tuple[Array, Array]:
+    """Middles of steps along the path in contact [m], and their lengths [m], both (k,)."""
     ends = [_divided(path, pair, apart) for pair in stretches(path.process)]
-    return _Places(*(np.concatenate([part(e) for e in ends]) for part in (_middles, np.diff)))
-
-
-def _middles(ends: Array) -> Array:
-    return 0.5 * (ends[1:] + ends[:-1])
+    return np.concatenate([0.5 * (e[1:] + e[:-1]) for e in ends]), np.concatenate([np.diff(e) for e in ends])
 
 
 def _divided(path: ToolPath, rows: tuple[int, int], apart: float) -> Array:

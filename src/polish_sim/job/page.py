@@ -27,7 +27,11 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
         for p in f["passes"]
     ]  # fmt: skip
     regions = [
-        [r["region"], f"{r['exposure_mean_n_m']:.4g}", *(f"{100.0 * (r[k] or 0.0):.1f}" for k in CVS)]
+        [
+            r["region"],
+            f"{r['exposure_mean_n_m']:.4g}",
+            *(f"{100.0 * (r[k] or 0.0):.1f}" for k in ("removal_cv", "removal_cv_inside")),
+        ]
         for r in f["regions"]
     ]
     heads = ["pass", "tool", "grit", "time, s", "planned, s", "contact, s", "abrasive path, m", "abrasive left, %",
@@ -39,9 +43,6 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
         f"{_table(['time', 's'], totals)}<h2>Passes</h2>{_table(heads, passes)}"
         f"<h2>Removal</h2>{_table(sums, regions)}\n"
     ).replace(">nan<", ">-<")
-
-
-CVS = ("removal_cv", "removal_cv_inside")
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

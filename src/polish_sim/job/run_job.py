@@ -195,18 +195,18 @@ def _read_pieces(folder: Path) -> list[Played]:
     return found
 
 
-def summed(maps: list[RemovalMap], factors: list[float]) -> RemovalMap:
-    """What several runs took off together, on the nodes of the first; each times its factor."""
+def summed(maps: list[RemovalMap], left: float = 1.0) -> RemovalMap:
+    """What several runs took off together, on the nodes of the first, times what is ``left`` of the abrasive."""
     first = maps[0]
     total = np.zeros(len(first.exposure))
-    for each, factor in zip(maps, factors, strict=True):
-        total += factor * each.exposure[cKDTree(each.vertices).query(first.vertices)[1]]
+    for each in maps:
+        total += left * each.exposure[cKDTree(each.vertices).query(first.vertices)[1]]
     return replace(first, exposure=total)
 
 
 def _write(one: Pass, folder: Path, parts: list[RunResult], worn: float, left: float, planned_s: float) -> None:
     last, maps = parts[-1], [result.removal for result in parts if result.removal is not None]
-    scenario, removal = last.scenario, summed(maps, [left] * len(maps))
+    scenario, removal = last.scenario, summed(maps, left)
     simulated = sum(result.figures["simulated_s"] for result in parts)
     fed = sum(float((result.trace.phase == 2).sum()) for result in parts) * scenario.simulation.timestep_s
     work = removal_work(maps)
@@ -242,7 +242,7 @@ def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
     sums = []
     for name, those in regions.items():
         maps = [read_removal(folder / row.folder / "run" / "removal.npz") for row in those]
-        found = summed(maps, [1.0] * len(maps))
+        found = summed(maps)
         sums.append({"region": name, **measure_removal(found, those[0].work.tool.radius_m)})
     keys = ("cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s", "abrasive_path_m")
     total = {name: sum(row.figures[name] for row in rows) for name in keys}
