@@ -156,7 +156,15 @@ def motions(t: Trial) -> None:
 
     t.check(c, "servoL", lambda: servo_line(lambda pose: c.servoL(pose, 0.0, 0.0, 0.002, 0.1, 300)),
             "the gain does nothing, the look-ahead is a filter's lag")  # fmt: skip
-    t.check(c, "servoC", lambda: servo_line(lambda pose: c.servoC(pose, 0.25, 1.2, 0.0)), "corners are not rounded")
+
+    def servo_circle() -> bool:
+        good = c.servoC(there, 0.25, 1.2, 0.0) and at(there)
+        c.servoStop()  # refused after 4 s, see below
+        return c.servoStop() and good
+
+    differs = "corners are not rounded; the wheel's script takes nothing after it until its client has waited 4 s"
+    t.check(c, "servoC", servo_circle, differs)
+    back()
     t.check(c, "speedJ", lambda: c.speedJ([0, 0, 0, 0, 0, 0.3], 2.0, 0.5) and until(
         lambda: near(r.getActualQd(), [0, 0, 0, 0, 0, 0.3], 0.03), 1.0))  # fmt: skip
     t.check(c, "speedStop", lambda: c.speedStop() and until(c.isSteady, 2.0))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import ipaddress
 import math
 import multiprocessing
+import os
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
     from polish_sim.ur.server import Pace
 
 SPEEDS: Final = ("1", "max")
-POLYSCOPES: Final = ("5.11", "5.23")
+POLYSCOPES: Final = ("5.11", "5.23", "5.26")
 CLIENT: Final = "the client's programme"  #: What the figures call the controller
 LOG: Final = "controller.log"  #: What the controller noted
 SCORE: Final = "score.json"
@@ -50,9 +52,10 @@ CELL: Final = ("--part", "--real-part", "--part-pose", "--pad-diameter", "--cont
     *CELL,
     "--seed",
     Own("--score", RUN, "CASE", "Serve the cell of a case of 'score', and score what the client does in it."),
+    Own("--air", RUN, "", "Without part, table and stand: for programmes written for an arm alone.", bool),
     Own("--address", RUN, "ADDRESS", "Address to serve at; twice for two robots. Default 127.0.0.1.", list),
     Own("--speed", RUN, "1|max", "1: real time; max: as fast as a client that answers every packet. Default 1."),
-    Own("--polyscope", RUN, "5.11|5.23", "Version the controller says it is. Default 5.11."),
+    Own("--polyscope", RUN, "5.11|5.23|5.26", "Version the controller says it is. Default 5.11."),
     Own("--port-offset", RUN, "N", "Added to every port, for clients that can be told.", int, 0, 30000),
     Own("--for", RUN, "SECONDS", "End after this robot time; default: at Ctrl-C.", float, 0.0, 1e6),
     *("--live", "--live-port", "--live-host"),
@@ -82,7 +85,7 @@ def serve(given: Given) -> int:
         with console.progress() as observer:
             job = _prepared(given, case, observer)
             reader = _reader() if speed == SPEEDS[0] else None
-            controllers = {address: _controller(job, version, reader, observer) for address in addresses}
+            controllers = {address: _controller(job, given, version, reader, observer) for address in addresses}
         _serve(job, given, controllers, reader is not None, live)
         if reader is not None:
             reader.shutdown()
@@ -173,14 +176,18 @@ def _reader() -> Executor:
     return reader
 
 
-def _controller(job: _Job, version: str, reader: Executor | None, observer: Any) -> Controller:
+def _controller(job: _Job, given: Given, version: str, reader: Executor | None, observer: Any) -> Controller:
     from polish_sim.experiments.assembly import build_cell
     from polish_sim.ur.controller import Controller
+    from polish_sim.ur.physics import clear_away
     from polish_sim.ur.robot import SimulatedRobot
     from polish_sim.ur.script import Machine
 
     observer.stage("prepare the cell")
-    robot = SimulatedRobot(build_cell(job.scenario, job.place, job.part))
+    cell = build_cell(job.scenario, job.place, job.part)
+    if given["--air"]:
+        clear_away(cell)
+    robot = SimulatedRobot(cell)
     robot.step()  # compiles what it needs before a client waits
     return Controller(robot, version, Machine, reader)
 
@@ -194,20 +201,41 @@ def _serve(job: _Job, given: Given, controllers: dict[str, Controller], real_tim
     from polish_sim.ur.physics import TICK_S
     from polish_sim.ur.server import Server
 
-    server = Server(controllers, real_time, given["--port-offset"] or 0)
+    server, asked = Server(controllers, real_time, given["--port-offset"] or 0), threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: asked.set())  # in the background Ctrl-C does not reach it
     started, end, (first, *_) = time.perf_counter(), given["--for"], controllers.values()
     most = math.inf if end is None else end / TICK_S
     sys.setswitchinterval(SWITCH_S)
+    gc.freeze()  # what is here stays: collecting looks at what comes later only
     try:
-        with _watched(live, first.robot.cell), interrupts_noted() as interrupt:
+        with (
+            before_others() if real_time else nullcontext(),
+            _watched(live, first.robot.cell),
+            interrupts_noted() as interrupt,
+        ):
             console.say(f"serving a {used_arm().label} (PolyScope {'.'.join(map(str, first.version[:2]))}) at "
                         f"{', '.join(controllers)}; Ctrl-C ends it")  # fmt: skip
-            server.run(lambda: interrupt.seen or first.robot.ticks >= most)
+            server.run(lambda: interrupt.seen or asked.is_set() or first.robot.ticks >= most)
     finally:
         server.close()
     job.wall_s = time.perf_counter() - started
     if server.pace.ticks:
         console.say(_pace_text(server.pace))
+
+
+@contextmanager
+def before_others() -> Iterator[None]:
+    """Where the system allows it, this thread runs before all that do not ask for the same."""
+    if not hasattr(os, "sched_setscheduler"):  # Windows, macOS
+        yield
+        return
+    usual = os.sched_getscheduler(0), os.sched_getparam(0)
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, *usual)
 
 
 @contextmanager

@@ -82,7 +82,7 @@ class FakeRobot:
     def __getattr__(self, name: str) -> Any:
         def note(*values: Any) -> None:
             self.told.append((name, *(np.asarray(value).tolist() for value in values)))
-            if name in ("movej", "movel", "movep", "movec"):
+            if name in ("movej", "movel", "movec"):
                 self._left = MOVE_STEPS
 
         return note

@@ -181,7 +181,7 @@ def test_two_threads_do_not_move_the_robot_at_once() -> None:
 
 def test_the_end_of_a_programme_ends_force_mode_and_motion() -> None:
     robot, notes, _ = run("force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])\nhalt\nsync()")
-    assert robot.names() == ["force_mode", "end_force_mode", "end_freedrive", "stopj"]
+    assert robot.names() == ["force_mode", "end_force_mode", "stopj"]
     assert notes.events == [("started", "f"), ("stopped", "f")]
 
 

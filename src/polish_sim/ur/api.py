@@ -62,10 +62,6 @@ class Robot(Protocol):
         """Move the TCP in a straight line."""
         ...
 
-    def movep(self, pose: Array, a: float, v: float, r: float) -> None:
-        """Move the TCP in a line at constant speed, corners blended by arcs."""
-        ...
-
     def movec(self, via: Array, to: Array, a: float, v: float, r: float, mode: int) -> None:
         """Move the TCP on a circle. ``mode`` 0: orientation as given, 1: fixed to the arc."""
         ...
@@ -111,15 +107,11 @@ class Robot(Protocol):
         ...
 
     def end_force_mode(self) -> None:
-        """Leave force mode."""
+        """Leave force mode, freedrive or teach mode."""
         ...
 
     def freedrive(self, axes: Array, frame: Array) -> None:
         """Let the arm be led along the free axes (1) of a frame."""
-        ...
-
-    def end_freedrive(self) -> None:
-        """Leave freedrive or teach mode."""
         ...
 
     def freedrive_status(self) -> int:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from polish_sim.ur.script import Machine, ScriptError
     from polish_sim.ur.script.translate import Program
 
-VERSIONS: Final = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000)}
+VERSIONS: Final = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000), "5.26": (5, 26, 0, 130000)}
 """PolyScope versions a controller may say it is: major, minor, bug fix, build."""
 UNLOCK_TICKS: Final = 2500  #: The dashboard unlocks a protective stop 5 s after it
 WAIT_TICKS: Final = 500  #: Other ports, whose clients wait 5 s at most, 1 s after it; the robot's time is not public

@@ -30,6 +30,7 @@ from polish_sim.cell.loop import (
 )
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, TraceStep, build_recorder, record_exact
+from polish_sim.cell.scene import STAND_NAMES
 from polish_sim.cell.stroke import APPROACH, PROCESS
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.kernel_cache import njit
@@ -40,7 +41,8 @@ TICK_S: Final = 0.002  #: Cycle of the robot's controller
 TOUCH_PHASE, PROCESS_PHASE, RETRACT_PHASE = 1, 2, 3  #: In the log
 SEATED: Final = 0.8  #: Share of the set force from which a client's pad counts as working
 LIFTED_S: Final = 1.0  #: A gap in the contact at least so long is a lift [s]
-_DRAWN: Final = 4096  # steps of the sensor's noise drawn at once
+FAR_M: Final = 10.0  #: Below its place a part that is not there is kept [m]
+_DRAWN: Final = 64  # ticks of the sensor's noise drawn at once
 
 
 class Order(Record):
@@ -97,6 +99,14 @@ def follow(  # type: ignore[no-untyped-def]
         is_over(cell, 0, t)
         for j in range(6):
             order.felt[j] = e.qfrc_actuator[j]
+
+
+def clear_away(cell: Cell) -> None:
+    """Leave the arm with its tool alone: it touches neither part, table nor stand."""
+    cell.state.motion.place[2] -= FAR_M
+    names = [cell.model.geom(k).name for k in range(cell.model.ngeom)]
+    still = np.isin(names, ("table", *STAND_NAMES))
+    cell.model.geom_contype[still] = cell.model.geom_conaffinity[still] = 0
 
 
 class Rig:

@@ -30,6 +30,7 @@ JOINT_SPEED: Final = 1.05 * np.pi  #: Of a set-point, above which the arm stops 
 SETTLED: Final = 0.01  #: Speed below which a joint counts as at rest [rad/s]
 STOP_A: Final = 20.0  #: Deceleration of the joints in a protective stop [rad/s^2]
 HISTORY: Final = 1000  #: Ticks of joint angles and forces that are kept
+CLEAR: Final = 10  #: Ticks in which all points of the links are looked at, and more
 TARE: Final = 100  #: Readings that make the sensor's zero
 CONTACT_N: Final = 8.0  #: Change of the force along a direction that counts as contact [N]
 OUTPUTS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
@@ -106,9 +107,13 @@ class SimulatedRobot(Robot):
         reason = self.rig.run()
         self.ticks += 1
         self._see()
-        if reason:
+        backs_off = self._unlocked_at >= 0
+        if reason and backs_off:
+            self._unlocked_at = self.ticks
+            self.rig.unlock()
+        elif reason:
             self.protective_stop(reason)
-        if self._unlocked_at >= 0 and not self.rig.near_limit():
+        elif backs_off and self.ticks > self._unlocked_at + CLEAR and not self.rig.near_limit():
             self._unlocked_at = -1
             self.rig.watch(True)
 
@@ -201,10 +206,6 @@ class SimulatedRobot(Robot):
         """See the protocol."""
         self._move(lambda start: tool_way(start, self._pose_at(start), pose, self._tcp), a, v, t, r)
 
-    def movep(self, pose: Array, a: float, v: float, r: float) -> None:
-        """See the protocol; a line as of ``movel``."""
-        self.movel(pose, a, v, 0.0, r)
-
     def movec(self, via: Array, to: Array, a: float, v: float, r: float, mode: int) -> None:
         """See the protocol."""
         self._move(lambda start: tool_way(start, self._pose_at(start), to, self._tcp, via, mode == 1), a, v, 0.0, r)
@@ -296,10 +297,6 @@ class SimulatedRobot(Robot):
         assert self.compliance is not None
         self.compliance.free = True
 
-    def end_freedrive(self) -> None:
-        """See the protocol."""
-        self.end_force_mode()
-
     def freedrive_status(self) -> int:
         """See the protocol."""
         least = float(np.linalg.svd(jacobian(self.actual_q, self.tcp_offset[:3]), compute_uv=False)[-1])
@@ -386,7 +383,7 @@ class SimulatedRobot(Robot):
         self._coast(STOP_A)
 
     def unlock(self) -> None:
-        """Leave a protective stop; force and torque are watched again once they are below their limits."""
+        """Leave a protective stop; the arm may back off from what stopped it, and is watched once nothing does."""
         self.safety, self._unlocked_at, self._drive = NORMAL, self.ticks, None
         self.rig.unlock()
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.ur.api import Robot
+from polish_sim.ur.api import Kind, Robot, Side
 from polish_sim.ur.script import values
 from polish_sim.ur.script.sockets import STEP_S, Sockets, Waiting
 from polish_sim.ur.script.values import List, Pose, array, as_list, as_pose, number, to_text
@@ -52,7 +52,18 @@ class BuiltIns(Sockets):
             found[name] = getattr(values, name)
         for group in ("standard", "configurable", "tool"):
             found |= self._pins(f"{group}_digital", bool)
-        return found | self._pins("standard_analog", number) | self._pins("tool_analog", number)
+        found |= {
+            "get_digital_in": found["get_standard_digital_in"],
+            "set_digital_out": found["set_standard_digital_out"],
+        }
+        for group in ("standard", "tool"):
+            found |= self._pins(f"{group}_analog", number)
+        return (
+            found
+            | self._registers("integer", "int")
+            | self._registers("float", "double")
+            | self._registers("boolean", "bool")
+        )
 
     @property
     def _robot(self) -> Robot:
@@ -67,13 +78,20 @@ class BuiltIns(Sockets):
 
         return {f"get_{group}_in": reader("in"), f"get_{group}_out": reader("out"), f"set_{group}_out": write}
 
-    def get_digital_in(self, n: Any) -> Any:
-        """Standard digital input."""
-        return self._robot.input_output("standard_digital_in", int(n))
+    def _registers(self, word: str, kind: Kind) -> dict[str, Callable[..., Any]]:
+        """Of RTDE, 0 to 47; bits to 127."""
 
-    def set_digital_out(self, n: Any, b: Any) -> None:
-        """Standard digital output."""
-        self._robot.input_output("standard_digital_out", int(n), bool(b))
+        def reader(side: Side) -> Callable[[Any], Any]:
+            return lambda address: self._robot.register(side, kind, int(address))
+
+        def write(address: Any, value: Any) -> None:
+            self._robot.set_register(kind, int(address), number(value))
+
+        return {
+            f"read_input_{word}_register": reader("in"),
+            f"read_output_{word}_register": reader("out"),
+            f"write_output_{word}_register": write,
+        }
 
     def set_tool_voltage(self, voltage: Any) -> None:
         """Accepted: there is nothing at the tool's connector."""
@@ -157,44 +175,6 @@ class BuiltIns(Sockets):
         """A number from 0 to 1; the same series in each programme."""
         return self._machine.random.random()
 
-    # Registers.
-
-    def read_input_integer_register(self, address: Any) -> Any:
-        """Of RTDE, 0 to 47."""
-        return self._robot.register("in", "int", int(address))
-
-    def read_input_float_register(self, address: Any) -> Any:
-        """Of RTDE, 0 to 47."""
-        return self._robot.register("in", "double", int(address))
-
-    def read_input_boolean_register(self, address: Any) -> Any:
-        """Of RTDE, 0 to 127."""
-        return self._robot.register("in", "bool", int(address))
-
-    def read_output_integer_register(self, address: Any) -> Any:
-        """Of RTDE, 0 to 47."""
-        return self._robot.register("out", "int", int(address))
-
-    def read_output_float_register(self, address: Any) -> Any:
-        """Of RTDE, 0 to 47."""
-        return self._robot.register("out", "double", int(address))
-
-    def read_output_boolean_register(self, address: Any) -> Any:
-        """Of RTDE, 0 to 127."""
-        return self._robot.register("out", "bool", int(address))
-
-    def write_output_integer_register(self, address: Any, value: Any) -> None:
-        """Of RTDE, 0 to 47."""
-        self._robot.set_register("int", int(address), int(value))
-
-    def write_output_float_register(self, address: Any, value: Any) -> None:
-        """Of RTDE, 0 to 47."""
-        self._robot.set_register("double", int(address), number(value))
-
-    def write_output_boolean_register(self, address: Any, value: Any) -> None:
-        """Of RTDE, 0 to 127."""
-        self._robot.set_register("bool", int(address), bool(value))
-
     def rtde_set_watchdog(self, variable_name: Any, min_frequency: Any, action: Any = "pause") -> None:
         """Stop the programme when an RTDE input is written too rarely."""
         self._robot.set_watchdog(str(variable_name), number(min_frequency), str(action))
@@ -209,12 +189,11 @@ class BuiltIns(Sockets):
 
     # Moves.
 
-    def _until(self, done: Callable[[], bool]) -> Waiting:
-        """Wait for a motion; one thread at a time moves the robot, and a killed one stops it."""
-        self._machine.take_robot()
+    def _until(self, done: Callable[[], bool] | None = None) -> Waiting:
+        """Wait for a motion of the thread that has the robot; one that is killed stops it."""
         try:
             yield
-            while not done():
+            while not (done or self._robot.move_done)():
                 yield
         except GeneratorExit:
             self._robot.stopj(STOP_A)
@@ -225,6 +204,10 @@ class BuiltIns(Sockets):
     def _for(self, steps: int) -> Waiting:
         left = iter(range(steps - 1))
         return self._until(lambda: next(left, None) is None)
+
+    def _sped(self, t: Any, a: Any, change: float) -> Waiting:
+        """Wait for a time [s], without one until a change of speed is made."""
+        return self._for(_steps(t) if number(t) > 0.0 else _steps(change / max(number(a), 1e-3)) + 1)
 
     def _joints(self, target: Any) -> Array:
         if not isinstance(target, Pose):
@@ -251,26 +234,24 @@ class BuiltIns(Sockets):
         goal = self._joints(q)
         self._waypoint = as_pose(self._robot.forward_kin(goal, self._robot.tcp_offset))
         self._robot.movej(goal, *map(number, (a, v, t, r)))
-        yield from self._until(self._robot.move_done)
+        yield from self._until()
 
     def movel(self, pose: Any, a: Any = 1.2, v: Any = 0.25, t: Any = 0, r: Any = 0) -> Waiting:
         """Move in a line."""
         self._machine.take_robot()
         self._robot.movel(self._pose(pose), *map(number, (a, v, t, r)))
-        yield from self._until(self._robot.move_done)
+        yield from self._until()
 
     def movep(self, pose: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Waiting:
-        """Move in a line at constant speed."""
-        self._machine.take_robot()
-        self._robot.movep(self._pose(pose), *map(number, (a, v, r)))
-        yield from self._until(self._robot.move_done)
+        """Move in a line as ``movel``."""
+        yield from self.movel(pose, a, v, 0, r)
 
     def movec(self, pose_via: Any, pose_to: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0, mode: Any = 0) -> Waiting:
         """Move on a circle."""
         self._machine.take_robot()
         via = self._pose(pose_via)
         self._robot.movec(via, self._pose(pose_to), number(a), number(v), number(r), int(mode))
-        yield from self._until(self._robot.move_done)
+        yield from self._until()
 
     def optimovej(self, q: Any, a: Any = 0.3, v: Any = 0.3, r: Any = 0) -> Waiting:
         """``movej`` at shares of the largest speed and acceleration."""
@@ -300,7 +281,7 @@ class BuiltIns(Sockets):
         goal = array(qd)
         change = float(np.abs(goal - self._robot.target_qd).max())
         self._robot.speedj(goal, number(a))
-        yield from self._for(_steps(t) if number(t) > 0.0 else _steps(change / max(number(a), 1e-3)) + 1)
+        yield from self._sped(t, a, change)
 
     def speedl(self, xd: Any, a: Any = 1.2, t: Any = 0, aRot: Any = None) -> Waiting:
         """Go to a TCP twist; returns after ``t``, without it when the speed is reached."""
@@ -308,19 +289,19 @@ class BuiltIns(Sockets):
         goal = array(xd)
         change = float(np.linalg.norm((goal - self._robot.target_tcp_speed)[:3]))
         self._robot.speedl(goal, number(a), None if aRot is None else number(aRot))
-        yield from self._for(_steps(t) if number(t) > 0.0 else _steps(change / max(number(a), 1e-3)) + 1)
+        yield from self._sped(t, a, change)
 
     def stopj(self, a: Any = 2.0) -> Waiting:
         """Stop the joints."""
         self._machine.take_robot()
         self._robot.stopj(number(a))
-        yield from self._until(self._robot.move_done)
+        yield from self._until()
 
     def stopl(self, a: Any = 1.2, aRot: Any = None) -> Waiting:
         """Stop on the line."""
         self._machine.take_robot()
         self._robot.stopl(number(a), None if aRot is None else number(aRot))
-        yield from self._until(self._robot.move_done)
+        yield from self._until()
 
     def direct_torque(
         self, tau: Any, friction_comp: Any = True, viscous_scale: Any = None, coulomb_scale: Any = None
@@ -359,11 +340,7 @@ class BuiltIns(Sockets):
         """``freedrive_mode`` with all axes."""
         self.freedrive_mode()
 
-    def end_freedrive_mode(self) -> None:
-        """Leave freedrive."""
-        self._robot.end_freedrive()
-
-    end_teach_mode = end_freedrive_mode
+    end_freedrive_mode = end_teach_mode = end_force_mode
 
     def get_freedrive_status(self) -> int:
         """Nearness of a singularity, 0 to 2."""

@@ -90,7 +90,6 @@ class Machine:
             return
         if hasattr(self, "robot"):
             self.robot.end_force_mode()
-            self.robot.end_freedrive()
             self.robot.stopj(STOP_A)
         self.listener.stopped(self.program.name)
 
