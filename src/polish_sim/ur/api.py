@@ -11,7 +11,6 @@ from polish_sim.arrays import Array
 
 Side = Literal["in", "out"]
 Kind = Literal["int", "double", "bool"]
-Tool = Literal["standard", "configurable", "tool"]
 
 
 class Robot(Protocol):

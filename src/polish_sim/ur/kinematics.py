@@ -71,7 +71,8 @@ def _tool_at(rows: Array, q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
-def _joint_speeds(J: Array, twist: Array) -> Array:
+def joint_speeds(J: Array, twist: Array) -> Array:
+    """Joint speeds (6,) [rad/s] for a twist of the tool (6,); exact away from singularities, damped near them."""
     gram = J @ J.T
     least = max(np.linalg.eigvalsh(gram)[0], 0.0)
     damping = max(SINGULAR**2 - least, 0.0)
@@ -93,8 +94,3 @@ def pose_of(T: Array) -> Array:
 def tool_at(q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
     """Pose (4, 4) of the tool in the base at joint angles (6,) [rad] and its geometric Jacobian (6, 6)."""
     return _tool_at(joint_rows(NOMINAL), np.array(q, dtype=float), T_flange_tcp)
-
-
-def joint_speeds(J: Array, twist: Array) -> Array:
-    """Joint speeds (6,) [rad/s] for a twist of the tool (6,); exact away from singularities, damped near them."""
-    return _joint_speeds(J, twist)
