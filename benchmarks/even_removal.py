@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from polish_sim.analysis.removal_plot import SCALE, removal_colors
+from polish_sim.analysis.removal_plot import removal_colors
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.even_removal import axis_kept, plan_removal
 from polish_sim.experiments.surface import run_surface
@@ -91,7 +92,7 @@ def draw(axes: Any, removal: Any, title: str) -> None:
     """The removal from above."""
     x, y = 1e3 * removal.vertices[:, :2].T
     seen = Triangulation(x, y, removal.triangles)
-    colors = axes.tripcolor(seen, removal.relative, norm=SCALE, cmap=removal_colors(), shading="gouraud")
+    colors = axes.tripcolor(seen, removal.relative, norm=Normalize(0.6, 1.4), cmap=removal_colors(), shading="gouraud")
     axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes.figure.colorbar(colors, ax=axes, label="removal / its mean")
     axes.set(xlim=(np.min(x) - 5, np.max(x) + 5))
