@@ -22,7 +22,6 @@ from polish_sim.experiments import default_scenario
 from polish_sim.experiments.surface import run_surface
 from polish_sim.job.tools import read_tools
 from polish_sim.planning import plan_part
-from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.scenario_file import merge, override
 
 TOOLS = ("spindle-pad", "orbital-sander-50")
@@ -49,8 +48,7 @@ def main() -> None:
         found = run_surface(scenario, replace(plan, tool=plan.tool._replace(pad=scenario.pad)))
         removal, process = found.removal, scenario.process
         assert removal is not None
-        border = Triangulation(removal.vertices, removal.normals, removal.triangles).border
-        away, _ = cKDTree(removal.vertices[border[:, 0]]).query(removal.vertices)
+        away, _ = cKDTree(removal.vertices[removal.border[:, 0]]).query(removal.vertices)
         weights = np.where(away > 2.0 * tool.radius_m, removal.areas, 0.0)
         mean = float(weights @ removal.exposure / weights.sum())
         deviation = math.sqrt(float(weights @ (removal.exposure / mean - 1.0) ** 2 / weights.sum()))

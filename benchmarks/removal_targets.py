@@ -28,7 +28,6 @@ from polish_sim.experiments.even_removal import axis_kept, even_out, plan_remova
 from polish_sim.experiments.surface import run_surface
 from polish_sim.log import RemovalMap
 from polish_sim.planning import plan_part
-from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.scenario_file import override
 
 COMMON = ("robot.arm=ur5e", "safety.proof=none")
@@ -72,9 +71,8 @@ def write_ramp(file: Path, scenario: Scenario) -> Path:
 
 def followed(removal: RemovalMap) -> str:
     """How well a run's map follows the ramp."""
-    mesh = Triangulation(removal.vertices, removal.normals, removal.triangles)
     wanted = target(removal.vertices[:, 0])
-    whole, inside = spreads(removal.exposure / wanted, removal.areas, removal.vertices, mesh.border, 0.025)
+    whole, inside = spreads(removal.exposure / wanted, removal.areas, removal.vertices, removal.border, 0.025)
     weights = np.sqrt(removal.areas)
     columns = np.stack([np.ones_like(wanted), wanted - 1.0], axis=1)
     level, rise = np.linalg.lstsq(columns * weights[:, None], removal.exposure * weights, rcond=None)[0]
