@@ -61,7 +61,9 @@ def main() -> None:
 
 def run(file: Path, out: Path, *more: str) -> None:
     """Run or resume the job."""
-    subprocess.run([*COMMAND, str(file), "--out", str(out), *more], check=True, capture_output=True)
+    done = subprocess.run([*COMMAND, str(file), "--out", str(out), *more], check=False, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(done.stderr)
 
 
 def removal_of(out: Path) -> RemovalMap:

@@ -68,7 +68,7 @@ def test_the_programme_of_a_setup_asks_the_operator(job: Job, whole: tuple[Path,
     assert "grit 120" in text
 
 
-@pytest.mark.parametrize("after", [1.0, 7.0])
+@pytest.mark.parametrize("after", [1.0, 7.0, 9.5])
 def test_a_stopped_job_goes_on_and_takes_off_as_much(
     job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, after: float
 ):

@@ -99,22 +99,17 @@ def read_job(file: Path) -> Job:
     """
     table = read_toml(file, "job file", ConfigError)
     with naming_line(file):
-        head, setups, cell = _parts(table, file)
+        setups, cell = table.pop("setup", []), table.pop("cell", {})
+        if not (isinstance(setups, list) and setups):
+            raise ConfigError("a job has at least one [[setup]].")
+        if not isinstance(cell, dict):
+            raise ConfigError("'cell' is a section: write [cell.robot] and its keys below.")
+        head = merge(JobHead(), table, "")
         tools = read_tools(file.parent / head.tools if head.tools else None)
         base = merge(default_scenario("surface"), cell, "cell.")
         base = merge(base, {"part": {"file": head.part, "fixture_file": head.fixture}}, "")
         passes = tuple(_passes(base, setups, tools, file))
     return Job(file, head, passes, hashlib.sha256(file.read_bytes()).hexdigest())
-
-
-def _parts(table: dict[str, Any], file: Path) -> tuple[JobHead, list[Any], dict[str, Any]]:
-    rest = {name: value for name, value in table.items() if name not in ("setup", "cell")}
-    setups, cell = table.get("setup", []), table.get("cell", {})
-    if not (isinstance(setups, list) and setups):
-        raise ConfigError("a job has at least one [[setup]].")
-    if not isinstance(cell, dict):
-        raise ConfigError("'cell' is a section: write [cell.robot] and its keys below.")
-    return merge(JobHead(), rest, ""), setups, cell
 
 
 def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, Tool], file: Path) -> Iterator[Pass]:

@@ -35,6 +35,7 @@ from polish_sim.job.lines import at, naming_line
 from polish_sim.log import RemovalMap, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
+from polish_sim.planning.toolpath import stretches
 from polish_sim.row_file import whole_file
 from polish_sim.spatial import to_pose
 
@@ -116,9 +117,12 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
                       default=None)  # fmt: skip
         played = before if reached is not None else _play(cell, pieces, observer)
         parts.append(measure_run(scenario, task, cell, part, cell.result(played)))
-        if reached is None or reached >= plan.path.s[plan.path.process][-1] - NOTHING_M:
+        starts, ends = plan.path.s[np.transpose(stretches(plan.path.process))]
+        if reached is None or reached >= ends[-1] - NOTHING_M:
             break
-        plan = plan.behind(reached)
+        # Of a stroke at least a pad's diameter: a shorter one would be left out.
+        stroke = np.searchsorted(ends, reached)
+        plan = plan.behind(min(reached, max(starts[stroke], ends[stroke] - 2.0 * scenario.pad.radius_m)))
     _write(one, folder, parts, worn, left, planned_s)
 
 
