@@ -120,9 +120,9 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
         starts, ends = plan.path.s[np.transpose(stretches(plan.path.process))]
         if reached is None or reached >= ends[-1] - NOTHING_M:
             break
-        # Of a stroke at least a pad's diameter: a shorter one would be left out.
+        # Of a stroke more than a step-over: a shorter one would be left out.
         stroke = np.searchsorted(ends, reached)
-        plan = plan.behind(min(reached, max(starts[stroke], ends[stroke] - 2.0 * scenario.pad.radius_m)))
+        plan = plan.behind(min(reached, max(starts[stroke], ends[stroke] - 1.5 * plan.plan.stepover_m)))
     _write(one, folder, parts, worn, left, planned_s)
 
 
