@@ -180,6 +180,24 @@ def test_a_stop_holds_the_arm_until_it_is_unlocked(build: Callable[[], Simulated
     go(robot, robot.move_done)
 
 
+def test_an_arm_that_hit_the_part_may_leave_it_once_unlocked_and_is_watched_again(
+    build: Callable[[], SimulatedRobot],
+) -> None:
+    robot = build()
+    place = robot.cell.state.motion.place
+    place[2] += 0.06  # the part is around the tool's shaft
+    stand(robot, 0.1)
+    assert robot.safety == PROTECTIVE
+    robot.unlock()
+    stand(robot, 0.2)
+    assert robot.safety == NORMAL
+    place[2] -= 0.06
+    stand(robot, 0.2)
+    place[2] += 0.06
+    stand(robot, 0.1)
+    assert robot.safety == PROTECTIVE
+
+
 def test_too_much_force_stops_the_arm(build: Callable[[], SimulatedRobot]) -> None:
     robot = build()
     robot.speedl(np.array([0.0, 0.0, -0.02, 0.0, 0.0, 0.0]), 0.5, None)
