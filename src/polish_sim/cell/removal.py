@@ -145,7 +145,7 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     beside = surroundings(surface, region, touch, longest)
     own = on_real_part(part.field, mesh.vertices, mesh.normals)
     # On a sharp edge the field's slope may be the wall's: there the node next to it says how the part lies.
-    met, lost = own[1].any(axis=1), mesh.border[:, 0]
+    met, lost = np.asarray(own[1].any(axis=1)), mesh.border[:, 0]
     lost, sure = lost[~met[lost]], np.flatnonzero(met)
     if len(sure):
         next_to = sure[cKDTree(mesh.vertices[sure]).query(mesh.vertices[lost])[1]]

@@ -73,10 +73,6 @@ class Robot(Protocol):
         """Track joint positions; the machine waits ``t``."""
         ...
 
-    def servoc(self, pose: Array, a: float, v: float, r: float) -> None:
-        """Track a pose with circular blends."""
-        ...
-
     def speedj(self, qd: Array, a: float) -> None:
         """Accelerate to joint speeds and hold them."""
         ...

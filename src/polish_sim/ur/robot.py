@@ -225,13 +225,6 @@ class SimulatedRobot(Robot):
         assert isinstance(self._drive, Servo)
         self._stream(partial(self._drive.aim, np.array(q, dtype=float), min(max(lookahead, 0.03), 0.2)))
 
-    def servoc(self, pose: Array, a: float, v: float, r: float) -> None:
-        """See the protocol; its lines are not rounded beyond what ``servoj`` does."""
-        q = self.inverse_kin(pose, self.target_q, self.tcp_offset)
-        if q is None:
-            raise ValueError("servoc: the pose is out of reach")
-        self.servoj(q, TICK_S, 0.1, 300.0)
-
     def speedj(self, qd: Array, a: float) -> None:
         """See the protocol."""
         if not isinstance(self._drive, JointSpeeds):

@@ -270,10 +270,8 @@ class BuiltIns(Sockets):
         yield from self._for(max(_steps(t), 1))
 
     def servoc(self, pose: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Waiting:
-        """Track a pose."""
-        self._machine.take_robot()
-        self._robot.servoc(self._pose(pose), *map(number, (a, v, r)))
-        yield from self._for(1)
+        """Move to a pose in a line as ``movel``."""
+        yield from self.movel(pose, a, v, 0, r)
 
     def speedj(self, qd: Any, a: Any = 1.4, t: Any = 0) -> Waiting:
         """Go to joint speeds; returns after ``t``, without it when the speed is reached."""
