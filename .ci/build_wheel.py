@@ -1,7 +1,8 @@
 """Build a wheel that carries its compiled kernels: ``python .ci/build_wheel.py [FOLDER]``, or ``make wheel``.
 
-The commands in `COMMANDS` run on the unpacked plain wheel and fill its folder of kernels, compiled for a CPU that most
-machines surpass. The wheel is then tagged for this Python and platform and asks for the numba that compiled it.
+The commands in `COMMANDS` run on the unpacked plain wheel and fill its folder of kernels, compiled for a CPU
+that most machines surpass. The wheel is then tagged for this Python and platform and asks for the numba that
+compiled it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ ROOT = Path(__file__).resolve().parent.parent
 BASELINES = {
     "x86_64": ("x86-64-v3", "sse3 ssse3 sse4.1 sse4.2 popcnt avx avx2 bmi bmi2 f16c fma lzcnt movbe"),
 }
-"""CPU that kernels are compiled for, and the features a machine must have to run them; elsewhere a generic one."""
+"""CPU that kernels are compiled for, and the features a machine must have to run them; elsewhere a generic
+one."""
 COMMANDS = (
     "demo",
     "run arc",
@@ -31,7 +33,10 @@ COMMANDS = (
     *(f"run force --controller {name}" for name in ("hybrid-pi-position", "force-mode")),
     "run surface --part plate --pattern raster --stepover 25 --feed 60 --controller hybrid-adaptive",
     *(f"plan freeform --stepover 12 --pattern {name}" for name in ("spiral", "raster", "contour", "fermat")),
-    *(f"plan {part} --stepover 12" for part in ("plate_two_holes", "cylinder", "sphere_100", "wheel_hub_rim")),
+    *(
+        f"plan {part} --stepover 12"
+        for part in ("plate_two_holes", "cylinder", "sphere_100", "wheel_hub_rim")
+    ),
     "plan wheel_hub_rim --dual",
     "run dual --feed 60",
     "run teach",
@@ -42,7 +47,8 @@ COMMANDS = (
     "calibrate payload",
     "score --case step-20 --seeds 1 --workers 1",
 )
-"""What fills the wheel: these compile nothing in a fresh installation. Each has its number as output folder."""
+"""What fills the wheel: these compile nothing in a fresh installation. Each has its number as output
+folder."""
 
 
 def build(target: Path) -> Path:
@@ -80,7 +86,9 @@ def fill(unpacked: Path) -> None:
     for file in [*kernels.rglob("*.lock"), *kernels.rglob("*.tmp.*")]:  # of processes that were ended
         file.unlink()
     describe = f"from polish_sim.kernel_cache import describe; describe({features.split()})"
-    made_for = subprocess.run([sys.executable, "-c", describe], env=environment, capture_output=True, check=True)
+    made_for = subprocess.run(
+        [sys.executable, "-c", describe], env=environment, capture_output=True, check=True
+    )
     (kernels / "made_for.json").write_bytes(made_for.stdout)
 
 

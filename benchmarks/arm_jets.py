@@ -1,7 +1,7 @@
 """The UR5e's tool and its first three time derivatives from joint angles and theirs, by the table alone.
 
-For checks: no Jacobian, no inverse kinematics, nothing shared with the package but the published numbers. A jet is a
-stack of a quantity and its derivatives, order first; products follow Leibniz.
+For checks: no Jacobian, no inverse kinematics, nothing shared with the package but the published numbers. A
+jet is a stack of a quantity and its derivatives, order first; products follow Leibniz.
 """
 
 from __future__ import annotations

@@ -66,7 +66,11 @@ def _tool_axes_rows() -> list[Row]:
     drawn = float(np.sqrt(np.mean(np.square(turns), axis=0)).max())
     stated = max(run.figures["rotation_std_max_rad"] for run in runs)
     return [
-        Row(f"tool axes, 100 mm moves, {AXES_DRAWS} draws: rms error", f"{np.degrees(drawn):.4f} deg", "<= 0.045 deg"),
+        Row(
+            f"tool axes, 100 mm moves, {AXES_DRAWS} draws: rms error",
+            f"{np.degrees(drawn):.4f} deg",
+            "<= 0.045 deg",
+        ),
         Row("the same, stated, worst", f"{np.degrees(stated):.4f} deg", "<= 0.045 deg"),
     ]
 
@@ -78,11 +82,17 @@ def _base_rows() -> list[Row]:
         return float(np.sqrt(np.mean([run.figures[name] ** 2 for run in runs])))
 
     return [
-        Row("origin seen by the tracker, stated 3D std", f"{1e3 * rms('origin_std_m'):.4f} mm", "<= 0.017 mm"),
+        Row(
+            "origin seen by the tracker, stated 3D std", f"{1e3 * rms('origin_std_m'):.4f} mm", "<= 0.017 mm"
+        ),
         Row("first axis, stated std", f"{np.degrees(rms('axis_std_rad')):.5f} deg", "<= 0.001 deg"),
         Row("a metre from the origin, stated 3D std", f"{1e3 * rms('point_std_1m_m'):.4f} mm", "<= 0.027 mm"),
         Row("origin, worse of two robots, rms error", f"{1e3 * rms('origin_error_m'):.4f} mm", ""),
-        Row("follower's origin in the master's, rms error", f"{1e3 * rms('relative_origin_error_m'):.4f} mm", ""),
+        Row(
+            "follower's origin in the master's, rms error",
+            f"{1e3 * rms('relative_origin_error_m'):.4f} mm",
+            "",
+        ),
         Row("the same, stated", f"{1e3 * rms('relative_origin_std_m'):.4f} mm", ""),
     ]
 
@@ -105,7 +115,11 @@ def _budget_rows() -> list[Row]:
     errors = {name: np.stack([one[name] for one in draws]) for name in draws[0]}
     shares = compare_shares(trial, predict(trial).covariances, errors)
     rows = [
-        Row(f"{name}: drawn, stated", f"{1e3 * share.drawn_rms_m:.4f}, {1e3 * share.predicted_rms_m:.4f} mm", "")
+        Row(
+            f"{name}: drawn, stated",
+            f"{1e3 * share.drawn_rms_m:.4f}, {1e3 * share.predicted_rms_m:.4f} mm",
+            "",
+        )
         for name, share in shares.items()
     ]
     whole = shares[TOGETHER]

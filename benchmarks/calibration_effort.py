@@ -1,4 +1,5 @@
-"""`python -m benchmarks.calibration_effort`: error of the tool on the part for the touches spent on calibrating."""
+"""`python -m benchmarks.calibration_effort`: error of the tool on the part for the touches spent on
+calibrating."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ MOVES, MINUTES_A_TOUCH = 3, 0.5
 
 def main() -> None:
     asked = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
-    print_rows("Tool on the part, by covariances: rms, and calibrations with more than is asked", _rows(asked))
+    print_rows(
+        "Tool on the part, by covariances: rms, and calibrations with more than is asked", _rows(asked)
+    )
 
 
 def _rows(asked: dict[str, float]) -> list[Row]:
@@ -32,7 +35,10 @@ def _rows(asked: dict[str, float]) -> list[Row]:
         rms = float(np.sqrt(np.mean(np.trace(C, axis1=1, axis2=2))))
         above = prediction.above_share(asked["relative_error_rms_m"])
         touches = TcpTrial().poses * (1 + marks) + MOVES + closing
-        what = f"{marks} marks, {closing} closing touches: {touches} touches, {MINUTES_A_TOUCH * touches:.0f} min"
+        what = (
+            f"{marks} marks, {closing} closing touches: {touches} touches, "
+            f"{MINUTES_A_TOUCH * touches:.0f} min"
+        )
         rows.append(Row(what, f"{1e3 * rms:.4f} mm, {100.0 * above:.2f}%", "<= 0.06 mm, 2%"))
     return rows
 

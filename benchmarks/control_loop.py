@@ -28,7 +28,8 @@ from polish_sim.experiments.force import prepare_force
 
 STEPS, CHUNK, ROUNDS = 20_000, 500, 7  # a run without pictures goes by as many steps at a time
 _ENGINE = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
-_CLOCK = ctypes.c_void_p.in_dll(_ENGINE, "mjcb_time")  # MuJoCo's binding has its steps timed by it, our loop has not
+# MuJoCo's binding has its steps timed by it, our loop has not
+_CLOCK = ctypes.c_void_p.in_dll(_ENGINE, "mjcb_time")
 _TIMED = _CLOCK.value
 PAIR_START, PAIR_STEPS = 9000, 4000
 """Two robots press and move from here on; steps a round, so that the path is long enough."""
@@ -56,7 +57,11 @@ def measure() -> Iterator[Row]:
         yield Row(f"{name}: ratio", f"{loop / bare:.2f}", limit)
         yield Row(f"{name}: ratio to a bare step without the engine's timers", f"{loop / untimed:.2f}", "-")
         scaled = (loop - bare) * 4.5 / bare
-        yield Row(f"{name}: above bare, scaled to bare = 4.5 us", f"{scaled:.2f} us", "7 us" if limit != "-" else "-")
+        yield Row(
+            f"{name}: above bare, scaled to bare = 4.5 us",
+            f"{scaled:.2f} us",
+            "7 us" if limit != "-" else "-",
+        )
     bare, _, loop = _interleaved(_pressing_cell("hybrid-pi", "ur5e"), _pressing_cell("hybrid-pi"))
     yield Row("hybrid-pi on the elastic arm: over a bare step of the ideal one", f"{loop / bare:.2f}", "2.0")
 

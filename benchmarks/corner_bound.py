@@ -1,7 +1,10 @@
-"""`python -m benchmarks.corner_bound [PIECES ...]`: the trial path's best cycle time, by ever finer programmes.
+"""`python -m benchmarks.corner_bound [PIECES ...]`: the trial path's best cycle time, by ever finer
+programmes.
 
-Every corner's least loss comes from the convex programme of `corner_program` (needs the extra `bench`), tip limits
-only: no symmetric motion within the tolerance of the two lines loses less. Beside it: exact stops and `spline`.
+Every corner's least loss comes from the convex programme of `corner_program` (needs the extra `bench`), tip
+limits
+only: no symmetric motion within the tolerance of the two lines loses less. Beside it: exact stops and
+`spline`.
 """
 
 from __future__ import annotations
@@ -27,9 +30,14 @@ def main() -> None:
     turns, times = np.unique(np.round(np.arccos(np.clip(cosines, -1.0, 1.0)), 6), return_counts=True)
     ends = float(chain.lengths.sum()) / speed + speed / most + most / jerk
     for pieces in map(int, sys.argv[1:] or ("20", "40", "80", "160")):
-        corners = [Corner(float(turn), TOLERANCE * jerk**2 / most**3, speed * jerk / most**2) for turn in turns]
+        corners = [
+            Corner(float(turn), TOLERANCE * jerk**2 / most**3, speed * jerk / most**2) for turn in turns
+        ]
         lost = np.array([least_time_lost(corner, pieces) for corner in corners]) * most / jerk
-        print(f"  {pieces:4d} pieces per half corner: best cycle time {ends + float(lost @ times):.4f} s", flush=True)
+        print(
+            f"  {pieces:4d} pieces per half corner: best cycle time {ends + float(lost @ times):.4f} s",
+            flush=True,
+        )
     for name, plan in (("exact stops", plan_exact_stop), ("spline", smooth_by_spline)):
         print(f"  {name}, tool only: {plan(chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, None).end:.4f} s")
     _print_corners()
@@ -49,7 +57,10 @@ def _print_corners() -> None:
                 chain = build_chain(tips, np.tile(np.eye(3), (3, 1, 1)))
                 end = smooth_by_spline(chain, limits, tolerance, AXIS_TOLERANCE, None).end
                 cells.append(f"{end / plan_exact_stop(chain, limits).end:8.4f}")
-            print(f"  legs {1e3 * leg:4.0f} mm, tolerance {1e6 * tolerance:4.0f} um" + "".join(cells), flush=True)
+            print(
+                f"  legs {1e3 * leg:4.0f} mm, tolerance {1e6 * tolerance:4.0f} um" + "".join(cells),
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

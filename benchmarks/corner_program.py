@@ -1,10 +1,11 @@
 """The fastest way round a corner as a convex programme: half a motion, symmetric about the corner's middle.
 
-Units of acceleration and jerk are their limits: lengths in A^3/J^2, times in A/J. Frame: the vertex is the origin, x
-along the bisector of the two directions, y towards the inside. The motion comes from far away along the first line at
-full speed; acceleration is linear in each piece of time. Speed, acceleration and jerk are bounded in norm, the
-distance to the line by the tolerance: all convex in the accelerations, and so is the distance that is left to the
-vertex at the start. Maximising it in a given time is losing the least. Needs the solver of the extra `bench`.
+Units of acceleration and jerk are their limits: lengths in A^3/J^2, times in A/J. Frame: the vertex is the
+origin, x along the bisector of the two directions, y towards the inside. The motion comes from far away along
+the first line at full speed; acceleration is linear in each piece of time. Speed, acceleration and jerk are
+bounded in norm, the distance to the line by the tolerance: all convex in the accelerations, and so is the
+distance that is left to the vertex at the start. Maximising it in a given time is losing the least. Needs the
+solver of the extra `bench`.
 """
 
 from __future__ import annotations
@@ -64,7 +65,10 @@ class _Programme:
         self.balls.append([(np.zeros(self.count), radius), *parts])
 
     def maximise(self, row: Array, smoothing: Array) -> tuple[Array, bool]:
-        cones = [clarabel.ZeroConeT(len(self.rows["zero"])), clarabel.NonnegativeConeT(len(self.rows["positive"]))]
+        cones = [
+            clarabel.ZeroConeT(len(self.rows["zero"])),
+            clarabel.NonnegativeConeT(len(self.rows["positive"])),
+        ]
         cones += [clarabel.SecondOrderConeT(len(ball)) for ball in self.balls]
         lines = self.rows["zero"] + self.rows["positive"] + [line for ball in self.balls for line in ball]
         matrix = sparse.csc_matrix(-np.array([line[0] for line in lines]))
@@ -102,7 +106,9 @@ def _integrate(durations: Array, straight: int, samples: int) -> tuple[_Integral
     return _Integrals(starts, velocity, position), _Integrals(times, v, p)
 
 
-def solve_half(corner: Corner, straight: Array, free: Array, samples: int, smoothing: float = 1e-4) -> HalfMotion:
+def solve_half(
+    corner: Corner, straight: Array, free: Array, samples: int, smoothing: float = 1e-4
+) -> HalfMotion:
     """Solve the programme.
 
     Args:
@@ -189,7 +195,8 @@ def braking_time(speed: float) -> float:
 
 
 def least_time_lost(corner: Corner, pieces: int) -> float:
-    """Time lost by the best motion with all its pieces free: what no kernel can beat, but for ever finer pieces."""
+    """Time lost by the best motion with all its pieces free: what no kernel can beat, but for ever finer
+    pieces."""
     turned = min(corner.angle, math.radians(178.0))
     total = max(braking_time(corner.speed) * 1.05, 0.3)
     none = np.zeros(0)

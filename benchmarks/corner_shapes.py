@@ -1,7 +1,8 @@
 """`python -m benchmarks.corner_shapes`: find the control points of `motion.spline.curve.SWINGS` again.
 
-One corner between two legs, tip only: the control points off the chain's are moved until the law of time loses least
-over several turns. The knots of each swing are given; its largest distance from the chain is made 1 at the end.
+One corner between two legs, tip only: the control points off the chain's are moved until the law of time
+loses least over several turns. The knots of each swing are given; its largest distance from the chain is made
+1 at the end.
 """
 
 from __future__ import annotations
@@ -58,7 +59,9 @@ def main() -> None:
         options = {"maxfev": 200, "initial_simplex": simplex, "fatol": 1e-6}
         points = minimize(lost, start, method="Nelder-Mead", options=options).x
         size = largest(points)
-        print(f"{1e3 * lost(start):.2f} ms, found {1e3 * lost(points):.2f} ms: reach {1.0 / size:.4f}", end=" ")
+        print(
+            f"{1e3 * lost(start):.2f} ms, found {1e3 * lost(points):.2f} ms: reach {1.0 / size:.4f}", end=" "
+        )
         print(np.round(points / size, 4).tolist(), flush=True)
 
 

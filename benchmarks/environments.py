@@ -1,4 +1,5 @@
-"""What a step through Gymnasium costs beside the compiled loop, and many environments in Gymnasium's vectors."""
+"""What a step through Gymnasium costs beside the compiled loop, and many environments in Gymnasium's
+vectors."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ def measure() -> Iterator[Row]:
         yield Row(f"one environment at {rate} Hz: env.step over the loop", f"{step / loop:.2f}", "2.0")
     yield Row("reset, the sensor's zeroing included", f"{reset:.1f} ms", "")
     for mode in ("sync", "async"):
-        yield Row(f"{SIDE_BY_SIDE} at 125 Hz, gymnasium's {mode} vector: steps a second", f"{_vector(mode):.0f}", "")
+        yield Row(
+            f"{SIDE_BY_SIDE} at 125 Hz, gymnasium's {mode} vector: steps a second", f"{_vector(mode):.0f}", ""
+        )
 
 
 def _single(env: Any) -> tuple[float, float, float]:

@@ -1,11 +1,14 @@
-"""Removal of `run surface` on displaced parts, at one feed and with ``--even-removal``: a table and a picture.
+"""Removal of `run surface` on displaced parts, at one feed and with ``--even-removal``: a table and a
+picture.
 
-    python -m benchmarks.even_removal [--part NAME]... [--seed 700]... [--force 40] [--as-drawn] [--out FOLDER]
+    python -m benchmarks.even_removal [--part NAME]... [--seed 700]... [--force 40] [--as-drawn] [--out
+    FOLDER]
 
-At one feed: step-over 8 mm, 10 mm/s. Even: step-over 4 mm, 21 mm/s, so that the mean removal is alike. Both on the arm
-``ur5e``, without proof. A line for each part and seed: standard deviation over mean of the region, the same a pad's
-radius inside the border, time and mean removal over those of the first run at one feed that was not stopped. ``ring``
-is a flat ring, 180 and 90 mm across. ``--as-drawn`` leaves the part where the plan has it.
+At one feed: step-over 8 mm, 10 mm/s. Even: step-over 4 mm, 21 mm/s, so that the mean removal is alike. Both
+on the arm ``ur5e``, without proof. A line for each part and seed: standard deviation over mean of the region,
+the same a pad's radius inside the border, time and mean removal over those of the first run at one feed that
+was not stopped. ``ring`` is a flat ring, 180 and 90 mm across. ``--as-drawn`` leaves the part where the plan
+has it.
 """
 
 from __future__ import annotations
@@ -39,7 +42,9 @@ AS_DRAWN = ["part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0
 
 def main() -> None:
     """Print the table and draw the first seed of each part."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--part", action="append", default=[])
     parser.add_argument("--seed", type=int, action="append", default=[])
     parser.add_argument("--force", type=float, default=40.0)
@@ -78,8 +83,9 @@ def compare(part: str, common: list[str], seeds: list[int], out: Path) -> None:
                 before = m["cycle_time_s"], mean
             time_s, usual = before or (math.nan, math.nan)
             print(
-                f"{part:16} {seed} {name:9} {100 * m['removal_cv']:5.1f}% inside {100 * m['removal_cv_inside']:5.1f}%  "
-                f"{m['cycle_time_s']:6.1f} s {m['cycle_time_s'] / time_s:.2f}  mean {mean / usual:.2f}  "
+                f"{part:16} {seed} {name:9} {100 * m['removal_cv']:5.1f}% inside "
+                f"{100 * m['removal_cv_inside']:5.1f}%  {m['cycle_time_s']:6.1f} s "
+                f"{m['cycle_time_s'] / time_s:.2f}  mean {mean / usual:.2f}  "
                 f"{(m['protective_stop'] or '')[:60]}",
                 flush=True,
             )
@@ -92,7 +98,9 @@ def draw(axes: Any, removal: Any, title: str) -> None:
     """The removal from above."""
     x, y = 1e3 * removal.vertices[:, :2].T
     seen = Triangulation(x, y, removal.triangles)
-    colors = axes.tripcolor(seen, removal.relative, norm=Normalize(0.6, 1.4), cmap=removal_colors(), shading="gouraud")
+    colors = axes.tripcolor(
+        seen, removal.relative, norm=Normalize(0.6, 1.4), cmap=removal_colors(), shading="gouraud"
+    )
     axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes.figure.colorbar(colors, ax=axes, label="removal / its mean")
     axes.set(xlim=(np.min(x) - 5, np.max(x) + 5))

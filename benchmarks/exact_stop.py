@@ -26,9 +26,9 @@ def plan_exact_stop(
 ) -> Smoothed:
     """Pass every segment from rest to rest in the time-optimal three-box profile.
 
-    Joint limits are shared out per segment with the largest |q'|, |q''|, |q'''| of its nodes: for speed V, acceleration
-    A and jerk J of progress |q''| V^2 + |q'| A <= qdd_max, |q'''| V^3 + 3 |q''| V A + |q'| J <= qddd_max; of all such
-    V, A, J those of least time are taken.
+    Joint limits are shared out per segment with the largest |q'|, |q''|, |q'''| of its nodes: for speed V,
+    acceleration A and jerk J of progress |q''| V^2 + |q'| A <= qdd_max, |q'''| V^3 + 3 |q''| V A + |q'| J <=
+    qddd_max; of all such V, A, J those of least time are taken.
 
     Args:
         chain: The segments.
@@ -69,7 +69,9 @@ def _least_time(most: Array, joint: Array, tool: Array) -> Array:
             J = np.minimum(((joint[2] - q3 * V**3 - 3.0 * q2 * V * A) / q1).min(axis=2), tool[2])
             kept = ((q1 * V <= joint[0]) & (q2 * V**2 + q1 * A <= joint[1])).all(axis=2) & (J > 0.0)
             V, A = np.broadcast_to(V[..., 0], kept.shape), np.broadcast_to(A[:, 0], kept.shape)
-            time = np.where(kept, stop_triples(*(np.where(kept, each, 1.0) for each in (V, A, J))).sum(axis=1), np.inf)
+            time = np.where(
+                kept, stop_triples(*(np.where(kept, each, 1.0) for each in (V, A, J))).sum(axis=1), np.inf
+            )
             i = np.unravel_index(time.argmin(), time.shape)
             if not np.isfinite(time[i]):
                 return np.full(3, np.nan)

@@ -1,7 +1,7 @@
 """`python -m benchmarks.faults --count 200`: random faults into random runs; what no fault may lead to.
 
-Each run draws an experiment (a step of force, or a short feed on a curved part), a controller, a seed, a fault and its
-time, is written to a folder as the command does it, and judged by what is read back from there.
+Each run draws an experiment (a step of force, or a short feed on a curved part), a controller, a seed, a
+fault and its time, is written to a folder as the command does it, and judged by what is read back from there.
 """
 
 from __future__ import annotations
@@ -31,9 +31,14 @@ DRIVERS = tuple(name for name in ("hybrid-pi", "hybrid-adaptive") if name in CON
 DRAWN = tuple(name for name, fault in FAULTS.items() if not fault.on_master)
 RUNS = {
     "force": ("process.hold_s=3", "process.approach_speed_m_s=0.01"),
-    "surface": ("part.file=sphere_100", "plan.stepover_m=0.02", "process.max_feed_s=3", "process.feed_m_s=0.03",
-                "process.approach_speed_m_s=0.02"),
-}  # fmt: skip
+    "surface": (
+        "part.file=sphere_100",
+        "plan.stepover_m=0.02",
+        "process.max_feed_s=3",
+        "process.feed_m_s=0.03",
+        "process.approach_speed_m_s=0.02",
+    ),
+}
 
 
 class Injection(NamedTuple):
@@ -88,7 +93,8 @@ def inject(injection: Injection) -> Judged:
     result = run_experiment(scenario)
     with tempfile.TemporaryDirectory() as folder:
         write_record(
-            Path(folder), RunRecord("run", result.scenario, result.figures, result.log, result.path, result.removal)
+            Path(folder),
+            RunRecord("run", result.scenario, result.figures, result.log, result.path, result.removal),
         )
         record = read_record(Path(folder))
     figures = record.metrics
@@ -138,13 +144,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     begun, judged = time.perf_counter(), []
     with open_workers(count=given.workers) as workers:
-        for one, judgement, trouble in workers.results(draw(given.count, given.seed), inject, lambda one: one.fault):
+        for one, judgement, trouble in workers.results(
+            draw(given.count, given.seed), inject, lambda one: one.fault
+        ):
             if judgement is None:
                 print(f"WRONG {one}: {trouble}", flush=True)
                 continue
             judged.append(judgement)
             if judged[-1].wrong:
-                print(f"WRONG {judged[-1].injection}: {'; '.join(judged[-1].wrong)} ({judged[-1].reason})", flush=True)
+                print(
+                    f"WRONG {judged[-1].injection}: {'; '.join(judged[-1].wrong)} ({judged[-1].reason})",
+                    flush=True,
+                )
     _print_table(judged)
     wrong = sum(bool(one.wrong) for one in judged)
     print(f"{len(judged)} injections in {time.perf_counter() - begun:.0f} s: {wrong} wrong, "

@@ -38,12 +38,14 @@ def main() -> None:
                     process=replace(scenario.process, feed_m_s=feed),
                     smoothing=replace(scenario.smoothing, rule=rule),
                 )
-                jobs = placed_strokes(asked, task.plan.path, placed_tool(task.plan.path, task.reach), 0.0, 0.0)
+                jobs = placed_strokes(
+                    asked, task.plan.path, placed_tool(task.plan.path, task.reach), 0.0, 0.0
+                )
                 law = feed_figures(jobs)
                 lost = 1.0 - sum(job.process.length for job in jobs) / feed / law["motion_time_s"]
                 print(
-                    f"{case.split('-')[0]:12}{feed * 1e3:6.0f} mm/s  {rule:10}{lost:9.2%}{law['feed_kept']:11.1%}"
-                    f"{law['feed_least_m_s'] * 1e3:7.1f} mm/s",
+                    f"{case.split('-')[0]:12}{feed * 1e3:6.0f} mm/s  "
+                    f"{rule:10}{lost:9.2%}{law['feed_kept']:11.1%}{law['feed_least_m_s'] * 1e3:7.1f} mm/s",
                     flush=True,
                 )
 

@@ -41,7 +41,9 @@ def _size(rng: Generator, low: float = SIZES_MM[0], high: float = SIZES_MM[1]) -
 
 def _flange(rng: Generator) -> Any:
     kind = (flanges.BlindFlange, flanges.SlipOnFlange, flanges.WeldNeckFlange)[rng.integers(3)]
-    return kind(str(rng.choice(["1", "1 1/4", "1 1/2", "2", "2 1/2"])), 150, str(rng.choice(["Flat", "Raised"])))
+    return kind(
+        str(rng.choice(["1", "1 1/4", "1 1/2", "2", "2 1/2"])), 150, str(rng.choice(["Flat", "Raised"]))
+    )
 
 
 def _gear(rng: Generator) -> Any:
@@ -55,7 +57,9 @@ def _gear(rng: Generator) -> Any:
 
 
 def _bearing(rng: Generator) -> Any:
-    kind = (bearings.SingleRowAngularContactBallBearing, bearings.SingleRowTaperedRollerBearing)[rng.integers(2)]
+    kind = (bearings.SingleRowAngularContactBallBearing, bearings.SingleRowTaperedRollerBearing)[
+        rng.integers(2)
+    ]
     sizes = [size for size in kind.sizes("SKT") if 40.0 <= float(size.split("-")[1]) <= 120.0]
     return kind(str(rng.choice(sizes)), "SKT")
 
@@ -120,7 +124,9 @@ def _hinge(rng: Generator) -> Any:
         place = bd.Pos(-length / 2 + (2 * k + 0.5) * span, -width / 2, thickness * 0.5)
         leaf = leaf + place * (bd.Rot(0.0, 90.0, 0.0) * bd.Cylinder(thickness, span))
     for x in (-0.3 * length, 0.0, 0.3 * length):
-        leaf = leaf - bd.Pos(x, 0.15 * width, thickness / 2) * bd.Cone(1.5, 4.5, 3.0, align=(bd.Align.CENTER,) * 3)
+        leaf = leaf - bd.Pos(x, 0.15 * width, thickness / 2) * bd.Cone(
+            1.5, 4.5, 3.0, align=(bd.Align.CENTER,) * 3
+        )
     return _holes(leaf, [(x, 0.15 * width) for x in (-0.3 * length, 0.0, 0.3 * length)], 2.2)
 
 
@@ -129,7 +135,9 @@ def _bracket(rng: Generator) -> Any:
     t = float(rng.uniform(4.0, 10.0))
     low = (bd.Align.CENTER, bd.Align.MIN, bd.Align.MIN)
     body = bd.Box(width, length, t, align=low) + bd.Box(width, t, height, align=low)
-    corner = [e for e in body.edges().filter_by(bd.Axis.X) if abs(e.center().Y - t) + abs(e.center().Z - t) < 1e-6]
+    corner = [
+        e for e in body.edges().filter_by(bd.Axis.X) if abs(e.center().Y - t) + abs(e.center().Z - t) < 1e-6
+    ]
     body = bd.fillet(corner, float(rng.uniform(0.3, 0.8)) * t)
     body = bd.fillet(body.edges().filter_by(bd.Axis.Z).sort_by(bd.Axis.Y)[-2:], 0.15 * width)
     return _holes(body, [(0.0, 0.35 * length), (0.0, 0.75 * length)], float(rng.uniform(2.5, 4.5)))
@@ -157,7 +165,11 @@ def _knob(rng: Generator) -> Any:
 def _fairing(rng: Generator) -> Any:
     length = _size(rng, 60.0)
     sections = []
-    for share, scale in ((0.0, 1.0), (0.5, float(rng.uniform(0.8, 1.3))), (1.0, float(rng.uniform(0.3, 0.8)))):
+    for share, scale in (
+        (0.0, 1.0),
+        (0.5, float(rng.uniform(0.8, 1.3))),
+        (1.0, float(rng.uniform(0.3, 0.8))),
+    ):
         a = 0.3 * length * scale
         sections.append(bd.Pos(0.0, 0.0, share * length) * bd.Ellipse(a, a * float(rng.uniform(0.4, 0.8))))
     return bd.loft(sections).rotate(bd.Axis.X, 90.0)
@@ -169,7 +181,8 @@ def _fan(rng: Generator) -> Any:
     body = bd.Cylinder(hub, 2.0 * thickness)
     count = int(rng.integers(3, 7))
     blade = bd.Pos(0.5 * (hub + radius) - 1.0, 0.0, 0.0) * (
-        bd.Rot(float(rng.uniform(10.0, 35.0)), 0.0, 0.0) * bd.Box(radius - hub + 2.0, 1.1 * radius / count + hub, 3.0)
+        bd.Rot(float(rng.uniform(10.0, 35.0)), 0.0, 0.0)
+        * bd.Box(radius - hub + 2.0, 1.1 * radius / count + hub, 3.0)
     )
     for k in range(count):
         body = body + bd.Rot(0.0, 0.0, 360.0 * k / count) * blade
@@ -180,8 +193,12 @@ def _rod(rng: Generator) -> Any:
     length = _size(rng, 60.0)
     big, small = 0.25 * length, 0.25 * length * float(rng.uniform(0.4, 0.9))
     thickness = float(rng.uniform(8.0, 20.0))
-    body = bd.Cylinder(big, thickness) + bd.Pos(length - big - small, 0.0, 0.0) * bd.Cylinder(small, thickness)
-    body = body + bd.Pos((length - big - small) / 2, 0.0, 0.0) * bd.Box(length - big - small, small, 0.6 * thickness)
+    body = bd.Cylinder(big, thickness) + bd.Pos(length - big - small, 0.0, 0.0) * bd.Cylinder(
+        small, thickness
+    )
+    body = body + bd.Pos((length - big - small) / 2, 0.0, 0.0) * bd.Box(
+        length - big - small, small, 0.6 * thickness
+    )
     body = body - bd.Cylinder(0.55 * big, 100.0)
     return body - bd.Pos(length - big - small, 0.0, 0.0) * bd.Cylinder(0.5 * small, 100.0)
 

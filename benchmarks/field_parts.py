@@ -1,7 +1,9 @@
-"""Parts by the hundred as users have them: drawn by a seed, planned with the proof, run as another seed draws them.
+"""Parts by the hundred as users have them: drawn by a seed, planned with the proof, run as another seed draws
+them.
 
 Each draw takes a family, its size and shape, a pad of 10 to 50 mm, an overlap, a feed of 10 to 40 mm/s and a
-controller; nothing was tuned on them. Rows go to a CSV as they are done; the same command resumes with what is missing.
+controller; nothing was tuned on them. Rows go to a CSV as they are done; the same command resumes with what
+is missing.
 
     python -m benchmarks.field_parts [--count 100] [--seed 1] [--family NAME]... [--csv FILE] [--keep FOLDER]
 """
@@ -77,7 +79,16 @@ def play(number: int, names: Sequence[str], seed: int, folder: Path) -> dict[str
         "number": number, "family": family, "size_mm": round(size), "pad_mm": pad, "overlap": overlap,
         "feed_mm_s": feed, "controller": controller,
     }  # fmt: skip
-    asked = ["--pad-diameter", str(pad), "--overlap", str(overlap), "--feed", str(feed), "--controller", controller]
+    asked = [
+        "--pad-diameter",
+        str(pad),
+        "--overlap",
+        str(overlap),
+        "--feed",
+        str(feed),
+        "--controller",
+        controller,
+    ]
     plan, run = folder / "plan", folder / "run"
     words = ["plan", str(folder / f"{family}.stl"), *FAMILIES[family].options, *asked, "--out", str(plan)]
     code, row["plan_s"], said = _call(words)
@@ -92,13 +103,17 @@ def play(number: int, names: Sequence[str], seed: int, folder: Path) -> dict[str
     row |= {"force_max_n": done.get("peak_force_n"), "error_max_n": done.get("force_max_deviation_n"),
             "contact_lost_s": done.get("contact_lost_s")}  # fmt: skip
     bad = [text for text in done.get("bad_figures", []) if "left out" not in text]
-    outcome = "stopped" if code == 3 else f"run exit {code}" if code else "bad figures, said" if bad else "polished"
+    outcome = (
+        "stopped" if code == 3 else f"run exit {code}" if code else "bad figures, said" if bad else "polished"
+    )
     return row | {"outcome": outcome, "reason": said if code else "; ".join(bad)}
 
 
 def main() -> None:
     """Play the draws and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--family", action="append", choices=list(FAMILIES), default=[])
@@ -125,7 +140,10 @@ def main() -> None:
     counts = Counter(row["outcome"] for row in rows)
     print(*(f"{count:4d}  {outcome}" for outcome, count in counts.most_common()), sep="\n")
     shares = [float(row["polished"]) for row in rows if row.get("polished")]
-    print(f"polished share of the region: median {np.median(shares):.3f}, worst tenth {np.quantile(shares, 0.1):.3f}")
+    print(
+        f"polished share of the region: median {np.median(shares):.3f}, worst tenth "
+        f"{np.quantile(shares, 0.1):.3f}"
+    )
 
 
 if __name__ == "__main__":

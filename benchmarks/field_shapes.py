@@ -1,4 +1,5 @@
-"""Shapes after things that are polished, drawn from formulas: blades, domes, housings, moulds, castings, scans."""
+"""Shapes after things that are polished, drawn from formulas: blades, domes, housings, moulds, castings,
+scans."""
 
 from __future__ import annotations
 
@@ -16,11 +17,15 @@ def _grid(width: float, depth: float, spacing: float) -> tuple[Array, Array, NDA
     columns, rows = round(width / spacing) + 1, round(depth / spacing) + 1
     x, y = np.meshgrid(np.linspace(-width / 2, width / 2, columns), np.linspace(-depth / 2, depth / 2, rows))
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    corners = np.column_stack([first, first + 1, first + columns + 1, first, first + columns + 1, first + columns])
+    corners = np.column_stack(
+        [first, first + 1, first + columns + 1, first, first + columns + 1, first + columns]
+    )
     return x.ravel(), y.ravel(), corners.reshape(-1, 3)
 
 
-def _block(width: float, depth: float, spacing: float, height: Callable[[Array, Array], Array]) -> trimesh.Trimesh:
+def _block(
+    width: float, depth: float, spacing: float, height: Callable[[Array, Array], Array]
+) -> trimesh.Trimesh:
     """A solid with a flat bottom at z = 0 under a height."""
     x, y, faces = _grid(width, depth, spacing)
     top = np.column_stack([x, y, height(x, y)])
@@ -50,7 +55,9 @@ def _figurine(noise: float) -> trimesh.Trimesh:
     """A scan: a closed bumpy shape 150 mm tall whose vertices jitter along the normal."""
     ball = trimesh.creation.icosphere(subdivisions=5)
     v = np.array(ball.vertices)
-    bumps = 0.18 * np.sin(4.0 * v[:, 0] + 1.0) * np.cos(3.0 * v[:, 1]) + 0.12 * np.sin(5.0 * v[:, 2] + 2.0 * v[:, 0])
+    bumps = 0.18 * np.sin(4.0 * v[:, 0] + 1.0) * np.cos(3.0 * v[:, 1]) + 0.12 * np.sin(
+        5.0 * v[:, 2] + 2.0 * v[:, 0]
+    )
     points = v * (1.0 + bumps)[:, None] * [45.0, 40.0, 70.0]
     shape = trimesh.Trimesh(points, ball.faces)
     jitter = np.random.default_rng(5).normal(scale=noise, size=len(points))
@@ -62,7 +69,9 @@ def _blade() -> trimesh.Trimesh:
     along, around = 60, 80
     t = 2.0 * np.pi * np.arange(around) / around
     chord = 0.5 * (1.0 - np.cos(t))
-    thick = 0.6 * (0.2969 * np.sqrt(chord) - 0.126 * chord - 0.3516 * chord**2 + 0.2843 * chord**3 - 0.1036 * chord**4)
+    thick = 0.6 * (
+        0.2969 * np.sqrt(chord) - 0.126 * chord - 0.3516 * chord**2 + 0.2843 * chord**3 - 0.1036 * chord**4
+    )
     rings = []
     for s in np.linspace(0.0, 1.0, along):
         size, twist = 70.0 * (1.0 - 0.4 * s), np.radians(5.0 + 25.0 * s)
@@ -99,11 +108,15 @@ def _elbow() -> trimesh.Trimesh:
         np.linspace(0.0, np.pi / 2, along), 2.0 * np.pi * np.arange(around) / around, indexing="ij"
     )
     reach = 90.0 + 30.0 * np.cos(turn)
-    points = np.stack([reach * np.cos(bend), reach * np.sin(bend), 30.0 * np.sin(turn)], axis=-1).reshape(-1, 3)
+    points = np.stack([reach * np.cos(bend), reach * np.sin(bend), 30.0 * np.sin(turn)], axis=-1).reshape(
+        -1, 3
+    )
     k = np.arange(along - 1)[:, None] * around
     i, j = k + np.arange(around), k + (np.arange(around) + 1) % around
     sides = np.stack([i, j + around, j, i, i + around, j + around], axis=-1).reshape(-1, 3)
-    ends = [[first, first + m, first + m + 1] for first in (0, len(points) - around) for m in range(1, around - 1)]
+    ends = [
+        [first, first + m, first + m + 1] for first in (0, len(points) - around) for m in range(1, around - 1)
+    ]
     return trimesh.Trimesh(points, np.concatenate([sides, np.array(ends)]))
 
 
@@ -127,13 +140,22 @@ def _mould(x: Array, y: Array) -> Array:
     return 50.0 - 15.0 * np.exp(-((x / 55.0) ** 2 + (y / 40.0) ** 2)) - 5.0 * _step(np.abs(y) - 60.0, 2.0)
 
 
-_BOTTLE = [(0.0, 0.0), (35.0, 0.0), *_arc((25.0, 80.0), 15.0, 0.0, 80.0), (14.0, 105.0), (14.0, 120.0), (0.0, 120.0)]
+_BOTTLE = [
+    (0.0, 0.0),
+    (35.0, 0.0),
+    *_arc((25.0, 80.0), 15.0, 0.0, 80.0),
+    (14.0, 105.0),
+    (14.0, 120.0),
+    (0.0, 120.0),
+]
 _FLANGE = [(15.0, 0.0), (80.0, 0.0), (80.0, 12.0), (35.0, 12.0), (30.0, 40.0), (15.0, 40.0), (15.0, 0.0)]
 
 
 def _with_holes(plate: trimesh.Trimesh, places: list[tuple[float, float, float]]) -> trimesh.Trimesh:
     """Drill holes of a radius at x, y."""
-    drills = [trimesh.creation.cylinder(r, 200.0, sections=48).apply_translation([x, y, 0.0]) for x, y, r in places]
+    drills = [
+        trimesh.creation.cylinder(r, 200.0, sections=48).apply_translation([x, y, 0.0]) for x, y, r in places
+    ]
     return trimesh.boolean.difference([plate, *drills])
 
 
@@ -145,22 +167,32 @@ def parts() -> dict[str, Callable[[], trimesh.Trimesh]]:
         "blade": _blade,
         "door_panel": lambda: _block(500.0, 350.0, 5.0, _door),
         "housing_pocket": lambda: _block(
-            180.0, 120.0, 1.5, lambda x, y: 30.0 - 18.0 * (1.0 - _step(_box_distance(x, y, 60.0, 35.0, 12.0), 2.0))
+            180.0,
+            120.0,
+            1.5,
+            lambda x, y: 30.0 - 18.0 * (1.0 - _step(_box_distance(x, y, 60.0, 35.0, 12.0), 2.0)),
         ),
         "boss_plate": lambda: _block(
             160.0, 160.0, 2.0, lambda x, y: 10.0 + 20.0 * (1.0 - _step(np.hypot(x - 20.0, y) - 22.0, 3.0))
         ),
         "ribbed_casting": lambda: _block(
-            200.0, 150.0, 2.0, lambda x, y: 12.0 + 8.0 * np.exp(-((np.mod(x + 25.0, 50.0) - 25.0) ** 2) / 40.0)
+            200.0,
+            150.0,
+            2.0,
+            lambda x, y: 12.0 + 8.0 * np.exp(-((np.mod(x + 25.0, 50.0) - 25.0) ** 2) / 40.0),
         ),
         "bowl_60": lambda: _block(160.0, 160.0, 2.0, _bowl(60.0, 52.0, 70.0)),
         "bowl_22": lambda: _block(100.0, 100.0, 1.5, _bowl(22.0, 19.0, 40.0)),
         "trough": lambda: _block(200.0, 120.0, 2.0, lambda x, y: 20.0 + y**2 / 160.0),
         "wavy_coarse": lambda: _with_holes(
-            _block(105.0, 105.0, 5.0, lambda x, y: 15.0 + 2.0 * np.sin(x / 9.0) * np.cos(y / 11.0)), [(8.0, 5.0, 9.0)]
+            _block(105.0, 105.0, 5.0, lambda x, y: 15.0 + 2.0 * np.sin(x / 9.0) * np.cos(y / 11.0)),
+            [(8.0, 5.0, 9.0)],
         ),
         "scan_plate": lambda: _block(
-            150.0, 100.0, 1.5, lambda x, y: 20.0 + 3.0 * np.sin(x / 40.0) + scan_noise.normal(scale=0.05, size=len(x))
+            150.0,
+            100.0,
+            1.5,
+            lambda x, y: 20.0 + 3.0 * np.sin(x / 40.0) + scan_noise.normal(scale=0.05, size=len(x)),
         ),
         "scan_figurine": lambda: _figurine(0.08),
         "bolted_plate": lambda: _with_holes(
@@ -174,4 +206,4 @@ def parts() -> dict[str, Callable[[], trimesh.Trimesh]]:
         "elbow": _elbow,
         "helmet": _helmet,
         "mould_half": lambda: _block(180.0, 140.0, 2.0, _mould),
-    }  # fmt: skip
+    }

@@ -1,4 +1,5 @@
-"""`python -m benchmarks.force_bounds`: what no controller could better, and what two controllers reach by the model.
+"""`python -m benchmarks.force_bounds`: what no controller could better, and what two controllers reach by the
+model.
 
 Both are of an arm with rigid gears.
 """
@@ -30,7 +31,8 @@ def main() -> None:
     scenario = override(default_scenario("force"), ["robot.arm=ideal"])
     print_rows("Force step of 20 N from first contact: no controller is faster", _steps(scenario))
     print_rows(
-        "Rms of the force error under feed, form error and noise; the bound: no controller is better", _feeds(scenario)
+        "Rms of the force error under feed, form error and noise; the bound: no controller is better",
+        _feeds(scenario),
     )
 
 
@@ -51,13 +53,20 @@ def _feeds(scenario: Scenario) -> list[Row]:
     setup, height = setup_of(scenario), scenario.part.form_error_m / SPAN_BY_SIGMA
     laws = {name: linear_law_of(_with(scenario, name)) for name in CONTROLLERS}
     noises = {name: noise_rms(setup, law, scenario.sensor.force_noise_n) for name, law in laws.items()}
-    rows = [Row(f"noise alone, {name}, by the model", f"{noise:.3f} N", ">= 0 N") for name, noise in noises.items()]
+    rows = [
+        Row(f"noise alone, {name}, by the model", f"{noise:.3f} N", ">= 0 N")
+        for name, noise in noises.items()
+    ]
     for feed in (0.01, 0.03, 0.06, 0.1):
         bound = f">= {tracking_bound(scenario, feed, WAVELENGTHS):.3f} N"
         for name, law in laws.items():
             form = form_rms(setup, law, height, feed, WAVELENGTHS)
             both = (form**2 + noises[name] ** 2) ** 0.5
-            rows.append(Row(f"{1e3 * feed:3g} mm/s, {name}, form error and noise by the model", f"{both:.3f} N", bound))
+            rows.append(
+                Row(
+                    f"{1e3 * feed:3g} mm/s, {name}, form error and noise by the model", f"{both:.3f} N", bound
+                )
+            )
     return rows
 
 

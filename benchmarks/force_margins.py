@@ -1,4 +1,5 @@
-"""`python -m benchmarks.force_margins [CONTROLLER ...]`: margins of the force loop by the model and in the cell."""
+"""`python -m benchmarks.force_margins [CONTROLLER ...]`: margins of the force loop by the model and in the
+cell."""
 
 from __future__ import annotations
 
@@ -50,10 +51,12 @@ def margins_on(scenario: Scenario) -> None:
 
 
 def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) -> SimulatedMargins:
-    """Margins of a scenario ``force`` found in the cell: raise the loop's gain or delay until it no longer settles.
+    """Margins of a scenario ``force`` found in the cell: raise the loop's gain or delay until it no longer
+    settles.
 
-    ``friction``: Coulomb friction of the joints, which the linear model lacks; with it a loop also counts as unstable
-    when it keeps up a small swing. Given, too, are the frequencies at which the loop swings just beyond the margins.
+    ``friction``: Coulomb friction of the joints, which the linear model lacks; with it a loop also counts as
+    unstable when it keeps up a small swing. Given, too, are the frequencies at which the loop swings just
+    beyond the margins.
     """
 
     def louder(gain: float) -> Rest:
@@ -71,7 +74,8 @@ def simulated_margins(scenario: Scenario, bench: Bench, friction: bool = False) 
 
 
 def _seek(run: Callable[[float], Rest], accuracy: float) -> tuple[float, Rest]:
-    """Largest factor from 1 to ``MOST_GAIN`` at which a run settles, by bisection, and the rest just beyond."""
+    """Largest factor from 1 to ``MOST_GAIN`` at which a run settles, by bisection, and the rest just
+    beyond."""
     low, high = 1.0, MOST_GAIN
     beyond = run(high)
     if beyond.resting:
@@ -88,7 +92,8 @@ def _seek(run: Callable[[float], Rest], accuracy: float) -> tuple[float, Rest]:
 
 def _row(name: str, what: str, gain: float, at: float, phase: str, delay: float, delay_at: float) -> None:
     print(
-        f"  {name:20s}{what:30s}{gain:8.2f}{at:7.0f} 1/s{phase:>8s}{1e3 * delay:6.1f} ms{delay_at:7.0f} 1/s", flush=True
+        f"  {name:20s}{what:30s}{gain:8.2f}{at:7.0f} 1/s{phase:>8s}{1e3 * delay:6.1f} ms{delay_at:7.0f} 1/s",
+        flush=True,
     )
 
 

@@ -1,7 +1,8 @@
-"""Bounds of any controller's force error under the cell's noise, latency and acceleration limit, and modelled errors.
+"""Bounds of any controller's force error under the cell's noise, latency and acceleration limit, and modelled
+errors.
 
-The bounds assume an arm that is perfect but for latency and acceleration, and known springs and statistics, which a
-real law has to estimate.
+The bounds assume an arm that is perfect but for latency and acceleration, and known springs and statistics,
+which a real law has to estimate.
 """
 
 from __future__ import annotations
@@ -41,8 +42,9 @@ def step_bound(scenario: Scenario, approach_speed: float, band: float = 1.0) -> 
     """Least time from first contact to a settled force, and least force of a touch.
 
     The ramp k v t in white noise sigma per sample h is detected after n samples with
-    (k v h)^2 n^3 / 3 = (d sigma)^2 (matched filter). From then on, and both latencies later, the tool runs what is left
-    of D = F / k in the least time within the acceleration limit a, into the band and to a stop at its far side.
+    (k v h)^2 n^3 / 3 = (d sigma)^2 (matched filter). From then on, and both latencies later, the tool runs
+    what is left of D = F / k in the least time within the acceleration limit a, into the band and to a stop
+    at its far side.
 
     Args:
         scenario: Noise, latencies, springs, force, acceleration limit.
@@ -65,7 +67,8 @@ def step_bound(scenario: Scenario, approach_speed: float, band: float = 1.0) -> 
 
 
 def _least_time(way: float, first: float, last: float, a: float) -> float:
-    """Least time for a way [m] that begins at one speed and ends at most at another [m/s], within a [m/s^2]."""
+    """Least time for a way [m] that begins at one speed and ends at most at another [m/s], within a
+    [m/s^2]."""
     highest = math.sqrt(a * way + 0.5 * (first**2 + last**2))
     if highest < last:
         highest = last = math.sqrt(first**2 + 2.0 * a * way)
@@ -81,14 +84,15 @@ def spring_of(scenario: Scenario) -> float:
 def tracking_bound(scenario: Scenario, feed: float, wavelengths: tuple[float, float]) -> float:
     """Least rms of the force error at a steady feed on the displaced and bent part.
 
-    The error at t is k (x(t) - s(t)), and x(t) can depend on readings up to t minus both latencies: the error is at
-    least that of the best prediction of the surface s from readings in white noise (Gaussian regression; the part's
-    offset and tilt unknown too). Nothing is known of neighbouring turns.
+    The error at t is k (x(t) - s(t)), and x(t) can depend on readings up to t minus both latencies: the error
+    is at least that of the best prediction of the surface s from readings in white noise (Gaussian
+    regression; the part's offset and tilt unknown too). Nothing is known of neighbouring turns.
 
     Args:
         scenario: Noise, latencies, springs and size of the part's errors.
         feed: [m/s].
-        wavelengths: Shortest and longest of the form error [m], uniformly drawn, in directions drawn in space.
+        wavelengths: Shortest and longest of the form error [m], uniformly drawn, in directions drawn in
+            space.
 
     Returns:
         The bound [N].
@@ -108,8 +112,8 @@ def tracking_bound(scenario: Scenario, feed: float, wavelengths: tuple[float, fl
 def _covariance(a: Array, b: Array, scenario: Scenario, wavelengths: tuple[float, float]) -> Array:
     """Covariance of the surface's height at two places along the path [m^2].
 
-    A wave of number q in a direction drawn in space is seen along the path with numbers uniform in 0 to q: its
-    covariance is sinc(q d). Offset and tilt of the part add a constant and a line.
+    A wave of number q in a direction drawn in space is seen along the path with numbers uniform in 0 to q:
+    its covariance is sinc(q d). Offset and tilt of the part add a constant and a line.
     """
     part, numbers = scenario.part, 2.0 * math.pi / np.linspace(*wavelengths, 24)
     apart = np.abs(a - b)
@@ -166,7 +170,9 @@ def noise_rms(setup: LoopSetup, law: LinearLaw, noise: float) -> float:
     return noise * math.sqrt(float(np.mean(np.abs(force) ** 2)))
 
 
-def form_rms(setup: LoopSetup, law: LinearLaw, height: float, feed: float, wavelengths: tuple[float, float]) -> float:
+def form_rms(
+    setup: LoopSetup, law: LinearLaw, height: float, feed: float, wavelengths: tuple[float, float]
+) -> float:
     """Rms of the force error on a wavy surface under feed.
 
     Args:
@@ -174,8 +180,8 @@ def form_rms(setup: LoopSetup, law: LinearLaw, height: float, feed: float, wavel
         law: Law.
         height: Rms of the surface's height [m].
         feed: [m/s].
-        wavelengths: Shortest and longest [m], uniformly drawn, their directions drawn in space: along the path a wave
-            of number q is seen with numbers uniform in 0 to q.
+        wavelengths: Shortest and longest [m], uniformly drawn, their directions drawn in space: along the
+            path a wave of number q is seen with numbers uniform in 0 to q.
 
     Returns:
         The rms [N].

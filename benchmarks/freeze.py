@@ -3,13 +3,14 @@
     python -m benchmarks.freeze record FOLDER                  # reference data of the code at hand
     python -m benchmarks.freeze compare FOLDER [--only NAME...] [--bound 1e-12]
 
-Every item is one command line of ``polish-sim`` run in a process of its own, so the script works however the modules
-are arranged. Files that earlier items left in the reference are read again by later ones: that old plans and
-calibrations can still be read is checked as well.
+Every item is one command line of ``polish-sim`` run in a process of its own, so the script works however the
+modules are arranged. Files that earlier items left in the reference are read again by later ones: that old
+plans and calibrations can still be read is checked as well.
 
-Compared are all arrays (``*.npz``), tables (``*.csv``), figures (``metrics.json``, ``score.json``), calibrations and
-exit codes; not pictures, wording, or wall-clock figures. Without ``--bound`` arrays must agree byte for byte. Most
-columns of a log are float32: their last digit is 6e-8 of the value. All items take about 5 min of one core, warm.
+Compared are all arrays (``*.npz``), tables (``*.csv``), figures (``metrics.json``, ``score.json``),
+calibrations and exit codes; not pictures, wording, or wall-clock figures. Without ``--bound`` arrays must
+agree byte for byte. Most columns of a log are float32: their last digit is 6e-8 of the value. All items take
+about 5 min of one core, warm.
 """
 
 from __future__ import annotations
@@ -74,9 +75,11 @@ ITEMS: Final[Mapping[str, str]] = {
     "dual-calibrated": "run dual --calibration {reference}/calibrate-base/calibration.toml "
     "--calibration {reference}/calibrate-tcp/calibration.toml "
     f"--calibration {{reference}}/calibrate-payload/calibration.toml {SHORT_FEED}",
-    "score": "score --against hybrid-adaptive --seeds 1 --workers 1 " + " ".join(f"--case {case}" for case in SCORED),
+    "score": "score --against hybrid-adaptive --seeds 1 --workers 1 "
+    + " ".join(f"--case {case}" for case in SCORED),
 }
-"""Command lines by name; ``{reference}`` is the folder of the record, where earlier items left their files."""
+"""Command lines by name; ``{reference}`` is the folder of the record, where earlier items left their
+files."""
 
 KEPT: Final = (".npz", ".csv", ".json", ".toml", ".xml")
 """Endings of the files a record keeps."""
@@ -109,11 +112,19 @@ class Difference(NamedTuple):
 
 def main() -> None:
     """Read the command line, run the items and end with 1 if something differs."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.freeze", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.freeze", description=__doc__.partition("\n")[0]
+    )
     parser.add_argument("action", choices=("record", "compare"))
-    parser.add_argument("folder", type=Path, nargs="?", default=DEFAULT, help=f"of the record; default {DEFAULT}")
-    parser.add_argument("--only", metavar="NAME", nargs="+", default=["*"], help="items or patterns such as 'plan-*'")
-    parser.add_argument("--bound", type=float, default=0.0, help="largest difference allowed; default 0: equal bytes")
+    parser.add_argument(
+        "folder", type=Path, nargs="?", default=DEFAULT, help=f"of the record; default {DEFAULT}"
+    )
+    parser.add_argument(
+        "--only", metavar="NAME", nargs="+", default=["*"], help="items or patterns such as 'plan-*'"
+    )
+    parser.add_argument(
+        "--bound", type=float, default=0.0, help="largest difference allowed; default 0: equal bytes"
+    )
     parser.add_argument("--out", type=Path, help="compare: keep the new files in this folder")
     given = parser.parse_args()
     unknown = [pattern for pattern in given.only if not fnmatch.filter(ITEMS, pattern)]
@@ -140,7 +151,9 @@ def record(folder: Path, names: Sequence[str]) -> None:
                 file.unlink()
         known[name] = {"code": code, "exit_code": ended.exit_code, "seconds": round(ended.seconds, 1)}
         (folder / RECORD).write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
-        _print_row(name, f"exit code {ended.exit_code}: {ended.last_line}" if ended.exit_code else "recorded", ended)
+        _print_row(
+            name, f"exit code {ended.exit_code}: {ended.last_line}" if ended.exit_code else "recorded", ended
+        )
 
 
 def compare(folder: Path, names: Sequence[str], bound: float, out: Path | None) -> bool:
@@ -181,7 +194,11 @@ def run_item(name: str, reference: Path, out: Path) -> Ended:
     arguments = [word.format(reference=reference) for word in shlex.split(ITEMS[name])]
     begin = time.perf_counter()
     done = subprocess.run(
-        [program, *arguments, "--out", str(out)], capture_output=True, text=True, check=False, env=os.environ | ONE_CORE
+        [program, *arguments, "--out", str(out)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | ONE_CORE,
     )
     lines = done.stderr.strip().splitlines() or [""]
     return Ended(done.returncode, time.perf_counter() - begin, lines[-1])
@@ -193,7 +210,9 @@ def _differences(known: Mapping[str, Any] | None, old: Path, new: Path, ended: E
         yield Difference("record", math.inf, "not recorded")
         return
     if ended.exit_code != known["exit_code"]:
-        yield Difference("exit code", math.inf, f"{ended.exit_code}, was {known['exit_code']}: {ended.last_line}")
+        yield Difference(
+            "exit code", math.inf, f"{ended.exit_code}, was {known['exit_code']}: {ended.last_line}"
+        )
         return
     for file in sorted(path.relative_to(old) for pattern in READERS for path in old.rglob(pattern)):
         if not (new / file).is_file():
@@ -217,7 +236,9 @@ def _difference(place: str, old: NDArray[Any], new: NDArray[Any] | None) -> Diff
     if old.dtype.kind == "U":
         changed = np.flatnonzero((old != new).ravel())
         return (
-            Difference(place, math.inf, f"{len(changed)} texts differ, first at {changed[0]}") if len(changed) else None
+            Difference(place, math.inf, f"{len(changed)} texts differ, first at {changed[0]}")
+            if len(changed)
+            else None
         )
     before, after = old.astype(np.float64), new.astype(np.float64)
     same = (before == after) | (np.isnan(before) & np.isnan(after))
@@ -290,16 +311,22 @@ def _zigzag() -> str:
     rows = ["x,y,z,i,j,k"]
     for k in range(8):
         lean = math.radians(6.0 if k % 2 else -6.0)
-        rows.append(f"{60.0 * (k % 2):g},{12.0 * k:g},{3.0 * (k % 3):g},{math.sin(lean)!r},0,{math.cos(lean)!r}")
+        rows.append(
+            f"{60.0 * (k % 2):g},{12.0 * k:g},{3.0 * (k % 3):g},{math.sin(lean)!r},0,{math.cos(lean)!r}"
+        )
     return "\n".join(rows) + "\n"
 
 
 def _code() -> str:
     """Version and commit of the code at hand."""
     program = str(Path(sys.executable).with_name("polish-sim"))
-    version = subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout.strip()
+    version = subprocess.run(
+        [program, "--version"], capture_output=True, text=True, check=True
+    ).stdout.strip()
     asked = ["git", "describe", "--always", "--dirty"]
-    commit = subprocess.run(asked, capture_output=True, text=True, check=False, cwd=Path(__file__).parent).stdout
+    commit = subprocess.run(
+        asked, capture_output=True, text=True, check=False, cwd=Path(__file__).parent
+    ).stdout
     return f"{version} {commit.strip()}".strip()
 
 

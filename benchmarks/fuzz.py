@@ -1,4 +1,5 @@
-"""`python -m benchmarks.fuzz --count 20000`: broken mesh files never end in a traceback, a hang or a full memory."""
+"""`python -m benchmarks.fuzz --count 20000`: broken mesh files never end in a traceback, a hang or a full
+memory."""
 
 from __future__ import annotations
 
@@ -70,7 +71,8 @@ def try_files(first_seed: int, count: int, folder: Path) -> Outcome:
 
 
 def _peak() -> int:
-    """Largest memory of this process [bytes]; what the kernel calls maxrss may be that of the process it came from."""
+    """Largest memory of this process [bytes]; what the kernel calls maxrss may be that of the process it came
+    from."""
     if _has_proc():
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM:"):
@@ -98,7 +100,9 @@ def _written(folder: Path, name: str, content: bytes) -> Path:
 
 
 def _work(first_seed: int, count: int) -> None:
-    mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if _has_proc() else 0
+    mapped = (
+        int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if _has_proc() else 0
+    )
     if mapped:
         resource.setrlimit(resource.RLIMIT_AS, (mapped + LARGEST, mapped + LARGEST))
     with tempfile.TemporaryDirectory() as folder:

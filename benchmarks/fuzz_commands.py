@@ -1,6 +1,8 @@
-"""`python -m benchmarks.fuzz_commands --count 1000`: broken files, settings and options of every kind a user gives.
+"""`python -m benchmarks.fuzz_commands --count 1000`: broken files, settings and options of every kind a user
+gives.
 
-Each command ends with an exit code of the contract, one clear error at most, in seconds, with nothing half written.
+Each command ends with an exit code of the contract, one clear error at most, in seconds, with nothing half
+written.
 """
 
 from __future__ import annotations
@@ -36,14 +38,65 @@ HANGS = 90.0
 """A command still at work after this time ends the process [s]; others use the machine as well."""
 
 VALUES = (
-    "nan", "inf", "-inf", "-1", "0", "1", "1e999", "1e-320", "1e300", "-1e-9", "999999999999", "9" * 400, "", " ", "x",
-    "1,2", "0,0,0", "1,nan,3", "1e300,0,0", "0,0,0,0,0,0", "500,0,200,90,0,0", "part.stl", "missing.stl", "plan", ".",
-    "true", "[]", "[1, 2]", "{}", "[0.0, 0.0, 0.0]", "\"text\"", "'", "é", "-", "--", "a=b", "name@1", "stall@nan",
-    "all", "auto", "none", "spiral", "point:0,0,40", "point:nan,0,0", "box:0,0,0,1,1,1", "box:1,1,1,0,0,0",
-    "polygon:0,0,0", "faces:part.stl", "polygon:part.stl", "../", "0.5", "100", "7", "1e-6", "1e6", "mine.py:Law",
+    "nan",
+    "inf",
+    "-inf",
+    "-1",
+    "0",
+    "1",
+    "1e999",
+    "1e-320",
+    "1e300",
+    "-1e-9",
+    "999999999999",
+    "9" * 400,
+    "",
+    " ",
+    "x",
+    "1,2",
+    "0,0,0",
+    "1,nan,3",
+    "1e300,0,0",
+    "0,0,0,0,0,0",
+    "500,0,200,90,0,0",
+    "part.stl",
+    "missing.stl",
+    "plan",
+    ".",
+    "true",
+    "[]",
+    "[1, 2]",
+    "{}",
+    "[0.0, 0.0, 0.0]",
+    '"text"',
+    "'",
+    "é",
+    "-",
+    "--",
+    "a=b",
+    "name@1",
+    "stall@nan",
+    "all",
+    "auto",
+    "none",
+    "spiral",
+    "point:0,0,40",
+    "point:nan,0,0",
+    "box:0,0,0,1,1,1",
+    "box:1,1,1,0,0,0",
+    "polygon:0,0,0",
+    "faces:part.stl",
+    "polygon:part.stl",
+    "../",
+    "0.5",
+    "100",
+    "7",
+    "1e-6",
+    "1e6",
+    "mine.py:Law",
     "mine.py:Missing",
     ":",
-)  # fmt: skip
+)
 """What may stand where a value is wanted."""
 
 LAW = """import numpy as np
@@ -102,7 +155,13 @@ def make_valid(folder: Path) -> None:
     for name, content in valid_files().items():
         (folder / name).write_bytes(content)
     shutil.copy(folder / "binary.stl", folder / "part.stl")
-    texts = {"mine.py": LAW, "job.nc": JOB, "master.csv": MASTER, "polygon.csv": POLYGON, "faces.txt": "0\n1\n2\n3\n"}
+    texts = {
+        "mine.py": LAW,
+        "job.nc": JOB,
+        "master.csv": MASTER,
+        "polygon.csv": POLYGON,
+        "faces.txt": "0\n1\n2\n3\n",
+    }
     for name, text in texts.items():
         (folder / name).write_text(text)
     _write_log(folder / "log.csv")
@@ -131,7 +190,11 @@ def _write_log(file: Path) -> None:
 
 def _changed(content: bytes, rng: np.random.Generator) -> bytes:
     """Break a file: its bytes, or one of its numbers."""
-    numbers = list(re.finditer(rb"(?<![\w.])-?\d+(\.\d+)?(e-?\d+)?(?![\w.])", content)) if rng.random() < 0.5 else []
+    numbers = (
+        list(re.finditer(rb"(?<![\w.])-?\d+(\.\d+)?(e-?\d+)?(?![\w.])", content))
+        if rng.random() < 0.5
+        else []
+    )
     if not numbers or b"\x00" in content:
         return mutate(content, rng)
     hit = numbers[int(rng.integers(len(numbers)))]
@@ -163,9 +226,15 @@ def _keys(table: dict[str, Any], above: str = "") -> Iterator[str]:
 
 def _draw_setting(folder: Path, rng: np.random.Generator) -> Case:
     keys = list(_keys(tomllib.loads((folder / "surface.toml").read_text())))
-    words = [("plan", "part.stl", *PART, "--out", "out"), ("run", "arc", "--dry-run"), ("run", "force", "--dry-run"),
-             ("run", "surface", "--path", "plan", "--dry-run"), ("inspect", "plan", "--out", "out"),
-             ("run", "force", *SHORT, "--out", "out"), ("calibrate", "payload", "--out", "out")]  # fmt: skip
+    words = [
+        ("plan", "part.stl", *PART, "--out", "out"),
+        ("run", "arc", "--dry-run"),
+        ("run", "force", "--dry-run"),
+        ("run", "surface", "--path", "plan", "--dry-run"),
+        ("inspect", "plan", "--out", "out"),
+        ("run", "force", *SHORT, "--out", "out"),
+        ("calibrate", "payload", "--out", "out"),
+    ]
     chosen = words[int(rng.integers(len(words)))]
     for _ in range(int(rng.integers(1, 3))):
         chosen += ("--set", f"{rng.choice(keys)}={rng.choice(VALUES)}")
@@ -174,18 +243,32 @@ def _draw_setting(folder: Path, rng: np.random.Generator) -> Case:
 
 def _draw_options(folder: Path, rng: np.random.Generator) -> Case:
     lines = (
-        "plan part.stl --up z --out out", "inspect plan --out out", "smooth job.nc --no-joints --out out",
-        "smooth plan --out out", "run force --dry-run", "run surface --path plan --dry-run", "run arc --dry-run",
-        "run force --set process.hold_s=1 --out out", "calibrate payload --out out", "calibrate tcp --out out",
-        "calibrate base --out out", "calibrate arm --out out", "calibrate budget --draws 30 --out out",
-        "identify --data log.csv --out out", "report run --out out", "run dual --dry-run", "score --list",
-    )  # fmt: skip
+        "plan part.stl --up z --out out",
+        "inspect plan --out out",
+        "smooth job.nc --no-joints --out out",
+        "smooth plan --out out",
+        "run force --dry-run",
+        "run surface --path plan --dry-run",
+        "run arc --dry-run",
+        "run force --set process.hold_s=1 --out out",
+        "calibrate payload --out out",
+        "calibrate tcp --out out",
+        "calibrate base --out out",
+        "calibrate arm --out out",
+        "calibrate budget --draws 30 --out out",
+        "identify --data log.csv --out out",
+        "report run --out out",
+        "run dual --dry-run",
+        "score --list",
+    )
     words = lines[int(rng.integers(len(lines)))].split()
     command: Any = typer.main.get_command(commands)
     for word in words[: 1 + (words[0] in ("run", "calibrate"))]:
         command = command.get_command(None, word)
     options = [p for p in command.params if p.opts[0].startswith("--") and p.name not in NEVER]
-    for option in rng.choice(np.array(options, dtype=object), size=min(len(options), int(rng.integers(1, 3)))):
+    for option in rng.choice(
+        np.array(options, dtype=object), size=min(len(options), int(rng.integers(1, 3)))
+    ):
         flag = getattr(option, "is_flag", False)
         words += [option.opts[0]] if flag else [option.opts[0], str(rng.choice(VALUES))]
     return Case(tuple(words), {})
@@ -196,33 +279,49 @@ KINDS: dict[str, Callable[[Path, np.random.Generator], Case]] = {
     "setting": _draw_setting,
     "option": _draw_options,
     "plan folder": _breaks(
-        "plan/*.[cj]s*", "inspect plan --out out", "smooth plan --out out", "run surface --path plan --dry-run"
+        "plan/*.[cj]s*",
+        "inspect plan --out out",
+        "smooth plan --out out",
+        "run surface --path plan --dry-run",
     ),
     "path file": _breaks(
-        "plan/path.[ac][ps][tv]", "inspect plan/path.apt --part part.stl --out out", "smooth plan/path.csv --out out",
-        "inspect plan/path.csv --part part.stl --out out", "smooth plan/path.apt --no-joints --out out",
+        "plan/path.[ac][ps][tv]",
+        "inspect plan/path.apt --part part.stl --out out",
+        "smooth plan/path.csv --out out",
+        "inspect plan/path.csv --part part.stl --out out",
+        "smooth plan/path.apt --no-joints --out out",
     ),
     "job": _breaks("job.nc", "smooth job.nc --no-joints --out out", "smooth job.nc --lenient --out out"),
     "limits": _breaks("limits.toml", "smooth job.nc --limits limits.toml --no-joints --out out"),
     "config": _breaks(
-        "surface.toml", "plan part.stl --config surface.toml --out out",
+        "surface.toml",
+        "plan part.stl --config surface.toml --out out",
         "run surface --path plan --config surface.toml --dry-run",
     ),
     "readings": _breaks("payload/residuals.csv", "calibrate payload --data payload/residuals.csv --out out"),
     "touches": _breaks("tcp/residuals.csv", "calibrate tcp --data tcp/residuals.csv --out out"),
     "circles": _breaks("base/residuals.csv", "calibrate base --data base/residuals.csv --out out"),
     "arms": _breaks("arm/residuals.csv", "calibrate arm --data arm/residuals.csv --out out"),
-    "calibration": _breaks("payload/calibration.toml", "run force --calibration payload/calibration.toml --dry-run",
-                           "run force --set process.hold_s=1 --calibration payload/calibration.toml --out out"),
-    "calibrations of two": _breaks("[bt][ac][sp]*/calibration.toml",
-        "run dual --calibration tcp/calibration.toml --calibration base/calibration.toml --dry-run"),
+    "calibration": _breaks(
+        "payload/calibration.toml",
+        "run force --calibration payload/calibration.toml --dry-run",
+        "run force --set process.hold_s=1 --calibration payload/calibration.toml --out out",
+    ),
+    "calibrations of two": _breaks(
+        "[bt][ac][sp]*/calibration.toml",
+        "run dual --calibration tcp/calibration.toml --calibration base/calibration.toml --dry-run",
+    ),
     "motion log": _breaks("log.csv", "identify --data log.csv --out out"),
     "run folder": _breaks("run/*.[ntj][ops][mzo]*", "report run --out out"),
     "controller": _breaks("mine.py", "run force --controller mine.py:Law --set process.hold_s=1 --out out"),
-    "region file": _breaks("polygon.csv", "plan part.stl --up z --stepover 15 --region polygon:polygon.csv --out out"),
-    "facet list": _breaks("faces.txt", "plan part.stl --up z --stepover 15 --region faces:faces.txt --out out"),
+    "region file": _breaks(
+        "polygon.csv", "plan part.stl --up z --stepover 15 --region polygon:polygon.csv --out out"
+    ),
+    "facet list": _breaks(
+        "faces.txt", "plan part.stl --up z --stepover 15 --region faces:faces.txt --out out"
+    ),
     "poses": _breaks("master.csv", "run dual --master-path master.csv --dry-run"),
-}  # fmt: skip
+}
 
 
 def _call(words: tuple[str, ...] | list[str]) -> tuple[int, str]:
@@ -244,7 +343,9 @@ def _faults(code: int, text: str, before: set[str], after: set[str]) -> Iterator
     if "Traceback" in text or ("Warning:" in text and "mine.py" not in text):
         yield f"a traceback or warning: {text[-600:]}"
     errors = [line for line in text.splitlines() if line.startswith("error: ")]
-    if code == 2 and (len(errors) != 1 or not text.rstrip().endswith((".", "?")) or text.splitlines()[-1] != errors[0]):
+    if code == 2 and (
+        len(errors) != 1 or not text.rstrip().endswith((".", "?")) or text.splitlines()[-1] != errors[0]
+    ):
         yield f"no single clear error: {text[-600:]!r}"
     if code == 2 and len(text) > 3000:
         yield f"an error of {len(text)} characters"
@@ -344,7 +445,10 @@ def main() -> None:
         slowest = max((row[3] for row in mine), default=0.0)
         print(f"{kind:20s} {len(mine):5d} | {codes:40s} | slowest {slowest:5.2f} s")
     faults = sum(len(row[4]) for row in rows)
-    print(f"{given.count} broken inputs: {faults} faults, slowest {max(row[3] for row in rows):.2f} s (processor time)")
+    print(
+        f"{given.count} broken inputs: {faults} faults, slowest {max(row[3] for row in rows):.2f} s "
+        "(processor time)"
+    )
     sys.exit(1 if faults else 0)
 
 

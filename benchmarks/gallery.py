@@ -1,7 +1,8 @@
 """Make the pictures of results/gallery again: `python -m benchmarks.gallery FOLDER`, and their contact sheet.
 
-Every command below runs into a folder of its own in FOLDER, unless it is there already; the pictures the docs show are
-copied to results/gallery, and a sheet of all pictures the commands draw, those of stopped runs too, is put beside them.
+Every command below runs into a folder of its own in FOLDER, unless it is there already; the pictures the docs
+show are copied to results/gallery, and a sheet of all pictures the commands draw, those of stopped runs too,
+is put beside them.
 """
 
 from __future__ import annotations
@@ -96,12 +97,16 @@ def make(folder: Path) -> None:
     for name, words in DRAWN.items():
         if not (folder / name).exists():
             print(f"python -m {words} {name}", flush=True)
-            subprocess.run([sys.executable, "-m", *words.split(), str(folder / name)], capture_output=True, check=True)
+            subprocess.run(
+                [sys.executable, "-m", *words.split(), str(folder / name)], capture_output=True, check=True
+            )
     for name, words in RUNS.items():
         if not (folder / name).exists():
             print(f"polish-sim {words}", flush=True)
             program = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
-            done = subprocess.run([*program, *words.split(), "--out", name], cwd=folder, capture_output=True, text=True)
+            done = subprocess.run(
+                [*program, *words.split(), "--out", name], cwd=folder, capture_output=True, text=True
+            )
             if done.returncode not in (0, 3):
                 raise SystemExit(done.stderr)
 
@@ -112,7 +117,9 @@ def keep(source: Path, target: Path) -> None:
     for colors in COLORS:
         if target.stat().st_size > MOST_BYTES:
             image = Image.open(source).convert("RGB")
-            image.quantize(colors, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(target, optimize=True)
+            image.quantize(colors, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
+                target, optimize=True
+            )
 
 
 def shoot_page(page: Path, target: Path) -> None:
@@ -125,20 +132,25 @@ def shoot_page(page: Path, target: Path) -> None:
         tab = browser.new_page(viewport={"width": 1300, "height": 960})
         tab.goto(page.as_uri())
         tab.click("[data-view=part]")
-        tab.evaluate("s => { s.value = 200; s.dispatchEvent(new Event('input')); }", tab.query_selector("#scrubber"))
+        tab.evaluate(
+            "s => { s.value = 200; s.dispatchEvent(new Event('input')); }", tab.query_selector("#scrubber")
+        )
         tab.wait_for_timeout(3000)
         tab.screenshot(path=target)
         browser.close()
 
 
 def sheet(folder: Path) -> Image.Image:
-    """All pictures of the commands, smaller, each under its place and the command; lower ones fill the columns."""
+    """All pictures of the commands, smaller, each under its place and the command; lower ones fill the
+    columns."""
     whole = Image.new("RGB", (COLUMNS * WIDTH, 20_000), "white")
     draw, ends = ImageDraw.Draw(whole), [0] * COLUMNS
     for name in RUNS:
         for file in sorted((folder / name).glob("*.png")):
             image = Image.open(file).convert("RGB")
-            image = image.resize((WIDTH - 8, round((WIDTH - 8) * image.height / image.width)), Image.Resampling.LANCZOS)
+            image = image.resize(
+                (WIDTH - 8, round((WIDTH - 8) * image.height / image.width)), Image.Resampling.LANCZOS
+            )
             column = ends.index(min(ends))
             place = column * WIDTH, ends[column]
             draw.text((place[0] + 4, place[1] + 2), f"{name}/{file.name}", fill="black", font_size=12)
@@ -158,7 +170,14 @@ def main() -> None:
         keep(folder / source, GALLERY / name)
     shoot_page(folder / "surface" / "report.html", folder / "page.png")
     keep(folder / "page.png", GALLERY / "report_page.png")
-    ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-y", "-i", str(folder / "dual" / "video.mp4")]
+    ffmpeg = [
+        imageio_ffmpeg.get_ffmpeg_exe(),
+        "-loglevel",
+        "error",
+        "-y",
+        "-i",
+        str(folder / "dual" / "video.mp4"),
+    ]
     subprocess.run([*ffmpeg, "-vf", GIF, str(GALLERY / "dual.gif")], check=True)
     sheet(folder).save(folder / "sheet.png")
     keep(folder / "sheet.png", GALLERY / "contact_sheet.png")

@@ -3,8 +3,8 @@
     python -m benchmarks.guards healthy [--seeds 4] [--first 500] [--part NAME]...
     python -m benchmarks.guards faults [--seeds 2] [--first 500]
 
-Healthy runs: parts x feeds x sensors x controllers x seeds from 500 on, the first ``FED_S`` of each path. Faults: each
-of ``--fault`` in the approach and in contact, on a flat block, both controllers.
+Healthy runs: parts x feeds x sensors x controllers x seeds from 500 on, the first ``FED_S`` of each path.
+Faults: each of ``--fault`` in the approach and in contact, on a flat block, both controllers.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.scenario_file import override
 
 DRIVERS = ("hybrid-pi", "hybrid-adaptive")
-PARTS = {"freeform": "0.016", "sphere_50": "0.012", "saddle": "0.016", "wheel_hub_rim": "0.016"}  # step-overs [m]
+# step-overs [m]
+PARTS = {"freeform": "0.016", "sphere_50": "0.012", "saddle": "0.016", "wheel_hub_rim": "0.016"}
 FEEDS = (0.01, 0.02, 0.03, 0.04)  # [m/s]
 SENSORS = ("external", "axia80")
 FED_S = 8.0
@@ -56,9 +57,12 @@ def faulty(seeds: Iterable[int]) -> Iterator[Case]:
     names = [name for name, fault in FAULTS.items() if not fault.on_master]
     for name, moment, driver in product(names, MOMENTS, DRIVERS):
         settings = (
-            f"faults.events={name}@{moment}", f"controller.name={driver}", "process.hold_s=3",
-            "process.approach_speed_m_s=0.01", *(["spindle.speed_rpm=6000"] if name == "spindle-stop" else []),
-        )  # fmt: skip
+            f"faults.events={name}@{moment}",
+            f"controller.name={driver}",
+            "process.hold_s=3",
+            "process.approach_speed_m_s=0.01",
+            *(["spindle.speed_rpm=6000"] if name == "spindle-stop" else []),
+        )
         for seed in seeds:
             yield Case(f"{name} | {moment}", "force", settings, seed)
 
@@ -97,7 +101,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             shares[name] = max(shares.get(name, (0.0, "")), (near.share, f"{case.group} seed {case.seed}"))
         if stop is not None:
             alarms[reason.split(",")[0]] = alarms.get(reason.split(",")[0], 0) + 1
-        delays.setdefault(case.group, []).append((figures["fault_to_stop_s"], reason, figures["peak_force_n"]))
+        delays.setdefault(case.group, []).append(
+            (figures["fault_to_stop_s"], reason, figures["peak_force_n"])
+        )
         print(f"{case.group} seed {case.seed}: {reason or 'to the end'}", flush=True)
     if given.what == "healthy":
         _print_shares(count, alarms, shares)
@@ -118,7 +124,9 @@ def _print_delays(delays: dict[str, list[Any]]) -> None:
     for group, ends in delays.items():
         times = [time for time, _, _ in ends if time is not None]
         span = f"{min(times):.3f} to {max(times):.3f} s" if times else "-"
-        print(f"| {group} | {len(times)} of {len(ends)} | {span} | {max(force for *_, force in ends):.1f} N |")
+        print(
+            f"| {group} | {len(times)} of {len(ends)} | {span} | {max(force for *_, force in ends):.1f} N |"
+        )
 
 
 if __name__ == "__main__":

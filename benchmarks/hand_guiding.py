@@ -1,4 +1,5 @@
-"""Hand guiding with what the controller believes gone wrong: `python -m benchmarks.hand_guiding` prints the table."""
+"""Hand guiding with what the controller believes gone wrong: `python -m benchmarks.hand_guiding` prints the
+table."""
 
 from __future__ import annotations
 
@@ -62,10 +63,16 @@ def _cells(study: Study) -> Iterator[str]:
                 drifts.append(np.degrees(run.figures["drift_rad"]))
                 stops.append(run.stop_reason)
     yield (
-        ", ".join("-" if stop or np.isnan(drift) else f"{drift:.3g}" for drift, stop in zip(drifts, stops, strict=True))
+        ", ".join(
+            "-" if stop or np.isnan(drift) else f"{drift:.3g}"
+            for drift, stop in zip(drifts, stops, strict=True)
+        )
         + " deg"
     )
-    yield "; ".join(f"{d}: {stop.split(': ', 1)[1]}" for d, stop in zip("xy", stops, strict=True) if stop) or "-"
+    yield (
+        "; ".join(f"{d}: {stop.split(': ', 1)[1]}" for d, stop in zip("xy", stops, strict=True) if stop)
+        or "-"
+    )
 
 
 if __name__ == "__main__":

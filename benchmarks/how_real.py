@@ -4,8 +4,8 @@
     python -m benchmarks.how_real FILE.png    # its picture: the arc, magnified, and the spectrum of its error
 
 Compliance and first resonance are those of the linear model, which the simulated arm keeps within 2% and 5%
-(``tests/cell/test_real_arm.py``); the spread of a pose is simulated: 30 visits, each from another side. ISO 9283's
-repeatability comes from one side always; there hysteresis and friction do not show.
+(``tests/cell/test_real_arm.py``); the spread of a pose is simulated: 30 visits, each from another side. ISO
+9283's repeatability comes from one side always; there hysteresis and friction do not show.
 """
 
 from __future__ import annotations
@@ -58,7 +58,9 @@ ARMS = {
 def measure() -> Iterator[Row]:
     """Rows of the table in docs/how_real.md: ideal and real arm where both are, and what is published."""
     soft = [1e6 * np.linalg.eigvalsh(_compliance(joints_at(q, *SPRINGS_ONLY)))[-1] for q in poses(12)]
-    yield Row("compliance at the tool, softest way, 12 poses", f"{min(soft):.0f} to {max(soft):.0f} um/N", "-")
+    yield Row(
+        "compliance at the tool, softest way, 12 poses", f"{min(soft):.0f} to {max(soft):.0f} um/N", "-"
+    )
     for name, q in (("stretched", STRETCHED), ("home", HOME), ("folded", FOLDED)):
         value = first_mode(joints_at(q, *SPRINGS_ONLY))[0]
         yield Row(f"first resonance, {name}", f"{value.imag / (2.0 * math.pi):.1f} Hz", "-")
@@ -104,10 +106,14 @@ def _energy_rows() -> Iterator[Row]:
     """A stretched arm, pulled down by 20 N and released: its first second."""
     for name, settings in (("", []), (", no hysteresis", [NO_HYSTERESIS])):
         balance = gear_balance(*vibrating(1e-3, *settings))
-        yield Row(f"gears, 1 s after 20 N{name}: given, stored", f"{_mj(balance.given)}, {_mj(balance.stored)}", "-")
+        yield Row(
+            f"gears, 1 s after 20 N{name}: given, stored", f"{_mj(balance.given)}, {_mj(balance.stored)}", "-"
+        )
         yield Row("  lost in dampers, by hysteresis", f"{_mj(balance.damped)}, {_mj(balance.slid)}", "-")
         yield Row("  left over, of the most they stored", f"{abs(balance.left) / balance.highest:.1e}", "-")
-        yield Row("  the engine's own drift, of the same", f"{abs(balance.engine) / balance.highest:.1e}", "-")
+        yield Row(
+            "  the engine's own drift, of the same", f"{abs(balance.engine) / balance.highest:.1e}", "-"
+        )
 
 
 def _mj(joule: float) -> str:
@@ -158,7 +164,9 @@ def _arc_rows() -> Iterator[Row]:
         size = np.linalg.norm(arc.off, axis=1)
         if name == "ur5e":
             moving = arc.gears[arc.gears > 0.1]
-            yield Row("arc: gears' periods, mean of each joint", f"{moving.min():.2f} to {moving.max():.2f} Hz", "-")
+            yield Row(
+                "arc: gears' periods, mean of each joint", f"{moving.min():.2f} to {moving.max():.2f} Hz", "-"
+            )
         rms = f"{1e3 * arc.rms_between(*GEAR_HZ):.4f} mm"
         yield Row(f"arc, {name}: rms {GEAR_HZ[0]} to {GEAR_HZ[1]:g} Hz", rms, "-")
         yield Row("  largest", f"{1e3 * size.max():.4f} mm", "0.3 mm")
@@ -205,8 +213,12 @@ def _motion_rows() -> Iterator[Row]:
         since = 1e3 * (time - BEGIN_S)
         reached = [since[np.argmax((since > 0.0) & (speed >= share))] for share in (0.1, 0.63)]
         settled = since[np.flatnonzero(np.abs(speed - 1.0) > 0.1)[-1] + 1]
-        yield Row(f"speedl 20 mm/s, {name}: to 10%, to 63%", f"{reached[0]:.0f}, {reached[1]:.0f} ms", "none found")
-        yield Row("  overshoot; within 10% after", f"{100 * (speed.max() - 1):.0f}%, {settled:.0f} ms", "none found")
+        yield Row(
+            f"speedl 20 mm/s, {name}: to 10%, to 63%", f"{reached[0]:.0f}, {reached[1]:.0f} ms", "none found"
+        )
+        yield Row(
+            "  overshoot; within 10% after", f"{100 * (speed.max() - 1):.0f}%, {settled:.0f} ms", "none found"
+        )
         time, x = moved(Moves(lambda t: STEP_M_S * math.sin(2.0 * math.pi * SINE_HZ * t)), 4.2, *settings)
         late = time >= 1.0
         turn = 2.0 * math.pi * SINE_HZ * time[late]
@@ -214,7 +226,9 @@ def _motion_rows() -> Iterator[Row]:
         base = np.column_stack([np.sin(turn), -np.cos(turn), np.ones_like(turn), turn])
         fit = np.linalg.lstsq(base, x[late], rcond=None)[0]
         lag = -math.atan2(fit[0], fit[1]) / (2.0 * math.pi * SINE_HZ)
-        yield Row(f"lag behind the commands at {SINE_HZ:g} Hz, {name}", f"{abs(1e3 * lag):.1f} ms", "4 to 6 + servo")
+        yield Row(
+            f"lag behind the commands at {SINE_HZ:g} Hz, {name}", f"{abs(1e3 * lag):.1f} ms", "4 to 6 + servo"
+        )
 
 
 def _link_rows() -> Iterator[Row]:
@@ -225,7 +239,9 @@ def _link_rows() -> Iterator[Row]:
         gaps = 1e3 * np.diff(law.asked[1:])
         shown = " ".join(f"{value:.2f}" for value in (*np.percentile(gaps, (95, 99)), gaps.max()))
         yield Row(f"link at 500 Hz, {name}: p95, p99, largest [ms]", shown, "2.03 2.07 5.6")
-        yield Row("  gaps above 2.5 ms a minute", f"{60.0 * np.count_nonzero(gaps > 2.5) / LINK_S:.1f}", "about 1")
+        yield Row(
+            "  gaps above 2.5 ms a minute", f"{60.0 * np.count_nonzero(gaps > 2.5) / LINK_S:.1f}", "about 1"
+        )
 
 
 MAGNIFIED = 100.0
@@ -240,23 +256,41 @@ def plot_arcs(arcs: dict[str, Arc]) -> Figure:
     looks = dict(zip(arcs, ((ORANGE, "--", 1.6), (BLUE, "-", 1.2), (GREY, ":", 1.6)), strict=True))
     _plot_circles(left, arcs, looks)
     _plot_spectra(right, arcs, looks)
-    head(figure, "What the gears of an arm do to a circle", ["radius 0.1 m, 10 mm/s, seed 0"], legend=(left, right))
+    head(
+        figure,
+        "What the gears of an arm do to a circle",
+        ["radius 0.1 m, 10 mm/s, seed 0"],
+        legend=(left, right),
+    )
     return figure
 
 
 def _plot_circles(axes: Axes, arcs: dict[str, Arc], looks: dict[str, Any]) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 361)
     radius = PAPER_ARC.radius * _MM
-    axes.plot(radius * np.cos(turn), radius * np.sin(turn), color=GREEN, ls="--", linewidth=1.0, label="circle asked")
+    axes.plot(
+        radius * np.cos(turn),
+        radius * np.sin(turn),
+        color=GREEN,
+        ls="--",
+        linewidth=1.0,
+        label="circle asked",
+    )
     for name, arc in list(arcs.items())[:2]:
         away = radius + MAGNIFIED * _MM * arc.off[:, 0]
         color, style, width = looks[name]
         shown = slice(None, None, 20)
         axes.plot(
-            (away * np.cos(arc.angle))[shown], (away * np.sin(arc.angle))[shown], color=color, linestyle=style,
-            linewidth=width, label=name,
-        )  # fmt: skip
-    axes.set(title=f"error in the circle's plane, {MAGNIFIED:g} times", xlabel="across [mm]", ylabel="up [mm]")
+            (away * np.cos(arc.angle))[shown],
+            (away * np.sin(arc.angle))[shown],
+            color=color,
+            linestyle=style,
+            linewidth=width,
+            label=name,
+        )
+    axes.set(
+        title=f"error in the circle's plane, {MAGNIFIED:g} times", xlabel="across [mm]", ylabel="up [mm]"
+    )
     axes.set_aspect("equal")
 
 
@@ -273,7 +307,9 @@ def _plot_spectra(axes: Axes, arcs: dict[str, Arc], looks: dict[str, Any]) -> No
     for name, arc in arcs.items():
         frequency, amplitude = arc.spectrum()
         color, style, width = looks[name]
-        axes.loglog(frequency[1:], _MM * amplitude[1:], color=color, linestyle=style, linewidth=width, label=name)
+        axes.loglog(
+            frequency[1:], _MM * amplitude[1:], color=color, linestyle=style, linewidth=width, label=name
+        )
     axes.set(title="spectrum of the distance from it", xlabel="frequency [Hz]", ylabel="amplitude [mm]")
     axes.set(xlim=(0.016, 4.0), ylim=(1e-6, 1.0))
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -1,4 +1,5 @@
-"""How near identification comes to its bounds, over many draws: `python -m benchmarks.identification [--PART]...`."""
+"""How near identification comes to its bounds, over many draws:
+`python -m benchmarks.identification [--PART]...`."""
 
 from __future__ import annotations
 
@@ -59,7 +60,9 @@ def design_rows(terms: tuple[str, ...], label: str) -> Iterator[Row]:
     seconds = (time.process_time() - started) / DESIGNS
     yield from motion_rows(task, held_out, motions, f"{label}, designed ({seconds:.1f} s each)", "<= 0.0285")
     drawn = allowed_motions(task, np.random.default_rng(2))
-    yield from motion_rows(task, held_out, [next(drawn) for _ in range(RANDOM)], f"{label}, random motions", "-")
+    yield from motion_rows(
+        task, held_out, [next(drawn) for _ in range(RANDOM)], f"{label}, random motions", "-"
+    )
 
 
 def motion_rows(  # type: ignore[no-untyped-def]
@@ -72,7 +75,9 @@ def motion_rows(  # type: ignore[no-untyped-def]
     spread = f"{np.median(errors):.4f} ({min(errors):.4f} to {max(errors):.4f})"
     yield Row(f"{label}: error / noise", spread, limit)
     yield Row(
-        f"{label}: condition, SI", f"{np.median(conditions):.0f} ({min(conditions):.0f} to {max(conditions):.0f})", "-"
+        f"{label}: condition, SI",
+        f"{np.median(conditions):.0f} ({min(conditions):.0f} to {max(conditions):.0f})",
+        "-",
     )
 
 
@@ -117,9 +122,13 @@ def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
         ratios.append(np.linalg.norm(errors[1]) / np.linalg.norm(errors[0]))
         nrms.append(float(errors[0].mean()))
     bound = np.diag(inverse_of(information(sums, SIGMA)))
-    yield Row("rms error / Cramer-Rao bound", f"{np.sqrt(np.mean(np.mean(squares, axis=0) / bound)):.3f}", "<= 1.02")
+    yield Row(
+        "rms error / Cramer-Rao bound", f"{np.sqrt(np.mean(np.mean(squares, axis=0) / bound)):.3f}", "<= 1.02"
+    )
     yield Row("95% intervals that hold the truth", f"{100 * np.mean(covered):.1f}%", "93-97%")
-    yield Row("error held out / range, one period of a random motion", f"{100 * np.mean(nrms):.3f}%", "<= 0.13%")
+    yield Row(
+        "error held out / range, one period of a random motion", f"{100 * np.mean(nrms):.3f}%", "<= 0.13%"
+    )
     yield Row("fits whose bodies can exist", f"{100 * consistent / SEEDS:.0f}%", "100%")
     yield Row("their error held out / that of the base parameters", f"{np.mean(ratios):.4f}", "<= 1.02")
 
@@ -135,7 +144,9 @@ def arm_rows() -> Iterator[Row]:
     # Near standstill the engine's friction has no size: moving joints are compared.
     exact = np.where(informative(held_states), held.torque, np.nan)
     for periods, limit in ((1, "<= 0.13%"), (5, "<= 0.06%")):
-        log = with_noise(play_motion(arm, motion, periods, 1000.0), encoder, np.zeros(6), np.random.default_rng(0))
+        log = with_noise(
+            play_motion(arm, motion, periods, 1000.0), encoder, np.zeros(6), np.random.default_rng(0)
+        )
         states = periodic_states(log, motion.period)
         true_base = task.base.combination @ task.model.truth()
         clean = estimate(sum_samples(task.model, task.base, states, log.torque), sigma=SIGMA)
@@ -174,7 +185,9 @@ def speed_rows() -> Iterator[Row]:
     pieces = min(_timed(piecewise) for _ in range(5))
     whole = min(_timed(lambda: rigid_regressor(geometry, q, qd, qdd)) for _ in range(5))
     yield Row(
-        f"regressor, one sample of {CHUNK:,} at a time, as fits take it", f"{1e6 * pieces / len(q):.2f} us", "<= 1 us"
+        f"regressor, one sample of {CHUNK:,} at a time, as fits take it",
+        f"{1e6 * pieces / len(q):.2f} us",
+        "<= 1 us",
     )
     yield Row("regressor, one sample of 25,000 at once (72 MB)", f"{1e6 * whole / len(q):.2f} us", "-")
     yield Row("pinocchio's regressor of this robot, one sample", f"{1e6 * _pinocchio_seconds():.2f} us", "-")
@@ -248,7 +261,11 @@ def elastic_rows() -> Iterator[Row]:
     runs = []
     for seed in range(FIRST_ELASTIC, FIRST_ELASTIC + SEEDS_GEARS):
         runs.append(run_identification(IdentifySettings(iterations=60, seed=seed)).figures)
-        print(seed, [round(float(runs[-1][key]), 4) for key in ("nrms_heldout_mean", "error_over_crb")], flush=True)
+        print(
+            seed,
+            [round(float(runs[-1][key]), 4) for key in ("nrms_heldout_mean", "error_over_crb")],
+            flush=True,
+        )
     for key, label, share, asked in (
         ("nrms_heldout_mean", "error held out / range, mean of joints", 100.0, "<= 0.5%"),
         ("nrms_heldout_drawing_mean", "the same by the drawing", 100.0, "-"),
@@ -260,7 +277,9 @@ def elastic_rows() -> Iterator[Row]:
         yield Row(label, f"{spread} ({values.min():.3f} to {values.max():.3f})", asked)
     rigid = 100.0 * np.array([run["nrms_rigid"] for run in runs])
     yield Row("torques without friction, by joint", ", ".join(f"{x:.2f}%" for x in rigid.mean(axis=0)), "-")
-    yield Row("the same, mean of joints", f"{rigid.mean():.3f}%, worst arm {rigid.mean(axis=1).max():.3f}%", "<= 1%")
+    yield Row(
+        "the same, mean of joints", f"{rigid.mean():.3f}%, worst arm {rigid.mean(axis=1).max():.3f}%", "<= 1%"
+    )
 
 
 PARTS = {
@@ -268,7 +287,9 @@ PARTS = {
     "--speed": lambda: print_rows("Speed", speed_rows()),
     "--bounds": lambda: print_rows(f"Against the bounds, {SEEDS} draws, 58 parameters", bound_rows(FULL)),
     "--arm": lambda: print_rows(f"Designed motion on the simulated arm, {SEEDS} draws", arm_rows()),
-    "--design-48": lambda: print_rows("Design of motions", design_rows(("coulomb", "viscous"), "48 parameters")),
+    "--design-48": lambda: print_rows(
+        "Design of motions", design_rows(("coulomb", "viscous"), "48 parameters")
+    ),
     "--design-58": lambda: print_rows("Design of motions", design_rows(FULL, "58 parameters")),
     "--peers": lambda: print_rows("Beside FIGAROH, one tenth of a period's samples", against_figaroh()),
     "--unmatched": unmatched,

@@ -1,7 +1,9 @@
-"""FIGAROH beside ours, same samples, same noise: `python -m benchmarks.identification --peers`, if it is installed.
+"""FIGAROH beside ours, same samples, same noise: `python -m benchmarks.identification --peers`, if it is
+installed.
 
-FIGAROH is no dependency: `pip install figaroh` next to this package. It reads the robot through pinocchio; its weighted
-least squares holds a matrix of all rows squared, so a tenth of a period's samples is what fits into memory.
+FIGAROH is no dependency: `pip install figaroh` next to this package. It reads the robot through pinocchio;
+its weighted least squares holds a matrix of all rows squared, so a tenth of a period's samples is what fits
+into memory.
 """
 
 from __future__ import annotations
@@ -82,9 +84,13 @@ def _theirs(peer: Peer, fitted: States, measured: Array, other: States) -> tuple
     """FIGAROH's torques of the other motion, shape (m, n), and how many base parameters it fitted."""
     n = measured.shape[1]
     settings = {
-        "has_friction": True, "has_actuator_inertia": True, "has_joint_offset": True, "is_joint_torques": True,
-        "act_idxv": list(range(n)), "idx_tau_stop": [len(measured) * (k + 1) for k in range(n)],
-    }  # fmt: skip
+        "has_friction": True,
+        "has_actuator_inertia": True,
+        "has_joint_offset": True,
+        "is_joint_torques": True,
+        "act_idxv": list(range(n)),
+        "idx_tau_stop": [len(measured) * (k + 1) for k in range(n)],
+    }
     W = peer.build(peer.robot, *fitted, settings)
     kept = np.flatnonzero(np.sum(W**2, axis=0) > 1e-6)
     _, _, columns = peer.base(W[:, kept], [str(k) for k in kept])

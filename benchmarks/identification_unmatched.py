@@ -1,7 +1,8 @@
 """What identification is worth where the robot is not what the model says.
 
-`python -m benchmarks.identification --unmatched`: the same motion and the same draws of noise, the robot's torques made
-with Stribeck friction, a delay, coloured noise or coarse encoders; a fit that knows of none of it.
+`python -m benchmarks.identification --unmatched`: the same motion and the same draws of noise, the robot's
+torques made with Stribeck friction, a delay, coloured noise or coarse encoders; a fit that knows of none of
+it.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
     python -m benchmarks.job_killed [--count 20] [--seed 500]
 
-A line for each: when it was killed, how many pieces the pass was run in, removal summed over the region beside the job
-that ran through, share of the region that lost less than half as much as there, and more than 1.5 times as much.
+A line for each: when it was killed, how many pieces the pass was run in, removal summed over the region
+beside the job that ran through, share of the region that lost less than half as much as there, and more than
+1.5 times as much.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ COMMAND = (sys.executable, "-c", "from polish_sim.cli import start; start()", "j
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=500)
     asked = parser.parse_args()
@@ -61,7 +64,9 @@ def main() -> None:
 
 def run(file: Path, out: Path, *more: str) -> None:
     """Run or resume the job."""
-    done = subprocess.run([*COMMAND, str(file), "--out", str(out), *more], check=False, capture_output=True, text=True)
+    done = subprocess.run(
+        [*COMMAND, str(file), "--out", str(out), *more], check=False, capture_output=True, text=True
+    )
     if done.returncode:
         raise SystemExit(done.stderr)
 

@@ -24,26 +24,32 @@ JOBS = {
     "plan.stepover_m = 0.016\nprocess.feed_m_s = 0.02\n",
     "cylinder, crossed": 'part = "cylinder"\n{cell}[[setup]]\n[[setup.pass]]\nplan.pattern = "raster"\n'
     "plan.raster_direction = [1.0, 0.0, 0.0]\nplan.stepover_m = 0.02\nprocess.feed_m_s = 0.04\n"
-    '[[setup.pass]]\nplan.pattern = "raster"\nplan.raster_direction = [0.0, 1.0, 0.0]\nplan.stepover_m = 0.02\n'
+    '[[setup.pass]]\nplan.pattern = "raster"\nplan.raster_direction = [0.0, 1.0, 0.0]\n'
+    "plan.stepover_m = 0.02\n"
     "process.feed_m_s = 0.04\n",
-    "two holes, sander": 'part = "plate_two_holes"\n{cell}[[setup]]\n[[setup.pass]]\ntool = "orbital-sander-50"\n'
+    "two holes, sander": 'part = "plate_two_holes"\n{cell}[[setup]]\n[[setup.pass]]\n'
+    'tool = "orbital-sander-50"\n'
     "plan.stepover_m = 0.015\nprocess.feed_m_s = 0.05\n",
     "plate, wide sander": 'part = "plate"\n{cell}[[setup]]\n[[setup.pass]]\ntool = "orbital-sander"\n'
     "plan.stepover_m = 0.04\nprocess.contact_force_n = 40.0\nprocess.feed_m_s = 0.04\n",
-    "freeform, belt": 'part = "freeform"\n{cell}[[setup]]\nregions = ["box:-50,-50,-100,50,50,100"]\n[[setup.pass]]\n'
-    'tool = "belt-wheel"\nplan.pattern = "raster"\nplan.stepover_m = 0.012\nprocess.feed_m_s = 0.03\n',
+    "freeform, belt": 'part = "freeform"\n{cell}[[setup]]\nregions = '
+    '["box:-50,-50,-100,50,50,100"]\n[[setup.pass]]\ntool = "belt-wheel"\nplan.pattern = '
+    '"raster"\nplan.stepover_m = 0.012\nprocess.feed_m_s = 0.03\n',
     "plate, both sides": 'part = "plate"\n{cell}[[setup]]\nup = "z"\nregions = ["box:0,0,-50,60,60,100"]\n'
     '[[setup.pass]]\nplan.stepover_m = 0.02\nprocess.feed_m_s = 0.02\n[[setup]]\nup = "-z"\n[[setup.pass]]\n'
     "plan.stepover_m = 0.02\nprocess.feed_m_s = 0.03\n",
     "saddle, even, zone": 'part = "saddle"\n{cell}[[setup]]\n[[setup.pass]]\nplan.removal = "even"\n'
-    'plan.stepover_m = 0.02\nprocess.feed_m_s = 0.03\n[[setup.pass.zone]]\nregion = "box:0,0,-100,60,60,100"\n'
+    "plan.stepover_m = 0.02\nprocess.feed_m_s = 0.03\n[[setup.pass.zone]]\n"
+    'region = "box:0,0,-100,60,60,100"\n'
     "force = 0.7\nfeed = 0.8\n",
 }
 
 
 def main() -> None:
     """Print a line for each job."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--proof", default="none")
     asked = parser.parse_args()
     cell = f'[cell]\nrobot.arm = "ur5e"\nsafety.proof = "{asked.proof}"\n'
@@ -58,7 +64,8 @@ def main() -> None:
         planned, took = f["planned_cycle_time_s"], f["cycle_time_s"]
         print(
             f"{name:20} {len(rows)} passes  planned {planned:6.1f} s  simulated {took:6.1f} s  "
-            f"{100 * (planned / took - 1.0):+5.2f}%  path done {100 * done:.0f}%  operator {f['operator_s']:.0f} s",
+            f"{100 * (planned / took - 1.0):+5.2f}%  path done {100 * done:.0f}%  operator "
+            f"{f['operator_s']:.0f} s",
             flush=True,
         )
 

@@ -1,4 +1,5 @@
-"""`python -m benchmarks.killed --count 30`: `plan` and `run surface` ended by Ctrl-C or kill -9 at random times.
+"""`python -m benchmarks.killed --count 30`: `plan` and `run surface` ended by Ctrl-C or kill -9 at random
+times.
 
 They leave no folder half written, no process behind and, after the next command beside them, no draft.
 """
@@ -60,9 +61,9 @@ def _faults(folder: Path, name: str, code: int, err: str, how: signal.Signals) -
 
 def _others(group: int) -> list[int]:
     """Processes of a group that are at work still."""
-    found = subprocess.run(["ps", "-eo", "pid=,pgid=,stat="], capture_output=True, text=True, check=True).stdout.split(
-        "\n"
-    )
+    found = subprocess.run(
+        ["ps", "-eo", "pid=,pgid=,stat="], capture_output=True, text=True, check=True
+    ).stdout.split("\n")
     rows = [line.split() for line in found if line.strip()]
     return [int(pid) for pid, owner, state in rows if int(owner) == group and not state.startswith("Z")]
 
@@ -103,11 +104,15 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         trimesh.creation.icosphere(subdivisions=3, radius=40.0).export(folder / "part.stl")
-        subprocess.run([*PROGRAM, *WORDS["plan"], "--out", "made"], cwd=folder, check=True, capture_output=True)
+        subprocess.run(
+            [*PROGRAM, *WORDS["plan"], "--out", "made"], cwd=folder, check=True, capture_output=True
+        )
         (folder / "out").mkdir()
         for what in WORDS:
             begin = time.monotonic()
-            run = subprocess.run([*PROGRAM, *WORDS[what], "--out", f"whole_{what}"], cwd=folder, capture_output=True)
+            run = subprocess.run(
+                [*PROGRAM, *WORDS[what], "--out", f"whole_{what}"], cwd=folder, capture_output=True
+            )
             assert run.returncode in (0, 3), run.stderr
             takes = time.monotonic() - begin
             for how in (signal.SIGKILL, signal.SIGINT):

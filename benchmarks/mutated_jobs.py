@@ -1,10 +1,11 @@
-"""Job and tool files broken in one place each, given to `polish-sim job`: each is refused with one error and its line.
+"""Job and tool files broken in one place each, given to `polish-sim job`: each is refused with one error and
+its line.
 
     python -m benchmarks.mutated_jobs [--count 200] [--seed 500]
 
-Counts the files refused, those whose error names no line, those whose line is not the one broken (the key may be said
-elsewhere too, or be missed only further on), and those that left a file behind. A file that is broken and still a job
-is drawn again.
+Counts the files refused, those whose error names no line, those whose line is not the one broken (the key may
+be said elsewhere too, or be missed only further on), and those that left a file behind. A file that is broken
+and still a job is drawn again.
 """
 
 from __future__ import annotations
@@ -75,16 +76,36 @@ wear_nm = 1000.0
 """
 FILES = {"job.toml": JOB, "tools.toml": TOOLS, "faces.txt": "0\n1\n"}
 VALUES = (
-    "nan", "-1", "0", "1e99", "true", '"x"', '""', "[]", "[1, 2]", "{}", "9" * 400, "1.5", '"box:1,2"',
-    '"faces:missing.txt"', '"point:9e9,0,0"', '"polygon:0,0,0"', '["box:1,2"]', '["under:x:0.5"]', '"missing.stl"', "=",
-)  # fmt: skip
+    "nan",
+    "-1",
+    "0",
+    "1e99",
+    "true",
+    '"x"',
+    '""',
+    "[]",
+    "[1, 2]",
+    "{}",
+    "9" * 400,
+    "1.5",
+    '"box:1,2"',
+    '"faces:missing.txt"',
+    '"point:9e9,0,0"',
+    '"polygon:0,0,0"',
+    '["box:1,2"]',
+    '["under:x:0.5"]',
+    '"missing.stl"',
+    "=",
+)
 
 WRONG = ("-5", "7e7", '"laser"', "[[1]]")
 
 
 def main() -> None:
     """Print the counts, and what was found wrong."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=500)
     asked = parser.parse_args()
@@ -111,8 +132,10 @@ def main() -> None:
                 print(f"{broken}, line {line}, {what}: {said.strip().replace(name, '')[:200]}", flush=True)
             left = {path.name for path in folder.iterdir()} - FILES.keys()
             behind += bool(left)
-    print(f"{refused} of {drawn} refused; {without} without one error and its line, {elsewhere} with another line, "
-          f"{behind} left something behind")  # fmt: skip
+    print(
+        f"{refused} of {drawn} refused; {without} without one error and its line, {elsewhere} with another "
+        f"line, {behind} left something behind"
+    )
 
 
 def break_file(folder: Path, rng: random.Random) -> tuple[str, int, str]:
@@ -129,7 +152,9 @@ def break_file(folder: Path, rng: random.Random) -> tuple[str, int, str]:
         lines[at] = f"{key[:spot]}{rng.choice('xqz')}{key[spot + 1 :]} = {value}"
     elif way == 2:
         spot = rng.randrange(len(lines[at]))
-        lines[at] = lines[at][:spot] + rng.choice(["[", '"', "=", "\x01", "é", "#", "]]"]) + lines[at][spot + 1 :]
+        lines[at] = (
+            lines[at][:spot] + rng.choice(["[", '"', "=", "\x01", "é", "#", "]]"]) + lines[at][spot + 1 :]
+        )
     elif way == 3:
         lines.insert(at, lines[at])
     else:

@@ -8,10 +8,28 @@ import numpy as np
 import trimesh
 
 NASTY = (
-    b"4294967295", b"-1", b"0", b"1e999", b"nan", b"1e-320", b"999999999999", b"2147483648", b"inf", b"x", b"\x00",
-    b"end_header\n", b"endsolid", b"vertex", b"f 1 2 3 4 5 6 7 8\n", b"f -1 -1 -1\n", b"v 1\n",
-    b"element face 4000000000\n", b"property list uchar int vertex_indices\n", b"\\\n", b"\xff\xff\xff\xff",
-)  # fmt: skip
+    b"4294967295",
+    b"-1",
+    b"0",
+    b"1e999",
+    b"nan",
+    b"1e-320",
+    b"999999999999",
+    b"2147483648",
+    b"inf",
+    b"x",
+    b"\x00",
+    b"end_header\n",
+    b"endsolid",
+    b"vertex",
+    b"f 1 2 3 4 5 6 7 8\n",
+    b"f -1 -1 -1\n",
+    b"v 1\n",
+    b"element face 4000000000\n",
+    b"property list uchar int vertex_indices\n",
+    b"\\\n",
+    b"\xff\xff\xff\xff",
+)
 """Pieces of text and bytes readers stumble over."""
 
 
@@ -45,7 +63,9 @@ def _polygons() -> bytes:
     angle = np.arange(14) * np.pi / 7.0
     reach = np.where(np.arange(14) % 2, 20.0, 45.0)
     lines = [
-        f"v {r * np.cos(a):.6f} {r * np.sin(a):.6f} {z}" for z in (0, 30) for a, r in zip(angle, reach, strict=True)
+        f"v {r * np.cos(a):.6f} {r * np.sin(a):.6f} {z}"
+        for z in (0, 30)
+        for a, r in zip(angle, reach, strict=True)
     ]
     lines += [f"f {i + 1} {(i + 1) % 14 + 1}/2 {(i + 1) % 14 + 15}//1 {i + 15}/1/1" for i in range(14)]
     ring = [str(i) for i in range(1, 15)]
@@ -65,7 +85,8 @@ def broken_file(name: str, files: dict[str, bytes], rng: np.random.Generator) ->
 
 
 def scrambled_soup(rng: np.random.Generator) -> bytes:
-    """A binary STL of two bodies whose facets are doubled, turned, left out, moved, joined wrongly, flattened."""
+    """A binary STL of two bodies whose facets are doubled, turned, left out, moved, joined wrongly,
+    flattened."""
     ball = trimesh.creation.icosphere(subdivisions=int(rng.integers(0, 4)), radius=40.0)
     box = trimesh.creation.box((90.0, 60.0, float(rng.choice([0.0, 30.0])))).subdivide()
     mesh = trimesh.util.concatenate([ball, box.apply_translation(rng.choice([0.0, 30.0, 60.0], 3))])
@@ -140,7 +161,9 @@ def _replace_word(content: bytes, rng: np.random.Generator) -> bytes:
 
 def _overwrite(content: bytes, rng: np.random.Generator) -> bytes:
     at = _place(content, rng)
-    piece = (b"\xff\xff\xff\xff", b"\x00\x00\x00\x00", b"\x00\x00\x80\x7f", rng.bytes(8))[int(rng.integers(4))]
+    piece = (b"\xff\xff\xff\xff", b"\x00\x00\x00\x00", b"\x00\x00\x80\x7f", rng.bytes(8))[
+        int(rng.integers(4))
+    ]
     return content[:at] + piece + content[at + len(piece) :]
 
 

@@ -1,9 +1,10 @@
-"""A random-orbital sander against a fixed spindle with the same pad on the same path: maps, and a closed form.
+"""A random-orbital sander against a fixed spindle with the same pad on the same path: maps, and a closed
+form.
 
     python -m benchmarks.orbital [--part plate] [--seed 700] [--out FOLDER]
 
-On a plane an orbit takes off F v / (s u) everywhere inside: force, sliding speed, step-over, feed. The line says how
-near the run's mean comes two pad radii inside the border, and the deviation there, of both tools.
+On a plane an orbit takes off F v / (s u) everywhere inside: force, sliding speed, step-over, feed. The line
+says how near the run's mean comes two pad radii inside the border, and the deviation there, of both tools.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ TOOLS = ("spindle-pad", "orbital-sander-50")
 
 def main() -> None:
     """Print a line for each tool and draw both maps."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--part", default="plate")
     parser.add_argument("--seed", type=int, default=700)
     parser.add_argument("--out", type=Path, default=Path("results/orbital"))
@@ -37,7 +40,13 @@ def main() -> None:
     asked.out.mkdir(parents=True, exist_ok=True)
     usual = override(
         default_scenario("surface"),
-        [f"part.file={asked.part}", "robot.arm=ur5e", "safety.proof=none", "plan.pattern=raster", "pad.choice=given"],
+        [
+            f"part.file={asked.part}",
+            "robot.arm=ur5e",
+            "safety.proof=none",
+            "plan.pattern=raster",
+            "pad.choice=given",
+        ],
     )
     usual = replace(usual, seed=asked.seed)
     plan = plan_part(usual.part, usual.plan, usual.process, usual.pad)
@@ -55,8 +64,11 @@ def main() -> None:
         exact = process.contact_force_n * tool.slide_m_s / (usual.plan.stepover_m * process.feed_m_s)
         beside = f"{100 * (mean / exact - 1.0):+.2f}% of the closed form" if exact > 0.0 else ""
         f = found.figures
-        print(f"{asked.part}, {name:18} whole {100 * f['removal_cv']:.1f}%, two radii inside {100 * deviation:.1f}%, "
-              f"mean there {mean:.4g} N/m {beside} {f['protective_stop'] or ''}", flush=True)  # fmt: skip
+        print(
+            f"{asked.part}, {name:18} whole {100 * f['removal_cv']:.1f}%, two radii inside "
+            f"{100 * deviation:.1f}%, mean there {mean:.4g} N/m {beside} {f['protective_stop'] or ''}",
+            flush=True,
+        )
         draw(axes, removal, f"{asked.part}, {name}: {100 * f['removal_cv']:.1f}%")
     figure.savefig(asked.out / f"{asked.part}.png", dpi=100)
 

@@ -1,7 +1,8 @@
-"""Every pattern on every part: `python -m benchmarks.patterns [PART ...]` prints the table and draws the sheet.
+"""Every pattern on every part: `python -m benchmarks.patterns [PART ...]` prints the table and draws the
+sheet.
 
-Without parts all shipped workpieces are planned at 8 mm; `--out` says where the sheet goes. `--plates N` plans N random
-plates with one to four holes instead.
+Without parts all shipped workpieces are planned at 8 mm; `--out` says where the sheet goes. `--plates N`
+plans N random plates with one to four holes instead.
 """
 
 from __future__ import annotations
@@ -27,7 +28,14 @@ from polish_sim.models import workpiece_names
 from polish_sim.planning import PATTERNS, PlanResult, plan_part
 
 SHEET = Path(__file__).resolve().parent.parent / "results" / "gallery" / "patterns.png"
-FIGURES = ("coverage_stepover", "self_crossings", "retracts", "stepover_p5_m", "stepover_p95_m", "length_ratio")
+FIGURES = (
+    "coverage_stepover",
+    "self_crossings",
+    "retracts",
+    "stepover_p5_m",
+    "stepover_p95_m",
+    "length_ratio",
+)
 OUTLINES_WITH_HOLES = ("rectangle", "round", "L", "blob", "star", "rectangle")
 PARTS_IN_A_ROW = 2
 HEADER = (
@@ -91,7 +99,9 @@ def sheet(cells: Sequence[Cell]) -> Figure:
             continue
         _draw(axes, cell.plan)
         figures = cell.plan.figures
-        facts = f"{100 * figures['coverage_stepover']:.1f}%, {figures['retracts']}, {figures['self_crossings']}"
+        facts = (
+            f"{100 * figures['coverage_stepover']:.1f}%, {figures['retracts']}, {figures['self_crossings']}"
+        )
         axes.set_title(f"{cell.part}, {cell.pattern}\n{facts}", fontsize=8.0, fontweight="normal")
     return figure
 

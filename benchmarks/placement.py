@@ -1,7 +1,8 @@
 """`python -m benchmarks.placement`: a pose of the part is found wherever a grid of 10,000 poses has one.
 
-Every part is a face of a block, plate or ball of random size that looks in a random direction and is lifted off the
-table or not. Where ``PartPlacing`` finds no pose, all poses of the grid are tried with the same checks.
+Every part is a face of a block, plate or ball of random size that looks in a random direction and is lifted
+off the table or not. Where ``PartPlacing`` finds no pose, all poses of the grid are tried with the same
+checks.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ SIDES = ("z", "x", "y", "-z")
 
 def main() -> None:
     """Place random parts and print who found a pose."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.placement", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.placement", description=__doc__.partition("\n")[0]
+    )
     parser.add_argument("--count", type=int, default=12, help="parts")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()

@@ -43,7 +43,8 @@ def measure() -> Iterator[Row]:
 
 @styled
 def plot_growth(by_size: list[Timing], by_length: list[Timing]) -> Figure:
-    """Time against triangles, stacked by stage, and against the path's length, with lines of linear growth."""
+    """Time against triangles, stacked by stage, and against the path's length, with lines of linear
+    growth."""
     figure = new_figure(12.0, 5.0)
     left, right = figure.subplots(1, 2)
     facets = np.array([timing.facets for timing in by_size])
@@ -59,11 +60,15 @@ def plot_growth(by_size: list[Timing], by_length: list[Timing]) -> Figure:
     right.loglog(length, time, "ko-", lw=2, label="plan and measure the path")
     right.loglog(length, time[-1] * length / length[-1], "k:", label="linear growth")
     for timing, seconds in zip(by_length, time, strict=True):
-        right.annotate(f"{1e3 * timing.stepover:g} mm", (timing.length, seconds), (-34, 2), textcoords="offset points")
+        right.annotate(
+            f"{1e3 * timing.stepover:g} mm", (timing.length, seconds), (-34, 2), textcoords="offset points"
+        )
     right.set_xticks([2.0, 4.0, 8.0, 16.0], ["2", "4", "8", "16"])
     right.xaxis.set_minor_locator(NullLocator())
     right.set_xlim(1.6, 20.0)
-    right.set(xlabel="length of the path [m]", ylabel="CPU time [s]", title="10,000 triangles, step-over 16 to 2 mm")
+    right.set(
+        xlabel="length of the path [m]", ylabel="CPU time [s]", title="10,000 triangles, step-over 16 to 2 mm"
+    )
     head(figure, "What planning costs as parts and paths grow", legend=(left, right))
     return figure
 

@@ -1,9 +1,11 @@
-"""What the proof of a plan costs: processor time beside the same plan without it, in units of one play of the cell.
+"""What the proof of a plan costs: processor time beside the same plan without it, in units of one play of the
+cell.
 
     python -m benchmarks.proof_cost [PART[:STEPOVER_MM[:FEED_MM_S]]]...
 
-Target: with the proof no more than without it and two plays of the cycle, where nothing had to be mended; and no more
-memory. Each part is planned, placed and timed once; proof and play then run in the same process, kernels compiled.
+Target: with the proof no more than without it and two plays of the cycle, where nothing had to be mended; and
+no more memory. Each part is planned, placed and timed once; proof and play then run in the same process,
+kernels compiled.
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ def measure(parts: Sequence[str] = PARTS) -> Iterator[Row]:
 
 
 def _once(scenario):  # type: ignore[no-untyped-def]
-    """Processor time of the plan, of its proof and of one play [s], the figures, and how the peak memory grew [-]."""
+    """Processor time of the plan, of its proof and of one play [s], the figures, and how the peak memory grew
+    [-]."""
     _MOTIONS.clear()
     begin = time.process_time()
     plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)

@@ -1,4 +1,5 @@
-"""A part of chance, the same for the same seed: shape, top, noise, damage, place, request (seed -> part and plan)."""
+"""A part of chance, the same for the same seed: shape, top, noise, damage, place, request (seed -> part and
+plan)."""
 
 from __future__ import annotations
 
@@ -9,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.random_outline import OUTLINES, PlaneShape, away, draw_outline, inside, place_discs, triangulate_shape
+from benchmarks.random_outline import (
+    OUTLINES,
+    PlaneShape,
+    away,
+    draw_outline,
+    inside,
+    place_discs,
+    triangulate_shape,
+)
 from benchmarks.random_solid import DAMAGES, Solid, add_slivers, raise_solid
 from polish_sim.config import PadConfig, PlanConfig
 
@@ -65,7 +74,9 @@ def draw_part(seed: int, pattern: str = "spiral", region: str = "") -> RandomPar
     rough = float(rng.choice([0.0, 0.01, 0.03], p=[0.7, 0.2, 0.1]))
     if rough:
         words.append(f"noise {rough:g}")
-    noise = np.column_stack([np.zeros((len(plane.points), 2)), rough * spacing * rng.normal(size=len(plane.points))])
+    noise = np.column_stack(
+        [np.zeros((len(plane.points), 2)), rough * spacing * rng.normal(size=len(plane.points))]
+    )
     base = float(height(plane.points).min()) - LOWEST
     floors = [float(height(pocket).min()) - base - rng.uniform(0.02, 0.08) for pocket in shape.pockets]
     solid = raise_solid(plane, lambda points: height(points) - base, floors, spacing, noise)
@@ -121,7 +132,11 @@ def _draw_top(
         creases = [line for line in lines if len(line) > 3]
         smooth &= feature == "fold" and abs(angle) < np.radians(12.0)
         words.append(f"fold {2 * np.degrees(angle):.0f} deg" if feature == "fold" else "step")
-    return (lambda points: sum((term(points) for term in terms), np.zeros(len(points)))), tuple(creases), smooth
+    return (
+        (lambda points: sum((term(points) for term in terms), np.zeros(len(points)))),
+        tuple(creases),
+        smooth,
+    )
 
 
 def _direction(rng: np.random.Generator) -> Array:
@@ -147,7 +162,9 @@ def _line_inside(shape: PlaneShape, across: Array, level: float, spacing: float)
     s = np.arange(-0.8, 0.8, 0.5 * spacing)
     points = level * across + s[:, None] * np.array([-across[1], across[0]])
     loops = [shape.outline, *shape.holes, *shape.pockets]
-    free = inside(shape.outline, points) & ~np.any([inside(loop, points) for loop in loops[1:]] or [s > 9.0], axis=0)
+    free = inside(shape.outline, points) & ~np.any(
+        [inside(loop, points) for loop in loops[1:]] or [s > 9.0], axis=0
+    )
     free &= np.minimum.reduce([away(loop, points) for loop in loops]) > 0.8 * spacing
     pieces = np.split(np.arange(len(s)), np.flatnonzero(np.diff(free)) + 1)
     longest = max((rows for rows in pieces if free[rows[0]]), key=len, default=np.empty(0, dtype=int))
@@ -169,7 +186,9 @@ def _draw_request(
 ) -> tuple[PlanConfig, PadConfig]:
     """A pad, a step-over and a region that suit the part."""
     corners = solid.vertices[solid.faces[: solid.top]]
-    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     width = float(np.sqrt(areas.sum()))
     radius = width * rng.uniform(0.04, 0.1)
     stepover = max(2.0 * radius * rng.uniform(0.15, 0.4), width / 40.0)
@@ -182,7 +201,13 @@ def _draw_request(
         region = "box:" + ",".join(f"{1e3 * value:.9g}" for value in (*(middle - half), *(middle + half)))
     if region == "polygon":
         angle = np.arange(7) * 2.0 * np.pi / 7.0
-        flat = half * rng.uniform(0.7, 1.3, 7)[:, None] * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
-        region = "polygon:" + ";".join(",".join(f"{1e3 * x:.9g}" for x in p) for p in middle + turn.apply(flat))
+        flat = (
+            half
+            * rng.uniform(0.7, 1.3, 7)[:, None]
+            * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+        )
+        region = "polygon:" + ";".join(
+            ",".join(f"{1e3 * x:.9g}" for x in p) for p in middle + turn.apply(flat)
+        )
     plan = PlanConfig(pattern=pattern, region=region, stepover_m=stepover, bridge_m=0.8 * radius)
     return plan, PadConfig(radius_m=radius)

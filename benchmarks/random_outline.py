@@ -1,4 +1,5 @@
-"""Random outlines with holes, pockets and creases, and their irregular triangulations (rng -> plane triangles)."""
+"""Random outlines with holes, pockets and creases, and their irregular triangulations (rng -> plane
+triangles)."""
 
 from __future__ import annotations
 
@@ -81,7 +82,14 @@ def _blob(rng: np.random.Generator) -> tuple[Array, tuple[Array, ...]]:
     return (0.4 * (1.0 + wave))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), ()
 
 
-OUTLINES = {"rectangle": _rectangle, "round": _round, "L": _angle, "star": _star, "ring": _ring, "blob": _blob}
+OUTLINES = {
+    "rectangle": _rectangle,
+    "round": _round,
+    "L": _angle,
+    "star": _star,
+    "ring": _ring,
+    "blob": _blob,
+}
 
 
 def ellipse(middle: Array, a: float, b: float) -> Array:
@@ -90,7 +98,9 @@ def ellipse(middle: Array, a: float, b: float) -> Array:
     return np.asarray(middle + np.stack([a * np.cos(angle), b * np.sin(angle)], axis=1))
 
 
-def place_discs(shape: PlaneShape, count: int, low: float, high: float, gap: float, rng: np.random.Generator) -> list:
+def place_discs(
+    shape: PlaneShape, count: int, low: float, high: float, gap: float, rng: np.random.Generator
+) -> list:
     """Up to `count` discs inside the shape, clear of its lines and of each other by a gap, as polygons."""
     lines = [shape.outline, *shape.holes, *shape.pockets]
     discs: list[Array] = []
@@ -123,7 +133,9 @@ def away(line: Array, points: Array, closed: bool = True) -> Array:
     return np.asarray(np.linalg.norm(points[:, None] - foot, axis=2).min(axis=1))
 
 
-def triangulate_shape(shape: PlaneShape, spacing: float, jitter: float, rng: np.random.Generator) -> PlaneMesh:
+def triangulate_shape(
+    shape: PlaneShape, spacing: float, jitter: float, rng: np.random.Generator
+) -> PlaneMesh:
     """Delaunay triangles of jittered points that have the shape's lines as edges.
 
     Args:
@@ -169,7 +181,8 @@ def _grid(spacing: float) -> Array:
 
 
 def _divided(line: Array, spacing: float, closed: bool) -> Array:
-    """A line's corners with points between them no further apart than the spacing; close corners are thinned."""
+    """A line's corners with points between them no further apart than the spacing; close corners are
+    thinned."""
     ends = np.concatenate([line, line[:1]]) if closed else line
     chords = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     if len(line) > 30:
@@ -184,7 +197,9 @@ def _divided(line: Array, spacing: float, closed: bool) -> Array:
     return np.concatenate(parts if closed else [*parts, ends[-1:]])
 
 
-def _missing(points: Array, triangles: Ints, loops: list[Array], creases: list[Array]) -> list[NDArray[np.bool_]]:
+def _missing(
+    points: Array, triangles: Ints, loops: list[Array], creases: list[Array]
+) -> list[NDArray[np.bool_]]:
     """Which pieces of each line are no edge of any triangle."""
     half = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     known = np.unique(half.min(axis=1) * len(points) + half.max(axis=1))

@@ -1,4 +1,5 @@
-"""Plan random parts and say what went wrong: `python -m benchmarks.random_parts --count 200 --pattern spiral`."""
+"""Plan random parts and say what went wrong:
+`python -m benchmarks.random_parts --count 200 --pattern spiral`."""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ class Outcome(NamedTuple):
     """The message, if the part was refused."""
     coverage: float
     reached: float
-    """Coverage of what is within 0.55 step-overs of a place where the tool is clear of the part, inside the border."""
+    """Coverage of what is within 0.55 step-overs of a place where the tool is clear of the part, inside the
+    border."""
     runs: int
     seconds: float
 
@@ -102,7 +104,9 @@ def exact_mesh(vertices: Array, faces: NDArray[Any], up: Array) -> PartMesh:
 
 def write_stl(file: Path, triangles: Array) -> None:
     """Write a binary STL, triangles (m, 3, 3), normals left zero."""
-    record = np.zeros(len(triangles), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    record = np.zeros(
+        len(triangles), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]
+    )
     record["corners"] = triangles
     file.write_bytes(b"random part".ljust(80) + np.uint32(len(triangles)).tobytes() + record.tobytes())
 
@@ -142,13 +146,19 @@ def find_faults(part: RandomPart, result: PlanResult) -> Iterator[str]:
     if depth > 0.0:
         yield f"lead {1e3 * depth:.2f} mm inside"
     truth = float(triangle_areas(part.solid.vertices[part.solid.faces[: part.solid.top]]).sum())
-    if part.smooth and part.plan.region == "auto" and abs(figures["region_area_m2"] / truth - 1.0) > REGION_AREA:
+    if (
+        part.smooth
+        and part.plan.region == "auto"
+        and abs(figures["region_area_m2"] / truth - 1.0) > REGION_AREA
+    ):
         yield f"region {figures['region_area_m2'] / truth:.2f} of the top"
 
 
 def triangle_areas(corners: Array) -> Array:
     """Areas of triangles (m, 3, 3), shape (m,)."""
-    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
 
 
 def lead_depth(part: RandomPart, result: PlanResult) -> float:
@@ -200,7 +210,9 @@ def print_summary(outcomes: Sequence[Outcome]) -> None:
     """Shares, reasons, worst figures."""
     planned = [o for o in outcomes if not o.refusal and not o.faults]
     refused = Counter(re.sub(r"[-\d.,;:]+", "#", o.refusal)[:70] for o in outcomes if o.refusal)
-    faulty = Counter(fault.split(" ")[0 if "crossings" not in fault else 1] for o in outcomes for fault in o.faults)
+    faulty = Counter(
+        fault.split(" ")[0 if "crossings" not in fault else 1] for o in outcomes for fault in o.faults
+    )
     coverage = [o.coverage for o in outcomes if np.isfinite(o.coverage)]
     reached = np.array([o.reached for o in outcomes if np.isfinite(o.reached)])
     seconds = [o.seconds for o in outcomes]
@@ -210,7 +222,10 @@ def print_summary(outcomes: Sequence[Outcome]) -> None:
     for fault, count in faulty.most_common():
         print(f"  fault   {count:3d}: {fault}")
     print(f"coverage_stepover: worst {min(coverage, default=np.nan):.4f}, median {np.median(coverage):.4f}")
-    print(f"of what the tool can reach: >= {COVERAGE:g} on {100.0 * np.mean(reached >= COVERAGE):.1f}% of the parts")
+    print(
+        f"of what the tool can reach: >= {COVERAGE:g} on {100.0 * np.mean(reached >= COVERAGE):.1f}% of the "
+        "parts"
+    )
     print(f"time: median {np.median(seconds):.1f} s, longest {max(seconds):.1f} s")
 
 

@@ -1,4 +1,5 @@
-"""Random tool paths before the arm: legs of 0.02-50 mm, turns of 0-179 deg, tool axes that turn, near singularities."""
+"""Random tool paths before the arm: legs of 0.02-50 mm, turns of 0-179 deg, tool axes that turn, near
+singularities."""
 
 from __future__ import annotations
 
@@ -16,7 +17,9 @@ from polish_sim.motion.segment_rates import chain_rates, chebyshev_nodes
 
 Array = NDArray[np.float64]
 
-T_FLANGE_TOOL = np.array([[1.0, 0.0, 0.0, 0.01], [0.0, 1.0, 0.0, -0.02], [0.0, 0.0, 1.0, 0.2], [0.0, 0.0, 0.0, 1.0]])
+T_FLANGE_TOOL = np.array(
+    [[1.0, 0.0, 0.0, 0.01], [0.0, 1.0, 0.0, -0.02], [0.0, 0.0, 1.0, 0.2], [0.0, 0.0, 0.0, 1.0]]
+)
 KINDS = ("mixed", "short", "long", "zigzag", "smooth", "turning", "wrist", "elbow")
 """What a path is like; the last two begin near a singularity of wrist 2 or of the elbow."""
 
@@ -57,9 +60,12 @@ def _configuration(rng: np.random.Generator, kind: str) -> Array:
 
 def _steps(rng: np.random.Generator, kind: str, count: int) -> Array:
     """Legs, shape (count, 3) [m]."""
-    least, most = {"short": (2e-5, 1e-3), "long": (5e-3, 5e-2), "wrist": (2e-5, 5e-3), "elbow": (2e-5, 5e-3)}.get(
-        kind, (2e-5, 5e-2)
-    )
+    least, most = {
+        "short": (2e-5, 1e-3),
+        "long": (5e-3, 5e-2),
+        "wrist": (2e-5, 5e-3),
+        "elbow": (2e-5, 5e-3),
+    }.get(kind, (2e-5, 5e-2))
     lengths = np.exp(rng.uniform(np.log(least), np.log(most), count))
     if kind == "turning":
         lengths *= rng.random(count) > 0.3
@@ -75,7 +81,8 @@ def _steps(rng: np.random.Generator, kind: str, count: int) -> Array:
 
 
 def _frames(rng: np.random.Generator, kind: str, R: Array, count: int) -> Array:
-    """Tool frames, shape (count + 1, 3, 3): each leg turns the axis by up to 5 deg, or not at all, and rolls a bit."""
+    """Tool frames, shape (count + 1, 3, 3): each leg turns the axis by up to 5 deg, or not at all, and rolls
+    a bit."""
     most = 1.0 if kind in {"wrist", "elbow", "short"} else 5.0
     angles = np.exp(rng.uniform(np.log(0.002), np.log(most), count)) * (rng.random(count) > 0.3)
     if kind == "turning":

@@ -1,4 +1,5 @@
-"""Closed meshes of random parts: top, pockets, walls, chamfered bottom; and what damages them (plane -> solid)."""
+"""Closed meshes of random parts: top, pockets, walls, chamfered bottom; and what damages them (plane ->
+solid)."""
 
 from __future__ import annotations
 

@@ -1,17 +1,19 @@
 """A real UR10e beside the simulated one: joints without contact, force control in contact.
 
-    python -m benchmarks.real_arm joints --data FOLDER            # FOLDER/*.npz: logs of the joints
-    python -m benchmarks.real_arm forces --data FOLDER            # FOLDER/force_mode_*.npz: curves of the force
+    python -m benchmarks.real_arm joints --data FOLDER            # *.npz: logs of the joints
+    python -m benchmarks.real_arm forces --data FOLDER            # force_mode_*.npz: curves of the force
     python -m benchmarks.real_arm forces --data FOLDER --picture FILE.png
     python -m benchmarks.real_arm laws --data FOLDER              # our laws on the same steps
     python -m benchmarks.real_arm fit --data FOLDER               # the rig, on one curve
 
-Joints: Mamedov and Mikhel, Frontiers in Robotics and AI 7, 571574 (2020). Forces: Gadringer, Gattringer and Mueller,
-Mechanical Sciences 13, 361-370 (2022). The data are not ours to ship; docs/how_real.md says how they were read.
+Joints: Mamedov and Mikhel, Frontiers in Robotics and AI 7, 571574 (2020). Forces: Gadringer, Gattringer and
+Mueller, Mechanical Sciences 13, 361-370 (2022). The data are not ours to ship; docs/how_real.md says how they
+were read.
 
-What is fitted, and on what: friction and gears of ``robot.arm = ur10e`` on the logs of `FITTED`; the rig of the
-straight profile on `ONE_CURVE`, that of the ramp's sheet on `ONE_RAMP`, the virtual mass of force-mode on the times of
-the approaches. All else is computed with these; the choice of mass and contact stiffness had seen the straight cases.
+What is fitted, and on what: friction and gears of ``robot.arm = ur10e`` on the logs of `FITTED`; the rig of
+the straight profile on `ONE_CURVE`, that of the ramp's sheet on `ONE_RAMP`, the virtual mass of force-mode on
+the times of the approaches. All else is computed with these; the choice of mass and contact stiffness had
+seen the straight cases.
 """
 
 from __future__ import annotations
@@ -25,7 +27,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from benchmarks.table import Row, print_rows
-from polish_sim.compare.contact import ContactRig, ForceStep, compare_steps, from_contact, measure_step, on_rig
+from polish_sim.compare.contact import (
+    ContactRig,
+    ForceStep,
+    compare_steps,
+    from_contact,
+    measure_step,
+    on_rig,
+)
 from polish_sim.compare.joints import compare_joints
 from polish_sim.compare.replay import SCENARIO, Payload, commands_of, rigid_torques, warm
 from polish_sim.compare.show import plot_steps
@@ -52,7 +61,10 @@ def joint_rows(data: Path) -> Iterator[Row]:
         for name, figures in found.items():
             yield Row(f"{name} ({what}): torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-")
         for key, unit in (("ripple_cycles", "1/turn"), ("ripple_nm", "N m")):
-            both = [np.nanmedian([f[prefix + key] for f in found.values()], axis=0) for prefix in ("simulated_", "")]
+            both = [
+                np.nanmedian([f[prefix + key] for f in found.values()], axis=0)
+                for prefix in ("simulated_", "")
+            ]
             yield Row(f"{what}: {key} [{unit}], median of the logs", _six(both[0]), _six(both[1]))
         for name, figures in found.items():
             off = 100.0 * np.array(figures["friction_curve_error"])
@@ -62,7 +74,9 @@ def joint_rows(data: Path) -> Iterator[Row]:
     yield _own_torques(scenario, data, HELD_OUT[0])
     for payload, named in ((LOADED[1], "2.805 kg"), (Payload(), "none")):
         figures = compare_joints(scenario, _log(data, LOADED[0]), payload).figures
-        yield Row(f"{LOADED[0]}, payload {named}: torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-")
+        yield Row(
+            f"{LOADED[0]}, payload {named}: torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-"
+        )
 
 
 def _own_torques(scenario: Scenario, data: Path, name: str) -> Row:
@@ -73,7 +87,9 @@ def _own_torques(scenario: Scenario, data: Path, name: str) -> Row:
     off = theirs - rigid_torques(warm(scenario), *states, Payload())
     moving = (log.time > MOVES_S[0]) & (log.time < MOVES_S[1])
     rms = np.sqrt(np.mean(np.array([off, theirs])[:, moving] ** 2, axis=1))
-    return Row(f"{name}: controller's torques less the table's, rms [N m]", _six(rms[0]), f"of {_six(rms[1])}")
+    return Row(
+        f"{name}: controller's torques less the table's, rms [N m]", _six(rms[0]), f"of {_six(rms[1])}"
+    )
 
 
 def _log(data: Path, name: str) -> Any:
@@ -93,7 +109,8 @@ class Case(NamedTuple):
     profile: str  #: straight, ramp or contact
     force: float  #: [N]
     gain: float
-    speed: float  #: That its name says: of the path on the straight profile, of approach and path on the others [m/s]
+    #: That its name says: of the path on the straight profile, of approach and path on the others [m/s]
+    speed: float
 
     @property
     def name(self) -> str:
@@ -112,7 +129,9 @@ TOP_SPEED: Final = 0.25  #: Limit along the axis on the straight profile, as pub
 RUN_UP: Final = {"straight": 0.081, "ramp": 0.134, "contact": 0.303}
 """Way to the part, from the times from the recordings' beginning to contact [m]."""
 BEFORE_S: Final = 0.25  #: From a recording's beginning to the force mode's, from the same times [s]
-STRAIGHT: Final = tuple(Case("straight", F, gain, v) for F in (15.0, 35.0, 55.0) for gain in (0.5, 1.0) for v in (0.1,))
+STRAIGHT: Final = tuple(
+    Case("straight", F, gain, v) for F in (15.0, 35.0, 55.0) for gain in (0.5, 1.0) for v in (0.1,)
+)
 RAMP: Final = (
     *(Case("ramp", 15.0, 0.5, 0.1), Case("ramp", 35.0, 0.5, 0.1), Case("ramp", 35.0, 1.0, 0.1)),
     *(Case("ramp", 55.0, 1.0, 0.1), Case("ramp", 15.0, 0.5, 0.25), Case("ramp", 15.0, 1.0, 0.25)),
@@ -121,7 +140,8 @@ RAMP: Final = (
 CONTACT: Final = (
     *(Case("contact", 100.0, 0.5, 0.1), Case("contact", 100.0, 0.5, 0.25), Case("contact", 100.0, 1.0, 0.25)),
 )
-IMPACT_MASS: Final = 20.0  #: About half the impulse of the first 35 ms by the speed of landing, 26 to 50 kg [kg]
+#: About half the impulse of the first 35 ms by the speed of landing, 26 to 50 kg [kg]
+IMPACT_MASS: Final = 20.0
 DAMPINGS: Final = (150.0, 300.0, 450.0, 600.0, 800.0, 1000.0)
 ONE_CURVE: Final = STRAIGHT[2]
 ONE_RAMP: Final = RAMP[1]
@@ -183,7 +203,9 @@ def law_rows(data: Path) -> Iterator[Row]:
                 yield Row(f"{law}, {force:.0f} N", str(error)[:80], "-")
         for gain in (0.5, 1.0):
             case = Case("straight", force, gain, 0.1)
-            yield from _step_rows(f"UR force mode, {force:.0f} N, gain {gain:g}, measured", measured_step(data, case))
+            yield from _step_rows(
+                f"UR force mode, {force:.0f} N, gain {gain:g}, measured", measured_step(data, case)
+            )
         log = read_robot_recording(data / "force_mode_straight.npz", run=f"acf_{force:.0f}N_ramp0.0_v0.10")
         flange = from_contact(log.time, log.values["force_n"][:, 0], force)
         yield from _step_rows(f"active flange, {force:.0f} N, measured", flange)
@@ -196,9 +218,11 @@ def _step_rows(name: str, step: ForceStep) -> Iterator[Row]:
 
 
 def mass_rows(data: Path) -> Iterator[Row]:
-    """Virtual mass of the real force mode: by how much sooner a larger push brings the tool to its speed limit.
+    """Virtual mass of the real force mode: by how much sooner a larger push brings the tool to its speed
+    limit.
 
-    Pushed by F g on a mass M from rest, a tool that reaches its limit v on the way d needs d / v + v M / (2 F g).
+    Pushed by F g on a mass M from rest, a tool that reaches its limit v on the way d needs d / v + v M / (2 F
+    g).
     """
     for profile, v, cases in (
         ("ramp", 0.1, [(55.0, 1.0), (35.0, 1.0), (35.0, 0.5), (15.0, 0.5)]),
@@ -216,7 +240,8 @@ def _before_contact(data: Path, case: Case) -> float:
 
 
 def fit_rows(data: Path) -> Iterator[Row]:
-    """The rigs on one curve each: stiffness from its period, damping by the least difference of the low-passed curves.
+    """The rigs on one curve each: stiffness from its period, damping by the least difference of the
+    low-passed curves.
 
     Mass and contact are those of the first impact: its impulse by the speed, and its width.
     """
@@ -228,7 +253,9 @@ def fit_rows(data: Path) -> Iterator[Row]:
             off = _smooth_difference(measured, simulated_step(case, rig))
             best = min(best, (off, rig))
             yield Row(
-                f"{case.profile} {case.name}, damping {damping:g} N s/m: rms of the difference [N]", f"{off:.3g}", "-"
+                f"{case.profile} {case.name}, damping {damping:g} N s/m: rms of the difference [N]",
+                f"{off:.3g}",
+                "-",
             )
         yield Row(f"rig on {case.profile} {case.name}", " ".join(f"{value:g}" for value in best[1]), "-")
 
@@ -243,12 +270,16 @@ def _swing(step: ForceStep) -> float:
 
 def _smooth_difference(measured: ForceStep, simulated: ForceStep) -> float:
     t = np.arange(0.1, 3.0, 0.01)
-    a, b = (np.convolve(np.interp(t, s.time, s.force), np.full(5, 0.2), "same") for s in (measured, simulated))
+    a, b = (
+        np.convolve(np.interp(t, s.time, s.force), np.full(5, 0.2), "same") for s in (measured, simulated)
+    )
     return float(np.sqrt(np.mean((a - b) ** 2)))
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("joints", "forces", "laws", "mass", "fit"))
     parser.add_argument("--data", type=Path, required=True, help="folder of the published data")
     parser.add_argument("--picture", type=Path, help="forces: curve on curve")

@@ -2,9 +2,10 @@
 
     python -m benchmarks.removal_targets [--seed 700]... [--out FOLDER]
 
-A line for each seed: rms deviation of removal over target from its mean, of the whole plate and a pad's radius inside;
-least-squares slope of the removal from one side to the other (1.0 to 2.0 asked, so 2.0). Then wall times of planning
-freeform at a step-over of 8 mm with and without ``--even-removal``, and of its dwell alone, the least of three.
+A line for each seed: rms deviation of removal over target from its mean, of the whole plate and a pad's
+radius inside; least-squares slope of the removal from one side to the other (1.0 to 2.0 asked, so 2.0). Then
+wall times of planning freeform at a step-over of 8 mm with and without ``--even-removal``, and of its dwell
+alone, the least of three.
 """
 
 from __future__ import annotations
@@ -31,12 +32,20 @@ from polish_sim.planning import plan_part
 from polish_sim.scenario_file import override
 
 COMMON = ("robot.arm=ur5e", "safety.proof=none")
-PLATE = (*COMMON, "part.file=plate", "process.contact_force_n=40", "plan.stepover_m=0.004", "process.feed_m_s=0.021")
+PLATE = (
+    *COMMON,
+    "part.file=plate",
+    "process.contact_force_n=40",
+    "plan.stepover_m=0.004",
+    "process.feed_m_s=0.021",
+)
 
 
 def main() -> None:
     """Print both."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seed", type=int, action="append", default=[])
     parser.add_argument("--out", type=Path, default=Path("results/removal_targets"))
     asked = parser.parse_args()

@@ -14,7 +14,9 @@ from pathlib import Path
 from playwright.sync_api import sync_playwright
 
 ROUNDS = 3
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None
+)
 
 
 def main(folders: list[str]) -> None:
@@ -28,15 +30,18 @@ def main(folders: list[str]) -> None:
                 tab = browser.new_page(viewport={"width": 1280, "height": 800})
                 tab.on("request", lambda request, seen=requests: seen.append(request.url))
                 tab.on("pageerror", lambda error, seen=errors: seen.append(str(error)))
-                tab.on("console", lambda said, seen=errors: seen.append(said.text) if said.type == "error" else None)
+                tab.on(
+                    "console",
+                    lambda said, seen=errors: seen.append(said.text) if said.type == "error" else None,
+                )
                 tab.goto(page.as_uri())
                 tab.wait_for_function("window.page && window.page.data.firstDrawing > 0")
                 drawn.append(tab.evaluate("window.page.data.firstDrawing"))
                 tab.close()
             others = sum(not url.startswith("file:") for url in requests)
             print(
-                f"{page.parent.name}: {page.stat().st_size / 1e6:.2f} MB, {others} requests, {len(errors)} errors, "
-                f"first drawing {statistics.median(drawn):.0f} ms",
+                f"{page.parent.name}: {page.stat().st_size / 1e6:.2f} MB, {others} requests, {len(errors)} "
+                f"errors, first drawing {statistics.median(drawn):.0f} ms",
                 flush=True,
             )
         browser.close()

@@ -2,8 +2,8 @@
 
 python -m benchmarks.sensors              # at rest
 python -m benchmarks.sensors force        # `run force`: sensors, laws and arms, SEEDS seeds each
-python -m benchmarks.sensors told         # the same, `hybrid-adaptive` with the sensor's filter, delay and noise set
-python -m benchmarks.sensors surface      # `run surface` on `freeform`, FED_S seconds of its process, one seed
+python -m benchmarks.sensors told         # the same, `hybrid-adaptive` told filter, delay and noise
+python -m benchmarks.sensors surface      # `run surface` on `freeform`, FED_S seconds, one seed
 """
 
 from __future__ import annotations
@@ -15,7 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.table import Row, print_rows
-from polish_sim.cell.wrist_sensor import WristSensor, build_sample_line, build_sensor, read_at_rest, sample_sensor
+from polish_sim.cell.wrist_sensor import (
+    WristSensor,
+    build_sample_line,
+    build_sensor,
+    read_at_rest,
+    sample_sensor,
+)
 from polish_sim.config import SensorConfig
 from polish_sim.config.cell import SENSOR_MODELS
 from polish_sim.experiments import default_scenario, run_experiment
@@ -112,7 +118,12 @@ def forces(experiment: str, seeds: int, *settings: str, told: bool = False) -> I
             for name in SENSOR_MODELS:
                 found = []
                 for seed in range(seeds):
-                    words = [f"robot.arm={arm}", f"controller.name={law}", f"sensor.model={name}", f"seed={seed}"]
+                    words = [
+                        f"robot.arm={arm}",
+                        f"controller.name={law}",
+                        f"sensor.model={name}",
+                        f"seed={seed}",
+                    ]
                     words += TOLD[name] if told else []
                     scenario = override(default_scenario(experiment), [*words, *settings])
                     if experiment == "surface" and plan is None:
@@ -121,7 +132,9 @@ def forces(experiment: str, seeds: int, *settings: str, told: bool = False) -> I
                 for figure, unit in FIGURES[experiment].items():
                     values = np.array([f[figure] if f[figure] is not None else np.nan for f in found], float)
                     shown = (
-                        f"{values.min():.3g} to {values.max():.3g} {unit}" if seeds > 1 else f"{values[0]:.3g} {unit}"
+                        f"{values.min():.3g} to {values.max():.3g} {unit}"
+                        if seeds > 1
+                        else f"{values[0]:.3g} {unit}"
                     )
                     yield Row(f"{arm}, {law}, {name}: {figure}", shown, "-")
                 stops = [f["protective_stop"].split(":")[0] for f in found if f["protective_stop"]]
@@ -130,7 +143,12 @@ def forces(experiment: str, seeds: int, *settings: str, told: bool = False) -> I
 
 
 FIGURES = {
-    "force": {"settling_time_3n_s": "s", "settling_time_1n_s": "s", "overshoot_n": "N", "steady_max_deviation_n": "N"},
+    "force": {
+        "settling_time_3n_s": "s",
+        "settling_time_1n_s": "s",
+        "overshoot_n": "N",
+        "steady_max_deviation_n": "N",
+    },
     "surface": {"force_max_deviation_n": "N", "force_rms_error_n": "N", "tracking_error_max_m": "m"},
 }
 

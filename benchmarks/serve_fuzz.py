@@ -2,10 +2,10 @@
 
     python -m benchmarks.serve_fuzz [--packets 100000] [--seed 500]
 
-Random bytes, packages of RTDE with random contents, sizes and halves, cut and changed programmes and dashboard lines,
-many over one connection until the server drops it. Meanwhile the dashboard is asked for the safety mode; its longest
-answer time is printed with the server's memory. Ends with 1 if the server is gone, did not answer for 2 s, or grew by
-more than 50 MB after the first tenth.
+Random bytes, packages of RTDE with random contents, sizes and halves, cut and changed programmes and
+dashboard lines, many over one connection until the server drops it. Meanwhile the dashboard is asked for the
+safety mode; its longest answer time is printed with the server's memory. Ends with 1 if the server is gone,
+did not answer for 2 s, or grew by more than 50 MB after the first tenth.
 """
 
 from __future__ import annotations
@@ -43,10 +43,32 @@ def f():
   join h
 end
 """
-LINES = (b"robotmode\n", b"play\n", b"pause\n", b"stop\n", b"popup x\n", b"load a\n", b"power on\n", b"brake release\n",
-         b"set robotmode run\n", b"quit\n", b"stop program\n", b"safetystatus\n")  # fmt: skip
-NAMES = ("timestamp", "actual_q", "input_int_register_0", "no_such", "", "standard_digital_output", "speed_slider_mask",
-         "input_bit_registers0_to_31", "external_force_torque", "output_double_register_47")  # fmt: skip
+LINES = (
+    b"robotmode\n",
+    b"play\n",
+    b"pause\n",
+    b"stop\n",
+    b"popup x\n",
+    b"load a\n",
+    b"power on\n",
+    b"brake release\n",
+    b"set robotmode run\n",
+    b"quit\n",
+    b"stop program\n",
+    b"safetystatus\n",
+)
+NAMES = (
+    "timestamp",
+    "actual_q",
+    "input_int_register_0",
+    "no_such",
+    "",
+    "standard_digital_output",
+    "speed_slider_mask",
+    "input_bit_registers0_to_31",
+    "external_force_torque",
+    "output_double_register_47",
+)
 
 
 def packet(rng: np.random.Generator, port: int) -> bytes:
@@ -71,8 +93,19 @@ def packet(rng: np.random.Generator, port: int) -> bytes:
     text = bytearray(PROGRAM if port != 29999 and kind < 4 else LINES[int(rng.integers(len(LINES)))])
     for _ in range(int(rng.integers(0, 4))):
         at, cut = int(rng.integers(len(text) + 1)), int(rng.choice([0, 1, 3, 40]))
-        text[at : at + cut] = [b"", b"(", b"]", b"end", b"\n", b"\0", b"\xff", b'"', b"9" * 12, b"while", b"p["][
-            int(rng.integers(11))]  # fmt: skip
+        text[at : at + cut] = [
+            b"",
+            b"(",
+            b"]",
+            b"end",
+            b"\n",
+            b"\0",
+            b"\xff",
+            b'"',
+            b"9" * 12,
+            b"while",
+            b"p[",
+        ][int(rng.integers(11))]
     return bytes(text)
 
 
@@ -98,7 +131,9 @@ class Watch(threading.Thread):
 
 def main() -> None:
     """Print how it went."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--packets", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=500)
     parser.add_argument("--address", default="127.0.0.8")
@@ -111,20 +146,28 @@ def main() -> None:
             watch.start()
             while sent < asked.packets and process.poll() is None:
                 port = int(rng.choice(PORTS))
-                with contextlib.suppress(OSError), socket.create_connection((asked.address, port), 5.0) as line:
+                with (
+                    contextlib.suppress(OSError),
+                    socket.create_connection((asked.address, port), 5.0) as line,
+                ):
                     line.settimeout(5.0)
                     for _ in range(int(rng.integers(1, 60))):
                         sent += 1
                         line.sendall(packet(rng, port))
                 if sent // 10_000 >= len(memory):
                     memory.append(memory_mb(process))
-                    print(f"{sent} packets: {memory[-1]:.0f} MB, longest answer {watch.longest:.2f} s", flush=True)
+                    print(
+                        f"{sent} packets: {memory[-1]:.0f} MB, longest answer {watch.longest:.2f} s",
+                        flush=True,
+                    )
             watch.ended = True
             watch.join(30.0)
             alive, end = process.poll() is None, memory_mb(process)
     base = memory[min(1, len(memory) - 1)]
-    print(f"{sent} packets, {watch.count} questions: alive {alive}, longest answer {watch.longest:.2f} s, memory "
-          f"{base:.0f} -> {end:.0f} MB")  # fmt: skip
+    print(
+        f"{sent} packets, {watch.count} questions: alive {alive}, longest answer {watch.longest:.2f} s, "
+        f"memory {base:.0f} -> {end:.0f} MB"
+    )
     raise SystemExit(not (alive and watch.longest < HANG_S and end - base < 50.0))
 
 

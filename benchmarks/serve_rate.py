@@ -1,12 +1,13 @@
-"""How well `polish-sim serve` keeps 500 Hz: packets a client gets, and the server's memory, over some minutes.
+"""How well `polish-sim serve` keeps 500 Hz: packets a client gets, and the server's memory, over some
+minutes.
 
     python -m benchmarks.serve_rate [--minutes 10] [--idle]
 
-A client of its own process subscribes at 500 Hz to what ur_rtde asks for by default and writes a register in each
-cycle, at the priority the server asks for; a programme runs that presses with force mode on the part (with ``--idle``
-none does). A line each half minute: share of packets at most 2.5 ms after the one before, the longest gap, the
-server's memory and the load of the machine. Ends with 1 where less than 99% were in time or memory grew by more than
-2% after the first minute.
+A client of its own process subscribes at 500 Hz to what ur_rtde asks for by default and writes a register in
+each cycle, at the priority the server asks for; a programme runs that presses with force mode on the part
+(with ``--idle`` none does). A line each half minute: share of packets at most 2.5 ms after the one before,
+the longest gap, the server's memory and the load of the machine. Ends with 1 where less than 99% were in time
+or memory grew by more than 2% after the first minute.
 """
 
 from __future__ import annotations
@@ -64,7 +65,9 @@ def ask(line: socket.socket, kind: bytes, body: bytes) -> None:
 
 def main() -> None:
     """Print the lines."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--idle", action="store_true")
     parser.add_argument("--address", default="127.0.0.7")
@@ -102,14 +105,16 @@ def measure(asked: argparse.Namespace, process: object) -> bool:
             memory.append(memory_mb(process))  # type: ignore[arg-type]
             some = np.array(gaps[-round(REPORT_S / 0.002) :])
             print(
-                f"{(now - begun) / 60.0:5.1f} min: {100.0 * np.mean(some <= LATE_S):.3f}% within 2.5 ms, longest "
-                f"{1e3 * some.max():.1f} ms, {memory[-1]:.0f} MB, load {os.getloadavg()[0]:.1f}",
+                f"{(now - begun) / 60.0:5.1f} min: {100.0 * np.mean(some <= LATE_S):.3f}% within 2.5 ms, "
+                f"longest {1e3 * some.max():.1f} ms, {memory[-1]:.0f} MB, load {os.getloadavg()[0]:.1f}",
                 flush=True,
             )
     share = float(np.mean(np.array(gaps) <= LATE_S))
     grown = memory[-1] / memory[min(1, len(memory) - 1)] - 1.0 if memory else 0.0
-    print(f"{len(gaps)} packets, {len(gaps) / (before - begun):.1f} a second: {100.0 * share:.3f}% within 2.5 ms, "
-          f"memory {100.0 * grown:+.1f}% after the first minute")  # fmt: skip
+    print(
+        f"{len(gaps)} packets, {len(gaps) / (before - begun):.1f} a second: {100.0 * share:.3f}% within 2.5 "
+        f"ms, memory {100.0 * grown:+.1f}% after the first minute"
+    )
     return share >= 0.99 and grown < 0.02
 
 

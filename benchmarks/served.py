@@ -17,9 +17,12 @@ START_S = 600.0  #: A first start compiles
 
 @contextmanager
 def serving(*words: str) -> Iterator[subprocess.Popen[bytes]]:
-    """`polish-sim serve` with these words while the block runs; at its end as after Ctrl-C, its words are printed."""
+    """`polish-sim serve` with these words while the block runs; at its end as after Ctrl-C, its words are
+    printed."""
     with tempfile.NamedTemporaryFile("r") as said:
-        process = subprocess.Popen([*PROGRAM, "serve", *words], stdout=said.fileno(), stderr=subprocess.STDOUT)
+        process = subprocess.Popen(
+            [*PROGRAM, "serve", *words], stdout=said.fileno(), stderr=subprocess.STDOUT
+        )
         try:
             begun = time.monotonic()
             while "serving" not in Path(said.name).read_text():

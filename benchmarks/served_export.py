@@ -1,10 +1,12 @@
-"""The URScript that ``plan --export urscript`` writes, run by the served robot, beside `run surface` of the same plan.
+"""The URScript that ``plan --export urscript`` writes, run by the served robot, beside `run surface` of the
+same plan.
 
     python -m benchmarks.served_export [--part NAME]... [--feed 20] [--stepover 20]
 
-Only the part's place is filled in, as a user does. No ports and no clock: the programme runs as fast as it goes. A line
-for each: mean of the exact force, share within 4 N, rms and largest error in contact, distance of the tool across its
-path from that of `run surface` on the same displaced part, time fed, and what the programme said last.
+Only the part's place is filled in, as a user does. No ports and no clock: the programme runs as fast as it
+goes. A line for each: mean of the exact force, share within 4 N, rms and largest error in contact, distance
+of the tool across its path from that of `run surface` on the same displaced part, time fed, and what the
+programme said last.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ END_M = 0.002  #: Left out around the ends of strokes
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--part", action="append", default=[])
     parser.add_argument("--feed", type=float, default=20.0)
     parser.add_argument("--stepover", type=float, default=20.0)
@@ -65,18 +69,21 @@ def main() -> None:
         say(part, "served", figures)
         axes = plan.path.axes_work[plan.path.process] @ task.reach.T_base_work[:3, :3].T
         off = 1e3 * apart(own.trace, served.trace, points, axes)
-        print(f"    {len(controller.log)} lines, the last: {controller.log[-1] if controller.log else '-'}; beside the "
-              f"path of run surface {off.max():.3f} mm at most, {np.sqrt(np.mean(off**2)):.3f} mm rms, "
-              f"{100.0 * np.mean(off <= 0.2):.1f}% within 0.2 mm", flush=True)  # fmt: skip
+        print(
+            f"    {len(controller.log)} lines, the last: {controller.log[-1] if controller.log else '-'}; "
+            f"beside the path of run surface {off.max():.3f} mm at most, {np.sqrt(np.mean(off**2)):.3f} mm "
+            f"rms, {100.0 * np.mean(off <= 0.2):.1f}% within 0.2 mm",
+            flush=True,
+        )
 
 
 def apart(own: Trace, served: Trace, points: Array, axes: Array) -> Array:
     """Distances of the served tool's path from the other's, across it on the surface [m], shape (n,).
 
-    Each place of the served path is compared with the piece between the two nearest of the other. How deep the tool
-    presses is the force's matter: along the tool axis of the plan (``points`` and ``axes``, (m, 3), base frame) nothing
-    is counted. Landings and ends of strokes, where one path is longer than the other, are left out: what lies within
-    2 mm of the other's ends.
+    Each place of the served path is compared with the piece between the two nearest of the other. How deep
+    the tool presses is the force's matter: along the tool axis of the plan (``points`` and ``axes``, (m, 3),
+    base frame) nothing is counted. Landings and ends of strokes, where one path is longer than the other, are
+    left out: what lies within 2 mm of the other's ends.
     """
     reference = own.tcp_position_m[own.phase == 2]
     jumps = np.flatnonzero(np.linalg.norm(np.diff(reference, axis=0), axis=1) > 1e-3)
@@ -91,8 +98,16 @@ def apart(own: Trace, served: Trace, points: Array, axes: Array) -> Array:
 
 def say(part: str, what: str, figures: dict[str, object]) -> None:
     """A line of the table."""
-    names = ("force_mean_n", "force_within_4n", "force_rms_error_n", "force_max_deviation_n", "contact_lost_s",
-             "path_done", "coverage", "feed_time_s")  # fmt: skip
+    names = (
+        "force_mean_n",
+        "force_within_4n",
+        "force_rms_error_n",
+        "force_max_deviation_n",
+        "contact_lost_s",
+        "path_done",
+        "coverage",
+        "feed_time_s",
+    )
     print(f"{part:10s} {what:7s}", *(f"{name} {figures[name]:.4g}" for name in names), flush=True)
 
 

@@ -3,10 +3,11 @@
     pip install ur_rtde
     python -m benchmarks.served_law [--case step-20] [--seed 500]...
 
-For each seed the case is served in real time, the latency from a command of ``speedL`` to the motion of the set-points
-is measured in the air, and the example holds the force. Then `hybrid-pi` is run in the same cell, with that latency and
-the wire's cycle. A line for each: settling to 1 N and rms error as the score defines them, and their ratio. Needs a
-machine that keeps real time; what the server says of its clock stands beside it.
+For each seed the case is served in real time, the latency from a command of ``speedL`` to the motion of the
+set-points is measured in the air, and the example holds the force. Then `hybrid-pi` is run in the same cell,
+with that latency and the wire's cycle. A line for each: settling to 1 N and rms error as the score defines
+them, and their ratio. Needs a machine that keeps real time; what the server says of its clock stands beside
+it.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ def latency(host: str) -> float:
 
 def main() -> None:
     """Print the lines."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--case", default="step-20")
     parser.add_argument("--seed", type=int, action="append", default=[])
     parser.add_argument("--address", default="127.0.0.9")
@@ -66,7 +69,16 @@ def main() -> None:
         scenario = Task(case, entry, seed).scenario
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder, "served")
-            words = ("--score", asked.case, "--seed", str(seed), "--address", asked.address, "--out", str(out))
+            words = (
+                "--score",
+                asked.case,
+                "--seed",
+                str(seed),
+                "--address",
+                asked.address,
+                "--out",
+                str(out),
+            )
             with serving(*words):
                 late = latency(asked.address)
                 process = scenario.process
@@ -82,7 +94,8 @@ def main() -> None:
         told = [f"{name} {outside[name]:.3f} / {inside[name]:.3f} = {outside[name] / inside[name]:.3f}"
                 for name in FIGURES if outside[name] and inside[name]]  # fmt: skip
         print(
-            f"{asked.case}, seed {seed}, latency {1e3 * late:.1f} ms, outside / inside: {'; '.join(told)}", flush=True
+            f"{asked.case}, seed {seed}, latency {1e3 * late:.1f} ms, outside / inside: {'; '.join(told)}",
+            flush=True,
         )
 
 

@@ -1,10 +1,11 @@
-"""Every method of the unmodified ur_rtde wheel, called against `polish-sim serve`, each with a check of its effect.
+"""Every method of the unmodified ur_rtde wheel, called against `polish-sim serve`, each with a check of its
+effect.
 
     pip install ur_rtde
     python -m benchmarks.served_methods [--address 127.0.0.6] [--polyscope 5.11]
 
-Prints the methods that work, those that work with a difference (which it says), and those that fail; ends with 1 where
-one fails, or where the wheel has a method nothing is said about.
+Prints the methods that work, those that work with a difference (which it says), and those that fail; ends
+with 1 where one fails, or where the wheel has a method nothing is said about.
 """
 
 from __future__ import annotations
@@ -110,7 +111,9 @@ def motions(t: Trial) -> None:
     path = [[*q, 1.0, 2.0, blend] for q, blend in ((q0, 0.0), (q1, 0.0), (q0, 0.0))]
     t.check(c, "moveJ", lambda: c.moveJ(path) and near(r.getActualQ(), q0, 3e-3))
     t.check(c, "moveJ_IK", lambda: c.moveJ_IK(there, 1.0, 2.0) and at(there))
-    lines = [[*pose, 0.1, 0.8, blend] for pose, blend in ((home, 0.0), (moved(home, 0.05), 0.01), (there, 0.0))]
+    lines = [
+        [*pose, 0.1, 0.8, blend] for pose, blend in ((home, 0.0), (moved(home, 0.05), 0.01), (there, 0.0))
+    ]
     t.check(c, "moveL", lambda: c.moveL(lines) and at(there))
     t.check(c, "moveL_FK", lambda: c.moveL_FK(q0, 0.2, 0.8) and at(home))
     way = rtde_control.Path()
@@ -130,7 +133,11 @@ def motions(t: Trial) -> None:
     t.check(c, "isSteady", lambda: until(c.isSteady, 2.0))
     c.moveJ(q1, 0.3, 2.0, True)
     time.sleep(0.2)
-    t.check(c, "stopJ", lambda: c.stopJ(4.0) is None and until(c.isSteady, 2.0) and not near(r.getActualQ(), q1, 0.01))
+    t.check(
+        c,
+        "stopJ",
+        lambda: c.stopJ(4.0) is None and until(c.isSteady, 2.0) and not near(r.getActualQ(), q1, 0.01),
+    )
     back()
 
     def servo_joints() -> bool:
@@ -162,7 +169,9 @@ def motions(t: Trial) -> None:
         c.servoStop()  # refused after 4 s, see below
         return c.servoStop() and good
 
-    differs = "corners are not rounded; the wheel's script takes nothing after it until its client has waited 4 s"
+    differs = (
+        "corners are not rounded; the wheel's script takes nothing after it until its client has waited 4 s"
+    )
     t.check(c, "servoC", servo_circle, differs)
     back()
     t.check(c, "speedJ", lambda: c.speedJ([0, 0, 0, 0, 0, 0.3], 2.0, 0.5) and until(
@@ -199,8 +208,15 @@ def force(t: Trial) -> None:
     t.check(c, "forceModeSetGainScaling", lambda: c.forceModeSetGainScaling(0.5))
     limits = [0.01, 0.01, 0.02, 0.1, 0.1, 0.1]
     law = "law of our controller force-mode: what is public of a robot's"
-    t.check(c, "forceMode", lambda: c.forceMode([0.0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -10.0, 0, 0, 0], 2, limits)
-            and until(lambda: home[2] - r.getActualTCPPose()[2] > 0.01, 3.0), law)  # fmt: skip
+    t.check(
+        c,
+        "forceMode",
+        lambda: (
+            c.forceMode([0.0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -10.0, 0, 0, 0], 2, limits)
+            and until(lambda: home[2] - r.getActualTCPPose()[2] > 0.01, 3.0)
+        ),
+        law,
+    )
     t.check(c, "forceModeStop", lambda: c.forceModeStop() and until(c.isSteady, 2.0))
     c.moveL(home, 0.1, 0.5)
     t.check(c, "toolContact", lambda: c.toolContact([0, 0, -1.0, 0, 0, 0]) == 0)
@@ -291,8 +307,21 @@ def state(t: Trial) -> None:
     for thing in (c, r, io, t.dashboard):
         t.check(thing, "isConnected", thing.isConnected)
     t.check(c, "isProgramRunning", c.isProgramRunning)
-    six = ("ActualQ", "ActualQd", "TargetQ", "TargetQd", "TargetQdd", "TargetMoment", "ActualTCPPose", "ActualTCPSpeed",
-           "ActualTCPForce", "TargetTCPPose", "TargetTCPSpeed", "FtRawWrench", "PayloadInertia")  # fmt: skip
+    six = (
+        "ActualQ",
+        "ActualQd",
+        "TargetQ",
+        "TargetQd",
+        "TargetQdd",
+        "TargetMoment",
+        "ActualTCPPose",
+        "ActualTCPSpeed",
+        "ActualTCPForce",
+        "TargetTCPPose",
+        "TargetTCPSpeed",
+        "FtRawWrench",
+        "PayloadInertia",
+    )
     for name in six:
         t.check(r, f"get{name}", lambda name=name: len(getattr(r, f"get{name}")()) == 6)
     t.check(r, "getActualTCPPose", lambda: near(r.getActualTCPPose()[:3], r.getTargetTCPPose()[:3], 3e-3))
@@ -304,9 +333,16 @@ def state(t: Trial) -> None:
                         ("ActualToolAccelerometer", [0.0, 0.0, 9.81])):  # fmt: skip
         t.check(r, f"get{name}", lambda name=name, value=value: near(getattr(r, f"get{name}")(), value, 1e-9),
                 "rests: the cell has none")  # fmt: skip
-    for name, value in (("ActualExecutionTime", 1.0), ("ActualMomentum", 0.0), ("ActualMainVoltage", 48.0),
-                        ("ActualRobotVoltage", 48.0), ("ActualRobotCurrent", 0.5), ("StandardAnalogInput0", 0.0),
-                        ("StandardAnalogInput1", 0.0), ("ActualDigitalInputBits", 0)):  # fmt: skip
+    for name, value in (
+        ("ActualExecutionTime", 1.0),
+        ("ActualMomentum", 0.0),
+        ("ActualMainVoltage", 48.0),
+        ("ActualRobotVoltage", 48.0),
+        ("ActualRobotCurrent", 0.5),
+        ("StandardAnalogInput0", 0.0),
+        ("StandardAnalogInput1", 0.0),
+        ("ActualDigitalInputBits", 0),
+    ):
         t.check(r, f"get{name}", lambda name=name, value=value: getattr(r, f"get{name}")() == value,
                 "rests: the cell has none")  # fmt: skip
     t.check(r, "getDigitalInState", lambda: r.getDigitalInState(0) is False, "rests: the cell has none")
@@ -322,17 +358,27 @@ def state(t: Trial) -> None:
     t.check(r, "getTimestamp", lambda: r.getTimestamp() > 42.0)
     t.check(r, "getOutputIntRegister", lambda: isinstance(r.getOutputIntRegister(2), int))
     t.check(r, "getOutputDoubleRegister", lambda: isinstance(r.getOutputDoubleRegister(2), float))
-    t.check(io, "setSpeedSlider", lambda: io.setSpeedSlider(0.5) and until(lambda: r.getTargetSpeedFraction() == 0.5))
+    t.check(
+        io,
+        "setSpeedSlider",
+        lambda: io.setSpeedSlider(0.5) and until(lambda: r.getTargetSpeedFraction() == 0.5),
+    )
     t.check(r, "getTargetSpeedFraction", lambda: r.getTargetSpeedFraction() == 0.5)
     t.check(r, "getSpeedScaling", lambda: r.getSpeedScaling() == 0.5)
     t.check(r, "getSpeedScalingCombined", lambda: 0.0 < r.getSpeedScalingCombined() <= 0.5)
     io.setSpeedSlider(1.0)
-    for name, bit in (("setStandardDigitalOut", 3), ("setConfigurableDigitalOut", 11), ("setToolDigitalOut", 17)):
+    for name, bit in (
+        ("setStandardDigitalOut", 3),
+        ("setConfigurableDigitalOut", 11),
+        ("setToolDigitalOut", 17),
+    ):
         pin = bit % 8
         t.check(io, name, lambda name=name, bit=bit, pin=pin: getattr(io, name)(pin, True) and until(
             lambda: r.getDigitalOutState(bit), 2.0))  # fmt: skip
     t.check(r, "getDigitalOutState", lambda: r.getDigitalOutState(3) and not r.getDigitalOutState(4))
-    t.check(r, "getActualDigitalOutputBits", lambda: r.getActualDigitalOutputBits() == 1 << 3 | 1 << 11 | 1 << 17)
+    t.check(
+        r, "getActualDigitalOutputBits", lambda: r.getActualDigitalOutputBits() == 1 << 3 | 1 << 11 | 1 << 17
+    )
     t.check(io, "setAnalogOutputVoltage", lambda: io.setAnalogOutputVoltage(0, 0.75) and until(
         lambda: abs(r.getStandardAnalogOutput0() - 0.75) < 1e-6, 2.0))  # fmt: skip
     t.check(r, "getStandardAnalogOutput0", lambda: abs(r.getStandardAnalogOutput0() - 0.75) < 1e-6)
@@ -344,11 +390,21 @@ def state(t: Trial) -> None:
         text = f"write_output_{kind}_register(14, read_input_{kind}_register(18))"
         return call() and c.sendCustomScriptFunction("mirror", text) and until(lambda: read() == value, 3.0)
 
-    t.check(io, "setInputIntRegister", lambda: register(
-        "integer", lambda: io.setInputIntRegister(18, 77), 77, lambda: r.getOutputIntRegister(14)))  # fmt: skip
+    t.check(
+        io,
+        "setInputIntRegister",
+        lambda: register(
+            "integer", lambda: io.setInputIntRegister(18, 77), 77, lambda: r.getOutputIntRegister(14)
+        ),
+    )
     t.check(c, "sendCustomScriptFunction", lambda: r.getOutputIntRegister(14) == 77)
-    t.check(io, "setInputDoubleRegister", lambda: register(
-        "float", lambda: io.setInputDoubleRegister(18, 2.5), 2.5, lambda: r.getOutputDoubleRegister(14)))  # fmt: skip
+    t.check(
+        io,
+        "setInputDoubleRegister",
+        lambda: register(
+            "float", lambda: io.setInputDoubleRegister(18, 2.5), 2.5, lambda: r.getOutputDoubleRegister(14)
+        ),
+    )
     for name in ("reconnect", "disconnect"):
         t.check(io, name, lambda name=name: getattr(io, name)() in (True, None))
 
@@ -364,18 +420,26 @@ def programme(t: Trial) -> None:
             lambda: r.getOutputIntRegister(15) == 4, 3.0))  # fmt: skip
         t.check(c, "sendCustomScriptFile", lambda: c.sendCustomScriptFile(str(file)) and until(
             lambda: r.getOutputIntRegister(15) == 5, 3.0))  # fmt: skip
-        t.check(c, "reuploadScript", lambda: (c.isProgramRunning() or c.reuploadScript()) and until(c.isProgramRunning))
+        t.check(
+            c,
+            "reuploadScript",
+            lambda: (c.isProgramRunning() or c.reuploadScript()) and until(c.isProgramRunning),
+        )
         t.check(c, "setCustomScriptFile", lambda: c.setCustomScriptFile("") is None)
         t.check(r, "startFileRecording", lambda: r.startFileRecording(str(data)))
         time.sleep(0.5)
-        t.check(r, "stopFileRecording", lambda: r.stopFileRecording() and len(data.read_text().splitlines()) > 50)
+        t.check(
+            r, "stopFileRecording", lambda: r.stopFileRecording() and len(data.read_text().splitlines()) > 50
+        )
     t.check(c, "setWatchdog", lambda: c.setWatchdog(1.0))
     t.check(c, "kickWatchdog", c.kickWatchdog)
     time.sleep(3.0)
     t.check(c, "setWatchdog", lambda: not c.isProgramRunning())
     c.reuploadScript()
     until(c.isProgramRunning)
-    t.check(c, "triggerProtectiveStop", lambda: c.triggerProtectiveStop() and until(r.isProtectiveStopped, 2.0))
+    t.check(
+        c, "triggerProtectiveStop", lambda: c.triggerProtectiveStop() and until(r.isProtectiveStopped, 2.0)
+    )
     t.check(d, "safetystatus", lambda: "PROTECTIVE_STOP" in d.safetystatus())
     time.sleep(5.5)
     t.check(d, "closeSafetyPopup", lambda: d.closeSafetyPopup() is None)
@@ -396,9 +460,16 @@ def programme(t: Trial) -> None:
     t.check(d, "popup", lambda: d.popup("look") is None, "in the controller's log and on port 30001 only")
     t.check(d, "closePopup", lambda: d.closePopup() is None)
     t.check(d, "addToLog", lambda: d.addToLog("benchmark") is None)
-    t.check(d, "setUserRole", lambda: d.setUserRole(dashboard_client.UserRole.PROGRAMMER) is None, "changes nothing")
+    t.check(
+        d,
+        "setUserRole",
+        lambda: d.setUserRole(dashboard_client.UserRole.PROGRAMMER) is None,
+        "changes nothing",
+    )
     t.check(d, "isProgramSaved", lambda: d.isProgramSaved() in (True, False))
-    t.check(d, "getLoadedProgram", lambda: "No program loaded" in d.getLoadedProgram(), "nothing can be loaded")
+    t.check(
+        d, "getLoadedProgram", lambda: "No program loaded" in d.getLoadedProgram(), "nothing can be loaded"
+    )
     t.check(d, "restartSafety", lambda: d.restartSafety() is None, "changes nothing")
 
     def refused() -> bool:
@@ -419,7 +490,12 @@ def programme(t: Trial) -> None:
     t.check(c, "stopScript", lambda: c.stopScript() is None and until(lambda: not d.running(), 2.0))
     t.check(r, "disconnect", lambda: r.disconnect() is None and not r.isConnected())
     t.check(r, "reconnect", lambda: r.reconnect() and r.isConnected())
-    t.check(d, "shutdown", lambda: d.shutdown() is None and "POWER_OFF" in d.robotmode(), "power off, the ports stay")
+    t.check(
+        d,
+        "shutdown",
+        lambda: d.shutdown() is None and "POWER_OFF" in d.robotmode(),
+        "power off, the ports stay",
+    )
     t.check(d, "quit", lambda: d.quit() is None)
     t.check(d, "disconnect", lambda: d.disconnect() is None and not d.isConnected())
     t.check(d, "connect", lambda: d.connect() is None and d.isConnected())
@@ -427,7 +503,9 @@ def programme(t: Trial) -> None:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--address", default="127.0.0.6")
     parser.add_argument("--polyscope", default="5.11")
     asked = parser.parse_args()

@@ -2,8 +2,8 @@
 
     python -m benchmarks.served_twice [--seconds 10]
 
-The client answers every packet and a programme presses with force mode on the part. Prints the hash of both logs and
-how much faster than real time it went; ends with 1 where the logs differ.
+The client answers every packet and a programme presses with force mode on the part. Prints the hash of both
+logs and how much faster than real time it went; ends with 1 where the logs differ.
 """
 
 from __future__ import annotations
@@ -48,7 +48,9 @@ def log_of(seconds: float, address: str) -> tuple[str, float]:
 
 def main() -> None:
     """Print the lines."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--address", default="127.0.0.10")
     asked = parser.parse_args()

@@ -1,8 +1,10 @@
-"""`python -m benchmarks.smoothing_check --count 10000`: every rule on random paths; what breaks which limit, how often.
+"""`python -m benchmarks.smoothing_check --count 10000`: every rule on random paths; what breaks which limit,
+how often.
 
-Nothing of the planners' bounds is used. The motion is sampled between all changes of jerk, ends of each span included;
-the joints' motion is computed at every sample and confirmed by the arm's table alone (`arm_jets`); deviations are
-searched for along the trajectory. A limit counts as broken above 1 + 1e-6 of it, a tolerance above 1 + 1e-9.
+Nothing of the planners' bounds is used. The motion is sampled between all changes of jerk, ends of each span
+included; the joints' motion is computed at every sample and confirmed by the arm's table alone (`arm_jets`);
+deviations are searched for along the trajectory. A limit counts as broken above 1 + 1e-6 of it, a tolerance
+above 1 + 1e-9.
 """
 
 from __future__ import annotations
@@ -80,7 +82,8 @@ def sample_times(motion: SmoothMotion) -> Array:
 
 
 def joint_shares(samples: Samples, path: RandomPath, limits: SmoothingLimits) -> Array:
-    """Largest shares of joint speed, acceleration and jerk, shape (3,); the joints' motion confirmed by the table."""
+    """Largest shares of joint speed, acceleration and jerk, shape (3,); the joints' motion confirmed by the
+    table."""
     motion = sampled_joints(samples, path.arm)
     jet = tool_jet(np.stack(motion), path.arm.T_flange_tool)
     for order in range(4):
@@ -88,7 +91,9 @@ def joint_shares(samples: Samples, path: RandomPath, limits: SmoothingLimits) ->
             found = jet[order][:, :3, column]
             if np.abs(found - wanted).max() > WRONG_TABLE * (1.0 + np.abs(wanted).max()):
                 raise AssertionError(f"order {order}: the joints do not do what the tool does")
-    shares = [(np.abs(rate) / limit).max() for rate, limit in zip(motion[1:], limits.values().joint, strict=True)]
+    shares = [
+        (np.abs(rate) / limit).max() for rate, limit in zip(motion[1:], limits.values().joint, strict=True)
+    ]
     return np.array(shares)
 
 
@@ -144,18 +149,27 @@ def print_table(rows: Iterable[Judged], rules: tuple[str, ...]) -> bool:
     by_rule = {rule: [row for row in rows if row.rule == rule] for rule in rules}
     print(f"{'paths that break it (largest share)':22s}" + "".join(f"{rule:>24s}" for rule in rules))
     shares = {
-        rule: np.array([row.shares for row in own if not row.refused]).reshape(-1, 11) for rule, own in by_rule.items()
+        rule: np.array([row.shares for row in own if not row.refused]).reshape(-1, 11)
+        for rule, own in by_rule.items()
     }
     for i, name in enumerate(FIGURES):
-        cells = [f"{int((s[:, i] > 1.0 + SLACK[i]).sum())} ({s[:, i].max(initial=0.0):.6f})" for s in shares.values()]
+        cells = [
+            f"{int((s[:, i] > 1.0 + SLACK[i]).sum())} ({s[:, i].max(initial=0.0):.6f})"
+            for s in shares.values()
+        ]
         print(f"{name:35s}" + "".join(f"{cell:>24s}" for cell in cells))
-    print(f"{'refused':35s}" + "".join(f"{sum(bool(row.refused) for row in own):>24d}" for own in by_rule.values()))
+    print(
+        f"{'refused':35s}"
+        + "".join(f"{sum(bool(row.refused) for row in own):>24d}" for own in by_rule.values())
+    )
     both = [group for group in zip(*by_rule.values(), strict=True) if not any(row.refused for row in group)]
     total = [sum(group[i].end for group in both) for i in range(len(rules))]
     print(f"{f'time of {len(both)} paths done by all [s]':35s}" + "".join(f"{t:>24.2f}" for t in total))
     if STOPS in rules:
         _print_by_stops(by_rule, rules)
-    speeds = [sum(row.segments for row in own) / max(sum(row.took for row in own), 1e-9) for own in by_rule.values()]
+    speeds = [
+        sum(row.segments for row in own) / max(sum(row.took for row in own), 1e-9) for own in by_rule.values()
+    ]
     print(f"{'segments per second of processor time':35s}" + "".join(f"{speed:>24.0f}" for speed in speeds))
     good = bool((shares["spline"] <= 1.0 + SLACK).all()) if "spline" in shares else True
     for row in sorted(by_rule.get("spline", []), key=lambda r: -np.nanmax(np.append(r.shares, 0.0)))[:3]:
@@ -183,7 +197,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rules", nargs="+", default=sorted(PLANS), choices=sorted(PLANS))
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--limits", type=Path, help="TOML file of limits; the package's defaults if not given")
+    parser.add_argument(
+        "--limits", type=Path, help="TOML file of limits; the package's defaults if not given"
+    )
     given = parser.parse_args()
     began = time.perf_counter()
     rules = tuple(given.rules)

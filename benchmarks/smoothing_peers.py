@@ -1,9 +1,10 @@
-"""`python -m benchmarks.smoothing_peers`: our profiles beside ruckig's and toppra's (pip install 'polish-sim[bench]').
+"""`python -m benchmarks.smoothing_peers`: our profiles beside ruckig's and toppra's (pip install
+'polish-sim[bench]').
 
-ruckig plans one state to another in time-optimal, jerk-limited steps: the profile of a stop must take the same time,
-and a straight line by `spline` hardly longer. toppra finds the least time along a given geometry within speed and
-acceleration, without jerk: along our rounded path it shows what is lost by jerk limits and by speeds chosen corner by
-corner.
+ruckig plans one state to another in time-optimal, jerk-limited steps: the profile of a stop must take the
+same time, and a straight line by `spline` hardly longer. toppra finds the least time along a given geometry
+within speed and acceleration, without jerk: along our rounded path it shows what is lost by jerk limits and
+by speeds chosen corner by corner.
 Both run here, on this machine, without their network services.
 """
 
@@ -27,7 +28,8 @@ from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 
 Array = NDArray[np.float64]
 DIRECTIONS = 60
-"""Half of the faces of the polyhedron that stands for the ball of the tip's speed and acceleration, from outside."""
+"""Half of the faces of the polyhedron that stands for the ball of the tip's speed and acceleration, from
+outside."""
 SAMPLE_S = 0.002
 
 
@@ -83,7 +85,8 @@ def directions(count: int) -> Array:
 def toppra_time(tips: Array, q: Array) -> float:
     """Least time along a path within the trial's speeds and accelerations of tip and joints [s].
 
-    The tip's way along many directions joins the six joints: a polyhedron around the balls of speed and acceleration.
+    The tip's way along many directions joins the six joints: a polyhedron around the balls of speed and
+    acceleration.
     """
     import toppra
     from toppra import algorithm, constraint
@@ -94,7 +97,9 @@ def toppra_time(tips: Array, q: Array) -> float:
     way = np.cumsum(np.concatenate([[0.0], steps]))[kept]
     rows = np.concatenate([tips @ directions(DIRECTIONS).T, q], axis=1)[kept]
     speeds = np.concatenate([np.full(DIRECTIONS, TRIAL_LIMITS.tip_speed), TRIAL_LIMITS.joint_speed])
-    most = np.concatenate([np.full(DIRECTIONS, TRIAL_LIMITS.tip_acceleration), TRIAL_LIMITS.joint_acceleration])
+    most = np.concatenate(
+        [np.full(DIRECTIONS, TRIAL_LIMITS.tip_acceleration), TRIAL_LIMITS.joint_acceleration]
+    )
     limits = [
         constraint.JointVelocityConstraint(np.column_stack([-speeds, speeds])),
         constraint.JointAccelerationConstraint(np.column_stack([-most, most])),

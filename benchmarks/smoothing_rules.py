@@ -1,7 +1,9 @@
-"""`python -m benchmarks.smoothing_rules`: the smoothing rules on the trial of paper 4, on random paths, on hard ones.
+"""`python -m benchmarks.smoothing_rules`: the smoothing rules on the trial of paper 4, on random paths, on
+hard ones.
 
-The paper reports 13.215 s for its rule against 13.169 s for the one it compares with, T2 sums of 2.355 s against
-2.370 s, and joint jerk inside its limit against above it. Its path, robot and joint limits are lost (see `trial`).
+The paper reports 13.215 s for its rule against 13.169 s for the one it compares with, T2 sums of 2.355 s
+against 2.370 s, and joint jerk inside its limit against above it. Its path, robot and joint limits are lost
+(see `trial`).
 """
 
 from __future__ import annotations
@@ -30,7 +32,10 @@ from polish_sim.spatial import rotation_to_axis, unit
 
 Array = NDArray[np.float64]
 ALL = {"exact stop": plan_exact_stop, **RULES}
-PAPER = {"joint-jerk": partial(block_triples, jerk_share=0.5, signed=True), "joint-acceleration": block_triples}
+PAPER = {
+    "joint-jerk": partial(block_triples, jerk_share=0.5, signed=True),
+    "joint-acceleration": block_triples,
+}
 BROKEN = 1.0 + 1e-6
 
 
@@ -60,7 +65,8 @@ def measure_shares(motion: SmoothMotion, raw: Chain, limits: SmoothingLimits, ar
 
 
 def random_path(rng: np.random.Generator) -> Chain:
-    """24 legs of 2-40 mm on the trial's dome, each turning by up to 120 deg and kept within 90 mm of its top."""
+    """24 legs of 2-40 mm on the trial's dome, each turning by up to 120 deg and kept within 90 mm of its
+    top."""
     points, heading = [np.zeros(2)], 0.0
     while len(points) < 25:
         heading += np.radians(rng.uniform(-120.0, 120.0))
@@ -77,9 +83,13 @@ def random_path(rng: np.random.Generator) -> Chain:
 def print_trial(jerks: tuple[float, ...]) -> None:
     """One line a rule and joint jerk limit."""
     chain, arm = build_chain(*trial_path()), trial_arm()
-    print(f"\n24 segments, {1e3 * chain.lengths.sum():.0f} mm, joint acceleration {TRIAL_LIMITS.joint_acceleration[0]}")
     print(
-        f"{'joint jerk limit, rule':28s}{'cycle s':>9s}{'T2 sum':>8s}   joint v, a, j / limit   tip j  contour vertex"
+        f"\n24 segments, {1e3 * chain.lengths.sum():.0f} mm, joint acceleration "
+        f"{TRIAL_LIMITS.joint_acceleration[0]}"
+    )
+    print(
+        f"{'joint jerk limit, rule':28s}{'cycle s':>9s}{'T2 sum':>8s}   joint v, a, j / limit   tip j  "
+        "contour vertex"
     )
     for jerk in jerks:
         limits = replace(TRIAL_LIMITS, joint_jerk=six(jerk))
@@ -99,7 +109,9 @@ def judge_random(count: int, limits: SmoothingLimits) -> Iterator[tuple[dict[str
     arm = trial_arm()
     for number in range(count):
         chain = random_path(np.random.default_rng([4, number]))
-        motions = {name: plan(chain, limits, TOLERANCE, AXIS_TOLERANCE, arm, None) for name, plan in ALL.items()}
+        motions = {
+            name: plan(chain, limits, TOLERANCE, AXIS_TOLERANCE, arm, None) for name, plan in ALL.items()
+        }
         shares = {name: measure_shares(motion, chain, limits, arm) for name, motion in motions.items()}
         yield shares, {name: motion.end for name, motion in motions.items()}
 
@@ -125,7 +137,9 @@ def print_random(count: int, title: str, limits: SmoothingLimits) -> None:
     for name in ALL:
         own = [shares[name] for shares, _ in rows]
         table = np.array([[*s.tip, *s.axis, *s.joints, s.vertex, s.axis_deviation] for s in own])
-        cells = [f"{np.count_nonzero(table[:, i] > BROKEN)} ({table[:, i].max():.3f})" for i in range(len(columns))]
+        cells = [
+            f"{np.count_nonzero(table[:, i] > BROKEN)} ({table[:, i].max():.3f})" for i in range(len(columns))
+        ]
         time = sum(times[name] for _, times in rows)
         print(f"{name:20s}{time:10.2f}" + "".join(f"{cell:>12s}" for cell in cells), flush=True)
     ratios = np.array([times["joint-jerk"] / times["joint-acceleration"] for _, times in rows])
@@ -133,7 +147,8 @@ def print_random(count: int, title: str, limits: SmoothingLimits) -> None:
     for name in RULES:
         slower = np.array([times[name] / times["exact stop"] for _, times in rows])
         print(
-            f"{name}: {np.count_nonzero(slower > 1.0)} paths slower than exact stops, {slower.mean():.4f} of their time"
+            f"{name}: {np.count_nonzero(slower > 1.0)} paths slower than exact stops, {slower.mean():.4f} of "
+            "their time"
         )
 
 
@@ -142,7 +157,8 @@ def hard_paths() -> Iterator[tuple[str, Chain]]:
     angle = np.linspace(0.0, np.pi / 2.0, 361)
     zigzag = np.arange(61)[:, None] * [1.0, 0.0, 0.0] + (np.arange(61) % 2)[:, None] * [0.0, 1.0, 0.0]
     tips = {
-        "quarter circle R 50 in 0.218 mm": 0.05 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]),
+        "quarter circle R 50 in 0.218 mm": 0.05
+        * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]),
         "60 x 0.05 mm zig-zag": 0.05e-3 * np.sqrt(0.5) * zigzag,
     }
     for name, points in tips.items():
@@ -151,7 +167,9 @@ def hard_paths() -> Iterator[tuple[str, Chain]]:
 
 def print_hard() -> None:
     """Cycle times and shares where segments are short."""
-    print(f"\n{'many short segments, tool alone':55s}{'cycle s':>9s}   tip v, a, j / limit     contour vertex")
+    print(
+        f"\n{'many short segments, tool alone':55s}{'cycle s':>9s}   tip v, a, j / limit     contour vertex"
+    )
     for title, chain in hard_paths():
         for name, plan in ALL.items():
             motion = plan(chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, None, None)
@@ -167,9 +185,13 @@ def main() -> None:
     given = parser.parse_args()
     print_trial((100.0, 80.0, 60.0, 40.0))
     print_hard()
-    print_random(given.count, "the trial's limits, joint jerk 60", replace(TRIAL_LIMITS, joint_jerk=six(60.0)))
+    print_random(
+        given.count, "the trial's limits, joint jerk 60", replace(TRIAL_LIMITS, joint_jerk=six(60.0))
+    )
     names = ("tip_speed", "tip_acceleration", "tip_jerk", "axis_speed", "axis_acceleration", "axis_jerk")
-    fast = replace(TRIAL_LIMITS, joint_jerk=six(60.0), **{name: 3.0 * getattr(TRIAL_LIMITS, name) for name in names})
+    fast = replace(
+        TRIAL_LIMITS, joint_jerk=six(60.0), **{name: 3.0 * getattr(TRIAL_LIMITS, name) for name in names}
+    )
     print_random(given.count // 3, "three times as fast, joint jerk 60", fast)
 
 

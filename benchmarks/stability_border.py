@@ -1,4 +1,5 @@
-"""`python -m benchmarks.stability_border FILE.png [CONTROLLER ...]`: where the force loop breaks, model and cell."""
+"""`python -m benchmarks.stability_border FILE.png [CONTROLLER ...]`: where the force loop breaks, model and
+cell."""
 
 from __future__ import annotations
 

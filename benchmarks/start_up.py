@@ -1,4 +1,5 @@
-"""What a start costs, in units of importing the scientific stack, and how many kernels a first start compiles."""
+"""What a start costs, in units of importing the scientific stack, and how many kernels a first start
+compiles."""
 
 from __future__ import annotations
 

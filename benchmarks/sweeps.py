@@ -1,6 +1,7 @@
 """Sweeps measured: rate beside independent processes, equal rows on every engine, kills, memory.
 
-``python -m benchmarks.sweeps rate|engines|kills|memory``; each takes its own folder under the system's temporary one.
+``python -m benchmarks.sweeps rate|engines|kills|memory``; each takes its own folder under the system's
+temporary one.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ def sweep(folder: Path, *words: str, check: bool = True) -> float:
     """Run a sweep into a folder; wall time [s]."""
     begun = time.perf_counter()
     command = [*PROGRAM, "sweep", *words, "--out", str(folder)]
-    subprocess.run(command, check=check, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=ENVIRONMENT)
+    subprocess.run(
+        command, check=check, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=ENVIRONMENT
+    )
     return time.perf_counter() - begun
 
 
@@ -50,7 +53,8 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
 
 
 def rate(folder: Path, runs: int) -> None:
-    """Seeds of ``run force`` as a sweep on two processes, beside two processes that know nothing of each other."""
+    """Seeds of ``run force`` as a sweep on two processes, beside two processes that know nothing of each
+    other."""
     sweep(folder / "warm", "force", "--seeds", "2")
     for turn in range(2):
         begun, half = time.perf_counter(), runs // 2
@@ -63,7 +67,8 @@ def rate(folder: Path, runs: int) -> None:
         rows = rows_of(folder / f"rate-{turn}")
         wall, loop = (np.array([row[name] for row in rows]) for name in ("wall_s", "loop_wall_s"))
         print(
-            f"{runs} runs: two processes {apart:.1f} s, sweep {together:.1f} s, ratio of rates {apart / together:.3f}"
+            f"{runs} runs: two processes {apart:.1f} s, sweep {together:.1f} s, ratio of rates "
+            f"{apart / together:.3f}"
         )
         print(f"a run: {1e3 * np.median(wall):.0f} ms, of which simulation {1e3 * np.median(loop):.0f} ms; "
               f"allowed {1e3 * (1.3 * np.median(loop) + 0.05):.0f} ms", flush=True)  # fmt: skip
@@ -74,11 +79,31 @@ def scheduler(port: int = 8797, workers: int = 2) -> Iterator[tuple[str, list[su
     """A Dask scheduler with workers of one thread; the first process is the scheduler."""
     address, quiet = f"tcp://127.0.0.1:{port}", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     dask = [sys.executable, "-m", "dask"]
-    begun = [subprocess.Popen([*dask, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"],
-                              env=ENVIRONMENT, **quiet)]  # type: ignore[call-overload]  # fmt: skip
-    begun += [subprocess.Popen([*dask, "worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny",
-                                "--local-directory", tempfile.gettempdir()], env=ENVIRONMENT, **quiet)  # type: ignore[call-overload]
-              for _ in range(workers)]  # fmt: skip
+    begun = [
+        subprocess.Popen(
+            [*dask, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"],
+            env=ENVIRONMENT,
+            **quiet,
+        )
+    ]  # type: ignore[call-overload]
+    begun += [
+        subprocess.Popen(
+            [
+                *dask,
+                "worker",
+                address,
+                "--nthreads",
+                "1",
+                "--no-dashboard",
+                "--no-nanny",
+                "--local-directory",
+                tempfile.gettempdir(),
+            ],
+            env=ENVIRONMENT,
+            **quiet,
+        )  # type: ignore[call-overload]
+        for _ in range(workers)
+    ]
     try:
         yield address, begun
     finally:
@@ -90,7 +115,9 @@ def scheduler(port: int = 8797, workers: int = 2) -> Iterator[tuple[str, list[su
 def comparable(folder: Path) -> dict[str, str]:
     """Rows by hash, without what differs between equal runs; an error where one is there twice."""
     rows = rows_of(folder)
-    known = {row["config_hash"]: json.dumps({k: v for k, v in row.items() if k not in UNLIKE}) for row in rows}
+    known = {
+        row["config_hash"]: json.dumps({k: v for k, v in row.items() if k not in UNLIKE}) for row in rows
+    }
     if len(known) != len(rows):
         raise SystemExit(f"{len(rows) - len(known)} rows are there twice")
     return known
@@ -106,12 +133,14 @@ def engines(folder: Path, runs: int) -> None:
     local = comparable(folder / "local")
     for name in ("dask", "tcp"):
         print(
-            f"{name}: {len(local)} rows, byte for byte those of local: {comparable(folder / name) == local}", flush=True
+            f"{name}: {len(local)} rows, byte for byte those of local: {comparable(folder / name) == local}",
+            flush=True,
         )
 
 
 def kills(folder: Path, count: int) -> None:
-    """Kill a worker, the scheduler or the command at a random moment of a sweep, and let it go on, ``count`` times."""
+    """Kill a worker, the scheduler or the command at a random moment of a sweep, and let it go on, ``count``
+    times."""
     draw = random.Random(0)
     words = ("arc", "--vary", "sensor.force_noise_n=0:1:lin100", "--seeds", str(max(1, count // 3)), *SHORT)
     sweep(folder / "whole", *words)
@@ -135,7 +164,9 @@ def kills(folder: Path, count: int) -> None:
             if victim == "scheduler":
                 target = processes[0].pid
             elif victim == "worker":
-                target = processes[1].pid if "--on" in on else draw.choice(children(command.pid) or [command.pid])
+                target = (
+                    processes[1].pid if "--on" in on else draw.choice(children(command.pid) or [command.pid])
+                )
             os.kill(target, signal.SIGKILL)
             time.sleep(draw.uniform(0.0, 1.0))
             if victim == "worker" and command.poll() is None:
@@ -184,7 +215,8 @@ def memory(folder: Path, runs: int) -> None:
             status = Path(f"/proc/{command.pid}/status").read_text()
             now, most = (int(status.split(f"{name}:")[1].split()[0]) / 1e3 for name in ("VmRSS", "VmHWM"))
             print(
-                f"{done} rows in {time.perf_counter() - begun:.0f} s: {now:.0f} MB, at most {most:.0f} MB", flush=True
+                f"{done} rows in {time.perf_counter() - begun:.0f} s: {now:.0f} MB, at most {most:.0f} MB",
+                flush=True,
             )
         time.sleep(0.2)
     import pyarrow.parquet as parquet
@@ -197,7 +229,12 @@ def memory(folder: Path, runs: int) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure one of them."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.sweeps", description=__doc__)
-    measured = {"rate": (rate, 200), "engines": (engines, 24), "kills": (kills, 30), "memory": (memory, 10_000)}
+    measured = {
+        "rate": (rate, 200),
+        "engines": (engines, 24),
+        "kills": (kills, 30),
+        "memory": (memory, 10_000),
+    }
     parser.add_argument("what", choices=measured)
     parser.add_argument("--count", type=int, help="runs, or kills; default 200, 24, 30, 10000")
     given = parser.parse_args(arguments)

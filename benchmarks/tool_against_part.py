@@ -1,7 +1,8 @@
 """`python -m benchmarks.tool_against_part`: no body of the tool shares volume with the part along 50 plans.
 
-Independent of the planner: the model's own meshes of shaft, spindle, sensor and wrist, and the pad above what it is
-compressed by, are intersected with the part's mesh by manifold3d at places all along each path, pressed and in the air.
+Independent of the planner: the model's own meshes of shaft, spindle, sensor and wrist, and the pad above what
+it is compressed by, are intersected with the part's mesh by manifold3d at places all along each path, pressed
+and in the air.
 """
 
 from __future__ import annotations
@@ -66,7 +67,9 @@ def trials(folder: Path, seed: int) -> Iterator[Trial]:
         solid = trimesh.Trimesh(vertices, part.solid.faces, process=False)
         solid.export(folder / "random.stl")
         mesh = replace(load_part(folder / "random.stl", "mm", "z"), up=part.up)
-        yield Trial(f"{seed + number}: {part.name}", solid, mesh, part.plan, replace(part.pad, choice="given"))
+        yield Trial(
+            f"{seed + number}: {part.name}", solid, mesh, part.plan, replace(part.pad, choice="given")
+        )
 
 
 def compression(result: PlanResult) -> Array:
@@ -105,7 +108,9 @@ def main() -> None:
             shared = volumes_in_part(result.path, trial.solid, trial.pad.radius_m, compression(result), apart)
             done, bad = done + 1, bad + (max(shared.values()) > SHARED_MM3)
             worst = max(shared, key=lambda name: shared[name])
-            print(f"{label} {shared[worst]:8.3f} mm^3 {worst if shared[worst] > SHARED_MM3 else ''}", flush=True)
+            print(
+                f"{label} {shared[worst]:8.3f} mm^3 {worst if shared[worst] > SHARED_MM3 else ''}", flush=True
+            )
     print(f"{done} plans, {bad} with more than {SHARED_MM3:g} mm^3 of a body of the tool in the part")
     sys.exit(1 if bad else 0)
 

@@ -2,8 +2,9 @@
 
     python -m benchmarks.touch_downs [--seeds 100] [--first 500] [--feed 20] [--part NAME]...
 
-A run lands on the part as its seed draws it, displaced and bent, and feeds for three seconds; plan and place are made
-once. A line for each part and controller: the largest exact force and its seed, contact lost, guards that tripped.
+A run lands on the part as its seed draws it, displaced and bent, and feeds for three seconds; plan and place
+are made once. A line for each part and controller: the largest exact force and its seed, contact lost, guards
+that tripped.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ FEED_S = 3.0
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=500)
     parser.add_argument("--feed", type=float, default=20.0)
@@ -52,8 +55,8 @@ def main() -> None:
                 stops += [f"seed {seed}: {run.stop_reason}"] if run.stop_reason else []
             rate = asked.seeds / (time.perf_counter() - begun)
             print(
-                f"{part:16s} {controller:16s} {asked.seeds:5d} runs, {rate:4.1f}/s: largest {largest[0]:5.2f} N "
-                f"(seed {largest[1]}), contact lost {lost:.3f} s, {len(stops)} stops",
+                f"{part:16s} {controller:16s} {asked.seeds:5d} runs, {rate:4.1f}/s: largest "
+                f"{largest[0]:5.2f} N (seed {largest[1]}), contact lost {lost:.3f} s, {len(stops)} stops",
                 flush=True,
             )
             print(*(f"    {stop}" for stop in stops[:3]), sep="\n", end="\n" if stops else "")

@@ -1,6 +1,7 @@
 """What a time law does at a raster's U-turns: target's acceleration and jerk, force and tracking, by rule.
 
-Run with ``python -m benchmarks.u_turns [--feed MM_S]``: `run surface` on a flat plate, strokes 25 mm apart, for 10 s.
+Run with ``python -m benchmarks.u_turns [--feed MM_S]``: `run surface` on a flat plate, strokes 25 mm apart,
+for 10 s.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ def measure(rule: str, feed: float) -> str:
     force, off = run.figures["force_max_deviation_n"], run.figures["tracking_error_max_m"]
     way = float(run.trace.path_s_m.max())
     return (
-        f"{rule:10}{speed * 1e3:7.1f} mm/s{acceleration:8.2f} m/s^2{jerk:9.1f} m/s^3{force:8.2f} N{off * 1e3:8.2f} mm"
-        f"{way * 1e3:8.0f} mm"
+        f"{rule:10}{speed * 1e3:7.1f} mm/s{acceleration:8.2f} m/s^2{jerk:9.1f} m/s^3{force:8.2f} "
+        f"N{off * 1e3:8.2f} mm{way * 1e3:8.0f} mm"
     )
 
 
@@ -52,7 +53,8 @@ def main() -> None:
     parser.add_argument("--feed", type=float, default=100.0, metavar="MM_S")
     feed = parser.parse_args().feed
     print(
-        f"{'rule':10}{'speed':>12}{'acceleration':>14}{'jerk':>15}{'force off':>10}{'tracking':>11}{'way in 10 s':>11}"
+        f"{'rule':10}{'speed':>12}{'acceleration':>14}{'jerk':>15}{'force off':>10}{'tracking':>11}"
+        f"{'way in 10 s':>11}"
     )
     for rule in RULES:
         print(measure(rule, feed), flush=True)

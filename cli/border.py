@@ -1,4 +1,5 @@
-"""`polish-sim score --border`: springs and latencies up to which controllers stay stable; imported only inside it."""
+"""`polish-sim score --border`: springs and latencies up to which controllers stay stable; imported only
+inside it."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ from polish_sim.scoring.force_bench import Border
 
 
 def search_border(entries: Sequence[Entry], folder: Path) -> int:
-    """Search the border of stability in the cell and in the linear model, draw and show it, into a locked folder."""
+    """Search the border of stability in the cell and in the linear model, draw and show it, into a locked
+    folder."""
     with console.progress() as observer:
         found = measure_border(default_scenario("force"), [entry.name for entry in entries], observer)
         border = _labelled(found, entries)

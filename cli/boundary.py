@@ -27,8 +27,8 @@ NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)
 def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     """Run one command line, the words behind `polish-sim`.
 
-    Returns the exit code: 0 done, 1 a figure falls short, 2 bad input or usage, 3 protective stop, 130 interrupted, 70
-    an error of ours.
+    Returns the exit code: 0 done, 1 a figure falls short, 2 bad input or usage, 3 protective stop, 130
+    interrupted, 70 an error of ours.
     """
     prepare_headless()
     _keep_memory()
@@ -65,7 +65,8 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
 
 @contextmanager
 def _interrupts_kept(swallowed: list[object]) -> Iterator[None]:
-    """Collect interrupts that arrive where C calls Python, as while kernels are compiled: Python drops them there.
+    """Collect interrupts that arrive where C calls Python, as while kernels are compiled: Python drops them
+    there.
 
     Mostly what was called continues as if nothing had happened: a moment later each is raised again.
     """
@@ -92,8 +93,8 @@ def _interrupts_kept(swallowed: list[object]) -> Iterator[None]:
 def _is_interrupt(error: BaseException | None) -> bool:
     """Whether Ctrl-C is what an error comes from.
 
-    A C++ module interrupted while it is loaded raises an `ImportError` with its cause, a call of a C function one
-    of ctypes that only names it.
+    A C++ module interrupted while it is loaded raises an `ImportError` with its cause, a call of a C function
+    one of ctypes that only names it.
     """
     if isinstance(error, ctypes.ArgumentError) and KeyboardInterrupt.__name__ in str(error):
         return True
@@ -105,8 +106,8 @@ def _is_interrupt(error: BaseException | None) -> bool:
 
 
 def _keep_memory() -> None:
-    """Let the C library keep freed memory for the next array: handing it back and forth takes a fine part a third of
-    its time. Only glibc can be asked to.
+    """Let the C library keep freed memory for the next array: handing it back and forth takes a fine part a
+    third of its time. Only glibc can be asked to.
     """
     mmap_threshold, trim_threshold = -3, -1  # M_MMAP_THRESHOLD and M_TRIM_THRESHOLD of malloc.h
     with suppress(OSError, AttributeError):

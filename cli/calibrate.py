@@ -1,4 +1,5 @@
-"""`polish-sim calibrate ...`: one command each; here the payload of the wrist sensor and the budget of two robots."""
+"""`polish-sim calibrate ...`: one command each; here the payload of the wrist sensor and the budget of two
+robots."""
 
 from __future__ import annotations
 
@@ -39,10 +40,15 @@ if TYPE_CHECKING:
     from polish_sim.experiments import PayloadCalibration
 
 OWN_OPTIONS: Final = (
-    Own("--data", SENSOR, "FILE.csv", "Poses and readings of a real robot instead of a simulated one; columns: "
-        "docs/calibration.md.", Path),
+    Own(
+        "--data",
+        SENSOR,
+        "FILE.csv",
+        "Poses and readings of a real robot instead of a simulated one; columns: docs/calibration.md.",
+        Path,
+    ),
     Own("--drift", SENSOR, "", "Also estimate a linear drift of the bias.", bool),
-)  # fmt: skip
+)
 LEAST_DRAWS: Final = 30
 SETTINGS: Final = {
     "--tracker-noise": "tracker_noise_m", "--touch-noise": "touch_noise_m", "--marks": "marks",
@@ -65,7 +71,8 @@ def _every_calibration() -> None:
     defaults=PAYLOAD_SCENARIO,
 )
 def payload(given: Given) -> int:
-    """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many poses."""
+    """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many
+    poses."""
     refuse_beside_data(given, "--noise", "--poses", *SEED_OPTIONS, "--config", "--set")
     drift, scenario = bool(given["--drift"]), build_scenario(PAYLOAD_SCENARIO, given)
 
@@ -90,14 +97,17 @@ def payload(given: Given) -> int:
     noise_option("--tracker-noise", "the tracker", "0.03"),
     noise_option("--touch-noise", "a touch", "0.05"),
     Own("--marks", PANEL, "N", "Marks on the part, touched to find it, 3 to 100; default 3.", int, 3, 100),
-    Own("--closing", PANEL, "N", "Touches of the marks with the tool, to which all is adjusted; default 12, 0 = none.",
+    Own("--closing", PANEL, "N", "Touches of the marks with the tool, to which all is adjusted; default 12, "
+                                 "0 = none.",
         int, 0, 1000),
     *("--seed", "--check", *OUTPUT_OPTIONS),
 )  # fmt: skip
 def budget(given: Given) -> int:
     """Calibrate bases, tool and part again and again: where the error of the tool on the part comes from."""
     if given["--tracker-noise"] == 0.0 and given["--touch-noise"] == 0.0:
-        raise InputError("--tracker-noise 0 with --touch-noise 0 leaves no error to share out: give one of them.")
+        raise InputError(
+            "--tracker-noise 0 with --touch-noise 0 leaves no error to share out: give one of them."
+        )
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.budget import PairBudgetTrial
 
@@ -113,7 +123,9 @@ calibrate.command("payload", cls=PanelledCommand, short_help="Tool mass, its cen
 calibrate.command("tcp", cls=PanelledCommand, short_help="Tool tip and axes on the flange.")(tcp)
 calibrate.command("base", cls=PanelledCommand, short_help="Where a second robot's base stands.")(base)
 calibrate.command("arm", cls=PanelledCommand, short_help="Tables of two arms off the nominal one.")(arm)
-calibrate.command("budget", cls=PanelledCommand, short_help="Where the error of two robots comes from.")(budget)
+calibrate.command("budget", cls=PanelledCommand, short_help="Where the error of two robots comes from.")(
+    budget
+)
 
 
 def _write(found: PayloadCalibration, folder: Path) -> None:
@@ -145,7 +157,8 @@ def _facts(found: PayloadCalibration) -> list[str]:
 
 
 def _show_estimate(found: PayloadCalibration) -> tuple[str, ...]:
-    """Print what was found, each number with its standard deviation; notes name the readings that were left out."""
+    """Print what was found, each number with its standard deviation; notes name the readings that were left
+    out."""
     estimate = found.estimate
     rows = [["mass", "kg", f"{estimate.mass:.5f}", f"{estimate.mass_std:.2g}"]]
     groups: list[tuple[str, str, float, Any, Any]] = [
@@ -203,11 +216,16 @@ def budget_once(trial: PairBudgetTrial, draft: Path) -> Outcome:
     _show_shares(shares)
     columns = {"analysis": predicted, "drawn": figures}
     return Outcome(
-        CALIBRATIONS["budget"], f"tool on the part, {len(drawn)} calibrations", columns, interrupted=interrupted
+        CALIBRATIONS["budget"],
+        f"tool on the part, {len(drawn)} calibrations",
+        columns,
+        interrupted=interrupted,
     )
 
 
-def _write_budget(draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any]) -> None:
+def _write_budget(
+    draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any]
+) -> None:
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
 
     sources = {name: share._asdict() for name, share in shares.items()}
@@ -221,7 +239,16 @@ def _show_shares(shares: Mapping[str, Share]) -> None:
     """Print the errors by source, predicted and drawn."""
     from polish_sim.dual.calibration.pair import INSTRUMENTS
 
-    headings = ["source", "by", "rms, analysis", "rms, drawn", "±", "95%, analysis", "95%, drawn", "along tool axis"]
+    headings = [
+        "source",
+        "by",
+        "rms, analysis",
+        "rms, drawn",
+        "±",
+        "95%, analysis",
+        "95%, drawn",
+        "along tool axis",
+    ]
     rows = [
         [
             name,

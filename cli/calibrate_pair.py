@@ -1,4 +1,5 @@
-"""`polish-sim calibrate tcp`, `base` and `arm`: where the tool is, where the second robot stands, the arms' tables."""
+"""`polish-sim calibrate tcp`, `base` and `arm`: where the tool is, where the second robot stands, the arms'
+tables."""
 
 from __future__ import annotations
 
@@ -30,16 +31,25 @@ PANEL: Final = "Instrument and measurements"
 LARGEST_NOISE: Final = 10.0  #: [mm]
 TRIAL_OPTIONS: Final = (*SEED_OPTIONS, "--check", *OUTPUT_OPTIONS)
 DATA: Final = Own(
-    "--data", PANEL, "FILE.csv", "Measurements of real robots instead of simulated ones: docs/calibration.md.", Path
+    "--data",
+    PANEL,
+    "FILE.csv",
+    "Measurements of real robots instead of simulated ones: docs/calibration.md.",
+    Path,
 )
 PAIR: Final = Own(
-    "--pair", PANEL, "NAME", "Name of the two robots; a run refuses the calibration of another pair; default simulated."
+    "--pair",
+    PANEL,
+    "NAME",
+    "Name of the two robots; a run refuses the calibration of another pair; default simulated.",
 )
 
 ARM: Final = Own(
-    "--arm", PANEL, "NAME", "ideal (default): the instruments' errors alone; ur5e: those of the arms as well, "
-    "docs/how_real.md."
-)  # fmt: skip
+    "--arm",
+    PANEL,
+    "NAME",
+    "ideal (default): the instruments' errors alone; ur5e: those of the arms as well, docs/how_real.md.",
+)
 
 
 def noise_option(name: str, of: str, default: str) -> Own:
@@ -66,11 +76,25 @@ class Means(NamedTuple):
     DATA,
     noise_option("--noise", "a touch", "0.05"),
     Own("--poses", PANEL, "N", "Touches, 4 or more; default 10.", int, 4, 100_000),
-    Own("--cone", PANEL, "DEG", "Tilt of the tool in the touches, 3 to 90 (deg); default 45.", float, 3.0, 90.0, DEG),
-    Own("--cell-tool", PANEL, "", "Simulate the cell's own tool, which `run dual --calibration` takes, not one "
-        "planted by the seed.", bool),
+    Own(
+        "--cone",
+        PANEL,
+        "DEG",
+        "Tilt of the tool in the touches, 3 to 90 (deg); default 45.",
+        float,
+        3.0,
+        90.0,
+        DEG,
+    ),
+    Own(
+        "--cell-tool",
+        PANEL,
+        "",
+        "Simulate the cell's own tool, which `run dual --calibration` takes, not one planted by the seed.",
+        bool,
+    ),
     *(ARM, *TRIAL_OPTIONS),
-)  # fmt: skip
+)
 def tcp(given: Given) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
     refuse_beside_data(given, "--noise", "--poses", "--cone", "--cell-tool", "--arm", *SEED_OPTIONS)
@@ -86,7 +110,9 @@ def tcp(given: Given) -> int:
 
     def run(seed: int) -> TcpCalibration:
         gears = _gears(given, seed)
-        return run_tcp_calibration(replace(trial, seed=seed, read=gears and gears[0].reading("follower", gears[1])))
+        return run_tcp_calibration(
+            replace(trial, seed=seed, read=gears and gears[0].reading("follower", gears[1]))
+        )
 
     def read(file: Path) -> TcpCalibration:
         return calibrate_tcp_from(read_tool_measurements(file))
@@ -102,7 +128,8 @@ def tcp(given: Given) -> int:
     *(ARM, PAIR, *TRIAL_OPTIONS),
 )  # fmt: skip
 def base(given: Given) -> int:
-    """Find where the second robot's base stands in the first one's, from axes turned before a laser tracker."""
+    """Find where the second robot's base stands in the first one's, from axes turned before a laser
+    tracker."""
     refuse_beside_data(given, "--noise", "--points", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import BaseTrial, calibrate_base_from, run_base_calibration
@@ -125,12 +152,28 @@ def base(given: Given) -> int:
     DATA,
     noise_option("--noise", "a measured point", "0.03"),
     Own("--poses", PANEL, "N", "Poses of each arm, 20 or more; default 60.", int, 20, 10_000),
-    Own("--length-error", PANEL, "MM", "Error of the simulated arms' d and a, standard deviation (mm); default 0.5.",
-        float, 0.0, 2.0, MM),
-    Own("--angle-error", PANEL, "DEG", "Error of their joint offsets and alpha (deg); default 0.02.", float, 0.0, 0.2,
-        DEG),
+    Own(
+        "--length-error",
+        PANEL,
+        "MM",
+        "Error of the simulated arms' d and a, standard deviation (mm); default 0.5.",
+        float,
+        0.0,
+        2.0,
+        MM,
+    ),
+    Own(
+        "--angle-error",
+        PANEL,
+        "DEG",
+        "Error of their joint offsets and alpha (deg); default 0.02.",
+        float,
+        0.0,
+        0.2,
+        DEG,
+    ),
     *(ARM, PAIR, *TRIAL_OPTIONS),
-)  # fmt: skip
+)
 def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
     refuse_beside_data(given, "--noise", "--poses", "--length-error", "--angle-error", "--arm", *SEED_OPTIONS)
@@ -147,7 +190,9 @@ def arm(given: Given) -> int:
         if gears is None:
             return run_arm_calibration(replace(trial, seed=seed))
         arms, rng = gears
-        return run_arm_calibration(replace(trial, seed=seed, rest=partial(arms.rest, rng=rng), weigh=arms.weigh))
+        return run_arm_calibration(
+            replace(trial, seed=seed, rest=partial(arms.rest, rng=rng), weigh=arms.weigh)
+        )
 
     def read(file: Path) -> ArmsFound:
         return calibrate_arm_from(read_tracked(file))
@@ -166,7 +211,8 @@ def _elastic(given: Given) -> bool:
 
 
 def _gears(given: Given, seed: int) -> tuple[PairArms, np.random.Generator] | None:
-    """Both arms of a seed with their gears, if they are asked for, and what draws how far those have slipped."""
+    """Both arms of a seed with their gears, if they are asked for, and what draws how far those have
+    slipped."""
     if not _elastic(given):
         return None
     import numpy as np
@@ -194,7 +240,8 @@ def _pair(given: Given) -> str:
 
 
 def carry_out(given: Given, means: Means, trial: object) -> int:
-    """Calibrate from a file, once, or with many seeds of a ``trial``, write the folder and show the outcome."""
+    """Calibrate from a file, once, or with many seeds of a ``trial``, write the folder and show the
+    outcome."""
     data, first = given["--data"], given["--seed"] or 0
     refuse_without(given, "--seeds", "--workers", "--on")
     if given["--seeds"] is not None:
@@ -270,13 +317,14 @@ def _base_notes(done: BasesFound) -> tuple[str, ...]:
     notes = [f"note: {name} does not fit the others and was left out." for name in done.figures["outliers"]]
     for robot, circles in done.found.circles.items():
         notes += [
-            f"note: the arc of axis {axis} of the {robot} is {np.degrees(circle.arc):.0f} deg; 120 deg or more is good."
+            f"note: the arc of axis {axis} of the {robot} is {np.degrees(circle.arc):.0f} deg; 120 deg or "
+            "more is good."
             for axis, circle in enumerate(circles, 1)
             if circle.arc < GOOD_ARC
         ]
     notes += [
-        f"note: axes 1 and 2 of the {robot} miss each other by {1e3 * axes.gap:.3f} mm, more than noise explains: that "
-        "they meet on this arm was not used. Is the arm as its table says?"
+        f"note: axes 1 and 2 of the {robot} miss each other by {1e3 * axes.gap:.3f} mm, more than noise "
+        "explains: that they meet on this arm was not used. Is the arm as its table says?"
         for robot, axes in done.found.frames.items()
         if not axes.meets
     ]

@@ -1,4 +1,5 @@
-"""`polish-sim list` and `polish-sim config`: what ships with the package, and the default config of an experiment."""
+"""`polish-sim list` and `polish-sim config`: what ships with the package, and the default config of an
+experiment."""
 
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ LIMITS: Final = "limits"  #: Not an experiment, but a file of defaults as well
 
 Kind = Annotated[
     str | None,
-    typer.Argument(metavar="KIND", help=f"{', '.join(KINDS)}: one a line, with what it is.", show_default=False),
+    typer.Argument(
+        metavar="KIND", help=f"{', '.join(KINDS)}: one a line, with what it is.", show_default=False
+    ),
 ]
 Name = Annotated[
     str,
@@ -88,5 +91,7 @@ def _known() -> Mapping[str, Mapping[str, str]]:
 
 def _first_lines(functions: Mapping[str, object]) -> dict[str, str]:
     """The first line of each function's docstring, as a phrase."""
-    lines = {name: (function.__doc__ or "").strip().partition("\n")[0] for name, function in functions.items()}
+    lines = {
+        name: (function.__doc__ or "").strip().partition("\n")[0] for name, function in functions.items()
+    }
     return {name: line[:1].lower() + line[1:].rstrip(".") for name, line in lines.items()}

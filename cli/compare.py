@@ -30,19 +30,44 @@ LogFile = Annotated[
 
 
 @takes(
-    Own("--map", PANEL, "FILE.toml", "Names of columns and units where they are others'; docs/how_to_log.md.", Path),
+    Own(
+        "--map",
+        PANEL,
+        "FILE.toml",
+        "Names of columns and units where they are others'; docs/how_to_log.md.",
+        Path,
+    ),
     Own("--run", PANEL, "NAME", "Which of several runs in an npz."),
     Own("--from", PANEL, "S", "First second of the log to use (s).", float, 0.0, unit=SECOND),
-    Own("--to", PANEL, "S", "Last second (s); default: the end, 1000 s at 500 Hz at most.", float, 0.0, unit=SECOND),
+    Own(
+        "--to",
+        PANEL,
+        "S",
+        "Last second (s); default: the end, 1000 s at 500 Hz at most.",
+        float,
+        0.0,
+        unit=SECOND,
+    ),
     Own("--arm", PANEL, "NAME", "The robot's make, robot.arm; default: the cell's."),
-    Own("--payload", PANEL, "KG", "What it carried on its flange, not told to its controller (kg).", float, 0.0, 50.0),
+    Own(
+        "--payload",
+        PANEL,
+        "KG",
+        "What it carried on its flange, not told to its controller (kg).",
+        float,
+        0.0,
+        50.0,
+    ),
     Own("--payload-center", PANEL, "X,Y,Z", "Its centre of mass from the flange (mm)."),
     Own("--beside", PANEL, "RUN", "A saved run: its force beside the log's, both from first contact.", Path),
-    Own("--asked", PANEL, "N", "With --beside: the force asked for; default: the run's (N).", float, 0.0, 1e4),
+    Own(
+        "--asked", PANEL, "N", "With --beside: the force asked for; default: the run's (N).", float, 0.0, 1e4
+    ),
     *("--set", *OUTPUT_OPTIONS),
 )
 def compare(real: LogFile, given: Given) -> int:
-    """Replay a robot's log in the cell, measured beside simulated: joints, torques, friction, ripple; or forces."""
+    """Replay a robot's log in the cell, measured beside simulated: joints, torques, friction, ripple; or
+    forces."""
     from polish_sim.exchange.robot_log import ColumnMap, read_column_map, read_robot_recording
 
     columns = read_column_map(given["--map"]) if given["--map"] else ColumnMap()
@@ -54,7 +79,9 @@ def compare(real: LogFile, given: Given) -> int:
     window = given["--from"] or 0.0, until
     log = read_robot_recording(real, () if beside else ("q_rad",), columns, given["--run"] or "", window)
     if not log.whole and given["--to"] is None:
-        console.note(f"the log is long: its first {log.time[-1]:.0f} s from there are used; --from and --to choose.")
+        console.note(
+            f"the log is long: its first {log.time[-1]:.0f} s from there are used; --from and --to choose."
+        )
     with claimed(given["--out"], "compare", given["--overwrite"]) as folder:
         if beside is not None:
             _forces(real, log, beside, given, folder.draft)
@@ -72,7 +99,9 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
 
     settings = list(given["--set"] or [])
     if other := [text for text in settings if not text.startswith(ROBOT)]:
-        raise InputError(f"--set {other[0]} would change nothing in 'compare': it takes robot.KEY and robot.real.KEY.")
+        raise InputError(
+            f"--set {other[0]} would change nothing in 'compare': it takes robot.KEY and robot.real.KEY."
+        )
     scenario = override(SCENARIO, [*([f"robot.arm={given['--arm']}"] if given["--arm"] else []), *settings])
     payload = Payload(given["--payload"] or 0.0, _center(given["--payload-center"]))
     with console.progress() as observer:
@@ -112,7 +141,10 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     asked = given["--asked"] or record.scenario.process.contact_force_n
     measured = from_contact(log.time, force[:, 0], asked)
     simulated = from_contact(numbers(record.log, "time_s"), numbers(record.log, "normal_force_n"), asked)
-    found, title = compare_steps(measured, simulated), f"{real.name} {given['--run'] or ''} beside {record.name}"
+    found, title = (
+        compare_steps(measured, simulated),
+        f"{real.name} {given['--run'] or ''} beside {record.name}",
+    )
     write_figures(draft, found)
     plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
     (draft / PAGE).write_text(page_html(step_page(found, title)), encoding="utf-8")

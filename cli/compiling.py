@@ -1,8 +1,10 @@
-"""Progress of compiling kernels, and a second process that compiles the simulation's kernels while a path is planned.
+"""Progress of compiling kernels, and a second process that compiles the simulation's kernels while a path is
+planned.
 
-A first start compiles about a hundred kernels. Where there are two processors, another process runs a short simulation
-as soon as the command begins: what it compiles is in the cache when the command comes to simulate. Neither compiles
-what the other is compiling (kernel_cache.py), and what a killed process leaves undone the other one does.
+A first start compiles about a hundred kernels. Where there are two processors, another process runs a short
+simulation as soon as the command begins: what it compiles is in the cache when the command comes to simulate.
+Neither compiles what the other is compiling (kernel_cache.py), and what a killed process leaves undone the
+other one does.
 """
 
 from __future__ import annotations
@@ -60,13 +62,16 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
 
     @contextmanager
     def ahead(self, scenario: Scenario) -> Iterator[None]:
-        """Compile the kernels of a scenario in another process while the block runs, if there is need and room."""
+        """Compile the kernels of a scenario in another process while the block runs, if there is need and
+        room."""
         if scenario.experiment not in REHEARSED or is_warm() or processors() < 2:
             yield
             return
         command = [sys.executable, "-m", __name__, scenario.controller.name]
         pipe = subprocess.PIPE
-        with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True) as process:
+        with subprocess.Popen(
+            command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True
+        ) as process:
             reader = threading.Thread(target=self._listen, args=(process.stdout,), daemon=True)
             reader.start()
             try:
@@ -117,7 +122,8 @@ def _rehearse(controller: str) -> None:
 
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with compiling_shown(lambda count: print(count, flush=True)):
-        chosen = {"controller": {"name": controller}} if controller in CONTROLLERS else {}  # a user's own stays here
+        # a user's own stays here
+        chosen = {"controller": {"name": controller}} if controller in CONTROLLERS else {}
         run_experiment(merge(default_scenario("arc"), chosen, ""), None, Begun())
 
 

@@ -34,7 +34,11 @@ def say_names(label: str, names: Sequence[str]) -> None:
     """Print names beside their label on stdout; on a terminal they wrap there, else they are one line."""
     width = shutil.get_terminal_size().columns if sys.stdout and sys.stdout.isatty() else sys.maxsize
     head, margin = f"{label:<{LABEL_WIDTH}}", " " * LABEL_WIDTH
-    say(textwrap.fill(", ".join(names), width, initial_indent=head, subsequent_indent=margin, break_on_hyphens=False))
+    say(
+        textwrap.fill(
+            ", ".join(names), width, initial_indent=head, subsequent_indent=margin, break_on_hyphens=False
+        )
+    )
 
 
 def say_folder(folder: Path) -> None:
@@ -61,8 +65,11 @@ def close_broken_pipe() -> int:
     return 1
 
 
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, caption: str = "") -> None:
-    """Print a table on stdout, with a line below it if wanted; the first ``left`` columns are left-aligned."""
+def table(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, caption: str = ""
+) -> None:
+    """Print a table on stdout, with a line below it if wanted; the first ``left`` columns are
+    left-aligned."""
     from rich import box
     from rich.table import Table
 
@@ -83,7 +90,8 @@ def number_or_dash(value: float, scale: float, form: str) -> str:
 
 @contextmanager
 def progress(sinks: Sequence[FrameSink] = ()) -> Iterator[ProgressObserver]:
-    """Show the stages of a run and a bar on stderr while the block runs; plain lines when it is not a terminal.
+    """Show the stages of a run and a bar on stderr while the block runs; plain lines when it is not a
+    terminal.
 
     Yields the observer to hand to the run; ``sinks`` get its frames.
     """
@@ -97,4 +105,6 @@ def progress(sinks: Sequence[FrameSink] = ()) -> Iterator[ProgressObserver]:
 def _console() -> Console:
     from rich.console import Console
 
-    return Console(markup=False, highlight=False, emoji=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
+    return Console(
+        markup=False, highlight=False, emoji=False, width=None if sys.stdout.isatty() else PLAIN_WIDTH
+    )

@@ -1,4 +1,5 @@
-"""The film of a run: the cell, the pad on the part from near, and the force, rendered from its log (record -> MP4)."""
+"""The film of a run: the cell, the pad on the part from near, and the force, rendered from its log (record ->
+MP4)."""
 
 from __future__ import annotations
 
@@ -83,7 +84,8 @@ class GrowingPlot:
 
 @styled
 def plot_curve(record: RunRecord, model: Any) -> Figure:
-    """Draw what a run is about over its time: its force and the band it is held in, or else the first of its curves."""
+    """Draw what a run is about over its time: its force and the band it is held in, or else the first of its
+    curves."""
     time, band = clock(record.log), FORCE_BANDS_N.get(record.scenario.experiment)
     kept = shown_rows(time, numbers(record.log, "q_rad"))
     plot = run_plots(record, run_motion(record, model, kept), kept)[0]
@@ -140,7 +142,11 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
     length = float(time[-1] - time[0])
     speed = next((speed for speed in SPEEDS if length <= LONGEST_S * speed), SPEEDS[-1])
     moments = time[0] + np.arange(0.0, length + speed / FRAMES_PER_S, speed / FRAMES_PER_S)
-    data, curve, stop = mujoco.MjData(model), GrowingPlot(plot_curve(record, model)), stop_mark(record.metrics)
+    data, curve, stop = (
+        mujoco.MjData(model),
+        GrowingPlot(plot_curve(record, model)),
+        stop_mark(record.metrics),
+    )
     cell, pad = Picture(model, CELL), Picture(model, PAD, near=True)
     for number, moment in enumerate(moments, 1):
         row = min(int(np.searchsorted(time, moment)), len(time) - 1)
@@ -148,7 +154,11 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
         mujoco.mj_forward(model, data)
         right = np.vstack([pad.render(data, pads[row]), curve.at(time[row])])
         stopped = stop.text if stop and time[row] >= stop.time else ""
-        yield number, len(moments), _titled(np.hstack([cell.render(data, pads[row]), right]), time[row], speed, stopped)
+        yield (
+            number,
+            len(moments),
+            _titled(np.hstack([cell.render(data, pads[row]), right]), time[row], speed, stopped),
+        )
     cell.close()
     pad.close()
 

@@ -10,14 +10,16 @@ REST = "Options"
 
 
 class PanelledCommand(TyperCommand):
-    """A command whose help lists its options under the panels they were declared with, and calls arguments by name."""
+    """A command whose help lists its options under the panels they were declared with, and calls arguments by
+    name."""
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Write what stands behind the command: options, then each argument."""
         return ["[OPTIONS]", *(_shown(p) for p in self.get_params(ctx) if p.param_type_name == "argument")]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, then each panel in the order of its first option; options without one come last."""
+        """Write the arguments, then each panel in the order of its first option; options without one come
+        last."""
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": []}
         rest: list[tuple[str, str]] = []
         for parameter in self.get_params(ctx):

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 PANEL: Final = "Identification"
 FULL_PERIODS: Final = 5
 ARM_KEYS: Final = ("robot.arm=", "robot.real.")  #: What --set may change
-LITTLE_EXPLAINED: Final = 0.5  #: A joint is noted if the model explains less than this share of its torque's variance
+#: A joint is noted if the model explains less than this share of its torque's variance
+LITTLE_EXPLAINED: Final = 0.5
 SETTINGS: Final = ("periods", "starts", "seed", "payload")
 """Options of a simulated identification, by the names of its settings."""
 
@@ -39,17 +40,19 @@ SETTINGS: Final = ("periods", "starts", "seed", "payload")
     Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float),
     Own("--model", PANEL, "FILE.xml", "MJCF of the robot of --data; without it the cell's arm.", Path),
     Own("--joints", PANEL, "NAMES", "Joints of --model that make the chain, with commas; default: all."),
-    Own("--task", PANEL, "PLAN", "What the model is for: a plan or path, a run's folder, or joint positions over time "
-        "(csv, npz).", Path),
-    Own("--payload", PANEL, "KG", "Then carry a block of this mass and find its mass, centre and inertia (kg).",
+    Own("--task", PANEL, "PLAN", "What the model is for: a plan or path, a run's folder, or joint positions "
+                                 "over time (csv, npz).", Path),
+    Own("--payload", PANEL, "KG", "Then carry a block of this mass and find its mass, centre and inertia "
+                                  "(kg).",
         float),
-    Own("--payload-data", PANEL, "FILE.csv", "Log of the robot carrying a payload; without --data the robot's model "
-        "is taken as it is.", Path),
+    Own("--payload-data", PANEL, "FILE.csv", "Log of the robot carrying a payload; without --data the "
+                                             "robot's model is taken as it is.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify.", bool),
     *("--seed", "--set", "--check", *OUTPUT_OPTIONS),
 )  # fmt: skip
 def identify(given: Given) -> int:
-    """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a model."""
+    """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a
+    model."""
     data, loaded, period = given["--data"], given["--payload-data"], given["--period"]
     _refuse_idle(given)
     # Lazy: the simulator takes a second to load, --help must not wait for it.
@@ -71,20 +74,25 @@ def identify(given: Given) -> int:
 
 
 def _simulated_robot(settings: list[str]) -> RobotConfig:
-    """The cell's robot with what ``--set`` changes of its arm; InputError for keys that would change nothing."""
+    """The cell's robot with what ``--set`` changes of its arm; InputError for keys that would change
+    nothing."""
     from polish_sim.identification.settings import IdentifySettings
     from polish_sim.scenario_file import override
 
     idle = [text for text in settings if not text.startswith(ARM_KEYS)]
     if idle:
-        raise InputError(f"--set {idle[0]} would change nothing in 'identify': it takes robot.arm and robot.real.KEY.")
+        raise InputError(
+            f"--set {idle[0]} would change nothing in 'identify': it takes robot.arm and robot.real.KEY."
+        )
     return override(IdentifySettings().scenario, settings).robot
 
 
 def _refuse_idle(given: Given) -> None:
     """Refuse options that would change nothing, and an invalid period."""
     asked = [f"--{name}" for name in (*SETTINGS, "task", "set") if given[f"--{name}"] is not None]
-    data, loaded, period, model = (given[name] for name in ("--data", "--payload-data", "--period", "--model"))
+    data, loaded, period, model = (
+        given[name] for name in ("--data", "--payload-data", "--period", "--model")
+    )
     files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")
     beside = asked + [name for name in files if given[name] is not None]
     if given["--report"] and beside:
@@ -108,7 +116,9 @@ def _robot(given: Given) -> LoggedRobot:
     if given["--model"] is None:
         return cell_arm()
     joints = given["--joints"]
-    return robot_of_file(given["--model"], None if joints is None else [name.strip() for name in joints.split(",")])
+    return robot_of_file(
+        given["--model"], None if joints is None else [name.strip() for name in joints.split(",")]
+    )
 
 
 def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None) -> Outcome:
@@ -136,11 +146,14 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
     claims = IDENTIFY["task" if for_task else kind]
     if settings.robot.arm == IDEAL:
         return claims
-    # Its torques are predicted from what both encoders read: their steps and the gears' ripple are in every error.
+    # Its torques are predicted from what both encoders read: their steps and the gears' ripple are in every
+    # error.
     return tuple(c._replace(high=ELASTIC) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
 
 
-def from_log(robot: LoggedRobot, file: Path, loaded: Path | None, period: float | None, draft: Path) -> Outcome:
+def from_log(
+    robot: LoggedRobot, file: Path, loaded: Path | None, period: float | None, draft: Path
+) -> Outcome:
     """Identify a robot, and what it carries in a second log, from its own logs, and write its folder.
 
     ``period``: after which the motion of both repeats [s]; None if it does not.
@@ -212,7 +225,9 @@ def read_run(file: Path, robot: LoggedRobot, period: float | None) -> tuple[Robo
     from polish_sim.identification.log_file import periodic_states, read_robot_log, spline_states
 
     chain = robot.model.chain
-    log = read_robot_log(file, chain.geometry.kind.tolist(), period, () if robot.file is None else chain.joints)
+    log = read_robot_log(
+        file, chain.geometry.kind.tolist(), period, () if robot.file is None else chain.joints
+    )
     return log, spline_states(log) if period is None else periodic_states(log, period)
 
 
@@ -233,7 +248,9 @@ def weigh_alone(robot: LoggedRobot, file: Path, period: float | None, draft: Pat
     write_json(draft / METRICS, {**weighed.figures, "versions": package_versions()})
     show_payload(weighed)
     note = "the arm is taken as in its model: intervals count noise only. --data adds a run without payload."
-    return Outcome(IDENTIFY["payload-data"], f"payload from {file.name}", {"payload": weighed.figures}, notes=(note,))
+    return Outcome(
+        IDENTIFY["payload-data"], f"payload from {file.name}", {"payload": weighed.figures}, notes=(note,)
+    )
 
 
 def show_payload(weighed: Weighed) -> None:

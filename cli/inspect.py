@@ -35,8 +35,8 @@ PathFile = Annotated[
 def inspect(path: PathFile, given: Given) -> None:
     """Measure a tool path on a part: metrics.json, coverage.ply and two pictures.
 
-    A plan of ours is measured with its own settings, on its own part unless --part names it; else the step-over is the
-    path's. The part is not placed: times keep the tool's limits, not the arm's.
+    A plan of ours is measured with its own settings, on its own part unless --part names it; else the
+    step-over is the path's. The part is not placed: times keep the tool's limits, not the arm's.
     """
     refuse_taken(given["--out"], given["--overwrite"])
     # Lazy: --help must not wait for the numerical libraries.
@@ -49,7 +49,9 @@ def inspect(path: PathFile, given: Given) -> None:
     from polish_sim.planning import guessed_stepover, inspect_path
 
     tool_path = read_path(path)
-    facts = plan_facts(path if path.name != "path.csv" or not (path.parent / "path.json").exists() else path.parent)
+    facts = plan_facts(
+        path if path.name != "path.csv" or not (path.parent / "path.json").exists() else path.parent
+    )
     if not facts and given["--part"] is None:
         raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
     base = Scenario()
@@ -89,7 +91,11 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["length / (area / step-over)", "", f"{m['length_ratio']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
         ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], 1.0, ".1f")],
-        ["cycle time: with air, touch-down and lifts", "s", console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")],
+        [
+            "cycle time: with air, touch-down and lifts",
+            "s",
+            console.number_or_dash(m["cycle_time_s"], 1.0, ".1f"),
+        ],
         ["lifts on the way", "", str(m["lifts"])],
         ["step-over, min / p5 / mean / p95 / max", "mm", spread],
         ["overlap of neighbouring turns", "% of pad", console.number_or_dash(m["overlap"], percent, ".1f")],

@@ -21,12 +21,17 @@ if TYPE_CHECKING:
 
 INIT: Final = "init"
 COPY: Final = "job.toml"  #: Of the job's file, in its folder
-What = Annotated[str, typer.Argument(metavar="JOB.toml|init", help="A job's file, or init PART.", show_default=False)]
-PartFile = Annotated[str | None, typer.Argument(metavar="PART", help="For init: the part.", show_default=False)]
+What = Annotated[
+    str, typer.Argument(metavar="JOB.toml|init", help="A job's file, or init PART.", show_default=False)
+]
+PartFile = Annotated[
+    str | None, typer.Argument(metavar="PART", help="For init: the part.", show_default=False)
+]
 
 
 @takes(
-    Own("--resume", OUTPUT, "", "Go on with the job in --out where it was stopped or killed.", bool), *OUTPUT_OPTIONS
+    Own("--resume", OUTPUT, "", "Go on with the job in --out where it was stopped or killed.", bool),
+    *OUTPUT_OPTIONS,
 )
 def job(what: What, given: Given, part: PartFile = None) -> int:
     """Plan, simulate and write a job; `job init PART` writes a file to begin with."""
@@ -55,7 +60,9 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     figures = job_figures(asked, folder, rows)
     for number, text in programs(asked, folder):
         (folder / f"setup_{number}.script").write_text(text, encoding="utf-8")
-    (folder / "report.html").write_text(job_page(f"Job {file.stem}: {asked.head.part}", figures), encoding="utf-8")
+    (folder / "report.html").write_text(
+        job_page(f"Job {file.stem}: {asked.head.part}", figures), encoding="utf-8"
+    )
     write_json(folder / "job.json", figures)
     _show(rows)
     console.say(

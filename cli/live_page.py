@@ -69,10 +69,13 @@ class Worked:
             point_size=size, point_shape="circle", precision="float32",
         )  # fmt: skip
         add.add_line_segments(f"{node}/path", self._lines(path), (0, 158, 115), thickness=PATH_M)
-        self._line = add.add_line_segments(f"{node}/trace", self._lines(path[:1]), (20, 24, 30), thickness=TRACE_M)
+        self._line = add.add_line_segments(
+            f"{node}/trace", self._lines(path[:1]), (20, 24, 30), thickness=TRACE_M
+        )
 
     def _lines(self, points: Array) -> Array:
-        """Points (n, 3) as lines from one to the next just above the part, shape (m, 2, 3), but not over a gap."""
+        """Points (n, 3) as lines from one to the next just above the part, shape (m, 2, 3), but not over a
+        gap."""
         over = points + self._above * self._normals[self._tree.query(points)[1]]
         lines = np.stack([over[:-1], over[1:]], axis=1)
         length = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
@@ -80,7 +83,8 @@ class Worked:
         return lines if len(lines) else np.array([[over[0], over[0] + 1e-6]])
 
     def add(self, pads: Array, impulses: Array) -> None:
-        """Let the pad have been at ``pads`` (m, 3), frame of the part [m], pressing with ``impulses`` (m,) [N s]."""
+        """Let the pad have been at ``pads`` (m, 3), frame of the part [m], pressing with ``impulses`` (m,) [N
+        s]."""
         pressing = impulses > 0.0
         if pressing.any():
             for place in pads[pressing]:
@@ -156,7 +160,9 @@ class Page:
         for number, solid in enumerate(solids):
             node = f"/body{solid.body}" if solid.body >= 0 else ""
             color = tuple(round(255 * share) for share in solid.color)
-            add.add_mesh_simple(f"{node}/solid{number}", solid.vertices, solid.faces, color=color, flat_shading=True)
+            add.add_mesh_simple(
+                f"{node}/solid{number}", solid.vertices, solid.faces, color=color, flat_shading=True
+            )
         node = f"/body{part}" if part >= 0 else ""
         if len(path) and any(solid.kind == "part" for solid in solids):
             self.worked = Worked(self.server, node, solids, path, radius)
@@ -169,7 +175,9 @@ class Page:
 
     def on_part(self, moment: Moment) -> Array:
         """Where the pad is on the part, in its frame [m], shape (1, 3)."""
-        return moment.pad[None] if self.part < 0 else apply(inverse(moment.poses[self.part]), moment.pad[None])
+        return (
+            moment.pad[None] if self.part < 0 else apply(inverse(moment.poses[self.part]), moment.pad[None])
+        )
 
     def show(self, moment: Moment, rows: Array) -> None:
         """Send a moment if it is time to, and now and then its numbers and the plot.
@@ -200,15 +208,27 @@ class Page:
             self.worked.draw()
 
     def _enter(self, moment: Moment) -> None:
-        """Lay the floor and turn every camera to the whole cell, now that it is known where its bodies are."""
+        """Lay the floor and turn every camera to the whole cell, now that it is known where its bodies
+        are."""
         low = math.inf
         for solid in self._solids:
             points = solid.vertices if solid.body < 0 else apply(moment.poses[solid.body], solid.vertices)
             low = min(low, float(points[:, 2].min()))
-        self.server.scene.add_grid("/floor", 3.0, 3.0, cell_size=0.1, section_size=0.5, cell_color=(225, 229, 234),
-                                   section_color=(205, 211, 218), position=(0.0, 0.0, low))  # fmt: skip
+        self.server.scene.add_grid(
+            "/floor",
+            3.0,
+            3.0,
+            cell_size=0.1,
+            section_size=0.5,
+            cell_color=(225, 229, 234),
+            section_color=(205, 211, 218),
+            position=(0.0, 0.0, low),
+        )
         least, most = moment.poses[:, :3, 3].min(axis=0), moment.poses[:, :3, 3].max(axis=0)
-        at, far = self._looks[CELL] = 0.5 * (least + most), 1.2 * max(1.0, float(np.linalg.norm(most - least)))
+        at, far = self._looks[CELL] = (
+            0.5 * (least + most),
+            1.2 * max(1.0, float(np.linalg.norm(most - least))),
+        )
         start = self.server.initial_camera
         start.look_at, start.position = at, at + far * FROM
         for client in self.server.get_clients().values():
@@ -238,7 +258,8 @@ def numbers_text(title: str, moment: Moment, paused: bool) -> str:
         return said
     known = math.isfinite(moment.asked)
     wide = 50.0 * min(max(moment.force, 0.0) / (moment.asked if known else 20.0), 2.0)
-    mark = f"<div style='position:absolute;left:50%;top:-2px;bottom:-2px;width:2px;background:{ASKED_COLOR}'></div>"
+    place = "position:absolute;left:50%;top:-2px;bottom:-2px;width:2px"
+    mark = f"<div style='{place};background:{ASKED_COLOR}'></div>"
     bar = f"<div style='width:{wide:.1f}%;height:100%;background:{FORCE_COLOR};border-radius:4px'></div>"
     return (
         f"{said}<br>tool {1e3 * moment.speed:.1f} mm/s<br>"

@@ -26,7 +26,16 @@ if TYPE_CHECKING:
     from polish_sim.config import Scenario
 
 SETTLED_S: Final = 0.25  #: A slider counts when it has rested this long [s]
-STAGES: Final = ("zero the sensor", "travel", "approach", "seek contact", "touch down", "process", "retract", "done")
+STAGES: Final = (
+    "zero the sensor",
+    "travel",
+    "approach",
+    "seek contact",
+    "touch down",
+    "process",
+    "retract",
+    "done",
+)
 
 
 class LiveView(FrameSink):
@@ -39,7 +48,8 @@ class LiveView(FrameSink):
         self._asked, self._title, self._steered = asked, title, steered
         self._cell: Any = None
         self._stopping = False
-        self._wanted: dict[str, tuple[float, float]] = {}  # set points under a hand: value and when it was moved
+        # set points under a hand: value and when it was moved
+        self._wanted: dict[str, tuple[float, float]] = {}
         self._faults: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._rows: list[tuple[float, float, float]] = []  # time, force and set force
         self._next = 0.0  # when the next moment is due
@@ -53,7 +63,8 @@ class LiveView(FrameSink):
         self.page.close(f"{end}. 'polish-sim view' with its folder shows it again.")
 
     def stage(self, text: str) -> None:
-        """Say what is going on; in the handler of Ctrl-C, which may have come anywhere, the page is left alone."""
+        """Say what is going on; in the handler of Ctrl-C, which may have come anywhere, the page is left
+        alone."""
         self._stopping = text == STOPPING
         if not self._stopping:
             self.page.say(text)
@@ -120,7 +131,10 @@ class LiveView(FrameSink):
     def _build(self, model: Any, data: Any) -> None:
         part, path, cell, radius = part_body(model), np.empty((0, 3)), self._cell, 0.0
         if cell is not None and cell.on_part:
-            path, radius = np.concatenate([on_surface(each) for each in cell.strokes]), cell.scenario.pad.radius_m
+            path, radius = (
+                np.concatenate([on_surface(each) for each in cell.strokes]),
+                cell.scenario.pad.radius_m,
+            )
             if part >= 0:
                 path = apply(inverse(poses_of(data)[part]), path)
         self.page.build(model.nbody - 1, scene_solids(model), part, path, radius)

@@ -55,7 +55,9 @@ def _every_command(
     version: Annotated[
         bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
     ] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")
+    ] = False,
 ) -> None:
     """Take the options that stand before the command; the boundary reads --debug itself."""
 
@@ -70,19 +72,33 @@ def _every_run() -> None:
 
 commands.command("demo", cls=PanelledCommand, short_help="The whole main job on a shipped part.")(demo)
 commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
-commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(inspect)
+commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(
+    inspect
+)
 commands.command("job", cls=PanelledCommand, short_help="Setups, regions and passes from one file.")(job)
 commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
 commands.add_typer(runs, name="run", short_help="Simulate arc, force, surface, smooth, teach or dual.")
-commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(score)
-commands.command("serve", cls=PanelledCommand, short_help="A simulated UR controller for your own programme.")(serve)
-commands.command("sweep", cls=PanelledCommand, short_help="Many runs over settings and seeds, in one table.")(sweep)
+commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(
+    score
+)
+commands.command(
+    "serve", cls=PanelledCommand, short_help="A simulated UR controller for your own programme."
+)(serve)
+commands.command("sweep", cls=PanelledCommand, short_help="Many runs over settings and seeds, in one table.")(
+    sweep
+)
 commands.command("tune", cls=PanelledCommand, short_help="Search a controller's parameters.")(tune)
-commands.add_typer(calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget.")
-commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(identify)
+commands.add_typer(
+    calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget."
+)
+commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(
+    identify
+)
 commands.command("compare", cls=PanelledCommand, short_help="A robot's log beside the simulation.")(compare)
 commands.command("report", cls=PanelledCommand, short_help="Plots and tables again from saved runs.")(report)
-commands.command("view", cls=PanelledCommand, short_help="A saved run in the browser, in 3D and over time.")(view)
+commands.command("view", cls=PanelledCommand, short_help="A saved run in the browser, in 3D and over time.")(
+    view
+)
 commands.command("config", cls=PanelledCommand, short_help="The full default config as TOML.")(config)
 commands.command("list", cls=PanelledCommand, short_help="What ships with the package.")(list_names)
 

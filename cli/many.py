@@ -1,4 +1,5 @@
-"""Many runs as one mechanism: tasks -> rows on disk -> what is made of them; the same command with --out resumes."""
+"""Many runs as one mechanism: tasks -> rows on disk -> what is made of them; the same command with --out
+resumes."""
 
 from __future__ import annotations
 
@@ -36,14 +37,16 @@ QUIET_S: Final = 10.0  #: Between two lines of progress where no bar can be show
 def asked_folder(
     out: Path | None, kind: str, what: str, asked: Mapping[str, Any], overwrite: bool = False
 ) -> Iterator[Path]:
-    """The folder of rows of what is ``asked``, by name: only the same is continued there, unless ``overwrite``."""
+    """The folder of rows of what is ``asked``, by name: only the same is continued there, unless
+    ``overwrite``."""
 
     def refuse(folder: Path) -> None:
         begun = _begun(folder)
         if overwrite or begun is None or begun == asked:
             return
         raise InputError(
-            f"'{folder}' holds another {asked['of']}: {_difference(begun, asked)}. Choose another folder with --out"
+            f"'{folder}' holds another {asked['of']}: {_difference(begun, asked)}. Choose another folder "
+            "with --out"
             + (", or add --overwrite to replace it; rows that both have are kept." if what != "tune" else ".")
         )
 
@@ -80,7 +83,8 @@ def _listed(value: Any) -> str:
 def at_work(
     given: Given, stage: str, files: Sequence[Path] = (), usual: str = "local"
 ) -> Iterator[tuple[Workers, Heard]]:
-    """Workers of ``--on`` (``usual`` where it is not given) and ``--workers``, and what shows how far they are.
+    """Workers of ``--on`` (``usual`` where it is not given) and ``--workers``, and what shows how far they
+    are.
 
     ``files``: the user's, which are shipped to other machines.
     """
@@ -108,7 +112,9 @@ def at_work(
                 observer.progress(done, total)
             elif done == total or (done > first and now - told >= QUIET_S):
                 told, left = now, (now - begun) / max(1, done - first) * (total - done)
-                console.note(f"{done} of {total} runs" + (f", about {duration(left)} left" if done < total else ""))
+                console.note(
+                    f"{done} of {total} runs" + (f", about {duration(left)} left" if done < total else "")
+                )
 
         yield workers, heard
 
@@ -130,13 +136,16 @@ class Many(NamedTuple):
     kind: str  #: Of the folder, e.g. ``run-force``
     what: str  #: For titles
     depends: str  #: All that a row depends on, but the seed
-    prepare: Callable[[Path], Callable[[int], Figures]]  #: From the folder, what makes a seed's figures, in any process
+    #: From the folder, what makes a seed's figures, in any process
+    prepare: Callable[[Path], Callable[[int], Figures]]
     claims: Sequence[Claim]
     mean: str = "mean"  #: Or ``rms``
     usual: str = "local"  #: Where the work is done if nothing is said
 
 
-def run_seeds(many: Many, given: Given, finish: Callable[[Path, dict[int, Figures], Outcome], Outcome]) -> int:
+def run_seeds(
+    many: Many, given: Given, finish: Callable[[Path, dict[int, Figures], Outcome], Outcome]
+) -> int:
     """Do the work for each of ``--seeds``, write their figures, mean and worst; what is checked is the worst.
 
     ``finish`` draws, and adds to the outcome; an interrupt keeps the seeds that are done.
@@ -154,7 +163,10 @@ def run_seeds(many: Many, given: Given, finish: Callable[[Path, dict[int, Figure
         try:
             # What is done already needs no plan.
             work = many.prepare(folder) if set(keys.values()) - set(kept.known) else dict
-            with at_work(given, f"{count_text(len(seeds), 'seed')} of {many.what}", (), many.usual) as (workers, heard):
+            with at_work(given, f"{count_text(len(seeds), 'seed')} of {many.what}", (), many.usual) as (
+                workers,
+                heard,
+            ):
                 fill_rows(runs, keys, kept, work, lambda _: 0, workers, heard)
         except KeyboardInterrupt:
             interrupted = True
@@ -165,7 +177,12 @@ def run_seeds(many: Many, given: Given, finish: Callable[[Path, dict[int, Figure
             shutil.rmtree(left, ignore_errors=True)
         runs = {seed: runs[seed] for seed in seeds if seed in runs}
         middle, worst = aggregate(many.claims, list(runs.values()), many.mean)
-        facts = {"experiment": many.kind.removeprefix("run-"), "seeds": list(runs), many.mean: middle, "worst": worst}
+        facts = {
+            "experiment": many.kind.removeprefix("run-"),
+            "seeds": list(runs),
+            many.mean: middle,
+            "worst": worst,
+        }
         write_json(folder / METRICS, {**facts, "runs": runs, "versions": package_versions()})
         columns = {many.mean: middle, "worst seed": worst}
         title = f"{many.what}, {count_text(len(runs), 'seed')}"
@@ -173,13 +190,17 @@ def run_seeds(many: Many, given: Given, finish: Callable[[Path, dict[int, Figure
     return outcome.finish(folder, check=bool(given["--check"]))
 
 
-def aggregate(claims: Sequence[Claim], runs: Sequence[Figures], mean: str = "mean") -> tuple[Figures, Figures]:
+def aggregate(
+    claims: Sequence[Claim], runs: Sequence[Figures], mean: str = "mean"
+) -> tuple[Figures, Figures]:
     """Mean (or rms) and worst value of each figure over the runs; what no run has is left out."""
     power, middle, worst = 2.0 if mean == "rms" else 1.0, {}, {}
     for claim in claims:
         values = [run.get(claim.figure) for run in runs]
         known = [float(value) for value in values if value is not None]
-        middle[claim.figure] = (sum(v**power for v in known) / len(known)) ** (1.0 / power) if known else float("nan")
+        middle[claim.figure] = (
+            (sum(v**power for v in known) / len(known)) ** (1.0 / power) if known else float("nan")
+        )
         worst[claim.figure] = claim.worst_of(values)
     return middle, worst
 
@@ -251,7 +272,9 @@ def _finish_runs(scenario: Scenario, folder: Path, runs: Mapping[int, Figures], 
         outcome,
         stops=said(lambda figures: [figures["protective_stop"]] if figures["protective_stop"] else []),
         undrawn=undrawn,
-        notes=said(lambda m: [f"the fault {e} did not happen, the run was over before." for e in m["faults_missed"]]),
+        notes=said(
+            lambda m: [f"the fault {e} did not happen, the run was over before." for e in m["faults_missed"]]
+        ),
         bad=said(lambda figures: figures.get("bad_figures", ())),
         conditions=other_conditions(scenario),
     )

@@ -1,7 +1,7 @@
 """The options of the commands: those of the config's keys, generated, and those without a key.
 
-A user writes mm, deg, N and mm/s; what a command is given is in SI. Each option is declared once: in the config, where
-it sets a key, else here or beside its command.
+A user writes mm, deg, N and mm/s; what a command is given is in SI. Each option is declared once: in the
+config, where it sets a key, else here or beside its command.
 """
 
 from __future__ import annotations
@@ -65,39 +65,98 @@ class Own(NamedTuple):
 OWN: Final = {
     own.name: own
     for own in (
-        Own("--overlap", PATH, "PERCENT", "Set the step-over by the overlap of neighbouring turns, in percent of the "
-            "pad's diameter.", float),
-        Own("--even-removal", PATH, "", "Feed and force such that as much comes off everywhere: --removal even.", bool),
-        Own("--calibration", RUN, "FILE", "calibration.toml of 'calibrate payload': the tool whose weight is "
-            "compensated; in dual also of 'calibrate arm', 'base' and 'tcp', one of each; default: calibrated before "
-            "the run.", list),
+        Own(
+            "--overlap",
+            PATH,
+            "PERCENT",
+            "Set the step-over by the overlap of neighbouring turns, in percent of the pad's diameter.",
+            float,
+        ),
+        Own(
+            "--even-removal",
+            PATH,
+            "",
+            "Feed and force such that as much comes off everywhere: --removal even.",
+            bool,
+        ),
+        Own(
+            "--calibration",
+            RUN,
+            "FILE",
+            "calibration.toml of 'calibrate payload': the tool whose weight is compensated; in dual also of "
+            "'calibrate arm', 'base' and 'tcp', one of each; default: calibrated before the run.",
+            list,
+        ),
         Own("--seeds", RUN, "N", "Run this many seeds, counting up from --seed.", int, low=1, high=1e6),
         Own("--workers", RUN, "N", "Processes to share the runs out to; default: all.", int, 1, 1e4),
-        Own("--on", RUN, "ENGINE", "Where: local (default), dask (a cluster on this machine, with a dashboard), "
-            "tcp://HOST:PORT or tls://HOST:PORT (a Dask scheduler)."),
+        Own(
+            "--on",
+            RUN,
+            "ENGINE",
+            "Where: local (default), dask (a cluster on this machine, with a dashboard), "
+            "tcp://HOST:PORT or tls://HOST:PORT (a Dask scheduler).",
+        ),
         Own("--dry-run", RUN, "", "Plan and check the reach, do not simulate.", bool),
-        Own("--allow-contact", RUN, "", "Run a path on which the tool runs into the part; default: it is refused.",
-            bool),
+        Own(
+            "--allow-contact",
+            RUN,
+            "",
+            "Run a path on which the tool runs into the part; default: it is refused.",
+            bool,
+        ),
         Own("--check", RUN, "", "Exit with 1 when a figure falls short of what is asked of it.", bool),
         Own("--view", RUN, "", "Watch the run in the MuJoCo viewer.", bool),
-        Own("--live", RUN, "", "Watch the run in a browser, and change force, feed and faults there (needs viser).",
-            bool),
-        Own("--live-port", RUN, "N", "Port of the page; default: the first free one from 8080 on.", int, low=1,
-            high=65535),
-        Own("--live-host", RUN, "ADDRESS", "Serve the page at this address of the computer; default: 127.0.0.1, for "
-            "nobody else. It has no password: whoever reaches the address can watch and change the run."),
+        Own(
+            "--live",
+            RUN,
+            "",
+            "Watch the run in a browser, and change force, feed and faults there (needs viser).",
+            bool,
+        ),
+        Own(
+            "--live-port",
+            RUN,
+            "N",
+            "Port of the page; default: the first free one from 8080 on.",
+            int,
+            low=1,
+            high=65535,
+        ),
+        Own(
+            "--live-host",
+            RUN,
+            "ADDRESS",
+            "Serve the page at this address of the computer; default: 127.0.0.1, for "
+            "nobody else. It has no password: whoever reaches the address can watch and change the run.",
+        ),
         Own("--reach-map", OUTPUT, "", "Draw where the part may stand for the arm to do the path.", bool),
-        Own("--dual", PAIR, "", "For two robots: once around the rim; reach, limits and collisions of both arms are "
-            "checked.", bool),
+        Own(
+            "--dual",
+            PAIR,
+            "",
+            "For two robots: once around the rim; reach, limits and collisions of both arms are checked.",
+            bool,
+        ),
         Own("--config", CONFIG, "FILE.toml", "TOML file; see 'polish-sim config'.", Path),
         Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config; may be repeated.", list),
         Own("--video", OUTPUT, "", "Write a film of the run, cell, pad and force (video.mp4).", bool),
-        Own("--export", OUTPUT, "NAME", "Also write the plan as apt, urscript, ros, ply, glb, html, or all of them; "
-            "may be repeated.", list),
-        Own("--out", OUTPUT, "DIR", "Output folder; default results/<command>[-<experiment>]/<date-time>.", Path),
+        Own(
+            "--export",
+            OUTPUT,
+            "NAME",
+            "Also write the plan as apt, urscript, ros, ply, glb, html, or all of them; may be repeated.",
+            list,
+        ),
+        Own(
+            "--out",
+            OUTPUT,
+            "DIR",
+            "Output folder; default results/<command>[-<experiment>]/<date-time>.",
+            Path,
+        ),
         Own("--overwrite", OUTPUT, "", "Replace files in an existing output folder.", bool),
     )
-}  # fmt: skip
+}
 CONFIG_OPTIONS: Final = ("--config", "--set")
 OUTPUT_OPTIONS: Final = ("--out", "--overwrite")
 
@@ -157,10 +216,14 @@ def _keys(table: Any, section: str) -> Iterator[Key]:
             yield Key(section, f.name, value, f.metadata, f.metadata["option"])
 
 
-def takes(*options: str | Own, defaults: Scenario | None = None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Let a command take options: its argument ``given`` becomes one parameter an option, as Typer reads them.
+def takes(
+    *options: str | Own, defaults: Scenario | None = None
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Let a command take options: its argument ``given`` becomes one parameter an option, as Typer reads
+    them.
 
-    They are named as in the config or ``OWN``, or the command's own; the help names the values of ``defaults``.
+    They are named as in the config or ``OWN``, or the command's own; the help names the values of
+    ``defaults``.
     """
     keys = config_keys(defaults or Scenario())
     chosen = [option if isinstance(option, Own) else OWN.get(option) or keys[option] for option in options]
@@ -176,7 +239,9 @@ def takes(*options: str | Own, defaults: Scenario | None = None) -> Callable[[Ca
         def flattened(**values: Any) -> Any:
             given = {name: values.pop(parameter) for parameter, name in names.items()}
             # An empty list and a switch that is off are not given; 0 is.
-            return command(given={k: None if v is False or v == [] else v for k, v in given.items()}, **values)
+            return command(
+                given={k: None if v is False or v == [] else v for k, v in given.items()}, **values
+            )
 
         flattened.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in flat])  # type: ignore[attr-defined]
         flattened.__annotations__ = {p.name: p.annotation for p in flat}
@@ -207,8 +272,14 @@ def _declared(option: Own | Key) -> inspect.Parameter:
         many, metavar, text = option.option.repeat, option.option.metavar, _help(option)
     kind: Any = bool if switch else list[str] | None if many else str | None
     parser = None if switch else option.read
-    declared = typer.Option(name, metavar=metavar or None, help=text, rich_help_panel=_panel(option), parser=parser,
-                            show_default=False)  # fmt: skip
+    declared = typer.Option(
+        name,
+        metavar=metavar or None,
+        help=text,
+        rich_help_panel=_panel(option),
+        parser=parser,
+        show_default=False,
+    )
     return inspect.Parameter(
         _parameter(option), inspect.Parameter.KEYWORD_ONLY, default=False if switch else default,
         annotation=Annotated[kind, declared],
@@ -297,7 +368,9 @@ def _read_list(key: Key, text: str) -> list[float]:
     if text.strip() == AUTO and key.default == ():
         return []
     count, unit = key.spec["length"], key.option.unit
-    units: Sequence[Unit] = unit if isinstance(unit, tuple) and not isinstance(unit, Unit) else [unit or PURE] * count
+    units: Sequence[Unit] = (
+        unit if isinstance(unit, tuple) and not isinstance(unit, Unit) else [unit or PURE] * count
+    )
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
@@ -329,7 +402,9 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     if config is not None:
         scenario = override(load_scenario(config, scenario), presets)
     if scenario.experiment != base.experiment:
-        raise ConfigError(f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'.")
+        raise ConfigError(
+            f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'."
+        )
     keys = config_keys(base)
     for option, value in given.items():
         if value is not None and option in keys:
@@ -358,18 +433,21 @@ def _overlapping(scenario: Scenario, given: Given, stepover: Key) -> Scenario:
     least = stepover.spec["low"]
     if distance < least:
         raise InputError(
-            f"--overlap {number_text(overlap)} of a pad of {number_text(scenario.pad.radius_m * 2e3)} mm leaves a "
-            f"step-over of {number_text(distance * 1e3, 3)} mm, less than the smallest possible, "
+            f"--overlap {number_text(overlap)} of a pad of {number_text(scenario.pad.radius_m * 2e3)} mm "
+            f"leaves a step-over of {number_text(distance * 1e3, 3)} mm, less than the smallest possible, "
             f"{number_text(least * 1e3)} mm. Give a smaller overlap."
         )
     return merge(scenario, {"plan": {"stepover_m": distance}, "pad": {"choice": scenario.pad.choice}}, "")
 
 
 def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
-    """Each file under the key of its kind of calibration; InputError: two of one kind, or not a calibration."""
+    """Each file under the key of its kind of calibration; InputError: two of one kind, or not a
+    calibration."""
     if experiment != "dual":
         if len(files) > 1:
-            raise InputError("--calibration is given more than once: a run of one robot takes one, of 'payload'.")
+            raise InputError(
+                "--calibration is given more than once: a run of one robot takes one, of 'payload'."
+            )
         section, name = _IN_RUNS["payload"]
         return {section: {name: files[0]}}
     # Lazy: only a run of two robots reads a calibration to see its kind.
@@ -406,7 +484,12 @@ def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]]
     plan, keys = scenario.plan, config_keys(Scenario())
     some = {name for names in listens.values() for name in names}
     for option, key in keys.items():
-        if given.get(option) is None or key.section != "plan" or key.name not in some or plan.pattern not in listens:
+        if (
+            given.get(option) is None
+            or key.section != "plan"
+            or key.name not in some
+            or plan.pattern not in listens
+        ):
             continue
         if key.name not in listens[plan.pattern]:
             where = ", ".join(sorted(name for name, names in listens.items() if key.name in names))
@@ -415,4 +498,6 @@ def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]]
                 f"It counts for: {where}."
             )
     if given.get("--axis-deviation") is not None and plan.axis_smoothing_m == 0.0:
-        raise InputError("--axis-deviation bounds --axis-smoothing, which is off: give --axis-smoothing MM as well.")
+        raise InputError(
+            "--axis-deviation bounds --axis-smoothing, which is off: give --axis-smoothing MM as well."
+        )

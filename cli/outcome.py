@@ -1,4 +1,5 @@
-"""How a command ended: its figures beside the paper's and what is asked, and the exit code of the contract."""
+"""How a command ended: its figures beside the paper's and what is asked, and the exit code of the
+contract."""
 
 from __future__ import annotations
 
@@ -35,17 +36,20 @@ class Outcome:
 
     claims: Sequence[Claim]  #: The figures to show and what is asked of them
     title: str
-    columns: Mapping[str, Mapping[str, Any]]  #: Of figures to show, by heading; the last one is what is checked
+    #: Of figures to show, by heading; the last one is what is checked
+    columns: Mapping[str, Mapping[str, Any]]
     stops: tuple[str, ...] = ()  #: Protective stops, each with its reason
     interrupted: bool = False
-    undrawn: str = ""  #: How to draw the pictures that are missing because of an interrupt after all was measured
+    #: How to draw the pictures that are missing because of an interrupt after all was measured
+    undrawn: str = ""
     notes: tuple[str, ...] = ()  #: Lines to print above the table
     bad: tuple[str, ...] = ()  #: What is bad about it though it went to its end, in sentences
     conditions: tuple[str, ...] = ()
     """Conditions that differ from those the figures are asked for; nothing is called met or not met then."""
 
     def finish(self, folder: Path, check: bool, more: str = "") -> int:
-        """Show the outcome, ``more``, and the folder; returns the exit code, falling short counts with ``check``."""
+        """Show the outcome, ``more``, and the folder; returns the exit code, falling short counts with
+        ``check``."""
         self.show()
         if more:
             console.say(more)
@@ -58,8 +62,8 @@ class Outcome:
             console.note("interrupted: what was recorded up to now is kept.")
         if self.undrawn:
             console.note(
-                "interrupted while drawing: the simulation, its log and figures are whole and kept, but pictures are "
-                f"missing. {self.undrawn}"
+                "interrupted while drawing: the simulation, its log and figures are whole and kept, but "
+                f"pictures are missing. {self.undrawn}"
             )
         for reason in self.stops:
             end = "" if reason.endswith("?") else "."
@@ -70,10 +74,17 @@ class Outcome:
             console.note(f"bad: {text}.")
         caption = ""
         if self.conditions:
-            caption = f"'met' is left out: figures are asked for other conditions, here {', '.join(self.conditions)}."
+            caption = (
+                "'met' is left out: figures are asked for other conditions, here "
+                f"{', '.join(self.conditions)}."
+            )
         checked = None if self.conditions else self._checked
         show_figures(
-            self.claims, self.title + (": with bad figures" if self.bad else ""), self.columns, checked, caption=caption
+            self.claims,
+            self.title + (": with bad figures" if self.bad else ""),
+            self.columns,
+            checked,
+            caption=caption,
         )
 
     def exit_code(self, check: bool) -> int:
@@ -90,7 +101,8 @@ class Outcome:
 
 
 def other_conditions(scenario: Scenario) -> tuple[str, ...]:
-    """Sensor, springs, latency and other conditions of a run that are not its experiment's own, each as a text."""
+    """Sensor, springs, latency and other conditions of a run that are not its experiment's own, each as a
+    text."""
     from polish_sim.analysis.run_record import changed_settings
     from polish_sim.experiments.registry import default_scenario
     from polish_sim.scenario_file import override
@@ -115,8 +127,8 @@ def show_figures(
 ) -> None:
     """Print figures by heading beside the paper's and what is asked of them.
 
-    ``checked``: whose verdict stands at the end; ``settings``: rows above the figures: label, unit, a value for each
-    column; ``caption``: a line below the table.
+    ``checked``: whose verdict stands at the end; ``settings``: rows above the figures: label, unit, a value
+    for each column; ``caption``: a line below the table.
     """
     headings = ["figure", "unit", *columns, "paper", "asked"] + (["met"] if checked is not None else [])
     above = [[*row, *[""] * (len(headings) - len(row))] for row in settings]

@@ -31,7 +31,8 @@ class OutputFolder:
 
 
 def refuse_taken(out: Path | None, overwrite: bool) -> None:
-    """Refuse an output folder that exists or is no folder, before anything is read; `claimed` does so as well."""
+    """Refuse an output folder that exists or is no folder, before anything is read; `claimed` does so as
+    well."""
     if out is not None and out.exists() and not (overwrite and out.is_dir()):
         raise InputError(_taken(out))
 
@@ -41,7 +42,8 @@ def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[Ou
     """Claim an output folder for a block of work; when the block raises, nothing is left behind.
 
     ``out`` None means a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``kind`` is command and experiment, e.g.
-    ``run-surface``. With ``overwrite`` files of the same names in an existing folder are replaced, others stay.
+    ``run-surface``. With ``overwrite`` files of the same names in an existing folder are replaced, others
+    stay.
 
     Raises:
         InputError: At once, if the folder exists (without ``overwrite``) or cannot be written.
@@ -91,7 +93,9 @@ def _create_locked(draft: Path) -> int:
         try:
             draft.mkdir()
         except FileExistsError:
-            raise InputError(f"another command is writing '{draft.name[1 : -len(DRAFT)]}'. Wait for it.") from None
+            raise InputError(
+                f"another command is writing '{draft.name[1 : -len(DRAFT)]}'. Wait for it."
+            ) from None
         try:
             lock = _locked(draft)
         except (FileNotFoundError, BlockingIOError):
@@ -138,11 +142,12 @@ def unused(kind: Path) -> Path:
 def rows_folder(
     out: Path | None, kind: str, what: str, begin: Mapping[str, str], refuse: Callable[[Path], None]
 ) -> Iterator[Path]:
-    """Make the folder of work kept row by row, or take up one where it was begun; others are kept out meanwhile.
+    """Make the folder of work kept row by row, or take up one where it was begun; others are kept out
+    meanwhile.
 
-    ``out`` None means a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``what`` names the work, e.g. ``score``; ``begin``:
-    files that say what it is of, as text by name; ``refuse`` raises where the folder holds other work. If the block
-    raises before there is a row, nothing is left behind.
+    ``out`` None means a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``what`` names the work, e.g. ``score``;
+    ``begin``: files that say what it is of, as text by name; ``refuse`` raises where the folder holds other
+    work. If the block raises before there is a row, nothing is left behind.
 
     Raises:
         InputError: If the folder holds something else, is in use, or cannot be written.
@@ -152,14 +157,18 @@ def rows_folder(
     if folder.exists() and not folder.is_dir():
         raise InputError(_taken(folder))
     if folder.is_dir() and any(folder.iterdir()) and not (folder / ROWS).exists():
-        raise InputError(f"'{folder}' holds something that is not a {what}. Choose another folder with --out.")
+        raise InputError(
+            f"'{folder}' holds something that is not a {what}. Choose another folder with --out."
+        )
     created = _create_parents(folder)
     try:
         folder.mkdir(exist_ok=True)
         (folder / ROWS).touch()
     except OSError as error:
         _remove_empty(created)
-        raise InputError(f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out.") from error
+        raise InputError(
+            f"cannot write in '{folder}': {error.strerror}. Choose another folder with --out."
+        ) from error
     try:
         with locked(folder, what):
             refuse(folder)
@@ -182,7 +191,8 @@ def put(folder: Path, name: str, content: str | bytes) -> None:
 def _taken(folder: Path) -> str:
     if folder.is_dir():
         return (
-            f"the output folder '{folder}' exists. Choose another with --out, or add --overwrite to replace its files."
+            f"the output folder '{folder}' exists. Choose another with --out, or add --overwrite to "
+            "replace its files."
         )
     return f"'{folder}' exists and is not a folder. Choose another with --out."
 

@@ -76,7 +76,8 @@ NEAR: Final = 0.4  #: Distance from the pad in the picture of pad and part
 def prepare_headless() -> None:
     """Ask MuJoCo for rendering without a window, where it can; has to happen before it is imported.
 
-    MuJoCo cannot be imported at all when it is asked for a library that does not load: it is asked for none then.
+    MuJoCo cannot be imported at all when it is asked for a library that does not load: it is asked for none
+    then.
     """
     if sys.platform != "linux":
         return
@@ -84,7 +85,9 @@ def prepare_headless() -> None:
     if not asked and not os.environ.get("DISPLAY") and _loads("egl"):
         os.environ["MUJOCO_GL"] = "egl"
     elif asked in LIBRARIES and not _loads(asked):
-        console.note(f"MUJOCO_GL={asked} is not installed ({LIBRARIES[asked]} does not load): nothing is rendered.")
+        console.note(
+            f"MUJOCO_GL={asked} is not installed ({LIBRARIES[asked]} does not load): nothing is rendered."
+        )
         os.environ["MUJOCO_GL"] = "disable"
 
 
@@ -112,7 +115,8 @@ class Picture:
         self._pair = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "master_base") >= 0
 
     def render(self, data: Any, pad: NDArray[np.float64], near: bool = False) -> Image:
-        """Render one moment with the pad there (3,) [m], from ``near`` or as it was opened: (height, width, 3)."""
+        """Render one moment with the pad there (3,) [m], from ``near`` or as it was opened: (height, width,
+        3)."""
         import numpy as np
 
         camera, pair, near = self._camera, self._pair, near or self._near
@@ -141,7 +145,8 @@ class Snapshot(FrameSink):
 
 
 def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
-    """Render the cell and the pad from near, in the middle of a run or at its stop; whether there is OpenGL for it."""
+    """Render the cell and the pad from near, in the middle of a run or at its stop; whether there is OpenGL
+    for it."""
     import mujoco
     import numpy as np
     from PIL import Image as Pillow
@@ -152,7 +157,10 @@ def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
     from polish_sim.experiments.run_page import clock, joint_columns
 
     stop, data = stop_mark(record.metrics), mujoco.MjData(model)
-    row = min(int(np.searchsorted(clock(record.log), stop.time)) if stop else len(record.log) // 2, len(record.log) - 1)
+    row = min(
+        int(np.searchsorted(clock(record.log), stop.time)) if stop else len(record.log) // 2,
+        len(record.log) - 1,
+    )
     data.qpos[:] = joint_columns(record, model)[row]
     mujoco.mj_forward(model, data)
     pad = numbers(record.log, "tcp_position_m")[row]
@@ -181,7 +189,8 @@ CLOSING_S: Final = 5.0  #: A window is waited for, at most [s]
 class Viewer(FrameSink):
     """Opens the viewer at the first moment and keeps the run no faster than real time.
 
-    It shows a copy of the cell's data: opening the window computes the forces in it anew, and hands pull at the bodies.
+    It shows a copy of the cell's data: opening the window computes the forces in it anew, and hands pull at
+    the bodies.
     """
 
     every_s = 1.0 / 50.0
@@ -223,7 +232,9 @@ class Viewer(FrameSink):
 
         before, self._shown = set(threading.enumerate()), mujoco.MjData(model)
         mujoco.mj_copyData(self._shown, model, data)
-        self._window = mujoco.viewer.launch_passive(model, self._shown, show_left_ui=False, show_right_ui=False)
+        self._window = mujoco.viewer.launch_passive(
+            model, self._shown, show_left_ui=False, show_right_ui=False
+        )
         self._threads = set(threading.enumerate()) - before
 
     def _wait(self, simulated: float) -> None:

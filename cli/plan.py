@@ -14,7 +14,14 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED
-from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, refuse_idle_on_path, takes
+from polish_sim.cli.options import (
+    CONFIG_OPTIONS,
+    OUTPUT_OPTIONS,
+    Given,
+    build_scenario,
+    refuse_idle_on_path,
+    takes,
+)
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
@@ -41,7 +48,16 @@ PartFile = Annotated[
 
 @takes(
     *("--units", "--up", "--fixture", *PATH_OPTIONS, "--pad-diameter", "--contact-force", "--feed", "--dual"),
-    *(*PAIR_OPTIONS, "--controller", "--proof", "--seed", "--reach-map", *CONFIG_OPTIONS, "--export", *OUTPUT_OPTIONS),
+    *(
+        *PAIR_OPTIONS,
+        "--controller",
+        "--proof",
+        "--seed",
+        "--reach-map",
+        *CONFIG_OPTIONS,
+        "--export",
+        *OUTPUT_OPTIONS,
+    ),
 )
 def plan(part: PartFile, given: Given) -> int:
     """Plan a tool path on a part: path.csv, path.json, metrics.json and path.png.
@@ -88,7 +104,8 @@ class Wanted(NamedTuple):
 def plan_once(
     scenario: Scenario, folder: Path, wanted: Wanted, observer: Observer, forced: bool = True
 ) -> tuple[PlanResult, str]:
-    """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless ``forced``."""
+    """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless
+    ``forced``."""
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import ExportSetup, export_plan, write_plan
     from polish_sim.exchange.viewers import path_page
@@ -141,7 +158,8 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
 
 
 def plan_setups(scenario: Scenario, folder: Path, wanted: Wanted, observer: Observer) -> Callable[[], None]:
-    """Split all of a part into setups and plan each into a folder of its own, ``setup_1`` and so on, beside a table.
+    """Split all of a part into setups and plan each into a folder of its own, ``setup_1`` and so on, beside a
+    table.
 
     Returns what shows the table.
 
@@ -172,7 +190,12 @@ def plan_setups(scenario: Scenario, folder: Path, wanted: Wanted, observer: Obse
     if not done:
         raise PlanError(f"no setup reaches anything of the part: {missed[0][1]}")
     rows = [
-        {"folder": f"setup_{number}", "up": result.mesh.up.tolist(), "region": result.plan.region, **result.figures}
+        {
+            "folder": f"setup_{number}",
+            "up": result.mesh.up.tolist(),
+            "region": result.plan.region,
+            **result.figures,
+        }
         for number, result in enumerate(done, 1)
     ]
     named = [{"area_m2": patch.area, "at_m": patch.middle.tolist(), "reason": why} for patch, why in missed]
@@ -189,8 +212,8 @@ def _missed_notes(missed: Sequence[tuple[Patch, str]]) -> list[str]:
     for patch, why in missed:
         kinds.setdefault(why.partition(":")[0], []).append((patch, why))
     return [
-        f"no setup reaches {1e4 * sum(patch.area for patch, _ in alike):.3g} cm^2 in {len(alike)} patches, the largest "
-        f"at {place_in_mm(alike[0][0].middle)}: {alike[0][1]}"
+        f"no setup reaches {1e4 * sum(patch.area for patch, _ in alike):.3g} cm^2 in {len(alike)} patches, "
+        f"the largest at {place_in_mm(alike[0][0].middle)}: {alike[0][1]}"
         for alike in kinds.values()
     ]
 
@@ -206,8 +229,19 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
         sizes = (1e4 * m["region_area_m2"], 1e4 * m["left_out_area_m2"])
         shares = f"{100.0 * m['coverage']:.1f}", str(m["retracts"]), f"{m['path_length_m']:.2f}"
         cycle = console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")
-        rows.append([f"setup_{number}", describe(result.mesh.up), *(f"{size:.1f}" for size in sizes), *shares, cycle])
-    headings = ["setup", "up", "region, cm^2", "left out", "covered, %", "strokes", "path, m", "cycle time, s"]
+        rows.append(
+            [f"setup_{number}", describe(result.mesh.up), *(f"{size:.1f}" for size in sizes), *shares, cycle]
+        )
+    headings = [
+        "setup",
+        "up",
+        "region, cm^2",
+        "left out",
+        "covered, %",
+        "strokes",
+        "path, m",
+        "cycle time, s",
+    ]
     console.table(f"setups of {done[0].mesh.name}", headings, rows, left=2)
     whole, lost = (1e4 * area[name] for name in ("part_area_m2", "unreached_area_m2"))
     console.say(f"of the part's {whole:.1f} cm^2 no setup reaches {lost:.1f} cm^2")
@@ -216,7 +250,8 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
 def place(
     scenario: Scenario, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer
 ) -> tuple[Reach | None, str]:
-    """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked for.
+    """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked
+    for.
 
     Returns how the robot does the path, and why it cannot: None and the reason, or the reach and nothing.
     """
@@ -273,11 +308,17 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     stands = "out of reach" if "smallest_singular_value" in m else "see metrics.json"
     if "T_base_work" in m:
         stands = place_in_mm(row[3] for row in m["T_base_work"][:3])
-    cycle = "cycle time: with air, touch-down and lifts" + ("" if "T_base_work" in m else "; tool's limits alone")
+    cycle = "cycle time: with air, touch-down and lifts" + (
+        "" if "T_base_work" in m else "; tool's limits alone"
+    )
     spread = " / ".join(dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
     return [
         ["facets", "", str(m["facets"])],
-        ["region, of the part's surface", "cm^2", f"{m['region_area_m2'] * cm2:.1f} of {m['part_area_m2'] * cm2:.1f}"],
+        [
+            "region, of the part's surface",
+            "cm^2",
+            f"{m['region_area_m2'] * cm2:.1f} of {m['part_area_m2'] * cm2:.1f}",
+        ],
         ["  polished", "cm^2", f"{m['polished_area_m2'] * cm2:.4g}"],
         *([f"  left out: {reason}", "cm^2", f"{area * cm2:.3g}"] for reason, area in m["left_out"].items()),
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],

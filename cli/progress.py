@@ -1,4 +1,5 @@
-"""The observer that turns a run's stages into a progress bar; it satisfies the protocol of the experiments."""
+"""The observer that turns a run's stages into a progress bar; it satisfies the protocol of the
+experiments."""
 
 from __future__ import annotations
 
@@ -9,7 +10,14 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from polish_sim.cli.compiling import CompileProgress, compiling_shown, now_and_then
 from polish_sim.cli.pictures import FrameSink
@@ -22,7 +30,11 @@ class ProgressObserver:
     """Shows the current stage and how far it is; each stage leaves one line behind."""
 
     def __init__(
-        self, bar: Progress, say: Callable[[str], None], sinks: Sequence[FrameSink], quiet_s: float | None = None
+        self,
+        bar: Progress,
+        say: Callable[[str], None],
+        sinks: Sequence[FrameSink],
+        quiet_s: float | None = None,
     ) -> None:
         self._bar, self._quiet_s, self._stage, self._told_at = bar, quiet_s, "", 0.0
         self._say = say

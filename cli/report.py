@@ -13,7 +13,9 @@ from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, save_cell
 from polish_sim.errors import count_text
 
-Runs = Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)]
+Runs = Annotated[
+    list[Path], typer.Argument(metavar="RUN", help="Run folders made by 'run'.", show_default=False)
+]
 
 
 @takes(*OUTPUT_OPTIONS)
@@ -42,7 +44,9 @@ def report(runs: Runs, given: Given) -> None:
         write_json(folder.draft / "metrics.json", {record.name: record.metrics for record in records})
     columns = {record.name: record.metrics for record in records}
     claims = claims_shown([record.scenario for record in records])
-    show_figures(claims, f"{name}: {count_text(len(records), 'run')}", columns, settings=setting_rows(records))
+    show_figures(
+        claims, f"{name}: {count_text(len(records), 'run')}", columns, settings=setting_rows(records)
+    )
     for text in notes_of(records):
         console.note(f"note: {text}")
     console.say_folder(folder.final)

@@ -1,4 +1,5 @@
-"""`polish-sim run` and `demo`: simulate an experiment, once or over many seeds, beside the paper's figures."""
+"""`polish-sim run` and `demo`: simulate an experiment, once or over many seeds, beside the paper's
+figures."""
 
 from __future__ import annotations
 
@@ -59,7 +60,8 @@ PICTURES_MISSING: Final = "pictures_missing"  #: In metrics.json, if interrupted
 
 
 class RunGroup(TyperGroup):
-    """The experiments as commands, each with the options it takes; a row loads when its command is asked for."""
+    """The experiments as commands, each with the options it takes; a row loads when its command is asked
+    for."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The experiments in the order of the registry."""
@@ -98,7 +100,9 @@ class ExperimentCommand(PanelledCommand):
         """Refuse what the experiment takes no notice of, then parse the rest."""
         row = experiment(str(self.name))
         named = {word.partition("=")[0] for word in args if word.startswith("--")} - set(COMMON_OPTIONS)
-        elsewhere = {option for other in experiments().values() for option in other.options} if named else set()
+        elsewhere = (
+            {option for other in experiments().values() for option in other.options} if named else set()
+        )
         refuse_idle_options(row, named & elsewhere)
         return super().parse_args(ctx, args)
 
@@ -149,7 +153,9 @@ def run(row: Experiment, given: Given) -> int:
 def demo(given: Given) -> int:
     """Plan a path on a shipped part and polish it under force control, with a short report."""
     scenario = merge(default_scenario("surface"), DEMO, "")
-    console.note(f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N")
+    console.note(
+        f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N"
+    )
     with claimed(given["--out"], "demo", given["--overwrite"]) as folder:
         outcome = run_once(scenario, None, folder.draft, [Snapshot()])
     more = "pictures and figures are in the folder; for more: polish-sim run --help"
@@ -169,8 +175,9 @@ def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario
         path, scenario = take_plan(source, scenario, given)
     elif source is not None and "--path" not in row.options:
         raise InputError(
-            f"plan.file is for 'run {', '.join(n for n, r in experiments().items() if '--path' in r.options)}': "
-            f"'{row.name}' runs along no plan."
+            "plan.file is for 'run "
+            f"{', '.join(n for n, r in experiments().items() if '--path' in r.options)}': '{row.name}' runs "
+            "along no plan."
         )
     elif source is not None:
         scenario = merge(scenario, {"plan": {"file": str(source.resolve())}}, "")
@@ -181,7 +188,11 @@ def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario
 
 
 def run_once(
-    scenario: Scenario, plan: ToolPath | None, draft: Path, sinks: Sequence[FrameSink] = (), video: bool = False
+    scenario: Scenario,
+    plan: ToolPath | None,
+    draft: Path,
+    sinks: Sequence[FrameSink] = (),
+    video: bool = False,
 ) -> Outcome:
     """Run a scenario, on a ``plan`` if one is given, and write its run folder into ``draft``; how it ended.
 
@@ -208,7 +219,9 @@ def run_once(
             write_page(draft, record, model, planned.notes if planned else ())
             if stop and planned is not None:
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
-            rendered = bool(len(record.log)) and model is not None and save_cell(draft / CELL_PICTURE, record, model)
+            rendered = (
+                bool(len(record.log)) and model is not None and save_cell(draft / CELL_PICTURE, record, model)
+            )
             if video and rendered:
                 from polish_sim.cli.film import write_film
 
@@ -218,7 +231,9 @@ def run_once(
         if record is None:
             raise
         # The run itself is on disk by now and stays; only pictures are missing.
-        undrawn = f"'polish-sim report' with the folder of the run draws them{', but no film' if video else ''}."
+        undrawn = (
+            f"'polish-sim report' with the folder of the run draws them{', but no film' if video else ''}."
+        )
         write_json(draft / METRICS, {**record.metrics, PICTURES_MISSING: True})
     figures = record.metrics
     missed = [
@@ -284,7 +299,9 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
         PolishSimError: If the part cannot be used, planned or reached.
     """
     with console.progress() as observer:
-        path, reach, held = check_experiment(scenario, plan_to_run(scenario, plan, observer, None)[0], observer)
+        path, reach, held = check_experiment(
+            scenario, plan_to_run(scenario, plan, observer, None)[0], observer
+        )
     console.say(f"path: {path.length_m:.3f} m, {len(path.s)} points, all within reach")
     if scenario.experiment != "arc":
         console.say(f"part: its origin stands at {place_in_mm(reach.T_base_work[:3, 3])} of the robot base")
@@ -296,10 +313,11 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
 def plan_to_run(
     scenario: Scenario, given: ToolPath | None, observer: Observer, folder: Path | None
 ) -> tuple[PlanResult | None, Scenario]:
-    """Plan the path of a run, or measure the one that is given, and prove it where it was not; None for two robots.
+    """Plan the path of a run, or measure the one that is given, and prove it where it was not; None for two
+    robots.
 
-    Without a ``folder`` for the plan's files and picture nothing is written or proven. The scenario comes back with
-    the part where it was proven.
+    Without a ``folder`` for the plan's files and picture nothing is written or proven. The scenario comes
+    back with the part where it was proven.
 
     Raises:
         PolishSimError: If the part cannot be used or planned.
@@ -342,10 +360,12 @@ def plan_to_run(
 
 
 def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath, Scenario]:
-    """Read a plan folder, path.json, CSV or APT file and make the scenario say what was planned, and on which part.
+    """Read a plan folder, path.json, CSV or APT file and make the scenario say what was planned, and on which
+    part.
 
     Raises:
-        InputError: If the plan cannot be read, belongs to another part, or is asked to be planned differently.
+        InputError: If the plan cannot be read, belongs to another part, or is asked to be planned
+            differently.
     """
     from polish_sim.exchange import read_path
 
@@ -398,7 +418,8 @@ def _planned_file(source: Path, known: Mapping[str, str], what: str, option: str
 
 
 def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> dict[str, Any]:
-    """The settings a plan was made with, as a table of the scenario; older plans do not say pad, force and fixture."""
+    """The settings a plan was made with, as a table of the scenario; older plans do not say pad, force and
+    fixture."""
     from polish_sim.geometry.orientation import side_name
 
     settings: dict[str, Any] = {"plan": facts["plan"], "part": {"unit": facts["part"]["unit"]}, "process": {}}
@@ -409,7 +430,9 @@ def planned_settings(source: Path, facts: Mapping[str, Any], given: Given) -> di
         what = f"made with the fixture '{fixture['file']}', which is gone or has changed"
         settings["part"]["fixture_file"] = found = _planned_file(source, fixture, what, "--fixture")
         if _hash(Path(found)) != fixture["sha256"]:
-            raise InputError(f"the plan '{source}' was {what}: say where it is with --fixture, or plan again.")
+            raise InputError(
+                f"the plan '{source}' was {what}: say where it is with --fixture, or plan again."
+            )
     if facts["pad"]:
         settings["part"]["up"] = side_name(facts["up"])
         settings["pad"] = {**facts["pad"], "choice": "given"}
@@ -424,7 +447,9 @@ def plan_facts(source: Path) -> dict[str, Any]:
         return {}
     document = json.loads(file.read_text(encoding="utf-8"))
     if not {"part", "plan"} <= set(document):
-        raise InputError(f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV.")
+        raise InputError(
+            f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV."
+        )
     return {name: document.get(name) for name in PLAN_FACTS}
 
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 SEEDS: Final = 5
 SEEDS_OF_REACH: Final = 20
 CONTROLLER_TEXT: Final = (
-    "A shipped controller (see 'list'; default hybrid-pi), FILE.py:CLASS, or a policy: FILE.npz:linear, FILE.zip:sb3. "
-    "A .py or .zip file runs code."
+    "A shipped controller (see 'list'; default hybrid-pi), FILE.py:CLASS, or a policy: FILE.npz:linear, "
+    "FILE.zip:sb3. A .py or .zip file runs code."
 )
 
 
@@ -36,7 +36,13 @@ CONTROLLER_TEXT: Final = (
     Own("--case", RUN, "NAME", "Only this case, or pattern such as 'latency-*'; may be repeated.", list),
     Own("--reach", RUN, "", "The cases behind the figures asked, instead of the battery.", bool),
     Own("--ablate", RUN, "", "Leave out one law of the controller after the other.", bool),
-    Own("--border", RUN, "", "Search springs and latencies up to which it stays stable, instead of scoring.", bool),
+    Own(
+        "--border",
+        RUN,
+        "",
+        "Search springs and latencies up to which it stays stable, instead of scoring.",
+        bool,
+    ),
     Own(
         "--worst",
         RUN,
@@ -52,11 +58,18 @@ CONTROLLER_TEXT: Final = (
     Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config for --controller; may be repeated.", list),
     OWN["--workers"],
     OWN["--on"],
-    Own("--out", OUTPUT, "DIR", "Folder; the same score begun there is continued. Default results/score/...", Path),
+    Own(
+        "--out",
+        OUTPUT,
+        "DIR",
+        "Folder; the same score begun there is continued. Default results/score/...",
+        Path,
+    ),
     Own("--overwrite", OUTPUT, "", "Replace another score in --out; runs that both have are kept.", bool),
 )
 def score(given: Given) -> int:
-    """Score a controller by a fixed battery of cases under realistic disturbances; Ctrl-C keeps what is done."""
+    """Score a controller by a fixed battery of cases under realistic disturbances; Ctrl-C keeps what is
+    done."""
     against, ablate, settings = given["--against"], bool(given["--ablate"]), given["--set"] or []
     if ablate and against is not None:
         raise InputError("--ablate compares a controller with itself: leave --against out.")
@@ -77,10 +90,14 @@ def score(given: Given) -> int:
     reach, out, overwrite = bool(given["--reach"]), given["--out"], bool(given["--overwrite"])
     cases = choose_cases(REACH_CASES if reach else BATTERY, given["--case"] or [])
     if given["--list"]:
-        console.table("cases of the score", ["case", "what is run"], [[c.name, c.text] for c in cases], left=2)
+        console.table(
+            "cases of the score", ["case", "what is run"], [[c.name, c.text] for c in cases], left=2
+        )
         return DONE
     own = user_entry(given["--controller"] or "hybrid-pi", settings, "with --set" if settings else "")
-    entries = [own, *ablations(own)] if ablate else [own, *([user_entry(against)] if against is not None else [])]
+    entries = (
+        [own, *ablations(own)] if ablate else [own, *([user_entry(against)] if against is not None else [])]
+    )
     check_entries(cases, entries)
     if given["--border"]:
         from polish_sim.cli.border import search_border
@@ -103,8 +120,11 @@ def score(given: Given) -> int:
 
 
 def find_worst(given: Given) -> int:
-    """Search the worst runs of a controller, print them with the commands that repeat them, and keep their configs."""
-    idle = [name for name in ("--against", "--seeds", "--case", "--reach", "--ablate", "--border") if given[name]]
+    """Search the worst runs of a controller, print them with the commands that repeat them, and keep their
+    configs."""
+    idle = [
+        name for name in ("--against", "--seeds", "--case", "--reach", "--ablate", "--border") if given[name]
+    ]
     if idle:
         raise InputError(f"--worst searches one controller: leave {', '.join(idle)} out.")
     from polish_sim.analysis.run_record import write_json
@@ -123,13 +143,21 @@ def find_worst(given: Given) -> int:
         values = {name: found.value for name, found in worst.found.items()}
         write_json(folder.draft / "metrics.json", {**values, "runs": worst.runs, "stops": worst.stops})
     rows = []
-    for name, label, unit in zip(FIGURES, ("largest force", "contact lost", "largest error"), "NsN", strict=True):
+    for name, label, unit in zip(
+        FIGURES, ("largest force", "contact lost", "largest error"), "NsN", strict=True
+    ):
         found = worst.found[name]
         drawn = found.scenario
-        where = f"{drawn.part.file}, springs x {drawn.head.spring_scale:g}, {1e3 * drawn.process.feed_m_s:.3g} mm/s"
+        where = (
+            f"{drawn.part.file}, springs x {drawn.head.spring_scale:g}, "
+            f"{1e3 * drawn.process.feed_m_s:.3g} mm/s"
+        )
         rows.append([label, unit, f"{found.value:.3g}", where, found.stopped.partition(":")[0]])
-    console.table(f"worst of {scenario.controller.label}, {count_text(worst.runs, 'run')}, {worst.stops} stopped",
-                  ["figure", "unit", "worst", "where", "stopped, as"], rows)  # fmt: skip
+    console.table(
+        f"worst of {scenario.controller.label}, {count_text(worst.runs, 'run')}, {worst.stops} stopped",
+        ["figure", "unit", "worst", "where", "stopped, as"],
+        rows,
+    )
     for name in FIGURES:
         console.say(f"to repeat: polish-sim run surface --config {folder.final / name}.toml")
     console.say_folder(folder.final)
@@ -214,7 +242,9 @@ def _show(given: Given, score: Score, verdicts: Verdicts) -> None:
     seeds = f"worst of {score.seeds} seeds (means in score.md)" if score.seeds > 1 else "one seed"
     console.table(f"score [s, N], {seeds}", *overview(summaries, means=False), left=left)
     if given["--ablate"]:
-        console.table("without each law: mean change and largest [s, N]", *ablation_table(score, places=False))
+        console.table(
+            "without each law: mean change and largest [s, N]", *ablation_table(score, places=False)
+        )
     for entry, own in verdicts if not given["--ablate"] else verdicts[:1]:
         if own:
             console.table(f"what is asked: {entry.label}", *verdict_table(own))
@@ -225,7 +255,8 @@ def _show(given: Given, score: Score, verdicts: Verdicts) -> None:
 
 
 def _page(score: Score, verdicts: Verdicts) -> str:
-    """The tables for a browser, with the command that plays the worst run of each case and leaves its own page."""
+    """The tables for a browser, with the command that plays the worst run of each case and leaves its own
+    page."""
     from polish_sim.analysis.run_record import once_more
     from polish_sim.experiments.registry import default_scenario
     from polish_sim.page.page import page_html, tables_page
@@ -247,5 +278,7 @@ def _page(score: Score, verdicts: Verdicts) -> str:
     named = ", ".join(entry.label for entry in score.entries)
     about = f"{count_text(len(score.rows), 'run')} of {count_text(len(score.cases), 'case')}"
     notes = [f"worst case of {worst_line(score, entry)}" for entry in score.entries]
-    notes += [f"{entry.label} breaks in {line}" for entry in score.entries for line in breaking(summaries, entry)]
+    notes += [
+        f"{entry.label} breaks in {line}" for entry in score.entries for line in breaking(summaries, entry)
+    ]
     return page_html(tables_page(f"score: {named}", about, tables, notes))

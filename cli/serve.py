@@ -45,7 +45,15 @@ SCORE: Final = "score.json"
 READY: Final = "def ready():\n  sync()\nend\n"  #: A programme to begin with
 SWITCH_S: Final = 5e-4  #: The clock waits so long for a thread that reads a programme, or draws [s]
 ROW: Final = experiment("surface")
-CELL: Final = ("--part", "--real-part", "--part-pose", "--pad-diameter", "--contact-force", "--path", *CONFIG_OPTIONS)
+CELL: Final = (
+    "--part",
+    "--real-part",
+    "--part-pose",
+    "--pad-diameter",
+    "--contact-force",
+    "--path",
+    *CONFIG_OPTIONS,
+)
 
 
 @takes(
@@ -54,7 +62,12 @@ CELL: Final = ("--part", "--real-part", "--part-pose", "--pad-diameter", "--cont
     Own("--score", RUN, "CASE", "Serve the cell of a case of 'score', and score what the client does in it."),
     Own("--air", RUN, "", "Without part, table and stand: for programmes written for an arm alone.", bool),
     Own("--address", RUN, "ADDRESS", "Address to serve at; twice for two robots. Default 127.0.0.1.", list),
-    Own("--speed", RUN, "1|max", "1: real time; max: as fast as a client that answers every packet. Default 1."),
+    Own(
+        "--speed",
+        RUN,
+        "1|max",
+        "1: real time; max: as fast as a client that answers every packet. Default 1.",
+    ),
     Own("--polyscope", RUN, "5.11|5.23|5.26", "Version the controller says it is. Default 5.11."),
     Own("--port-offset", RUN, "N", "Added to every port, for clients that can be told.", int, 0, 30000),
     Own("--for", RUN, "SECONDS", "End after this robot time; default: at Ctrl-C.", float, 0.0, 1e6),
@@ -71,9 +84,13 @@ def serve(given: Given) -> int:
             raise unknown_name(name, word, known)
     for address in addresses:
         if not _is_address(address):
-            raise InputError(f"--address {address} is no IP address. Give one of this machine, e.g. 127.0.0.2.")
+            raise InputError(
+                f"--address {address} is no IP address. Give one of this machine, e.g. 127.0.0.2."
+            )
         if not ipaddress.ip_address(address).is_loopback:
-            console.note(f"warning: whoever reaches {address} can drive the robot: there is no authentication.")
+            console.note(
+                f"warning: whoever reaches {address} can drive the robot: there is no authentication."
+            )
     if len(set(addresses)) < len(addresses):
         raise InputError("--address: each robot needs an address of its own, e.g. 127.0.0.1 and 127.0.0.2.")
     live = live_address(given)
@@ -85,7 +102,9 @@ def serve(given: Given) -> int:
         with console.progress() as observer:
             job = _prepared(given, case, observer)
             reader = _reader() if speed == SPEEDS[0] else None
-            controllers = {address: _controller(job, given, version, reader, observer) for address in addresses}
+            controllers = {
+                address: _controller(job, given, version, reader, observer) for address in addresses
+            }
         _serve(job, given, controllers, reader is not None, live)
         if reader is not None:
             reader.shutdown()
@@ -158,9 +177,14 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     part, notes = build_part(scenario, surface.place), surface.plan.notes
     most_s = (task and scenario.process.max_feed_s) or math.inf
     return _Job(
-        scenario, surface.place, part, lambda *ran: measure_run(ran[0], surface, ran[1], part, ran[2]), notes, task,
+        scenario,
+        surface.place,
+        part,
+        lambda *ran: measure_run(ran[0], surface, ran[1], part, ran[2]),
+        notes,
+        task,
         most_s,
-    )  # fmt: skip
+    )
 
 
 def _reader() -> Executor:
@@ -195,7 +219,9 @@ def _controller(job: _Job, given: Given, version: str, reader: Executor | None, 
 # Serving.
 
 
-def _serve(job: _Job, given: Given, controllers: dict[str, Controller], real_time: bool, live: Address | None) -> None:
+def _serve(
+    job: _Job, given: Given, controllers: dict[str, Controller], real_time: bool, live: Address | None
+) -> None:
     from polish_sim.cell.observer import interrupts_noted
     from polish_sim.motion.makes import used_arm
     from polish_sim.ur.physics import TICK_S
@@ -213,8 +239,10 @@ def _serve(job: _Job, given: Given, controllers: dict[str, Controller], real_tim
             _watched(live, first.robot.cell),
             interrupts_noted() as interrupt,
         ):
-            console.say(f"serving a {used_arm().label} (PolyScope {'.'.join(map(str, first.version[:2]))}) at "
-                        f"{', '.join(controllers)}; Ctrl-C ends it")  # fmt: skip
+            console.say(
+                f"serving a {used_arm().label} (PolyScope {'.'.join(map(str, first.version[:2]))}) at "
+                f"{', '.join(controllers)}; Ctrl-C ends it"
+            )
             server.run(lambda: interrupt.seen or asked.is_set() or first.robot.ticks >= most)
     finally:
         server.close()
@@ -267,10 +295,13 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
 
 def _pace_text(pace: Pace) -> str:
     late = [
-        f"{100.0 * (1.0 - count / pace.ticks):.3f}% within {1e3 * bound:g} ms" for bound, count in pace.late.items()
+        f"{100.0 * (1.0 - count / pace.ticks):.3f}% within {1e3 * bound:g} ms"
+        for bound, count in pace.late.items()
     ]
-    return (f"real time: of {count_text(pace.ticks, 'cycle')} {', '.join(late)} of when they were due, the latest "
-            f"{1e3 * pace.worst_s:.1f} ms late")  # fmt: skip
+    return (
+        f"real time: of {count_text(pace.ticks, 'cycle')} {', '.join(late)} of when they were due, the "
+        f"latest {1e3 * pace.worst_s:.1f} ms late"
+    )
 
 
 # What is left of it.
@@ -290,7 +321,9 @@ def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
     points = apply(job.place.reach.T_base_work, path.positions_work[path.process])
     run = rig.result(job.wall_s, points, path.s[path.process], job.most_s)
     if not (run.trace.phase == 2).any():
-        console.note("the pad never touched the part: only log and page of the motion have something to show.")
+        console.note(
+            "the pad never touched the part: only log and page of the motion have something to show."
+        )
     scenario = replace(job.scenario, controller=replace(job.scenario.controller, name=CLIENT))
     result = job.measure(scenario, controller.robot.cell, run)
     figures = {**result.figures, "versions": package_versions()}

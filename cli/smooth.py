@@ -1,4 +1,5 @@
-"""`polish-sim smooth`: jerk-limited motion along any tool path, within tolerances and limits of tool and joints."""
+"""`polish-sim smooth`: jerk-limited motion along any tool path, within tolerances and limits of tool and
+joints."""
 
 from __future__ import annotations
 
@@ -37,28 +38,71 @@ PathFile = Annotated[
     Path,
     typer.Argument(
         metavar="PATH",
-        help="Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), APT/CLDATA, or G-code of G0 and G1 (.nc, "
-        ".ngc, .gcode).",
+        help="Plan folder, path.json, path.csv, CSV of x,y,z,i,j,k (mm), APT/CLDATA, or G-code of G0 and G1 "
+        "(.nc, .ngc, .gcode).",
         show_default=False,
     ),
 ]
 OPTIONS: Final = (
     Own("--rule", MOTION, "NAME", "spline (default), joint-jerk or joint-acceleration."),
     Own("--against", MOTION, "NAME", "A rule to measure and draw beside it."),
-    Own("--tolerance", MOTION, "MM", "Largest distance of the tip from the path (spline) or of a corner from the "
-        "tip's motion (the others) (mm); 0 stops at every corner; default 0.02.", float, 0.0, 10.0, MM),
-    Own("--axis-tolerance", MOTION, "DEG", "Largest angle of the tool axis to its path (deg); default 0.02.", float,
-        0.0, 10.0, DEG),
-    Own("--limits", MOTION, "FILE.toml", "Limits of tip, axis and joints; 'polish-sim config limits' prints the "
-        "default.", Path),
-    Own("--feed", MOTION, "MM/S", "Largest speed of the tip (mm/s), instead of the limits' and the path's own feeds.",
-        float, 0.001, 5000.0, MM_S),
+    Own(
+        "--tolerance",
+        MOTION,
+        "MM",
+        "Largest distance of the tip from the path (spline) or of a corner from the "
+        "tip's motion (the others) (mm); 0 stops at every corner; default 0.02.",
+        float,
+        0.0,
+        10.0,
+        MM,
+    ),
+    Own(
+        "--axis-tolerance",
+        MOTION,
+        "DEG",
+        "Largest angle of the tool axis to its path (deg); default 0.02.",
+        float,
+        0.0,
+        10.0,
+        DEG,
+    ),
+    Own(
+        "--limits",
+        MOTION,
+        "FILE.toml",
+        "Limits of tip, axis and joints; 'polish-sim config limits' prints the default.",
+        Path,
+    ),
+    Own(
+        "--feed",
+        MOTION,
+        "MM/S",
+        "Largest speed of the tip (mm/s), instead of the limits' and the path's own feeds.",
+        float,
+        0.001,
+        5000.0,
+        MM_S,
+    ),
     Own("--no-joints", MOTION, "", "Smooth the tool's motion alone, without a robot.", bool),
-    Own("--lenient", PATH, "", "Leave out unknown words of G-code or APT, and say so; what moves the tool stays "
-        "refused.", bool),
-    Own("--rate", OUTPUT, "HZ", "Samples of the trajectory per second; default 500.", float, 1.0, 10_000.0,
-        Unit("Hz", 1.0)),
-)  # fmt: skip
+    Own(
+        "--lenient",
+        PATH,
+        "",
+        "Leave out unknown words of G-code or APT, and say so; what moves the tool stays refused.",
+        bool,
+    ),
+    Own(
+        "--rate",
+        OUTPUT,
+        "HZ",
+        "Samples of the trajectory per second; default 500.",
+        float,
+        1.0,
+        10_000.0,
+        Unit("Hz", 1.0),
+    ),
+)
 
 
 class SmoothRequest(NamedTuple):
@@ -70,7 +114,8 @@ class SmoothRequest(NamedTuple):
     axis_tolerance: float  #: [rad]
     limits: Path | None
     feed: float | None  #: [m/s]
-    pose: tuple[float, ...] | None  #: Of the path's frame in the robot's base [m, rad]; (): to choose; None: no robot
+    #: Of the path's frame in the robot's base [m, rad]; (): to choose; None: no robot
+    pose: tuple[float, ...] | None
     lenient: bool
     rate: float  #: [Hz]
 
@@ -106,8 +151,11 @@ def smooth(path: PathFile, given: Given) -> None:
     console.say(f"folder: {folder.final}")
 
 
-def smooth_file(request: SmoothRequest, folder: Path, observer: PlanObserver) -> tuple[dict[str, Any], list[str]]:
-    """Read and smooth a path, measure the motion, write all files into a folder; returns figures and notes."""
+def smooth_file(
+    request: SmoothRequest, folder: Path, observer: PlanObserver
+) -> tuple[dict[str, Any], list[str]]:
+    """Read and smooth a path, measure the motion, write all files into a folder; returns figures and
+    notes."""
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
     from polish_sim.exchange import read_way_points
     from polish_sim.experiments.report import save_plots
@@ -147,7 +195,9 @@ def _check_rules(rules: Sequence[str]) -> None:
     for rule in rules:
         check_rule("rule", rule, RULES)
     if len(set(rules)) < len(rules):
-        raise InputError(f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another.")
+        raise InputError(
+            f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another."
+        )
 
 
 def _unknown(request: SmoothRequest, notes: list[str]) -> Unknown:
@@ -158,7 +208,11 @@ def _unknown(request: SmoothRequest, notes: list[str]) -> Unknown:
 
 
 def _prepare(
-    request: SmoothRequest, points: WayPoints, limits: SmoothingLimits, observer: PlanObserver, notes: list[str]
+    request: SmoothRequest,
+    points: WayPoints,
+    limits: SmoothingLimits,
+    observer: PlanObserver,
+    notes: list[str],
 ) -> SmoothingTask:
     """Place the path and collect what it is to be smoothed by."""
     import numpy as np
@@ -244,7 +298,11 @@ def _rows() -> list[tuple[str, str, Any]]:
         ("cycle time", "s", lambda m: f"{m['cycle_time_s']:.3f}"),
         ("tip off the path, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_contour_max_m']:.2f}"),
         ("corner off the tip's way, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_vertex_max_m']:.2f}"),
-        ("tool axis off its path, at most", "deg", lambda m: f"{math.degrees(m['axis_deviation_max_rad']):.4f}"),
+        (
+            "tool axis off its path, at most",
+            "deg",
+            lambda m: f"{math.degrees(m['axis_deviation_max_rad']):.4f}",
+        ),
         *shares,
         ("planned, segments per second", "1/s", lambda m: f"{m['segments_per_s']:.0f}"),
     ]
@@ -283,7 +341,9 @@ def _curves(measured: Measured, raw: Chain, arm: Arm | None) -> Curves:
     return Curves(measured.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:], strays)
 
 
-def _corners(task: SmoothingTask, motions: Sequence[Measured], name: str, facts: list[str]) -> dict[str, Figure]:
+def _corners(
+    task: SmoothingTask, motions: Sequence[Measured], name: str, facts: list[str]
+) -> dict[str, Figure]:
     from polish_sim.smoothing.plots import chosen_corners, path_turns, plot_corners, view_corner, way_past
 
     raw = task.placed.chain
@@ -293,6 +353,9 @@ def _corners(task: SmoothingTask, motions: Sequence[Measured], name: str, facts:
     if not chosen:
         return {}
     views = [
-        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance) for corner in chosen
+        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance)
+        for corner in chosen
     ]
-    return {"corners.png": plot_corners(views, [motion.rule for motion in motions], f"Corners of {name}", facts)}
+    return {
+        "corners.png": plot_corners(views, [motion.rule for motion in motions], f"Corners of {name}", facts)
+    }

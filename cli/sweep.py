@@ -1,4 +1,5 @@
-"""`polish-sim sweep`: many runs over settings and seeds, on this machine or a cluster; the same folder resumes."""
+"""`polish-sim sweep`: many runs over settings and seeds, on this machine or a cluster; the same folder
+resumes."""
 
 from __future__ import annotations
 
@@ -35,19 +36,24 @@ OF_RUNS: Final = ("--controller", "--part", "--path", "--fault")
 OF_STUDY: Final = ("--vary", "--seeds", "--seed", "--sample", "--count", *OF_RUNS, *CONFIG_OPTIONS)
 What = Annotated[
     str,
-    typer.Argument(metavar="EXPERIMENT|STUDY.toml", help="arc, force, surface, ..., or a study.", show_default=False),
+    typer.Argument(
+        metavar="EXPERIMENT|STUDY.toml", help="arc, force, surface, ..., or a study.", show_default=False
+    ),
 ]
 
 
 @takes(
-    Own("--vary", RUN, "KEY=VALUES", "A setting to vary, its values a,b,c or low:high:lin5 or low:high:log5; with a "
-        "sample also low:high; may be repeated. Any key of the config: controller.name and part.file too.", list),
-    Own("--sample", RUN, "NAME", "grid (default: every combination), random, sobol or lhs (Latin hypercube)."),
+    Own("--vary", RUN, "KEY=VALUES", "A setting to vary, its values a,b,c or low:high:lin5 or "
+                                     "low:high:log5; with a sample also low:high; may be repeated. Any key "
+                                     "of the config: controller.name and part.file too.", list),
+    Own("--sample", RUN, "NAME", "grid (default: every combination), random, sobol or lhs (Latin "
+                                 "hypercube)."),
     Own("--count", RUN, "N", "Points of a sample.", int, 1, 1e7),
     Own("--seeds", RUN, "N", "Seeds per point, counting up from --seed; default 1.", int, 1, 1e6),
     Own("--dry-run", RUN, "", "Show how many runs and about how long, write nothing.", bool),
     Own("--logs", OUTPUT, "", "Keep each run's folder with its log, in runs/<hash of its config>.", bool),
-    Own("--out", OUTPUT, "DIR", "Folder; a sweep begun there is continued and added to. Default results/sweep-.../...",
+    Own("--out", OUTPUT, "DIR", "Folder; a sweep begun there is continued and added to. Default "
+                                "results/sweep-.../...",
         Path),
     "--seed", OWN["--workers"], OWN["--on"], *OF_RUNS, *CONFIG_OPTIONS,
 )  # fmt: skip
@@ -86,8 +92,12 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
         study = read_study(file)
         told = [option for option in OF_STUDY if given[option] is not None]
         if told:
-            raise InputError(f"a study says what is varied: write {', '.join(told)} into '{file}', or leave it out.")
-        out = given["--out"] or (file.parent if file.name == STUDY and (file.parent / ROWS).is_file() else None)
+            raise InputError(
+                f"a study says what is varied: write {', '.join(told)} into '{file}', or leave it out."
+            )
+        out = given["--out"] or (
+            file.parent if file.name == STUDY and (file.parent / ROWS).is_file() else None
+        )
     elif what in EXPERIMENTS:
         refuse_idle_options(experiment(what), [option for option in OF_RUNS if given[option] is not None])
         base = build_scenario(default_scenario(what), given)
@@ -119,13 +129,18 @@ def check_values(study: Study) -> None:
 
 
 def sweep_folder(out: Path | None, study: Study) -> AbstractContextManager[Path]:
-    """The folder of a sweep, a new one or that of one of the same experiment; InputError if it holds another."""
+    """The folder of a sweep, a new one or that of one of the same experiment; InputError if it holds
+    another."""
     from polish_sim.studies.study import STUDY, read_study, to_text
 
     def refuse(folder: Path) -> None:
         if not (folder / STUDY).exists() and (folder / ROWS).stat().st_size:
-            raise InputError(f"'{folder}' holds something that is not a sweep. Choose another folder with --out.")
-        if (folder / STUDY).exists() and (held := read_study(folder / STUDY).base.experiment) != study.base.experiment:
+            raise InputError(
+                f"'{folder}' holds something that is not a sweep. Choose another folder with --out."
+            )
+        if (folder / STUDY).exists() and (
+            held := read_study(folder / STUDY).base.experiment
+        ) != study.base.experiment:
             raise InputError(f"'{folder}' holds a sweep of '{held}'. Choose another folder with --out.")
 
     return rows_folder(out, f"sweep-{study.base.experiment}", "sweep", {STUDY: to_text(study)}, refuse)
@@ -147,7 +162,9 @@ def announce(study: Study, table: RunTable | None, given: Given, run_s: float | 
         about = duration(run_s * len(missing) / share)
         rows += [["about", f"{about}{' on one processor' if on not in ('local', 'dask') else ''}"]]
     axes = [[f"vary {axis.key}", axis.text] for axis in study.axes]
-    console.table(f"sweep {study.base.experiment}, {study.base.controller.label}", ["", ""], [*axes, *rows], left=2)
+    console.table(
+        f"sweep {study.base.experiment}, {study.base.controller.label}", ["", ""], [*axes, *rows], left=2
+    )
 
 
 def time_first(study: Study, table: RunTable | None) -> Row | None:
@@ -171,7 +188,9 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
     from polish_sim.studies.table import run_study, write_summary
 
     if table.sources - {package_hash()[:12]}:
-        console.note("note: rows of another version of polish-sim are in the folder and kept; see the column 'source'.")
+        console.note(
+            "note: rows of another version of polish-sim are in the folder and kept; see the column 'source'."
+        )
     console.note(f"folder: {table.folder} (the same command with --out {table.folder} resumes it)")
     interrupted, total = False, study.seeds * (study.count or len(study.points()))
     try:
@@ -215,8 +234,12 @@ def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
             shown = (value_text(claim, of(values)) for of in (min, statistics.median, max))
             rows.append([claim.label, claim.unit, *shown])
     if rows:
-        console.table("runs that came to their end", ["figure", "unit", "least", "median", "largest"], rows, left=2)
-    ended = ", ".join(f"{facts[name]} {name}" for name in ("done", "stopped", "failed", "lost") if facts[name])
+        console.table(
+            "runs that came to their end", ["figure", "unit", "least", "median", "largest"], rows, left=2
+        )
+    ended = ", ".join(
+        f"{facts[name]} {name}" for name in ("done", "stopped", "failed", "lost") if facts[name]
+    )
     console.say(f"{count_text(facts['runs'], 'run')} in the folder: {ended}")
     if facts["lost"]:
         console.note("runs whose processes died are lost; the same command does them again.")

@@ -26,28 +26,63 @@ if TYPE_CHECKING:
 TUNED: Final = "tuned.toml"
 TRIALS, SEEDS, HELD_OUT_SEEDS = 100, 2, 5
 Controller = Annotated[
-    str, typer.Argument(metavar="CONTROLLER", help="A shipped controller or FILE.py:CLASS.", show_default=False)
+    str,
+    typer.Argument(metavar="CONTROLLER", help="A shipped controller or FILE.py:CLASS.", show_default=False),
 ]
 
 
 @takes(
-    Own("--over", RUN, "NAMES", "Parameters to search, with commas: names or beginnings of keys under controller, or "
-        "of an own class, each with =low:high if its range is not to be a quarter to four times the shipped value."),
-    Own("--goal", RUN, "HOW:FIGURE", "What is made small: worst or mean of a score's figure; default "
-        "worst:rms_error_n."),
-    Own("--subject-to", RUN, "CONDITIONS", "What every run must keep, with commas: stable, or FIGURE<=VALUE; default "
-        "stable."),
+    Own(
+        "--over",
+        RUN,
+        "NAMES",
+        "Parameters to search, with commas: names or beginnings of keys under "
+        "controller, or of an own class, each with =low:high if its range is not "
+        "to be a quarter to four times the shipped value.",
+    ),
+    Own(
+        "--goal",
+        RUN,
+        "HOW:FIGURE",
+        "What is made small: worst or mean of a score's figure; default worst:rms_error_n.",
+    ),
+    Own(
+        "--subject-to",
+        RUN,
+        "CONDITIONS",
+        "What every run must keep, with commas: stable, or FIGURE<=VALUE; default stable.",
+    ),
     Own("--trials", RUN, "N", f"Trials in all; default {TRIALS}.", int, 1, 1e5),
     Own("--sampler", RUN, "NAME", "tpe (default) or cmaes."),
-    Own("--case", RUN, "NAME", "Cases of the score the search sees, names or patterns, may be repeated; the others are "
-        "held out. Default: seven of them.", list),
+    Own(
+        "--case",
+        RUN,
+        "NAME",
+        "Cases of the score the search sees, names or patterns, may be repeated; the "
+        "others are held out. Default: seven of them.",
+        list,
+    ),
     Own("--seeds", RUN, "N", f"Seeds per case in the search; default {SEEDS}.", int, 1, 1e3),
-    Own("--held-out-seeds", RUN, "N", f"Seeds per case of the final table; default {HELD_OUT_SEEDS}.", int, 1, 1e3),
+    Own(
+        "--held-out-seeds",
+        RUN,
+        "N",
+        f"Seeds per case of the final table; default {HELD_OUT_SEEDS}.",
+        int,
+        1,
+        1e3,
+    ),
     OWN["--workers"],
     OWN["--on"],
     Own("--set", CONFIG, "KEY=VALUE", "KEY=VALUE of the config that stays as it is; may be repeated.", list),
-    Own("--out", OUTPUT, "DIR", "Folder; the same search begun there is continued. Default results/tune/...", Path),
-)  # fmt: skip
+    Own(
+        "--out",
+        OUTPUT,
+        "DIR",
+        "Folder; the same search begun there is continued. Default results/tune/...",
+        Path,
+    ),
+)
 def tune(controller: Controller, given: Given) -> int:
     """Search the parameters that make a figure of the score small, and write them as tuned.toml.
 
@@ -109,7 +144,9 @@ def asked_search(controller: str, given: Given) -> Search:
     keys = [searched.key for searched in over]
     if len(set(keys)) < len(keys):
         raise InputError(f"--over names {next(key for key in keys if keys.count(key) > 1)} twice.")
-    conditions = tuple(read_condition(word.strip()) for word in (given["--subject-to"] or "stable").split(","))
+    conditions = tuple(
+        read_condition(word.strip()) for word in (given["--subject-to"] or "stable").split(",")
+    )
     seen, held_out = training_cases(given["--case"] or [])
     return Search(
         name, over, read_goal(given["--goal"] or "worst:rms_error_n"), conditions, seen, held_out,
@@ -124,7 +161,9 @@ def _facts(search: Search) -> dict[str, Any]:
         "controllers": [search.controller],
         "over": [list(searched[:3]) for searched in search.over],
         "goal": ":".join(search.goal),
-        "subject_to": [f"{c.figure}" if c.most != c.most else f"{c.figure}<={c.most:g}" for c in search.conditions],
+        "subject_to": [
+            f"{c.figure}" if c.most != c.most else f"{c.figure}<={c.most:g}" for c in search.conditions
+        ],
         "cases": [case.name for case in search.cases],
         "seeds": search.seeds,
         "settings": list(search.settings),
@@ -139,7 +178,9 @@ def tuned_toml(search: Search, best: Mapping[str, float]) -> str:
     from polish_sim.toml_text import toml_text
 
     entry = search.entry(best)
-    chosen = override(default_scenario("force"), [f"controller.name={json.dumps(entry.name)}", *entry.settings])
+    chosen = override(
+        default_scenario("force"), [f"controller.name={json.dumps(entry.name)}", *entry.settings]
+    )
     table: dict[str, Any] = {"controller": {"name": entry.name}}
     for word in entry.settings:
         *parents, last = word.partition("=")[0].split(".")
@@ -162,7 +203,10 @@ def show(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict],
     rows = [["where", "rows", f"shipped {goal}", "tuned", f"shipped not {conditions}", "tuned not", "better"]]
     rows += [[v.what, str(v.rows), number_text(v.shipped, 4), number_text(v.tuned, 4), str(v.shipped_broken),
               str(v.tuned_broken), "yes" if v.better else "NO"] for v in verdicts]  # fmt: skip
-    facts = _facts(search) | {"best": dict(best), "judged": [v._asdict() | {"better": v.better} for v in verdicts]}
+    facts = _facts(search) | {
+        "best": dict(best),
+        "judged": [v._asdict() | {"better": v.better} for v in verdicts],
+    }
     write_json(folder / "metrics.json", facts | {"versions": package_versions()})
     tables = {"Parameters": values, "Shipped and tuned": rows}
     page = tables_page(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables, [])

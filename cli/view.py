@@ -1,4 +1,5 @@
-"""`polish-sim view`, and where the pages of `--live` and `view` are served: this computer, unless asked otherwise.
+"""`polish-sim view`, and where the pages of `--live` and `view` are served: this computer, unless asked
+otherwise.
 
 A saved run has its page already, which is served as it is. viser is imported when a live page is opened.
 """
@@ -87,14 +88,17 @@ def free_address(asked: Address) -> Address:
             problem = error.strerror or str(error)
     tried = f"port {ports[0]}" if len(ports) == 1 else f"the ports {ports[0]} to {ports[-1]}"
     raise InputError(
-        f"no page can be served at '{asked.host}', {tried}: {problem}. Choose another with --live-port or --live-host."
+        f"no page can be served at '{asked.host}', {tried}: {problem}. Choose another with --live-port or "
+        "--live-host."
     )
 
 
 def allowed(origin: str | None, host: str) -> bool:
-    """Whether a browser's page of this origin may use the server it calls ``host``, both as in a request's header.
+    """Whether a browser's page of this origin may use the server it calls ``host``, both as in a request's
+    header.
 
-    Only the server's own pages may, and by a name that anybody could lead to this address (DNS rebinding) none.
+    Only the server's own pages may, and by a name that anybody could lead to this address (DNS rebinding)
+    none.
     """
     name = urlsplit(f"//{host}").hostname or ""
     known = name in ("localhost", socket.gethostname().lower())
@@ -106,7 +110,8 @@ def allowed(origin: str | None, host: str) -> bool:
 
 @contextlib.contextmanager
 def _guarded() -> Iterator[None]:
-    """While viser starts: let its server refuse pages of other origins, and keep its banner off the results."""
+    """While viser starts: let its server refuse pages of other origins, and keep its banner off the
+    results."""
     import websockets.asyncio.server as websockets
 
     serve: Any = websockets.serve
@@ -158,8 +163,8 @@ def say_address(asked: Address, address: Address) -> None:
     console.note(f"live view: open {address.url} in a browser")
     if not _is_loopback(address.host):
         console.note(
-            f"live view: whoever can reach {address.host} can watch the run, pause it and change it; there is no "
-            "password, and nothing is encrypted."
+            f"live view: whoever can reach {address.host} can watch the run, pause it and change it; there "
+            "is no password, and nothing is encrypted."
         )
 
 
@@ -192,8 +197,11 @@ def page_server(address: Address, content: bytes) -> HTTPServer:
 
 
 @takes("--live-port", "--live-host")
-def view(run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder made by 'run'.")], given: Given) -> None:
-    """Show a saved run in the browser until Ctrl-C: the cell in 3D, the force, the part as it is worked on."""
+def view(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder made by 'run'.")], given: Given
+) -> None:
+    """Show a saved run in the browser until Ctrl-C: the cell in 3D, the force, the part as it is worked
+    on."""
     # Lazy: --help must not wait for numpy.
     from polish_sim.analysis.run_record import read_record
     from polish_sim.experiments.compared_page import saved_page
@@ -201,7 +209,9 @@ def view(run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder mad
 
     saved = saved_page(run, read_record(run))
     if saved is None or not len(saved.motion.time):
-        raise InputError(f"'{run}' has nothing to show: it lacks its page, and its cell cannot be set up again.")
+        raise InputError(
+            f"'{run}' has nothing to show: it lacks its page, and its cell cannot be set up again."
+        )
     asked = Address(given["--live-host"] or LOOPBACK, given["--live-port"] or 0)
     address = free_address(asked)
     with page_server(address, page_html(saved).encode()) as server, contextlib.suppress(KeyboardInterrupt):

@@ -1,7 +1,7 @@
 """Check the built site without a network: ``python docs/check_links.py FOLDER``.
 
-Every link to a page, a file or a place on a page leads somewhere, and no page fetches anything from another host. Links
-to other hosts, which a reader follows, are counted, not fetched.
+Every link to a page, a file or a place on a page leads somewhere, and no page fetches anything from another
+host. Links to other hosts, which a reader follows, are counted, not fetched.
 """
 
 from __future__ import annotations
@@ -71,12 +71,17 @@ def faults(folder: Path) -> tuple[list[str], int, int]:
                 wrong.append(f"{where}: {link} names no place on that page")
     for style in folder.rglob("*.css"):
         text = style.read_text(encoding="utf-8")
-        wrong += [f"{style.name}: loads from another host" for mark in ("url(http", "@import") if mark in text]
+        wrong += [
+            f"{style.name}: loads from another host" for mark in ("url(http", "@import") if mark in text
+        ]
     return wrong, inside, outside
 
 
 if __name__ == "__main__":
     found, followed, left = faults(Path(sys.argv[1]))
     print(*found, sep="\n", end="\n" if found else "")
-    print(f"{followed} links and files within the site, {left} links to other hosts not fetched, {len(found)} wrong")
+    print(
+        f"{followed} links and files within the site, {left} links to other hosts not fetched, {len(found)} "
+        "wrong"
+    )
     sys.exit(bool(found))

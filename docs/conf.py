@@ -24,7 +24,9 @@ ROOT = Path(__file__).resolve().parent.parent
 # They are run there: they write files. Trainings, which take long, and clients of a robot are left out.
 EXAMPLES = ROOT / "build" / "examples"
 shutil.rmtree(EXAMPLES, ignore_errors=True)
-shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("train_*.py", "ur_rtde_*.py", "results"))
+shutil.copytree(
+    ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("train_*.py", "ur_rtde_*.py", "results")
+)
 project = "polish-sim"
 copyright = "polish-sim contributors, MIT licence"
 version = release = version_of("polish-sim")
@@ -84,8 +86,13 @@ sphinx_gallery_conf = {
     "capture_repr": (),
 }
 
-MIRRORS = {"changelog": "CHANGELOG.md", "run_folder": "results/README.md", "model_sources": "models/README.md"}
-"""Pages that are another file of the repository; what lies in docs/ under their name is one line for GitHub."""
+MIRRORS = {
+    "changelog": "CHANGELOG.md",
+    "run_folder": "results/README.md",
+    "model_sources": "models/README.md",
+}
+"""Pages that are another file of the repository; what lies in docs/ under their name is one line for
+GitHub."""
 LINKS = {
     r"(?:\.\./)?docs/": "",
     r"(?:\.\./)?results/README\.md": "run_folder.md",
@@ -101,7 +108,8 @@ LINKS = {
 
 
 def read_page(app: Sphinx, name: str, source: list[str]) -> None:
-    """Put a mirrored file in its page's place, point links into the site, and make the glossary's table a glossary."""
+    """Put a mirrored file in its page's place, point links into the site, and make the glossary's table a
+    glossary."""
     if Path(app.env.doc2path(name)).suffix != ".md":
         return
     if name in MIRRORS:
@@ -125,20 +133,26 @@ def settings_text(section: Any = None, name: str = "") -> str:
         value, about = getattr(section, field.name), field.metadata
         place = f"{name}.{field.name}" if name else field.name
         if is_dataclass(value):
-            deeper += f"\n## {place}\n\n{(type(value).__doc__ or '').splitlines()[0]}\n" + settings_text(value, place)
+            deeper += f"\n## {place}\n\n{(type(value).__doc__ or '').splitlines()[0]}\n" + settings_text(
+                value, place
+            )
         elif "text" in about:
             option = f"`{about['option'].name}`" if about.get("option") else ""
             listed = [
-                f"{v:.6g}" if isinstance(v, float) else str(v) for v in (value if isinstance(value, tuple) else [value])
+                f"{v:.6g}" if isinstance(v, float) else str(v)
+                for v in (value if isinstance(value, tuple) else [value])
             ]
             shown = f"`{', '.join(listed)}`" if any(listed) else ""
-            rows.append(f"| `{field.name}` | {option} | {shown} | {about['text'].replace('|', chr(92) + '|')} |")
+            rows.append(
+                f"| `{field.name}` | {option} | {shown} | {about['text'].replace('|', chr(92) + '|')} |"
+            )
     head = "\n| key | option | default | meaning |\n|---|---|---|---|\n"
     return (head + "\n".join(rows) + "\n" if rows else "") + deeper
 
 
 def keep_colons(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Hide the colons of a field's sentence from napoleon, which would take what stands before them for a type."""
+    """Hide the colons of a field's sentence from napoleon, which would take what stands before them for a
+    type."""
     if what == "attribute":
         lines[:] = [line.replace(":", COLON) for line in lines]
 

@@ -1,9 +1,10 @@
 """Run every code block of the site's pages: ``python docs/run_blocks.py [PAGE...]``; ``make docs`` does.
 
-Blocks marked ``bash`` and ``python`` run as they stand, page by page, in an empty folder of the page's own; those of a
-page follow one another and share that folder. A line ``<!-- file: NAME -->`` above a block writes it to a file instead.
-So that all of it takes minutes, ``polish-sim`` on these pages gets less to do by `SHORT`: a shorter feed, fewer seeds.
-Blocks marked ``text`` are pictures, ``math`` equations; there is no other kind.
+Blocks marked ``bash`` and ``python`` run as they stand, page by page, in an empty folder of the page's own;
+those of a page follow one another and share that folder. A line ``<!-- file: NAME -->`` above a block writes
+it to a file instead. So that all of it takes minutes, ``polish-sim`` on these pages gets less to do by
+`SHORT`: a shorter feed, fewer seeds. Blocks marked ``text`` are pictures, ``math`` equations; there is no
+other kind.
 """
 
 from __future__ import annotations
@@ -62,7 +63,9 @@ def blocks(page: Path) -> Iterator[Block]:
         if begin:
             end = lines.index(begin[1], k + 1)
             named = re.fullmatch(r"<!-- file: (\S+) -->", lines[k - 1]) if k else None
-            yield Block(page, k + 1, begin[2], named[1] if named else "", "\n".join(lines[k + 1 : end]) + "\n")
+            yield Block(
+                page, k + 1, begin[2], named[1] if named else "", "\n".join(lines[k + 1 : end]) + "\n"
+            )
             k = end
         k += 1
 
@@ -104,9 +107,13 @@ def run_command(words: list[str]) -> int:
     """Run the real command, shorter, and note how long it took."""
     short = shortened(words)
     started = time.monotonic()
-    done = subprocess.run([sys.executable, "-c", "from polish_sim.cli import start; start()", *short], check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", "from polish_sim.cli import start; start()", *short], check=False
+    )
     with Path(os.environ["DOCS_COMMANDS"]).open("a", encoding="utf-8") as notes:
-        notes.write(f"{time.monotonic() - started:.1f}\t{int(short != words)}\t{done.returncode}\t{' '.join(short)}\n")
+        notes.write(
+            f"{time.monotonic() - started:.1f}\t{int(short != words)}\t{done.returncode}\t{' '.join(short)}\n"
+        )
     return done.returncode
 
 
@@ -125,7 +132,9 @@ def run_page(page: Path, scratch: Path) -> Ran:
     found = list(blocks(page))
     for block in found:
         if block.kind not in KINDS:
-            return Ran(page, 0, [], 0.0, f"{page.name}:{block.line}: a block of kind '{block.kind}'; known: {KINDS}")
+            return Ran(
+                page, 0, [], 0.0, f"{page.name}:{block.line}: a block of kind '{block.kind}'; known: {KINDS}"
+            )
     todo = [block for block in found if block.kind in ("bash", "python") or block.file]
     folder = scratch / f"{page.parent.name}-{page.stem}"
     folder.mkdir()
@@ -147,10 +156,18 @@ def run_page(page: Path, scratch: Path) -> Ran:
         left = PAGE_SECONDS - (time.monotonic() - started)
         try:
             done = subprocess.run(
-                call, input=block.text, env=environment, cwd=folder, capture_output=True, text=True, timeout=left
+                call,
+                input=block.text,
+                env=environment,
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                timeout=left,
             )
             failed = (
-                f"exit code {done.returncode}\n{done.stdout[-1500:]}{done.stderr[-3000:]}" if done.returncode else ""
+                f"exit code {done.returncode}\n{done.stdout[-1500:]}{done.stderr[-3000:]}"
+                if done.returncode
+                else ""
             )
         except subprocess.TimeoutExpired:
             failed = f"the page takes more than {PAGE_SECONDS:g} s"
@@ -195,7 +212,10 @@ def main(names: list[str]) -> int:
             ran.append(one)
             if one.count or one.error:
                 name = one.page.relative_to(ROOT)
-                print(f"{name}: {one.count} blocks, {len(one.commands)} commands, {one.seconds:.0f} s", flush=True)
+                print(
+                    f"{name}: {one.count} blocks, {len(one.commands)} commands, {one.seconds:.0f} s",
+                    flush=True,
+                )
             if os.environ.get("DOCS_TIMES"):
                 print(*("    " + "  ".join(row) for row in one.commands), sep="\n", flush=True)
             if one.error:
@@ -203,7 +223,8 @@ def main(names: list[str]) -> int:
     commands = [row for one in ran for row in one.commands]
     shorter, failed = sum(row[1] == "1" for row in commands), sum(bool(one.error) for one in ran)
     print(
-        f"{sum(one.count for one in ran)} blocks with {len(commands)} commands ran, {shorter} of these shortened, ",
+        f"{sum(one.count for one in ran)} blocks with {len(commands)} commands ran, {shorter} of these "
+        "shortened, ",
         end="",
     )
     used = os.times()

@@ -25,4 +25,7 @@ angle = np.arccos(np.clip(np.sum(on.normals * directions, axis=1), -1.0, 1.0))
 bend = surface.curvature(on.facets, on.barycentric)
 print(f"position error: {1e9 * np.abs(height).max():.1f} nm at most (that of the flat facets: some 3000 nm)")
 print(f"normal error: {np.degrees(angle).max():.4f} deg at most")
-print(f"curvature: {np.median(bend.k1):.3f} and {np.median(bend.k2):.3f} 1/m in the middle, true is {1.0 / RADIUS:.3f}")
+print(
+    f"curvature: {np.median(bend.k1):.3f} and {np.median(bend.k2):.3f} 1/m in the middle, true is "
+    f"{1.0 / RADIUS:.3f}"
+)

@@ -9,16 +9,38 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from polish_sim import PlanConfig, fit_surface, load_part, measure_path, plan_path, select_region, workpiece_path
+from polish_sim import (
+    PlanConfig,
+    fit_surface,
+    load_part,
+    measure_path,
+    plan_path,
+    select_region,
+    workpiece_path,
+)
 
 mesh = load_part(workpiece_path("freeform"))
 surface = fit_surface(mesh)
 region = select_region(surface, mesh)
 path = plan_path(region, PlanConfig(pattern="spiral", stepover_m=0.008))
 
-print("positions [m]", path.positions_work.shape, "axes", path.axes_work.shape, "turns", path.pass_index.max() + 1)
+print(
+    "positions [m]",
+    path.positions_work.shape,
+    "axes",
+    path.axes_work.shape,
+    "turns",
+    path.pass_index.max() + 1,
+)
 figures = measure_path(path, region, stepover=0.008)
-for name in ("path_length_m", "coverage", "coverage_stepover", "stepover_p5_m", "stepover_p95_m", "self_crossings"):
+for name in (
+    "path_length_m",
+    "coverage",
+    "coverage_stepover",
+    "stepover_p5_m",
+    "stepover_p95_m",
+    "self_crossings",
+):
     print(f"{name:18s} {figures[name]:.4g}")
 
 off = np.linalg.norm(

@@ -7,7 +7,15 @@ even.
 
 import matplotlib.pyplot as plt
 
-from polish_sim import PlanConfig, fit_surface, load_part, measure_path, plan_path, select_region, workpiece_path
+from polish_sim import (
+    PlanConfig,
+    fit_surface,
+    load_part,
+    measure_path,
+    plan_path,
+    select_region,
+    workpiece_path,
+)
 
 STEPOVER = 0.008  # [m]
 mesh = load_part(workpiece_path("plate_two_holes"))

@@ -19,7 +19,9 @@ force = 20.0 - 6.0 * steepness / steepness.max()
 feed = np.full(len(force), 0.01)  # [m/s]
 result = replace(result, path=replace(result.path, force=force, feed=feed))
 
-setup = ExportSetup(part_pose=(0.4, 0.0, 0.1, 0.0, 0.0, 0.0), tool=RobotTool(payload_kg=2.0, spindle_output=1))
+setup = ExportSetup(
+    part_pose=(0.4, 0.0, 0.1, 0.0, 0.0, 0.0), tool=RobotTool(payload_kg=2.0, spindle_output=1)
+)
 for file in export_plan("results/examples/07_export", result, ["all"], setup):
     print(f"{file.stat().st_size / 1e3:8.1f} kB  {file}")
 

@@ -11,7 +11,12 @@ import numpy as np
 
 from polish_sim import default_scenario, override, run_experiment
 
-settings = ["dual.standoff_m=0.005", "process.feed_m_s=0.05", "dual.master_speed_m_s=0.02", "process.max_feed_s=0.5"]
+settings = [
+    "dual.standoff_m=0.005",
+    "process.feed_m_s=0.05",
+    "dual.master_speed_m_s=0.02",
+    "process.max_feed_s=0.5",
+]
 
 # %%
 # The arms are ``ideal`` here: rigid, exactly as their tables say. What is left is calibration and tracking.

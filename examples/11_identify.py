@@ -17,7 +17,9 @@ from polish_sim.identification.settings import IdentifySettings
 # %%
 # One period (10 s) of an exciting motion, on the arm without elastic gears. The search for the motion is cut
 # short: 15 steps, not 300.
-found = run_identification(IdentifySettings(periods=1, rate=500.0, iterations=15, robot=RobotConfig(arm="ideal")))
+found = run_identification(
+    IdentifySettings(periods=1, rate=500.0, iterations=15, robot=RobotConfig(arm="ideal"))
+)
 error, drawing = 100 * found.figures["nrms_heldout_mean"], 100 * found.figures["nrms_heldout_drawing_mean"]
 print(f"torque of another motion, error / range: {error:.3f} %, by the drawing {drawing:.2f} %")
 
@@ -26,7 +28,13 @@ print(f"torque of another motion, error / range: {error:.3f} %, by the drawing {
 # arm's inertia; with the inertia compensated too, less of it.
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
 for mode in ("classical", "inertia"):
-    settings = [f"guide.mode={mode}", "guide.direction=x", "guide.duration_s=0.8", "hand.off_s=0.5", "robot.arm=ideal"]
+    settings = [
+        f"guide.mode={mode}",
+        "guide.direction=x",
+        "guide.duration_s=0.8",
+        "hand.off_s=0.5",
+        "robot.arm=ideal",
+    ]
     guided = run_experiment(override(default_scenario("teach"), settings))
     print(f"{mode:10s} the hand's force is {guided.figures['hand_force_peak_n']:.1f} N at most")
     axes.plot(guided.log["time_s"], np.linalg.norm(guided.log["hand_force_n"], axis=1), label=mode)

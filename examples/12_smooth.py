@@ -14,7 +14,9 @@ from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.rules.rule import RULES
 
 TOLERANCE, AXIS_TOLERANCE = 2e-5, np.radians(0.02)  # [m], [rad]
-corners = 0.02 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+corners = 0.02 * np.array(
+    [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
+)
 square = chain_from_axes(corners, np.tile([0.0, 0.0, -1.0], (len(corners), 1)))
 
 # %%

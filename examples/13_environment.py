@@ -1,8 +1,8 @@
 """A Gymnasium environment
 =======================
 
-Two seconds of random velocities at the tool: it rarely ends well. Prints the reward and how the episode ended;
-`docs/learning.md` says what is seen and done. Needs the extra ``gym``.
+Two seconds of random velocities at the tool: it rarely ends well. Prints the reward and how the episode
+ended; `docs/learning.md` says what is seen and done. Needs the extra ``gym``.
 """
 
 import gymnasium

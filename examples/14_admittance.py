@@ -1,9 +1,9 @@
 """Admittance control
 ==================
 
-The law of most cobots' force modes as a controller of your own: along the tool axis a virtual mass and damper are
-pushed by the force error, M dv/dt + D v = Fd - Fe. Runs a step to 20 N with it on springs as drawn and five times as
-stiff; prints settling time and overshoot beside those of ``hybrid-pi``.
+The law of most cobots' force modes as a controller of your own: along the tool axis a virtual mass and damper
+are pushed by the force error, M dv/dt + D v = Fd - Fe. Runs a step to 20 N with it on springs as drawn and
+five times as stiff; prints settling time and overshoot beside those of ``hybrid-pi``.
 """
 
 from typing import ClassVar
@@ -14,12 +14,14 @@ from polish_sim import default_scenario, override, run_experiment
 
 
 class Admittance:
-    """Follow the path across the tool axis; along it, be pushed by the missing force like a mass with a damper."""
+    """Follow the path across the tool axis; along it, be pushed by the missing force like a mass with a
+    damper."""
 
     ranges: ClassVar = {"mass": (0.1, 100.0), "damping": (1.0, 1e5)}
 
     def __init__(self, mass=4.0, damping=283.0):
-        self.mass = mass  # [kg] twice what the wrist sensor carries: its inertia then has a loop gain of at most 1/2
+        # [kg] twice what the wrist sensor carries: its inertia then has a loop gain of at most 1/2
+        self.mass = mass
         self.damping = damping  # [N s/m] 2 sqrt(k M), critical on the drawn springs, k = 5000 N/m
 
     def reset(self, cycle_s):

@@ -1,9 +1,10 @@
 """Impedance control
 =================
 
-Position control to the planned depth that yields like a spring, as a controller of your own: the offset x from the
-plan follows M d2x/dt2 + D dx/dt + K x = Fd - Fe. Presses with 20 N on a plate that lies 1 mm off its planned place, and
-prints the error that stays: with springs k of head and pad in series it is K / (K + k) of what position control has.
+Position control to the planned depth that yields like a spring, as a controller of your own: the offset x
+from the plan follows M d2x/dt2 + D dx/dt + K x = Fd - Fe. Presses with 20 N on a plate that lies 1 mm off its
+planned place, and prints the error that stays: with springs k of head and pad in series it is K / (K + k) of
+what position control has.
 """
 
 from typing import ClassVar
@@ -14,7 +15,8 @@ from polish_sim import default_scenario, override, run_experiment
 
 
 class Impedance:
-    """Follow the path across the tool axis; along it, follow the plan with an offset that yields to the force."""
+    """Follow the path across the tool axis; along it, follow the plan with an offset that yields to the
+    force."""
 
     ranges: ClassVar = {"mass": (0.1, 100.0), "damping": (1.0, 1e5), "stiffness": (0.0, 1e5)}
 
@@ -48,8 +50,8 @@ class Impedance:
 
 
 # %%
-# It keeps an error for good wherever part or springs are not as drawn; in exchange it stays where it is when contact
-# is lost. ``hybrid-pi`` has no such error.
+# It keeps an error for good wherever part or springs are not as drawn; in exchange it stays where it is when
+# contact is lost. ``hybrid-pi`` has no such error.
 scenario = override(default_scenario("force"), ["process.hold_s=3", "part.displacement_m=0.001"])
 for name, controller in (("position", None), ("impedance", Impedance()), ("hybrid-pi", None)):
     named = override(scenario, [] if controller else [f"controller.name={name}"])

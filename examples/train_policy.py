@@ -20,7 +20,8 @@ RANGES = {
     "part.displacement_m": (0.0, 0.002),
 }
 LOOKS_AT = [2, 6, 7, 8, 11, 17, 23, 28, -1]
-"""Along tool z: force, its error, set force, contact, height error, speed, planned speed, the last action; and 1."""
+"""Along tool z: force, its error, set force, contact, height error, speed, planned speed, the last action;
+and 1."""
 SETTINGS = ("process.hold_s=1.5",)
 KIND = {"action": "force-and-feed", "rate_hz": 125}
 
@@ -38,8 +39,11 @@ def rewards_of(envs: gymnasium.vector.VectorEnv, weights: np.ndarray, seed: int)
 
 
 def train(seed: int = 0) -> np.ndarray:
-    """Weights of the policy clip(W (observation, 1)); the force is its to change, the tilt stays as planned."""
-    envs = gymnasium.make_vec("PolishForce-v1", PARALLEL, "sync", ranges=RANGES, bodies=4, settings=SETTINGS, **KIND)
+    """Weights of the policy clip(W (observation, 1)); the force is its to change, the tilt stays as
+    planned."""
+    envs = gymnasium.make_vec(
+        "PolishForce-v1", PARALLEL, "sync", ranges=RANGES, bodies=4, settings=SETTINGS, **KIND
+    )
     shape = (envs.single_action_space.shape[0], envs.single_observation_space.shape[0] + 1)
     rng, mean, spread = np.random.default_rng(seed), np.zeros(len(LOOKS_AT)), np.full(len(LOOKS_AT), 0.05)
     for generation in range(GENERATIONS):
@@ -49,10 +53,15 @@ def train(seed: int = 0) -> np.ndarray:
         weights[:, 0, LOOKS_AT] = rows
         reward = np.zeros(POPULATION)
         for first in range(0, POPULATION, PARALLEL):
-            reward[first : first + PARALLEL] = rewards_of(envs, weights[first : first + PARALLEL], 1000 + generation)
+            reward[first : first + PARALLEL] = rewards_of(
+                envs, weights[first : first + PARALLEL], 1000 + generation
+            )
         best = rows[np.argsort(reward)[-ELITE:]]
         mean, spread = best.mean(axis=0), best.std(axis=0) + 0.002
-        print(f"generation {generation + 1:2d}: reward {reward.mean():6.1f}, best {reward.max():6.1f}", flush=True)
+        print(
+            f"generation {generation + 1:2d}: reward {reward.mean():6.1f}, best {reward.max():6.1f}",
+            flush=True,
+        )
     envs.close()
     trained = np.zeros(shape)
     trained[0, LOOKS_AT] = mean

@@ -1,8 +1,8 @@
 """Train a policy by PPO (stable-baselines3)
 =========================================
 
-More than five minutes of processor; needs the extra ``rl``, which brings torch. Writes ``policy.zip``, prints its
-scorecard beside that of ``hybrid-pi``.
+More than five minutes of processor; needs the extra ``rl``, which brings torch. Writes ``policy.zip``, prints
+its scorecard beside that of ``hybrid-pi``.
 """
 
 import gymnasium
@@ -19,7 +19,13 @@ if __name__ == "__main__":
     kwargs = {**KIND, "ranges": RANGES, "bodies": 2, "settings": ["process.hold_s=1.5"]}
     envs = make_vec_env("PolishForce-v1", n_envs=8, env_kwargs=kwargs)
     model = PPO(
-        "MlpPolicy", envs, n_steps=512, batch_size=256, gamma=0.98, policy_kwargs={"log_std_init": -2.0}, seed=0
+        "MlpPolicy",
+        envs,
+        n_steps=512,
+        batch_size=256,
+        gamma=0.98,
+        policy_kwargs={"log_std_init": -2.0},
+        seed=0,
     )
     model.learn(100_000)
     model.save("policy.zip")

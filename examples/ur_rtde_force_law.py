@@ -1,9 +1,11 @@
-"""Press with the paper's force law from outside the robot: a PI on the force along the tool, sent as tool speeds.
+"""Press with the paper's force law from outside the robot: a PI on the force along the tool, sent as tool
+speeds.
 
-Nothing of polish-sim is imported: the program is for a robot, or for ``polish-sim serve``. From where the tool stands
-it goes down along its axis, lands, and holds the force; with a plan's ``path.csv`` it lands on the first point and
-follows the path. Every 2 ms it reads pose and force and answers with ``speedL``: across the tool axis position and
-orientation are held by equations 6 and 7, along it the speed is v = kp (Fd - F) + ki integral (Fd - F) dt (eq. 5).
+Nothing of polish-sim is imported: the program is for a robot, or for ``polish-sim serve``. From where the
+tool stands it goes down along its axis, lands, and holds the force; with a plan's ``path.csv`` it lands on
+the first point and follows the path. Every 2 ms it reads pose and force and answers with ``speedL``: across
+the tool axis position and orientation are held by equations 6 and 7, along it the speed is v = kp (Fd - F) +
+ki integral (Fd - F) dt (eq. 5).
 
     polish-sim serve --score step-20          # or a robot, its tool 10 mm above the part
     python examples/ur_rtde_force_law.py --seconds 4
@@ -20,7 +22,9 @@ from scipy.spatial.transform import Rotation
 parser = argparse.ArgumentParser()
 parser.add_argument("path", nargs="?", help="path.csv of polish-sim plan; without it one point is held")
 parser.add_argument("--host", default="127.0.0.1")
-parser.add_argument("--work", type=float, nargs=6, default=[0.0, -0.5, 0.08, 0.0, 0.0, 0.0], help="part in the base")
+parser.add_argument(
+    "--work", type=float, nargs=6, default=[0.0, -0.5, 0.08, 0.0, 0.0, 0.0], help="part in the base"
+)
 parser.add_argument("--force", type=float, default=20.0, help="[N]")
 parser.add_argument("--feed", type=float, default=0.03, help="[m/s]")
 parser.add_argument("--approach", type=float, default=0.005, help="[m/s]")
@@ -32,7 +36,8 @@ CYCLE_S = 0.002
 LOOK_AHEAD_S, VELOCITY_P, TURN_I = 0.1, 0.2, 0.2  # eq. 6 and 7
 FORCE_P, FORCE_I, FILTER_HZ, FASTEST = 0.004, 0.012, 5.0, 0.05  # eq. 5 [m/(s N)], [m/(s^2 N)]
 CONTACT_N, TOUCH_DOWN_S = 2.0, 0.42  # what counts as contact; the feed begins so long after it, or later
-SPRINGS, BRAKES, DELAY_S = 4.0 * 5000.0, 0.8 * 0.25 * 1.2, 0.016  # stiffest part [N/m], deceleration [m/s^2], and lag
+# stiffest part [N/m], deceleration [m/s^2], and lag
+SPRINGS, BRAKES, DELAY_S = 4.0 * 5000.0, 0.8 * 0.25 * 1.2, 0.016
 ACCELERATION = 1.2  # of speedL [m/s^2]
 
 control = RTDEControlInterface(given.host)
@@ -46,7 +51,9 @@ if given.path is None:
 else:
     with open(given.path, encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["segment"] == "process"]
-    points = np.array([[float(row[key]) for key in ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz")] for row in rows])
+    points = np.array(
+        [[float(row[key]) for key in ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz")] for row in rows]
+    )
     R_base_work = Rotation.from_rotvec(given.work[3:])
     s = points[:, 0] - points[0, 0]
     places, z = R_base_work.apply(points[:, 1:4]) + given.work[:3], -R_base_work.apply(points[:, 4:7])
@@ -87,7 +94,9 @@ class Law:
         error = given.force - self.filtered
         grown = self.summed + error * CYCLE_S
         rate = FORCE_P * error + FORCE_I * grown
-        room = (1.25 * given.force - force) / SPRINGS - max((DELAY_S + CYCLE_S) * max(speed, self.pressed), 0.0)
+        room = (1.25 * given.force - force) / SPRINGS - max(
+            (DELAY_S + CYCLE_S) * max(speed, self.pressed), 0.0
+        )
         self.pressed = min(max(rate, -FASTEST), FASTEST, np.sqrt(2.0 * BRAKES * max(room, 0.0)))
         if rate == self.pressed or rate * error < 0.0:
             self.summed = grown
@@ -110,7 +119,9 @@ try:
         now, force = receive.getTimestamp(), float(-np.array(receive.getActualTCPForce())[:3] @ axis)
         if landed is None and force > CONTACT_N:
             landed = now
-        feeding = landed is not None and now - landed > TOUCH_DOWN_S and (rate > 0.0 or force > 0.9 * given.force)
+        feeding = (
+            landed is not None and now - landed > TOUCH_DOWN_S and (rate > 0.0 or force > 0.9 * given.force)
+        )
         if feeding and given.path is not None:
             rate = min(given.feed, rate + max(0.05, 2.0 * given.feed) * CYCLE_S)
         ahead = wanted(way + rate * CYCLE_S)
@@ -136,7 +147,12 @@ try:
     control.moveL((pose - np.array([*(0.02 * axis), 0, 0, 0])).tolist(), 0.05, 0.3)
 finally:
     control.stopScript()
-    np.savetxt(given.log, np.array(log), delimiter=",", header="time_s,way_m,x,y,z,rx,ry,rz,force_n", comments="")
+    np.savetxt(
+        given.log, np.array(log), delimiter=",", header="time_s,way_m,x,y,z,rx,ry,rz,force_n", comments=""
+    )
 
 held = np.array([row[-1] for row in log if landed is not None and row[0] > landed + 1.0])
-print(f"{len(held)} cycles: mean {held.mean():.2f} N, rms error {np.sqrt(np.mean((held - given.force) ** 2)):.2f} N")
+print(
+    f"{len(held)} cycles: mean {held.mean():.2f} N, rms error "
+    f"{np.sqrt(np.mean((held - given.force) ** 2)):.2f} N"
+)

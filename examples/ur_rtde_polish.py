@@ -1,8 +1,8 @@
 """Polish a planned path with a UR's own force mode, from Python through ur_rtde.
 
-Nothing of polish-sim is imported: the program is for a robot, or for ``polish-sim serve``, which cannot be told from
-one. It goes above the part, zeroes the sensor, lands in force mode, follows the plan's poses with ``servoL`` while
-force mode presses along the tool, lifts, and writes what the robot measured.
+Nothing of polish-sim is imported: the program is for a robot, or for ``polish-sim serve``, which cannot be
+told from one. It goes above the part, zeroes the sensor, lands in force mode, follows the plan's poses with
+``servoL`` while force mode presses along the tool, lifts, and writes what the robot measured.
 
     polish-sim plan freeform --stepover 25 --out PLAN
     polish-sim serve --part freeform --path PLAN/path.csv --out SERVED    # beside it, or a robot
@@ -20,7 +20,9 @@ from scipy.spatial.transform import Rotation
 parser = argparse.ArgumentParser()
 parser.add_argument("path", help="path.csv of polish-sim plan")
 parser.add_argument("--host", default="127.0.0.1")
-parser.add_argument("--work", type=float, nargs=6, default=[0.0, -0.5, 0.08, 0.0, 0.0, 0.0], help="part in the base")
+parser.add_argument(
+    "--work", type=float, nargs=6, default=[0.0, -0.5, 0.08, 0.0, 0.0, 0.0], help="part in the base"
+)
 parser.add_argument("--force", type=float, default=20.0, help="[N]")
 parser.add_argument("--feed", type=float, default=0.01, help="[m/s]")
 parser.add_argument("--seconds", type=float, default=60.0, help="of the path, from its begin")
@@ -31,7 +33,9 @@ given = parser.parse_args()
 # The path's points in the robot's base; tool z goes into the part, tool x stays as level as it can.
 with open(given.path, encoding="utf-8") as file:
     rows = [row for row in csv.DictReader(file) if row["segment"] == "process"]
-points = np.array([[float(row[key]) for key in ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz")] for row in rows])
+points = np.array(
+    [[float(row[key]) for key in ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz")] for row in rows]
+)
 R_base_work = Rotation.from_rotvec(given.work[3:])
 s = points[:, 0] - points[0, 0]
 positions = R_base_work.apply(points[:, 1:4]) + given.work[:3]
@@ -39,7 +43,8 @@ z = -R_base_work.apply(points[:, 4:7])
 x = np.array([1.0, 0.0, 0.0]) - z * z[:, :1]
 x /= np.linalg.norm(x, axis=1, keepdims=True)
 turns = Rotation.from_matrix(np.stack([x, np.cross(z, x), z], axis=2)).as_rotvec()
-# Half a turn has two rotation vectors; the one near the last point's lets numbers between two points be poses.
+# Half a turn has two rotation vectors; the one near the last point's lets numbers between two points be
+# poses.
 for k in range(1, len(turns)):
     angle = np.linalg.norm(turns[k])
     other = turns[k] * (1.0 - 2.0 * np.pi / angle)
@@ -88,7 +93,8 @@ try:
         raise SystemExit("no contact within 10 s: is the part where --work says?")
 
     # %%
-    # The script takes one command in a cycle: nine of ten move the tool, the tenth turns force mode's frame with it.
+    # The script takes one command in a cycle: nine of ten move the tool, the tenth turns force mode's frame
+    # with it.
     for cycle in range(int(min(given.seconds, s[-1] / given.feed) / CYCLE_S)):
         begin = control.initPeriod()
         way = given.feed * cycle * CYCLE_S

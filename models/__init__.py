@@ -1,4 +1,5 @@
-"""Where the shipped models are: the robot's MJCF and the workpieces' STL files (read by the cell and the planner)."""
+"""Where the shipped models are: the robot's MJCF and the workpieces' STL files (read by the cell and the
+planner)."""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ def part_path(name: str) -> Path:
         The path; whether there is such a file shows when it is read.
 
     Raises:
-        InputError: A bare name that is neither a shipped part nor a file; lists the shipped ones, the likeliest first.
+        InputError: A bare name that is neither a shipped part nor a file; lists the shipped ones, the
+            likeliest first.
     """
     if name in workpiece_names():
         return workpiece_path(name)
@@ -74,7 +76,9 @@ def part_path(name: str) -> Path:
     if path.suffix or path.name != name or path.exists():
         return path
     meant = did_you_mean(name, workpiece_names())
-    raise InputError(f"'{name}' is neither a file nor a shipped part.{meant} Shipped: {', '.join(workpiece_names())}.")
+    raise InputError(
+        f"'{name}' is neither a file nor a shipped part.{meant} Shipped: {', '.join(workpiece_names())}."
+    )
 
 
 __all__ = ["WORKPIECES", "part_path", "robot_model_path", "workpiece_names", "workpiece_path"]

@@ -1,7 +1,7 @@
 """Write the robot's visual meshes (binary STL, m): ``python -m polish_sim.models.generate_robot_meshes``.
 
-Each mesh is a set of turned bodies with rounded edges, in the frame of its link (the DH frame), shaped after the
-proportions of a UR5e: joint housings along the joint axes, tubes between them. They are for the eye only.
+Each mesh is a set of turned bodies with rounded edges, in the frame of its link (the DH frame), shaped after
+the proportions of a UR5e: joint housings along the joint axes, tubes between them. They are for the eye only.
 """
 
 from __future__ import annotations
@@ -41,13 +41,19 @@ MESHES: dict[str, tuple[Turned, ...]] = {
         Turned((0, 0, 0.010), (0, 0, 0.0965), 0.0635, 0.001, 0.003),
         Turned((0, -0.050, 0.052), (0, 0.078, 0.052), 0.024, 0.001, 0.003),
     ),
-    "base_seam": (Turned((0, 0, 0.090), (0, 0, 0.1025), 0.0605), Turned((0, 0.07, 0.052), (0, 0.088, 0.052), 0.014)),
+    "base_seam": (
+        Turned((0, 0, 0.090), (0, 0, 0.1025), 0.0605),
+        Turned((0, 0.07, 0.052), (0, 0.088, 0.052), 0.014),
+    ),
     "link_1_shell": (
         Turned((0, -0.060, 0), (0, -0.002, 0), 0.0605, 0.003, 0.001),
         Turned((0, 0, -0.052), (0, 0, 0.068), 0.0605, 0.003, 0.003),
     ),
     "link_1_cap": (Turned((0, 0, -0.067), (0, 0, -0.050), 0.0575, 0.012, 0.001),),
-    "link_2_seam": (Turned((0.425, 0, 0.060), (0.425, 0, 0.080), 0.0575), Turned((0, 0, 0.070), (0, 0, 0.085), 0.0545)),
+    "link_2_seam": (
+        Turned((0.425, 0, 0.060), (0.425, 0, 0.080), 0.0575),
+        Turned((0, 0, 0.070), (0, 0, 0.085), 0.0545),
+    ),
     "link_2_shell": (
         Turned((0.425, 0, 0.0725), (0.425, 0, 0.190), 0.0605, 0.003, 0.003),
         Turned((0.425, 0, 0.138), (0, 0, 0.138), 0.0500, 0.010, 0.010),
@@ -70,7 +76,10 @@ MESHES: dict[str, tuple[Turned, ...]] = {
         Turned((0.3922, 0, -0.056), (0.3922, 0, -0.040), 0.0550, 0.012, 0.001),
         Turned((0, 0, -0.049), (0, 0, -0.034), 0.0410, 0.010, 0.001),
     ),
-    "link_4_seam": (Turned((0, -0.078, 0), (0, -0.060, 0), 0.0405), Turned((0, 0, 0.040), (0, 0, 0.054), 0.0405)),
+    "link_4_seam": (
+        Turned((0, -0.078, 0), (0, -0.060, 0), 0.0405),
+        Turned((0, 0, 0.040), (0, 0, 0.054), 0.0405),
+    ),
     "link_4_shell": (
         Turned((0, -0.0665, 0), (0, 0.040, 0), 0.0435, 0.003, 0.003),
         Turned((0, 0, 0), (0, 0, 0.0465), 0.0435, 0.003, 0.003),
@@ -90,7 +99,10 @@ MESHES: dict[str, tuple[Turned, ...]] = {
     "spindle_housing": (
         Turned((0, 0, 0.048), (0, 0, 0.140), 0.0320, 0.002, 0.004),
         Turned((0, 0, 0.130), (0, 0, 0.152), 0.0260, 0.002, 0.006),
-        *(Turned((0, 0, 0.062 + h), (0, 0, 0.067 + h), 0.0335, 0.001, 0.001) for h in (0.0, 0.008, 0.016, 0.024)),
+        *(
+            Turned((0, 0, 0.062 + h), (0, 0, 0.067 + h), 0.0335, 0.001, 0.001)
+            for h in (0.0, 0.008, 0.016, 0.024)
+        ),
     ),
     "spindle_trim": (
         Turned((0, 0, 0.040), (0, 0, 0.052), 0.0400, 0.001, 0.002),
@@ -100,7 +112,8 @@ MESHES: dict[str, tuple[Turned, ...]] = {
         Turned((0.042, 0, 0.106), (0.060, 0, 0.106), 0.0070, 0.001, 0.003),
     ),
 }
-"""Turned bodies of every mesh file, in the frame of the link that the name begins with (the tool's: tool_mount)."""
+"""Turned bodies of every mesh file, in the frame of the link that the name begins with (the tool's:
+tool_mount)."""
 
 
 def turned_solid(body: Turned) -> Solid:

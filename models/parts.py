@@ -119,7 +119,10 @@ def _blocks() -> dict[str, Part]:
 def parts() -> dict[str, Part]:
     """All shipped workpieces by name."""
     rim = TorusRim(height=0.038, radius=0.060, ring_radius=0.080)
-    holes = (Hole(x=-0.045, y=0.020, radius=0.025, room=0.030), Hole(x=0.050, y=-0.025, radius=0.015, room=0.020))
+    holes = (
+        Hole(x=-0.045, y=0.020, radius=0.025, room=0.030),
+        Hole(x=0.050, y=-0.025, radius=0.015, room=0.020),
+    )
     return {
         **_blocks(),
         **_unlike_plate(),

@@ -80,7 +80,9 @@ def punched_solid(shape: Shape, punched: PunchedGrid) -> Solid:
     top = np.column_stack([grid.xy, shape.evaluate(grid.xy).height])
     below = np.column_stack([grid.xy, np.zeros(len(top))])
     edge = grid.xy[grid.border]
-    below[grid.border, :2] = edge - CHAMFER * np.where(np.abs(edge) == np.abs(edge).max(axis=0), np.sign(edge), 0.0)
+    below[grid.border, :2] = edge - CHAMFER * np.where(
+        np.abs(edge) == np.abs(edge).max(axis=0), np.sign(edge), 0.0
+    )
     wall = np.column_stack([edge, np.full(len(edge), CHAMFER)])
     n = len(top)
     middle = 2 * n + np.arange(len(edge))
@@ -118,4 +120,6 @@ def _merged(xy: Array, triangles: Ints, border: Ints, rims: tuple[Ints, ...]) ->
     )
     number = np.full(len(xy), -1)
     number[used] = same.ravel()
-    return PunchedGrid(Grid(xy[used[first]], number[triangles], number[border]), tuple(number[rim] for rim in rims))
+    return PunchedGrid(
+        Grid(xy[used[first]], number[triangles], number[border]), tuple(number[rim] for rim in rims)
+    )

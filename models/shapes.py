@@ -1,7 +1,9 @@
-"""The shipped workpieces' top faces as closed formulas, so that height, slope and curvature are known exactly.
+"""The shipped workpieces' top faces as closed formulas, so that height, slope and curvature are known
+exactly.
 
-Every shape is a graph z = f(x, y) over the part's bottom plane z = 0, in metres, z up. The STL files in ``workpieces``
-are sampled from these formulas by `generate_workpieces`; tests of the planner and the contact take truth from here.
+Every shape is a graph z = f(x, y) over the part's bottom plane z = 0, in metres, z up. The STL files in
+``workpieces`` are sampled from these formulas by `generate_workpieces`; tests of the planner and the contact
+take truth from here.
 """
 
 from __future__ import annotations
@@ -72,7 +74,8 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Incline:
-    """A level plane that climbs to a higher one over the line x = 0; foot and top of the climb are parabolas."""
+    """A level plane that climbs to a higher one over the line x = 0; foot and top of the climb are
+    parabolas."""
 
     height: float
     """Height of the plane at negative x [m]."""
@@ -87,7 +90,8 @@ class Incline:
         """See `Shape`."""
         x, bend = xy[:, 0], self.rounding * self.slope
         half = 0.5 * (self.rise / self.slope + bend)
-        # From each end the climb begins as a parabola and continues straight to the middle, its centre of symmetry.
+        # From each end the climb begins as a parabola and continues straight to the middle, its centre of
+        # symmetry.
         inward = np.clip(half - np.abs(x), 0.0, half)
         bent, straight = np.minimum(inward, bend), np.maximum(inward - bend, 0.0)
         climbed = 0.5 * bent**2 / self.rounding + self.slope * straight
@@ -143,10 +147,10 @@ class TorusRim(Revolved):
 class FoldedDome:
     """A shallow dome with six rounded folds that run outwards like spokes and fade out towards the middle.
 
-    f = height - D(r) - a(r) (sum_j G(u_j . x) - N(r)). D is a hyperboloid, N another one. Each of three lines through
-    the middle, 60 deg apart, is a fold G: its second derivative is one raised cosine, so a fold turns the surface
-    once, without a counter-bend beside it. N is the folds' mean height, taken off so that they do not steepen the
-    dome; a fades them in. Circles around the middle cross six crests at right angles.
+    f = height - D(r) - a(r) (sum_j G(u_j . x) - N(r)). D is a hyperboloid, N another one. Each of three lines
+    through the middle, 60 deg apart, is a fold G: its second derivative is one raised cosine, so a fold turns
+    the surface once, without a counter-bend beside it. N is the folds' mean height, taken off so that they do
+    not steepen the dome; a fades them in. Circles around the middle cross six crests at right angles.
     """
 
     height: float
@@ -267,7 +271,9 @@ def normal_curvature(graph: Graph, directions: Array) -> Array:
     bend = np.einsum("ni,nij,nj->n", directions, graph.hessian, directions)
     climb = (directions * graph.gradient).sum(axis=1)
     length_squared = (directions**2).sum(axis=1) + climb**2
-    return np.asarray(-bend / (length_squared * np.sqrt(1.0 + (graph.gradient**2).sum(axis=1))), dtype=np.float64)
+    return np.asarray(
+        -bend / (length_squared * np.sqrt(1.0 + (graph.gradient**2).sum(axis=1))), dtype=np.float64
+    )
 
 
 def principal_curvatures(graph: Graph) -> Array:

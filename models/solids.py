@@ -79,7 +79,9 @@ def rectangle_grid(size_x: float, size_y: float, spacing: float) -> Grid:
         The grid.
     """
     nx, ny = round(size_x / spacing), round(size_y / spacing)
-    return lines_grid(np.linspace(-size_x / 2, size_x / 2, nx + 1), np.linspace(-size_y / 2, size_y / 2, ny + 1))
+    return lines_grid(
+        np.linspace(-size_x / 2, size_x / 2, nx + 1), np.linspace(-size_y / 2, size_y / 2, ny + 1)
+    )
 
 
 def lines_grid(x: Array, y: Array) -> Grid:
@@ -156,4 +158,6 @@ def strip(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> Triangles:
         The triangles.
     """
     lower_next, upper_next = np.roll(lower, -1), np.roll(upper, -1)
-    return np.vstack([np.stack([lower, lower_next, upper_next], axis=1), np.stack([lower, upper_next, upper], axis=1)])
+    return np.vstack(
+        [np.stack([lower, lower_next, upper_next], axis=1), np.stack([lower, upper_next, upper], axis=1)]
+    )

@@ -12,14 +12,16 @@ import pytest
 # each other, fifty times as long as the work takes.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# A shell starts background jobs with SIGINT ignored, and so would every process the tests start: they test Ctrl-C.
+# A shell starts background jobs with SIGINT ignored, and so would every process the tests start: they test
+# Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from tests.kept import share_fields  # noqa: E402  (imports numpy)
 
 share_fields()
 
-# What compiles longest comes first and side by side: with an empty cache each process has its own kernels to make.
+# What compiles longest comes first and side by side: with an empty cache each process has its own kernels to
+# make.
 COMPILE_LONGEST = (
     "cell/test_engine_contact.py",
     "analysis/test_path_plot.py",
@@ -27,7 +29,8 @@ COMPILE_LONGEST = (
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """Folders are shared out to all processors; a file somebody names runs here, where a debugger can look in."""
+    """Folders are shared out to all processors; a file somebody names runs here, where a debugger can look
+    in."""
     whole = all(Path(argument).is_dir() for argument in config.args)
     return None if whole else 0
 
@@ -35,6 +38,8 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     def rank(item: pytest.Item) -> int:
         place = item.path.as_posix()
-        return next((k for k, name in enumerate(COMPILE_LONGEST) if place.endswith(name)), len(COMPILE_LONGEST))
+        return next(
+            (k for k, name in enumerate(COMPILE_LONGEST) if place.endswith(name)), len(COMPILE_LONGEST)
+        )
 
     items.sort(key=rank)

@@ -1,7 +1,7 @@
 """Distance fields and plans that the processes of a test session share on disk: each is made once.
 
-A distance field of the freeform part takes ten times as long as a short run on it, and every file of tests has its own
-process. What is kept is known by its inputs and by the package's source, as a row of a sweep is.
+A distance field of the freeform part takes ten times as long as a short run on it, and every file of tests
+has its own process. What is kept is known by its inputs and by the package's source, as a row of a sweep is.
 """
 
 from __future__ import annotations

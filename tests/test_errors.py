@@ -6,7 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from polish_sim.errors import count_text, did_you_mean, leave_out, near_file, number_text, place_in_mm, unknown_name
+from polish_sim.errors import (
+    count_text,
+    did_you_mean,
+    leave_out,
+    near_file,
+    number_text,
+    place_in_mm,
+    unknown_name,
+)
 
 
 def test_a_place_is_written_in_millimetres_to_a_hundredth_as_options_take_it() -> None:

@@ -18,7 +18,10 @@ import pytest
 
 from polish_sim import errors, kernel_cache, source_stamp
 
-KERNEL = "{imports}\nfrom polish_sim.kernel_cache import njit\n@njit(cache=True)\ndef {name}(x):\n    return {value}\n"
+KERNEL = (
+    "{imports}\nfrom polish_sim.kernel_cache import njit\n@njit(cache=True)\ndef {name}(x):\n    "
+    "return {value}\n"
+)
 SCRIPT = """
 import sys
 from numba.core import event
@@ -56,7 +59,9 @@ def _write_gain(package: Path, value: float) -> None:
 def _run(package: Path, script: str = SCRIPT, **environment: str) -> tuple[list[float], str]:
     """Numbers a script prints in a new process, and what it says on stderr."""
     command = [sys.executable, "-c", script]
-    done = subprocess.run(command, env=_environment(package) | environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        command, env=_environment(package) | environment, capture_output=True, text=True, check=True
+    )
     return [float(word) for word in done.stdout.split()], done.stderr
 
 
@@ -80,7 +85,9 @@ def test_only_dependents_of_an_edited_file_compile_again_and_older_kernels_stay(
 
 def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_python(package: Path) -> None:
     part = "@njit()\ndef part(x, n):\n    return n * x\n"
-    (package / "sums.py").write_text(part + KERNEL.format(imports="", name="three", value="part(x, 1) + part(x, 2)"))
+    (package / "sums.py").write_text(
+        part + KERNEL.format(imports="", name="three", value="part(x, 1) + part(x, 2)")
+    )
     text = (package / "sums.py").read_text()
     (package / "sums.py").write_text("from polish_sim.kernel_cache import njit\n" + text)
     script = SCRIPT.replace("stiffness import force", "sums import three").replace(
@@ -127,7 +134,9 @@ def test_processes_that_need_the_same_kernels_share_the_compiling(package: Path)
 
 @pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
 def test_a_killed_process_leaves_its_kernel_to_others(package: Path) -> None:
-    claim = "from polish_sim.gains import gain; import time; gain._cache._wait_for_claim(); print(1, flush=True)"
+    claim = (
+        "from polish_sim.gains import gain; import time; gain._cache._wait_for_claim(); print(1, flush=True)"
+    )
     command = [sys.executable, "-c", f"{claim}; time.sleep(60)"]
     with subprocess.Popen(command, env=_environment(package), stdout=subprocess.PIPE) as claimant:
         assert claimant.stdout is not None
@@ -216,9 +225,9 @@ def test_kernels_are_compiled_through_this_cache() -> None:
     for folder in ("src", "cli", "models"):
         for file in (ROOT / folder).rglob("*.py"):
             if file.name != "kernel_cache.py":
-                assert not re.search(r"^from numba import .*\b(njit|cfunc)\b", file.read_text("utf-8"), re.MULTILINE), (
-                    file
-                )
+                assert not re.search(
+                    r"^from numba import .*\b(njit|cfunc)\b", file.read_text("utf-8"), re.MULTILINE
+                ), file
 
 
 def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep() -> None:
@@ -233,7 +242,9 @@ def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep() -> None:
     assert users == {"kernel_cache.py"}
 
 
-def test_a_numba_that_was_not_tested_is_refused_with_the_version_the_range_and_the_cure(package: Path) -> None:
+def test_a_numba_that_was_not_tested_is_refused_with_the_version_the_range_and_the_cure(
+    package: Path,
+) -> None:
     (package.parent / "numba").mkdir()
     (package.parent / "numba" / "__init__.py").write_text("__version__ = '0.69.0rc1'")
     command = [sys.executable, "-c", "import polish_sim.kernel_cache"]
@@ -269,7 +280,9 @@ def test_every_import_at_the_top_of_a_module_is_found() -> None:
             elif isinstance(node, ast.Import):
                 named |= {alias.name for alias in node.names}
         ours = {name for name in named if name.split(".")[0] == "polish_sim"}
-        assert {name for name in ours if source_stamp.source_file(name)} == source_stamp.imports_of(module), file
+        assert {name for name in ours if source_stamp.source_file(name)} == source_stamp.imports_of(module), (
+            file
+        )
 
 
 def test_the_simulations_kernels_are_found_once_compiled() -> None:
@@ -289,18 +302,27 @@ def _options(function: ast.FunctionDef) -> set[str] | None:
     for decorator in function.decorator_list:
         call = decorator.func if isinstance(decorator, ast.Call) else decorator
         if isinstance(call, ast.Name) and call.id in {"njit", "cfunc"}:
-            return {word.arg or "" for word in decorator.keywords} if isinstance(decorator, ast.Call) else set()
+            return (
+                {word.arg or "" for word in decorator.keywords} if isinstance(decorator, ast.Call) else set()
+            )
     return None
 
 
 def _kernels(tree: ast.Module) -> list[ast.FunctionDef]:
-    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and _options(node) is not None]
+    return [
+        node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and _options(node) is not None
+    ]
 
 
 def _bare_names(tree: ast.Module, own: set[str], bare: dict[str, set[str]]) -> set[str]:
     """Names that mean kernels without wrappers in a file: its own ones and those it imports."""
     froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    imported = {(a.asname or a.name) for node in froms for a in node.names if a.name in bare.get(node.module or "", ())}
+    imported = {
+        (a.asname or a.name)
+        for node in froms
+        for a in node.names
+        if a.name in bare.get(node.module or "", ())
+    }
     return own | imported
 
 
@@ -313,10 +335,17 @@ def test_a_kernel_without_its_python_wrapper_is_called_by_kernels_only() -> None
         for file in (ROOT / folder).rglob("*.py")
     }
     trees = {module: ast.parse(text) for module, text in texts.items() if BARE in text}
-    bare = {module: {k.name for k in _kernels(tree) if BARE in (_options(k) or ())} for module, tree in trees.items()}
+    bare = {
+        module: {k.name for k in _kernels(tree) if BARE in (_options(k) or ())}
+        for module, tree in trees.items()
+    }
     assert sum(map(len, bare.values())) > 5
     named = re.compile("|".join(name for names in bare.values() for name in names))
-    trees |= {module: ast.parse(text) for module, text in texts.items() if module not in trees and named.search(text)}
+    trees |= {
+        module: ast.parse(text)
+        for module, text in texts.items()
+        if module not in trees and named.search(text)
+    }
     bare |= {module: set() for module in trees if module not in bare}
     called = []
     for module, tree in trees.items():

@@ -31,7 +31,9 @@ def typed(text: str) -> set[str]:
     )
 
 
-TYPED = sorted({line for file in (ROOT / "README.md", *PAGES) for line in typed(file.read_text(encoding="utf-8"))})
+TYPED = sorted(
+    {line for file in (ROOT / "README.md", *PAGES) for line in typed(file.read_text(encoding="utf-8"))}
+)
 PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
@@ -95,7 +97,8 @@ PRINTS = {
     "08_run_surface": r"contact force: 1[45]\.\d\d N on average, 15 N asked for",
     "09_own_controller": r"Damper +within 3 N after 0\.[23]\d s, overshoot 0\.\d\d N\nhybrid-pi ",
     "10_two_robots": r"tool on the part: 0\.0\d\d mm rms\n",
-    "11_identify": r"error / range: 0\.\d+ %, by the drawing 2\.\d+ %\nclassical .* 2\d\.\d N.*\ninertia .* 1\d\.\d N",
+    "11_identify": r"error / range: 0\.\d+ %, by the drawing 2\.\d+ %\n"
+    r"classical .* 2\d\.\d N.*\ninertia .* 1\d\.\d N",
     "12_smooth": r"spline +2\.0\d+ s, off the path by (20\.0|19\.\d) um",
     "13_environment": r"observation of 34 numbers, exact force .* N\nreward \d+\.\d; (stopped: |its time)",
     "14_admittance": r"x 1: Admittance within 3 N after 0\.1\d s, overshoot 0\.\d N\n",
@@ -116,7 +119,10 @@ def test_the_example_runs_and_prints_what_it_promises(
 def test_every_example_is_run_listed_and_named_in_order() -> None:
     names = sorted(file.stem for file in FOLDER.glob("[0-9]*.py"))
     assert names == sorted(PRINTS)
-    assert re.findall(r"^\| \[(\w+)\.py\]", (FOLDER / "README.md").read_text(encoding="utf-8"), re.MULTILINE) == names
+    assert (
+        re.findall(r"^\| \[(\w+)\.py\]", (FOLDER / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+        == names
+    )
     assert [int(name[:2]) for name in names] == list(range(1, len(names) + 1))
 
 

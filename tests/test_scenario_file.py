@@ -35,13 +35,33 @@ def test_every_default_lies_within_its_range() -> None:
 
 
 UNITS = {
-    "_m": "[m]", "_n": "[N]", "_s": "[s]", "_hz": "[Hz]", "_kg": "[kg]", "_rad": "[rad]", "_nm": "[N m]",
-    "_m_s": "[m/s]", "_m_s2": "[m/s^2]", "_rad_s": "[rad/s]", "_rad_s2": "[rad/s^2]", "_n_m": "[N/m]",
-    "_n_s_m": "[N s/m]", "_s_m": "[s/m]", "_rpm": "[1/min]", "_m_sn": "[m/(s N)]", "_m_s2n": "[m/(s^2 N)]",
-    "_rad_snm": "[rad/(s N m)]", "_rad_s2nm": "[rad/(s^2 N m)]", "_n_s": "[N/sqrt(s)]", "_nm_s": "[N m/sqrt(s)]",
-    "_1_pa": "[1/Pa]", "_j": "[J]", "_nm_rad": "[N m/rad]", "_nm_s_rad": "[N m s/rad]",
+    "_m": "[m]",
+    "_n": "[N]",
+    "_s": "[s]",
+    "_hz": "[Hz]",
+    "_kg": "[kg]",
+    "_rad": "[rad]",
+    "_nm": "[N m]",
+    "_m_s": "[m/s]",
+    "_m_s2": "[m/s^2]",
+    "_rad_s": "[rad/s]",
+    "_rad_s2": "[rad/s^2]",
+    "_n_m": "[N/m]",
+    "_n_s_m": "[N s/m]",
+    "_s_m": "[s/m]",
+    "_rpm": "[1/min]",
+    "_m_sn": "[m/(s N)]",
+    "_m_s2n": "[m/(s^2 N)]",
+    "_rad_snm": "[rad/(s N m)]",
+    "_rad_s2nm": "[rad/(s^2 N m)]",
+    "_n_s": "[N/sqrt(s)]",
+    "_nm_s": "[N m/sqrt(s)]",
+    "_1_pa": "[1/Pa]",
+    "_j": "[J]",
+    "_nm_rad": "[N m/rad]",
+    "_nm_s_rad": "[N m s/rad]",
     "_kg_m3": "[kg/m^3]",
-}  # fmt: skip
+}
 OTHER_UNITS = {
     "controller.orientation_i_hz": "[1/s]",
     "controller.position_rate_p": "[1/s]",
@@ -66,7 +86,9 @@ def test_a_scenario_cannot_be_changed_after_it_was_made() -> None:
 
 def test_head_and_pad_in_series_are_the_papers_5000_newton_per_metre() -> None:
     scenario = Scenario()
-    assert 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m) == pytest.approx(5000.0)
+    assert 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m) == pytest.approx(
+        5000.0
+    )
 
 
 def test_the_default_latency_is_two_milliseconds_of_sensor_and_six_of_command() -> None:
@@ -107,7 +129,8 @@ def test_the_file_holds_every_key_with_its_meaning() -> None:
     for key, value, field in leaves(BASE):
         begin = f"[{key}]" if isinstance(value, Mapping) else f"{key.rpartition('.')[2]} = "
         assert any(
-            line.startswith(begin) and line.endswith(f"# {field.metadata['text']}") for line in text.splitlines()
+            line.startswith(begin) and line.endswith(f"# {field.metadata['text']}")
+            for line in text.splitlines()
         ), key
         assert value is not None
 
@@ -240,7 +263,9 @@ def test_the_file_of_a_named_sensor_is_complete_and_gives_the_same_again(tmp_pat
 
 
 def test_an_unknown_sensor_is_one_error_with_the_nearest() -> None:
-    with pytest.raises(InputError, match=r"sensor.model 'axia8'. Did you mean 'axia80'\? Known: axia80, external, hex"):
+    with pytest.raises(
+        InputError, match=r"sensor.model 'axia8'. Did you mean 'axia80'\? Known: axia80, external, hex"
+    ):
         override(BASE, ["sensor.model=axia8"])
 
 
@@ -252,7 +277,9 @@ def test_the_written_file_is_plain_toml_with_one_table_per_section() -> None:
 
 
 @pytest.mark.parametrize("written", ['"auto"', "[]"])
-def test_a_list_that_is_chosen_is_called_auto_and_older_files_leave_it_empty(tmp_path: Path, written: str) -> None:
+def test_a_list_that_is_chosen_is_called_auto_and_older_files_leave_it_empty(
+    tmp_path: Path, written: str
+) -> None:
     posed = override(BASE, ["part.pose=[0, -0.5, 0.1, 0, 0, 0]"])
     file = tmp_path / "config.toml"
     file.write_text(f"[part]\npose = {written}\n[plan]\nstart = {written}\n")

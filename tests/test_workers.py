@@ -109,7 +109,10 @@ def test_breaking_off_leaves_no_process_behind() -> None:
 
 
 def test_an_engine_that_is_none_is_refused() -> None:
-    with pytest.raises(InputError, match=r"unknown engine 'locall'. Did you mean 'local'\?"), open_workers("locall"):
+    with (
+        pytest.raises(InputError, match=r"unknown engine 'locall'. Did you mean 'local'\?"),
+        open_workers("locall"),
+    ):
         pass
 
 

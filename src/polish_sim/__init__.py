@@ -5,11 +5,12 @@ From a part to a path, numpy in and out, lengths in metres in the frame of the p
     mesh = load_part("part.stl")
     surface = fit_surface(mesh)
     region = select_region(surface, mesh)
-    path = plan_path(region, PlanConfig(stepover_m=0.008))  # path.positions_work and path.axes_work, (n, 3) each
+    path = plan_path(region, PlanConfig(stepover_m=0.008))  # positions_work and axes_work, (n, 3) each
     figures = measure_path(path, region, stepover=0.008)
 
-`plan_part` does all of it with notes for the user, `export_plan` writes it for robots, CAM systems and browsers;
-`read_path` and `inspect_path` take any path; ``run_experiment(default_scenario("surface"))`` polishes in the cell.
+`plan_part` does all of it with notes for the user, `export_plan` writes it for robots, CAM systems and
+browsers; `read_path` and `inspect_path` take any path; ``run_experiment(default_scenario("surface"))``
+polishes in the cell.
 
 Each name loads its module at first use, so that ``polish-sim --help`` does not wait for the simulator.
 """
@@ -58,7 +59,9 @@ __all__ = ["__version__", *_HOME]
 def __getattr__(name: str) -> Any:
     """Load a public name's module at first use."""
     if name not in _HOME:
-        raise AttributeError(f"module 'polish_sim' has no attribute '{name}'; it offers {', '.join(sorted(_HOME))}")
+        raise AttributeError(
+            f"module 'polish_sim' has no attribute '{name}'; it offers {', '.join(sorted(_HOME))}"
+        )
     return getattr(import_module(f"polish_sim.{_HOME[name]}"), name)
 
 

@@ -1,7 +1,7 @@
 """The arms by their tables: everything the code knows of one make and not of another.
 
-Sources of every number: models/README.md. A further arm of this build (three parallel axes, a wrist whose axes do not
-meet) is a row of `ARMS`; docs/new_arm.md says what it needs.
+Sources of every number: models/README.md. A further arm of this build (three parallel axes, a wrist whose
+axes do not meet) is a row of `ARMS`; docs/new_arm.md says what it needs.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class ArmTable(NamedTuple):
     stiff: Six  #: Servos' gains by angle [N m/rad]
     damped: Six  #: and by speed [N m s/rad]
     links: tuple[ArmLink, ...] = ()  #: Of joints 1 to 6; empty: those of the model file
-    gears: Mapping[str, tuple[float, ...]] = MappingProxyType({})  #: Keys of [robot.real] that differ from the defaults
+    #: Keys of [robot.real] that differ from the defaults
+    gears: Mapping[str, tuple[float, ...]] = MappingProxyType({})
 
 
 def _sizes(first: float, second: float, elbow: float, wrist: float) -> Six:

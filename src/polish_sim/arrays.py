@@ -14,6 +14,7 @@ SLICE: Final = 65_536
 
 
 def by_slices(function: Callable[..., Any], *rows: Any) -> Any:
-    """What a function makes of rows (n, ...), from `SLICE` rows at a time: what it holds on its way stays small."""
+    """What a function makes of rows (n, ...), from `SLICE` rows at a time: what it holds on its way stays
+    small."""
     starts = range(0, max(len(rows[0]), 1), SLICE)
     return np.concatenate([function(*(array[start : start + SLICE] for array in rows)) for start in starts])

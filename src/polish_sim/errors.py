@@ -53,9 +53,11 @@ class ProtectiveStop(PolishSimError):
     exit_code = 3
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str], others: Mapping[str, str] | None = None) -> InputError:
-    """The error for a name of a kind, e.g. "controller", that is not known, with the nearest valid name and the list of
-    all.
+def unknown_name(
+    kind: str, name: str, known: Iterable[str], others: Mapping[str, str] | None = None
+) -> InputError:
+    """The error for a name of a kind, e.g. "controller", that is not known, with the nearest valid name and
+    the list of all.
 
     ``others``: other words for some of them, e.g. ``{"metre": "m"}``.
     """

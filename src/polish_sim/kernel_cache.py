@@ -1,14 +1,16 @@
 """`njit` and `cfunc` as numba has them, with a cache of the machine code that knows what a kernel calls.
 
-Numba notices a change of the file a kernel stands in, not of the files it calls into: after an edit or an update old
-machine code could go on running beside new. Here kernels are kept in one folder per user, in a subfolder per module and
-state of its sources: the name holds a hash of the kernel's file, of every file of this package it imports, directly or
-not, and of the compiler's versions. An edit therefore recompiles only what depends on it, and several checkouts or
-versions share the folder without overwriting each other's kernels.
+Numba notices a change of the file a kernel stands in, not of the files it calls into: after an edit or an
+update old machine code could go on running beside new. Here kernels are kept in one folder per user, in a
+subfolder per module and state of its sources: the name holds a hash of the kernel's file, of every file of
+this package it imports, directly or not, and of the compiler's versions. An edit therefore recompiles only
+what depends on it, and several checkouts or versions share the folder without overwriting each other's
+kernels.
 
 A wheel may carry kernels (``make wheel``), compiled for a common CPU; they are read first and never written.
 
-This is the only file that imports numba's and llvmlite's internals, and it refuses versions it was not tested with.
+This is the only file that imports numba's and llvmlite's internals, and it refuses versions it was not tested
+with.
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ import numba
 from polish_sim.errors import PolishSimError
 from polish_sim.source_stamp import source_stamp
 
-NUMBA: Final = ("0.61", "0.69")  #: Versions whose internals are used here: from the first on, before the second
+#: Versions whose internals are used here: from the first on, before the second
+NUMBA: Final = ("0.61", "0.69")
 
 
 def check_numba(version: str) -> None:
@@ -49,8 +52,8 @@ def check_numba(version: str) -> None:
     low, here, high = (tuple(map(int, text.split(".")[:2])) for text in (NUMBA[0], version, NUMBA[1]))
     if not low <= here < high:
         raise PolishSimError(
-            f"numba {version} is installed, polish-sim works with {NUMBA[0]} up to, not including, {NUMBA[1]}: "
-            f'install one of these with: python -m pip install "numba>={NUMBA[0]},<{NUMBA[1]}"'
+            f"numba {version} is installed, polish-sim works with {NUMBA[0]} up to, not including, "
+            f'{NUMBA[1]}: install one of these with: python -m pip install "numba>={NUMBA[0]},<{NUMBA[1]}"'
         )
 
 
@@ -75,7 +78,8 @@ except ImportError:
 SHIPPED: Final = "kernels"  #: Folder of the package, of a wheel that carries its kernels
 MADE_FOR: Final = "made_for.json"  #: What they were compiled for
 FOLDER: Final = "POLISH_SIM_KERNELS"
-"""Environment variable that names another folder than the user's; a worker process inherits a temporary one by it."""
+"""Environment variable that names another folder than the user's; a worker process inherits a temporary one
+by it."""
 
 _PACKAGE: Final = __name__.partition(".")[0]
 _MOST_DAYS: Final = 60  # since a subfolder was last used
@@ -89,7 +93,8 @@ add_symbol = llvm.add_symbol  #: Name the address of a C function for kernels
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function at its first call; options as of ``numba.njit``, with ``cache`` the machine code is kept."""
+    """Compile a function at its first call; options as of ``numba.njit``, with ``cache`` the machine code is
+    kept."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         if numba.config.DISABLE_JIT:
@@ -101,7 +106,8 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
 
 
 def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Make a C callback of a function, compiled when its address is first needed, and keep the machine code."""
+    """Make a C callback of a function, compiled when its address is first needed, and keep the machine
+    code."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         return _Callback(function, normalize_signature(signature), locals={}, options={})
@@ -168,7 +174,8 @@ class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
 class KernelCache(FunctionCache):  # type: ignore[misc]
     """Machine code of one function: read from the wheel or from the user's folder, written to the latter.
 
-    Processes that need the same kernel at the same time do not compile it twice: the others wait for the first.
+    Processes that need the same kernel at the same time do not compile it twice: the others wait for the
+    first.
     """
 
     _impl_class = _Implementation
@@ -180,7 +187,9 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         self._claim: IO[bytes] | None = None
         self._carried = None
         if (shipped := _shipped()) is not None:
-            self._carried = IndexDataCacheFile(str(shipped.folder / folder.name), self._impl.filename_base, folder.name)
+            self._carried = IndexDataCacheFile(
+                str(shipped.folder / folder.name), self._impl.filename_base, folder.name
+            )
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """A kept function, None if there is none.
@@ -258,7 +267,8 @@ def _collector_at_rest() -> Iterator[None]:
 
 
 class _Function(CPUDispatcher):  # type: ignore[misc]
-    """A function of kernels. Integer literals are passed as plain integers; numba would specialise on each."""
+    """A function of kernels. Integer literals are passed as plain integers; numba would specialise on
+    each."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Types of a call from another kernel."""
@@ -330,7 +340,8 @@ class _Shipped(NamedTuple):
 
 @cache
 def _shipped() -> _Shipped | None:
-    """The kernels of the wheel, None where it has none or they do not fit this machine, which is then said."""
+    """The kernels of the wheel, None where it has none or they do not fit this machine, which is then
+    said."""
     folder = Path(__file__).with_name(SHIPPED)
     try:
         made_for = json.loads((folder / MADE_FOR).read_text(encoding="utf-8"))
@@ -339,7 +350,10 @@ def _shipped() -> _Shipped | None:
     misfit = _misfit(made_for)
     if misfit is None:
         return _Shipped(folder, tuple(made_for["machine"]))
-    _say(f"note: the kernels that came with polish-sim are {misfit}; others are compiled for this machine, once.")
+    _say(
+        f"note: the kernels that came with polish-sim are {misfit}; others are compiled for this machine, "
+        "once."
+    )
     return None
 
 
@@ -383,15 +397,25 @@ def _kernel_folder(module: str) -> Path:
 def compiler() -> str:
     """What machine code depends on beside the sources and the CPU."""
     version = ".".join(map(str, sys.version_info[:2]))
-    return f"numba {numba.__version__} with llvmlite {llvmlite.__version__} on {sys.implementation.name} {version}"
+    return (
+        f"numba {numba.__version__} with llvmlite {llvmlite.__version__} on {sys.implementation.name} "
+        f"{version}"
+    )
 
 
 @cache
 def _home() -> Path:
-    """The folder of all kernels: the user's own and closed to others, for cached kernels are executable code."""
+    """The folder of all kernels: the user's own and closed to others, for cached kernels are executable
+    code."""
     shared = os.environ.get(FOLDER)
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(shared) if shared else Path(chosen) / _PACKAGE if chosen else _user_cache() / "polish-sim" / "kernels"
+    folder = (
+        Path(shared)
+        if shared
+        else Path(chosen) / _PACKAGE
+        if chosen
+        else _user_cache() / "polish-sim" / "kernels"
+    )
     trouble = _trouble(folder)
     if trouble is None:
         return folder
@@ -413,7 +437,9 @@ def _trouble(folder: Path) -> str | None:
         if stat.S_ISLNK(state.st_mode):
             state = folder.stat()
         if state.st_uid != os.getuid():
-            return f"{folder} belongs to another user; delete it or set NUMBA_CACHE_DIR to a folder of your own"
+            return (
+                f"{folder} belongs to another user; delete it or set NUMBA_CACHE_DIR to a folder of your own"
+            )
         if state.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             return f"others can write to {folder} (chmod go-w would close it)"
     return None if os.access(folder, os.W_OK) else f"{folder} is read-only"

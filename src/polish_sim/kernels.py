@@ -1,7 +1,8 @@
 """What compiled kernels share: how they are compiled, and how their mutable state is declared.
 
-State is one numpy record per struct: named fields, integers, booleans and nested arrays that Python and compiled code
-change in place. Constants and arrays whose length is not known beforehand travel beside it in NamedTuples.
+State is one numpy record per struct: named fields, integers, booleans and nested arrays that Python and
+compiled code change in place. Constants and arrays whose length is not known beforehand travel beside it in
+NamedTuples.
 """
 
 from __future__ import annotations
@@ -29,10 +30,12 @@ _SCALARS = {float: np.float64, int: np.int64, bool: np.bool_}
 
 
 class Record:
-    """Base of records: annotate the fields of a subclass, then call it with values; the other fields are zero.
+    """Base of records: annotate the fields of a subclass, then call it with values; the other fields are
+    zero.
 
-    The call returns a `numpy.record` that owns its memory. Fields are ``float``, ``int``, ``bool``, another record or
-    an array of fixed shape such as ``Vector3``, ``Annotated[Indices, (n,)]`` or ``Annotated[list[Other], (n,)]``.
+    The call returns a `numpy.record` that owns its memory. Fields are ``float``, ``int``, ``bool``, another
+    record or an array of fixed shape such as ``Vector3``, ``Annotated[Indices, (n,)]`` or
+    ``Annotated[list[Other], (n,)]``.
     """
 
     dtype: ClassVar[Any]

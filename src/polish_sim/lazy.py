@@ -14,8 +14,8 @@ from typing import Any
 def names_on_use(package: str) -> Callable[[str], Any]:
     """The ``__getattr__`` of a package whose names its ``__init__.py`` imports under ``if TYPE_CHECKING:``.
 
-    The imports are indented once. The type checker and the reader see ordinary imports; each module is imported when
-    one of its names is used.
+    The imports are indented once. The type checker and the reader see ordinary imports; each module is
+    imported when one of its names is used.
     """
 
     def load(name: str) -> Any:

@@ -132,7 +132,8 @@ def write_log(path: Path, log: RunLog) -> None:
 
 
 def read_log(path: Path) -> RunLog:
-    """Read a log written by ``write_log``; InputError if it is missing, damaged, or lacks a column of the contract."""
+    """Read a log written by ``write_log``; InputError if it is missing, damaged, or lacks a column of the
+    contract."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             columns = {name: archive[name] for name in archive.files}
@@ -166,14 +167,15 @@ class Trace(NamedTuple):
     spindle_rad_s: Array  #: Speed of the spindle
     target_error_m: Array  #: From the tool point to its target, base frame, shape (n, 3)
     tool_on_part_m: Array
-    """Tool point in the nominal work frame of a part that a second robot carries, shape (n, 3); else zeros."""
+    """Tool point in the nominal work frame of a part that a second robot carries, shape (n, 3); else
+    zeros."""
 
 
 # What a run took off the part: Preston's integral at every node of the region, in npz.
 #
-# Preston's law says dh/dt = k_p p v. The exposure, the integral of p v dt [N/m], is what the cell knows; the depth
-# taken off is the wear coefficient k_p [1/Pa] times it. Without a coefficient the removal is relative: exposure over
-# its mean.
+# Preston's law says dh/dt = k_p p v. The exposure, the integral of p v dt [N/m], is what the cell knows; the
+# depth taken off is the wear coefficient k_p [1/Pa] times it. Without a coefficient the removal is relative:
+# exposure over its mean.
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,10 +189,12 @@ class RemovalMap:
     exposure: Array  #: Integral of pressure x sliding speed over time [N/m], shape (n,)
     up: Array  #: Where the region is looked at from, unit, shape (3,)
     preston_1_pa: float  #: Wear coefficient [1/Pa]; 0: unknown, the removal is relative
-    elsewhere_nm: float  #: Exposure summed over the surfaces beside the region that the pad came to as well [N m]
+    #: Exposure summed over the surfaces beside the region that the pad came to as well [N m]
+    elsewhere_nm: float
     unplaced_share: float  #: Share of the force's impulse for which the pad touched no node [-]
     field_ratio: float
-    """Impulse of the pressure field before it is scaled to the exact force, over that of the exact force [-]."""
+    """Impulse of the pressure field before it is scaled to the exact force, over that of the exact force
+    [-]."""
 
     @cached_property
     def mean(self) -> float:
@@ -238,4 +242,6 @@ def read_removal(file: Path) -> RemovalMap:
         columns = {name: value if value.ndim else float(value) for name, value in found.items()}
         return RemovalMap(**(columns | {"triangles": found["triangles"].astype(np.int64)}))  # type: ignore[arg-type]
     except UNREADABLE as error:
-        raise InputError(f"cannot read the removal map '{file}': {error}. Delete it to see the run without.") from error
+        raise InputError(
+            f"cannot read the removal map '{file}': {error}. Delete it to see the run without."
+        ) from error

@@ -86,10 +86,13 @@ def plain(value: Any) -> Any:
 
 @contextmanager
 def locked(folder: Path, what: str = "score") -> Iterator[None]:
-    """Keep a second command out of a folder while the block runs (InputError), where the system has file locks."""
+    """Keep a second command out of a folder while the block runs (InputError), where the system has file
+    locks."""
     with (folder / ROWS).open("ab") as file:
         if not _lock(file.fileno()):
-            raise InputError(f"another {what} is at work in '{folder}'. Wait for it, or choose another --out.")
+            raise InputError(
+                f"another {what} is at work in '{folder}'. Wait for it, or choose another --out."
+            )
         yield
 
 

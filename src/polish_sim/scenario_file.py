@@ -17,14 +17,21 @@ T = TypeVar("T")
 N = TypeVar("N", int, float)
 PRESETS = ("sensor.model", "robot.arm")  #: Keys whose words stand for values of others; they are set first
 PAD_CHOICE = "pad.choice"  #: Set last: a pad or a step-over that is set by name changes it
-AUTO = "auto"  #: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
+#: Stands for a list of numbers that is chosen where it is not given; older files have an empty list
+AUTO = "auto"
 FILE_KEYS = (
-    *(("part", "file"), ("part", "real_file"), ("part", "fixture_file"), ("payload", "file"), ("drag", "follow")),
+    *(
+        ("part", "file"),
+        ("part", "real_file"),
+        ("part", "fixture_file"),
+        ("payload", "file"),
+        ("drag", "follow"),
+    ),
     *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
     *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal")),
 )
-"""Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a region may
-hold one."""
+"""Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a
+region may hold one."""
 COUNTS = {2: "two", 3: "three", 6: "six"}
 _ROBOT_BEFORE_ARMS = {
     *("command_latency_s", "linear_acceleration_m_s2", "angular_acceleration_rad_s2", "command_timeout_s"),
@@ -35,13 +42,15 @@ _RETIRED = (
     *(("adaptive", "force_rate_n_s"), ("baselines", "mass_kg"), ("baselines", "damping_n_s_m")),
     ("baselines", "stiffness_n_m"),
 )
-"""Keys of [controller] that every config.toml of older runs has and no law reads any more: they are passed over."""
+"""Keys of [controller] that every config.toml of older runs has and no law reads any more: they are passed
+over."""
 
 
 def load_scenario(path: Path, base: Scenario) -> Scenario:
     """Read a TOML file on top of a base scenario.
 
-    Raises ConfigError if the file cannot be read, or names an unknown key or a value of the wrong type or out of range.
+    Raises ConfigError if the file cannot be read, or names an unknown key or a value of the wrong type or out
+    of range.
     """
     table = read_toml(path, "config file", ConfigError)
     robot = table.get("robot")
@@ -112,7 +121,8 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
         where = f"{place}{name}"
         if name not in known:
             raise ConfigError(
-                f"unknown key '{where}'.{_nearest_key(name, place, known)} Known here: {', '.join(sorted(known))}."
+                f"unknown key '{where}'.{_nearest_key(name, place, known)} Known here: "
+                f"{', '.join(sorted(known))}."
             )
         current = getattr(base, name)
         if is_dataclass(current):
@@ -127,7 +137,8 @@ def merge(base: T, table: dict[str, Any], place: str) -> T:
 
 
 def _with_pad_choice(choice: str, table: dict[str, Any]) -> dict[str, Any]:
-    """``table`` with a ``pad.choice`` that keeps the pad or the step-over it names, also where that is the default."""
+    """``table`` with a ``pad.choice`` that keeps the pad or the step-over it names, also where that is the
+    default."""
     pad, plan = table.get("pad", {}), table.get("plan", {})
     if not isinstance(pad, dict) or not isinstance(plan, dict):
         return table
@@ -143,7 +154,9 @@ def _with_pad_choice(choice: str, table: dict[str, Any]) -> dict[str, Any]:
 def _plain_values(where: str, table: Any) -> dict[str, Any]:
     """A section of free keys, with numbers, words and switches alone."""
     if not isinstance(table, dict):
-        raise ConfigError(f"'{where}' is a section: write [{where}] and its keys below, or --set {where}.KEY=VALUE.")
+        raise ConfigError(
+            f"'{where}' is a section: write [{where}] and its keys below, or --set {where}.KEY=VALUE."
+        )
     for name, value in table.items():
         if not (isinstance(value, (bool, str)) or _is_number(value)):
             raise ConfigError(f"'{where}.{name}' must be a number, text, true or false, got {_shown(value)}.")
@@ -151,7 +164,8 @@ def _plain_values(where: str, table: Any) -> dict[str, Any]:
 
 
 def _with_presets(base: T, table: dict[str, Any], place: str, known: dict[str, Field[Any]]) -> T:
-    """``base`` with the values that words of ``table`` stand for; what differs from the word before was set by name."""
+    """``base`` with the values that words of ``table`` stand for; what differs from the word before was set
+    by name."""
     for name, spec in known.items():
         presets, word = spec.metadata.get("presets"), table.get(name)
         if presets is None or not isinstance(word, str):
@@ -162,7 +176,9 @@ def _with_presets(base: T, table: dict[str, Any], place: str, known: dict[str, F
     return base
 
 
-def _turned(base: T, every: Iterable[Mapping[str, Any]], before: Mapping[str, Any], after: Mapping[str, Any]) -> T:
+def _turned(
+    base: T, every: Iterable[Mapping[str, Any]], before: Mapping[str, Any], after: Mapping[str, Any]
+) -> T:
     """``base`` with what one preset stands for instead of another; in sections of it key by key."""
     changes: dict[str, Any] = {}
     for key in {key for values in every for key in values}:
@@ -236,7 +252,9 @@ def _checked(where: str, value: Any, current: Any, spec: Field[Any]) -> Any:
         value = () if value == AUTO and spec.default == () else value
         listed = isinstance(value, (list, tuple)) and len(value) in lengths
         if not listed or not all(_is_number(v) for v in value):
-            raise ConfigError(f"'{where}' must be a list of {COUNTS[length]} numbers{or_auto}, got {_shown(value)}.")
+            raise ConfigError(
+                f"'{where}' must be a list of {COUNTS[length]} numbers{or_auto}, got {_shown(value)}."
+            )
         return tuple(_within(where, _as_float(v), spec) for v in value)
     if isinstance(current, str):
         if not isinstance(value, str):

@@ -1,4 +1,5 @@
-"""A hash of a module's source and of everything in this package it imports: what its compiled kernels depend on."""
+"""A hash of a module's source and of everything in this package it imports: what its compiled kernels depend
+on."""
 
 from __future__ import annotations
 
@@ -17,13 +18,15 @@ _NOT_COMPILED_IN: Final = {
     *(f"{_PACKAGE}.arms", f"{_PACKAGE}.motion.makes"),  # kernels take an arm as an argument
 }
 
-_ONLY_SHOWN: Final = ("cli/", "page/", "workers")  # they start runs and show results: no figure depends on them
+# they start runs and show results: no figure depends on them
+_ONLY_SHOWN: Final = ("cli/", "page/", "workers")
 _SOURCES: Final = (".py", ".xml", ".npz", ".stl")
 
 
 @cache
 def package_hash() -> str:
-    """Hash of everything in this package that a result may depend on: its source, its tables and its models."""
+    """Hash of everything in this package that a result may depend on: its source, its tables and its
+    models."""
     root, models = Path(__file__).resolve().parent, _folder(f"{_PACKAGE}.models")
     folders = {"": root, "models/": Path(models)} if models else {"": root}
     files = {
@@ -42,7 +45,8 @@ def package_hash() -> str:
 
 @cache
 def source_stamp(module: str, compiler: str) -> str:
-    """Hash (16 hex digits) of the files a module's kernels are compiled from, and of the compiler's versions."""
+    """Hash (16 hex digits) of the files a module's kernels are compiled from, and of the compiler's
+    versions."""
     digest = hashlib.sha256(compiler.encode())
     for name in sorted(_dependencies(module)):
         digest.update(name.encode())
@@ -51,7 +55,8 @@ def source_stamp(module: str, compiler: str) -> str:
 
 
 def _dependencies(module: str) -> set[str]:
-    """A module and all of this package it imports at its top, directly or not; imports inside functions come later."""
+    """A module and all of this package it imports at its top, directly or not; imports inside functions come
+    later."""
     found, waiting = {module}, [module]
     while waiting:
         for name in imports_of(waiting.pop()) - found - _NOT_COMPILED_IN:
@@ -65,7 +70,9 @@ def imports_of(module: str) -> frozenset[str]:
     """Modules of this package that a module imports at its top."""
     names, statements = set[str](), _head(_source(module)).body
     if b"names_on_use(" in _source(module):  # its names are imported under TYPE_CHECKING
-        statements = [inner for node in statements for inner in (node.body if isinstance(node, ast.If) else [node])]
+        statements = [
+            inner for node in statements for inner in (node.body if isinstance(node, ast.If) else [node])
+        ]
     for node in statements:
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
@@ -75,7 +82,8 @@ def imports_of(module: str) -> frozenset[str]:
 
 
 def _head(source: bytes) -> ast.Module:
-    """The statements before the first function or class, where all imports stand; parsing whole files takes 0.2 s."""
+    """The statements before the first function or class, where all imports stand; parsing whole files takes
+    0.2 s."""
     ends = [at for word in (b"\n@", b"\ndef ", b"\nclass ") if (at := source.find(word)) >= 0]
     try:
         return ast.parse(source[: min(ends, default=None)])

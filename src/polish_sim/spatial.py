@@ -66,7 +66,8 @@ def rotation_from_quaternion(quaternion: Array, R: Array) -> None:
 def quaternion_from_rotation(R: Array, quaternion: Array) -> None:
     """Write the unit quaternion wxyz of a rotation matrix into ``quaternion``.
 
-    The real part is positive up to a turn of 120 deg, beyond it the largest part: no sign jumps near a half turn.
+    The real part is positive up to a turn of 120 deg, beyond it the largest part: no sign jumps near a half
+    turn.
     """
     trace = R[0, 0] + R[1, 1] + R[2, 2]
     if trace > 0.0:
@@ -106,8 +107,8 @@ def rotation_angle(R_a: Array, R_b: Array) -> float:
 
 
 def rotation_to_axis(z_axis: Array, x_hint: Array) -> Array:
-    """Rotations (n, 3, 3) with given unit z axes (n, 3) and x as near as can be to a hint (3,), parallel to none
-    of them."""
+    """Rotations (n, 3, 3) with given unit z axes (n, 3) and x as near as can be to a hint (3,), parallel to
+    none of them."""
     x_axis = x_hint - (z_axis @ x_hint)[:, None] * z_axis
     x_axis /= np.linalg.norm(x_axis, axis=1, keepdims=True)
     y_axis = np.cross(z_axis, x_axis)
@@ -130,6 +131,7 @@ def unit(vectors: Array) -> Array:
 def perpendicular(vectors: Array) -> Array:
     """A unit vector square to each vector and to the coordinate axis it runs along least, shape (..., 3).
 
-    It does not turn with the vectors: where a result must turn with the part, nothing may depend on the choice.
+    It does not turn with the vectors: where a result must turn with the part, nothing may depend on the
+    choice.
     """
     return unit(np.cross(vectors, np.eye(3)[np.abs(vectors).argmin(axis=-1)]))

@@ -1,4 +1,5 @@
-"""The one reader of CSV files: named columns of text, and numbers from them; errors name file, line and column.
+"""The one reader of CSV files: named columns of text, and numbers from them; errors name file, line and
+column.
 
 And a table to be shown.
 """
@@ -40,7 +41,9 @@ class Columns:
 
     def numbers(self, names: Sequence[str]) -> Array:
         """Columns of finite numbers, shape (n, len(names)); InputError if a value is none."""
-        return np.stack([finite_column(self.file, name, self.texts[name], self.place) for name in names], axis=1)
+        return np.stack(
+            [finite_column(self.file, name, self.texts[name], self.place) for name in names], axis=1
+        )
 
     def need(self, names: Sequence[str], meaning: str = "") -> None:
         """Refuse a file that lacks columns: names them, their meaning and the columns there are."""
@@ -55,23 +58,28 @@ class Columns:
     def read(cls, file: Path, kind: str, content: str) -> Self:
         """Read a CSV with a header; blank lines and lines that begin with # are left out.
 
-        ``kind``: what a line is, e.g. "reading"; ``content``: what the file should hold, e.g. "poses and readings".
-        InputError for no such file, no text, no CSV, or no lines.
+        ``kind``: what a line is, e.g. "reading"; ``content``: what the file should hold, e.g. "poses and
+        readings". InputError for no such file, no text, no CSV, or no lines.
         """
         try:
             text = file.read_text(encoding="utf-8-sig")
         except OSError as error:
-            raise InputError(f"cannot read the {kind}s '{file}': {error.strerror}.{near_file(file)}") from error
+            raise InputError(
+                f"cannot read the {kind}s '{file}': {error.strerror}.{near_file(file)}"
+            ) from error
         except UnicodeDecodeError as error:
-            raise InputError(f"'{file}' is not a text file ({error.reason}). Give a CSV of {content}.") from error
+            raise InputError(
+                f"'{file}' is not a text file ({error.reason}). Give a CSV of {content}."
+            ) from error
         return cls.parse(file, text, kind)
 
     @classmethod
     def parse(cls, file: Path, text: str, kind: str) -> Self:
-        """Take the text of a CSV apart, without spaces around its values; ``kind``: what a line of it is, e.g. "point".
+        """Take the text of a CSV apart, without spaces around its values; ``kind``: what a line of it is,
+        e.g. "point".
 
-        Raises InputError, naming the line, for no CSV, separators that are no commas, no rows, a row of another length,
-        a name that stands twice.
+        Raises InputError, naming the line, for no CSV, separators that are no commas, no rows, a row of
+        another length, a name that stands twice.
         """
         rows, lines = _rows(file, text)
         if len(rows) < 2:
@@ -81,14 +89,14 @@ class Columns:
         others = [word for sign, word in OTHER_SEPARATORS.items() if sign in names[0]]
         if len(names) == 1 and others:
             raise InputError(
-                f"'{file}', line {lines[0]}: the columns are separated by {others[0]}. Separate them by commas, with a "
-                "point in decimal numbers."
+                f"'{file}', line {lines[0]}: the columns are separated by {others[0]}. Separate them by "
+                "commas, with a point in decimal numbers."
             )
         twice = sorted({name for name in names if name and names.count(name) > 1})
         if twice:
             raise InputError(
-                f"'{file}', line {lines[0]}: the header names {', '.join(twice)} more than once. Leave one column of "
-                "each."
+                f"'{file}', line {lines[0]}: the header names {', '.join(twice)} more than once. Leave one "
+                "column of each."
             )
         for row, line in zip(rows[1:], lines[1:], strict=True):
             if len(row) != len(names):
@@ -119,7 +127,9 @@ def finite_column(file: Path, name: str, texts: Sequence[str], place: Place) -> 
     if len(wrong):
         row = int(wrong[0])
         why = f"beyond {LARGEST:g}" if np.isfinite(values[row]) else "not a number"
-        raise InputError(f"'{file}', {place(row)}: {name} is '{texts[row]}', {why}. Correct or leave out the line.")
+        raise InputError(
+            f"'{file}', {place(row)}: {name} is '{texts[row]}', {why}. Correct or leave out the line."
+        )
     return values
 
 

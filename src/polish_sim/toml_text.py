@@ -1,4 +1,5 @@
-"""TOML files: the one reader, and the one writer, each key with its comment, of configs, studies and calibrations."""
+"""TOML files: the one reader, and the one writer, each key with its comment, of configs, studies and
+calibrations."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from polish_sim.errors import PolishSimError, near_file
 
 
 def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, Any]:
-    """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read or is no TOML."""
+    """Read a file; ``what`` it holds, e.g. "study", stands in the ``error`` if it cannot be read or is no
+    TOML."""
     try:
         text = file.read_text(encoding="utf-8", errors="backslashreplace")
         return tomllib.loads(text)
@@ -27,11 +29,13 @@ def value_text(value: Any) -> str:
     return toml_text({"v": value}).partition("= ")[2].strip()
 
 
-def toml_text(values: Mapping[str, Any], comments: Mapping[str, str] | None = None, head: Sequence[str] = ()) -> str:
+def toml_text(
+    values: Mapping[str, Any], comments: Mapping[str, str] | None = None, head: Sequence[str] = ()
+) -> str:
     """Write a nested table as TOML, keys before sections, in the order given; a mapping becomes a section.
 
-    Values are text, numbers, booleans, lists and numpy arrays of them. ``comments``, by dotted name, stand behind
-    their key or section, ``head`` at the top.
+    Values are text, numbers, booleans, lists and numpy arrays of them. ``comments``, by dotted name, stand
+    behind their key or section, ``head`` at the top.
     """
     import tomlkit
 

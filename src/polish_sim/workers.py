@@ -1,7 +1,8 @@
 """Tasks shared out to other processes, here or on a cluster; each task's result as it comes.
 
-``local`` gives every worker a loky executor of its own: where a process is killed, its task alone is lost, and it is
-tried once more. ``dask`` starts a cluster of Dask on this machine, ``tcp://`` and ``tls://`` use one that runs.
+``local`` gives every worker a loky executor of its own: where a process is killed, its task alone is lost,
+and it is tried once more. ``dask`` starts a cluster of Dask on this machine, ``tcp://`` and ``tls://`` use
+one that runs.
 """
 
 from __future__ import annotations
@@ -62,10 +63,11 @@ class Workers(Protocol):
     where: str  #: For people
 
     def results(self, tasks: Sequence[Any], work: Work, group_of: GroupOf) -> Generator[Result]:
-        """Do hashable tasks; results come in the order they are done, one without a value where a process died.
+        """Do hashable tasks; results come in the order they are done, one without a value where a process
+        died.
 
-        ``work`` is called with one task; tasks of the same ``group_of`` are done by the same process where that costs
-        no waiting.
+        ``work`` is called with one task; tasks of the same ``group_of`` are done by the same process where
+        that costs no waiting.
 
         Raises:
             WorkersError: If processes die one after the other, or the cluster is gone.
@@ -92,8 +94,11 @@ def do_all(
 
 
 @contextmanager
-def open_workers(on: str = "local", count: int | None = None, files: Sequence[Path] = ()) -> Iterator[Workers]:
-    """Start ``count`` processes (by default one a processor) on an engine of `ENGINES`; they end with the block.
+def open_workers(
+    on: str = "local", count: int | None = None, files: Sequence[Path] = ()
+) -> Iterator[Workers]:
+    """Start ``count`` processes (by default one a processor) on an engine of `ENGINES`; they end with the
+    block.
 
     ``files`` of the user's are shipped to other machines, by content; `local_copy` finds them there.
 
@@ -133,10 +138,16 @@ def processors() -> int:
 
 
 def fill_rows(
-    rows: dict[Any, Row], keys: Mapping[Any, str], kept: Rows, work: Work, group_of: GroupOf, workers: Workers,
+    rows: dict[Any, Row],
+    keys: Mapping[Any, str],
+    kept: Rows,
+    work: Work,
+    group_of: GroupOf,
+    workers: Workers,
     heard: Heard,
-) -> None:  # fmt: skip
-    """Put the rows of tasks, named with their ``keys``, into ``rows``: those that are ``kept``, then those measured.
+) -> None:
+    """Put the rows of tasks, named with their ``keys``, into ``rows``: those that are ``kept``, then those
+    measured.
 
     One whose process dies is left out; Ctrl-C leaves what is there.
     """
@@ -151,7 +162,8 @@ def fill_rows(
 
 
 class Here:
-    """Tasks done in this process, one after the other: for those that take less time than to start another."""
+    """Tasks done in this process, one after the other: for those that take less time than to start
+    another."""
 
     count, where = 1, "this process"
 
@@ -180,7 +192,11 @@ class _Worker:
             if self.executor is None:
                 # More threads would mostly wait for each other: the systems solved here are small.
                 self.executor = ProcessPoolExecutor(
-                    1, timeout=None, initializer=_prepare, initargs=(os.getpid(),), env={"OPENBLAS_NUM_THREADS": "1"}
+                    1,
+                    timeout=None,
+                    initializer=_prepare,
+                    initargs=(os.getpid(),),
+                    env={"OPENBLAS_NUM_THREADS": "1"},
                 )
             self.tasks.append((task, self.executor.submit(work, task)))
 
@@ -233,7 +249,9 @@ class _Local:
                     for worker in self._crew:
                         if len(worker.tasks) == ahead and len(waiting) > ahead * self.count:
                             worker.start(work, *waiting.take(worker.group))
-                wait([worker.tasks[0][1] for worker in self._crew if worker.tasks], return_when=FIRST_COMPLETED)
+                wait(
+                    [worker.tasks[0][1] for worker in self._crew if worker.tasks], return_when=FIRST_COMPLETED
+                )
                 for worker in self._crew:
                     if not worker.tasks or not worker.tasks[0][1].done():
                         continue
@@ -276,7 +294,8 @@ def _death(error: BaseException, deaths: int, again: bool) -> str:
         cause = f"failed ({' '.join(str(error.__cause__ or error).split())[-200:]})"
     if deaths >= MOST_DEATHS:
         raise WorkersError(
-            f"{deaths} worker processes in a row died, the last one {cause}. Is there enough memory? Try --workers 1."
+            f"{deaths} worker processes in a row died, the last one {cause}. Is there enough memory? Try "
+            "--workers 1."
         )
     if again:
         return f"a worker process {cause}; its task is tried again"
@@ -322,7 +341,10 @@ def _client(on: str, count: int) -> Iterator[Any]:
         dask, distributed = import_module("dask"), import_module("distributed")
     except ImportError as error:
         raise InputError(f"'--on {on}' needs Dask: pip install 'polish-sim[cluster]'.") from error
-    quiet = {"distributed.scheduler.worker-saturation": 1.0, "distributed.scheduler.allowed-failures": TRIES - 1}
+    quiet = {
+        "distributed.scheduler.worker-saturation": 1.0,
+        "distributed.scheduler.allowed-failures": TRIES - 1,
+    }
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is said here
     with dask.config.set(quiet), _interrupts_blocked():
         if on == "dask":
@@ -354,14 +376,18 @@ def _reach(distributed: Any, address: str) -> Any:
         client.wait_for_workers(1, timeout=JOIN_S)
         theirs = client.run(versions_here)
     except TimeoutError as error:
-        raise InputError(f"the scheduler at {address} has no workers: start one, 'dask worker {address}'.") from error
+        raise InputError(
+            f"the scheduler at {address} has no workers: start one, 'dask worker {address}'."
+        ) from error
     except Exception as error:
         reason = f"cannot run polish-sim: {_first_line(error)}"
         raise InputError(f"the workers at {address} {reason}. Install the same there.") from error
     for worker, known in theirs.items():
         if known != versions_here():
             client.close()
-            raise InputError(f"the worker {worker} has {_differing(known)} this command. Install the same there.")
+            raise InputError(
+                f"the worker {worker} has {_differing(known)} this command. Install the same there."
+            )
     return client
 
 
@@ -370,15 +396,20 @@ def _first_line(error: BaseException) -> str:
 
 
 def _differing(theirs: Mapping[str, str]) -> str:
-    return ", ".join(f"{k} {theirs.get(k)}, not {v} as" for k, v in versions_here().items() if theirs.get(k) != v)
+    return ", ".join(
+        f"{k} {theirs.get(k)}, not {v} as" for k, v in versions_here().items() if theirs.get(k) != v
+    )
 
 
 @cache
 def versions_here() -> dict[str, str]:
-    """What results depend on: this package's source, Python, and the libraries that compute; and Dask's own."""
+    """What results depend on: this package's source, Python, and the libraries that compute; and Dask's
+    own."""
     names = ("numpy", "scipy", "numba", "mujoco", "trimesh", "dask", "distributed")
     python = ".".join(map(str, sys.version_info[:2]))
-    return {"polish-sim": f"source {package_hash()[:12]}", "python": python} | {name: version(name) for name in names}
+    return {"polish-sim": f"source {package_hash()[:12]}", "python": python} | {
+        name: version(name) for name in names
+    }
 
 
 class _Cluster:

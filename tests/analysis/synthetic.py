@@ -21,7 +21,9 @@ def trace_of(phase: NDArray[np.int8], **columns: Array) -> Trace:
     return Trace(**(zero | {"time_s": np.arange(n) * DT, "phase": phase} | columns))
 
 
-def force_trace(contact_force: float = 20.0, tau: float = 0.1, approach_s: float = 2.0, hold_s: float = 4.0) -> Trace:
+def force_trace(
+    contact_force: float = 20.0, tau: float = 0.1, approach_s: float = 2.0, hold_s: float = 4.0
+) -> Trace:
     """Approach, then a first-order rise to the set force (from contact), then a retract at zero force."""
     time = np.arange(0.0, approach_s + hold_s + 1.0, DT)
     phase = np.where(time < approach_s, 0, np.where(time < approach_s + hold_s, 2, 3)).astype(np.int8)
@@ -46,7 +48,8 @@ def arc_trace(radial_error_m: float = 5e-5, feed_m_s: float = 0.01, ripple_m_s: 
 
 
 def bumpy_path(bumps: int = 6, length: float = 1.2, sharpness: float = 1 / 0.06) -> ToolPath:
-    """A straight path whose curvature rises to `sharpness` [1/m] in evenly spaced places, gentle between them."""
+    """A straight path whose curvature rises to `sharpness` [1/m] in evenly spaced places, gentle between
+    them."""
     s = np.linspace(0.0, length, 2401)
     centres = (np.arange(bumps) + 0.5) * length / bumps
     curvature = 1.0 + sum(sharpness * np.exp(-0.5 * ((s - c) / 0.008) ** 2) for c in centres)
@@ -54,10 +57,14 @@ def bumpy_path(bumps: int = 6, length: float = 1.2, sharpness: float = 1 / 0.06)
     segment[:20], segment[-20:] = APPROACH, LEAD_OUT
     positions = np.column_stack([s, np.zeros_like(s), np.zeros_like(s)])
     axes = np.tile([0.0, 0.0, 1.0], (len(s), 1))
-    return ToolPath(positions, axes, s, np.zeros(len(s), np.int64), segment, np.broadcast_to(curvature, s.shape).copy())
+    return ToolPath(
+        positions, axes, s, np.zeros(len(s), np.int64), segment, np.broadcast_to(curvature, s.shape).copy()
+    )
 
 
-def surface_trace(path: ToolPath, dip_n: float = 5.0, contact_force: float = 20.0, feed_m_s: float = 0.01) -> Trace:
+def surface_trace(
+    path: ToolPath, dip_n: float = 5.0, contact_force: float = 20.0, feed_m_s: float = 0.01
+) -> Trace:
     """Fed along a path with the set force, less a dip of 10 mm half-width at each strong bend."""
     time = np.arange(0.0, path.length_m / feed_m_s, DT)
     s = feed_m_s * time
@@ -85,7 +92,8 @@ def log_of(trace: Trace, every: int = 4) -> RunLog:
 
 
 def removal_map(exposure: Array, preston_1_pa: float = 0.0) -> RemovalMap:
-    """A strip of squares 10 mm wide, level, with these exposures [N/m] along it, each node standing for 100 mm^2."""
+    """A strip of squares 10 mm wide, level, with these exposures [N/m] along it, each node standing for 100
+    mm^2."""
     n = len(exposure)
     x = 0.01 * np.repeat(np.arange(n), 2)
     vertices = np.column_stack([x, np.tile([0.0, 0.01], n), np.zeros(2 * n)])
@@ -93,9 +101,17 @@ def removal_map(exposure: Array, preston_1_pa: float = 0.0) -> RemovalMap:
     triangles = np.concatenate([first + [0, 2, 3], first + [0, 3, 1]])
     up = np.array([0.0, 0.0, 1.0])
     return RemovalMap(
-        vertices, np.tile(up, (2 * n, 1)), triangles, np.full(2 * n, 1e-4), np.repeat(exposure, 2), up, preston_1_pa,
-        elsewhere_nm=0.0, unplaced_share=0.0, field_ratio=1.0,
-    )  # fmt: skip
+        vertices,
+        np.tile(up, (2 * n, 1)),
+        triangles,
+        np.full(2 * n, 1e-4),
+        np.repeat(exposure, 2),
+        up,
+        preston_1_pa,
+        elsewhere_nm=0.0,
+        unplaced_share=0.0,
+        field_ratio=1.0,
+    )
 
 
 def _bends(path: ToolPath) -> NDArray[np.intp]:

@@ -28,7 +28,8 @@ def test_every_claim_names_a_figure_that_is_measured() -> None:
     measured = {
         "arc": measure_arc(arc_trace()),
         "force": measure_force(force_trace(), 20.0),
-        "surface": measure_surface(surface_trace(path), path, 20.0) | measure_removal(removal_map(np.ones(5))),
+        "surface": measure_surface(surface_trace(path), path, 20.0)
+        | measure_removal(removal_map(np.ones(5))),
     }
     for name, figures in measured.items():
         assert {claim.figure for claim in asked_of(name)} <= {*figures, "path_done", "cycle_time_s"}
@@ -45,7 +46,9 @@ def test_a_good_arc_meets_all_claims_and_a_wide_one_misses_the_tracking_error() 
 
 def test_a_run_that_stopped_early_falls_short() -> None:
     figures = measure_arc(arc_trace()) | {"path_done": 0.5}
-    assert [claim.figure for claim in shortfalls(arc_claims(default_scenario("arc")), figures)] == ["path_done"]
+    assert [claim.figure for claim in shortfalls(arc_claims(default_scenario("arc")), figures)] == [
+        "path_done"
+    ]
 
 
 @pytest.mark.parametrize("value", [None, math.nan])
@@ -85,7 +88,9 @@ def test_the_paper_s_figures_stand_beside_its_own_trial_only(name: str, changed:
     assert claims_shown([trial]) == asked_of(name)
     for scenarios in ([other], [trial, other]):
         assert {claim.paper for claim in claims_shown(scenarios)} == {"-"}
-        assert [claim.figure for claim in claims_shown(scenarios)] == [claim.figure for claim in asked_of(name)]
+        assert [claim.figure for claim in claims_shown(scenarios)] == [
+            claim.figure for claim in asked_of(name)
+        ]
 
 
 def test_a_single_mode_of_hand_guiding_is_not_called_the_last() -> None:

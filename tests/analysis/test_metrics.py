@@ -63,7 +63,9 @@ def test_a_slow_ripple_of_the_speed_is_its_largest_deviation() -> None:
 def test_the_first_second_of_the_arc_is_ramp_up_and_does_not_count() -> None:
     trace = arc_trace()
     speed = np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s)
-    assert measure_arc(trace._replace(tcp_speed_m_s=speed))["speed_max_deviation_m_s"] == pytest.approx(0.0, abs=1e-12)
+    assert measure_arc(trace._replace(tcp_speed_m_s=speed))["speed_max_deviation_m_s"] == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 def test_distance_to_the_circle_is_known_at_its_centre_and_above_its_rim() -> None:
@@ -116,7 +118,9 @@ def test_lost_contact_is_counted_in_seconds() -> None:
     trace = surface_trace(path)
     force = trace.normal_force_n.copy()
     force[50_000:50_250] = 0.0
-    assert measure_surface(trace._replace(normal_force_n=force), path, 20.0)["contact_lost_s"] == pytest.approx(0.25)
+    assert measure_surface(trace._replace(normal_force_n=force), path, 20.0)[
+        "contact_lost_s"
+    ] == pytest.approx(0.25)
 
 
 def test_a_run_that_stopped_early_reports_only_the_peaks_it_passed() -> None:

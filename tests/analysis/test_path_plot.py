@@ -94,7 +94,8 @@ def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result, figure)
 
 
 @pytest.mark.parametrize(
-    ("direction", "name"), [((0.0, 0.0, -1.0), "-z"), ((0.0, 1.0, 1e-3), "+y"), ((0.6, -0.8, 0.0), "0.6, -0.8, 0")]
+    ("direction", "name"),
+    [((0.0, 0.0, -1.0), "-z"), ((0.0, 1.0, 1e-3), "+y"), ((0.6, -0.8, 0.0), "0.6, -0.8, 0")],
 )
 def test_a_direction_is_called_by_the_part_s_axis_it_is_along(direction, name):
     assert axis_name(np.array(direction)) == name

@@ -29,7 +29,9 @@ def arc_record(trace: Trace | None = None) -> RunRecord:
 
 def force_record(trace: Trace | None = None, seed: int = 0) -> RunRecord:
     run = force_trace() if trace is None else trace
-    return RunRecord("f", Scenario(experiment="force", seed=seed), measure_force(run, 20.0), log_of(run), None)
+    return RunRecord(
+        "f", Scenario(experiment="force", seed=seed), measure_force(run, 20.0), log_of(run), None
+    )
 
 
 def surface_record(trace: Trace | None = None, controller: str = "hybrid-pi") -> RunRecord:
@@ -42,14 +44,18 @@ def surface_record(trace: Trace | None = None, controller: str = "hybrid-pi") ->
 
 def with_force(record: RunRecord, force_n: float) -> RunRecord:
     scenario = record.scenario
-    return replace(record, scenario=replace(scenario, process=replace(scenario.process, contact_force_n=force_n)))
+    return replace(
+        record, scenario=replace(scenario, process=replace(scenario.process, contact_force_n=force_n))
+    )
 
 
 RECORDS = [arc_record, force_record, surface_record]
 
 
 @pytest.mark.parametrize("make", RECORDS)
-def test_every_experiment_has_a_plot_with_labelled_axes(make: Callable[[], RunRecord], tmp_path: Path) -> None:
+def test_every_experiment_has_a_plot_with_labelled_axes(
+    make: Callable[[], RunRecord], tmp_path: Path
+) -> None:
     plots = draw_plots(make())
     assert plots
     for figure in plots.values():

@@ -36,7 +36,9 @@ def test_the_shares_of_the_area_below_half_and_above_one_and_a_half_means_are_co
 
 def test_what_was_never_touched_is_no_spike_in_the_picture_s_histogram() -> None:
     removal = removal_map(np.concatenate([np.zeros(500), np.linspace(1.0, 1.2, 500)]))
-    record = RunRecord("cut", Scenario(), measure_removal(removal), log_of(surface_trace(bumpy_path())), None, removal)
+    record = RunRecord(
+        "cut", Scenario(), measure_removal(removal), log_of(surface_trace(bumpy_path())), None, removal
+    )
     shares = draw_plots(record)["removal.png"].axes[1]
     # Half of the area lies within 0.4 of its mean: 12.5% of it per tenth on average.
     assert shares.get_ylim()[1] < 25.0
@@ -50,7 +52,10 @@ def test_an_even_removal_has_no_spread() -> None:
 
 
 def test_depth_and_volume_are_known_only_with_a_wear_coefficient() -> None:
-    relative, absolute = measure_removal(removal_map(3e5 * UNEVEN)), measure_removal(removal_map(3e5 * UNEVEN, 1e-13))
+    relative, absolute = (
+        measure_removal(removal_map(3e5 * UNEVEN)),
+        measure_removal(removal_map(3e5 * UNEVEN, 1e-13)),
+    )
     assert math.isnan(relative["removal_volume_m3"])
     assert math.isnan(relative["removal_mean_m"])
     assert absolute["removal_mean_m"] == pytest.approx(3e-8)

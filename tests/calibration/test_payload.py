@@ -60,7 +60,9 @@ def test_exact_readings_of_a_drifting_sensor_give_the_drift_too() -> None:
 def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent() -> None:
     """The noise is found from the residuals; 1500 draws determine an rms to 1.8%."""
     rng = np.random.default_rng(4)
-    found = [fit_payload(readings_in(POSES, errors=NOISE * rng.standard_normal((12, 6)))) for _ in range(1500)]
+    found = [
+        fit_payload(readings_in(POSES, errors=NOISE * rng.standard_normal((12, 6)))) for _ in range(1500)
+    ]
     rows = (payload_regressor(POSES[:, 2, :]) / NOISE[:, None]).reshape(-1, 10)
     bound = np.linalg.inv(rows.T @ rows)
     ratio = np.sqrt(np.mean([(one.theta - THETA) ** 2 for one in found], axis=0) / np.diag(bound))
@@ -103,7 +105,10 @@ def tilted(*angles: tuple[float, float]) -> Array:
         (tilted((0.0, 0.0), (1.0, 0.0)), "2 readings cannot separate"),
         (Rotation.from_euler("z", [[0.0], [1.0], [2.0], [3.0]]).as_matrix(), "nearly the same direction"),
         (tilted((0.0, 0.0), (0.01, 0.0), (0.0, 0.01)), "nearly the same direction.*Turn the tool"),
-        (tilted((0.0, 0.0), (0.0, 0.0), (1.5, 0.0), (1.5, 0.0)), "along one line of the sensor only.*Add a pose"),
+        (
+            tilted((0.0, 0.0), (0.0, 0.0), (1.5, 0.0), (1.5, 0.0)),
+            "along one line of the sensor only.*Add a pose",
+        ),
     ],
 )
 def test_poses_that_cannot_tell_say_what_is_missing(R_base_sensor: Array, said: str) -> None:
@@ -134,7 +139,9 @@ def knocked(rng: np.random.Generator, knocks: dict[int, Array]) -> PayloadReadin
 PUSH, TWIST = np.array([0.0, 1.0, 0.0, 0, 0, 0]), np.array([0, 0, 0, 0.0, 0.0, 0.05])
 
 
-@pytest.mark.parametrize("knocks", [{4: PUSH}, {9: TWIST}, {0: PUSH, 7: TWIST}, {2: PUSH, 3: -PUSH, 11: TWIST}])
+@pytest.mark.parametrize(
+    "knocks", [{4: PUSH}, {9: TWIST}, {0: PUSH, 7: TWIST}, {2: PUSH, 3: -PUSH, 11: TWIST}]
+)
 def test_touched_readings_are_left_out_and_named(knocks: dict[int, Array]) -> None:
     found = [fit_without_outliers(knocked(np.random.default_rng(seed), knocks)) for seed in range(40)]
     right = [set(np.flatnonzero(~one.used)) == set(knocks) for one in found]
@@ -169,12 +176,18 @@ def test_when_too_many_disagree_nobody_is_believed() -> None:
 
 def test_of_a_few_readings_none_is_left_out() -> None:
     first = knocked(np.random.default_rng(1), {0: PUSH})
-    few = PayloadReadings(*(column[:6].copy() for column in (first.time, first.R_base_sensor, first.wrenches)))
+    few = PayloadReadings(
+        *(column[:6].copy() for column in (first.time, first.R_base_sensor, first.wrenches))
+    )
     assert fit_without_outliers(few).used.all()
 
 
 TURNS = Rotation.from_matrix(POSES)
-FORMS = {QUATERNION: TURNS.as_quat(scalar_first=True), ROTATION_VECTOR: TURNS.as_rotvec(), MATRIX: POSES.reshape(-1, 9)}
+FORMS = {
+    QUATERNION: TURNS.as_quat(scalar_first=True),
+    ROTATION_VECTOR: TURNS.as_rotvec(),
+    MATRIX: POSES.reshape(-1, 9),
+}
 
 
 def written(folder: Path, names: tuple[str, ...], values: Array) -> Path:
@@ -187,7 +200,9 @@ def written(folder: Path, names: tuple[str, ...], values: Array) -> Path:
 @pytest.mark.parametrize("form", FORMS)
 def test_every_way_to_write_an_orientation_gives_the_same_tool(tmp_path: Path, form: tuple[str, ...]) -> None:
     first = readings_in(POSES)
-    file = written(tmp_path, (*WRENCH, *form, TIME), np.column_stack([first.wrenches, FORMS[form], first.time]))
+    file = written(
+        tmp_path, (*WRENCH, *form, TIME), np.column_stack([first.wrenches, FORMS[form], first.time])
+    )
     np.testing.assert_allclose(fit_payload(read_readings(file)).theta, THETA, atol=1e-8)
 
 
@@ -222,10 +237,19 @@ HEADER = ",".join((*QUATERNION, *WRENCH))
         (HEADER + "\n1,0,0,0,1,2,,4,5,6\n", "line 2: fz_n is ''"),
         (HEADER + "\n\n1,0,0,0,1,2,3 N,4,5,6\n", "line 3: fz_n is '3 N'"),
         (HEADER + "\n1,0,0,0,1,2,3,4,5\n", "line 2: 9 values, the header names 10"),
-        (HEADER + "\n1,0,0,0,1,2,3,4,5,6\n0.9,0.1,0,0,1,2,3,4,5,6\n", "line 3: qw to qz are not a unit quaternion"),
+        (
+            HEADER + "\n1,0,0,0,1,2,3,4,5,6\n0.9,0.1,0,0,1,2,3,4,5,6\n",
+            "line 3: qw to qz are not a unit quaternion",
+        ),
         (HEADER + "\n0,0,0,0,1,2,3,4,5,6\n", "line 2: qw to qz are not a unit quaternion"),
-        (",".join((*MATRIX, *WRENCH)) + "\n1,0,0,0,1,0,0,0,1.1,1,2,3,4,5,6\n", "line 2: r11 to r33.*orthonormal"),
-        (",".join((*MATRIX, *WRENCH)) + "\n1,0,0,0,1,0,0,0,-1,1,2,3,4,5,6\n", "line 2: r11 to r33.*right-handed"),
+        (
+            ",".join((*MATRIX, *WRENCH)) + "\n1,0,0,0,1,0,0,0,1.1,1,2,3,4,5,6\n",
+            "line 2: r11 to r33.*orthonormal",
+        ),
+        (
+            ",".join((*MATRIX, *WRENCH)) + "\n1,0,0,0,1,0,0,0,-1,1,2,3,4,5,6\n",
+            "line 2: r11 to r33.*right-handed",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, said: str) -> None:

@@ -1,4 +1,5 @@
-"""Cells for tests: short strokes in free space or on parts with a formula, a sensor without errors unless asked for."""
+"""Cells for tests: short strokes in free space or on parts with a formula, a sensor without errors unless
+asked for."""
 
 from __future__ import annotations
 
@@ -27,9 +28,15 @@ from tests.cell.fields import plane
 
 IDEAL_ARM = "robot.arm=ideal"
 IDEAL_SENSOR = [
-    "sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_bias_n=0", "sensor.torque_bias_nm=0",
-    "sensor.force_drift_n_s=0", "sensor.torque_drift_nm_s=0", "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",
-]  # fmt: skip
+    "sensor.force_noise_n=0",
+    "sensor.torque_noise_nm=0",
+    "sensor.force_bias_n=0",
+    "sensor.torque_bias_nm=0",
+    "sensor.force_drift_n_s=0",
+    "sensor.torque_drift_nm_s=0",
+    "sensor.force_quantum_n=0",
+    "sensor.torque_quantum_nm=0",
+]
 NOMINAL_PART = ["part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0"]
 EVERY_STEP = "simulation.log_rate_hz=0"
 
@@ -73,11 +80,22 @@ def free_stroke(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Stroke:
     """Move through poses in free space and stay at the last."""
     start, path = path_through(poses[0]), path_through(*poses)
     return Stroke(
-        travel=way_through(poses[0]), lead_in=start, process=path,
-        motion=time_path(path, feed_pace(feed)), depth=0.0, force=np.zeros(len(path.positions)), contact=False,
-        approach_speed=0.005, feed=feed, threshold=math.inf, search_depth=0.0, hold=hold, feed_time=math.inf,
-        lift=0.0, start_s=0.0,
-    )  # fmt: skip
+        travel=way_through(poses[0]),
+        lead_in=start,
+        process=path,
+        motion=time_path(path, feed_pace(feed)),
+        depth=0.0,
+        force=np.zeros(len(path.positions)),
+        contact=False,
+        approach_speed=0.005,
+        feed=feed,
+        threshold=math.inf,
+        search_depth=0.0,
+        hold=hold,
+        feed_time=math.inf,
+        lift=0.0,
+        start_s=0.0,
+    )
 
 
 def pressing_stroke(
@@ -88,17 +106,29 @@ def pressing_stroke(
     lift: float = 0.0,
     wanted: float = 20.0,
 ) -> Stroke:
-    """Down from ``height`` [m] onto a nominal surface, 4 mm in for ``wanted`` [N], then ``slide`` [m] along tool x."""
+    """Down from ``height`` [m] onto a nominal surface, 4 mm in for ``wanted`` [N], then ``slide`` [m] along
+    tool x."""
     depth = 0.004
     pressed = along_tool(T_base_touch, z=depth)
     path = path_through(pressed, along_tool(pressed, x=slide))
     force = np.full(len(path.positions), wanted)
     return Stroke(
-        travel=way_through(T_base_touch), lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
-        process=path, motion=time_path(path, feed_pace(0.01)), depth=depth, force=force, contact=True,
-        approach_speed=0.005, feed=0.01, threshold=2.0, search_depth=0.01, hold=hold, feed_time=math.inf,
-        lift=lift, start_s=0.0,
-    )  # fmt: skip
+        travel=way_through(T_base_touch),
+        lead_in=path_through(along_tool(T_base_touch, z=-height), T_base_touch),
+        process=path,
+        motion=time_path(path, feed_pace(0.01)),
+        depth=depth,
+        force=force,
+        contact=True,
+        approach_speed=0.005,
+        feed=0.01,
+        threshold=2.0,
+        search_depth=0.01,
+        hold=hold,
+        feed_time=math.inf,
+        lift=lift,
+        start_s=0.0,
+    )
 
 
 def part_under(field: Any, T_base_touch: Array = TOUCH) -> RealPart:
@@ -110,7 +140,9 @@ def part_under(field: Any, T_base_touch: Array = TOUCH) -> RealPart:
 def start_of(stroke: Stroke) -> Array:
     """T_base_tool at the start of a stroke."""
     first = stroke.lead_in if stroke.contact else stroke.process
-    return transform(Rotation.from_quat(first.quaternions[0], scalar_first=True).as_matrix(), first.positions[0])
+    return transform(
+        Rotation.from_quat(first.quaternions[0], scalar_first=True).as_matrix(), first.positions[0]
+    )
 
 
 def cell_for(
@@ -122,13 +154,19 @@ def cell_for(
 ) -> Cell:
     """A cell at the start of its first stroke, without table."""
     return Cell(
-        scenario, model if model is not None else build_scene(scenario, None, None), part or no_part(), strokes,
-        joints_at(start_of(strokes[0])), controller or build_controller(scenario.controller),
+        scenario,
+        model if model is not None else build_scene(scenario, None, None),
+        part or no_part(),
+        strokes,
+        joints_at(start_of(strokes[0])),
+        controller or build_controller(scenario.controller),
         np.random.default_rng(scenario.seed),
-    )  # fmt: skip
+    )
 
 
-def on_plane(*changes: str, part: RealPart | None = None, controller: Controller | None = None, **how: float) -> Cell:
+def on_plane(
+    *changes: str, part: RealPart | None = None, controller: Controller | None = None, **how: float
+) -> Cell:
     """An ideal cell that presses on a plane, every step logged; ``how`` as of `pressing_stroke`."""
     scenario, part = ideal("force", EVERY_STEP, *changes), part or part_under(plane())
     return cell_for(scenario, pressing_stroke(**how), part=part, controller=controller)  # type: ignore[arg-type]
@@ -169,15 +207,22 @@ class EachStep(Silent):
 def watched(cell: Cell, *quantities: Callable[[], Any]) -> tuple[CellRun, list[Array]]:
     """Run a cell and look at some quantities after every physics step: arrays (steps, ...)."""
     rows: list[list[Array]] = []
-    run = cell.run(EachStep(lambda _model, _data: rows.append([np.array(quantity()) for quantity in quantities])))
+    run = cell.run(
+        EachStep(lambda _model, _data: rows.append([np.array(quantity()) for quantity in quantities]))
+    )
     return run, [np.array(column) for column in zip(*rows, strict=True)]
 
 
 def housing_vertices(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Every vertex of the drawn housing and sensor, base frame [m], shape (n, 3)."""
     mount, found = model.body("tool_mount").id, []
-    for geom in np.flatnonzero((model.geom_bodyid == mount) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)):
-        start, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+    for geom in np.flatnonzero(
+        (model.geom_bodyid == mount) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
+    ):
+        start, count = (
+            model.mesh_vertadr[model.geom_dataid[geom]],
+            model.mesh_vertnum[model.geom_dataid[geom]],
+        )
         R = data.geom_xmat[geom].reshape(3, 3)
         found.append(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
     return np.concatenate(found)

@@ -58,7 +58,12 @@ def _go(e, arm, steps, tool, energy):  # type: ignore[no-untyped-def]
         row = steps[k]
         for j in range(6):
             row.angle[j], row.speed[j], row.twist[j] = arm.angle[j], arm.speed[j], arm.twist[j]
-            row.ratio[j], row.hysteresis[j], row.q[j], row.qd[j] = arm.ratio[j], arm.hysteresis[j], e.qpos[j], e.qvel[j]
+            row.ratio[j], row.hysteresis[j], row.q[j], row.qd[j] = (
+                arm.ratio[j],
+                arm.hysteresis[j],
+                e.qpos[j],
+                e.qvel[j],
+            )
         for i in range(3):
             row.tool[i] = e.site_xpos[tool, i]
         row.energy, row.slide = energy[0] + energy[1], e.qvel[6]
@@ -127,7 +132,8 @@ def poses(n: int) -> Array:
 
 
 def first_mode(joints: Joints) -> tuple[complex, Array]:
-    """Slowest vibration of links, head and rotors around the pose, linear: eigenvalue [1/s] and complex shape (13,)."""
+    """Slowest vibration of links, head and rotors around the pose, linear: eigenvalue [1/s] and complex shape
+    (13,)."""
     model, arm, nv = joints.model, joints.arm, joints.model.nv
     M = np.zeros((nv + 6, nv + 6))
     links = np.zeros((nv, nv))
@@ -157,7 +163,8 @@ class Balance(NamedTuple):
     damped: float  #: Lost in their dampers
     slid: float  #: Lost by hysteresis
     highest: float  #: The most they stored
-    engine: float  #: What the links have at the end, less what they had and were given: the engine's own drift
+    #: What the links have at the end, less what they had and were given: the engine's own drift
+    engine: float
 
     @property
     def left(self) -> float:
@@ -180,9 +187,13 @@ def gear_balance(rows: np.ndarray, joints: Joints) -> Balance:
     gained = rows["energy"][-1] - rows["energy"][0]
     head = joints.model.dof_damping[6] * dt * np.sum((0.5 * (now["slide"] + then["slide"])) ** 2)
     return Balance(
-        dt * np.sum((now["spring"] + damping) * twisting), energy[1] - energy[0], dt * np.sum(damping * twisting),
-        np.sum(slid), max(energy), gained + head - dt * np.sum((now["spring"] + damping) * turning),
-    )  # fmt: skip
+        dt * np.sum((now["spring"] + damping) * twisting),
+        energy[1] - energy[0],
+        dt * np.sum(damping * twisting),
+        np.sum(slid),
+        max(energy),
+        gained + head - dt * np.sum((now["spring"] + damping) * turning),
+    )
 
 
 def _stored(row: np.void, arm) -> float:

@@ -1,4 +1,5 @@
-"""Signed distance fields of parts with a formula, sampled from it: what the contact touches in these tests."""
+"""Signed distance fields of parts with a formula, sampled from it: what the contact touches in these
+tests."""
 
 from __future__ import annotations
 

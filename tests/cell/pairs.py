@@ -29,11 +29,17 @@ def nominal_host() -> HostArm:
 
 def part_at(T_base_work: Array) -> RealPart:
     """Nothing to touch, at a pose."""
-    return no_part()._replace(rotation=np.ascontiguousarray(T_base_work[:3, :3]), position=T_base_work[:3, 3].copy())
+    return no_part()._replace(
+        rotation=np.ascontiguousarray(T_base_work[:3, :3]), position=T_base_work[:3, 3].copy()
+    )
 
 
 def pair_cell(
-    scenario: Scenario, model: mujoco.MjModel, master: MasterRows, stroke: Stroke, part: RealPart | None = None
+    scenario: Scenario,
+    model: mujoco.MjModel,
+    master: MasterRows,
+    stroke: Stroke,
+    part: RealPart | None = None,
 ) -> PairCell:
     """A pair at the start of the follower's stroke; the host believes in the nominal table."""
     part = part_at(master.T_base_work) if part is None else part

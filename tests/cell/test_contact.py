@@ -65,7 +65,9 @@ def test_a_slightly_tilted_pad_in_full_contact_feels_k_d_and_a_moment_of_k_a_squ
 
 @pytest.mark.parametrize("offset", [0.0, 0.004, 0.008])
 @pytest.mark.parametrize("radius", [0.3, 0.1, 0.05])  # of the shipped sphere caps [m]
-def test_on_spheres_force_and_moment_are_the_integral_over_the_contact_disc(radius: float, offset: float) -> None:
+def test_on_spheres_force_and_moment_are_the_integral_over_the_contact_disc(
+    radius: float, offset: float
+) -> None:
     center = np.array([offset, 0.0, -working_depth(radius)])
     truth = foundation(below_sphere(radius), center, DOWN)
     found = press(part_at(sphere(radius)), center)
@@ -93,15 +95,20 @@ def test_more_points_come_closer_to_the_integral() -> None:
 def test_pressing_in_is_harder_and_drawing_out_softer_by_a_times_the_speed_and_the_part_never_pulls() -> None:
     depth = 0.002
     for speed in (-1.0, -0.2, -0.05, 0.0, 0.05, 0.2):
-        found = press(FLAT, np.array([0.0, 0.0, -depth]), config=replace(PAD, friction=0.0), velocity=(0, 0, -speed))
+        found = press(
+            FLAT, np.array([0.0, 0.0, -depth]), config=replace(PAD, friction=0.0), velocity=(0, 0, -speed)
+        )
         expected = 20000.0 * depth * max(1.0 + 3.0 * speed, 0.0)
         assert found.force[2] == pytest.approx(expected, rel=1e-5, abs=1e-12)
 
 
 def test_a_pad_that_rolls_in_feels_the_side_that_goes_down() -> None:
-    """Turning at w about x, the point at y moves down at w y: the damped part of the moment is a k d w A a^2 / 4."""
+    """Turning at w about x, the point at y moves down at w y: the damped part of the moment is a k d w A a^2
+    / 4."""
     depth, rate = 0.002, 2.0
-    found = press(FLAT, np.array([0.0, 0.0, -depth]), config=replace(PAD, friction=0.0), turning=(rate, 0.0, 0.0))
+    found = press(
+        FLAT, np.array([0.0, 0.0, -depth]), config=replace(PAD, friction=0.0), turning=(rate, 0.0, 0.0)
+    )
     assert found.force[2] == pytest.approx(20000.0 * depth, rel=1e-5)
     expected = -3.0 * 20000.0 * depth * rate * PAD.radius_m**2 / 4.0
     np.testing.assert_allclose(found.torque, [expected, 0.0, 0.0], rtol=1e-4, atol=1e-7)
@@ -147,7 +154,9 @@ def test_a_pressed_spinning_disc_feels_two_thirds_of_mu_f_r_against_its_spin() -
     spin_axis = DOWN[:, 2]
     assert found.torque @ spin_axis == pytest.approx(-expected, rel=0.01)
     np.testing.assert_allclose(found.force, [0.0, 0.0, FORCE], atol=1e-3)
-    assert press(FLAT, CENTER, config=STILL, spin=-SPIN).torque @ spin_axis == pytest.approx(expected, rel=0.01)
+    assert press(FLAT, CENTER, config=STILL, spin=-SPIN).torque @ spin_axis == pytest.approx(
+        expected, rel=0.01
+    )
 
 
 @pytest.mark.parametrize("direction_deg", [0.0, 30.0, 90.0, 200.0])

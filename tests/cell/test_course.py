@@ -23,7 +23,9 @@ FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all
 
 
 def course_on(field: DistanceField, *strokes: Stroke, T_base_work: Array = UPRIGHT) -> Course:
-    return build_course(override(default_scenario("surface"), ["plan.stepover_m=0.008"]), strokes, field, T_base_work)
+    return build_course(
+        override(default_scenario("surface"), ["plan.stepover_m=0.008"]), strokes, field, T_base_work
+    )
 
 
 def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01) -> Stroke:
@@ -60,7 +62,8 @@ def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius: float) -> N
 
 
 def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_moment() -> None:
-    """Half the disc carries: twice the pad's compression; its pressure has the centroid of half a disc, 4 R / 3 pi."""
+    """Half the disc carries: twice the pad's compression; its pressure has the centroid of half a disc, 4 R /
+    3 pi."""
     edge = sampled(
         lambda p: np.where(p[..., 0] < 0.0005, p[..., 2], 0.008), (-0.06, -0.06, -0.016), (0.06, 0.06, 0.016)
     )

@@ -51,5 +51,8 @@ def test_rates_times_dwell_are_the_removal_of_a_run_at_that_pose(lean: float):
     sunk = np.array([[0.004, 0.0, 0.0]]) - found.depths[0] * axis
     run = steps(sunk, np.zeros(3), dwell)._replace(axes=axis[None], turning=-SPIN * axis[None])
     np.testing.assert_allclose(
-        dwell * found.rates.toarray()[0], expose_nodes(nodes, run, R, STIFFNESS).exposure, rtol=1e-9, atol=1e-6
+        dwell * found.rates.toarray()[0],
+        expose_nodes(nodes, run, R, STIFFNESS).exposure,
+        rtol=1e-9,
+        atol=1e-6,
     )

@@ -49,7 +49,9 @@ def drop(config: PadConfig, text: str, seconds: float) -> Motion:
         center, velocity = data.site("pad").xpos, np.zeros(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, 0, velocity, 0)
         R_base_pad = np.ascontiguousarray(data.site("pad").xmat.reshape(3, 3))
-        press_pad(pad, part, 0.0, R_base_pad, center.copy(), velocity[3:].copy(), velocity[:3].copy(), force, torque)
+        press_pad(
+            pad, part, 0.0, R_base_pad, center.copy(), velocity[3:].copy(), velocity[:3].copy(), force, torque
+        )
         lever = center - data.body("weight").xipos
         data.body("weight").xfrc_applied = np.concatenate([force, torque + np.cross(lever, force)])
         rows.append((center[2], data.energy.sum(), force[2]))
@@ -96,7 +98,9 @@ def test_without_damping_and_friction_the_pad_gives_back_what_it_took(mass: floa
 @pytest.mark.parametrize("preload", [-0.001, 0.0, 0.001, 0.003])
 def test_a_sprung_head_let_go_presses_and_releases_with_ever_less_energy(preload: float) -> None:
     """Weightless, released 4 mm above the part, its spring at rest ``preload`` [m] below the surface."""
-    text = WEIGHT.format(height='0.004" gravcomp="1', mass=0.3, joint=SPRUNG.format(reference=-0.004 - preload))
+    text = WEIGHT.format(
+        height='0.004" gravcomp="1', mass=0.3, joint=SPRUNG.format(reference=-0.004 - preload)
+    )
     motion = drop(PAD, text, 1.0)
     energy = energy_at_tops(motion)
     assert motion.force.max() > 10.0

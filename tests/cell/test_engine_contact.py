@@ -27,7 +27,9 @@ def scene(T_base_touch: Array, shape: str) -> mujoco.MjModel:
     spec.joint("head_slide").stiffness[0] = STIFFNESS
     pad = spec.geom("head_pad")
     pad.contype, pad.conaffinity, pad.solref = 2, 2, HARD
-    outward = Rotation.from_matrix(T_base_touch[:3, :3] @ np.diag([1.0, -1.0, -1.0])).as_quat(scalar_first=True)
+    outward = Rotation.from_matrix(T_base_touch[:3, :3] @ np.diag([1.0, -1.0, -1.0])).as_quat(
+        scalar_first=True
+    )
     sizes = {"plane": [0.2, 0.2, 0.01], "sphere": [0.06, 0.0, 0.0]}
     kinds = {"plane": mujoco.mjtGeom.mjGEOM_PLANE, "sphere": mujoco.mjtGeom.mjGEOM_SPHERE}
     middle = T_base_touch if shape == "plane" else along_tool(T_base_touch, z=0.06)
@@ -53,7 +55,9 @@ def contact_on_part(model: Any, data: Any) -> Array:
 @pytest.mark.parametrize("T_base_touch", [TOUCH, LEANING], ids=["straight", "leaning"])
 def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch: Array, shape: str) -> None:
     model, depth = scene(T_base_touch, shape), 0.004
-    stroke = free_stroke(along_tool(T_base_touch, z=-0.005), along_tool(T_base_touch, z=depth), feed=0.01, hold=2.5)
+    stroke = free_stroke(
+        along_tool(T_base_touch, z=-0.005), along_tool(T_base_touch, z=depth), feed=0.01, hold=2.5
+    )
     cell = cell_for(ideal("force", "controller.name=position"), stroke, model=model)
     steps = 3000
     advance(cell.kernel, None, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)

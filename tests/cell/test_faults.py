@@ -1,4 +1,5 @@
-"""Injected faults: each at its step, with the reason it should give, the force bounded, the tool off the part."""
+"""Injected faults: each at its step, with the reason it should give, the force bounded, the tool off the
+part."""
 
 from __future__ import annotations
 
@@ -45,7 +46,9 @@ MOST_N = 60.0  # exact force no fault may lead to
 
 def faulty(events: str, *changes: str, hold: float = 2.0, slide: float = 0.0) -> Cell:
     """A cell with the default noise, pressing on a plane 5 mm below."""
-    scenario = override(default_scenario("force"), [*NOMINAL_PART, EVERY_STEP, "faults.events=" + events, *changes])
+    scenario = override(
+        default_scenario("force"), [*NOMINAL_PART, EVERY_STEP, "faults.events=" + events, *changes]
+    )
     return cell_for(scenario, pressing_stroke(hold=hold, slide=slide, lift=0.01), part=part_under(plane()))
 
 
@@ -88,7 +91,9 @@ NOTICED = [
 
 
 @pytest.mark.parametrize(("event", "code", "least", "most"), NOTICED)
-def test_what_can_be_noticed_stops_the_robot_in_its_time(event: str, code: int, least: float, most: float) -> None:
+def test_what_can_be_noticed_stops_the_robot_in_its_time(
+    event: str, code: int, least: float, most: float
+) -> None:
     run = faulty(event, "spindle.speed_rpm=6000", hold=12.0).run()
     assert run.stop_reason == REASONS[code]
     assert run.safety.fault_to_stop_s is not None
@@ -100,7 +105,8 @@ def test_what_can_be_noticed_stops_the_robot_in_its_time(event: str, code: int, 
     ("when", "way"),
     [
         (1.0, 0.005),
-        # While it touches down it is pressed in further, by 4 mm; what it has risen counts from where contact was.
+        # While it touches down it is pressed in further, by 4 mm; what it has risen counts from where contact
+        # was.
         (0.05, 0.009),
     ],
 )
@@ -113,8 +119,12 @@ def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when:
     assert_it_ends_well(run)
 
 
-@pytest.mark.parametrize(("name", "code"), [("part-high", HIGH), ("part-low", LOW), ("part-missing", MISSING)])
-def test_a_part_that_is_not_where_it_was_planned_is_noticed_when_it_is_touched(name: str, code: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "code"), [("part-high", HIGH), ("part-low", LOW), ("part-missing", MISSING)]
+)
+def test_a_part_that_is_not_where_it_was_planned_is_noticed_when_it_is_touched(
+    name: str, code: float
+) -> None:
     stroke = pressing_stroke(height=0.02)._replace(search_depth=0.02 if name == "part-low" else 0.01)
     run = cell_for(faulty(f"{name}@0").scenario, stroke, part=part_under(plane())).run()
     assert run.stop_reason == REASONS[code]
@@ -122,7 +132,9 @@ def test_a_part_that_is_not_where_it_was_planned_is_noticed_when_it_is_touched(n
     assert_it_ends_well(run)
 
 
-@pytest.mark.parametrize("name", ["sensor-noise", "latency-jump", "part-shift", "part-loose", "friction-jump"])
+@pytest.mark.parametrize(
+    "name", ["sensor-noise", "latency-jump", "part-shift", "part-loose", "friction-jump"]
+)
 def test_what_no_guard_must_notice_keeps_the_force_bounded_all_the_same(name: str) -> None:
     assert_it_ends_well(faulty(f"{name}@contact+0.5", slide=0.01).run())
 
@@ -131,7 +143,10 @@ def test_a_fault_happens_at_its_step_whoever_looks_on() -> None:
     class Onlooker(Silent):
         frame_every_s = 0.007
 
-    runs = [faulty("part-shift@0.7304, sensor-dropout@contact+0.1234").run(onlooker) for onlooker in (None, Onlooker())]
+    runs = [
+        faulty("part-shift@0.7304, sensor-dropout@contact+0.1234").run(onlooker)
+        for onlooker in (None, Onlooker())
+    ]
     assert runs[0].safety == runs[1].safety
     assert runs[0].safety.fault_time_s == pytest.approx(0.731)
     np.testing.assert_array_equal(runs[0].trace.normal_force_n, runs[1].trace.normal_force_n)
@@ -168,7 +183,9 @@ def test_an_unknown_fault_lists_the_known_ones() -> None:
         parse_events("gremlins@3")
 
 
-def test_noise_five_times_stronger_raises_the_threshold_of_contact_and_the_robot_still_finds_the_part() -> None:
+def test_noise_five_times_stronger_raises_the_threshold_of_contact_and_the_robot_still_finds_the_part() -> (
+    None
+):
     """2.5 N a sample, 1.24 N after the 80 Hz low-pass: five of that are 6.2 N, three times the threshold."""
     cell = faulty("", "sensor.force_noise_n=2.5", hold=1.0)
     run = cell.run()
@@ -197,7 +214,9 @@ def test_what_would_change_nothing_is_refused(change: str, lacking: str) -> None
 
 
 def test_a_force_set_anew_is_held_and_no_guard_takes_the_springs_way_for_the_surface() -> None:
-    run = faulty("", "process.changes='force_n=45@contact+1, force_n=5@contact+2'", hold=3.0, slide=0.005).run()
+    run = faulty(
+        "", "process.changes='force_n=45@contact+1, force_n=5@contact+2'", hold=3.0, slide=0.005
+    ).run()
     assert run.stop_reason is None
     start = run.trace.time_s[np.argmax(run.trace.normal_force_n > 0.5)]
     for wanted, since in ((20.0, 0.7), (45.0, 1.7), (5.0, 2.7)):
@@ -233,7 +252,9 @@ def test_what_happens_by_hand_happens_again_when_it_is_planned() -> None:
     first = cell.run(hand)
     planned = as_planned(cell.scenario, cell.asked)
     assert re.fullmatch(r"force_n=24\.5@[\d.]+, feed_m_s=0\.003@[\d.]+", planned.process.changes)
-    again = faulty(planned.faults.events, f"process.changes='{planned.process.changes}'", hold=2.0, slide=0.02).run()
+    again = faulty(
+        planned.faults.events, f"process.changes='{planned.process.changes}'", hold=2.0, slide=0.02
+    ).run()
     assert all(first.log[name].tobytes() == again.log[name].tobytes() for name in first.log.names)
     plain = faulty("", hold=2.0, slide=0.02).run()
     assert first.log["normal_force_n"].tobytes() != plain.log["normal_force_n"].tobytes()

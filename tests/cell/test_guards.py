@@ -57,7 +57,12 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further() -> None:
     ("settings", "lean", "named", "axes"),
     [
         # Position control goes down to where the springs carry 20 N, whatever force is wanted.
-        (["safety.force_limit_n=12", "process.contact_force_n=10"], 0.0, "force above safety.force_limit_n:", slice(3)),
+        (
+            ["safety.force_limit_n=12", "process.contact_force_n=10"],
+            0.0,
+            "force above safety.force_limit_n:",
+            slice(3),
+        ),
         # A tool that leans by 2 deg feels k a^2 / 4 times the angle about its point.
         (["safety.torque_limit_nm=0.1"], 0.03, "torque above safety.torque_limit_nm:", slice(3, 6)),
     ],
@@ -65,7 +70,10 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further() -> None:
 def test_too_much_force_or_torque_stops_at_the_measured_limit(
     settings: list[str], lean: float, named: str, axes: slice
 ) -> None:
-    part, limit = part_under(plane(), tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0))), float(settings[0].split("=")[1])
+    part, limit = (
+        part_under(plane(), tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0))),
+        float(settings[0].split("=")[1]),
+    )
     run = on_plane(*settings, "controller.name=position", part=part, wanted=10.0).run()
     assert str(run.stop_reason).startswith(f"measured {named}")
     said, unit = str(run.safety.protective_stop_measured).split(maxsplit=1)
@@ -122,7 +130,8 @@ def test_beside_the_wall_it_passes() -> None:
 
 
 def test_a_joint_at_the_end_of_its_range_stops_the_robot() -> None:
-    """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has left."""
+    """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has
+    left."""
     turns = [tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
     run = cell_for(ideal("arc", EVERY_STEP), free_stroke(*turns, feed=0.005)).run()
     assert str(run.stop_reason).startswith("a joint reached the end of its range:")
@@ -132,7 +141,9 @@ def test_a_joint_at_the_end_of_its_range_stops_the_robot() -> None:
 
 def test_a_stretched_arm_stops_before_it_is_singular() -> None:
     scenario = ideal("arc", EVERY_STEP)
-    run = cell_for(scenario, free_stroke(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1)).run()
+    run = cell_for(
+        scenario, free_stroke(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1)
+    ).run()
     assert run.stop_reason is not None
     assert run.stop_reason.startswith("near a singularity of the arm (safety.singular_value_limit)")
     assert np.abs(run.log["qd_rad_s"]).max() < JOINT_SPEED

@@ -1,4 +1,5 @@
-"""Scenarios whose explicit contact, sensor or robot cannot work at this step are refused by the name of the limit."""
+"""Scenarios whose explicit contact, sensor or robot cannot work at this step are refused by the name of the
+limit."""
 
 from __future__ import annotations
 
@@ -45,31 +46,56 @@ SHARPEST = 0.3 * 20.0 * 0.001 / TANGENTIAL_MASS  # mu F dt / (v_s m) is 1 there 
 @pytest.mark.parametrize(
     ("refusing", "words", "accepting"),
     [
-        (["pad.damping_s_m=10", "safety.force_limit_n=31"], ["pad.damping_s_m", "a F dt / m = 1.0"],
-         ["pad.damping_s_m=10", "safety.force_limit_n=29"]),
-        (["pad.damping_s_m=3", "safety.force_limit_n=101"], ["a F dt / m = 1.0"],
-         ["pad.damping_s_m=3", "safety.force_limit_n=99"]),
-        ([f"pad.stiffness_n_m={1.01 * STIFFEST}"], ["pad.stiffness_n_m", "0.70"],
-         [f"pad.stiffness_n_m={0.99 * STIFFEST}"]),
+        (
+            ["pad.damping_s_m=10", "safety.force_limit_n=31"],
+            ["pad.damping_s_m", "a F dt / m = 1.0"],
+            ["pad.damping_s_m=10", "safety.force_limit_n=29"],
+        ),
+        (
+            ["pad.damping_s_m=3", "safety.force_limit_n=101"],
+            ["a F dt / m = 1.0"],
+            ["pad.damping_s_m=3", "safety.force_limit_n=99"],
+        ),
+        (
+            [f"pad.stiffness_n_m={1.01 * STIFFEST}"],
+            ["pad.stiffness_n_m", "0.70"],
+            [f"pad.stiffness_n_m={0.99 * STIFFEST}"],
+        ),
         (["head.mass_kg=0.05", "pad.damping_s_m=0"], ["too stiff"], []),
         (["simulation.timestep_s=0.003", "pad.damping_s_m=0"], ["too stiff"], []),
-        ([f"pad.friction_smoothing_m_s={0.99 * SHARPEST}"], ["pad.friction_smoothing_m_s", "1.01"],
-         [f"pad.friction_smoothing_m_s={1.01 * SHARPEST}"]),
+        (
+            [f"pad.friction_smoothing_m_s={0.99 * SHARPEST}"],
+            ["pad.friction_smoothing_m_s", "1.01"],
+            [f"pad.friction_smoothing_m_s={1.01 * SHARPEST}"],
+        ),
         (["pad.stiffness_n_m=1999"], ["pad.stiffness_n_m"], ["pad.stiffness_n_m=2001"]),
-        (["sensor.rate_hz=2000"], ["sensor.rate_hz = 2000", "1000"],
-         ["sensor.rate_hz=2000", "simulation.timestep_s=0.0005"]),
+        (
+            ["sensor.rate_hz=2000"],
+            ["sensor.rate_hz = 2000", "1000"],
+            ["sensor.rate_hz=2000", "simulation.timestep_s=0.0005"],
+        ),
         # A slow sensor is not to be taken for a frozen one.
-        (["sensor.rate_hz=40"], ["safety.sensor_timeout_s"], ["sensor.rate_hz=40", "safety.sensor_timeout_s=0.05"]),
+        (
+            ["sensor.rate_hz=40"],
+            ["safety.sensor_timeout_s"],
+            ["sensor.rate_hz=40", "safety.sensor_timeout_s=0.05"],
+        ),
         # A command must outlive the control cycle.
-        (["simulation.control_every=4", "robot.command_timeout_s=0.006"], ["robot.command_timeout_s"],
-         ["simulation.control_every=4", "robot.command_timeout_s=0.008"]),
+        (
+            ["simulation.control_every=4", "robot.command_timeout_s=0.006"],
+            ["robot.command_timeout_s"],
+            ["simulation.control_every=4", "robot.command_timeout_s=0.008"],
+        ),
         # A spindle is to be seen five times a turn.
-        (["spindle.speed_rpm=15000"], ["spindle.speed_rpm = 15000", "4.0 times a turn", "Lower it to 12000"],
-         ["spindle.speed_rpm=12000"]),
+        (
+            ["spindle.speed_rpm=15000"],
+            ["spindle.speed_rpm = 15000", "4.0 times a turn", "Lower it to 12000"],
+            ["spindle.speed_rpm=12000"],
+        ),
         (["spindle.speed_rpm=15000"], [], ["spindle.speed_rpm=15000", "spindle.imbalance_m_s=0"]),
         (["spindle.speed_rpm=15000"], [], ["spindle.speed_rpm=15000", "simulation.timestep_s=0.0005"]),
     ],
-)  # fmt: skip
+)
 def test_beyond_a_limit_it_is_refused_with_its_keys_and_within_it_accepted(
     refusing: list[str], words: list[str], accepting: list[str]
 ) -> None:
@@ -100,4 +126,5 @@ def test_a_controller_that_cannot_be_reset_is_named() -> None:
 
 def test_the_part_is_modelled_as_deep_as_a_soft_pad_goes() -> None:
     assert modelled_depth(ideal("force"), 20.0) == 0.008
-    assert modelled_depth(ideal("force", "head.spring_scale=0.2"), 20.0) == pytest.approx(0.010)  # 2 x 20 N / 4000 N/m
+    # 2 x 20 N / 4000 N/m
+    assert modelled_depth(ideal("force", "head.spring_scale=0.2"), 20.0) == pytest.approx(0.010)

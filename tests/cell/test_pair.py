@@ -1,4 +1,5 @@
-"""Two robots in one cell: the part goes where the master's flange goes, the pad feels it, the host believes its own."""
+"""Two robots in one cell: the part goes where the master's flange goes, the pad feels it, the host believes
+its own."""
 
 from __future__ import annotations
 
@@ -17,7 +18,15 @@ from polish_sim.cell import CellRun, build_scene
 from polish_sim.cell.guards import CONTROLLER_NAN
 from polish_sim.cell.real_arm import built_table, gear_twists, resting_arm, weights
 from polish_sim.config import Scenario
-from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, RAMP_PEAK, MasterRows, time_held, time_let_go
+from polish_sim.dual.carrier import (
+    FIRST_JOINT,
+    FOLLOWER_ARM,
+    MASTER_ARM,
+    RAMP_PEAK,
+    MasterRows,
+    time_held,
+    time_let_go,
+)
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
 from polish_sim.dual.gripper import GRIPPER_MASS, check_load, volume_and_center
 from polish_sim.dual.scene import Held, build_pair_scene
@@ -61,13 +70,17 @@ def rows(share: float = 1.0) -> MasterRows:
     time = np.linspace(0.0, 2.0, 101)
     speed = share * np.array([0.05, -0.04, 0.06, 0.05, -0.07, 0.08])
     work = T_FOLLOWER_MASTER @ forward(Q_MASTER) @ ON_GRIPPER
-    belief = transform(Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix(), np.array([0.004, -0.003, 0.002]))
+    belief = transform(
+        Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix(), np.array([0.004, -0.003, 0.002])
+    )
     return MasterRows(0.02, Q_MASTER + time[:, None] * speed, np.tile(speed, (101, 1)), work, belief)
 
 
 def carried(**changes: float) -> PairCell:
     """The follower stands still where its target is carried along by the master."""
-    return pair_cell(ideal("arc", EVERY_STEP), scene(), rows()._replace(**changes), free_stroke(TOOL, hold=1.2))
+    return pair_cell(
+        ideal("arc", EVERY_STEP), scene(), rows()._replace(**changes), free_stroke(TOOL, hold=1.2)
+    )
 
 
 def test_both_robots_stand_where_they_are_put_and_the_world_is_the_followers_base() -> None:
@@ -111,7 +124,10 @@ def test_a_part_that_encloses_nothing_is_not_called_too_heavy() -> None:
 
 def test_the_part_follows_the_masters_flange_and_the_target_what_the_host_believes() -> None:
     cell, master = carried(), rows()
-    carrier, T_part = cell.master.state, inverse(forward(Q_MASTER)) @ inverse(T_FOLLOWER_MASTER) @ master.T_base_work
+    carrier, T_part = (
+        cell.master.state,
+        inverse(forward(Q_MASTER)) @ inverse(T_FOLLOWER_MASTER) @ master.T_base_work,
+    )
     seen: list[float] = []
 
     def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -142,7 +158,11 @@ def test_speeds_of_part_and_target_are_the_derivatives_of_their_places() -> None
     cell = carried()
     motion, target = cell.state.motion, cell.state.target
     _, (*places, speed, twist) = watched(
-        cell, lambda: cell.kernel.part.position, lambda: target.position, lambda: motion.velocity, lambda: target.twist
+        cell,
+        lambda: cell.kernel.part.position,
+        lambda: target.position,
+        lambda: motion.velocity,
+        lambda: target.twist,
     )
     for place, wanted in zip(places, (speed, twist[:, :3]), strict=True):
         found = np.gradient(place[1100:], 0.001, axis=0)[5:-5]
@@ -154,7 +174,8 @@ def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest() -> Non
     cell = carried(spacing=0.007)
     _, (seen,) = watched(cell, lambda: cell.master.state.clock)
     start = int(np.argmax(seen > 0.0))
-    # It has 0.7 s of rows and brakes on the last half a ramp of them: released for 0.7 s, then held until it stands.
+    # It has 0.7 s of rows and brakes on the last half a ramp of them: released for 0.7 s, then held until it
+    # stands.
     since = 0.001 * np.arange(1, 1 + len(seen) - start)
     let_go = time_let_go(since)
     np.testing.assert_allclose(seen[start:][since < 0.69], let_go.clock[since < 0.69], atol=1e-3)
@@ -170,18 +191,24 @@ def test_the_masters_time_passes_as_foretold_from_rest_and_back_to_rest() -> Non
 
 @cache
 def pressed(
-    share: float, *changes: str, lift: float = 0.0, look: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None
+    share: float,
+    *changes: str,
+    lift: float = 0.0,
+    look: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None,
 ) -> CellRun:
     """The pad pressed on a plane the master carries, without force control: as deep as for 20 N."""
     part = part_under(plane())
-    master = rows(share)._replace(T_base_work=transform(part.rotation, part.position), T_believed_true=np.eye(4))
+    master = rows(share)._replace(
+        T_base_work=transform(part.rotation, part.position), T_believed_true=np.eye(4)
+    )
     scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)
     cell = pair_cell(scenario, scene(), master, pressing_stroke(hold=1.2, lift=lift), part)
     return cell.run(EachStep(look) if look else None)
 
 
 def test_the_masters_joints_carry_what_is_pressed_on_the_part() -> None:
-    """Statics: what servos, bearings and weight leave over at the master's joints is J^T F of 20 N where the pad is."""
+    """Statics: what servos, bearings and weight leave over at the master's joints is J^T F of 20 N where the
+    pad is."""
     left: list[Array] = []
 
     def look(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -222,7 +249,9 @@ def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest() -> N
         ("controller-nan", CONTROLLER_NAN, 0.0),
     ],
 )
-def test_whichever_arm_fails_both_stand_and_the_tool_is_off_the_part(fault: str, code: float, delay: float) -> None:
+def test_whichever_arm_fails_both_stand_and_the_tool_is_off_the_part(
+    fault: str, code: float, delay: float
+) -> None:
     run = pressed(0.5, f"faults.events={fault}@contact+1", lift=0.01)
     assert run.stop_reason == PairCell.reasons[code]
     assert run.safety.fault_to_stop_s == pytest.approx(delay, abs=0.002)
@@ -231,7 +260,8 @@ def test_whichever_arm_fails_both_stand_and_the_tool_is_off_the_part(fault: str,
     assert run.trace.tcp_speed_m_s[-1] < 0.1 * run.trace.tcp_speed_m_s.max()
     assert run.trace.normal_force_n.max() < 30.0
     assert np.all(run.trace.normal_force_n[-50:] == 0.0)
-    # The master brakes as firmly as the follower: from v it moves on by v x latency + v^2 / 2a, not for half a second.
+    # The master brakes as firmly as the follower: from v it moves on by v x latency + v^2 / 2a, not for half
+    # a second.
     stopped, way = stopped_at(run), run.trace.part_shift_m
     v = np.linalg.norm(np.gradient(way, 0.001, axis=0)[stopped - 20])
     assert v > 0.01
@@ -247,9 +277,12 @@ def test_where_the_master_is_comes_late_and_is_carried_on_by_its_speed() -> None
     errors = {}
     for delay, period in ((0.0, 0.0), (0.02, 0.01)):
         cell = carried(delay=delay, period=period)
-        run, (told, true) = watched(cell, lambda c=cell: c.master.state.q, lambda c=cell: where_the_master_is(c))
+        run, (told, true) = watched(
+            cell, lambda c=cell: c.master.state.q, lambda c=cell: where_the_master_is(c)
+        )
         errors[delay] = np.abs(told - true)[900:].max()
-        # At constant joint speeds a late reading is as good as a fresh one, but for what the servos still ring.
+        # At constant joint speeds a late reading is as good as a fresh one, but for what the servos still
+        # ring.
         assert np.abs(run.trace.target_error_m[-300:]).max() < 2e-4
     assert errors[0.0] < 1e-6
     # 0.08 rad/s x 20 ms are 1.6e-3 rad without the host's carrying on.
@@ -257,11 +290,16 @@ def test_where_the_master_is_comes_late_and_is_carried_on_by_its_speed() -> None
 
 
 def test_the_host_foretells_a_master_that_gains_speed() -> None:
-    """Against where the master really is, and how fast it is once a request acts, 8 ms later; its ramps included."""
+    """Against where the master really is, and how fast it is once a request acts, 8 ms later; its ramps
+    included."""
     cell = carried(delay=0.003, period=0.002, lead=0.008)
     host = cell.master.state
     _, (told, coming, q, qd) = watched(
-        cell, lambda: host.q, lambda: host.qd, lambda: where_the_master_is(cell), lambda: cell.data.qvel[FIRST_JOINT:]
+        cell,
+        lambda: host.q,
+        lambda: host.qd,
+        lambda: where_the_master_is(cell),
+        lambda: cell.data.qvel[FIRST_JOINT:],
     )
     assert np.abs(told - q).max() < 5e-6
     # Late by 11 to 12 ms without acceleration; what is left is while the acceleration builds up.
@@ -273,13 +311,19 @@ def test_the_host_foretells_a_master_that_gains_speed() -> None:
 def test_a_master_that_slows_down_is_followed() -> None:
     usual, slow = pressed(0.5), pressed(0.5, "faults.events=master-slow@contact+0.5")
     assert slow.stop_reason is None
-    speeds = [np.linalg.norm(np.gradient(run.trace.part_shift_m, 0.001, axis=0), axis=1) for run in (usual, slow)]
+    speeds = [
+        np.linalg.norm(np.gradient(run.trace.part_shift_m, 0.001, axis=0), axis=1) for run in (usual, slow)
+    ]
     assert speeds[1][-300:].mean() == pytest.approx(0.5 * speeds[0][-300:].mean(), rel=0.05)
     assert np.abs(slow.trace.normal_force_n[-300:] - usual.trace.normal_force_n[-300:].mean()).max() < 0.3
 
 
 OFF = dict(
-    zip(("master", "follower"), NOMINAL + 1e-3 * np.random.default_rng(5).standard_normal((2, 4, 6)), strict=True)
+    zip(
+        ("master", "follower"),
+        NOMINAL + 1e-3 * np.random.default_rng(5).standard_normal((2, 4, 6)),
+        strict=True,
+    )
 )
 """Arms a millimetre and a milliradian off their table."""
 
@@ -295,8 +339,9 @@ def test_arms_off_their_table_are_built_as_their_own_table_says() -> None:
         data.qpos[:6], data.qpos[FIRST_JOINT:] = q
         mujoco.mj_kinematics(model, data)
         for arm, T_base, angles, table in (
-            ("follower", np.eye(4), q[0], OFF["follower"]), ("master", T_FOLLOWER_MASTER, q[1], OFF["master"]),
-        ):  # fmt: skip
+            ("follower", np.eye(4), q[0], OFF["follower"]),
+            ("master", T_FOLLOWER_MASTER, q[1], OFF["master"]),
+        ):
             site = data.site(f"{arm}_flange")
             wanted = T_base @ forward(angles[None], table)[0]
             np.testing.assert_allclose(site.xpos, wanted[:3, 3], atol=1e-12)

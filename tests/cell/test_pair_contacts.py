@@ -36,7 +36,8 @@ def scene(T_follower_master: Array, clearances: Clearances | None) -> mujoco.MjM
 
 
 def gripper_before(gap: float, aside: float) -> Array:
-    """The master's base, so that its gripper's face is this far before the pad, its axis this far beside [m]."""
+    """The master's base, so that its gripper's face is this far before the pad, its axis this far beside
+    [m]."""
     face = along_tool(TOOL, x=aside, z=gap) @ np.diag([1.0, -1.0, -1.0, 1.0])
     return np.asarray(face @ inverse(forward(Q_MASTER) @ ON_GRIPPER))
 
@@ -55,8 +56,12 @@ def test_the_pad_may_come_to_the_part_and_the_housing_may_not() -> None:
     assert contacts.first(Q_MASTER[None], joints_at(TOOL)[None]) == ""
     # The cube's middle beside the spindle, the gripper below it.
     T = along_tool(TOOL, x=0.075, z=-0.1) @ from_pose([0.0, 0.0, 0.0, 0.0, -0.5 * np.pi, 0.0])
-    T_follower_master = T @ inverse(forward(Q_MASTER) @ ON_GRIPPER @ transform(np.eye(3), np.array([0.0, 0.0, SIDE])))
-    found = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES).first(Q_MASTER[None], joints_at(TOOL)[None])
+    T_follower_master = T @ inverse(
+        forward(Q_MASTER) @ ON_GRIPPER @ transform(np.eye(3), np.array([0.0, 0.0, SIDE]))
+    )
+    found = PairContacts(scene(T_follower_master, CLEARANCES), CLEARANCES).first(
+        Q_MASTER[None], joints_at(TOOL)[None]
+    )
     assert {name[:16] for name in found.split(" and ")} == {"follower_spindle", "master_part"}
 
 
@@ -73,7 +78,10 @@ def drawn(model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> Array:
     found = []
     for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH):
         if model.geom(geom).name.startswith(arm):
-            start, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+            start, count = (
+                model.mesh_vertadr[model.geom_dataid[geom]],
+                model.mesh_vertnum[model.geom_dataid[geom]],
+            )
             R = data.geom_xmat[geom].reshape(3, 3)
             found.append(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
     return np.concatenate(found)

@@ -1,4 +1,5 @@
-"""After a guard spoke: brakes, retract, standstill; the log continues, the controller is not called any more."""
+"""After a guard spoke: brakes, retract, standstill; the log continues, the controller is not called any
+more."""
 
 from __future__ import annotations
 
@@ -77,7 +78,9 @@ def test_the_brakes_come_on_after_the_latency_of_the_stop(stopped: CellRun) -> N
 
 
 @pytest.mark.parametrize(("speed", "deceleration"), [(0.1, 4.0), (0.1, 1.0), (0.05, 4.0)])
-def test_the_braking_distance_is_v_squared_over_twice_the_deceleration(speed: float, deceleration: float) -> None:
+def test_the_braking_distance_is_v_squared_over_twice_the_deceleration(
+    speed: float, deceleration: float
+) -> None:
     """In free space, braked on the way; before the brakes the robot continues for the stop's latency."""
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)
     settings = EVERY_STEP, "faults.events=controller-nan@1.4", f"safety.stop_deceleration_m_s2={deceleration}"

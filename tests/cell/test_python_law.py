@@ -87,14 +87,18 @@ def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_whole(
 
 
 def test_a_list_of_numbers_will_do(tmp_path: Path) -> None:
-    run = run_with(tmp_path, FAILS.format(answer="[0.0, 0.0, -0.005, 0, 0, 0]"), "process.search_depth_m=0.001")
+    run = run_with(
+        tmp_path, FAILS.format(answer="[0.0, 0.0, -0.005, 0, 0, 0]"), "process.search_depth_m=0.001"
+    )
     assert "controller" not in (run.stop_reason or "")  # it presses on until the guard of the force stops it
     assert run.log["command_twist"][1000, 2] == pytest.approx(-0.005)
 
 
 def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told() -> None:
     calls: list[tuple[float, float]] = []
-    watch = Law(lambda measurement, _target: calls.append((measurement.time, measurement.cycle)) or np.zeros(6))
+    watch = Law(
+        lambda measurement, _target: calls.append((measurement.time, measurement.cycle)) or np.zeros(6)
+    )
     run = on_plane("simulation.control_every=4", controller=watch).run()
     times, cycles = np.array(calls).T
     assert watch.cycle_s == 0.004

@@ -1,4 +1,5 @@
-"""Elastic joints against known truth: statics, first resonance, energy, stability; and what the host sees of them."""
+"""Elastic joints against known truth: statics, first resonance, energy, stability; and what the host sees of
+them."""
 
 from __future__ import annotations
 
@@ -166,7 +167,9 @@ def test_the_arc_errs_as_a_real_arm_does(seed, side):
 
 def test_the_same_seed_gives_the_same_arm_and_another_another():
     settings = [REAL, "process.max_feed_s=3"]
-    runs = [run_experiment(override(ARC, [*settings, f"seed={seed}"])).log["tcp_position_m"] for seed in (4, 4, 5)]
+    runs = [
+        run_experiment(override(ARC, [*settings, f"seed={seed}"])).log["tcp_position_m"] for seed in (4, 4, 5)
+    ]
     assert runs[0].tobytes() == runs[1].tobytes()
     assert np.abs(runs[0] - runs[2][: len(runs[0])]).max() > 1e-5
 

@@ -28,11 +28,15 @@ T_BASE_WORK = transform(Rotation.from_rotvec([0.2, -0.1, 0.7]).as_matrix(), np.a
 def sheet() -> Surface:
     """A sheet 100 x 100 x 3 mm, its top in the plane z = 0."""
     mesh = trimesh.creation.box((0.1, 0.1, THICKNESS)).subdivide().subdivide()
-    return fit_triangles(np.array(mesh.vertices) - [0, 0, THICKNESS / 2], np.array(mesh.faces, dtype=np.int32))
+    return fit_triangles(
+        np.array(mesh.vertices) - [0, 0, THICKNESS / 2], np.array(mesh.faces, dtype=np.int32)
+    )
 
 
 def top_of(sheet: Surface) -> Surface:
-    return sheet.restrict(np.flatnonzero(np.all(sheet.vertices[sheet.faces][:, :, 2] > -1e-9, axis=1)).astype(np.int32))
+    return sheet.restrict(
+        np.flatnonzero(np.all(sheet.vertices[sheet.faces][:, :, 2] > -1e-9, axis=1)).astype(np.int32)
+    )
 
 
 def real(sheet: Surface, config: PartConfig, seed: int = 0) -> RealPart:
@@ -63,8 +67,11 @@ def test_the_form_error_has_its_size_peak_to_peak_and_bends_no_sharper_than_its_
         assert np.ptp(values) == pytest.approx(0.0003)
         assert values.max() == pytest.approx(-values.min())
         h = 1e-4
-        np.testing.assert_allclose(bend.on_grid(points[:5], points[5:9]).ravel(),
-                                   bend((points[:5, None] + points[5:9]).reshape(-1, 3)), atol=1e-17)  # fmt: skip
+        np.testing.assert_allclose(
+            bend.on_grid(points[:5], points[5:9]).ravel(),
+            bend((points[:5, None] + points[5:9]).reshape(-1, 3)),
+            atol=1e-17,
+        )
         curvature = (bend(points + [h, 0, 0]) - 2.0 * values + bend(points - [h, 0, 0])) / h**2
         assert np.abs(curvature).max() < 0.00015 * 8 * (2.0 * np.pi / 0.04) ** 2
 
@@ -117,7 +124,11 @@ def test_a_face_of_two_facets_is_bent_by_no_more_than_its_form_error() -> None:
 
 
 def test_the_same_seed_makes_the_same_part_and_another_seed_another(sheet: Surface) -> None:
-    one, again, other = real(sheet, PartConfig(), 5), real(sheet, PartConfig(), 5), real(sheet, PartConfig(), 6)
+    one, again, other = (
+        real(sheet, PartConfig(), 5),
+        real(sheet, PartConfig(), 5),
+        real(sheet, PartConfig(), 6),
+    )
     np.testing.assert_array_equal(one.field.bricks, again.field.bricks)
     np.testing.assert_array_equal(one.position, again.position)
     assert not np.array_equal(one.field.bricks, other.field.bricks)
@@ -137,7 +148,9 @@ def test_the_whole_part_is_there_for_the_crash_check_not_just_where_the_pad_goes
 def test_a_housing_driven_into_a_thin_sheet_standing_beside_the_path_is_stopped(sheet: Surface) -> None:
     upright = Rotation.from_rotvec([0.0, np.pi / 2.0, 0.0]).as_matrix()
     part = real(sheet, TRUE)._replace(rotation=upright, position=np.array([0.1, -0.5, 0.3]))
-    cell = cell_for(ideal("arc"), free_stroke(tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)), part=part)
+    cell = cell_for(
+        ideal("arc"), free_stroke(tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)), part=part
+    )
     assert cell.run().stop_reason == REASONS[CRASH]
     mujoco.mj_kinematics(cell.model, cell.data)
     vertices = housing_vertices(cell.model, cell.data)

@@ -91,7 +91,9 @@ def test_spindle_and_feed_add_up_as_velocities() -> None:
 
 def test_without_a_spindle_the_feed_alone_removes_force_times_way() -> None:
     motion = steps(np.array([[0.0, 0.0, -0.001]]), np.array([0.03, 0.0, 0.0]), 2.0, 20.0, spin=0.0)
-    assert expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).gained[0] == pytest.approx(20.0 * 0.06, rel=1e-9)
+    assert expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).gained[0] == pytest.approx(
+        20.0 * 0.06, rel=1e-9
+    )
 
 
 def straight_pass(feed: float, spin: float = SPIN, step: float = 0.0005) -> Removed:
@@ -143,12 +145,15 @@ def test_on_a_ball_the_pressure_falls_from_the_middle_as_the_gap_to_the_face() -
     # Per area of the ball, and scaled from what the field carries to the force of 1 N.
     pressure = deep * normals[:, 2] / carried
     near = (r > 0.002) & (r < 0.9 * rim)
-    np.testing.assert_allclose(removed.exposure[near], sliding(grid, normals)[near] * pressure[near], rtol=0.03)
+    np.testing.assert_allclose(
+        removed.exposure[near], sliding(grid, normals)[near] * pressure[near], rtol=0.03
+    )
     assert removed.exposure[r > rim + 0.001].max() == 0.0
 
 
 def sliding(grid: Array, normals: Array) -> Array:
-    """Speed along the part of a face that turns about z [m/s]: what of it points into the part does not slide."""
+    """Speed along the part of a face that turns about z [m/s]: what of it points into the part does not
+    slide."""
     moved = SPIN * np.column_stack([grid[:, 1], -grid[:, 0], np.zeros(len(grid))])
     return np.linalg.norm(moved - (moved * normals).sum(axis=1)[:, None] * normals, axis=1)
 
@@ -156,7 +161,8 @@ def sliding(grid: Array, normals: Array) -> Array:
 def run_of(
     feed: float = 0.02, dt: float = 1e-3, turn: Rotation | None = None, drift: float = 0.0
 ) -> tuple[Trace, Array]:
-    """A pass of 30 mm over a plane by a robot that stands turned: the trace, and its constant tool quaternion."""
+    """A pass of 30 mm over a plane by a robot that stands turned: the trace, and its constant tool
+    quaternion."""
     turn = turn or Rotation.identity()
     time = np.arange(0.0, 0.03 / feed, dt)
     tip = np.stack([feed * time - 0.015, np.zeros_like(time), np.full_like(time, -0.004)], axis=1)
@@ -195,7 +201,9 @@ def test_a_world_turned_removes_the_same() -> None:
     turn = Rotation.from_euler("xyz", [0.4, -1.1, 2.0])
     straight = exposed(*run_of(), every=4)
     turned = exposed(*run_of(turn=turn), every=4, turn=turn)
-    np.testing.assert_allclose(turned.exposure, straight.exposure, rtol=1e-6, atol=1e-9 * straight.exposure.max())
+    np.testing.assert_allclose(
+        turned.exposure, straight.exposure, rtol=1e-6, atol=1e-9 * straight.exposure.max()
+    )
 
 
 def test_how_often_rows_are_logged_changes_nothing() -> None:
@@ -244,7 +252,8 @@ TRACK = np.column_stack([np.linspace(-0.03, 0.03, 61), np.zeros(61), np.zeros(61
 
 @pytest.fixture(scope="module")
 def block() -> tuple[Surface, Region]:
-    """A block of 100 x 100 x 20 mm with its top at z = 0, of which 80 x 30 mm in the middle are to be polished."""
+    """A block of 100 x 100 x 20 mm with its top at z = 0, of which 80 x 30 mm in the middle are to be
+    polished."""
     box = trimesh.creation.box((0.1, 0.1, 0.02))
     vertices, faces = np.array(box.vertices) - [0.0, 0.0, 0.01], np.array(box.faces, dtype=np.int32)
     surface, mesh = fit_triangles(vertices, faces), part_from_arrays(vertices, faces)
@@ -276,7 +285,9 @@ def test_beside_the_region_lies_all_that_the_pad_comes_to(block: tuple[Surface, 
     under = np.hypot(np.maximum(np.abs(x) - 0.03, 0.0), y) < R_NODES
     # The pad's way is 60 x 40 mm with half discs at its ends; off it goes what of the region it covers.
     in_region = 0.06 * 0.03 + 2.0 * (0.01 * 0.03 - _outside_the_end(0.01))
-    assert float(beside.areas[under].sum()) == pytest.approx(0.06 * 0.04 + np.pi * R_NODES**2 - in_region, rel=0.03)
+    assert float(beside.areas[under].sum()) == pytest.approx(
+        0.06 * 0.04 + np.pi * R_NODES**2 - in_region, rel=0.03
+    )
 
 
 def _outside_the_end(length: float) -> float:

@@ -95,9 +95,10 @@ def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path: Path) 
         shutil.copyfile(workpiece_path(name), folder / "part.stl")
     Image.fromarray(np.zeros((4, 4, 3), dtype=np.uint8)).save(one / "skin.png")
     xml = (
-        f'<mujoco><compiler meshdir="{one}" texturedir="{one}"/><asset><mesh file="part.stl" scale=".001 .001 .001"/>'
-        f'<mesh name="other" file="{two / "part.stl"}" scale=".001 .001 .001"/><texture type="2d" file="skin.png"/>'
-        '</asset><worldbody><geom type="mesh" mesh="part"/><geom type="mesh" mesh="other"/></worldbody></mujoco>'
+        f'<mujoco><compiler meshdir="{one}" texturedir="{one}"/><asset><mesh file="part.stl" scale=".001 '
+        f'.001 .001"/><mesh name="other" file="{two / "part.stl"}" scale=".001 .001 .001"/><texture '
+        'type="2d" file="skin.png"/></asset><worldbody><geom type="mesh" mesh="part"/><geom type="mesh" '
+        'mesh="other"/></worldbody></mujoco>'
     )
     before = mujoco.MjModel.from_xml_string(xml)
     written = tmp_path / "written"
@@ -122,7 +123,9 @@ def run_turned(angle: float, controller: str) -> CellRun:
     return cell.run()
 
 
-@pytest.mark.parametrize(("controller", "angle"), [*((name, -1.0) for name in CONTROLLERS), ("hybrid-pi", 0.3)])
+@pytest.mark.parametrize(
+    ("controller", "angle"), [*((name, -1.0) for name in CONTROLLERS), ("hybrid-pi", 0.3)]
+)
 def test_a_world_turned_about_the_robots_axis_changes_no_quantity_in_tool_and_joint_space(
     controller: str, angle: float
 ) -> None:

@@ -1,4 +1,5 @@
-"""The exact wrist wrench inside a run, at every instant, against Newton and Euler written out here; tare, latency."""
+"""The exact wrist wrench inside a run, at every instant, against Newton and Euler written out here; tare,
+latency."""
 
 from __future__ import annotations
 
@@ -32,9 +33,10 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 class NewtonEuler:
     """Collects the difference between sensor and Newton-Euler at every instant.
 
-    After a step the engine's poses still belong to the instant before it, as do its sensors; only positions and speeds
-    have moved on, so the speeds are kept from one look to the next. The acceleration is what the speeds changed by: the
-    engine's own is that before its implicit integration, with which nothing ever moves.
+    After a step the engine's poses still belong to the instant before it, as do its sensors; only positions
+    and speeds have moved on, so the speeds are kept from one look to the next. The acceleration is what the
+    speeds changed by: the engine's own is that before its implicit integration, with which nothing ever
+    moves.
     """
 
     def __init__(self, speeds: Array) -> None:
@@ -75,7 +77,11 @@ def watched(cell: Any) -> tuple[NewtonEuler, CellRun]:
 
 
 def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant() -> None:
-    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)), tool_pose(0.1, -0.5, 0.2)
+    poses = (
+        tool_pose(0.0, -0.5, 0.2),
+        tool_pose(0.06, -0.45, 0.25, (0.3, -0.2, 0.4)),
+        tool_pose(0.1, -0.5, 0.2),
+    )
     look, run = watched(cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses, feed=0.2)))
     assert run.trace.tcp_speed_m_s.max() > 0.15
     assert np.max(look.worst) < 1e-9
@@ -83,7 +89,9 @@ def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant() ->
 
 def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant() -> None:
     scenario = ideal("force", EVERY_STEP, "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5")
-    look, run = watched(cell_for(scenario, pressing_stroke(slide=0.005, lift=0.01), part=part_under(sphere(0.1))))
+    look, run = watched(
+        cell_for(scenario, pressing_stroke(slide=0.005, lift=0.01), part=part_under(sphere(0.1)))
+    )
     assert run.stop_reason is None
     assert np.array(look.loads)[:, 2].max() > 10.0
     assert np.max(look.worst) < 1e-9
@@ -114,7 +122,8 @@ def test_the_host_sees_the_wrench_as_late_as_the_sensor_says(latency_ms: int) ->
 
 
 def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since_the_tare() -> None:
-    """The force loop holds 20 N of what it believes; the rest is the surplus mass times the change of its share."""
+    """The force loop holds 20 N of what it believes; the rest is the surplus mass times the change of its
+    share."""
     lean, surplus = 0.6, 0.2 * 2.0 * 9.81
     for start, expected in (
         (TOUCH, 20.0),
@@ -122,7 +131,9 @@ def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since
     ):
         stroke = pressing_stroke(hold=1.5)
         stroke = stroke._replace(lead_in=path_through(along_tool(start, z=-0.02), TOUCH))
-        run = cell_for(ideal("force", "sensor.payload_mass_error=0.2"), stroke, part=part_under(plane())).run()
+        run = cell_for(
+            ideal("force", "sensor.payload_mass_error=0.2"), stroke, part=part_under(plane())
+        ).run()
         assert run.trace.normal_force_n[-1] == pytest.approx(expected, abs=0.1)
 
 

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import CellRun
-from polish_sim.cell.stroke import TARE_START, TARE_TIME, TOUCH_DOWN, TOUCH_DOWN_TIME, advance_sequence, build_sequence
+from polish_sim.cell.stroke import (
+    TARE_START,
+    TARE_TIME,
+    TOUCH_DOWN,
+    TOUCH_DOWN_TIME,
+    advance_sequence,
+    build_sequence,
+)
 from polish_sim.control.signals import Target
 from tests.cell.cells import (
     EVERY_STEP,
@@ -82,7 +89,8 @@ def test_the_feed_goes_from_the_first_process_point_to_the_last_at_its_speed(run
 
 def test_the_retract_lifts_straight_off_to_its_height(run: CellRun) -> None:
     lifted = run.trace.tcp_position_m[run.trace.phase == 3]
-    assert lifted[-1, 2] - TOUCH[2, 3] == pytest.approx(LIFT, abs=1.5e-3)  # the run ends as the target arrives
+    # the run ends as the target arrives
+    assert lifted[-1, 2] - TOUCH[2, 3] == pytest.approx(LIFT, abs=1.5e-3)
     assert np.linalg.norm(lifted[:, :2] - lifted[0, :2], axis=1).max() < 2e-4
     assert run.trace.normal_force_n[-1] == 0.0
 
@@ -106,7 +114,8 @@ def test_the_feed_time_ends_the_feed_early() -> None:
     stroke = pressing_stroke(slide=0.03)._replace(feed_time=1.0)
     run = cell_for(ideal("force", EVERY_STEP), stroke, part=part_under(plane())).run()
     assert span(run, 2) == pytest.approx(1.0, abs=0.002)
-    ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)  # up, and down again before the time is over
+    # up, and down again before the time is over
+    ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)
     assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - ramps), abs=1e-4)
     targets = column(run, "target_position_m")[run.trace.phase == 2]
     assert np.linalg.norm(targets[-1] - targets[-2]) < 1e-7
@@ -128,7 +137,8 @@ def test_two_strokes_follow_each_other_through_free_space() -> None:
 
 
 def contact_time(reading: Callable[[float], float]) -> float:
-    """When a reading [N] by the time in the air [s] counts as contact, coming down from 30 mm [s]; infinite: never."""
+    """When a reading [N] by the time in the air [s] counts as contact, coming down from 30 mm [s]; infinite:
+    never."""
     stroke, sequence, target = pressing_stroke(height=0.03), build_sequence(), Target()
     for step in range(20_000):
         t = 0.001 * step - (TARE_START + TARE_TIME)

@@ -13,8 +13,13 @@ from polish_sim.experiments import default_scenario, prepare_surface
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.scenario_file import override
 
-SHORT = ("part.file=plate", "plan.stepover_m=0.05", "process.feed_m_s=0.06", "process.approach_speed_m_s=0.02",
-         "simulation.log_rate_hz=0")  # fmt: skip
+SHORT = (
+    "part.file=plate",
+    "plan.stepover_m=0.05",
+    "process.feed_m_s=0.06",
+    "process.approach_speed_m_s=0.02",
+    "simulation.log_rate_hz=0",
+)
 
 
 def cell(*changes: str, seed: int = 500) -> Cell:
@@ -32,9 +37,16 @@ def play_to_the_end(one: Cell, piece: int) -> list[Played]:
 
 @pytest.mark.parametrize("controller", ["hybrid-pi", "hybrid-adaptive"])
 @pytest.mark.parametrize("arm", ["ideal", "ur5e"])
-def test_a_restored_cell_runs_on_with_the_bytes_of_a_run_that_was_never_cut(controller: str, arm: str) -> None:
-    settings = (f"controller.name={controller}", f"robot.arm={arm}", "process.max_feed_s=2",
-                "faults.events='sensor-noise@contact+1'", "process.changes='force_n=15@contact+0.7'")  # fmt: skip
+def test_a_restored_cell_runs_on_with_the_bytes_of_a_run_that_was_never_cut(
+    controller: str, arm: str
+) -> None:
+    settings = (
+        f"controller.name={controller}",
+        f"robot.arm={arm}",
+        "process.max_feed_s=2",
+        "faults.events='sensor-noise@contact+1'",
+        "process.changes='force_n=15@contact+0.7'",
+    )
     whole, one = cell(*settings).run(), cell(*settings)
     assert whole.trace.phase.max() >= 2
     before = [one.play(1000), one.play(777)]
@@ -46,7 +58,8 @@ def test_a_restored_cell_runs_on_with_the_bytes_of_a_run_that_was_never_cut(cont
 
 @pytest.mark.parametrize("controller", ["hybrid-pi", "hybrid-adaptive"])
 def test_strokes_and_course_can_be_exchanged_on_the_way(controller: str) -> None:
-    """Exchanged for equal ones nothing changes; for slower ones the run takes longer, and what was done stays."""
+    """Exchanged for equal ones nothing changes; for slower ones the run takes longer, and what was done
+    stays."""
     one = cell(f"controller.name={controller}", "process.max_feed_s=2")
     before = [one.play(3000)]
     saved = one.save()
@@ -66,4 +79,6 @@ def same_bytes(run: CellRun, other: CellRun) -> None:
     assert run.stop_reason == other.stop_reason
     assert run.safety == other.safety
     assert run.trace.normal_force_n.tobytes() == other.trace.normal_force_n.tobytes()
-    assert all(run.log[name].tobytes() == other.log[name].tobytes() for name in ("q_rad", "wrench_measured_tool"))
+    assert all(
+        run.log[name].tobytes() == other.log[name].tobytes() for name in ("q_rad", "wrench_measured_tool")
+    )

@@ -36,8 +36,11 @@ def robot_with(q: Array = AT_WORK, **changes: Any) -> Speedl:
     return robot
 
 
-def commanded(request: Callable[[int], Array], steps: int, robot: Speedl | None = None, stops_at: int = 10**9) -> Array:
-    """Twist the interface commands at every step, shape (steps, 6); from ``stops_at`` on the host is silent."""
+def commanded(
+    request: Callable[[int], Array], steps: int, robot: Speedl | None = None, stops_at: int = 10**9
+) -> Array:
+    """Twist the interface commands at every step, shape (steps, 6); from ``stops_at`` on the host is
+    silent."""
     robot, found = robot or robot_with(), []
     line = build_request_line(robot)
     for n in range(steps):
@@ -66,7 +69,9 @@ def test_it_goes_straight_to_the_request_in_the_least_time_and_stays() -> None:
     )
     ramp = started[: needed - 1, :3]
     np.testing.assert_allclose(np.cross(ramp, wanted[:3]), 0.0, atol=1e-15)
-    np.testing.assert_allclose(np.linalg.norm(ramp, axis=1), ROBOT.linear_acceleration_m_s2 * DT * np.arange(1, needed))
+    np.testing.assert_allclose(
+        np.linalg.norm(ramp, axis=1), ROBOT.linear_acceleration_m_s2 * DT * np.arange(1, needed)
+    )
 
 
 @pytest.mark.parametrize("latency_ms", [0, 1, 6, 25])
@@ -138,7 +143,9 @@ def test_a_joint_is_held_at_the_end_of_its_range_and_says_so(joint: int, way: fl
         state, inside = resolved(AT_WORK, jacobian(AT_WORK, TIP) @ outward, **near)
         assert inside == stays
         assert state.speeds[joint] == pytest.approx(way * speed if stays else 0.0, abs=1e-6)
-        assert state.joints[joint] == pytest.approx(AT_WORK[joint] + (way * speed * DT if stays else 0.0), abs=1e-9)
+        assert state.joints[joint] == pytest.approx(
+            AT_WORK[joint] + (way * speed * DT if stays else 0.0), abs=1e-9
+        )
 
 
 def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most() -> None:

@@ -20,7 +20,9 @@ from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_dep
 
 
 def pressed_on(part: str, *changes: str) -> RunResult:
-    return run_experiment(ideal("force", "controller.name=position", f"part.file={part}", EVERY_STEP, *changes))
+    return run_experiment(
+        ideal("force", "controller.name=position", f"part.file={part}", EVERY_STEP, *changes)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +30,9 @@ def plate() -> RunResult:
     return pressed_on("plate")
 
 
-def test_position_control_alone_gives_20_newton_on_the_plate_and_head_and_pad_share_the_way(plate: RunResult) -> None:
+def test_position_control_alone_gives_20_newton_on_the_plate_and_head_and_pad_share_the_way(
+    plate: RunResult,
+) -> None:
     assert np.abs(plate.trace.normal_force_n[-1000:] - 20.0).max() < 0.1
     travel = float(plate.log["pad_travel_m"][-1])
     assert travel == pytest.approx(20.0 / HEAD_STIFFNESS, rel=0.005)
@@ -63,7 +67,8 @@ def test_position_control_does_not_notice_a_part_a_millimetre_off() -> None:
 
 
 def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant() -> None:
-    """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off on approach."""
+    """Without damping and friction it is k d of the pad's own depth; a step later it would be 0.1 N off on
+    approach."""
     run = on_plane("pad.damping_s_m=0", "pad.friction=0", hold=0.5, lift=0.01).run()
     tool, travel = run.log["tcp_position_m"], np.asarray(run.log["pad_travel_m"], dtype=float)
     frames = Rotation.from_quat(np.asarray(run.log["tcp_quaternion_wxyz"], dtype=float), scalar_first=True)
@@ -74,7 +79,8 @@ def test_at_every_step_the_force_is_that_of_the_pose_of_the_same_instant() -> No
 
 
 def test_on_a_leaning_plane_arm_spring_and_sensor_agree_with_the_closed_form_in_force_and_moment() -> None:
-    """Pushed aside by the plane, the pad's force has a lever about the tool point and about the head's centre."""
+    """Pushed aside by the plane, the pad's force has a lever about the tool point and about the head's
+    centre."""
     leaning = tool_pose(0.0, -0.5, 0.1, (0.05, -0.03, 0.0))
     part = part_under(plane(), leaning)
     run = on_plane("controller.name=position", "pad.friction=0", part=part, hold=2.0).run()
@@ -116,15 +122,17 @@ def test_without_a_force_loop_the_force_follows_the_part_by_k_times_its_travel()
 def test_under_hybrid_pi_the_error_is_that_of_the_linear_loop(frequency: float) -> None:
     """The tool goes x = C (F0 - F - m x'') / s late, the spring gives F = k (x + d) for the part's travel d.
 
-    C is the PI behind a filter of 10 Hz, k head and pad with their dampers, m what the sensor carries; the delay is
-    that of command, sensor, the sensor's low-pass and the servos.
+    C is the PI behind a filter of 10 Hz, k head and pad with their dampers, m what the sensor carries; the
+    delay is that of command, sensor, the sensor's low-pass and the servos.
     """
     s, travel, mass = 2j * math.pi * frequency, 0.0005, 2.0
     delay = 0.006 + 0.002 + 1.0 / (2.0 * math.pi * 80.0) + 0.004
     controller = (0.004 + 0.012 / s) / (1.0 + s / (2.0 * math.pi * 10.0)) * cmath.exp(-s * delay)
     spring = 1.0 / (1.0 / (STIFFNESS * 4.0 / 3.0 + 60.0 * s) + 1.0 / (STIFFNESS * 4.0 + 3.0 * 20.0 * s))
     moved = -controller * spring * travel / (s + controller * (spring + mass * s**2))
-    found = phasor(swinging(travel, frequency, "controller.force_filter_hz=10"), frequency, 1 if frequency < 1.0 else 2)
+    found = phasor(
+        swinging(travel, frequency, "controller.force_filter_hz=10"), frequency, 1 if frequency < 1.0 else 2
+    )
     assert abs(found - spring * (moved + travel)) < 0.05 * abs(found)
 
 

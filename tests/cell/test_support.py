@@ -1,4 +1,5 @@
-"""Whether a part carries the pad: in the middle of a face it does, near an edge not on a part that lies aside."""
+"""Whether a part carries the pad: in the middle of a face it does, near an edge not on a part that lies
+aside."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ def block() -> PartFields:
     """A block with an edge at x = 50 mm, as the pad meets it near there."""
     mesh = trimesh.creation.box((2.0 * HALF, 0.06, 0.02))
     surface = fit_triangles(np.array(mesh.vertices) - [0.0, 0.0, 0.01], np.array(mesh.faces, dtype=np.int32))
-    return build_part_fields(surface, Touch(np.array([[0.03, 0.0, 0.0], [0.06, 0.0, 0.0]]), UP[[0, 0]], PAD.radius_m))
+    return build_part_fields(
+        surface, Touch(np.array([[0.03, 0.0, 0.0], [0.06, 0.0, 0.0]]), UP[[0, 0]], PAD.radius_m)
+    )
 
 
 def sinks(block: PartFields, x: Array, force: float, aside: float) -> Bools:
@@ -31,13 +34,17 @@ def sinks(block: PartFields, x: Array, force: float, aside: float) -> Bools:
     return would_sink(block, PAD, places, UP.repeat(len(x), axis=0), np.full(len(x), force), aside, DEEPEST)
 
 
-def test_inside_the_pad_has_a_hold_up_to_the_force_of_its_springs_at_the_depth_there_is(block: PartFields) -> None:
+def test_inside_the_pad_has_a_hold_up_to_the_force_of_its_springs_at_the_depth_there_is(
+    block: PartFields,
+) -> None:
     most, inside = PAD.stiffness_n_m * DEEPEST, np.array([0.03])
     assert not sinks(block, inside, 0.99 * most, 0.001).any()
     assert sinks(block, inside, 1.01 * most, 0.0).all()
 
 
-def test_near_an_edge_the_hold_is_lost_the_earlier_the_further_aside_the_part_may_lie(block: PartFields) -> None:
+def test_near_an_edge_the_hold_is_lost_the_earlier_the_further_aside_the_part_may_lie(
+    block: PartFields,
+) -> None:
     x = np.arange(0.03, 0.06, 0.00025)
     lost = [sinks(block, x, 20.0, aside) for aside in (0.0, 0.003, 0.005)]
     for found in lost:

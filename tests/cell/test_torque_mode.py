@@ -13,7 +13,15 @@ from polish_sim.arrays import Array
 from polish_sim.config import GuideConfig, RobotConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.geometry import load_part
-from polish_sim.hand_guiding.arm import HOME, LaidPart, believe, chain_of_file, guided_arm, home_pose, torque_arm
+from polish_sim.hand_guiding.arm import (
+    HOME,
+    LaidPart,
+    believe,
+    chain_of_file,
+    guided_arm,
+    home_pose,
+    torque_arm,
+)
 from polish_sim.hand_guiding.cell import BRAKED_S, GuidingRun, Hand, HandMotion, run_guided
 from polish_sim.hand_guiding.law import MODES
 from polish_sim.models import workpiece_path
@@ -33,7 +41,9 @@ def guide(
     servos = (np.arange(n) < held / 0.001).astype(float)
     motion = HandMotion(positions, np.zeros((n, 3)), np.tile(T[:3, :3], (n, 1, 1)), 1.0 - servos)
     model = torque_arm(scenario)
-    return run_guided(guided_arm(scenario, mode, model, believe(scenario), hand), np.array(HOME), motion, servos)
+    return run_guided(
+        guided_arm(scenario, mode, model, believe(scenario), hand), np.array(HOME), motion, servos
+    )
 
 
 def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
@@ -42,7 +52,9 @@ def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
     assert np.all(model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
     np.testing.assert_allclose(model.actuator_forcerange[:, 1], [150.0] * 3 + [28.0] * 3)
     np.testing.assert_allclose(model.dof_frictionloss[:6], [7.0, 7.0, 5.0, 1.5, 1.5, 1.5])
-    np.testing.assert_allclose(model.dof_damping.reshape(model.nv, -1)[:6, 0], [10.0, 10.0, 8.0, 2.0, 2.0, 2.0])
+    np.testing.assert_allclose(
+        model.dof_damping.reshape(model.nv, -1)[:6, 0], [10.0, 10.0, 8.0, 2.0, 2.0, 2.0]
+    )
     assert not model.body_gravcomp.any()
 
 
@@ -88,9 +100,12 @@ def test_the_wrist_sensor_feels_the_hand() -> None:
 
 
 def test_what_the_model_lacks_is_tared_while_the_servos_hold() -> None:
-    """2 kg missing from the payload setting: the arm stays when the servos release it, and sinks without the tare."""
+    """2 kg missing from the payload setting: the arm stays when the servos release it, and sinks without the
+    tare."""
     free = Hand(0.0, 0.0, 0.0, 0.0)
-    tared, bare = (guide(np.zeros(3), 1.5, "gravity", free, held=0.5, payload_kg=2.0, tare=tare) for tare in (1.0, 0.0))
+    tared, bare = (
+        guide(np.zeros(3), 1.5, "gravity", free, held=0.5, payload_kg=2.0, tare=tare) for tare in (1.0, 0.0)
+    )
     moved = [np.abs(run.rows["q"][-1] - run.rows["q"][500]).max() for run in (tared, bare)]
     assert moved[0] < 2e-3
     assert moved[1] > 0.05
@@ -107,14 +122,16 @@ def test_too_fast_an_arm_is_braked_and_the_log_kept() -> None:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_brakes_end_the_motion_in_every_mode(mode: str) -> None:
-    """Even where the law does not carry the arm; 2 kg missing from the payload are tared in 0.5 s and held then."""
+    """Even where the law does not carry the arm; 2 kg missing from the payload are tared in 0.5 s and held
+    then."""
     run = guide(np.array([0.0, 0.2, 0.0]), 2.0, mode, held=0.5, joint_speed_limit_rad_s=0.5, payload_kg=2.0)
     assert run.stop_reason == "a joint is faster than guide.joint_speed_limit_rad_s"
     assert np.abs(run.rows["qd"][-1]).max() < 0.02
 
 
 def test_links_that_touch_stop_the_arm_and_are_named() -> None:
-    """A soft hand pulls the tool slowly home to the foot of the arm; it is braked half a second after the touch."""
+    """A soft hand pulls the tool slowly home to the foot of the arm; it is braked half a second after the
+    touch."""
     run = guide(np.array([0.0, 0.6, -0.2]), 3.5, "inertia", Hand(200.0, 300.0, 0.0, 0.0))
     assert run.stop_reason == "links touch: link_1_collision and tool_collision"
     assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)

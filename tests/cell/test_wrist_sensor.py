@@ -141,7 +141,9 @@ def test_readings_are_whole_multiples_of_the_quantum_the_nearest_ones() -> None:
 def test_beyond_its_range_the_reading_saturates_both_ways() -> None:
     config = replace(PERFECT, force_range_n=20.0, torque_range_nm=0.15)
     np.testing.assert_allclose(readings(config, steady, 0.01)[-1], [3.0, -4.0, 20.0, 0.1, -0.15, 0.03])
-    np.testing.assert_allclose(readings(config, lambda _t: -LOAD, 0.01)[-1], [-3.0, 4.0, -20.0, -0.1, 0.15, -0.03])
+    np.testing.assert_allclose(
+        readings(config, lambda _t: -LOAD, 0.01)[-1], [-3.0, 4.0, -20.0, -0.1, 0.15, -0.03]
+    )
 
 
 MASS, CENTER, LEVER = 2.0, np.array([0.002, -0.001, 0.097]), np.array([0.0, 0.0, 0.22])
@@ -228,7 +230,8 @@ def test_a_sensor_of_125_hz_sees_the_spindles_100_hz_as_25_hz(slow: CellRun) -> 
         felt = line(exact[:, axis], 100.0)
         assert felt > 0.2
         assert line(exact[:, axis], 25.0) < 0.06 * felt
-        # The reading is held for 8 ms, which takes sinc(25 * 0.008) of it; the low-pass leaves 98% of a new sample.
+        # The reading is held for 8 ms, which takes sinc(25 * 0.008) of it; the low-pass leaves 98% of a new
+        # sample.
         assert line(held[:, axis], 25.0) == pytest.approx(felt * np.sinc(25.0 * 0.008), rel=0.08)
 
 
@@ -247,10 +250,18 @@ def test_the_pull_moves_the_tool_sideways_and_leaves_the_pressing_force(slow: Ce
 # Sensors by their names, and what only those have: warming up, cross-talk, overload.
 
 MODELS = ("ur5e-built-in", "axia80", "hex-125hz")
-NO_OFFSET = [f"sensor.{key}=0" for key in (
-    "force_bias_n", "torque_bias_nm", "force_drift_n_s", "torque_drift_nm_s", "warm_up_force_n", "warm_up_torque_nm",
-    "cross_talk",
-)]  # fmt: skip
+NO_OFFSET = [
+    f"sensor.{key}=0"
+    for key in (
+        "force_bias_n",
+        "torque_bias_nm",
+        "force_drift_n_s",
+        "torque_drift_nm_s",
+        "warm_up_force_n",
+        "warm_up_torque_nm",
+        "cross_talk",
+    )
+]
 
 
 def named(model: str, *changes: str) -> SensorConfig:
@@ -262,7 +273,11 @@ def test_a_named_sensor_at_rest_has_its_noise_quantum_and_rate(model: str) -> No
     config, shown = named(model, *NO_OFFSET), dict(SENSOR_MODELS[model])
     found = readings(config, steady, 40.0)
     noise = found[2000:] - LOAD
-    blend = 1.0 - math.exp(-2.0 * math.pi * shown["bandwidth_hz"] / shown["rate_hz"]) if shown["bandwidth_hz"] else 1.0
+    blend = (
+        1.0 - math.exp(-2.0 * math.pi * shown["bandwidth_hz"] / shown["rate_hz"])
+        if shown["bandwidth_hz"]
+        else 1.0
+    )
     left = math.sqrt(blend / (2.0 - blend))
     expected = left * np.repeat([shown["force_noise_n"], shown["torque_noise_nm"]], 3)
     np.testing.assert_allclose(noise.std(axis=0), expected, rtol=0.04)
@@ -303,13 +318,17 @@ def test_it_warms_up_on_the_way_between_poses_too() -> None:
 
 def test_the_built_in_sensor_reads_some_newtons_off_after_five_minutes_as_was_published() -> None:
     config = named("ur5e-built-in")
-    assert config.warm_up_force_n * (1.0 - math.exp(-300.0 / config.warm_up_s)) == pytest.approx(4.1, abs=0.05)
+    assert config.warm_up_force_n * (1.0 - math.exp(-300.0 / config.warm_up_s)) == pytest.approx(
+        4.1, abs=0.05
+    )
 
 
 def talk_of(config: SensorConfig, seed: int) -> Array:
     """Reading's slope by the load of each axis, shape (6, 6)."""
     loads = np.diag([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
-    return np.array([readings(config, lambda _t, load=load: load, 0.005, seed)[-1] / load.max() for load in loads]).T
+    return np.array(
+        [readings(config, lambda _t, load=load: load, 0.005, seed)[-1] / load.max() for load in loads]
+    ).T
 
 
 def test_cross_talk_is_seeded_and_of_the_given_rms_in_shares_of_the_ranges() -> None:
@@ -352,8 +371,14 @@ def test_in_a_cell_at_rest_the_host_reads_the_built_in_sensors_noise() -> None:
 
 
 def pressed_hard(*settings: str) -> CellRun:
-    """45 N pressed with a tool of 19.6 N hanging on the sensor: 25.4 N on it, too much for a range of 22 N."""
-    small = ["sensor.model=ur5e-built-in", "sensor.force_range_n=22", "safety.force_limit_n=80", "pad.friction=0.1"]
+    """45 N pressed with a tool of 19.6 N hanging on the sensor: 25.4 N on it, too much for a range of 22
+    N."""
+    small = [
+        "sensor.model=ur5e-built-in",
+        "sensor.force_range_n=22",
+        "safety.force_limit_n=80",
+        "pad.friction=0.1",
+    ]
     return on_plane(*small, *settings, wanted=45.0).run()
 
 
@@ -363,10 +388,15 @@ def test_an_overloaded_sensor_stops_the_robot_and_says_so() -> None:
     assert "wrist sensor overloaded" in run.stop_reason
     stopped = stopped_at(run)
     # The sensor's sample is a step old.
-    full, load = np.repeat([22.0, 10.0], 3), run.log["wrench_raw_sensor"][stopped - 2 : stopped + 1].astype(float)
+    full, load = (
+        np.repeat([22.0, 10.0], 3),
+        run.log["wrench_raw_sensor"][stopped - 2 : stopped + 1].astype(float),
+    )
     shares = [share_of_range(full, row) for row in load]
     assert [share > 1.0 for share in shares] == [False, True, True]
-    assert run.safety.protective_stop_measured in {f"{100.0 * share:.0f}% of the range" for share in shares[1:]}
+    assert run.safety.protective_stop_measured in {
+        f"{100.0 * share:.0f}% of the range" for share in shares[1:]
+    }
 
 
 def test_without_the_report_of_overload_the_reading_saturates_and_the_force_runs_away() -> None:

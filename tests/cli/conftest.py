@@ -18,7 +18,9 @@ from polish_sim.cli.main import commands
 
 Tool = Callable[..., Any]  # called with the words of a command line
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None
+)
 in_browser = pytest.mark.skipif(
     BROWSER is None or importlib.util.find_spec("playwright") is None,
     reason="no browser: apt install chromium, pip install playwright",

@@ -20,7 +20,9 @@ BAD: dict[str, tuple[bytes | None, str]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_part_is_one_message_with_code_2_and_nothing_written(polish_sim: Tool, tmp_path: Path, name: str) -> None:
+def test_a_bad_part_is_one_message_with_code_2_and_nothing_written(
+    polish_sim: Tool, tmp_path: Path, name: str
+) -> None:
     content, said = BAD[name]
     if content is not None:
         (tmp_path / "bad.stl").write_bytes(content)
@@ -34,7 +36,9 @@ def test_a_bad_part_is_one_message_with_code_2_and_nothing_written(polish_sim: T
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
-def test_a_part_out_of_reach_names_the_first_bad_point_and_what_to_do(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_part_out_of_reach_names_the_first_bad_point_and_what_to_do(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
     code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-950,400,0,0,0")
     assert code == 2
     assert "mm of the part" in err

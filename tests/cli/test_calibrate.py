@@ -38,7 +38,9 @@ def test_one_calibration_leaves_its_files_and_they_agree(folder: Path) -> None:
     }  # fmt: skip
     metrics = metrics_of(folder)
     calibration = tomllib.loads((folder / "calibration.toml").read_text(encoding="utf-8"))
-    assert {"mass_kg", "center_m", "bias_n", "bias_nm", "mass_kg_std", "center_m_std", "bias_n_std"} <= set(metrics)
+    assert {"mass_kg", "center_m", "bias_n", "bias_nm", "mass_kg_std", "center_m_std", "bias_n_std"} <= set(
+        metrics
+    )
     assert calibration["mass_kg"] == metrics["mass_kg"] == pytest.approx(2.0, rel=0.01)
     assert calibration["covariance"][0][0] == pytest.approx(metrics["mass_kg_std"] ** 2)
     assert metrics["seed"] == 4
@@ -48,7 +50,9 @@ def test_one_calibration_leaves_its_files_and_they_agree(folder: Path) -> None:
     assert (scenario.experiment, scenario.seed, scenario.payload.poses) == ("calibrate-payload", 4, 6)
 
 
-def test_the_written_config_calibrates_to_the_same_numbers(folder: Path, polish_sim: Tool, tmp_path: Path) -> None:
+def test_the_written_config_calibrates_to_the_same_numbers(
+    folder: Path, polish_sim: Tool, tmp_path: Path
+) -> None:
     code, out, _ = polish_sim("calibrate", "payload", "--config", "one/config.toml", "--out", "two")
     assert code == 0
     assert out.splitlines()[-1] == "folder: two"
@@ -59,7 +63,9 @@ def test_the_written_config_calibrates_to_the_same_numbers(folder: Path, polish_
 def test_the_readings_of_a_robot_give_the_same_tool_and_no_errors_against_a_truth(
     folder: Path, polish_sim: Tool, tmp_path: Path
 ) -> None:
-    code, out, _ = polish_sim("calibrate", "payload", "--data", "one/residuals.csv", "--out", "two", "--check")
+    code, out, _ = polish_sim(
+        "calibrate", "payload", "--data", "one/residuals.csv", "--out", "two", "--check"
+    )
     assert code == 0
     metrics = [metrics_of(tmp_path / name) for name in ("one", "two")]
     assert metrics[1]["mass_kg"] == pytest.approx(metrics[0]["mass_kg"], rel=1e-8)
@@ -88,7 +94,12 @@ def test_a_touched_reading_is_named(folder: Path, polish_sim: Tool, tmp_path: Pa
     ],
 )
 def test_readings_that_follow_no_weight_are_refused(
-    columns: tuple[str, ...], scales: tuple[float, ...], said: str, folder: Path, polish_sim: Tool, tmp_path: Path
+    columns: tuple[str, ...],
+    scales: tuple[float, ...],
+    said: str,
+    folder: Path,
+    polish_sim: Tool,
+    tmp_path: Path,
 ) -> None:
     rows = list(csv.reader((folder / "residuals.csv").open(encoding="utf-8")))
     given = [list(row) for row in rows]
@@ -103,7 +114,9 @@ def test_readings_that_follow_no_weight_are_refused(
     assert not (tmp_path / "no").exists()
 
 
-def test_half_of_the_readings_in_another_unit_are_refused(folder: Path, polish_sim: Tool, tmp_path: Path) -> None:
+def test_half_of_the_readings_in_another_unit_are_refused(
+    folder: Path, polish_sim: Tool, tmp_path: Path
+) -> None:
     rows = list(csv.reader((folder / "residuals.csv").open(encoding="utf-8")))
     first = rows[0].index("fx_n")
     for row in rows[1 : 1 + len(rows) // 2]:
@@ -120,7 +133,10 @@ def test_too_noisy_a_sensor_falls_short(polish_sim: Tool) -> None:
 
 
 def test_many_seeds_are_put_together(polish_sim: Tool, tmp_path: Path) -> None:
-    assert polish_sim("calibrate", "payload", "--poses", "4", "--seeds", "2", "--out", "many", "--check").code == 0
+    assert (
+        polish_sim("calibrate", "payload", "--poses", "4", "--seeds", "2", "--out", "many", "--check").code
+        == 0
+    )
     metrics = metrics_of(tmp_path / "many")
     assert metrics["seeds"] == [0, 1]
     assert metrics["worst"]["mass_error_relative"] == max(

@@ -1,4 +1,5 @@
-"""`calibrate arm` on the command line: simulated arms, a user's file, what a run makes of it, and what is refused."""
+"""`calibrate arm` on the command line: simulated arms, a user's file, what a run makes of it, and what is
+refused."""
 
 from __future__ import annotations
 
@@ -96,7 +97,11 @@ def test_degrees_and_metres_are_read_as_what_they_are(tmp_path: Path, tracked: l
     head = "robot," + ",".join(f"q{k}_deg" for k in range(1, 7)) + ",x_m,y_m,z_m"
     lines = [
         ",".join(
-            [r[0], *(repr(float(np.degrees(float(q)))) for q in r[1:7]), *(repr(1e-3 * float(x)) for x in r[7:10])]
+            [
+                r[0],
+                *(repr(float(np.degrees(float(q)))) for q in r[1:7]),
+                *(repr(1e-3 * float(x)) for x in r[7:10]),
+            ]
         )
         for r in rows
     ]

@@ -1,4 +1,5 @@
-"""`polish-sim calibrate tcp` and `calibrate base` as a user calls them, and what calibrations of two robots refuse."""
+"""`polish-sim calibrate tcp` and `calibrate base` as a user calls them, and what calibrations of two robots
+refuse."""
 
 from __future__ import annotations
 
@@ -44,23 +45,39 @@ def write(file: Path, rows: list[list[str]]) -> Path:
     return file
 
 
-def test_a_tool_frame_leaves_its_files_and_they_read_back(made: Path, polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_tool_frame_leaves_its_files_and_they_read_back(
+    made: Path, polish_sim: Tool, tmp_path: Path
+) -> None:
     one = made / "tcp"
-    assert {path.name for path in one.iterdir()} == {"calibration.toml", "residuals.csv", "metrics.json", "tool.png"}
+    assert {path.name for path in one.iterdir()} == {
+        "calibration.toml",
+        "residuals.csv",
+        "metrics.json",
+        "tool.png",
+    }
     figures = metrics_of(one)
-    assert {"position_m", "quaternion_wxyz", "position_error_m", "position_crb_m", "residual_rms_m"} <= set(figures)
+    assert {"position_m", "quaternion_wxyz", "position_error_m", "position_crb_m", "residual_rms_m"} <= set(
+        figures
+    )
     found = read_tool_calibration(one / "calibration.toml")
     np.testing.assert_allclose(found[:3, 3], figures["position_m"])
     written = tomllib.loads((one / "calibration.toml").read_text(encoding="utf-8"))
     assert written["position_covariance"][0][0] == pytest.approx(figures["position_m_std"][0] ** 2)
     assert polish_sim("calibrate", "tcp", "--data", one / "residuals.csv", "--out", "two").code == 0
     np.testing.assert_allclose(metrics_of(tmp_path / "two")["position_m"], figures["position_m"], atol=1e-10)
-    np.testing.assert_allclose(metrics_of(tmp_path / "two")["quaternion_wxyz"], figures["quaternion_wxyz"], atol=1e-9)
+    np.testing.assert_allclose(
+        metrics_of(tmp_path / "two")["quaternion_wxyz"], figures["quaternion_wxyz"], atol=1e-9
+    )
 
 
 def test_bases_leave_their_files_and_they_read_back(made: Path, polish_sim: Tool, tmp_path: Path) -> None:
     one = made / "base"
-    assert {path.name for path in one.iterdir()} == {"calibration.toml", "residuals.csv", "metrics.json", "bases.png"}
+    assert {path.name for path in one.iterdir()} == {
+        "calibration.toml",
+        "residuals.csv",
+        "metrics.json",
+        "bases.png",
+    }
     figures = metrics_of(one)
     assert {"transform", "origin_error_m", "axis_error_rad"} <= set(figures)
     found = read_base_calibration(one / "calibration.toml", PAIR)
@@ -82,7 +99,9 @@ def test_a_calibration_of_another_thing_is_refused(made: Path, polish_sim: Tool)
         read_base_calibration(made / "tcp" / "calibration.toml", PAIR)
     with pytest.raises(InputError, match="not the calibration of a tool frame"):
         read_tool_calibration(made / "base" / "calibration.toml")
-    code, _, err = polish_sim("run", "force", "--calibration", made / "tcp" / "calibration.toml", "--out", "run")
+    code, _, err = polish_sim(
+        "run", "force", "--calibration", made / "tcp" / "calibration.toml", "--out", "run"
+    )
     assert code == 2
     assert "is not the calibration of a payload" in err
 
@@ -92,7 +111,9 @@ def swapped(rows: list[list[str]], a: str, b: str) -> list[list[str]]:
     return [header, *rows[1:]]
 
 
-def changed(rows: list[list[str]], line: int, column: str, scale: float, shift: float = 0.0) -> list[list[str]]:
+def changed(
+    rows: list[list[str]], line: int, column: str, scale: float, shift: float = 0.0
+) -> list[list[str]]:
     rows = [list(row) for row in rows]
     k = rows[0].index(column)
     rows[line][k] = str(scale * float(rows[line][k]) + shift)
@@ -125,24 +146,48 @@ def exchanged(row: list[str]) -> list[str]:
 BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
     ("tcp", lambda r: swapped(r, "x_mm", "y_mm"), "columns are swapped"),
     ("tcp", lambda r: renamed(r, "x_mm", "x_m"), "mixes units"),
-    ("tcp", lambda r: changed(changed(changed(r, 4, "x_mm", 1e-3), 4, "y_mm", 1e-3), 4, "z_mm", 1e-3), "line 5"),
+    (
+        "tcp",
+        lambda r: changed(changed(changed(r, 4, "x_mm", 1e-3), 4, "y_mm", 1e-3), 4, "z_mm", 1e-3),
+        "line 5",
+    ),
     ("tcp", lambda r: changed(r, 2, "qw", 1.0, 0.5), "are not a unit quaternion"),
     ("tcp", lambda r: [row for row in r if row[1] != "in_xz"], "0 lines of the kind 'in_xz'"),
     ("tcp", lambda r: renamed(r, "z_mm", "height"), "lacks the column z_mm"),
-    ("tcp", lambda r: swapped(r, "qx", "qy"), "well if qw, qx, qy, qz are read as qw, qy, qx, qz: columns are swapped"),
-    ("tcp", lambda r: swapped(swapped(swapped(r, "qw", "qx"), "qx", "qy"), "qy", "qz"), "columns are swapped"),
-    ("tcp", lambda r: [r[0], *[[*x[:6], *(str(-float(v)) for v in x[6:9]), *x[9:]] for x in r[1:]]], "turned round"),
-    ("tcp", lambda r: [r[0], *[[*x[:5], *r[k][5:9], *x[9:]] for k, x in enumerate(r[3:] + r[1:3], 1)]], "no tip fits"),
+    (
+        "tcp",
+        lambda r: swapped(r, "qx", "qy"),
+        "well if qw, qx, qy, qz are read as qw, qy, qx, qz: columns are swapped",
+    ),
+    (
+        "tcp",
+        lambda r: swapped(swapped(swapped(r, "qw", "qx"), "qx", "qy"), "qy", "qz"),
+        "columns are swapped",
+    ),
+    (
+        "tcp",
+        lambda r: [r[0], *[[*x[:6], *(str(-float(v)) for v in x[6:9]), *x[9:]] for x in r[1:]]],
+        "turned round",
+    ),
+    (
+        "tcp",
+        lambda r: [r[0], *[[*x[:5], *r[k][5:9], *x[9:]] for k, x in enumerate(r[3:] + r[1:3], 1)]],
+        "no tip fits",
+    ),
     ("tcp", in_metres, "no robot works there. Are these numbers in m, as the header says?"),
     ("tcp", lambda r: scaled(r, 1e-3), "no robot works there. Are these numbers in mm"),
     ("tcp", lambda r: [[";".join(row)] for row in r], "the columns are separated by semicolons"),
     ("base", in_metres, "Wrong unit, or joints not at zero?"),
-    ("base", lambda r: [row[:1] + ["1"] + row[2:] if row[1] == "2" else row for row in r], "no arc of axis 2"),
+    (
+        "base",
+        lambda r: [row[:1] + ["1"] + row[2:] if row[1] == "2" else row for row in r],
+        "no arc of axis 2",
+    ),
     ("base", lambda r: [r[0], *(["follower", *x[1:]] for x in r[1:] if x[0] == "master")], "of the master"),
     ("base", lambda r: [exchanged(row) for row in r], "the master: axes 1 and 2 miss each other by"),
     ("base", lambda r: [row for row in r if row[0] != "follower"], "no measurement of the follower"),
     ("base", lambda r: [row for row in r if row[1] != "2"], "no arc of axis 2 of the master"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("name", "spoil", "said"), BAD)
@@ -180,7 +225,9 @@ def test_rotation_vectors_in_degrees_are_refused(files: Any, polish_sim: Tool, t
     q = np.array([[float(v) for v in row[first : first + 4]] for row in rows])
     vectors = Rotation.from_quat(q, scalar_first=True).as_rotvec()
     for scale, code in ((1.0, 0), (180.0 / np.pi, 2)):
-        given = [[*row[:first], *(str(v) for v in scale * turn)] for row, turn in zip(rows, vectors, strict=True)]
+        given = [
+            [*row[:first], *(str(v) for v in scale * turn)] for row, turn in zip(rows, vectors, strict=True)
+        ]
         write(tmp_path / "turns.csv", [[*header[:first], "rx_rad", "ry_rad", "rz_rad"], *given])
         call = polish_sim("calibrate", "tcp", "--data", "turns.csv", "--out", f"out{code}")
         assert call.code == code
@@ -209,7 +256,9 @@ def arc_of(rows: list[list[str]], axis: str) -> Any:
     return np.array([[float(v) for v in row[2:5]] for row in rows if row[:2] == ["master", axis]])
 
 
-def calibrated(polish_sim: Tool, folder: Path, name: str, rows: list[list[str]], code: int = 0) -> dict[str, Any]:
+def calibrated(
+    polish_sim: Tool, folder: Path, name: str, rows: list[list[str]], code: int = 0
+) -> dict[str, Any]:
     """Figures of a calibration of bases from rows, with --check."""
     write(folder / f"{name}.csv", rows)
     call = polish_sim("calibrate", "base", "--data", f"{name}.csv", "--out", name, "--check")

@@ -25,7 +25,9 @@ def _back_to_the_first():
     use_arm("ur5e")
 
 
-def test_the_command_writes_figures_picture_and_page(log: Path, polish_sim: Callable[..., Any], tmp_path: Path) -> None:
+def test_the_command_writes_figures_picture_and_page(
+    log: Path, polish_sim: Callable[..., Any], tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     code, said, _ = polish_sim("compare", log, "--arm", "ur10e", "--payload", 2, "--out", out)
     assert code == 0

@@ -74,7 +74,9 @@ def test_calibrations_of_bases_and_tool_are_both_taken_and_the_cell_stands_as_th
         ("base", ["--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"], "leave one of them out"),
     ],
 )
-def test_calibrations_that_do_not_fit_are_refused(names: str, words: list[str], said: str, run_dual: Tool) -> None:
+def test_calibrations_that_do_not_fit_are_refused(
+    names: str, words: list[str], said: str, run_dual: Tool
+) -> None:
     code, _, err = run_dual(names, *words, "--out", "run")
     assert code == 2
     assert said in err

@@ -64,7 +64,9 @@ def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim: 
     call = polish_sim(*words, "--joints", joints)
     assert call.code == 0, call.err
     assert _metrics("again")["base_parameters"] == 58
-    assert _metrics("again")["nrms_heldout_mean"] == pytest.approx(_metrics("moved")["nrms_heldout_mean"], rel=1e-3)
+    assert _metrics("again")["nrms_heldout_mean"] == pytest.approx(
+        _metrics("moved")["nrms_heldout_mean"], rel=1e-3
+    )
 
 
 def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
@@ -86,7 +88,10 @@ def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
         (["--payload", "9"], "--payload 9: wanted 0 to 3 kg"),
         (["--payload-data", "none.csv"], "cannot read the samples 'none.csv'"),
         (["--data", "none.csv", "--task", "line.csv"], "--task would change nothing with --data"),
-        (["--report", "--data", "log.csv", "--seed", "3"], "--seed, --data would change nothing with --report"),
+        (
+            ["--report", "--data", "log.csv", "--seed", "3"],
+            "--seed, --data would change nothing with --report",
+        ),
         (["--report", "--out", "id"], "--out would change nothing with --report"),
         (["--joints", "a"], "--joints belongs to --model"),
         (["--set", "head.mass_kg=1"], "--set head.mass_kg=1 would change nothing in 'identify'"),
@@ -123,7 +128,9 @@ def test_another_robot_is_identified_from_its_log_and_written_back(polish_sim: T
     assert np.abs(drawn).max() > 2.0
 
 
-def test_a_payload_is_found_from_a_second_log_and_from_the_robots_model_alone(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_payload_is_found_from_a_second_log_and_from_the_robots_model_alone(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
     known = known_robot()
     loaded = known.model.truth()
     loaded[50:60] += link_parameters(

@@ -26,7 +26,11 @@ KEYS = {
 
 
 def write_raster(file: Path, height: float = 20.0) -> None:
-    lines = [f"{x},{y},{height},0,0,1" for k, y in enumerate(range(-95, 96, 10)) for x in ((-100, 100)[:: (-1) ** k])]
+    lines = [
+        f"{x},{y},{height},0,0,1"
+        for k, y in enumerate(range(-95, 96, 10))
+        for x in ((-100, 100)[:: (-1) ** k])
+    ]
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -75,7 +79,9 @@ def test_options_reach_the_figures(polish_sim: Tool) -> None:
 def test_a_step_over_equal_to_the_default_is_taken_where_it_is_given(polish_sim: Tool) -> None:
     write_raster(Path("raster.csv"))
     Path("mine.toml").write_text("[plan]\nstepover_m = 0.008\n")
-    for k, words in enumerate((("--stepover", "8"), ("--set", "plan.stepover_m=0.008"), ("--config", "mine.toml"))):
+    for k, words in enumerate(
+        (("--stepover", "8"), ("--set", "plan.stepover_m=0.008"), ("--config", "mine.toml"))
+    ):
         assert polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", f"seen{k}")[0] == 0
         assert json.loads(Path(f"seen{k}/metrics.json").read_text())["stepover_expected_m"] == 0.008
 
@@ -86,7 +92,10 @@ BAD = {
     "pressed in": (("deep.csv", "--part", "plate"), "pressed in already by 4.00 mm"),
     "another part": (("raster.csv", "--part", "sphere_100"), "does not lie on 'sphere_100'"),
     "another unit": (("raster.csv", "--part", "plate", "--units", "cm"), "10 times as large as the path"),
-    "overlap twice": (("raster.csv", "--part", "plate", "--overlap", "70", "--stepover", "8"), "give one of them"),
+    "overlap twice": (
+        ("raster.csv", "--part", "plate", "--overlap", "70", "--stepover", "8"),
+        "give one of them",
+    ),
 }
 
 

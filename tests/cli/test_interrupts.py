@@ -42,8 +42,8 @@ def has_rows(folder: Path) -> bool:
 
 
 def interrupted(words: list[str], folder: Path, ready: Callable[[Path, str], bool], then_s: float) -> str:
-    """What a command says when Ctrl-C comes a while after it is ready, by its draft folder and what it has said; it
-    ends with 130.
+    """What a command says when Ctrl-C comes a while after it is ready, by its draft folder and what it has
+    said; it ends with 130.
     """
     command, environment = [*PROGRAM, *words, "--out", "out/cut"], os.environ | {"PYTHONUNBUFFERED": "1"}
     with (
@@ -82,7 +82,9 @@ def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words: list[st
 def test_ctrl_c_while_the_program_is_loaded_ends_it_quietly() -> None:
     loading = "import builtins; real = builtins.__import__\n"
     loading += "def load(name, *rest):\n  if name == 'polish_sim.cli.main': raise KeyboardInterrupt\n"
-    loading += "  return real(name, *rest)\nbuiltins.__import__ = load\nfrom polish_sim.cli import start; start()"
+    loading += (
+        "  return real(name, *rest)\nbuiltins.__import__ = load\nfrom polish_sim.cli import start; start()"
+    )
     run = subprocess.run([sys.executable, "-c", loading], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "")
 
@@ -150,7 +152,9 @@ def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_the_same_command_does_t
     interrupted(many, tmp_path, lambda folder, _: (folder / "seed-0002").exists(), 0.0)
     kept = metrics_of(tmp_path / "out/cut")["seeds"]
     assert 1 <= len(kept) < 12
-    assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [f"seed-{s:04d}" for s in kept]
+    assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [
+        f"seed-{s:04d}" for s in kept
+    ]
     begun = (tmp_path / "out/cut/rows.jsonl").read_bytes()
     assert polish_sim(*many, "--out", "out/cut").code == 0
     assert metrics_of(tmp_path / "out/cut")["seeds"] == list(range(12))
@@ -159,7 +163,9 @@ def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_the_same_command_does_t
 
 
 @pytest.mark.parametrize("what", ["tcp", "payload"])
-def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(what: str, polish_sim: Tool, tmp_path: Path) -> None:
+def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(
+    what: str, polish_sim: Tool, tmp_path: Path
+) -> None:
     assert polish_sim("calibrate", what, "--out", "compiled").code == 0
     words = ["calibrate", what, "--seeds", "100000"]
     err = interrupted(words, tmp_path, lambda folder, _: has_rows(folder), 0.05)

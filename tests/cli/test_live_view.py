@@ -35,7 +35,9 @@ SHORT = ["process.hold_s=1"]
 
 
 def same(one: RunLog, other: RunLog) -> bool:
-    return one.names == other.names and all(one[name].tobytes() == other[name].tobytes() for name in one.names)
+    return one.names == other.names and all(
+        one[name].tobytes() == other[name].tobytes() for name in one.names
+    )
 
 
 def free_port() -> int:
@@ -51,7 +53,11 @@ def test_a_run_that_is_shown_writes_the_same_bytes_and_leaves_nothing_behind() -
     from polish_sim.cli.live_view import LiveView
     from polish_sim.cli.progress import ProgressObserver
 
-    scenario, threads, port = override(default_scenario("force"), SHORT), set(threading.enumerate()), free_port()
+    scenario, threads, port = (
+        override(default_scenario("force"), SHORT),
+        set(threading.enumerate()),
+        free_port(),
+    )
     with LiveView(Address("127.0.0.1", port), "a <b>title</b>") as live:
         live.page.speed = np.inf
         shown = run_experiment(scenario, None, ProgressObserver(Progress(disable=True), str, [live]))
@@ -124,7 +130,10 @@ def test_what_cannot_be_shown_is_said_before_anything_starts(
     assert (call.code, "give --live as well" in call.err) == (2, True)
     assert polish_sim("run", "force", "--live", "--seeds", "2").code == 2
     monkeypatch.setattr("polish_sim.cli.view.find_spec", lambda name: None)
-    for words, cure in ((["run", "force", "--live"], "pip install 'polish-sim[view]'"), (["view", "nowhere"], "'run'")):
+    for words, cure in (
+        (["run", "force", "--live"], "pip install 'polish-sim[view]'"),
+        (["view", "nowhere"], "'run'"),
+    ):
         call = polish_sim(*words)
         assert (call.code, call.err.count("\n")) == (2, 1)
         assert cure in call.err
@@ -180,9 +189,9 @@ class Tab:
 
     def close(self) -> None:
         """As somebody closes a tab; it asked nobody else for anything, and nothing went wrong in it."""
-        assert {url.partition("://")[2].partition("/")[0] for url in self.requests if url.startswith("http")} == {
-            self.requests[0].partition("://")[2].partition("/")[0]
-        }
+        assert {
+            url.partition("://")[2].partition("/")[0] for url in self.requests if url.startswith("http")
+        } == {self.requests[0].partition("://")[2].partition("/")[0]}
         assert self.errors == []
         self.tab.context.close()
 
@@ -196,7 +205,11 @@ class Running:
         environment = os.environ | {"PYTHONUNBUFFERED": "1"}
         with self._said.open("w") as stream:
             self.process = subprocess.Popen(
-                [*PROGRAM, *words, "--live-port", str(port)], cwd=folder, env=environment, stdout=stream, stderr=stream
+                [*PROGRAM, *words, "--live-port", str(port)],
+                cwd=folder,
+                env=environment,
+                stdout=stream,
+                stderr=stream,
             )
         self.until(lambda: f"open {self.url} in a browser" in self.said)
 
@@ -241,7 +254,9 @@ def test_at_least_20_moments_a_second_reach_who_looks_on(start: Callable[..., Ru
     run = start("run", "force", "--live", "--set", "process.hold_s=60", "--out", "out")
     run.until(lambda: "\nsimulate" in run.said)
     protocol = [Subprotocol(f"viser-v{viser.__version__}")]
-    with connect(run.url.replace("http", "ws"), subprotocols=protocol, max_size=None, compression=None) as page:
+    with connect(
+        run.url.replace("http", "ws"), subprotocols=protocol, max_size=None, compression=None
+    ) as page:
         begun, arrived, most = time.monotonic(), list[float](), 0
         # The first second brings the scene; other tests may hold the computer up for a while.
         while most < 20 and time.monotonic() - begun < 10.0:
@@ -323,11 +338,18 @@ def test_ctrl_c_while_a_run_waits_keeps_what_was_recorded_and_closes_the_page(
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no display to try --view on: apt install xvfb")
 def test_mujocos_own_window_shows_the_run_and_ctrl_c_closes_it(tmp_path: Path) -> None:
     screen, colors = ["-screen", "0", "640x480x24", "-fbdir", str(tmp_path)], 0
-    display = subprocess.Popen(["Xvfb", "-displayfd", "1", *screen], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    display = subprocess.Popen(
+        ["Xvfb", "-displayfd", "1", *screen], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
     assert display.stdout is not None
-    environment = os.environ | {"DISPLAY": f":{display.stdout.readline().decode().strip()}", "MUJOCO_GL": "glfw"}
+    environment = os.environ | {
+        "DISPLAY": f":{display.stdout.readline().decode().strip()}",
+        "MUJOCO_GL": "glfw",
+    }
     words = ["run", "force", "--view", "--set", "process.hold_s=600", "--out", "out"]
-    run = subprocess.Popen([*PROGRAM, *words], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True)
+    run = subprocess.Popen(
+        [*PROGRAM, *words], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    )
     try:
         for _ in range(6):
             pixels = np.fromfile(tmp_path / "Xvfb_screen0", np.uint8)[-640 * 480 * 4 :].reshape(480, 640, 4)
@@ -343,7 +365,10 @@ def test_mujocos_own_window_shows_the_run_and_ctrl_c_closes_it(tmp_path: Path) -
             process.wait()
     assert (run.returncode, "Traceback" in said) == (130, False), said
     assert colors > 200
-    log, alone = read_record(tmp_path / "out").log, run_experiment(override(default_scenario("force"), SHORT)).log
+    log, alone = (
+        read_record(tmp_path / "out").log,
+        run_experiment(override(default_scenario("force"), SHORT)).log,
+    )
     rows = min(len(log), len(alone))
     assert rows > 1
     assert all(log[name][:rows].tobytes() == alone[name][:rows].tobytes() for name in ("q_rad", "torque_nm"))

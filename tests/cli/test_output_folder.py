@@ -140,18 +140,26 @@ with claimed(Path(sys.argv[1]), "run-force") as folder:
 """
 
 
-def test_drafts_of_killed_commands_are_swept_at_the_next_start_those_of_running_ones_stay(tmp_path: Path) -> None:
+def test_drafts_of_killed_commands_are_swept_at_the_next_start_those_of_running_ones_stay(
+    tmp_path: Path,
+) -> None:
     (tmp_path / ".mine.part").mkdir()
     program = [sys.executable, "-c", KILLED]
     for number in range(3):
-        assert subprocess.run([*program, str(tmp_path / str(number)), "die"], check=False).returncode == -signal.SIGKILL
+        assert (
+            subprocess.run([*program, str(tmp_path / str(number)), "die"], check=False).returncode
+            == -signal.SIGKILL
+        )
     pipe = subprocess.PIPE
     with subprocess.Popen([*program, str(tmp_path / "live"), "wait"], stdin=pipe, stdout=pipe) as running:
         assert running.stdout is not None
         assert running.stdout.readline() == b"ready\n"
         with claimed(tmp_path / "next", "run-force"):
             found = files(tmp_path)
-        with pytest.raises(InputError, match="another command is writing 'live'"), claimed(tmp_path / "live", "x"):
+        with (
+            pytest.raises(InputError, match="another command is writing 'live'"),
+            claimed(tmp_path / "live", "x"),
+        ):
             pytest.fail("the work must not start")
         running.communicate()
     draft = ".live.polish-sim-part"
@@ -159,7 +167,9 @@ def test_drafts_of_killed_commands_are_swept_at_the_next_start_those_of_running_
     assert files(tmp_path) == {".mine.part", "next", "live", "live/log.npz"}
 
 
-def test_a_file_in_the_way_or_a_place_that_cannot_be_written_is_refused_before_the_block_runs(tmp_path: Path) -> None:
+def test_a_file_in_the_way_or_a_place_that_cannot_be_written_is_refused_before_the_block_runs(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "taken").touch()
     # /proc takes no folders, whoever asks; a read-only folder would stop everybody but root.
     for out, said in (("taken", "taken"), ("taken/out", "taken"), ("/proc/polish/out", "--out")):

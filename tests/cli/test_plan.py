@@ -27,7 +27,8 @@ def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None
     # What the table puts beside each other is of the same way: in contact at 10 mm/s, the rest at 5 mm/s.
     assert metrics["time_in_contact_s"] == pytest.approx(metrics["path_length_m"] / 0.01, rel=0.01)
     assert metrics["motion_time_s"] == pytest.approx(metrics["time_in_contact_s"], rel=0.02)
-    # Sensor zeroed in 0.4 s, down 30 mm at 5 mm/s from rest, 0.42 s of touch-down, up by 30 mm and the compression.
+    # Sensor zeroed in 0.4 s, down 30 mm at 5 mm/s from rest, 0.42 s of touch-down, up by 30 mm and the
+    # compression.
     around = 0.4 + 0.03 / 0.005 + 0.05 + 0.42 + 0.03 / 0.02
     assert metrics["cycle_time_s"] == pytest.approx(metrics["motion_time_s"] + around, abs=0.3)
 
@@ -47,7 +48,18 @@ def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: T
 
 
 def test_options_reach_the_plan(polish_sim: Tool) -> None:
-    words = ("--pattern", "raster", "--stepover", "12", "--lead-in", "arc", "--lead-angle", "10", "--tilt-angle", "5")
+    words = (
+        "--pattern",
+        "raster",
+        "--stepover",
+        "12",
+        "--lead-in",
+        "arc",
+        "--lead-angle",
+        "10",
+        "--tilt-angle",
+        "5",
+    )
     assert polish_sim("plan", "sphere_100", *words, "--out", "plan")[0] == 0
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
     assert plan["pattern"] == "raster"
@@ -77,7 +89,9 @@ def test_a_plan_out_of_reach_says_so(polish_sim: Tool) -> None:
 
 
 def test_overlap_is_in_percent_of_the_pad(polish_sim: Tool) -> None:
-    assert polish_sim("plan", "sphere_100", "--overlap", "70", "--pad-diameter", "40", "--out", "plan")[0] == 0
+    assert (
+        polish_sim("plan", "sphere_100", "--overlap", "70", "--pad-diameter", "40", "--out", "plan")[0] == 0
+    )
     assert json.loads(Path("plan/path.json").read_text())["stepover_m"] == pytest.approx(0.012)
 
 
@@ -85,7 +99,10 @@ BAD = {
     "negative step-over": (("plate", "--stepover", "-3"), "--stepover -3"),
     "step-over beyond the pad": (("plate", "--stepover", "60"), "would leave stripes"),
     "step-over beyond the part": (("plate", "--stepover", "300"), "300 mm"),
-    "unknown pattern": (("plate", "--pattern", "star"), "unknown pattern 'star'. Did you mean 'raster'? Known: "),
+    "unknown pattern": (
+        ("plate", "--pattern", "star"),
+        "unknown pattern 'star'. Did you mean 'raster'? Known: ",
+    ),
     "unknown lead-in": (("plate", "--lead-in", "jump"), "Known: arc, normal, tangent"),
     "unknown region": (("plate", "--region", "left"), "auto, top, all"),
     "overlap twice": (("plate", "--overlap", "70", "--stepover", "8"), "give one of them"),
@@ -130,14 +147,20 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
         shutil.rmtree("run")
     assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0
     seen = json.loads(Path("seen/metrics.json").read_text())
-    assert seen["coverage"] == pytest.approx(metrics["coverage"], abs=0.005)  # its edge margin counts as asked for
+    # its edge margin counts as asked for
+    assert seen["coverage"] == pytest.approx(metrics["coverage"], abs=0.005)
     assert seen["stepover_mean_m"] == pytest.approx(metrics["stepover_mean_m"], rel=1e-9)
 
 
-def test_a_chosen_pad_does_not_sink_off_corners_and_a_face_too_small_for_the_force_is_refused(polish_sim: Tool) -> None:
+def test_a_chosen_pad_does_not_sink_off_corners_and_a_face_too_small_for_the_force_is_refused(
+    polish_sim: Tool,
+) -> None:
     for side, name in ((20.0, "cube.stl"), (6.0, "tiny.stl")):
         trimesh.creation.box((side, side, 20.0)).export(name)
-    assert polish_sim("run", "surface", "--part", "cube.stl", "--up", "z", "--feed", "30", "--out", "run")[0] == 0
+    assert (
+        polish_sim("run", "surface", "--part", "cube.stl", "--up", "z", "--feed", "30", "--out", "run")[0]
+        == 0
+    )
     assert json.loads(Path("run/metrics.json").read_text())["path_done"] == 1.0
     code, _, err = polish_sim("plan", "tiny.stl", "--up", "z")
     assert code == 2
@@ -209,7 +232,9 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> Non
     assert figures["region_area_m2"] == pytest.approx(
         2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(46.0))), rel=1e-2
     )
-    assert figures["part_area_m2"] == pytest.approx(2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(75.0))), rel=0.05)
+    assert figures["part_area_m2"] == pytest.approx(
+        2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(75.0))), rel=0.05
+    )
     assert "more than 46 deg away from up is left out" in err
     areas = f"{1e4 * figures['region_area_m2']:.1f} of {1e4 * figures['part_area_m2']:.1f}"
     assert areas in out
@@ -222,7 +247,8 @@ def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim: Too
     assert code == 0, err
     apart = 1e3 * json.loads(Path("plan/metrics.json").read_text())["stepover_mean_m"]
     assert 11.5 < apart < 14.0
-    assert f"step-over, mean                                     mm                     {apart:6.2f}".split() in [
-        line.split() for line in out.splitlines()
-    ]
+    assert (
+        f"step-over, mean                                     mm                     {apart:6.2f}".split()
+        in [line.split() for line in out.splitlines()]
+    )
     assert "more than 46 deg" not in err

@@ -57,15 +57,37 @@ def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Tool, command:
     _, out, _ = polish_sim(*command, "--help")
     assert all(f"\n{panel}\n" in out for panel in PANELS)
     assert all(f"  {option} " in out for option in PATH_OPTIONS)
-    assert out.index("Path:") < out.index("--stepover") < out.index("Landing and tool axis:") < out.index("--lead-in")
+    assert (
+        out.index("Path:")
+        < out.index("--stepover")
+        < out.index("Landing and tool axis:")
+        < out.index("--lead-in")
+    )
 
 
 def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
     words = (
-        "--order", "outward", "--direction", "climb", "--start", "0,0,25", "--lead-in", "arc", "--lead-angle", "5",
-        "--tilt-angle", "-3", "--axis-smoothing", "15", "--axis-deviation", "2", "--feature-angle", "25",
-        "--edge-margin", "3",
-    )  # fmt: skip
+        "--order",
+        "outward",
+        "--direction",
+        "climb",
+        "--start",
+        "0,0,25",
+        "--lead-in",
+        "arc",
+        "--lead-angle",
+        "5",
+        "--tilt-angle",
+        "-3",
+        "--axis-smoothing",
+        "15",
+        "--axis-deviation",
+        "2",
+        "--feature-angle",
+        "25",
+        "--edge-margin",
+        "3",
+    )
     code, out, err = polish_sim("plan", "sphere_50", "--stepover", "20", *words, "--out", "plan")
     assert code == 0, err
     assert "through the air, leads included" in out
@@ -79,8 +101,20 @@ def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
     assert figures["axis_deviation_max_rad"] <= 0.034907
 
 
-def test_a_dry_run_takes_the_same_options_checks_the_reach_and_writes_nothing(polish_sim: Tool, tmp_path: Path) -> None:
-    words = ("--overlap", "50", "--pad-diameter", "40", "--lead-in", "tangent", "--tilt-angle", "4", "--dry-run")
+def test_a_dry_run_takes_the_same_options_checks_the_reach_and_writes_nothing(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
+    words = (
+        "--overlap",
+        "50",
+        "--pad-diameter",
+        "40",
+        "--lead-in",
+        "tangent",
+        "--tilt-angle",
+        "4",
+        "--dry-run",
+    )
     code, out, err = polish_sim("run", "surface", "--part", "sphere_50", *words)
     assert code == 0, err
     assert "within reach" in out
@@ -109,7 +143,10 @@ def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(polish_s
     ("words", "said"),
     [
         (["--stepover", "5"], "leave --stepover out"),
-        (["--lead-in", "arc", "--overlap", "60"], "--path is a finished plan: leave --lead-in, --overlap out"),
+        (
+            ["--lead-in", "arc", "--overlap", "60"],
+            "--path is a finished plan: leave --lead-in, --overlap out",
+        ),
         (["--part", "plate"], "another file than 'plate'"),
     ],
 )
@@ -140,7 +177,9 @@ def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_ch
 ) -> None:
     code, _, err = polish_sim("run", "surface", "--part", "sphere_50", *QUICK, "--check", "--out", "run")
     assert code == 1, err
-    assert {"path.csv", "path.json", "path.png", "force.png"} <= {f.name for f in (tmp_path / "run").iterdir()}
+    assert {"path.csv", "path.json", "path.png", "force.png"} <= {
+        f.name for f in (tmp_path / "run").iterdir()
+    }
     figures = json.loads((tmp_path / "run/metrics.json").read_text())
     assert 0.0 < figures["coverage"] <= 1.0
     assert figures["path_done"] < 1.0
@@ -153,7 +192,9 @@ def test_a_user_s_controller_runs_from_its_file(polish_sim: Tool, tmp_path: Path
     assert f'name = "{tmp_path / "mine.py"}:Mine"' in (tmp_path / "run/config.toml").read_text()
 
 
-@pytest.mark.parametrize(("name", "code", "said"), [("Broken", 3, "no idea"), ("Half", 2, "step"), ("None", 2, "Mine")])
+@pytest.mark.parametrize(
+    ("name", "code", "said"), [("Broken", 3, "no idea"), ("Half", 2, "step"), ("None", 2, "Mine")]
+)
 def test_a_user_s_controller_that_does_not_work_is_told_what_is_wrong(
     polish_sim: Tool, tmp_path: Path, name: str, code: int, said: str
 ) -> None:

@@ -1,4 +1,5 @@
-"""The proof as a user meets it: a plan that has been played, a run that begins behind a place, figures that are bad."""
+"""The proof as a user meets it: a plan that has been played, a run that begins behind a place, figures that
+are bad."""
 
 from __future__ import annotations
 
@@ -22,10 +23,14 @@ def plan(polish_sim: Tool) -> Call:
     return made
 
 
-def test_a_proven_plan_says_so_once_and_is_not_played_again(plan: Call, polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_proven_plan_says_so_once_and_is_not_played_again(
+    plan: Call, polish_sim: Tool, tmp_path: Path
+) -> None:
     assert "prove in the cell" in plan.err
     assert metrics_of(tmp_path / "plan")["proven"] == 1
-    whole = polish_sim("run", "surface", "--path", "plan", "--proof", "nominal", "--seed", "520", "--out", "whole")
+    whole = polish_sim(
+        "run", "surface", "--path", "plan", "--proof", "nominal", "--seed", "520", "--out", "whole"
+    )
     assert whole.code == 0, whole.err
     assert "prove in the cell" not in whole.err
     other = polish_sim("run", "surface", "--path", "plan", "--contact-force", "15", "--proof", "nominal",
@@ -35,7 +40,9 @@ def test_a_proven_plan_says_so_once_and_is_not_played_again(plan: Call, polish_s
     assert found["path_done"] == 1.0
     assert "feed_m_s = 0.04" in (tmp_path / "whole" / "config.toml").read_text()
 
-    rest = polish_sim("run", "surface", "--path", "plan", "--from", BEHIND, "--proof", "none", "--out", "rest")
+    rest = polish_sim(
+        "run", "surface", "--path", "plan", "--from", BEHIND, "--proof", "none", "--out", "rest"
+    )
     assert rest.code == 0, rest.err
     assert metrics_of(tmp_path / "rest")["left_out_area_m2"] > 0.0
     assert "it was polished before (--from)" in metrics_of(tmp_path / "rest")["left_out"]

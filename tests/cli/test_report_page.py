@@ -63,7 +63,9 @@ def made(experiment: str, *changes: str) -> Made:
     keep = Keep()
     result = run_experiment(override(default_scenario(experiment), list(changes)), None, keep)
     figures = {**result.figures, "versions": {"numpy": np.__version__}}
-    return Made(RunRecord(experiment, result.scenario, figures, result.log, result.path, result.removal), keep.model)
+    return Made(
+        RunRecord(experiment, result.scenario, figures, result.log, result.path, result.removal), keep.model
+    )
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +97,8 @@ class Tab(NamedTuple):
     def seek(self, time: float) -> Array:
         """Move the scrubber as a hand does; the picture then, shape (48, 64, 3)."""
         self(
-            "t => { const s = document.getElementById('scrubber'); s.value = t; s.dispatchEvent(new Event('input')); }",
+            "t => { const s = document.getElementById('scrubber'); s.value = t; s.dispatchEvent(new "
+            "Event('input')); }",
             time,
         )
         return self.picture()
@@ -104,7 +107,8 @@ class Tab(NamedTuple):
         """What the canvas shows, shape (48, 64, 3)."""
         pixels = self(
             """() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => {
-              const pen = Object.assign(document.createElement("canvas"), { width: 64, height: 48 }).getContext("2d");
+              const canvas = Object.assign(document.createElement("canvas"), { width: 64, height: 48 });
+              const pen = canvas.getContext("2d");
               pen.drawImage(document.getElementById("scene"), 0, 0, 64, 48);
               done(Array.from(pen.getImageData(0, 0, 64, 48).data)); })))"""
         )
@@ -163,7 +167,9 @@ def assert_follows_the_log(tab: Tab, run: Made, arms: tuple[str, ...]) -> None:
         assert np.abs(joints[:, at : at + 6] - numbers(log, column)).max() < 3e-4
     rows = np.linspace(0, len(log) - 1, 60).astype(int)
     head = next(k - 1 for k in range(run.model.nbody) if str(run.model.body(k).name).endswith("head"))
-    poses = np.array([list(tab("([t, k]) => Array.from(window.page.bodies(t)[k])", [time[row], head])) for row in rows])
+    poses = np.array(
+        [list(tab("([t, k]) => Array.from(window.page.bodies(t)[k])", [time[row], head])) for row in rows]
+    )
     poses = poses.reshape(-1, 3, 4)
     tip = poses[:, :, 3] + numbers(log, "pad_travel_m")[rows, None] * poses[:, :, 2]
     assert np.linalg.norm(tip - numbers(log, "tcp_position_m")[rows], axis=1).max() < 2e-4
@@ -199,8 +205,13 @@ def test_the_scrubber_moves_arm_cursor_and_removal_together(played: Tab, surface
     for share in (0.3, 0.6, 0.95):
         picture = tab.seek(share * surface.end)
         assert picture.std() > 10.0
-        cursor, link = tab("window.page.cursor()"), tab("Array.from(window.page.bodies(window.page.now())[5])")
-        seen.append((picture, cursor, link, sum(v for v in tab("Array.from(window.page.data.colored)") if v > 0.0)))
+        cursor, link = (
+            tab("window.page.cursor()"),
+            tab("Array.from(window.page.bodies(window.page.now())[5])"),
+        )
+        seen.append(
+            (picture, cursor, link, sum(v for v in tab("Array.from(window.page.data.colored)") if v > 0.0))
+        )
     for before, after in itertools.pairwise(seen):
         assert np.abs(after[0] - before[0]).max() > 20.0
         assert after[1] > before[1] + 20.0
@@ -225,7 +236,10 @@ def test_a_click_in_a_plot_or_on_the_part_goes_to_that_moment(played: Tab, surfa
     assert 0.0 < moment < end
     # There the pad was on the part.
     assert (
-        np.interp(moment, numbers(surface.record.log, "time_s"), numbers(surface.record.log, "normal_force_n")) > 10.0
+        np.interp(
+            moment, numbers(surface.record.log, "time_s"), numbers(surface.record.log, "normal_force_n")
+        )
+        > 10.0
     )
 
 
@@ -240,7 +254,9 @@ def test_two_robots_move_and_the_part_moves_with_the_second(opened: Open, two_ro
     near = record.path.positions_work[record.path.process]
     apart = np.linalg.norm(pad[pressing, None] - near[None], axis=2).min(axis=1)
     assert apart.max() < 3e-3  # the real part sits up to a millimetre off and is pressed
-    moved = np.array(tab("[0, 1e9].map((t) => Array.from(window.page.bodies(t)[window.page.data.part_body]))"))
+    moved = np.array(
+        tab("[0, 1e9].map((t) => Array.from(window.page.bodies(t)[window.page.data.part_body]))")
+    )
     assert np.abs(moved[1] - moved[0]).max() > 0.01
 
 
@@ -262,10 +278,14 @@ def test_a_stopped_run_says_why_and_a_run_of_one_row_opens(opened: Open) -> None
 def test_names_and_notes_are_text_wherever_they_stand(opened: Open, surface: Made) -> None:
     scenario = merge(surface.record.scenario, {"part": {"file": HOSTILE}}, "")
     figures = {**surface.record.metrics, "protective_stop": HOSTILE}
-    tab = opened(surface._replace(record=replace(surface.record, scenario=scenario, metrics=figures)), notes=(HOSTILE,))
+    tab = opened(
+        surface._replace(record=replace(surface.record, scenario=scenario, metrics=figures)), notes=(HOSTILE,)
+    )
     assert tab("document.title") != "taken"
     assert tab("document.body.innerText").count(HOSTILE) >= 3
-    assert tab("document.querySelectorAll('b').length") == tab("document.querySelectorAll('figcaption > b').length")
+    assert tab("document.querySelectorAll('b').length") == tab(
+        "document.querySelectorAll('figcaption > b').length"
+    )
     assert_clean(tab)
 
 
@@ -340,7 +360,10 @@ def test_a_page_is_read_back_as_it_was_written(surface: Made, tmp_path: Path) ->
 
 
 def test_moves_that_each_begin_at_zero_follow_each_other_on_the_page(surface: Made) -> None:
-    twice = {name: np.concatenate([column[:50], column[:50]]) for name, column in surface.record.log.columns.items()}
+    twice = {
+        name: np.concatenate([column[:50], column[:50]])
+        for name, column in surface.record.log.columns.items()
+    }
     time = clock(RunLog(MappingProxyType(twice)))
     assert (np.diff(time) > 0.0).all()
     assert time[-1] == pytest.approx(99 * (time[1] - time[0]))
@@ -353,7 +376,9 @@ def test_many_seeds_have_bands_from_the_least_to_the_largest(surface: Made, hard
     assert force.high is not None
     assert (force.low <= force.values + 1e-9).all()
     assert (force.high >= force.values - 1e-9).all()
-    forces = np.interp(page.motion.time, *(numbers(harder.record.log, name) for name in ("time_s", "normal_force_n")))
+    forces = np.interp(
+        page.motion.time, *(numbers(harder.record.log, name) for name in ("time_s", "normal_force_n"))
+    )
     inside = (force.low - 0.2 <= forces) & (forces <= force.high + 0.2)  # between its own rows
     assert inside.mean() > 0.99
     assert np.median((force.high - force.low)[np.isfinite(page.motion.asked)]) == pytest.approx(6.0, abs=0.5)

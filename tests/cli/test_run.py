@@ -25,7 +25,9 @@ ARC = ["run", "arc", "--feed", "100"]
 DEAF = ["--set", "controller.force_p_m_sn=0.0001", "--set", "controller.force_i_m_s2n=0.0001"]
 
 
-def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
     code, out, err = polish_sim(*FORCE)
     assert code == 0, err
     (folder,) = (tmp_path / "results" / "run-force").iterdir()
@@ -41,7 +43,9 @@ def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(poli
     assert set(read_log(folder / "log.npz").names) == set(COLUMNS)
     figures = metrics_of(folder)
     assert figures["protective_stop"] is None
-    assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "T_base_work", "versions"} <= set(figures)
+    assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "T_base_work", "versions"} <= set(
+        figures
+    )
 
 
 def test_config_prints_what_a_bare_run_uses_and_the_folder_s_config_gives_the_same_log(
@@ -66,7 +70,9 @@ def test_check_is_1_when_a_figure_falls_short_and_0_when_all_are_met(polish_sim:
     assert " NO" in out
 
 
-def test_without_check_the_code_is_0_and_figures_under_other_conditions_are_not_judged(polish_sim: Tool) -> None:
+def test_without_check_the_code_is_0_and_figures_under_other_conditions_are_not_judged(
+    polish_sim: Tool,
+) -> None:
     sluggish = ["--set", "robot.linear_acceleration_m_s2=0.05"]
     code, out, _ = polish_sim(*ARC, *sluggish, "--out", "run")
     assert code == 0
@@ -102,7 +108,8 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     figures = metrics_of(tmp_path / "stopped")
     said = str(figures["protective_stop"])
     found = re.fullmatch(
-        r"wrist sensor reading jumped by more than safety.jump_limit_n = 15: [^;]*; measured [\d.]+ N at ([\d.]+) s, "
+        r"wrist sensor reading jumped by more than safety.jump_limit_n = 15: [^;]*; measured [\d.]+ N "
+        r"at ([\d.]+) s, "
         r"10 mm along the path, stroke 1 of 1, tool at \(([^)]*)\) mm of the part, "
         r"\(([^)]*)\) mm of the base, exact force ([\d.]+) N along the tool axis",
         said,
@@ -116,10 +123,14 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     assert said in err
     # The picture has a line at its time after first contact, its name stands in the head.
     picture = draw_plots(read_record(tmp_path / "stopped"))["force.png"]
-    (line,) = (line for line in picture.axes[0].lines if line.get_color() == RED and len(line.get_xdata()) == 2)
+    (line,) = (
+        line for line in picture.axes[0].lines if line.get_color() == RED and len(line.get_xdata()) == 2
+    )
     assert line.get_xdata()[0] == pytest.approx(0.5, abs=0.02)
     head = picture.texts[-1].get_text()
-    assert f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor reading jumped" in head
+    assert (
+        f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor reading jumped" in head
+    )
 
 
 def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool, tmp_path: Path) -> None:
@@ -180,7 +191,9 @@ def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
 
 
 def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Tool, tmp_path: Path) -> None:
-    code, _, err = polish_sim(*FORCE, "--fault", "sensor-dropout@contact+0.5", "--fault", "part-low@60", "--out", "a")
+    code, _, err = polish_sim(
+        *FORCE, "--fault", "sensor-dropout@contact+0.5", "--fault", "part-low@60", "--out", "a"
+    )
     assert code == 3
     assert "wrist sensor reading missing" in err
     assert "part-low@60 did not happen: the run was over after" in err

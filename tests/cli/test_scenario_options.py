@@ -73,7 +73,11 @@ def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--stepover", -8.0, r"^--stepover -8 is outside 0\.2 to 1000 mm: distance between neighbouring turns\.$"),
+        (
+            "--stepover",
+            -8.0,
+            r"^--stepover -8 is outside 0\.2 to 1000 mm: distance between neighbouring turns\.$",
+        ),
         ("--feed", math.nan, r"--feed nan is outside 0\.1 to 500 mm/s: speed along the path"),
         ("--contact-force", -20.0, r"--contact-force -20 is outside 0\.5 to 200 N"),
         ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: pad diameter\.$"),
@@ -119,12 +123,16 @@ LISTENS = {"spiral": ("order", "direction", "start"), "raster": ("start", "raste
 
 @pytest.mark.parametrize("pattern", LISTENS)
 @pytest.mark.parametrize("option", PATTERN_KEYS)
-def test_of_the_options_of_patterns_those_a_pattern_obeys_pass_and_no_others(pattern: str, option: str) -> None:
+def test_of_the_options_of_patterns_those_a_pattern_obeys_pass_and_no_others(
+    pattern: str, option: str
+) -> None:
     obeyed = PATTERN_KEYS[option] in LISTENS[pattern]
     with (
         nullcontext()
         if obeyed
-        else pytest.raises(InputError, match=f"^{option} would change nothing with the pattern .* It counts for: ")
+        else pytest.raises(
+            InputError, match=f"^{option} would change nothing with the pattern .* It counts for: "
+        )
     ):
         refuse_idle_on_path(
             Scenario(plan=PlanConfig(pattern=pattern)), LISTENS, {**dict.fromkeys(PATTERN_KEYS), option: "x"}
@@ -133,12 +141,20 @@ def test_of_the_options_of_patterns_those_a_pattern_obeys_pass_and_no_others(pat
 
 @pytest.mark.parametrize("smoothing_m", [0.0, 0.01])
 def test_the_deviation_of_axes_counts_with_their_smoothing_only(smoothing_m: float) -> None:
-    with nullcontext() if smoothing_m > 0.0 else pytest.raises(InputError, match="give --axis-smoothing MM as well"):
-        refuse_idle_on_path(Scenario(plan=PlanConfig(axis_smoothing_m=smoothing_m)), LISTENS, {"--axis-deviation": 3.0})
+    with (
+        nullcontext()
+        if smoothing_m > 0.0
+        else pytest.raises(InputError, match="give --axis-smoothing MM as well")
+    ):
+        refuse_idle_on_path(
+            Scenario(plan=PlanConfig(axis_smoothing_m=smoothing_m)), LISTENS, {"--axis-deviation": 3.0}
+        )
 
 
 @pytest.mark.parametrize("name", ["arc", "force"])
-@pytest.mark.parametrize("option", ["--stepover", "--overlap", "--order", "--lead-in", "--axis-smoothing", "--start"])
+@pytest.mark.parametrize(
+    "option", ["--stepover", "--overlap", "--order", "--lead-in", "--axis-smoothing", "--start"]
+)
 def test_options_of_a_path_are_refused_where_there_is_none(name: str, option: str) -> None:
     with pytest.raises(InputError, match=f"{option} would change nothing in 'run {name}'"):
         refuse_idle_options(experiment(name), [option])

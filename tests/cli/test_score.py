@@ -23,7 +23,9 @@ def read(file: Path) -> dict[str, object]:
     return loaded
 
 
-def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polish_sim: Tool, tmp_path: Path) -> None:
+def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
     code, out, err = polish_sim("score", *ONE, "--against", "position", "--check", "--out", "s")
     assert code == 1, err  # hybrid-pi settles later than asked
     assert {file.name for file in (tmp_path / "s").iterdir()} == FILES
@@ -57,7 +59,10 @@ def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(polis
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--controller", "hybrid-pie"], "unknown controller 'hybrid-pie'. Did you mean 'hybrid-pi'? Known: "),
+        (
+            ["--controller", "hybrid-pie"],
+            "unknown controller 'hybrid-pie'. Did you mean 'hybrid-pi'? Known: ",
+        ),
         (["--against", "hybrid-pie"], "unknown controller 'hybrid-pie'. Did you mean 'hybrid-pi'? Known: "),
         (["--controller", "none.py:X"], "'none.py' does not exist"),
         (["--case", "step-11"], "unknown case 'step-11'. Did you mean 'step-10'? Known: "),
@@ -91,7 +96,9 @@ def test_the_list_names_every_case_without_running_any(polish_sim: Tool, tmp_pat
 def _begun(tmp_path: Path, rows: int, *words: str) -> subprocess.Popen[str]:
     """A score under way that has written some rows."""
     asked = ["score", *words, "--out", "cut"]
-    run = subprocess.Popen([*PROGRAM, *asked], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    run = subprocess.Popen(
+        [*PROGRAM, *asked], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     file = tmp_path / "cut/rows.jsonl"
     while not file.exists() or file.read_bytes().count(b"\n") < rows:
         assert run.poll() is None, run.communicate()[1]
@@ -114,7 +121,9 @@ def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
     words = ["--case", "noise-1", "--seeds", "3", "--workers", "1", *SHORT]
     with _begun(tmp_path, 1, *words) as run:
         run.kill()
@@ -125,7 +134,9 @@ def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(polish_si
     assert read(tmp_path / "cut/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]
 
 
-def test_a_user_s_file_is_scored_and_another_score_never_replaced_unasked(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_user_s_file_is_scored_and_another_score_never_replaced_unasked(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
     source = "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
     (tmp_path / "mine.py").write_text(source)
     words = ["score", "--controller", "mine.py:Down", "--workers", "1", "--out", "s"]

@@ -39,7 +39,9 @@ def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim: Tool,
     assert "setup_1" in err
 
 
-def test_a_side_that_is_asked_for_stays_up_and_what_it_does_not_show_is_named(polish_sim: Tool, cube: Path) -> None:
+def test_a_side_that_is_asked_for_stays_up_and_what_it_does_not_show_is_named(
+    polish_sim: Tool, cube: Path
+) -> None:
     assert polish_sim("plan", cube, *PLAN, "--up", "y")[0] == 0
     figures = metrics_of(Path("all"))
     assert all(setup["up"] == [0.0, 1.0, 0.0] for setup in figures["setups"])
@@ -59,7 +61,9 @@ def test_walls_narrower_than_half_the_pad_are_left_out_by_name(polish_sim: Tool,
 
 
 def test_a_run_over_all_sides_in_one_pose_is_refused_and_says_how(polish_sim: Tool, cube: Path) -> None:
-    code, _, err = polish_sim("run", "surface", "--part", cube, "--region", "all", "--stepover", "20", "--dry-run")
+    code, _, err = polish_sim(
+        "run", "surface", "--part", cube, "--region", "all", "--stepover", "20", "--dry-run"
+    )
     assert code == 2
     assert "plan PART --region all" in err
     assert "--path FOLDER/setup_N" in err
@@ -71,8 +75,11 @@ def test_a_setup_is_planned_again_from_its_own_words(polish_sim: Tool, cube: Pat
     path = json.loads(Path("one/path.json").read_text())
     assert path["up"] == [0.0, 1.0, 0.0]
     axes = np.column_stack([path["path"][name] for name in ("nx", "ny", "nz")])
-    ways = {tuple(np.round(axis).astype(int)) for axis, name in zip(axes, path["path"]["segment"], strict=True)
-            if name == "process"}  # fmt: skip
+    ways = {
+        tuple(np.round(axis).astype(int))
+        for axis, name in zip(axes, path["path"]["segment"], strict=True)
+        if name == "process"
+    }
     assert len(ways) == 2
     code, _, err = polish_sim("plan", cube, "--region", "all:0,7", "--out", "two")
     assert code == 2

@@ -17,9 +17,15 @@ from tests.cli.conftest import Tool, metrics_of
 HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
 FILES = {
-    "trajectory.npz", "trajectory.csv", "metrics.json", "limits.toml", "tool.png", "joints.png", "corners.png",
+    "trajectory.npz",
+    "trajectory.csv",
+    "metrics.json",
+    "limits.toml",
+    "tool.png",
+    "joints.png",
+    "corners.png",
     "deviation.png",
-}  # fmt: skip
+}
 KEYS = {
     "rule", "segments", "cycle_time_s", "tip_deviation_vertex_max_m", "tip_deviation_contour_max_m",
     "axis_deviation_max_rad", "joint_speed_ratio_max", "joint_acceleration_ratio_max", "joint_jerk_ratio_max",
@@ -115,7 +121,9 @@ def test_no_tolerance_means_exact_stops(polish_sim: Tool) -> None:
     metrics = metrics_of(Path("out"))
     assert metrics["tip_deviation_vertex_max_m"] < 1e-12
     # Twice 5 mm: acceleration is reached, speed is not (paper 4's limits).
-    assert metrics["cycle_time_s"] == pytest.approx(2 * (0.05 + math.sqrt(0.05**2 + 4 * 0.005 / 0.5)), rel=1e-9)
+    assert metrics["cycle_time_s"] == pytest.approx(
+        2 * (0.05 + math.sqrt(0.05**2 + 4 * 0.005 / 0.5)), rel=1e-9
+    )
 
 
 def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Tool) -> None:
@@ -133,7 +141,9 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Tool) -> None:
 
 def test_another_rule_stands_beside_it(polish_sim: Tool, smoothed: Path) -> None:
     shutil.copy(smoothed.parent / "path.csv", "path.csv")
-    code, out, _ = polish_sim("smooth", "path.csv", "--against", "joint-acceleration", "--no-joints", "--out", "out")
+    code, out, _ = polish_sim(
+        "smooth", "path.csv", "--against", "joint-acceleration", "--no-joints", "--out", "out"
+    )
     assert code == 0
     assert metrics_of(Path("out"))["against"]["rule"] == "joint-acceleration"
     assert "joint-acceleration" in out.splitlines()[2]
@@ -141,7 +151,10 @@ def test_another_rule_stands_beside_it(polish_sim: Tool, smoothed: Path) -> None
 
 def test_unknown_words_are_left_out_on_request(polish_sim: Tool) -> None:
     Path("path.nc").write_text("G0 X0 Y0 Z50\nG1 X10 F600 U7\n")
-    assert "line 2, column 13: unknown word 'U7'" in polish_sim("smooth", "path.nc", "--no-joints", "--out", "out")[2]
+    assert (
+        "line 2, column 13: unknown word 'U7'"
+        in polish_sim("smooth", "path.nc", "--no-joints", "--out", "out")[2]
+    )
     code, _, err = polish_sim("smooth", "path.nc", "--no-joints", "--lenient", "--out", "out")
     assert code == 0
     assert "left out: 'path.nc', line 2, column 13: unknown word 'U7'" in err
@@ -150,7 +163,11 @@ def test_unknown_words_are_left_out_on_request(polish_sim: Tool) -> None:
 BAD = {
     "one point": (HEAD + "0,0,0,0,0,1\n", (), "it has one point"),
     "always the same point": (HEAD + "0,0,0,0,0,1\n0,0,0,0,0,1\n", (), "all points are the same"),
-    "a half turn": (HEAD + "0,0,0,0,0,1\n9,0,0,0,0,-1\n", (), "180 deg between line 2, point 1 and line 3, point 2"),
+    "a half turn": (
+        HEAD + "0,0,0,0,0,1\n9,0,0,0,0,-1\n",
+        (),
+        "180 deg between line 2, point 1 and line 3, point 2",
+    ),
     "out of reach": (HEAD + "0,0,0,0,0,1\n3000,0,0,0,0,1\n", (), "out of reach"),
     "out of reach where it lies": (ZIGZAG, ("--part-pose", "5000,0,0,0,0,0"), "out of reach"),
     "a pose of two numbers": (ZIGZAG, ("--part-pose", "1,2"), "six numbers"),
@@ -158,11 +175,15 @@ BAD = {
     "a tolerance below zero": (ZIGZAG, ("--tolerance", "-1"), "--tolerance -1 is outside 0 to 10 mm"),
     "no limits there": (ZIGZAG, ("--limits", "none.toml"), "none.toml"),
     "a limit of zero": (ZIGZAG, ("--limits", "zero.toml"), "tip.jerk_mm_s3"),
-    "a limit without end": (ZIGZAG, ("--limits", "inf.toml"), "'tip.speed_mm_s' in 'inf.toml' must be a finite"),
+    "a limit without end": (
+        ZIGZAG,
+        ("--limits", "inf.toml"),
+        "'tip.speed_mm_s' in 'inf.toml' must be a finite",
+    ),
     "a rule beside itself": (ZIGZAG, ("--against", "spline"), "--against spline is the rule itself"),
     "a rule that has left": (ZIGZAG, ("--rule", "certified"), "spline"),
     "a limit missing": (ZIGZAG, ("--limits", "short.toml"), "'tip.jerk_mm_s3' is missing"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -184,7 +205,9 @@ def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Tool, case: str
 
 def test_points_out_of_order_are_named(polish_sim: Tool) -> None:
     head = "s_m,x_m,y_m,z_m,nx,ny,nz,pass_index,segment\n"
-    Path("path.csv").write_text(head + "0,0,0,0,0,0,1,0,process\n2,2,0,0,0,0,1,0,process\n1,1,0,0,0,0,1,0,process\n")
+    Path("path.csv").write_text(
+        head + "0,0,0,0,0,0,1,0,process\n2,2,0,0,0,0,1,0,process\n1,1,0,0,0,0,1,0,process\n"
+    )
     code, _, err = polish_sim("smooth", "path.csv", "--out", "out")
     assert code == 2
     assert "line 4, point 3: s_m falls from 2 to 1" in err
@@ -198,8 +221,11 @@ def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_s
     assert metrics_of(Path("out"))["path_done"] == 1.0
     assert "spline" in out
     assert polish_sim("report", "out")[0] == 0
-    code, out, err = polish_sim("run", "smooth", "--path", "path.csv", "--seed", "7", "--seeds", "2", "--out", "two")
+    code, out, err = polish_sim(
+        "run", "smooth", "--path", "path.csv", "--seed", "7", "--seeds", "2", "--out", "two"
+    )
     assert code == 0, err
     assert "smooth, 2 seeds" in out
     first, second = (metrics_of(Path(f"two/seed-000{seed}")) for seed in (7, 8))
-    assert first["spline_tracking_error_max_rad"] != second["spline_tracking_error_max_rad"]  # arms of their own
+    # arms of their own
+    assert first["spline_tracking_error_max_rad"] != second["spline_tracking_error_max_rad"]

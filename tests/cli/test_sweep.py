@@ -46,7 +46,9 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool,
     assert "about" in dry.out
     done = polish_sim(*vary, "--out", "s")
     assert done.code == 0, done.err
-    assert {"runs.parquet", "study.toml", "metrics.json", "report.html"} <= {f.name for f in (tmp_path / "s").iterdir()}
+    assert {"runs.parquet", "study.toml", "metrics.json", "report.html"} <= {
+        f.name for f in (tmp_path / "s").iterdir()
+    }
     assert (metrics_of(tmp_path / "s")["runs"], metrics_of(tmp_path / "s")["failed"]) == (2, 0)
     before = rows_of(tmp_path / "s")
     study = tmp_path / "s" / "study.toml"
@@ -82,14 +84,20 @@ def test_what_is_no_sweep_is_one_line_and_writes_nothing(
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["notes.txt", "other"]
 
 
-def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
     asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin12", *SHORT]
     for ended_by in (signal.SIGKILL, signal.SIGINT):
-        with subprocess.Popen([*PROGRAM, *asked, "--out", "s"], cwd=tmp_path, start_new_session=True) as command:
+        with subprocess.Popen(
+            [*PROGRAM, *asked, "--out", "s"], cwd=tmp_path, start_new_session=True
+        ) as command:
             rows = tmp_path / "s" / "rows.jsonl"
             begun = len(rows.read_bytes().splitlines()) if rows.exists() else 0
             until = time.monotonic() + 120.0
-            while time.monotonic() < until and (not rows.exists() or rows.read_bytes().count(b"\n") < begun + 3):
+            while time.monotonic() < until and (
+                not rows.exists() or rows.read_bytes().count(b"\n") < begun + 3
+            ):
                 time.sleep(0.05)
             os.kill(command.pid, ended_by)
             assert command.wait(60) == (130 if ended_by == signal.SIGINT else -9)

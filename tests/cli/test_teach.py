@@ -18,7 +18,9 @@ def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Tool) -> N
         "run", "teach", "--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out"
     )
     assert code == 0
-    assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= {file.name for file in Path("out").iterdir()}
+    assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= {
+        file.name for file in Path("out").iterdir()
+    }
     metrics = metrics_of(Path("out"))
     assert {"hand_force_peak_n", "hand_force_rms_n", "drift_rad"} <= set(metrics)
     assert metrics["moves"] == ["assist_x_0p8s"]
@@ -49,7 +51,9 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: T
         (("--set", "guide.model_file=gone.xml"), "'gone.xml' is not a robot's MJCF"),
     ],
 )
-def test_bad_input_is_one_message_and_nothing_written(polish_sim: Tool, words: tuple[str, ...], said: str) -> None:
+def test_bad_input_is_one_message_and_nothing_written(
+    polish_sim: Tool, words: tuple[str, ...], said: str
+) -> None:
     code, _, err = polish_sim("run", "teach", *words, "--out", "out")
     assert (code, Path("out").exists()) == (2, False)
     assert said in " ".join(err.split())
@@ -63,7 +67,16 @@ def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
     assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}
     path = read_path("taught/taught.csv")
     assert path.length_m == metrics_of(Path("taught"))["taught_length_m"]
-    words = ("--part", "freeform", "--path", "taught/taught.csv", "--set", "process.max_feed_s=4", "--out", "polished")
+    words = (
+        "--part",
+        "freeform",
+        "--path",
+        "taught/taught.csv",
+        "--set",
+        "process.max_feed_s=4",
+        "--out",
+        "polished",
+    )
     assert polish_sim("run", "surface", *words)[0] == 0
     assert metrics_of(Path("polished"))["force_within_4n"] >= 0.995
 

@@ -58,11 +58,17 @@ def test_the_version_is_the_package_s(polish_sim: Tool) -> None:
         (["run", "arc", "--controller", "pid"], "unknown controller 'pid'. Known: FILE.py:CLASS, force-mode"),
         (["run", "arc", "--controller", "gone.py:Mine"], "'gone.py' does not exist"),
         (["run", "surface", "--part", "gone.stl"], "gone.stl"),
-        (["plan", "freeforme"], "'freeforme' is neither a file nor a shipped part. Did you mean 'freeform'? Shipped: "),
+        (
+            ["plan", "freeforme"],
+            "'freeforme' is neither a file nor a shipped part. Did you mean 'freeform'? Shipped: ",
+        ),
         (["run", "surface", "--region", "bottom"], "bottom"),
         (["run", "surface", "--path", "gone"], "gone"),
         (["run", "surface", "--part-pose", "1,2"], "--part-pose"),
-        (["run", "force", "--set", "sensor.noise=3"], "Did you mean 'sensor.force_noise_n'? Known here: bandwidth_hz"),
+        (
+            ["run", "force", "--set", "sensor.noise=3"],
+            "Did you mean 'sensor.force_noise_n'? Known here: bandwidth_hz",
+        ),
         (["run", "force", "--set", "stepover=8"], "unknown key 'stepover'. Did you mean 'plan.stepover_m'?"),
         (["run", "force", "--fault", "gremlins@3"], "sensor-frozen"),
         (["run", "force", "--fault", "part-high"], "NAME@TIME"),
@@ -80,7 +86,10 @@ def test_the_version_is_the_package_s(polish_sim: Tool) -> None:
         (["calibrate", "payload", "--poses", "3"], "--poses 3 is outside 4 to 500"),
         (["calibrate", "payload", "--noise", "-1"], "--noise -1 is outside 0 to 20 N"),
         (["calibrate", "payload", "--data", "gone.csv"], "cannot read the readings 'gone.csv'"),
-        (["calibrate", "payload", "--data", "gone.csv", "--poses", "9"], "--poses would change nothing with --data"),
+        (
+            ["calibrate", "payload", "--data", "gone.csv", "--poses", "9"],
+            "--poses would change nothing with --data",
+        ),
         (["calibrate", "payload", "--set", "sensor.force_range_n=5"], "is at the end of its range in pose 1"),
         (
             ["calibrate", "payload", "--set", "payload.average_s=0.01", "--set", "simulation.log_rate_hz=2"],
@@ -103,8 +112,14 @@ def test_wrong_words_are_one_message_with_code_2_and_nothing_written(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["run", "surface", "--contact-force", "45", "--set", "safety.force_limit_n=50"], "Raise it to 54 or more"),
-        (["run", "surface", "--set", "sensor.rate_hz=5000"], "sensor.rate_hz = 5000 is faster than the physics"),
+        (
+            ["run", "surface", "--contact-force", "45", "--set", "safety.force_limit_n=50"],
+            "Raise it to 54 or more",
+        ),
+        (
+            ["run", "surface", "--set", "sensor.rate_hz=5000"],
+            "sensor.rate_hz = 5000 is faster than the physics",
+        ),
         (["run", "surface", "--real-part", "gone.stl"], "the real part 'gone.stl' is no file"),
         (["run", "surface", "--stepover", "60"], "would leave stripes: the pad measures 50 mm"),
         (["run", "force", "--region", "box:1,2"], "region 'box:1,2' is not box:"),
@@ -126,7 +141,9 @@ def test_wrong_words_are_one_message_with_code_2_and_nothing_written(
         (["report", "gone", "--out", "."], "the output folder '.' exists"),
     ],
 )
-def test_what_is_wrong_whatever_the_part_is_told_before_any_work(polish_sim: Tool, words: list[str], said: str) -> None:
+def test_what_is_wrong_whatever_the_part_is_told_before_any_work(
+    polish_sim: Tool, words: list[str], said: str
+) -> None:
     code, out, err = polish_sim(*words)
     assert (code, out) == (2, "")
     assert said in err
@@ -135,9 +152,15 @@ def test_what_is_wrong_whatever_the_part_is_told_before_any_work(polish_sim: Too
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("[sensor\n", "not valid TOML"), ("[sensor]\nforce_noise_n = -1.0\n", "outside 0 to 20"), ("\xff", "mine.toml")],
+    [
+        ("[sensor\n", "not valid TOML"),
+        ("[sensor]\nforce_noise_n = -1.0\n", "outside 0 to 20"),
+        ("\xff", "mine.toml"),
+    ],
 )
-def test_a_bad_config_names_the_key_and_writes_nothing(polish_sim: Tool, tmp_path: Path, text: str, said: str) -> None:
+def test_a_bad_config_names_the_key_and_writes_nothing(
+    polish_sim: Tool, tmp_path: Path, text: str, said: str
+) -> None:
     (tmp_path / "mine.toml").write_text(text, encoding="latin-1")
     code, _, err = polish_sim("run", "force", "--config", "mine.toml")
     assert code == 2
@@ -150,7 +173,10 @@ def test_list_names_what_ships_and_of_one_kind_says_what_each_is(polish_sim: Too
     assert code == 0
     for name in ("freeform", "hybrid-pi", "position", "arc", "force", "surface", "spiral", "raster"):
         assert name in out
-    told = {kind: dict(line.split(maxsplit=1) for line in polish_sim("list", kind).out.splitlines()) for kind in KINDS}
+    told = {
+        kind: dict(line.split(maxsplit=1) for line in polish_sim("list", kind).out.splitlines())
+        for kind in KINDS
+    }
     assert all(text and not text.endswith(".") for texts in told.values() for text in texts.values())
     assert told["faults"].keys() == FAULTS.keys()
     assert "20 mm/s" in told["faults"]["part-high"]

@@ -1,4 +1,5 @@
-"""A log of a simulated run compared with its own replay differs by nothing; what is planted in a log is found."""
+"""A log of a simulated run compared with its own replay differs by nothing; what is planted in a log is
+found."""
 
 from pathlib import Path
 
@@ -16,8 +17,13 @@ from polish_sim.scenario_file import override
 from tests.exchange.robot_logs import write_bag, write_csv, write_npz
 
 UR10E = warm(override(SCENARIO, ["robot.arm=ur10e"]))
-NAMES = {"time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}", "q_desired_rad": "target_q_{i}",
-         "torque_nm": "actual_current_as_torque_{i}"}  # fmt: skip
+NAMES = {
+    "time_s": "timestamp",
+    "q_rad": "actual_q_{i}",
+    "qd_rad_s": "actual_qd_{i}",
+    "q_desired_rad": "target_q_{i}",
+    "torque_nm": "actual_current_as_torque_{i}",
+}
 
 
 @pytest.fixture(autouse=True)
@@ -40,8 +46,14 @@ def logged() -> dict[str, np.ndarray]:
     log = sines(4.0)
     played = replay(UR10E, log, Payload(2.0, (0.0, 0.0, 0.05)))
     use_arm("ur5e")
-    return {"time_s": 100.0 + log.time, "q_desired_rad": log.values["q_desired_rad"], "q_rad": played.q,
-            "qd_rad_s": played.qd, "torque_nm": played.torque, "wrench": np.zeros((len(log.time), 6))}  # fmt: skip
+    return {
+        "time_s": 100.0 + log.time,
+        "q_desired_rad": log.values["q_desired_rad"],
+        "q_rad": played.q,
+        "qd_rad_s": played.qd,
+        "torque_nm": played.torque,
+        "wrench": np.zeros((len(log.time), 6)),
+    }
 
 
 @pytest.mark.parametrize("kind", ["csv", "npz"])
@@ -52,7 +64,9 @@ def test_a_simulated_log_is_its_own_replay(logged, tmp_path: Path, kind: str) ->
     assert max(found.figures["nrms"]) < 1e-3
     assert max(found.figures["motion_rms_rad"]) < 1e-6
     assert abs(found.figures["delay_s"]) < 1e-5
-    np.testing.assert_allclose(found.figures["ripple_nm"], found.figures["simulated_ripple_nm"], rtol=0.05, atol=1e-3)
+    np.testing.assert_allclose(
+        found.figures["ripple_nm"], found.figures["simulated_ripple_nm"], rtol=0.05, atol=1e-3
+    )
 
 
 def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path: Path) -> None:

@@ -16,7 +16,9 @@ FORCE = 20.0  # [N]
 UNFILTERED = 1e9  # corner of the low-pass [Hz]
 
 
-def press(gains: PiGains, dt: float, seconds: float, receding: float = 0.0, state: PiMemory | None = None) -> Array:
+def press(
+    gains: PiGains, dt: float, seconds: float, receding: float = 0.0, state: PiMemory | None = None
+) -> Array:
     """Force [N] at every step of a spring pressed by a tool whose velocity is the law's rate."""
     state = PiMemory() if state is None else state
     force, forces = 0.0, []
@@ -84,7 +86,9 @@ def test_a_loaded_integral_unwinds_while_the_rate_is_still_at_its_limit() -> Non
 
 def test_the_low_pass_starts_at_the_first_reading_not_at_zero() -> None:
     state = PiMemory()
-    assert force_pi(FORCE, 18.0, 1e9, PiGains(0.004, 0.0, 1.0, 10.0), 0.001, state) == pytest.approx(0.004 * 2.0)
+    assert force_pi(FORCE, 18.0, 1e9, PiGains(0.004, 0.0, 1.0, 10.0), 0.001, state) == pytest.approx(
+        0.004 * 2.0
+    )
 
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-3, 0.02])

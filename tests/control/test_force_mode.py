@@ -28,7 +28,8 @@ def pressing(force: float = 0.0, speed: float = 0.0) -> tuple[Measurement, Targe
 
 
 def speeds(force: float, count: int, config: ControllerConfig = CONFIG) -> Array:
-    """Speed along tool z at every step while the reading stays at a force [N] and the tool is held in place."""
+    """Speed along tool z at every step while the reading stays at a force [N] and the tool is held in
+    place."""
     law, (m, t) = controller("force-mode", config), pressing(force)
     return np.array([law.step(m, t)[2] for _ in range(count)])
 

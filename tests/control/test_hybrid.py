@@ -39,7 +39,9 @@ def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize(("hybrid", "law"), [("hybrid-pi", 6), ("hybrid-pi-position", 5)])
-def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed: int, hybrid: str, law: int) -> None:
+def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(
+    seed: int, hybrid: str, law: int
+) -> None:
     m, t = drawn(seed)
     linear, _ = in_tool(m, controller(hybrid).step(m, t))
     error, feed, speed = t.position - m.position, t.twist[:3], m.twist[:3]
@@ -51,8 +53,8 @@ def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(seed: int,
     np.testing.assert_allclose(linear[:2], (m.rotation.T @ by_law)[:2], atol=1e-12)
     force_error = 20.0 - m.wrench[2]
     rate = CONFIG.force_p_m_sn * force_error + CONFIG.force_i_m_s2n * force_error * 0.001
-    # No faster than it can stop gently on springs four times as stiff as drawn before they press with 25 N: readings
-    # are up to 4 ms late behind a low-pass of 80 Hz, motions 10 ms, and a cycle lasts 1 ms.
+    # No faster than it can stop gently on springs four times as stiff as drawn before they press with 25 N:
+    # readings are up to 4 ms late behind a low-pass of 80 Hz, motions 10 ms, and a cycle lasts 1 ms.
     unseen = (0.004 + 0.5 / (math.pi * 80.0) + 0.01 + 0.001) * max(float(m.rotation[:, 2] @ speed), 0.0)
     room = (25.0 - m.wrench[2]) / (4.0 * 5000.0) - unseen
     highest = math.sqrt(2.0 * 0.25 * 0.8 * 1.2 * max(room, 0.0))
@@ -103,7 +105,9 @@ def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order
 ) -> None:
     """With moment k (angle - lean) the error obeys e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
     stiffness, lean = 3.0, sign * 0.01
-    made = controller("hybrid-pi", replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9))
+    made = controller(
+        "hybrid-pi", replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9)
+    )
     angles = leaning(made, 5000, lambda angle: stiffness * (angle - lean))
     root = cmath.sqrt((stiffness * p) ** 2 - 4.0 * stiffness * i)
     r1, r2 = 0.5 * (-stiffness * p + root), 0.5 * (-stiffness * p - root)

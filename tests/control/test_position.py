@@ -42,7 +42,9 @@ def test_equations_6_and_7_add_the_pid_of_the_velocity_error() -> None:
     velocity_pid(wanted, second, gains, dt, state, out)
     two = wanted - second
     derivative = np.array([low_pass_step(0.0, rate, 10.0, dt) for rate in (two - one) / dt])
-    np.testing.assert_allclose(out, wanted + 0.2 * two + 0.5 * (one + two) * dt + 0.01 * derivative, rtol=1e-12)
+    np.testing.assert_allclose(
+        out, wanted + 0.2 * two + 0.5 * (one + two) * dt + 0.01 * derivative, rtol=1e-12
+    )
 
 
 def test_equation_5_is_feed_plus_p_of_the_error_plus_d_of_its_derivative() -> None:
@@ -53,7 +55,8 @@ def test_equation_5_is_feed_plus_p_of_the_error_plus_d_of_its_derivative() -> No
 
 
 def follow_ramp(p: float, dt: float, seconds: float) -> np.ndarray:
-    """Errors of an ideal robot under eq. 6 that starts 10 mm behind a target moving at 50 mm/s [m], shape (n, 3)."""
+    """Errors of an ideal robot under eq. 6 that starts 10 mm behind a target moving at 50 mm/s [m], shape (n,
+    3)."""
     gains, state = VelocityGains(0.1, p), VelocityMemory()
     position, velocity, feed = np.zeros(3), np.zeros(3), np.array([0.05, 0.0, -0.02])
     wanted, out, errors = np.zeros(3), np.zeros(3), []

@@ -110,7 +110,9 @@ def tuned(file: Path, **own: float | str) -> object:
     return build_controller(ControllerConfig(name=f"{file}:Tuned", own=own))
 
 
-def test_a_class_declares_its_parameters_and_is_made_with_those_given_and_the_others_defaults(file: Path) -> None:
+def test_a_class_declares_its_parameters_and_is_made_with_those_given_and_the_others_defaults(
+    file: Path,
+) -> None:
     made = tuned(file, gain=0.02, mode="glide", late=True)
     assert (made.gain, made.sign, made.mode, made.late) == (0.02, 1, "glide", True)  # type: ignore[attr-defined]
 
@@ -144,14 +146,18 @@ def test_parameters_are_for_own_controllers_alone() -> None:
 
 def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file: Path, tmp_path: Path) -> None:
     usual = default_scenario("force")
-    chosen = override(usual, [f"controller.name={file}:Tuned", "controller.own.gain=0.02", "controller.own.late=true"])
+    chosen = override(
+        usual, [f"controller.name={file}:Tuned", "controller.own.gain=0.02", "controller.own.late=true"]
+    )
     written = tmp_path / "config.toml"
     written.write_text(to_toml(chosen), encoding="utf-8")
     assert load_scenario(written, usual) == chosen
     assert chosen.controller.own == {"gain": 0.02, "late": True}
     assert "--set controller.own.gain=0.02" in once_more(chosen, usual)
     hash(chosen)
-    with pytest.raises(ConfigError, match=r"'controller\.own\.gain' must be a number, text, true or false, got \[1"):
+    with pytest.raises(
+        ConfigError, match=r"'controller\.own\.gain' must be a number, text, true or false, got \[1"
+    ):
         override(usual, ["controller.own.gain=[1, 2]"])
     with pytest.raises(ConfigError, match=r"'controller\.own' is a section"):
         override(usual, ["controller.own=3"])

@@ -44,7 +44,9 @@ TARGET, SIGMA = np.array([-0.03, 0.02, 0.05]), 3e-5
 SECTORS = ((-60.0, 60.0), (-120.0, 0.0))
 
 
-def arc(joint: int, count: int = 200, offsets: Array | None = None, sector: tuple[float, float] | None = None) -> Array:
+def arc(
+    joint: int, count: int = 200, offsets: Array | None = None, sector: tuple[float, float] | None = None
+) -> Array:
     """Target seen by the tracker while one joint turns, angles rising; what encoders say plays no role."""
     q = np.tile(np.zeros(6) if offsets is None else offsets, (count, 1))
     q[:, joint] += np.radians(np.linspace(*(sector or SECTORS[joint]), count))
@@ -74,7 +76,9 @@ def test_an_exact_arc_gives_its_circle() -> None:
     assert found.arc == pytest.approx(2.1, abs=1e-9)
 
 
-@pytest.mark.parametrize("offsets", [np.zeros(6), np.r_[0.0, 0.0, np.random.default_rng(3).uniform(-0.2, 0.2, 4)]])
+@pytest.mark.parametrize(
+    "offsets", [np.zeros(6), np.r_[0.0, 0.0, np.random.default_rng(3).uniform(-0.2, 0.2, 4)]]
+)
 def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets: Array) -> None:
     """Encoder offsets of the joints beyond: the target runs other circles about the same axes."""
     found = base_from_circles(fit_circle(arc(0, offsets=offsets)), fit_circle(arc(1, offsets=offsets)))
@@ -85,7 +89,9 @@ def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets: Array
 @pytest.mark.parametrize(
     ("rule", "origin", "tilt"), [(base_from_circles, 2.1e-5, 1.1e-3), (base_from_meeting_axes, 1.7e-5, 1e-3)]
 )
-def test_the_base_is_as_good_as_asked_and_as_stated(rule: Callable[..., BaseFrame], origin: float, tilt: float) -> None:
+def test_the_base_is_as_good_as_asked_and_as_stated(
+    rule: Callable[..., BaseFrame], origin: float, tilt: float
+) -> None:
     rng, found, errors = np.random.default_rng(1), [], []
     exact = [arc(0), arc(1)]
     for _ in range(300):
@@ -150,7 +156,11 @@ def test_exact_points_give_the_frame() -> None:
     ("seen", "own", "said"),
     [
         (CLOUD[:2], CLOUD[:2], "2 points give no frame"),
-        (np.outer(np.arange(5.0), [1.0, 1.0, 0.0]), np.outer(np.arange(5.0), [0.0, 1.0, 1.0]), "lie on a line"),
+        (
+            np.outer(np.arange(5.0), [1.0, 1.0, 0.0]),
+            np.outer(np.arange(5.0), [0.0, 1.0, 1.0]),
+            "lie on a line",
+        ),
         (1e3 * CLOUD, CLOUD, "are units mixed"),
         (CLOUD[:, [1, 0, 2]], CLOUD, "mirror image"),
     ],
@@ -167,7 +177,10 @@ def test_covariance_of_a_base_in_another_is_that_of_the_errors() -> None:
     _, stated = relative_frame(T_TRACKER_BASE, root[0] @ root[0].T, T_b, root[1] @ root[1].T)
     truth, errors = inverse(T_TRACKER_BASE) @ T_b, []
     for _ in range(4000):
-        a, b = (moved_frame(T, L @ rng.standard_normal(6)) for T, L in zip((T_TRACKER_BASE, T_b), root, strict=True))
+        a, b = (
+            moved_frame(T, L @ rng.standard_normal(6))
+            for T, L in zip((T_TRACKER_BASE, T_b), root, strict=True)
+        )
         errors.append(step_from(truth, inverse(a) @ b))
     np.testing.assert_allclose(np.cov(np.array(errors).T), stated, atol=0.08 * stated.max())
     at_a_metre = point_covariance(stated, np.array([1.0, 0.0, 0.0]))
@@ -189,7 +202,9 @@ def test_slopes_of_the_table_are_those_of_differences() -> None:
 
     slopes = table_slopes(link_frames(Q, table), tips(table))
     for k, row in enumerate(step * np.eye(24).reshape(24, 4, 6)):
-        np.testing.assert_allclose(slopes[:, :, k], (tips(table + row) - tips(table - row)) / (2.0 * step), atol=1e-9)
+        np.testing.assert_allclose(
+            slopes[:, :, k], (tips(table + row) - tips(table - row)) / (2.0 * step), atol=1e-9
+        )
 
 
 def test_exact_measurements_give_an_arm_that_predicts_exactly() -> None:
@@ -209,7 +224,9 @@ def test_gears_that_wind_up_and_err_are_found_along_with_the_table() -> None:
     rng = np.random.default_rng(31)
     sizes = np.repeat([[3e-5] * 3 + [1.5e-4] * 4, [2e-4] * 3 + [2e-4] * 4], 3, axis=0)
     table, T = NOMINAL + 2e-4 * rng.standard_normal((4, 6)), from_pose([2.0, 1.0, -0.5, 0.1, 0.2, 1.0])
-    planted = ArmEstimate(table, T, POINT, np.zeros((0, 3)), np.zeros((6, 6)), sizes * rng.uniform(0.5, 1.5, (6, 7)))
+    planted = ArmEstimate(
+        table, T, POINT, np.zeros((0, 3)), np.zeros((6, 6)), sizes * rng.uniform(0.5, 1.5, (6, 7))
+    )
     most = np.array([80.0, 80.0, 40.0, 8.0, 8.0, 8.0])
     q, others = (rng.uniform(LOW, HIGH, (count, 6)) for count in (80, 100))
     weight, other_weight = (rng.uniform(-most, most, (count, 6)) for count in (80, 100))
@@ -228,12 +245,16 @@ def test_half_a_millimetre_in_the_table_comes_back_below_a_seventh(seed: int) ->
 
 
 def test_arms_as_their_table_says_are_not_made_worse() -> None:
-    figures = run_arm_calibration(ArmTrial(tolerance=ArmTrial().tolerance._replace(length=1e-9, angle=1e-9))).figures
+    figures = run_arm_calibration(
+        ArmTrial(tolerance=ArmTrial().tolerance._replace(length=1e-9, angle=1e-9))
+    ).figures
     assert figures["relative_error_m"] == pytest.approx(figures["relative_error_nominal_m"], rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_arms_with_gears_are_found_thrice_as_well_as_their_table_says_them_but_not_as_rigid_ones(seed: int) -> None:
+def test_arms_with_gears_are_found_thrice_as_well_as_their_table_says_them_but_not_as_rigid_ones(
+    seed: int,
+) -> None:
     """Wind-up by pose is no error of a table: of 1.5 mm half a millimetre is left."""
     arms, rng = lone_arms(seed, Q_NEAR), np.random.default_rng([seed, 18])
     figures = run_arm_calibration(ArmTrial(seed=seed, rest=partial(arms.rest, rng=rng))).figures

@@ -9,7 +9,15 @@ import pytest
 
 from polish_sim.arrays import Array
 from polish_sim.config import DualConfig
-from polish_sim.dual.budget import TOGETHER, PairBudgetTrial, Prediction, Share, compare_shares, draw_errors, predict
+from polish_sim.dual.budget import (
+    TOGETHER,
+    PairBudgetTrial,
+    Prediction,
+    Share,
+    compare_shares,
+    draw_errors,
+    predict,
+)
 from polish_sim.dual.calibration.pair import SOURCES
 
 TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
@@ -39,7 +47,8 @@ def shares(prediction: Prediction, drawn: dict[str, Array]) -> dict[str, Share]:
 
 
 def test_each_source_alone_and_all_together_are_drawn_as_predicted(shares: dict[str, Share]) -> None:
-    """Four standard errors; sixty draws determine an rms to about 5%, so a wrong lever or a missing source shows."""
+    """Four standard errors; sixty draws determine an rms to about 5%, so a wrong lever or a missing source
+    shows."""
     assert set(shares) == {*SOURCES, TOGETHER}
     for share in shares.values():
         assert abs(share.deviation_sigma) < 4.0
@@ -48,10 +57,14 @@ def test_each_source_alone_and_all_together_are_drawn_as_predicted(shares: dict[
 
 
 @pytest.mark.parametrize("source", [*SOURCES, TOGETHER])
-def test_errors_stretch_as_their_covariance_does(source: str, prediction: Prediction, drawn: dict[str, Array]) -> None:
+def test_errors_stretch_as_their_covariance_does(
+    source: str, prediction: Prediction, drawn: dict[str, Array]
+) -> None:
     """Whitened by the prediction each place's errors have mean 0 and variance 1 in every direction."""
     covariances = prediction.covariances[source]
-    white = np.stack([np.linalg.solve(np.linalg.cholesky(C), drawn[source][:, k].T) for k, C in enumerate(covariances)])
+    white = np.stack(
+        [np.linalg.solve(np.linalg.cholesky(C), drawn[source][:, k].T) for k, C in enumerate(covariances)]
+    )
     # 60 draws: a variance has a standard error of sqrt(2 / 60), a mean of 1 / sqrt(60).
     assert np.abs(np.mean(white**2, axis=2) - 1.0).max() < 4.5 * np.sqrt(2.0 / 60.0)
     assert np.abs(np.mean(white, axis=2)).max() < 4.5 / np.sqrt(60.0)

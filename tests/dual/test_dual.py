@@ -1,4 +1,5 @@
-"""Two robots on one hub: what calibration does to the tool on the part, the force on a moving rim, what is refused."""
+"""Two robots on one hub: what calibration does to the tool on the part, the force on a moving rim, what is
+refused."""
 
 from __future__ import annotations
 
@@ -31,7 +32,12 @@ from polish_sim.planning.toolpath import APPROACH, RETRACT, arc_length
 from polish_sim.scenario_file import override
 from polish_sim.spatial import inverse
 
-FREE = ("dual.standoff_m=0.005", "process.feed_m_s=0.05", "dual.master_speed_m_s=0.02", "process.max_feed_s=2")
+FREE = (
+    "dual.standoff_m=0.005",
+    "process.feed_m_s=0.05",
+    "dual.master_speed_m_s=0.02",
+    "process.max_feed_s=2",
+)
 EXACT = ("dual.tracker_noise_m=0", "dual.touch_noise_m=0")
 MILLIMETRE = 0.001
 PRESSED_S = 2.5
@@ -47,9 +53,12 @@ def base_file(folder: Path, off_m: float, true: bool = True) -> Path:
     T = T_true.copy()
     T[1, 3] += off_m
     lines = [
-        'kind = "base"', 'pair = "simulated"', f"transform = {T.tolist()}", f"covariance = {np.eye(6).tolist()}",
+        'kind = "base"',
+        'pair = "simulated"',
+        f"transform = {T.tolist()}",
+        f"covariance = {np.eye(6).tolist()}",
         *([f"true_transform = {T_true.tolist()}"] if true else []),
-    ]  # fmt: skip
+    ]
     file = folder / "calibration.toml"
     file.write_text("\n".join(lines), encoding="utf-8")
     return file
@@ -84,9 +93,12 @@ def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free: R
 
 
 def test_the_joints_of_both_arms_as_they_went_close_the_chain_in_the_engine(free: RunResult) -> None:
-    """The engine's own kinematics of the scene, fed with the log: the tool is where the path has it on the part."""
+    """The engine's own kinematics of the scene, fed with the log: the tool is where the path has it on the
+    part."""
     true = true_chain(free.scenario.dual)
-    held = Held(load_part(workpiece_path("wheel_hub_rim")), 2700.0, true.T_flange_gripper @ true.T_gripper_work)
+    held = Held(
+        load_part(workpiece_path("wheel_hub_rim")), 2700.0, true.T_flange_gripper @ true.T_gripper_work
+    )
     model = build_pair_scene(free.scenario, inverse(true.T_master_follower), held)
     data = mujoco.MjData(model)
     assert free.path is not None
@@ -121,7 +133,9 @@ def test_what_touches_is_looked_for_where_the_host_believes_it_to_be(monkeypatch
     assert seen
     for T_follower_master, held in seen:
         np.testing.assert_allclose(T_follower_master, inverse(believed.T_master_follower), atol=1e-12)
-        np.testing.assert_allclose(held.T_flange_part, believed.T_flange_gripper @ believed.T_gripper_work, atol=1e-12)
+        np.testing.assert_allclose(
+            held.T_flange_part, believed.T_flange_gripper @ believed.T_gripper_work, atol=1e-12
+        )
         assert np.abs(T_follower_master - inverse(true.T_master_follower)).max() > 1e-6
         assert np.abs(held.T_flange_part - true.T_flange_gripper @ true.T_gripper_work).max() > 1e-6
 
@@ -131,7 +145,8 @@ def test_arms_off_their_tables_are_brought_back_by_their_calibration(free: RunRe
     short = (*FREE, *EXACT, *off, "process.max_feed_s=1")
     nominal, found = (run_experiment(dual(*short, *more)).figures for more in ((), ("dual.arm_poses=60",)))
     assert nominal["relative_error_rms_m"] > 5e-4
-    # With an exact tracker and exact touches what is left is the tracking, as with arms that are as their tables say.
+    # With an exact tracker and exact touches what is left is the tracking, as with arms that are as their
+    # tables say.
     assert found["relative_error_rms_m"] < 1.2 * free.figures["relative_error_rms_m"] + 2e-5
     for figures in (nominal, found):
         # The host does not see it: by its own table its tool is where it wants it.
@@ -154,7 +169,9 @@ def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_pat
     assert run.figures["tracking_error_worst_m"] < 2e-4
 
 
-def test_the_speed_is_that_of_the_tool_on_the_part_however_the_part_moves(free: RunResult, pressed: RunResult) -> None:
+def test_the_speed_is_that_of_the_tool_on_the_part_however_the_part_moves(
+    free: RunResult, pressed: RunResult
+) -> None:
     for run, feed in ((free, 0.05), (pressed, 0.01)):
         fed = run.trace.path_s_m[run.trace.phase == 2]
         time = run.trace.time_s[run.trace.phase == 2]
@@ -183,9 +200,12 @@ def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:
 def test_the_moving_part_loses_what_one_at_rest_would_to_a_single_robot(pressed: RunResult) -> None:
     dual_run = pressed.scenario
     plan = measure_given_path(pressed.path, dual_run.part, dual_run.plan, dual_run.process, dual_run.pad)
-    alone = override(default_scenario("surface"), ["part.file=wheel_hub_rim", f"process.max_feed_s={PRESSED_S}"])
+    alone = override(
+        default_scenario("surface"), ["part.file=wheel_hub_rim", f"process.max_feed_s={PRESSED_S}"]
+    )
     still = run_experiment(alone, plan)
-    # How it is spread differs a little: the pad levels itself about its own y axis, which the robots hold differently.
+    # How it is spread differs a little: the pad levels itself about its own y axis, which the robots hold
+    # differently.
     assert pressed.figures["exposure_nm"] == pytest.approx(still.figures["exposure_nm"], rel=0.005)
     assert pressed.figures["removal_unplaced"] == 0.0
     taken = pressed.figures["exposure_nm"] * (1.0 + pressed.figures["removal_elsewhere"])
@@ -227,8 +247,16 @@ def two_stretches() -> PlanResult:
     [
         (["dual.follower_pose=[-2.5,0,0,0,0,3]"], ReachError, "the follower .*dual.follower_pose"),
         (["part.pose=[0,2,0.3,0,0,0]"], ReachError, "the master does not reach the first pose.*--part-pose"),
-        (["dual.master_speed_m_s=0.25"], ReachError, r"the part's way is 12\d\d\d mm long.*dual.master_speed_m_s"),
-        (["dual.follower_pose=[0,0,0,0,0,0]"], ConfigError, "0 mm from the master's: no two arms stand there"),
+        (
+            ["dual.master_speed_m_s=0.25"],
+            ReachError,
+            r"the part's way is 12\d\d\d mm long.*dual.master_speed_m_s",
+        ),
+        (
+            ["dual.follower_pose=[0,0,0,0,0,0]"],
+            ConfigError,
+            "0 mm from the master's: no two arms stand there",
+        ),
         (["dual.master_direction=[0,0,0]"], ConfigError, "'dual.master_direction' is no direction"),
         (["part.file=plate"], PlanError, "1 piece.s. and 1 border.s."),
         (["dual.density_kg_m3=20000"], ReachError, r"^the part weighs 15\.05 kg: .*density_kg_m3=\.\.\.$"),
@@ -250,22 +278,41 @@ def test_what_cannot_be_done_is_refused_before_anything_moves(
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (["dual.arms_file=a", "dual.tool_file=t"], "dual.tool_file beside dual.arms_file.*Leave the tool's file out"),
-        (["dual.arm_poses=60", "dual.tool_file=t"], "dual.tool_file beside dual.arm_poses.*Leave the tool's file out"),
-        (["dual.arms_file=a", "dual.bases_file=b"], "dual.bases_file beside dual.arms_file.*Give one of the two"),
-        (["dual.arm_poses=60", "dual.bases_file=b"], "dual.bases_file beside dual.arm_poses.*Give one of the two"),
-        (["dual.arms_file=a", "dual.arm_poses=60"], "dual.arm_poses beside dual.arms_file.*Give one of the two"),
+        (
+            ["dual.arms_file=a", "dual.tool_file=t"],
+            "dual.tool_file beside dual.arms_file.*Leave the tool's file out",
+        ),
+        (
+            ["dual.arm_poses=60", "dual.tool_file=t"],
+            "dual.tool_file beside dual.arm_poses.*Leave the tool's file out",
+        ),
+        (
+            ["dual.arms_file=a", "dual.bases_file=b"],
+            "dual.bases_file beside dual.arms_file.*Give one of the two",
+        ),
+        (
+            ["dual.arm_poses=60", "dual.bases_file=b"],
+            "dual.bases_file beside dual.arm_poses.*Give one of the two",
+        ),
+        (
+            ["dual.arms_file=a", "dual.arm_poses=60"],
+            "dual.arm_poses beside dual.arms_file.*Give one of the two",
+        ),
         (["dual.arm_poses=5"], "dual.arm_poses = 5 .*: 0, or 20 or more"),
     ],
 )
-def test_what_was_measured_with_nominal_arms_is_not_taken_beside_their_tables(changes: list[str], said: str) -> None:
+def test_what_was_measured_with_nominal_arms_is_not_taken_beside_their_tables(
+    changes: list[str], said: str
+) -> None:
     with pytest.raises(ConfigError, match=said):
         pair_arms(dual(*changes).dual, {}, np.random.default_rng(0))
 
 
 def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
     file = base_file(tmp_path, off_m=0.1, true=False)
-    with pytest.raises(CalibrationError, match=r"100\.0 mm .* set the cell up as it was: --set dual\.follower_pose="):
+    with pytest.raises(
+        CalibrationError, match=r"100\.0 mm .* set the cell up as it was: --set dual\.follower_pose="
+    ):
         prepare_dual(dual(f"dual.bases_file={file}"))
 
 
@@ -274,18 +321,22 @@ def real() -> RunResult:
     return run_experiment(dual("robot.arm=ur5e", f"process.max_feed_s={PRESSED_S}"))
 
 
-def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(real: RunResult, pressed: RunResult) -> None:
+def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(
+    real: RunResult, pressed: RunResult
+) -> None:
     figures = real.figures
     assert figures["protective_stop"] is None
     assert figures["force_max_deviation_n"] <= 1.5
     assert figures["chain_residual_m"] < 1e-9
-    # The host sees its own lag only; on the part twelve gears err, each by up to 0.15 mrad at half a metre or so.
+    # The host sees its own lag only; on the part twelve gears err, each by up to 0.15 mrad at half a metre or
+    # so.
     assert figures["tracking_error_worst_m"] < 1.5e-4
     assert 2.0 * pressed.figures["relative_error_rms_m"] < figures["relative_error_rms_m"] < 5e-4
 
 
 def test_without_gears_in_the_way_calibration_finds_arms_with_rotors_as_it_does_ideal_ones() -> None:
-    """Rigid gears without error and an exact table: all that is left are rotors, friction and encoder steps."""
+    """Rigid gears without error and an exact table: all that is left are rotors, friction and encoder
+    steps."""
     rigid = [f"robot.real.stiffness_{i}_nm_rad={[1e8] * 6}" for i in (1, 2, 3)]
     exact = ("robot.real.gear_error_rad=[0,0,0,0,0,0]", "robot.real.lost_motion_rad=[0,0,0,0,0,0]")
     table = "robot.real.kinematics=exact"

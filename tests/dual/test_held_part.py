@@ -17,7 +17,15 @@ from polish_sim.dual.rim import fit_closed_spline
 from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.placement import check_shaft
-from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, part_from_arrays, select_region
+from polish_sim.geometry import (
+    PartMesh,
+    Region,
+    Surface,
+    fit_surface,
+    load_part,
+    part_from_arrays,
+    select_region,
+)
 from polish_sim.models import part_path, workpiece_path
 from polish_sim.motion import forward
 from polish_sim.planning.toolpath import PROCESS, ToolPath
@@ -29,7 +37,10 @@ CHAIN = ClosedChain(
     from_pose([0.0, 0.0, 0.05, 0.0, 0.0, 0.3]),
     from_pose([0.0, 0.0, 0.18, 0.02, -0.01, 0.4]),
 )
-Q_MASTER, Q_FOLLOWER = np.array([0.2, -1.7, 1.9, -1.7, -1.5, 0.0]), np.array([-0.2, -1.6, 1.8, -1.8, -1.6, 0.0])
+Q_MASTER, Q_FOLLOWER = (
+    np.array([0.2, -1.7, 1.9, -1.7, -1.5, 0.0]),
+    np.array([-0.2, -1.6, 1.8, -1.8, -1.6, 0.0]),
+)
 
 
 def motion(count: int) -> tuple[Array, Array]:
@@ -137,7 +148,9 @@ def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad() -> None
     solid.apply_transform(transform(turn, np.array([0.0, 0.05, 0.0])))
     wall = fitted(solid)
     check_shaft(beside_wall(0.0145), wall, 0.005)
-    with pytest.raises(PlanError, match=r"shaft comes within 4\.[0-9] mm of the part where the pad is at \(13"):
+    with pytest.raises(
+        PlanError, match=r"shaft comes within 4\.[0-9] mm of the part where the pad is at \(13"
+    ):
         check_shaft(beside_wall(0.0135), wall, 0.005)
 
 
@@ -149,7 +162,9 @@ def part(name: str, choice: str = "auto") -> tuple[Region, Surface]:
 
 
 @pytest.mark.parametrize("name", ["wheel_hub_rim", "plate", "freeform"])
-def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_three_span_a_good_part_of_it(name: str) -> None:
+def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_three_span_a_good_part_of_it(
+    name: str,
+) -> None:
     region, surface = part(name)
     for count in (3, 7):
         T = marks_on(region, surface, count)

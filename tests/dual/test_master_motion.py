@@ -1,4 +1,5 @@
-"""How the master may move the part: turned against the feed, along files, by strokes in the air; what is refused."""
+"""How the master may move the part: turned against the feed, along files, by strokes in the air; what is
+refused."""
 
 from __future__ import annotations
 
@@ -42,7 +43,10 @@ def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still() -> None:
     run = run_experiment(dual(*ABOVE, *AGAINST, "process.max_feed_s=4"))
     trace = run.trace
     fed = np.flatnonzero(trace.phase == 2)
-    even = fed[(trace.time_s[fed] > trace.time_s[fed[0]] + BEGUN_S) & (trace.time_s[fed] < trace.time_s[fed[-1]] - 0.4)]
+    even = fed[
+        (trace.time_s[fed] > trace.time_s[fed[0]] + BEGUN_S)
+        & (trace.time_s[fed] < trace.time_s[fed[-1]] - 0.4)
+    ]
     assert np.ptp(trace.tcp_position_m[even], axis=0).max() < 1e-4
     on_part = np.linalg.norm(np.gradient(trace.tool_on_part_m[even], trace.time_s[even], axis=0), axis=1)
     assert on_part.mean() == pytest.approx(FEED, rel=1e-3)
@@ -61,7 +65,8 @@ def test_a_hub_turned_once_round_starts_its_wrist_where_the_turn_fits() -> None:
 
 
 def between(task: DualTask, run: RunResult) -> tuple[Array, Array]:
-    """Part and tool as they came, in where the check looked for them at its moments up to the last feed, (n, 4, 4)."""
+    """Part and tool as they came, in where the check looked for them at its moments up to the last feed, (n,
+    4, 4)."""
     visits = task.work.visits
     planned = sampled(task.work, task.reach.T_master_work, task.reach.spin)
     there = slice(int(np.flatnonzero(visits.stroke >= 0)[-1]) + 1)
@@ -76,7 +81,9 @@ def between(task: DualTask, run: RunResult) -> tuple[Array, Array]:
 def stretches() -> tuple[DualTask, RunResult]:
     """The rim's path in two stretches, above the part, which turns and goes along."""
     plan = two_stretches()
-    scenario = dual(*ABOVE, "dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0")
+    scenario = dual(
+        *ABOVE, "dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0"
+    )
     return prepare_dual(scenario, plan), run_experiment(scenario, plan)
 
 
@@ -106,19 +113,25 @@ def test_errors_are_drawn_for_the_strokes_and_not_between_them(stretches: tuple[
 
 
 def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(short: DualTask) -> None:
-    check = MotionCheck(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
+    check = MotionCheck(
+        short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot
+    )
     check_motion(check, short.master, lambda _master, _follower: "")
     with pytest.raises(ReachError, match="tool and part would touch on the way"):
         check_motion(check, short.master, lambda _master, _follower: "tool and part")
     axes, middle = short.work.visits.axes.copy(), len(short.work.visits.s) // 2
     axes[middle] = Rotation.from_rotvec([0.0, 1.4, 0.0]).apply(axes[middle])
     tilted = check._replace(visits=check.visits._replace(axes=axes))
-    with pytest.raises(ReachError, match=r"follower cannot do this: at \d+|joint \d of the follower would turn at \d+"):
+    with pytest.raises(
+        ReachError, match=r"follower cannot do this: at \d+|joint \d of the follower would turn at \d+"
+    ):
         check_motion(tilted, short.master, lambda _master, _follower: "")
 
 
 def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(short: DualTask) -> None:
-    check = MotionCheck(short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot)
+    check = MotionCheck(
+        short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot
+    )
     times = short.master.spacing * np.arange(len(short.master.q))
     most, share = JOINT_ACCELERATION, 0.7
     # The first joint takes 0.7 of what it can all the time, and 0.7 of it to be released.
@@ -126,7 +139,9 @@ def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(short: Dua
     qd = np.zeros_like(short.master.q)
     qd[:, 0] = speed + share * most * (times - times[0])
     slow = check._replace(robot=replace(check.robot, joint_speed_limit_rad_s=1e3))
-    with pytest.raises(ReachError, match=r"joint 1 of the master would be accelerated, from rest or to rest, by"):
+    with pytest.raises(
+        ReachError, match=r"joint 1 of the master would be accelerated, from rest or to rest, by"
+    ):
         check_master(slow, short.master._replace(qd=qd))
     even = np.zeros_like(qd)
     even[:, 0] = speed
@@ -150,7 +165,9 @@ def turning() -> DualTask:
 
 
 @pytest.mark.parametrize("flange", [False, True])
-def test_a_file_of_a_motion_is_followed_like_the_motion_itself(turning: DualTask, tmp_path: Path, flange: bool) -> None:
+def test_a_file_of_a_motion_is_followed_like_the_motion_itself(
+    turning: DualTask, tmp_path: Path, flange: bool
+) -> None:
     times = 7.0 + np.linspace(0.0, 3.0, 31)
     poses = turning.work.way(turning.reach.T_master_work, times - times[0])
     given = turning.frames.believed.master_flange(poses) if flange else poses
@@ -206,11 +223,16 @@ def shifted(rows: object, by: list[float]) -> Change:
     [
         (shorter, InputError, r"lasts 1\.50 s, the tool works on the part for 2\.00 s: 0\.50 s are missing"),
         (backwards, InputError, r"way\.csv', line 7: time_s is 0\.4 after 0\.4, it must increase"),
-        (shifted(7, [0.3, 0.0, 0.0]), InputError, r"line 9: the part would jump by 300 mm and 0 deg in 0\.1 s"),
+        (
+            shifted(7, [0.3, 0.0, 0.0]),
+            InputError,
+            r"line 9: the part would jump by 300 mm and 0 deg in 0\.1 s",
+        ),
         (
             shifted(slice(None), [0.0, 2.0, 0.0]),
             ReachError,
-            r"the master does not reach the first pose, 0\.00 s into the master's motion \('.*way\.csv', line 2\)\. "
+            r"the master does not reach the first pose, 0\.00 s into the master's motion "
+            r"\('.*way\.csv', line 2\)\. "
             r"Change the poses in the file, so that the part is held elsewhere or moves less\.$",
         ),
         (
@@ -218,8 +240,16 @@ def shifted(rows: object, by: list[float]) -> Change:
             ReachError,
             r"line 2\): 286 is its most\. .* more time would not help there",
         ),
-        (spinning, ReachError, r"joint 6 of the master would turn at 3[45] deg/s .* line \d+\): 29 is its most"),
-        (shaking, ReachError, r"the part would carry the tool with 4\d\d mm/s\^2 .* line \d+\): the follower does 300"),
+        (
+            spinning,
+            ReachError,
+            r"joint 6 of the master would turn at 3[45] deg/s .* line \d+\): 29 is its most",
+        ),
+        (
+            shaking,
+            ReachError,
+            r"the part would carry the tool with 4\d\d mm/s\^2 .* line \d+\): the follower does 300",
+        ),
     ],
 )
 def test_a_motion_that_cannot_be_done_is_refused(
@@ -239,9 +269,13 @@ def test_a_motion_that_cannot_be_done_is_refused(
         ("time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n", "has one pose: a motion needs two or more"),
         ("x_m,y_m,z_m,qw,qx,qy,qz\n0,0,1,1,0,0,0\n", "lacks the column time_s: the time of each pose"),
         ("time_s,x_m,y_m,z_m\n0,0,0,1\n1,0,0,1\n", "says nowhere how the part stood"),
-        ("time_s,flange_x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n", "lacks the columns flange_y_m, flange_z_m"),
         (
-            "time_s,x_mm,y_mm,z_mm,flange_x_mm,flange_y_mm,flange_z_mm,qw,qx,qy,qz\n" + 2 * "0,0,0,1,0,0,1,1,0,0,0\n",
+            "time_s,flange_x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n",
+            "lacks the columns flange_y_m, flange_z_m",
+        ),
+        (
+            "time_s,x_mm,y_mm,z_mm,flange_x_mm,flange_y_mm,flange_z_mm,qw,qx,qy,qz\n"
+            + 2 * "0,0,0,1,0,0,1,1,0,0,0\n",
             r"where the part is \(x_mm\) and where the flange is",
         ),
     ],
@@ -256,15 +290,23 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, text: str, said: st
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (["dual.master_arc_radius_m=1", "dual.master_direction=[0,0,1]"], "dual.master_direction is vertical"),
+        (
+            ["dual.master_arc_radius_m=1", "dual.master_direction=[0,0,1]"],
+            "dual.master_direction is vertical",
+        ),
         (["dual.master_axis=[0,0,0]"], "'dual.master_axis' is no direction"),
-        (["dual.master_path=way.csv", "part.pose=[0,0,0,0,0,0]"], "says where the part is held: leave part.pose"),
+        (
+            ["dual.master_path=way.csv", "part.pose=[0,0,0,0,0,0]"],
+            "says where the part is held: leave part.pose",
+        ),
         (
             ["dual.master_path=way.csv", "dual.master_arc_radius_m=0.1", "dual.master_turn_rad_s=0.2"],
             "says how the part moves: leave dual.master_arc_radius_m, dual.master_turn_rad_s out",
         ),
     ],
 )
-def test_settings_of_the_motion_that_do_not_fit_are_refused(changes: list[str], said: str, short: DualTask) -> None:
+def test_settings_of_the_motion_that_do_not_fit_are_refused(
+    changes: list[str], said: str, short: DualTask
+) -> None:
     with pytest.raises(ConfigError, match=said):
         master_motion(dual(*changes), short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed)

@@ -30,7 +30,12 @@ def shape(size: int, rng: np.random.Generator, scale: float) -> Array:
 def true_parts(rng: np.random.Generator) -> PairParts:
     covariances = np.stack([shape(3, rng, 2e-5) for _ in MARKS])
     return PairParts(
-        T_MASTER_FOLLOWER, shape(6, rng, 2e-5), TIP, shape(3, rng, 2e-5), apply(T_FLANGE_WORK, MARKS), covariances
+        T_MASTER_FOLLOWER,
+        shape(6, rng, 2e-5),
+        TIP,
+        shape(3, rng, 2e-5),
+        apply(T_FLANGE_WORK, MARKS),
+        covariances,
     )
 
 
@@ -44,16 +49,22 @@ def true_touches(rng: np.random.Generator) -> ClosingTouches:
     return ClosingTouches(T_1, T_2, mark)
 
 
-def measured(parts: PairParts, closing: ClosingTouches, rng: np.random.Generator) -> tuple[PairParts, ClosingTouches]:
+def measured(
+    parts: PairParts, closing: ClosingTouches, rng: np.random.Generator
+) -> tuple[PairParts, ClosingTouches]:
     """The same with noise as its covariances say."""
     base = rng.multivariate_normal(np.zeros(6), parts.bases_covariance)
     turn = Rotation.from_rotvec(base[3:]).as_matrix()
     T = transform(turn @ T_MASTER_FOLLOWER[:3, :3], T_MASTER_FOLLOWER[:3, 3] + base[:3])
-    marks = parts.marks_flange + np.stack([rng.multivariate_normal(np.zeros(3), C) for C in parts.marks_covariance])
+    marks = parts.marks_flange + np.stack(
+        [rng.multivariate_normal(np.zeros(3), C) for C in parts.marks_covariance]
+    )
     tip = rng.multivariate_normal(TIP, parts.tip_covariance)
     T_2 = closing.T_follower_flange.copy()
     T_2[:, :3, 3] += NOISE * rng.standard_normal((COUNT, 3))
-    return parts._replace(T_master_follower=T, tip=tip, marks_flange=marks), closing._replace(T_follower_flange=T_2)
+    return parts._replace(T_master_follower=T, tip=tip, marks_flange=marks), closing._replace(
+        T_follower_flange=T_2
+    )
 
 
 def unknowns(found: PairAdjustment) -> Array:
@@ -77,7 +88,8 @@ def test_exact_measurements_give_the_exact_chain() -> None:
 
 
 def test_exact_touches_put_a_wrong_base_right() -> None:
-    """The base is believed 1 mm and 1 mrad off, and said to be: the touches alone decide, the rest is exact."""
+    """The base is believed 1 mm and 1 mrad off, and said to be: the touches alone decide, the rest is
+    exact."""
     rng = np.random.default_rng(1)
     parts = true_parts(rng)
     wrong = parts._replace(
@@ -127,7 +139,9 @@ def test_it_is_the_least_squares_of_an_independent_solver() -> None:
             T_FLANGE_WORK[:3, 3], Rotation.from_matrix(T_FLANGE_WORK[:3, :3]).as_rotvec(),
         ]
     )  # fmt: skip
-    T_mf, tip, T_fw = chain(least_squares(residuals, start, jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
+    T_mf, tip, T_fw = chain(
+        least_squares(residuals, start, jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    )
     found = adjust_pair(parts, MARKS, closing, NOISE)
     np.testing.assert_allclose(found.T_master_follower, T_mf, atol=2e-8)
     np.testing.assert_allclose(found.tip, tip, atol=2e-8)
@@ -160,7 +174,9 @@ def test_the_same_in_all_directions_is_a_chi_with_three_degrees_of_freedom() -> 
     lengths = np.linspace(0.0, 2e-4, 9)
     found = length_probability(4e-10 * np.eye(3)[None], lengths)
     np.testing.assert_allclose(found, chi(3, scale=2e-5).cdf(lengths), atol=1e-12)
-    assert length_quantile(4e-10 * np.eye(3)[None], 0.95) == pytest.approx(chi(3, scale=2e-5).ppf(0.95), rel=1e-5)
+    assert length_quantile(4e-10 * np.eye(3)[None], 0.95) == pytest.approx(
+        chi(3, scale=2e-5).ppf(0.95), rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(("variances", "freedoms"), [((1.0, 1.0, 0.0), 2), ((0.0, 1.0, 0.0), 1)])

@@ -94,7 +94,11 @@ def flat(points: Array) -> ToolPath:
 def square() -> ToolPath:
     """Three sides of 100 mm, a point every millimetre."""
     side = np.linspace(0.0, 0.1, 101)
-    ways = [np.stack([side, 0.0 * side]), np.stack([0.1 + 0.0 * side, side]), np.stack([0.1 - side, 0.1 + 0.0 * side])]
+    ways = [
+        np.stack([side, 0.0 * side]),
+        np.stack([0.1 + 0.0 * side, side]),
+        np.stack([0.1 - side, 0.1 + 0.0 * side]),
+    ]
     points = np.concatenate([ways[0].T, ways[1].T[1:], ways[2].T[1:]])
     return flat(np.column_stack([points, np.zeros(len(points))]))
 

@@ -61,7 +61,9 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covari
     assert rms <= 3.3e-5
     stated = fit_tool_point(touches(R), SIGMA).covariance
     scale = np.sqrt(np.diag(stated))
-    np.testing.assert_allclose(np.cov(errors.T) / np.outer(scale, scale), stated / np.outer(scale, scale), atol=0.08)
+    np.testing.assert_allclose(
+        np.cov(errors.T) / np.outer(scale, scale), stated / np.outer(scale, scale), atol=0.08
+    )
     assert np.mean([one.noise for one in found]) == pytest.approx(SIGMA, rel=0.03)
 
 
@@ -155,7 +157,9 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
         errors.append(Rotation.from_matrix(R_FLANGE_TOOL.T @ found.R_flange_tool).as_rotvec())
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_allclose(rms, np.sqrt(np.diag(found.covariance)), rtol=0.05)
-    np.testing.assert_allclose(np.cov(np.array(errors).T), found.covariance, atol=0.06 * found.covariance.max())
+    np.testing.assert_allclose(
+        np.cov(np.array(errors).T), found.covariance, atol=0.06 * found.covariance.max()
+    )
     if tilt == 0.0:
         assert np.degrees(rms.max()) <= 0.045
 
@@ -163,7 +167,10 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
 @pytest.mark.parametrize(
     ("moves", "said"),
     [
-        (np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]]), "too short to determine a direction"),
+        (
+            np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]]),
+            "too short to determine a direction",
+        ),
         (np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.005]]), "nearly parallel"),
     ],
 )

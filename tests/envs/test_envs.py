@@ -1,4 +1,5 @@
-"""The environments: Gymnasium's own checks, seeds, ends, rewards; a controller as policy is the controller."""
+"""The environments: Gymnasium's own checks, seeds, ends, rewards; a controller as policy is the
+controller."""
 
 from __future__ import annotations
 
@@ -26,10 +27,18 @@ from polish_sim.experiments import run_experiment  # noqa: E402
 
 SHORT = ("process.hold_s=1",)
 SMOOTH = (
-    "robot.real.coulomb_nm=[0,0,0,0,0,0]", "robot.real.lost_motion_rad=[0,0,0,0,0,0]", "robot.real.encoder_rad=0",
-    "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",
-)  # fmt: skip
-PLATE = ("part.file=plate", "plan.pattern=raster", "plan.raster_direction=[1.0, 0.0, 0.0]", "plan.stepover_m=0.025")
+    "robot.real.coulomb_nm=[0,0,0,0,0,0]",
+    "robot.real.lost_motion_rad=[0,0,0,0,0,0]",
+    "robot.real.encoder_rad=0",
+    "sensor.force_quantum_n=0",
+    "sensor.torque_quantum_nm=0",
+)
+PLATE = (
+    "part.file=plate",
+    "plan.pattern=raster",
+    "plan.raster_direction=[1.0, 0.0, 0.0]",
+    "plan.stepover_m=0.025",
+)
 PLACES = dict(zip(OBSERVATION, np.cumsum([0, *(width for width, _ in OBSERVATION.values())]), strict=False))
 
 
@@ -121,7 +130,8 @@ def test_a_command_of_two_newtons_presses_two_newtons_more(env: Any) -> None:
 def test_servo_holds_its_offset_in_free_space() -> None:
     env = make(action="servo")
     seen, _ = env.reset(seed=0)
-    action = np.array([0.4, -0.2, -1.0, 0.0, 0.2, 0.0], np.float32)  # 2 mm, -1 mm, 5 mm back; 0.01 rad about y
+    # 2 mm, -1 mm, 5 mm back; 0.01 rad about y
+    action = np.array([0.4, -0.2, -1.0, 0.0, 0.2, 0.0], np.float32)
     for _ in range(50):
         seen = env.step(action)[0]
     error = seen[PLACES["position_error"] : PLACES["rotation_error"]] * OBSERVATION["position_error"][1]
@@ -156,8 +166,11 @@ def test_a_time_limit_truncates() -> None:
 
 
 @pytest.mark.parametrize(("settings", "bound"), [((), 0.3), (SMOOTH, 1e-3)])
-def test_hybrid_pi_as_policy_at_500_hz_gives_the_controllers_force(settings: tuple[str, ...], bound: float) -> None:
-    """Actions are rounded to single precision: friction of the joints makes 0.2 N of that, without it 1e-5 N."""
+def test_hybrid_pi_as_policy_at_500_hz_gives_the_controllers_force(
+    settings: tuple[str, ...], bound: float
+) -> None:
+    """Actions are rounded to single precision: friction of the joints makes 0.2 N of that, without it 1e-5
+    N."""
     env = make(action="twist", rate_hz=500, settings=(*SHORT, *settings))
     own, policy = env.unwrapped, ControllerPolicy(env)
     (row,) = evaluate(env, policy, 1, seed=3)
@@ -185,7 +198,9 @@ def test_set_forces_change_during_the_hold_and_each_is_scored() -> None:
 
 
 def test_a_planned_fault_happens_and_the_robot_stops_itself(env: Any) -> None:
-    steps, info = play(make(settings=(*SHORT, "faults.events=sensor-frozen@contact+0.3")), np.zeros((1, 3), np.float32))
+    steps, info = play(
+        make(settings=(*SHORT, "faults.events=sensor-frozen@contact+0.3")), np.zeros((1, 3), np.float32)
+    )
     assert steps[-1][2]
     assert "frozen" in info["stop_reason"]
     assert len(steps) < len(play(env, np.zeros((1, 3), np.float32))[0])
@@ -193,7 +208,9 @@ def test_a_planned_fault_happens_and_the_robot_stops_itself(env: Any) -> None:
 
 def test_ranges_are_drawn_anew_and_reach_the_cell(tmp_path: Path) -> None:
     file = tmp_path / "ranges.toml"
-    file.write_text('"sensor.force_noise_n" = [0.1, 0.2]\n"robot.real.cold_friction" = [0.0, 0.3]\n', encoding="utf-8")
+    file.write_text(
+        '"sensor.force_noise_n" = [0.1, 0.2]\n"robot.real.cold_friction" = [0.0, 0.3]\n', encoding="utf-8"
+    )
     env = make(ranges=file, bodies=2)
     drawn = []
     for seed in range(3):

@@ -8,11 +8,23 @@ from numpy.typing import NDArray
 
 Log = Mapping[str, NDArray[np.float64]]
 CSV_NAMES = {
-    "time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}", "current_a": "actual_current_{i}",
-    "current_desired_a": "target_current_{i}", "torque_desired_nm": "target_moment_{i}",
-    "wrench": "actual_TCP_force_{i}", "force_n": "force_n",
-}  # fmt: skip
-JOINTS = ("elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+    "time_s": "timestamp",
+    "q_rad": "actual_q_{i}",
+    "qd_rad_s": "actual_qd_{i}",
+    "current_a": "actual_current_{i}",
+    "current_desired_a": "target_current_{i}",
+    "torque_desired_nm": "target_moment_{i}",
+    "wrench": "actual_TCP_force_{i}",
+    "force_n": "force_n",
+}
+JOINTS = (
+    "elbow_joint",
+    "shoulder_lift_joint",
+    "shoulder_pan_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
 
 
 def synthetic_log(seconds: float, rate: float = 500.0) -> dict[str, NDArray[np.float64]]:
@@ -63,7 +75,9 @@ def write_bag(folder: Path, log: Log, kind: str) -> Path:
             stamp = round(1e9 * float(t))
             head = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
             force = pair(force=vector(*log["wrench"][k, :3]), torque=vector(*log["wrench"][k, 3:]))
-            writer.write(wrenches, stamp, store.serialize_cdr(wrench(header=head, wrench=force), wrench.__msgtype__))
+            writer.write(
+                wrenches, stamp, store.serialize_cdr(wrench(header=head, wrench=force), wrench.__msgtype__)
+            )
             parts = {field: log[name][k, order] for field, name in
                      (("position", "q_rad"), ("velocity", "qd_rad_s"), ("effort", "torque_nm"))}  # fmt: skip
             message = state(header=head, name=list(JOINTS), **parts)

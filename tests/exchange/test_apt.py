@@ -1,4 +1,5 @@
-"""APT/CLDATA in and out: what other systems write is read, what we write comes back, what cannot be read is named."""
+"""APT/CLDATA in and out: what other systems write is read, what we write comes back, what cannot be read is
+named."""
 
 from __future__ import annotations
 
@@ -57,7 +58,9 @@ def cam(tmp_path):
 
 
 def test_points_axes_and_feeds_of_a_cam_file_are_read(cam):
-    assert cam.positions_work[:4] == pytest.approx(1e-3 * np.array([[0, 0, 50], [0, 0, 20], [10, 0, 20], [20, 0, 20]]))
+    assert cam.positions_work[:4] == pytest.approx(
+        1e-3 * np.array([[0, 0, 50], [0, 0, 20], [10, 0, 20], [20, 0, 20]])
+    )
     assert cam.axes_work[:4] == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [0, 0.6, 0.8], [0, 0, 1]]))
     assert cam.feed is not None
     assert cam.feed[:4] == pytest.approx([0.01, 0.01, 0.01, 0.005])
@@ -69,7 +72,9 @@ def test_rapid_lifts_the_tool_and_a_new_stroke_begins(cam):
     assert cam.pass_index.tolist() == [0, 0, 0, 0, 0, 0, 1, 1, 1]
 
 
-@pytest.mark.parametrize(("word", "metres"), [("MM", 1e-3), ("INCHES", 0.0254), ("inch", 0.0254), ("CM", 1e-2)])
+@pytest.mark.parametrize(
+    ("word", "metres"), [("MM", 1e-3), ("INCHES", 0.0254), ("inch", 0.0254), ("CM", 1e-2)]
+)
 def test_units_hold_for_lengths_and_feeds(tmp_path, word, metres):
     path = read(tmp_path, f"UNITS/{word}\nFEDRAT/60\nGOTO/1,2,3\nGOTO/4,2,3\n")
     assert path.positions_work[0] == pytest.approx(metres * np.array([1.0, 2.0, 3.0]))

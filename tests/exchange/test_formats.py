@@ -1,4 +1,5 @@
-"""Exports: every format once, the same bytes for one plan, the robot's tool, the command line, remarks, ROS YAML."""
+"""Exports: every format once, the same bytes for one plan, the robot's tool, the command line, remarks, ROS
+YAML."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ Polish = Callable[..., tuple[int, str, str]]
 def test_all_means_every_format_once_and_the_same_plan_gives_the_same_bytes(tmp_path):
     plan = shipped_plan("sphere_100")
     one, two = (export_plan(tmp_path / name, plan, ["html", "all", "html"]) for name in ("one", "two"))
-    assert sorted(file.name for file in (tmp_path / "one").iterdir()) == sorted(kind.file for kind in FORMATS.values())
+    assert sorted(file.name for file in (tmp_path / "one").iterdir()) == sorted(
+        kind.file for kind in FORMATS.values()
+    )
     assert len(one) == len(FORMATS)
     for file, again in zip(one, two, strict=True):
         content = file.read_bytes()
@@ -52,7 +55,9 @@ def test_a_path_that_touches_nothing_is_no_robot_program(tmp_path):
 def test_the_command_line_writes_what_is_asked_for(polish_sim: Polish) -> None:
     words = ("--export", "urscript", "--export", "html", "--set", "part.pose=[0.4, 0, 0.1, 0, 0, 0]")
     assert polish_sim("plan", "sphere_100", *words, "--contact-force", "12", "--out", "plan")[0] == 3
-    assert {"path.script", "path.html", "path.csv", "path.png"} <= {file.name for file in Path("plan").iterdir()}
+    assert {"path.script", "path.html", "path.csv", "path.png"} <= {
+        file.name for file in Path("plan").iterdir()
+    }
     script = Path("plan/path.script").read_text()
     assert "global T_base_work = p[0.4, 0, 0.1, 0, 0, 0]" in script
     assert "global part_is_placed = True" in script
@@ -103,8 +108,15 @@ def test_programs_say_where_the_tool_is_in_the_part(tmp_path, name, comment):
     assert len(begins) - len(ends) in (0, 1)  # a stroke may end in the part
     assert all(begin < end for begin, end in zip(begins, ends, strict=False))
     if name == "apt":
-        marked = [line for a, b in zip(begins, ends, strict=False) for line in lines[a:b] if line.startswith("GOTO/")]
-        marked += [line for line in lines[begins[-1] :] if len(begins) > len(ends) and line.startswith("GOTO/")]
+        marked = [
+            line
+            for a, b in zip(begins, ends, strict=False)
+            for line in lines[a:b]
+            if line.startswith("GOTO/")
+        ]
+        marked += [
+            line for line in lines[begins[-1] :] if len(begins) > len(ends) and line.startswith("GOTO/")
+        ]
         points = 1e-3 * np.array([[float(x) for x in line[5:].split(",")[:3]] for line in marked])
         assert np.linalg.norm(points - middle, axis=1).min() < 0.01
         assert len(read_path(file).s) > len(points)
@@ -172,7 +184,9 @@ def test_names_with_quotes_and_control_characters_stay_one_string():
 def test_tool_frames_are_right_handed_with_z_into_the_part(frames_of, name):
     path = shipped_plan(name).path
     frames = frames_of(path)
-    assert np.swapaxes(frames, 1, 2) @ frames == pytest.approx(np.tile(np.eye(3), (len(frames), 1, 1)), abs=1e-12)
+    assert np.swapaxes(frames, 1, 2) @ frames == pytest.approx(
+        np.tile(np.eye(3), (len(frames), 1, 1)), abs=1e-12
+    )
     assert np.linalg.det(frames) == pytest.approx(1.0)
     assert frames[:, :, 2] == pytest.approx(-path.axes_work, abs=1e-12)
 

@@ -1,4 +1,5 @@
-"""Plan folders and other programs' CSVs: written, read back, refused with the place; damaged files of every format."""
+"""Plan folders and other programs' CSVs: written, read back, refused with the place; damaged files of every
+format."""
 
 from __future__ import annotations
 
@@ -42,7 +43,9 @@ def test_a_written_path_reads_back_bit_for_bit(tmp_path, name, wishes):
             continue
         assert found.dtype == wanted.dtype
         # The arc length is summed anew, axes are brought to length one anew.
-        assert np.abs(found - wanted).max() < (1e-12 if field.name in ("s", "axes_work") else 1e-300), field.name
+        assert np.abs(found - wanted).max() < (1e-12 if field.name in ("s", "axes_work") else 1e-300), (
+            field.name
+        )
     assert ("force" in (tmp_path / "path.csv").read_text().splitlines()[0]) == wishes
 
 
@@ -52,8 +55,12 @@ def test_the_files_hold_what_the_contract_names(folder):
         header = next(csv.reader(file))
     assert header[:9] == ["s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment"]
     metrics = json.loads((folder / "metrics.json").read_text())
-    wanted = "facets fit_rms_m path_length_m cycle_time_s stepover_mean_m stepover_p5_m stepover_p95_m coverage "
-    wanted += "coverage_stepover self_crossings retracts max_distance_to_surface_m plan_time_s stepover_excluded"
+    wanted = (
+        "facets fit_rms_m path_length_m cycle_time_s stepover_mean_m stepover_p5_m stepover_p95_m coverage "
+    )
+    wanted += (
+        "coverage_stepover self_crossings retracts max_distance_to_surface_m plan_time_s stepover_excluded"
+    )
     assert set(wanted.split()) <= set(metrics)
     document = json.loads((folder / "path.json").read_text())
     assert document["part"]["sha256"] == shipped_plan("sphere_100").mesh.sha256
@@ -69,7 +76,9 @@ def test_a_plain_path_in_millimetres_is_read_with_its_force_and_feed(tmp_path):
     assert path.axes_work[2] == pytest.approx([0.0, 0.6, 0.8])
     assert path.s == pytest.approx([0.0, 0.01, 0.015])
     assert (path.segment == PROCESS).all()
-    path = read_text(tmp_path, "plain.csv", "x,y,z,i,j,k,force,feed\n0,0,20,0,0,1,12,10\n10,0,20,0,0,1,15,20\n")
+    path = read_text(
+        tmp_path, "plain.csv", "x,y,z,i,j,k,force,feed\n0,0,20,0,0,1,12,10\n10,0,20,0,0,1,15,20\n"
+    )
     assert path.force == pytest.approx([12.0, 15.0])
     assert path.feed == pytest.approx([0.01, 0.02])
 
@@ -90,7 +99,10 @@ BAD = {
     "a column twice": ("x,y,z,i,j,k,x\n0,0,20,0,0,1,3\n", "line 1: the header names x more than once"),
     "a short row": (FIRST + "1,2\n", "line 3: 2 values"),
     "a word": (FIRST + "1,0,zero,0,0,1\n", "line 3, point 2: z is 'zero'"),
-    "lines as an editor counts them": ("# here\n\n" + FIRST + "\n1,0,oops,0,0,1\n", "line 6, point 2: z is 'oops'"),
+    "lines as an editor counts them": (
+        "# here\n\n" + FIRST + "\n1,0,oops,0,0,1\n",
+        "line 6, point 2: z is 'oops'",
+    ),
     "beyond what is measured": (FIRST + "1,0,-1e300,0,0,1\n", "point 2: z is '-1e300', beyond 1e\\+12"),
     "not a number": (FIRST + "1,0,nan,0,0,1\n", "point 2: z is 'nan'"),
     "infinite": (FIRST + "1,0,inf,0,0,1\n", "point 2: z is 'inf'"),
@@ -154,7 +166,9 @@ def test_a_damaged_file_is_a_path_or_one_message(tmp_path, suffix):
         whole = json.dumps({"path": {name: column[:8] for name, column in document["path"].items()}}).encode()
     else:
         lines = (
-            PROGRAM.encode().splitlines() if suffix == ".nc" else (tmp_path / f"path{suffix}").read_bytes().splitlines()
+            PROGRAM.encode().splitlines()
+            if suffix == ".nc"
+            else (tmp_path / f"path{suffix}").read_bytes().splitlines()
         )
         whole = b"\n".join([*lines[:12], *lines[-3:]])
     messages = []

@@ -23,7 +23,13 @@ def check(read: RobotRecording, *names: str, tolerance: float = 1e-9) -> None:
 @pytest.mark.parametrize("separator", [",", ";", " ", "\t"])
 def test_csv_of_recorders(tmp_path: Path, separator: str) -> None:
     file = write_csv(tmp_path / "log.csv", LOG, separator)
-    check(read_robot_recording(file, ("q_rad", "current_a")), "q_rad", "qd_rad_s", "current_a", "torque_desired_nm")
+    check(
+        read_robot_recording(file, ("q_rad", "current_a")),
+        "q_rad",
+        "qd_rad_s",
+        "current_a",
+        "torque_desired_nm",
+    )
 
 
 def test_our_own_columns_of_identify(tmp_path: Path) -> None:
@@ -34,7 +40,13 @@ def test_our_own_columns_of_identify(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["mcap", "sqlite"])
 def test_ros_bags(tmp_path: Path, kind: str) -> None:
     pytest.importorskip("rosbags")
-    check(read_robot_recording(write_bag(tmp_path / "bag", LOG, kind)), "q_rad", "qd_rad_s", "torque_nm", "wrench")
+    check(
+        read_robot_recording(write_bag(tmp_path / "bag", LOG, kind)),
+        "q_rad",
+        "qd_rad_s",
+        "torque_nm",
+        "wrench",
+    )
 
 
 def test_npz_with_runs_in_it(tmp_path: Path) -> None:
@@ -81,14 +93,24 @@ def test_a_window_of_a_log(tmp_path: Path) -> None:
 
 
 BAD = {
-    "gap": (lambda log: {k: np.delete(v, slice(500, 700), 0) for k, v in log.items()}, "line 502: a gap of 0.402 s"),
+    "gap": (
+        lambda log: {k: np.delete(v, slice(500, 700), 0) for k, v in log.items()},
+        "line 502: a gap of 0.402 s",
+    ),
     "back": (lambda log: log | {"time_s": np.roll(log["time_s"], 3)}, "does not increase"),
-    "nan": (lambda log: log | {"q_rad": np.where(np.arange(len(log["q_rad"]))[:, None] == 7, np.nan, log["q_rad"])},
-            "q_rad, column 1, is nan"),
+    "nan": (
+        lambda log: (
+            log | {"q_rad": np.where(np.arange(len(log["q_rad"]))[:, None] == 7, np.nan, log["q_rad"])}
+        ),
+        "q_rad, column 1, is nan",
+    ),
     "degrees": (lambda log: log | {"q_rad": np.degrees(log["q_rad"])}, "degrees"),
     "milliseconds": (lambda log: log | {"time_s": 1e3 * log["time_s"]}, "ms"),
-    "speed in degrees": (lambda log: log | {"qd_rad_s": np.degrees(log["qd_rad_s"])}, "Units of time or speed"),
-}  # fmt: skip
+    "speed in degrees": (
+        lambda log: log | {"qd_rad_s": np.degrees(log["qd_rad_s"])},
+        "Units of time or speed",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -141,12 +163,14 @@ def test_a_large_file_takes_the_memory_of_its_window(tmp_path: Path) -> None:
             out.write(f"{t:.3f},{lines[k % len(lines)].partition(',')[2]}\n")
     assert file.stat().st_size > 4e7
     program = (
-        "import resource, sys; from pathlib import Path; from polish_sim.exchange.robot_log import *;"
-        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss;"
-        "r = read_robot_recording(Path(sys.argv[1]), window=(180.0, 190.0)); assert abs(r.start - 180.0) < 0.01;"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
+        "import resource, sys; from pathlib import Path; from polish_sim.exchange.robot_log import *;before "
+        "= resource.getrusage(resource.RUSAGE_SELF).ru_maxrss;r = read_robot_recording(Path(sys.argv[1]), "
+        "window=(180.0, 190.0)); assert abs(r.start - 180.0) < "
+        "0.01;print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
     )
-    run = subprocess.run([sys.executable, "-c", program, str(file)], capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", program, str(file)], capture_output=True, text=True, check=True
+    )
     assert int(run.stdout) < 30_000
 
 

@@ -55,7 +55,13 @@ def test_without_a_measured_part_the_program_stops_before_it_moves():
 
 def test_the_tool_is_declared_before_it_moves_and_zeroed_before_it_presses(ball):
     first = ball.events.index
-    assert first("set_tcp") < first("zero_ftsensor") < first("spindle True") < first("run") < first("end_force_mode")
+    assert (
+        first("set_tcp")
+        < first("zero_ftsensor")
+        < first("spindle True")
+        < first("run")
+        < first("end_force_mode")
+    )
     assert first("set_payload") < first("zero_ftsensor")
     assert first("spindle False") < first("zero_ftsensor"), "the sensor is zeroed with the spindle still"
 
@@ -184,7 +190,10 @@ def test_speed_and_force_are_those_of_the_process_or_of_the_waypoint():
     force = np.where(np.arange(count) < count // 2, 10.0, 15.0)
     path = replace(result.path, force=force, feed=np.full(count, 0.03))
     machine = executed(replace(result, path=path))
-    assert [pressing.wrench[2] for pressing in machine.pressings[:: len(machine.pressings) - 1]] == [10.0, 15.0]
+    assert [pressing.wrench[2] for pressing in machine.pressings[:: len(machine.pressings) - 1]] == [
+        10.0,
+        15.0,
+    ]
     assert {motion.speed for motion in machine.motions if motion.blend > 0.0} == {0.03}
 
 
@@ -192,12 +201,14 @@ def test_a_path_without_leads_is_landed_from_above():
     result = shipped_plan("sphere_100")
     bare = result.path.rows(result.path.segment == PROCESS)
     machine = executed(replace(result, path=bare))
-    heights = np.linalg.norm(in_work([m.T_base_tool for m in machine.motions])[:, :3, 3] - MIDDLE, axis=1) - 0.1
+    heights = (
+        np.linalg.norm(in_work([m.T_base_tool for m in machine.motions])[:, :3, 3] - MIDDLE, axis=1) - 0.1
+    )
     assert heights[0] == pytest.approx(0.03, abs=1e-5)
     assert heights[-1] == pytest.approx(0.03, abs=1e-5)
 
 
-def test_the_program_says_where_the_part_is_and_why_the_path_is_not_pressed_in_and_is_cut_into_short_functions():
+def test_the_program_says_where_the_part_is_why_the_path_is_not_pressed_in_and_has_short_functions():
     text = urscript_text(shipped_plan("plate_two_holes"), SETUP)
     head = text[: text.index("def ")]
     assert "ON the surface" in head

@@ -87,7 +87,17 @@ def test_glb_holds_two_named_meshes_with_y_up():
 def test_the_page_fetches_nothing():
     page = html_text(shipped_plan("sphere_100"), SETUP)
     code = re.sub('<script type="text/plain" id="data">.*?</script>', "", page, flags=re.DOTALL)
-    for word in ("://", "src=", "url(", "import(", "import ", "fetch(", "XMLHttpRequest", "WebSocket", "eval("):
+    for word in (
+        "://",
+        "src=",
+        "url(",
+        "import(",
+        "import ",
+        "fetch(",
+        "XMLHttpRequest",
+        "WebSocket",
+        "eval(",
+    ):
         assert word not in code, word
     assert not re.search("@[A-Z]+@", code)
 

@@ -1,4 +1,5 @@
-"""A small machine that runs our URScript programs: blocks are checked, statements executed, motions recorded."""
+"""A small machine that runs our URScript programs: blocks are checked, statements executed, motions
+recorded."""
 
 from __future__ import annotations
 
@@ -137,7 +138,9 @@ def check_blocks(text: str) -> None:
             assert open_blocks, f"line {number} ends nothing"
             assert open_blocks.pop() == depth, f"line {number} ends a block of another depth"
             continue
-        assert depth == 2 * len(open_blocks), f"line {number} stands {depth} deep in {len(open_blocks)} blocks"
+        assert depth == 2 * len(open_blocks), (
+            f"line {number} stands {depth} deep in {len(open_blocks)} blocks"
+        )
         if words.startswith(OPENERS):
             assert words.endswith(":"), f"line {number}: {words}"
             open_blocks.append(depth)

@@ -22,7 +22,9 @@ def test_the_path_is_the_papers_circle_once_round() -> None:
 
 
 def test_the_ideal_arm_keeps_to_the_circle_and_to_10_mm_per_second() -> None:
-    figures = run_experiment(override(default_scenario("arc"), ["robot.arm=ideal", "process.max_feed_s=4"])).figures
+    figures = run_experiment(
+        override(default_scenario("arc"), ["robot.arm=ideal", "process.max_feed_s=4"])
+    ).figures
     assert figures["tracking_error_max_m"] < 0.1e-3
     assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=0.1e-3)
     assert figures["speed_max_deviation_m_s"] < 0.1e-3
@@ -44,7 +46,11 @@ def test_nothing_is_touched_in_free_space(short_arc: RunResult) -> None:
 
 @pytest.mark.parametrize(
     ("change", "feed"),
-    [("controller.name=position", 0.01), ("controller.name=hybrid-pi-position", 0.01), ("process.feed_m_s=0.1", 0.1)],
+    [
+        ("controller.name=position", 0.01),
+        ("controller.name=hybrid-pi-position", 0.01),
+        ("process.feed_m_s=0.1", 0.1),
+    ],
 )
 def test_other_laws_and_ten_times_the_feed_keep_to_it_too(change: str, feed: float) -> None:
     figures = run_experiment(override(default_scenario("arc"), ["process.max_feed_s=3.5", change])).figures

@@ -1,4 +1,5 @@
-"""The robot visits its poses, and finds the tool it really carries; every run believes what such a calibration says."""
+"""The robot visits its poses, and finds the tool it really carries; every run believes what such a
+calibration says."""
 
 from __future__ import annotations
 
@@ -13,7 +14,12 @@ from polish_sim.calibration import plan_payload_poses, write_calibration
 from polish_sim.calibration.poses import move
 from polish_sim.cell import weight_of
 from polish_sim.errors import CalibrationError, InputError
-from polish_sim.experiments import PAYLOAD_SCENARIO, PayloadCalibration, default_scenario, run_payload_calibration
+from polish_sim.experiments import (
+    PAYLOAD_SCENARIO,
+    PayloadCalibration,
+    default_scenario,
+    run_payload_calibration,
+)
 from polish_sim.experiments.force import prepare_force
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool, readings_at_rest
@@ -141,7 +147,8 @@ def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path, text: str, sai
 def test_the_noise_of_a_run_does_not_hang_on_its_calibration() -> None:
     """A generator of its own: the sensor's bias and noise stay what they are."""
     one, two = (
-        prepare_force(override(default_scenario("force"), [f"payload.poses={count}"])).cell for count in (4, 20)
+        prepare_force(override(default_scenario("force"), [f"payload.poses={count}"])).cell
+        for count in (4, 20)
     )
     np.testing.assert_array_equal(one.sensor.bias, two.sensor.bias)
     assert one.rng.standard_normal() == two.rng.standard_normal()
@@ -149,7 +156,9 @@ def test_the_noise_of_a_run_does_not_hang_on_its_calibration() -> None:
 
 
 def test_a_saturated_sensor_is_named() -> None:
-    with pytest.raises(CalibrationError, match=r"torque . is at the end of its range.*sensor\.torque_range_nm"):
+    with pytest.raises(
+        CalibrationError, match=r"torque . is at the end of its range.*sensor\.torque_range_nm"
+    ):
         run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.torque_range_nm=1", "payload.poses=6"]))
 
 
@@ -159,7 +168,9 @@ def test_with_strokes_a_minute_apart_a_tare_before_each_holds_a_drift_ten_times_
 
 
 @pytest.mark.parametrize(("seed", "table"), [(1, "uncalibrated"), (2, "calibrated")])
-def test_with_default_sensor_and_arm_every_claim_is_met_by_the_frames_the_host_believes(seed: int, table: str) -> None:
+def test_with_default_sensor_and_arm_every_claim_is_met_by_the_frames_the_host_believes(
+    seed: int, table: str
+) -> None:
     found = run_payload_calibration(
         override(PAYLOAD_SCENARIO, ["robot.arm=ur5e", f"robot.real.kinematics={table}", f"seed={seed}"])
     )

@@ -32,7 +32,9 @@ def ramp(file: Path, top: float = 2.0) -> Path:
     x = mesh.vertices[:, 0]
     target = 1.0 + (top - 1.0) * (x - x.min()) / np.ptp(x)
     colors = np.zeros((len(x), 3), dtype=np.uint8)
-    write_ply(file, "ramp", (mesh.vertices, mesh.normals, mesh.triangles), colors, {"target": ("<f4", target)})
+    write_ply(
+        file, "ramp", (mesh.vertices, mesh.normals, mesh.triangles), colors, {"target": ("<f4", target)}
+    )
     return file
 
 

@@ -27,7 +27,12 @@ def scenario(with_fixture: bool) -> Scenario:
     part = asked(Path(mkdtemp()), wall(10.0) if with_fixture else None)
     settings = {
         "part": {"file": part.file, "fixture_file": part.fixture_file, "up": "z", "displacement_m": 0.001},
-        "plan": {"region": "point:0,0,0", "pattern": "raster", "stepover_m": 0.03, "raster_direction": [1.0, 0.0, 0.0]},
+        "plan": {
+            "region": "point:0,0,0",
+            "pattern": "raster",
+            "stepover_m": 0.03,
+            "raster_direction": [1.0, 0.0, 0.0],
+        },
         "process": {"feed_m_s": 0.05, "max_feed_s": 4.0},
     }
     return merge(Scenario(experiment="surface"), settings, "")

@@ -62,7 +62,12 @@ def test_every_second_step_will_do_for_the_host() -> None:
 
 
 def test_half_the_physics_step_gives_the_same_response() -> None:
-    quiet = ["sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_drift_n_s=0", "process.hold_s=1"]
+    quiet = [
+        "sensor.force_noise_n=0",
+        "sensor.torque_noise_nm=0",
+        "sensor.force_drift_n_s=0",
+        "process.hold_s=1",
+    ]
     one, half = (
         run_experiment(override(default_scenario("force"), [*quiet, f"simulation.timestep_s={dt}"])).trace
         for dt in (0.001, 0.0005)
@@ -75,13 +80,20 @@ def test_half_the_physics_step_gives_the_same_response() -> None:
 def pressed(*settings: str) -> RunResult:
     base = override(
         default_scenario("force"),
-        ["robot.arm=ideal", "controller.name=hybrid-adaptive", "process.approach_speed_m_s=0.02", "process.hold_s=1.2",
-         *settings],
-    )  # fmt: skip
+        [
+            "robot.arm=ideal",
+            "controller.name=hybrid-adaptive",
+            "process.approach_speed_m_s=0.02",
+            "process.hold_s=1.2",
+            *settings,
+        ],
+    )
     return run_experiment(base)
 
 
-@pytest.mark.parametrize("extra", [(), ("seed=1", "spindle.speed_rpm=6000.0", "spindle.imbalance_m_s=0.0063")])
+@pytest.mark.parametrize(
+    "extra", [(), ("seed=1", "spindle.speed_rpm=6000.0", "spindle.imbalance_m_s=0.0063")]
+)
 def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra: tuple[str, ...]) -> None:
     figures = pressed(*extra).figures
     assert figures["settling_time_1n_s"] < 0.25
@@ -93,9 +105,12 @@ def test_a_step_of_20_n_settles_in_a_quarter_second_and_stays(extra: tuple[str, 
 @pytest.mark.parametrize("scale", [0.2, 5.0])
 @pytest.mark.parametrize(("sensor", "command"), [(0.001, 0.001), (0.005, 0.015)])
 def test_springs_and_latency_it_was_not_told_of(scale: float, sensor: float, command: float) -> None:
-    result = pressed(f"head.spring_scale={scale}", f"sensor.latency_s={sensor}", f"robot.command_latency_s={command}")
+    result = pressed(
+        f"head.spring_scale={scale}", f"sensor.latency_s={sensor}", f"robot.command_latency_s={command}"
+    )
     assert result.stop_reason is None
-    # Springs a fifth as stiff give by 20 mm: at the 30 mm/s that cannot strike on stiff ones that takes 0.7 s.
+    # Springs a fifth as stiff give by 20 mm: at the 30 mm/s that cannot strike on stiff ones that takes 0.7
+    # s.
     assert result.figures["settling_time_1n_s"] < (0.9 if scale < 1.0 else 0.6)
     held = result.trace.normal_force_n[result.trace.phase < 3][-400:]  # by then it has landed on any springs
     assert held.std() < 0.3
@@ -121,7 +136,13 @@ FINE = ("simulation.timestep_s=0.0005", "simulation.control_every=2", "process.a
 
 def pressed_on(stiffer: float, *changes: str) -> RunResult:
     """Force mode on springs stiffer than drawn by a factor."""
-    asked = ["controller.name=force-mode", "process.contact_force_n=10", "safety.force_limit_n=80", *FINE, *changes]
+    asked = [
+        "controller.name=force-mode",
+        "process.contact_force_n=10",
+        "safety.force_limit_n=80",
+        *FINE,
+        *changes,
+    ]
     return run_experiment(override(default_scenario("force"), [f"head.spring_scale={stiffer}", *asked]))
 
 
@@ -166,7 +187,8 @@ def test_the_bounce_is_the_loops_delay_not_the_noise() -> None:
 
 
 FORCE = override(default_scenario("force"), ["robot.arm=ideal", "controller.force_filter_hz=10"])
-"""The loop of the model: a stiff arm. With a slower filter the border lies where speed limits bend it first."""
+"""The loop of the model: a stiff arm. With a slower filter the border lies where speed limits bend it
+first."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,5 @@
-"""The part stands where the arm does the whole path; a pose asked for is checked, and a refused one says what fits."""
+"""The part stands where the arm does the whole path; a pose asked for is checked, and a refused one says what
+fits."""
 
 from __future__ import annotations
 
@@ -68,7 +69,9 @@ def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(
 
 def test_the_part_that_is_reached_in_front_of_the_robot_stays_there() -> None:
     reach = reached(*planned("auto"))
-    np.testing.assert_allclose(reach.T_base_work, transform(np.eye(3), np.array([0.0, -0.5, 0.12])), atol=2e-3)
+    np.testing.assert_allclose(
+        reach.T_base_work, transform(np.eye(3), np.array([0.0, -0.5, 0.12])), atol=2e-3
+    )
 
 
 BAD = {
@@ -92,7 +95,9 @@ def test_a_pose_that_is_refused_says_why_and_the_one_it_names_is_feasible(fault:
 
 def test_a_path_that_is_not_pressed_in_is_followed_as_it_is() -> None:
     scenario, plan = planned("auto")
-    placings = [PartPlacing(scenario, plan.mesh, plan.surface, plan.path, pressed_in) for pressed_in in (False, True)]
+    placings = [
+        PartPlacing(scenario, plan.mesh, plan.surface, plan.path, pressed_in) for pressed_in in (False, True)
+    ]
     assert np.array_equal(placings[0].positions, plan.path.positions_work)
     deeper = np.linalg.norm(placings[1].positions - placings[0].positions, axis=1)
     assert deeper[plan.path.process] == pytest.approx(20.0 / 5000.0)  # D = F / k
@@ -128,13 +133,18 @@ def test_the_maps_value_is_the_least_determinant_along_the_path() -> None:
         corners = apply(T, plan.mesh.vertices)
         assert corners[:, 2].min() == pytest.approx(HEIGHTS[height], abs=1e-9)
         middle = apply(T, placing.positions)
-        assert 0.5 * (middle.min(axis=0) + middle.max(axis=0))[1] == pytest.approx(-DISTANCES[distance], abs=0.02)
-        poses = transform(tool_rotations(placing.axes @ T[:3, :3].T, SPINS[spin]), middle) @ inverse(tool_on_flange())
+        assert 0.5 * (middle.min(axis=0) + middle.max(axis=0))[1] == pytest.approx(
+            -DISTANCES[distance], abs=0.02
+        )
+        poses = transform(tool_rotations(placing.axes @ T[:3, :3].T, SPINS[spin]), middle) @ inverse(
+            tool_on_flange()
+        )
         branches = np.array([inverse_all(np.ascontiguousarray(pose), 0.0) for pose in poses])
         angles = np.nan_to_num(branches)
         done = ~np.isnan(branches).any(axis=(0, 2))
         done &= link_frames(angles)[:, :, 1:6, 2, 3].min(axis=(0, 2)) >= LOWEST_JOINT
         best = np.abs(np.linalg.det(jacobian(angles, np.zeros(3)))).min(axis=0)[done].max()
-        # The map looks at the outermost points and some along the path, so it may miss a lower value between them.
+        # The map looks at the outermost points and some along the path, so it may miss a lower value between
+        # them.
         assert best <= found.values[height, distance, turn, spin] * (1.0 + 1e-9)
         assert best > 0.8 * found.values[height, distance, turn, spin]

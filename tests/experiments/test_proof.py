@@ -1,4 +1,5 @@
-"""A plan is played in the cell before it is used: what fails is slowed or left out; then it passes on drawn parts."""
+"""A plan is played in the cell before it is used: what fails is slowed or left out; then it passes on drawn
+parts."""
 
 from __future__ import annotations
 
@@ -25,7 +26,9 @@ def straight(begin: tuple[float, float], end: tuple[float, float]) -> ToolPath:
     points = np.linspace([*begin, 0.02], [*end, 0.02], 120)
     n = len(points)
     up = np.tile([0.0, 0.0, 1.0], (n, 1))
-    return ToolPath(points, up, arc_length(points), np.zeros(n, np.int64), np.full(n, PROCESS, np.int8), np.zeros(n))
+    return ToolPath(
+        points, up, arc_length(points), np.zeros(n, np.int64), np.full(n, PROCESS, np.int8), np.zeros(n)
+    )
 
 
 def planned(scenario: Scenario, path: ToolPath) -> PlanResult:
@@ -37,7 +40,12 @@ def to_the_corner() -> tuple[Scenario, PlanResult]:
     """From the middle of the plate into its corner, where a quarter of the pad is left to carry the force."""
     scenario = override(
         default_scenario("surface"),
-        ["part.file=plate", "process.feed_m_s=0.03", "process.contact_force_n=40.0", "safety.force_limit_n=80"],
+        [
+            "part.file=plate",
+            "process.feed_m_s=0.03",
+            "process.contact_force_n=40.0",
+            "safety.force_limit_n=80",
+        ],
     )
     return scenario, planned(scenario, straight((0.0, 0.0), (0.0995, 0.0995)))
 
@@ -66,7 +74,12 @@ def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_begin
     """Zeroed on the way there the sensor would be wrong, and guards that follow its noise blind."""
     scenario = override(
         default_scenario("surface"),
-        ["part.file=plate", "process.feed_m_s=0.03", "process.contact_force_n=40.0", "safety.force_limit_n=80"],
+        [
+            "part.file=plate",
+            "process.feed_m_s=0.03",
+            "process.contact_force_n=40.0",
+            "safety.force_limit_n=80",
+        ],
     )
     plan = planned(scenario, straight((0.0995, 0.0995), (0.0, 0.0)))
     proven = prove(scenario, plan)
@@ -110,7 +123,8 @@ def test_a_proven_plan_that_is_read_again_still_says_why_each_part_of_the_region
 
 
 def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> None:
-    """Round the small sphere the wrist turns at 1 rad/s at 60 mm/s: its transmission error shakes the sensor."""
+    """Round the small sphere the wrist turns at 1 rad/s at 60 mm/s: its transmission error shakes the
+    sensor."""
     changes = ["part.file=sphere_50", "process.feed_m_s=0.06", "plan.stepover_m=0.012"]
     scenario = override(default_scenario("surface"), changes)
     from polish_sim.planning import plan_part

@@ -9,7 +9,9 @@ from polish_sim.cell import FAULTS
 
 
 @pytest.mark.parametrize("injection", draw(200, seed=3)[:6], ids=lambda one: f"{one.fault}-{one.experiment}")
-def test_no_fault_leads_to_60_newton_or_loses_the_log_or_leaves_the_tool_on_the_part(injection: Injection) -> None:
+def test_no_fault_leads_to_60_newton_or_loses_the_log_or_leaves_the_tool_on_the_part(
+    injection: Injection,
+) -> None:
     assert inject(injection).wrong == ()
 
 

@@ -96,7 +96,9 @@ def test_the_pads_travel_carries_the_force_through_the_heads_spring(freeform: Ru
     assert travel.mean() * 20000.0 / 3.0 == pytest.approx(force.mean(), rel=0.01)
 
 
-def test_phases_are_coded_0_to_3_in_order_and_the_touch_down_takes_less_than_half_a_second(freeform: RunResult) -> None:
+def test_phases_are_coded_0_to_3_in_order_and_the_touch_down_takes_less_than_half_a_second(
+    freeform: RunResult,
+) -> None:
     phase, time = freeform.trace.phase, freeform.trace.time_s
     changes = phase[np.concatenate([[True], np.diff(phase) != 0])]
     np.testing.assert_array_equal(changes, [0, 1, 2, 3])
@@ -173,9 +175,13 @@ def test_nor_does_it_when_strokes_follow_each_other(every_s: float) -> None:
 
     second = tool_pose(0.02, -0.5, 0.1)
     way = way_through(along_tool(tool_pose(0.0, -0.5, 0.1), z=-0.005), along_tool(second, z=-0.005))
-    strokes = pressing_stroke(hold=0.3, lift=0.005), pressing_stroke(second, hold=0.3, lift=0.005)._replace(travel=way)
+    strokes = (
+        pressing_stroke(hold=0.3, lift=0.005),
+        pressing_stroke(second, hold=0.3, lift=0.005)._replace(travel=way),
+    )
     runs = [
-        cell_for(default_scenario("force"), *strokes, part=part_under(plane())).run(who) for who in (None, Onlooker())
+        cell_for(default_scenario("force"), *strokes, part=part_under(plane())).run(who)
+        for who in (None, Onlooker())
     ]
     assert runs[0].stop_reason is None
     assert same(runs[0].log, runs[1].log)
@@ -185,7 +191,8 @@ def test_the_log_rate_thins_the_rows_and_changes_nothing_else(short_force: RunRe
     rates = {0: 1, 250: 4, 100: 10}
     assert short_force.scenario.simulation.log_rate_hz == 250
     runs = {250: short_force} | {
-        rate: run_experiment(override(short_force.scenario, [f"simulation.log_rate_hz={rate}"])) for rate in (0, 100)
+        rate: run_experiment(override(short_force.scenario, [f"simulation.log_rate_hz={rate}"]))
+        for rate in (0, 100)
     }
     for rate, every in rates.items():
         for name in ("time_s", "tcp_position_m", "wrench_measured_tool", "command_twist", "phase"):

@@ -28,12 +28,15 @@ FEED = 0.06
 
 
 def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise() -> None:
-    """Normals that jitter by 1 deg every 2.4 mm: within 0.2 deg they cost speed, within their own noise hardly any."""
+    """Normals that jitter by 1 deg every 2.4 mm: within 0.2 deg they cost speed, within their own noise
+    hardly any."""
     rng, s = np.random.default_rng(1), np.linspace(0.0, 0.1, 201)
     knots = np.linspace(0.0, 0.1, 42)
     tilt = np.stack([np.interp(s, knots, math.radians(1.0) * rng.normal(size=42)) for _ in range(2)], axis=1)
     axes = -np.column_stack([tilt, np.ones(201)]) / np.sqrt(1.0 + np.sum(tilt**2, axis=1))[:, None]
-    stroke = StrokePath(np.outer(s, [1.0, 0, 0]), rotation_to_axis(axes, np.array([1.0, 0, 0])), s, np.full(201, 0.02))
+    stroke = StrokePath(
+        np.outer(s, [1.0, 0, 0]), rotation_to_axis(axes, np.array([1.0, 0, 0])), s, np.full(201, 0.02)
+    )
     times = []
     for noise in (NOISELESS, Noise(5e-5, math.radians(1.0))):
         motion = stroke_motion(within_noise(Scenario(), noise), stroke, None)
@@ -90,7 +93,9 @@ def test_without_a_rule_the_feed_is_kept_whatever_it_takes() -> None:
         ({"limits_file": "none.toml"}, "limits"),
     ],
 )
-def test_settings_of_smoothing_are_refused_before_the_part_is_looked_at(wrong: dict[str, Any], said: str) -> None:
+def test_settings_of_smoothing_are_refused_before_the_part_is_looked_at(
+    wrong: dict[str, Any], said: str
+) -> None:
     scenario = Scenario()
     scenario = replace(
         scenario, part=replace(scenario.part, file="none.stl"), smoothing=replace(scenario.smoothing, **wrong)
@@ -99,7 +104,8 @@ def test_settings_of_smoothing_are_refused_before_the_part_is_looked_at(wrong: d
         prepare_surface(scenario)
 
 
-# Several stretches in contact become several strokes: travel through the air, a way down, the stretch, a lift.
+# Several stretches in contact become several strokes: travel through the air, a way down, the stretch, a
+# lift.
 
 LIFT = PlanConfig().clearance_m
 PLACE = np.array([0.0, -0.5, 0.08])
@@ -131,7 +137,9 @@ def test_each_island_is_a_stroke_and_the_tool_comes_down_only_over_it(islands: P
     assert second.travel.places[-1] > 0.1
 
 
-def test_the_travel_begins_where_the_lift_ends_and_ends_where_the_way_down_begins(islands: PlanResult) -> None:
+def test_the_travel_begins_where_the_lift_ends_and_ends_where_the_way_down_begins(
+    islands: PlanResult,
+) -> None:
     first, second = strokes(islands)
     lifted = first.process.positions[-1] + [0.0, 0.0, LIFT + first.depth]
     assert second.travel.positions[0] == pytest.approx(lifted, abs=1e-9)

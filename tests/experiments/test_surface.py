@@ -51,7 +51,9 @@ def test_a_run_cut_short_says_how_much_it_did(freeform: RunResult) -> None:
     process = freeform.path.s[freeform.path.process]
     fed = freeform.trace.path_s_m[freeform.trace.phase == 2]
     assert fed[0] == pytest.approx(process[0], abs=1e-5)
-    assert freeform.figures["path_done"] == pytest.approx((fed[-1] - process[0]) / (process[-1] - process[0]), rel=1e-6)
+    assert freeform.figures["path_done"] == pytest.approx(
+        (fed[-1] - process[0]) / (process[-1] - process[0]), rel=1e-6
+    )
     assert 0.0 < freeform.figures["path_done"] < 0.05
 
 
@@ -67,7 +69,10 @@ def test_the_targets_lie_on_the_planned_path_pressed_in_by_four_millimetres(free
 
 def test_the_tool_axis_is_the_planned_one_but_for_the_moment_loop(freeform: RunResult) -> None:
     fed = freeform.trace.phase == 2
-    assert freeform.trace.orientation_error_rad[fed].max() < freeform.scenario.controller.moment_tilt_limit_rad + 0.005
+    assert (
+        freeform.trace.orientation_error_rad[fed].max()
+        < freeform.scenario.controller.moment_tilt_limit_rad + 0.005
+    )
 
 
 def test_the_log_says_where_the_part_stood_and_every_touch_was_on_it(freeform: RunResult) -> None:
@@ -93,7 +98,8 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap) -> None:
         fed = result.log["phase"] == 2
         wrench = np.asarray(result.log["wrench_true_tool"][fed][100:], dtype=float).mean(axis=0)
         force[name], moment[name] = np.linalg.norm(wrench[:2]), wrench[5]
-    # Sliding with the feed alone friction opposes it with mu F; spinning, points slide round faster than along.
+    # Sliding with the feed alone friction opposes it with mu F; spinning, points slide round faster than
+    # along.
     assert force["off"] == pytest.approx(0.3 * 20.0, rel=0.1)
     assert force["on"] < 0.7 * force["off"]
     # The spindle turns about tool z and drags the part along, by no more than mu F a.
@@ -124,18 +130,27 @@ def test_with_part_and_arm_turned_by_half_a_turn_every_figure_is_the_same(
 
     Its heavy sides are not, so they are left out: the spindle's imbalance and the connector of its cable.
     """
-    monkeypatch.setattr(part_pose, "standing_fault", lambda *_: "")  # the table stands on one side of the arm only
+    # the table stands on one side of the arm only
+    monkeypatch.setattr(part_pose, "standing_fault", lambda *_: "")
     scenario, plan = cap
-    quiet = override(scenario, [IDEAL_ARM, *IDEAL_SENSOR, "controller.name=position", "spindle.imbalance_m_s=0"])
+    quiet = override(
+        scenario, [IDEAL_ARM, *IDEAL_SENSOR, "controller.name=position", "spindle.imbalance_m_s=0"]
+    )
     x, y, z = np.array(prepare_surface(quiet, plan).reach.T_base_work)[:3, 3]
     poses = (x, y, z, 0.0, 0.0, 0.0), (-x, -y, z, 0.0, 0.0, np.pi)
     (here, way), (there, way_there) = (
-        polish_with_a_balanced_tool(replace(quiet, part=replace(quiet.part, pose=tuple(map(float, pose)))), plan)
+        polish_with_a_balanced_tool(
+            replace(quiet, part=replace(quiet.part, pose=tuple(map(float, pose)))), plan
+        )
         for pose in poses
     )
     for name in (
-        "force_rms_error_n", "force_max_deviation_n", "force_mean_n", "tracking_error_max_m", "speed_mean_m_s",
-    ):  # fmt: skip
+        "force_rms_error_n",
+        "force_max_deviation_n",
+        "force_mean_n",
+        "tracking_error_max_m",
+        "speed_mean_m_s",
+    ):
         # 0.1 nm is rounding: the tool is half a metre away.
         assert there[name] == pytest.approx(here[name], rel=1e-7, abs=1e-10), name
     assert way_there == pytest.approx(way, rel=1e-12)
@@ -145,9 +160,12 @@ def test_what_is_taken_off_is_logged_as_it_grows_and_mapped_over_the_region(free
     removal, running = freeform.removal, np.asarray(freeform.log["exposure_nm"])
     assert removal is not None
     assert (np.diff(running) >= 0.0).all()
-    assert running[-1] == pytest.approx(float(removal.areas @ removal.exposure) + removal.elsewhere_nm, rel=1e-6)
+    assert running[-1] == pytest.approx(
+        float(removal.areas @ removal.exposure) + removal.elsewhere_nm, rel=1e-6
+    )
     assert freeform.figures["removal_unplaced"] < 0.01
-    # The first seconds run along the part's edge, where the contact's own springs fade out and the map's do not.
+    # The first seconds run along the part's edge, where the contact's own springs fade out and the map's do
+    # not.
     assert freeform.figures["pressure_field_ratio"] == pytest.approx(1.0, abs=0.1)
     # A disc pressed flat slides at two thirds of its rim's speed on average, one on an edge near that.
     rim = 628.3 * freeform.scenario.pad.radius_m

@@ -29,7 +29,9 @@ def rising(cap: Cap) -> RunResult:
     s = plan.path.s
     start = float(s[plan.path.process][0])
     path = replace(plan.path, force=ramp(s, start, FORCES), feed=ramp(s, start, FEEDS))
-    return run_experiment(override(scenario, ["robot.arm=ideal", "process.max_feed_s=7"]), replace(plan, path=path))
+    return run_experiment(
+        override(scenario, ["robot.arm=ideal", "process.max_feed_s=7"]), replace(plan, path=path)
+    )
 
 
 def fed(run: RunResult, after_s: float = 1.0) -> np.ndarray:
@@ -75,7 +77,9 @@ def test_values_that_are_the_scenario_s_own_change_nothing(cap: Cap) -> None:
     scenario, plan = cap
     scenario = override(scenario, ["process.max_feed_s=0.5"])
     count = len(plan.path.s)
-    force, feed = (np.full(count, value) for value in (scenario.process.contact_force_n, scenario.process.feed_m_s))
+    force, feed = (
+        np.full(count, value) for value in (scenario.process.contact_force_n, scenario.process.feed_m_s)
+    )
     plain = run_experiment(scenario, plan)
     named = run_experiment(scenario, replace(plan, path=replace(plan.path, force=force, feed=feed)))
     for name in plain.log.names:

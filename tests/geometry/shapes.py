@@ -1,4 +1,5 @@
-"""Meshes whose truth is known in closed form: points on them, normals and curvatures; solids, parts and regions."""
+"""Meshes whose truth is known in closed form: points on them, normals and curvatures; solids, parts and
+regions."""
 
 from __future__ import annotations
 
@@ -52,13 +53,18 @@ def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
     """Two triangles for each square of a grid of points numbered row by row, square by square."""
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    return np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2).reshape(-1, 3).astype(np.int32)
+    return (
+        np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2).reshape(-1, 3).astype(np.int32)
+    )
 
 
 def strip(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Triangles between two closed rings of as many vertex numbers, outward where the first one runs to the left."""
+    """Triangles between two closed rings of as many vertex numbers, outward where the first one runs to the
+    left."""
     ahead, second_ahead = np.roll(first, -1), np.roll(second, -1)
-    return np.concatenate([np.stack([first, ahead, second_ahead], -1), np.stack([first, second_ahead, second], -1)])
+    return np.concatenate(
+        [np.stack([first, ahead, second_ahead], -1), np.stack([first, second_ahead, second], -1)]
+    )
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,9 @@ def points_beside(shape: Shape, count: int) -> tuple[np.ndarray, np.ndarray, np.
     rim = np.ptp(shape.vertices, axis=0).max() / 20.0
     low, high = shape.vertices.min(axis=0) + rim, shape.vertices.max(axis=0) - rim
     places = rng.choice(len(shape.faces), 4 * count)
-    on_facets = np.einsum("nc,ncj->nj", rng.dirichlet([1, 1, 1], 4 * count), shape.vertices[shape.faces[places]])
+    on_facets = np.einsum(
+        "nc,ncj->nj", rng.dirichlet([1, 1, 1], 4 * count), shape.vertices[shape.faces[places]]
+    )
     feet = shape.foot(on_facets)
     axis = int(np.ptp(shape.vertices, axis=0).argmax())
     inner = (feet[:, axis] > low[axis]) & (feet[:, axis] < high[axis])

@@ -1,4 +1,5 @@
-"""The fitted surface against closed forms: position, normal and curvature, and their order in the facet size."""
+"""The fitted surface against closed forms: position, normal and curvature, and their order in the facet
+size."""
 
 import numpy as np
 import pytest
@@ -122,7 +123,9 @@ def test_normal_curvature_is_positive_on_a_ball_and_follows_euler_on_a_saddle():
         direction = np.array([[np.cos(angle), np.sin(angle), 0.0]])
         # z = (x^2 - y^2) / 2 rises along x: seen from above that is hollow, so negative.
         expected = -(np.cos(angle) ** 2) + np.sin(angle) ** 2
-        assert saddled.normal_curvature(at.facets, at.barycentric, direction) == pytest.approx(expected, abs=0.01)
+        assert saddled.normal_curvature(at.facets, at.barycentric, direction) == pytest.approx(
+            expected, abs=0.01
+        )
 
 
 def test_normals_are_continuous_across_smooth_edges():

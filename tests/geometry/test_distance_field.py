@@ -89,7 +89,9 @@ def test_the_field_is_the_closed_form_within_its_trilinear_error(case):
     shape, distance, curvature = case()
     _, field = fitted(case)
     rng = np.random.default_rng(2)
-    feet = shape.foot(shape.vertices[rng.integers(0, len(shape.vertices), 5000)] + rng.uniform(-1e-3, 1e-3, (5000, 3)))
+    feet = shape.foot(
+        shape.vertices[rng.integers(0, len(shape.vertices), 5000)] + rng.uniform(-1e-3, 1e-3, (5000, 3))
+    )
     points = feet + rng.uniform(-5e-3, 5e-3, (5000, 1)) * shape.normal(feet)
     true = distance(points)
     fit_error = 2e-6

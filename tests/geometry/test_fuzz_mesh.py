@@ -26,7 +26,8 @@ def test_the_worker_of_the_fuzz_holds_its_memory_limit():
 
 
 def test_a_large_file_with_many_wrong_facets_is_done_with_in_seconds(tmp_path):
-    """Facets too many and corners wrong: nearly every edge is a border, with thousands of others' vertices near it."""
+    """Facets too many and corners wrong: nearly every edge is a border, with thousands of others' vertices
+    near it."""
     rng = np.random.default_rng(0)
     ball = trimesh.creation.icosphere(subdivisions=6, radius=40.0)
     faces, corners = np.array(ball.faces), len(ball.vertices)

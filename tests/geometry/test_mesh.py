@@ -22,7 +22,8 @@ def test_units_scale_the_part(unit, metres):
 
 
 @pytest.mark.parametrize(
-    ("size", "taken"), [(0.3, "m"), (0.786, "m"), (5.0, "mm"), (700.0, "mm"), (0.8, None), (3.0, None), (2500.0, None)]
+    ("size", "taken"),
+    [(0.3, "m"), (0.786, "m"), (5.0, "mm"), (700.0, "mm"), (0.8, None), (3.0, None), (2500.0, None)],
 )
 def test_the_only_unit_that_makes_a_sensible_part_is_taken_and_noted(size, taken):
     """In inches a part of 0.8 is 20 mm long, in metres 0.8 m: two units, one has to be named."""

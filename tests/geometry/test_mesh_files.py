@@ -23,9 +23,9 @@ def write(folder, name, content):
 
 def ply_header(kind, vertex="double", extra=""):
     return (
-        f"ply\nformat {kind} 1.0\ncomment made by hand\n{extra}element vertex {len(POINTS)}\n"
-        f"property {vertex} x\nproperty uchar red\nproperty {vertex} y\nproperty {vertex} z\n"
-        f"element face {len(FACES)}\nproperty float quality\nproperty list uchar int vertex_indices\nend_header\n"
+        f"ply\nformat {kind} 1.0\ncomment made by hand\n{extra}element vertex {len(POINTS)}\nproperty "
+        f"{vertex} x\nproperty uchar red\nproperty {vertex} y\nproperty {vertex} z\nelement face "
+        f"{len(FACES)}\nproperty float quality\nproperty list uchar int vertex_indices\nend_header\n"
     )
 
 
@@ -50,7 +50,11 @@ def obj(face="{}", first=1):
     vertices = "".join(f"v {float(x)!r} {float(y)!r} {float(z)!r}\n" for x, y, z in POINTS)
     faces = "".join("f " + " ".join(face.format(i + first) for i in row) + "\n" for row in FACES)
     return (
-        "# by hand\nmtllib part.mtl\no ball\n" + vertices + "vn 0 0 1\nvt 0 0\nusemtl steel\ns 1\n" + faces + "l 1 2\n"
+        "# by hand\nmtllib part.mtl\no ball\n"
+        + vertices
+        + "vn 0 0 1\nvt 0 0\nusemtl steel\ns 1\n"
+        + faces
+        + "l 1 2\n"
     )
 
 
@@ -130,7 +134,9 @@ def moebius():
 
     def rim(side):
         ring = 40.0 + side * 10.0 * np.cos(angle / 2.0)
-        return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), side * 10.0 * np.sin(angle / 2.0)])
+        return np.column_stack(
+            [ring * np.cos(angle), ring * np.sin(angle), side * 10.0 * np.sin(angle / 2.0)]
+        )
 
     left, right = rim(-1.0), rim(1.0)
     left[-1], right[-1] = right[0], left[0]
@@ -166,7 +172,11 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("cut.stl", STL[:-120], "cut short: its header announces 12 facets"),
         ("cut_in_header.stl", STL[:60], "not an STL file"),
         ("cut_text.stl", TEXT_STL[: len(TEXT_STL) // 2], "cut short"),
-        ("cut_after_facet.stl", TEXT_STL[: TEXT_STL.index(b"endfacet") + 9], "cut short after 1 whole facet "),
+        (
+            "cut_after_facet.stl",
+            TEXT_STL[: TEXT_STL.index(b"endfacet") + 9],
+            "cut short after 1 whole facet ",
+        ),
         ("lost_vertex.stl", TEXT_STL.replace(b"vertex", b"", 1), "no list of triangles .*35 vertices"),
         ("garbage.stl", b"This is a letter, not a part. " * 20, "not an STL file"),
         ("solid_garbage.stl", b"solid ground under our feet " * 20, "not an STL file"),
@@ -174,18 +184,33 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("nan.stl", with_number(5, np.nan), "NaN or infinite, the first is facet 5"),
         ("inf.stl", with_number(7, np.inf), "NaN or infinite, the first is facet 7"),
         ("zero_area.stl", stl_bytes(LINE), "zero area"),
-        ("crowded.stl", stl_bytes(np.concatenate([TRIANGLES, pinched(90.0), pinched(150.0)])),
-         "2 edges are shared by more than two facets, the first at"),
+        (
+            "crowded.stl",
+            stl_bytes(np.concatenate([TRIANGLES, pinched(90.0), pinched(150.0)])),
+            "2 edges are shared by more than two facets, the first at",
+        ),
         ("moebius.stl", stl_bytes(moebius()), "one-sided"),
         ("part.mtl", "newmtl steel\n", "name the .obj file itself"),
         ("part.igs", "S 1\n", r"Export the part as one of: \.ply, \.stl, \.obj, \.step, \.stp"),
         ("cut.ply", binary_ply()[:-100], "cut short: its header announces 320 rows of 'face'"),
         ("cut_text.ply", text_ply()[:-100], "cut short"),
-        ("huge.ply", BINARY + "element vertex 4000000000\n" + XYZ + "end_header\n", "announces 4000000000 rows"),
-        ("huge_faces.ply", BINARY + "element vertex 3\n" + XYZ + "element face 999999999999\n"
-         "property list uint int vertex_indices\nend_header\n" + 400 * "x", "announces 999999999999 rows"),
+        (
+            "huge.ply",
+            BINARY + "element vertex 4000000000\n" + XYZ + "end_header\n",
+            "announces 4000000000 rows",
+        ),
+        (
+            "huge_faces.ply",
+            BINARY + "element vertex 3\n" + XYZ + "element face 999999999999\n"
+            "property list uint int vertex_indices\nend_header\n" + 400 * "x",
+            "announces 999999999999 rows",
+        ),
         ("cloud.ply", HEADER + "element vertex 1\n" + XYZ + "end_header\n0 0 0\n", "no faces"),
-        ("no_z.ply", HEADER + "element vertex 1\nproperty float x\nproperty float y\nend_header\n0 0\n", "no x, y, z"),
+        (
+            "no_z.ply",
+            HEADER + "element vertex 1\nproperty float x\nproperty float y\nend_header\n0 0\n",
+            "no x, y, z",
+        ),
         ("headless.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "no 'end_header'"),
         ("words.ply", text_ply().replace(" 7 ", " seven ", 1), "words where numbers"),
         ("strange.ply", HEADER.replace("ascii", "morse") + "end_header\n", "its format is none of"),
@@ -197,7 +222,7 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("binary.obj", struct.pack("<30d", *range(30)), "not text"),
         ("nan.obj", obj().replace("v ", "v nan nan nan\nv ", 1).replace("f ", "f 1 2 3\nf ", 1), "NaN"),
     ],
-)  # fmt: skip
+)
 def test_bad_files_are_refused_with_one_clear_message(tmp_path, name, content, words):
     with pytest.raises(MeshError, match=words) as caught:
         load_part(tmp_path / name if content is None else write(tmp_path, name, content))

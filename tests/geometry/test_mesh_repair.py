@@ -149,13 +149,16 @@ def test_bodies_look_outward_and_hollows_inward_however_they_were_wound():
     hollow, other = 0.5 * soup(BLOCK), soup(BLOCK) + [150.0, 0.0, 0.0]
     for outer_way in (1, -1):
         for inner_way in (1, -1):
-            part = from_soup(np.concatenate([soup(BLOCK)[:, ::outer_way], hollow[:, ::inner_way], other[:, ::-1]]))
+            part = from_soup(
+                np.concatenate([soup(BLOCK)[:, ::outer_way], hollow[:, ::inner_way], other[:, ::-1]])
+            )
             assert as_trimesh(part).volume == pytest.approx(1e-9 * (2 - 1 / 8) * 100 * 60 * 20)
             assert said(part, "hollow inside: 1 closed shell within")
 
 
 def test_solids_glued_at_a_face_become_one():
-    right = (soup(BLOCK) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]  # the same diagonals where they meet
+    # the same diagonals where they meet
+    right = (soup(BLOCK) * [-1.0, 1.0, 1.0])[:, ::-1] + [100.0, 0.0, 0.0]
     part = from_soup(np.concatenate([soup(BLOCK), right]))
     assert is_solid(part, 200 * 60 * 20)
     assert said(part, "walls inside the part")
@@ -182,7 +185,9 @@ def test_bodies_that_pass_through_each_other_are_reported_with_the_place():
     part = from_soup(np.concatenate([soup(BLOCK), soup(trimesh.creation.box((10.0, 10.0, 80.0)))]))
     assert said(part, "self-intersecting: ", "pass through each other")
     assert not said(from_soup(soup(BALL)), "self-intersecting")
-    assert not said(from_soup(np.concatenate([soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 21.0]])), "self-intersecting")
+    assert not said(
+        from_soup(np.concatenate([soup(BLOCK), soup(BLOCK) + [0.0, 0.0, 21.0]])), "self-intersecting"
+    )
 
 
 def dome(noise: float, seed: int = 0):
@@ -277,7 +282,9 @@ def test_a_file_that_lost_bytes_in_the_middle_is_answered_within_5_s(lost: int, 
     middle = 84 + 50 * 10_000
     broken = bytearray(whole[:middle] + whole[middle + lost :] + bytes(lost))
     # Numbers that are not finite are refused as such: let all be finite.
-    facets = np.frombuffer(bytes(broken[84:]), dtype=np.dtype([("n", "<f4", 3), ("c", "<f4", 9), ("a", "<u2")])).copy()
+    facets = np.frombuffer(
+        bytes(broken[84:]), dtype=np.dtype([("n", "<f4", 3), ("c", "<f4", 9), ("a", "<u2")])
+    ).copy()
     with np.errstate(invalid="ignore"):
         facets["c"] = np.nan_to_num(facets["c"], nan=0.0, posinf=0.0, neginf=0.0).clip(-60.0, 60.0)
     file = tmp_path / "broken.stl"
@@ -299,7 +306,8 @@ def test_triangles_without_neighbours_are_no_surface(tmp_path: Path) -> None:
 
 
 def test_a_far_finer_mesh_becomes_light_and_keeps_its_shape() -> None:
-    """A ball of 327,680 facets in 2,000: every point stays within an edge of the ball, and the volume within 1%."""
+    """A ball of 327,680 facets in 2,000: every point stays within an edge of the ball, and the volume within
+    1%."""
     ball = trimesh.creation.icosphere(subdivisions=7)
     light = lighter_mesh(np.asarray(ball.vertices), np.asarray(ball.faces), 2000)
     assert 1000 < len(light.faces) <= 2000

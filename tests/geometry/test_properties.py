@@ -18,7 +18,11 @@ from polish_sim.geometry.surface import Surface, boundary_loops
 from tests.geometry.shapes import grid_faces
 
 CHECKED = settings(
-    max_examples=6, deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=6,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 
 seeds = st.integers(0, 10_000)
@@ -127,7 +131,9 @@ def _region_of(part: RandomPart, rng: np.random.Generator | None) -> Region:
     if rng is not None:
         order = rng.permutation(len(vertices))
         place = np.argsort(order)
-        faces = np.take_along_axis(place[faces], (np.arange(3) + rng.integers(0, 3, (len(faces), 1))) % 3, axis=1)
+        faces = np.take_along_axis(
+            place[faces], (np.arange(3) + rng.integers(0, 3, (len(faces), 1))) % 3, axis=1
+        )
         vertices, faces = vertices[order], faces[rng.permutation(len(faces))]
     mesh = exact_mesh(vertices, faces, part.up)
     return select_region(fit_surface(mesh), mesh)

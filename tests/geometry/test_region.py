@@ -79,7 +79,9 @@ def test_a_torus_gives_the_ring_that_looks_up():
 def test_top_goes_over_creases_where_auto_stops():
     # A flat roof with two slopes of 40 deg: three smooth faces.
     rise = 20.0 * np.tan(np.radians(40.0))
-    outline = np.array([[-50.0, 0.0], [50.0, 0.0], [50.0, 5.0], [30.0, 5.0 + rise], [-30.0, 5.0 + rise], [-50.0, 5.0]])
+    outline = np.array(
+        [[-50.0, 0.0], [50.0, 0.0], [50.0, 5.0], [30.0, 5.0 + rise], [-30.0, 5.0 + rise], [-50.0, 5.0]]
+    )
     house = prism(outline, 40.0)
     assert region_of(house, "auto").area_m2 == pytest.approx(60.0 * 40.0 * 1e-6)
     slope = 20.0 / np.cos(np.radians(40.0))
@@ -154,7 +156,11 @@ def test_faces_takes_the_listed_facets_of_the_file(listed):
         ("polygon:0,0,0;10,0,0;x,1,1", InputError, "three or more corners"),
         ("polygon:0,0,0;10,0,0;20,0,5", InputError, "lie on a line seen from above"),
         ("polygon:0,0,0;0,0,5;0,0,9", InputError, "is a point seen from above"),
-        ("polygon:-9,-9,0;9,9,0;9,-9,0;-9,9,0", InputError, "sides from corner 1 to 2 and from corner 3 to 4"),
+        (
+            "polygon:-9,-9,0;9,9,0;9,-9,0;-9,9,0",
+            InputError,
+            "sides from corner 1 to 2 and from corner 3 to 4",
+        ),
         ("polygon:200,0,0;210,0,0;210,10,0", PlanError, "contains nothing of the part"),
         ("polygon:nowhere.csv", InputError, "cannot be read"),
     ],
@@ -166,7 +172,9 @@ def test_choices_that_cannot_be_met_are_refused_with_the_reason(choice, error, w
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("text", "words"), [("1 two 3", "not a list"), ("# none", "lists no"), ("3 12", "facet 12")])
+@pytest.mark.parametrize(
+    ("text", "words"), [("1 two 3", "not a list"), ("# none", "lists no"), ("3 12", "facet 12")]
+)
 def test_bad_lists_of_faces_are_refused(listed, text, words):
     with pytest.raises(InputError, match=words):
         region_of(BLOCK, f"faces:{listed(text)}")
@@ -190,7 +198,9 @@ def test_a_box_over_two_steps_takes_both_the_larger_first():
     # Each facet still knows which facet of the part it was.
     whole = fit_surface(part_of(steps()))
     for piece in region.components():
-        middle = piece.surface.evaluate(np.arange(len(piece.facets)), np.full((len(piece.facets), 3), 1 / 3)).positions
+        middle = piece.surface.evaluate(
+            np.arange(len(piece.facets)), np.full((len(piece.facets), 3), 1 / 3)
+        ).positions
         assert np.abs(whole.restrict(piece.facets).closest(middle).positions - middle).max() < 1e-9
 
 
@@ -228,7 +238,9 @@ def test_a_polygon_cuts_what_lies_under_it_along_straight_lines(up):
 def test_a_polygon_from_a_file_is_the_same(listed):
     region = region_of(BLOCK, "polygon:" + listed("# x, y\n-20,-10\n30,-10\n30,12\n-20,12\n"))
     assert region.area_m2 == pytest.approx(50.0 * 22.0 * 1e-6)
-    assert region_of(BLOCK, "polygon:-20,-10,0;30,-10,0;30,12,5;-20,12,5").area_m2 == pytest.approx(region.area_m2)
+    assert region_of(BLOCK, "polygon:-20,-10,0;30,-10,0;30,12,5;-20,12,5").area_m2 == pytest.approx(
+        region.area_m2
+    )
 
 
 def test_an_outline_may_repeat_a_corner_run_straight_on_and_touch_itself():
@@ -315,6 +327,8 @@ def test_the_flood_from_a_point_stops_at_creases_of_the_feature_angle():
 
 
 def test_a_point_on_a_dome_takes_all_of_it_though_its_rim_is_steep():
-    region = region_of(trimesh.intersections.slice_mesh_plane(BALL, [0.0, 0.0, 1.0], [0.0, 0.0, 15.0]), "point:0,0,50")
+    region = region_of(
+        trimesh.intersections.slice_mesh_plane(BALL, [0.0, 0.0, 1.0], [0.0, 0.0, 15.0]), "point:0,0,50"
+    )
     # 72.5 deg of polar angle, more than the 46 deg auto takes.
     assert region.area_m2 == pytest.approx(2.0 * np.pi * 0.05 * 0.035, rel=2e-3)

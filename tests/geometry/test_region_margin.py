@@ -52,7 +52,8 @@ def test_every_point_of_the_new_border_is_at_the_margin_on_a_freeform_part():
     share = np.einsum("nbk,bk->nb", loop[:, None] - start, along) / (along**2).sum(axis=1)
     feet = start + np.clip(share, 0.0, 1.0)[..., None] * along
     nearest = np.linalg.norm(loop[:, None] - feet, axis=2).min(axis=1)
-    # A chord is shorter than the way along the surface, at 100 mm radius by 7e-6 m; corners are cut off a little.
+    # A chord is shorter than the way along the surface, at 100 mm radius by 7e-6 m; corners are cut off a
+    # little.
     assert nearest.min() > 0.012 - 2e-5
     assert np.percentile(nearest, 90) < 0.012 + 2e-5
     assert nearest.max() < 0.012 * 1.13
@@ -64,7 +65,9 @@ def test_a_dumbbell_falls_apart_and_a_margin_too_wide_is_refused_with_the_width(
         [[0, 0], [40, 0], [40, 15], [80, 15], [80, 0], [120, 0], [120, 40], [80, 40], [80, 25], [40, 25]]
     )
     outline = np.vstack([outline, [[40, 40], [0, 40]]])
-    side = np.array([[0, 1, 2], [0, 2, 9], [0, 9, 10], [0, 10, 11], [2, 3, 8], [2, 8, 9], [3, 4, 5], [3, 5, 6]])
+    side = np.array(
+        [[0, 1, 2], [0, 2, 9], [0, 9, 10], [0, 10, 11], [2, 3, 8], [2, 8, 9], [3, 4, 5], [3, 5, 6]]
+    )
     side = np.vstack([side, [[3, 6, 8], [6, 7, 8]]])
     part = part_from_arrays(np.column_stack([outline, np.zeros(12)]), side, unit="mm", up="z")
     surface = fit_surface(part)

@@ -1,4 +1,5 @@
-"""STEP files: what is read is the solid, in the unit the file states; what cannot be read is one clear error."""
+"""STEP files: what is read is the solid, in the unit the file states; what cannot be read is one clear
+error."""
 
 import importlib.util
 import itertools
@@ -104,7 +105,11 @@ def block(*size, unit="mm"):
         loop = []
         for a, b in zip(ring, ring[1:] + ring[:1], strict=True):
             ahead = (a, b) in edges
-            loop.append(add(f"ORIENTED_EDGE('',*,*,{edges[a, b] if ahead else edges[b, a]},.{'T' if ahead else 'F'}.)"))
+            loop.append(
+                add(
+                    f"ORIENTED_EDGE('',*,*,{edges[a, b] if ahead else edges[b, a]},.{'T' if ahead else 'F'}.)"
+                )
+            )
         whole = add(f"EDGE_LOOP('',({','.join(loop)}))")
         bound = add(f"FACE_OUTER_BOUND('',{whole},.T.)")
         normal = triple("DIRECTION", [(2 * side - 1) * (k == axis) for k in range(3)])
@@ -116,7 +121,8 @@ def block(*size, unit="mm"):
 
 
 installed = pytest.mark.skipif(
-    importlib.util.find_spec("cascadio") is None, reason="STEP files are read with: pip install 'polish-sim[cad]'"
+    importlib.util.find_spec("cascadio") is None,
+    reason="STEP files are read with: pip install 'polish-sim[cad]'",
 )
 CUT_SHORT = block(100, 60, 20)[:-400]
 ENDLESS = "import time; time.sleep(60)"
@@ -155,7 +161,9 @@ def test_the_surface_through_a_ball_s_facets_is_the_ball_within_a_micrometre(tmp
 
 @installed
 def test_the_stated_unit_counts_whatever_is_asked_for_and_none_is_advised(tmp_path):
-    assert np.ptp(load_part(write(tmp_path, block(100, 60, 20)), unit="inch").vertices[:, 0]) == pytest.approx(0.1)
+    assert np.ptp(
+        load_part(write(tmp_path, block(100, 60, 20)), unit="inch").vertices[:, 0]
+    ) == pytest.approx(0.1)
     with pytest.raises(MeshError, match=r"too small: 2 mm .* No known unit fits") as refused:
         load_part(write(tmp_path, block(2, 2, 2)))
     assert "--units" not in str(refused.value)

@@ -74,7 +74,9 @@ def sheet(points: np.ndarray) -> PartMesh:
 
 def test_a_dome_with_a_hole_looks_up_along_its_axis_however_it_is_turned():
     # From anywhere within 29 deg of its axis a dome that ends at 75 deg shows the whole cone of 46 deg.
-    polar, around = np.meshgrid(np.linspace(np.arcsin(15 / 80), np.radians(75), 40), np.linspace(0, 2 * np.pi, 91))
+    polar, around = np.meshgrid(
+        np.linspace(np.arcsin(15 / 80), np.radians(75), 40), np.linspace(0, 2 * np.pi, 91)
+    )
     polar, around = polar.T, around.T
     ring = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
     part = sheet(80.0 * ring)
@@ -95,10 +97,17 @@ def test_an_axis_of_the_file_is_taken_where_a_wavy_sheet_looks_along_it_but_for_
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("x", [1, 0, 0]), ("-x", [-1, 0, 0]), ("y", [0, 1, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1]),
-        ("-z", [0, 0, -1]), ("0,0,1", [0, 0, 1]), ("1, 2, 2", [1 / 3, 2 / 3, 2 / 3]), ("-1e-200,0,0", [-1, 0, 0]),
+        ("x", [1, 0, 0]),
+        ("-x", [-1, 0, 0]),
+        ("y", [0, 1, 0]),
+        ("-y", [0, -1, 0]),
+        ("z", [0, 0, 1]),
+        ("-z", [0, 0, -1]),
+        ("0,0,1", [0, 0, 1]),
+        ("1, 2, 2", [1 / 3, 2 / 3, 2 / 3]),
+        ("-1e-200,0,0", [-1, 0, 0]),
     ],
-)  # fmt: skip
+)
 def test_up_may_be_a_side_or_a_vector_of_any_length(text, expected):
     assert part_of(BLOCK, text).up == pytest.approx(expected, abs=1e-12)
 
@@ -114,7 +123,9 @@ def test_up_is_where_the_largest_smooth_face_looks():
     on_its_side = trimesh.creation.box((100.0, 6.0, 80.0))
     assert part_of(on_its_side, "auto").up.tolist() == [0.0, 1.0, 0.0]
     # A wedge: its slope is the largest face.
-    wedge = trimesh.convex.convex_hull([[0, 0, 0], [90, 0, 0], [0, 60, 0], [90, 60, 0], [0, 0, 90], [0, 60, 90.0]])
+    wedge = trimesh.convex.convex_hull(
+        [[0, 0, 0], [90, 0, 0], [0, 60, 0], [90, 60, 0], [0, 0, 90], [0, 60, 90.0]]
+    )
     assert part_of(wedge, "auto").up == pytest.approx([0.5**0.5, 0.0, 0.5**0.5], abs=1e-6)
     torus = trimesh.creation.torus(major_radius=40.0, minor_radius=10.0)
     part = part_of(torus, "auto")

@@ -38,11 +38,17 @@ Pushed = tuple[GuidingMemory, list[float]]
 def belief() -> Belief:
     """A point mass on a rod that turns about a level axis, level at zero."""
     geometry = ChainGeometry(
-        np.array([HINGE]), np.zeros((1, 3)), np.eye(3)[None], np.array([[0.0, -1.0, 0.0]]), np.array([0.0, 0.0, -9.81])
+        np.array([HINGE]),
+        np.zeros((1, 3)),
+        np.eye(3)[None],
+        np.array([[0.0, -1.0, 0.0]]),
+        np.array([0.0, 0.0, -9.81]),
     )
     links = link_parameters(MASS, np.array([ARM, 0.0, 0.0]), np.zeros((3, 3)))[None]
     friction = np.array([VISCOUS]), np.array([COULOMB])
-    chain = SerialChain(geometry, links, np.array([ROTOR]), *friction, ("shoulder",), ("rod",), np.zeros((1, 3)))
+    chain = SerialChain(
+        geometry, links, np.array([ROTOR]), *friction, ("shoulder",), ("rod",), np.zeros((1, 3))
+    )
     return Belief(
         chain_model(chain),
         np.array([COULOMB]),
@@ -72,7 +78,9 @@ def limits(**changed: float) -> GuidingLimits:
 
 @pytest.mark.parametrize("q", [0.0, 0.7, -1.2])
 def test_gravity_is_carried_and_nothing_else(belief: Belief, q: float) -> None:
-    assert torque_at(belief, "gravity", q, 1.0, 5.0) == pytest.approx(MASS * 9.81 * ARM * math.cos(q), abs=1e-12)
+    assert torque_at(belief, "gravity", q, 1.0, 5.0) == pytest.approx(
+        MASS * 9.81 * ARM * math.cos(q), abs=1e-12
+    )
     assert torque_at(belief, "none", q, 1.0, 5.0) == 0.0
 
 
@@ -91,7 +99,9 @@ def test_motors_are_never_asked_for_more_than_they_have(belief: Belief) -> None:
     assert torque_at(belief, "inertia", 0.0, 1.0, 1e4) == 150.0
 
 
-def pushed(belief: Belief, law: GuidingGains, hand: float, steps: int, rubbing: Callable[[float], float]) -> Pushed:
+def pushed(
+    belief: Belief, law: GuidingGains, hand: float, steps: int, rubbing: Callable[[float], float]
+) -> Pushed:
     """A joint under the law and a hand's constant torque [N m], with friction by its speed."""
     memory, q, qd, reached = build_memory(1), 0.0, 0.0, []
     for step in range(steps):
@@ -106,7 +116,8 @@ def pushed(belief: Belief, law: GuidingGains, hand: float, steps: int, rubbing: 
 
 @pytest.mark.parametrize("over", [0.0, 0.2])
 def test_a_held_share_of_inertia_is_what_the_hand_feels_less(belief: Belief, over: float) -> None:
-    """A hand's constant torque speeds the joint up as if it had (1 - alpha (1 + over)) of its inertia, and stably."""
+    """A hand's constant torque speeds the joint up as if it had (1 - alpha (1 + over)) of its inertia, and
+    stably."""
     law = gains("inertia", inertia_share=0.8 * (1.0 + over))
     _, reached = pushed(
         belief, law, 0.5, 1500, lambda qd: (COULOMB * math.tanh(qd / law.sign_speed) + VISCOUS * qd) * 0.95
@@ -117,7 +128,9 @@ def test_a_held_share_of_inertia_is_what_the_hand_feels_less(belief: Belief, ove
 
 def test_the_observer_finds_the_torque_of_the_hand(belief: Belief) -> None:
     law = gains("assist", hand_felt=0.0)
-    memory, _ = pushed(belief, law, 2.0, 400, lambda qd: COULOMB * min(max(qd / CREEP, -1.0), 1.0) + VISCOUS * qd)
+    memory, _ = pushed(
+        belief, law, 2.0, 400, lambda qd: COULOMB * min(max(qd / CREEP, -1.0), 1.0) + VISCOUS * qd
+    )
     assert memory.external[0] == pytest.approx(2.0, rel=0.05)
 
 
@@ -164,7 +177,9 @@ def test_compensating_more_than_friction_takes_is_counted_and_stopped(belief: Be
     assert lend(belief, law, 10.0)[2] == ENERGY
 
 
-@pytest.mark.parametrize(("qd", "tool", "code"), [(3.1, 0.1, JOINT_SPEED), (1.0, 1.6, TOOL_SPEED), (1.0, 0.1, 0)])
+@pytest.mark.parametrize(
+    ("qd", "tool", "code"), [(3.1, 0.1, JOINT_SPEED), (1.0, 1.6, TOOL_SPEED), (1.0, 0.1, 0)]
+)
 def test_speeds_beyond_their_limits_stop(belief: Belief, qd: float, tool: float, code: int) -> None:
     memory = build_memory(1)
     memory.qd[0] = qd

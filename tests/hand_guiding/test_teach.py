@@ -30,7 +30,9 @@ GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
 def scenario(hand: dict[str, float] | None = None, **guide: object) -> Scenario:
     base = override(default_scenario("teach"), ["robot.arm=ideal"])
     return replace(
-        base, guide=replace(GuideConfig(), **guide), hand=replace(HandConfig(), **({"off_s": 5.0} | (hand or {})))
+        base,
+        guide=replace(GuideConfig(), **guide),
+        hand=replace(HandConfig(), **({"off_s": 5.0} | (hand or {}))),
     )  # type: ignore[arg-type]
 
 
@@ -117,7 +119,13 @@ def cut(rows: int, stop_step: int = 0, interrupted: bool = False) -> PlayedMove:
         (cut(1900, stop_step=1400), False),
         (cut(2400, stop_step=1900), True),
     ],
-    ids=["interrupted in it", "interrupted after it", "stopped before it", "stopped in it", "stopped after it"],
+    ids=[
+        "interrupted in it",
+        "interrupted after it",
+        "stopped before it",
+        "stopped in it",
+        "stopped after it",
+    ],
 )
 def test_only_a_whole_move_has_a_force(play: PlayedMove, whole: bool) -> None:
     """The hand moves from 1.1 s to 1.7 s; what brakes record of it after a stop is not the hand's move."""
@@ -134,7 +142,9 @@ def test_one_move_cut_short_leaves_its_mode_without_a_peak(order: int) -> None:
     forces = [{"hand_force_peak_n": 20.0, "hand_force_rms_n": 9.0}, {"hand_force_peak_n": np.nan}][::order]
     modes = compare_modes(dict(zip(("classical_x_slow", "classical_y_slow"), forces, strict=True)))
     assert np.isnan(modes["classical_peak_n"])
-    assert np.isnan(compare_modes(dict(zip(("assist_x_slow", "assist_y_slow"), forces, strict=True)))["slow_peak_n"])
+    assert np.isnan(
+        compare_modes(dict(zip(("assist_x_slow", "assist_y_slow"), forces, strict=True)))["slow_peak_n"]
+    )
 
 
 def test_an_identified_model_is_as_good_as_the_true_one(tmp_path: Path) -> None:
@@ -178,7 +188,10 @@ def test_a_taught_path_is_no_worse_than_the_hand_that_showed_it(run: RunResult) 
 
 def test_a_steady_hand_teaches_the_rim_but_for_what_its_own_spring_gives() -> None:
     run = run_experiment(dragged(**STEADY))
-    assert run.figures["taught_deviation_max_m"] < run.figures["hand_force_peak_n"] / run.scenario.hand.stiffness_n_m
+    assert (
+        run.figures["taught_deviation_max_m"]
+        < run.figures["hand_force_peak_n"] / run.scenario.hand.stiffness_n_m
+    )
     assert run.figures["taught_missed_max_m"] < 2e-3
 
 
@@ -207,7 +220,9 @@ def test_wander_and_tremor_have_the_size_and_band_asked_for() -> None:
 def test_the_hand_goes_from_end_to_end_at_its_speed() -> None:
     line = np.linspace([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], 50)
     drag = replace(DragConfig(follow="rim"), **STEADY)
-    meant = drag_table(line, np.tile(np.eye(3), (50, 1, 1)), drag, HandConfig(), 0.001, np.random.default_rng(0)).meant
+    meant = drag_table(
+        line, np.tile(np.eye(3), (50, 1, 1)), drag, HandConfig(), 0.001, np.random.default_rng(0)
+    ).meant
     assert meant.positions[0, 0] == 0.0
     assert meant.positions[-1, 0] == pytest.approx(0.5, abs=1e-9)
     assert meant.velocities[:, 0].max() == pytest.approx(drag.speed_m_s, rel=1e-3)
@@ -239,7 +254,8 @@ def test_inertia_compensation_does_the_same_for_elastic_joints_heard_on_the_link
     assert real_trial.figures["fast_peak_ratio_x"] <= 0.45
     assert real_trial.figures["fast_rms_ratio_x"] <= 0.30
     assert real_trial.figures["drift_rad"] < np.radians(0.01)
-    assert real_trial.figures["slow_peak_n"] < 15.0  # friction of cold motors: 10 N are asked of the ideal arm
+    # friction of cold motors: 10 N are asked of the ideal arm
+    assert real_trial.figures["slow_peak_n"] < 15.0
 
 
 def test_by_the_motors_encoders_inertia_compensation_is_unstable_and_stopped() -> None:

@@ -118,7 +118,8 @@ def write_log(
     file: Path, model: TorqueModel, states: States, sigma: float | Array = 0.0, truth: Array | None = None,
     seed: int = 0,
 ) -> Path:  # fmt: skip
-    """Write states and their torques, with noise, as a log at `RATE`; ``truth`` (p,) if it is not the model's own."""
+    """Write states and their torques, with noise, as a log at `RATE`; ``truth`` (p,) if it is not the model's
+    own."""
     torque = model.torque(states, model.truth() if truth is None else truth)
     torque = torque + np.random.default_rng(seed).normal(size=torque.shape) * sigma
     q, force = log_columns(model.chain.geometry.kind.tolist())

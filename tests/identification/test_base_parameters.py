@@ -22,7 +22,9 @@ from tests.identification.known import arm_chain, arm_model, inverse_dynamics, o
 TERMS = ("viscous", "armature")
 
 
-@pytest.mark.parametrize(("engine", "joints", "count"), [(arm_model(), ARM_JOINTS, 1000), (odd_model(), None, 200)])
+@pytest.mark.parametrize(
+    ("engine", "joints", "count"), [(arm_model(), ARM_JOINTS, 1000), (odd_model(), None, 200)]
+)
 def test_torques_are_the_engines_also_of_slides_tilted_axes_and_two_joints_on_a_body(
     engine: mujoco.MjModel, joints: tuple[str, ...] | None, count: int
 ) -> None:
@@ -75,10 +77,17 @@ PAIR = f'<worldbody><body><joint name="a"/>{LINK}<body><joint name="b"/>{LINK}</
 @pytest.mark.parametrize(
     ("xml", "said"),
     [
-        (f'<worldbody><body><joint name="p" type="ball"/>{LINK}</body></worldbody>', "joint 'p' is a ball joint"),
-        (f'<worldbody><body><freejoint name="adrift"/>{LINK}</body></worldbody>', "joint 'adrift' is a free joint"),
         (
-            f'<worldbody><body><joint name="a"/>{LINK}</body><body><joint name="b"/>{LINK}</body></worldbody>',
+            f'<worldbody><body><joint name="p" type="ball"/>{LINK}</body></worldbody>',
+            "joint 'p' is a ball joint",
+        ),
+        (
+            f'<worldbody><body><freejoint name="adrift"/>{LINK}</body></worldbody>',
+            "joint 'adrift' is a free joint",
+        ),
+        (
+            f'<worldbody><body><joint name="a"/>{LINK}</body><body><joint '
+            f'name="b"/>{LINK}</body></worldbody>',
             "branches at joint 'b'",
         ),
         (f"<worldbody><body>{LINK}</body></worldbody>", "no joint"),
@@ -88,8 +97,8 @@ PAIR = f'<worldbody><body><joint name="a"/>{LINK}<body><joint name="b"/>{LINK}</
             r"ring.*closed loop",
         ),
         (
-            PAIR
-            + '<tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="b" coef="-1"/></fixed></tendon>',
+            PAIR + '<tendon><fixed name="belt"><joint joint="a" coef="1"/><joint joint="b" '
+            'coef="-1"/></fixed></tendon>',
             r"tendon \(belt\) ties joint 'a'",
         ),
     ],

@@ -58,7 +58,10 @@ def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_i
 
 @pytest.mark.parametrize(
     ("still", "said"),
-    [(slice(3, 4), r"wrist_1_joint did not move, or never faster.*fc4.*fv4"), (slice(1, 6), r"of 58 base parameters")],
+    [
+        (slice(3, 4), r"wrist_1_joint did not move, or never faster.*fc4.*fv4"),
+        (slice(1, 6), r"of 58 base parameters"),
+    ],
 )
 def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still: slice, said: str) -> None:
     states = KNOWN.with_still(still)(np.arange(1000) / 100.0)
@@ -92,7 +95,9 @@ def test_intervals_hold_the_truth_whatever_the_noises_colour(keep: float, white_
         torque = KNOWN_COLOURED.torque + _noise(keep, rng) * SIGMA
         sums = sum_samples(KNOWN_COLOURED.model, KNOWN_COLOURED.base, KNOWN_COLOURED.states, torque)
         white.append(estimate(sums).covers(KNOWN_COLOURED.truth))
-        found = estimate_widened(KNOWN_COLOURED.model, KNOWN_COLOURED.base, sums, KNOWN_COLOURED.states, torque)
+        found = estimate_widened(
+            KNOWN_COLOURED.model, KNOWN_COLOURED.base, sums, KNOWN_COLOURED.states, torque
+        )
         widened.append(found.covers(KNOWN_COLOURED.truth))
         np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.25)
     assert 0.90 < float(np.mean(widened)) < 0.99

@@ -56,7 +56,9 @@ def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones(f
     torque = KNOWN.model.torque(states, KNOWN.model.truth())
     assert LIMITS.holds(states, torque)
     random = allowed_motions(TASK, np.random.default_rng(2))
-    variances = [float(np.trace(np.linalg.solve(mean_information(TASK, next(random)), USE))) for _ in range(5)]
+    variances = [
+        float(np.trace(np.linalg.solve(mean_information(TASK, next(random)), USE))) for _ in range(5)
+    ]
     assert np.exp(found.value) < 0.6 * min(variances)
 
 

@@ -49,7 +49,9 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
     settings = [word for setting in PLANTED for word in ("--set", setting)]
     with pytest.MonkeyPatch.context() as patch:
         usual = IdentifySettings.__init__.__defaults__ or ()
-        patch.setattr(IdentifySettings.__init__, "__defaults__", tuple(15 if each == 300 else each for each in usual))
+        patch.setattr(
+            IdentifySettings.__init__, "__defaults__", tuple(15 if each == 300 else each for each in usual)
+        )
         words = ["identify", "--periods", "2", "--seed", "2", *settings, "--out", str(folder)]
         code = execute(commands, words)
     figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
@@ -61,7 +63,8 @@ def test_planted_slopes_are_recovered_within_a_few_percent_and_their_intervals(p
     K, std, truth = (planted.gears(column) for column in ("value", "std", "true_value"))
     np.testing.assert_array_equal(truth[:, 0], [24e3, 26e3, 22e3, 4e3, 4.4e3, 4.7e3])
     off = np.abs(K - truth)
-    assert np.isfinite(K[:5, :2]).all()  # the motion winds up every gear but the last wrist's beyond its first knee
+    # the motion winds up every gear but the last wrist's beyond its first knee
+    assert np.isfinite(K[:5, :2]).all()
     assert np.isfinite(K[1]).all()
     assert np.nanmax(off / truth) < 0.1
     assert np.nanmax((off / truth)[:3, :2]) < 0.04

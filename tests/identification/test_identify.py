@@ -26,7 +26,9 @@ def identified() -> Identification:
     return run_identification(IdentifySettings(periods=1, iterations=15, robot=IDEAL, payload=1.0, seed=1))
 
 
-def test_a_motion_that_was_not_fitted_is_predicted_far_better_than_by_the_drawing(identified: Identification) -> None:
+def test_a_motion_that_was_not_fitted_is_predicted_far_better_than_by_the_drawing(
+    identified: Identification,
+) -> None:
     figures = identified.figures
     assert figures["nrms_heldout_mean"] <= 0.0013
     assert figures["nrms_heldout_drawing_mean"] > 5.0 * figures["nrms_heldout_mean"]

@@ -87,7 +87,11 @@ def test_fifty_samples_a_second_are_enough(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("period", "said"),
-    [(0.01, "0.01 s apart, too few in a period"), (0.4, "0.41 or more here"), (1e5, "holds 9.99 s, less than one")],
+    [
+        (0.01, "0.01 s apart, too few in a period"),
+        (0.4, "0.41 or more here"),
+        (1e5, "holds 9.99 s, less than one"),
+    ],
 )
 def test_a_period_that_does_not_fit_the_log_is_refused(period: float, said: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"--period {period:g}: .*{said}"):

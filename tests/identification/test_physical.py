@@ -10,7 +10,13 @@ from polish_sim.errors import IdentificationError
 from polish_sim.identification.estimate import INTERVAL_95, estimate, held_out_error, sum_samples
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.payload import Payload, body_of, fit_payload, fit_payload_on_known_arm
-from polish_sim.identification.physical import Drawing, fit_consistent, is_consistent, parameters_of, pseudo_inertia
+from polish_sim.identification.physical import (
+    Drawing,
+    fit_consistent,
+    is_consistent,
+    parameters_of,
+    pseudo_inertia,
+)
 from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, carry, own_parameters, read_chain
 from polish_sim.motion.serial_chain import link_parameters
 from tests.identification.known import arm_chain, arm_model, known_robot, noisy
@@ -107,7 +113,9 @@ def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body() -> None:
     rng = np.random.default_rng(2)
     impossible = 0
     for _draw in range(5):
-        found = fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, KNOWN.states, noisy(KNOWN.torque, rng))
+        found = fit_payload_on_known_arm(
+            KNOWN.model, KNOWN.base, KNOWN.truth, KNOWN.states, noisy(KNOWN.torque, rng)
+        )
         impossible += not is_consistent(found.parameters[None])
         nearest = found.nearest_body()
         assert is_consistent(nearest[None])

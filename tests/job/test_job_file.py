@@ -34,9 +34,12 @@ def test_passes_are_setups_times_regions_times_passes(tmp_path: Path):
     text = TEXT.replace('regions = ["auto"]', 'regions = ["top", "auto"]')
     folders = [one.folder for one in read(tmp_path, text + "\n[[setup]]\n[[setup.pass]]\n").passes]
     assert folders == [
-        "setup_1/region_1/pass_1", "setup_1/region_1/pass_2", "setup_1/region_2/pass_1", "setup_1/region_2/pass_2",
+        "setup_1/region_1/pass_1",
+        "setup_1/region_1/pass_2",
+        "setup_1/region_2/pass_1",
+        "setup_1/region_2/pass_2",
         "setup_2/region_1/pass_1",
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize(
@@ -60,7 +63,9 @@ def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, old: str, new: s
         text = text.replace("45.0", "55.0")
     with pytest.raises(PolishSimError) as caught:
         read(tmp_path, text)
-    lines = [n for n, (a, b) in enumerate(zip(TEXT.splitlines(), text.splitlines(), strict=True), 1) if a != b]
+    lines = [
+        n for n, (a, b) in enumerate(zip(TEXT.splitlines(), text.splitlines(), strict=True), 1) if a != b
+    ]
     found = re.search(r"line (\d+)", str(caught.value))
     assert found is not None
     assert int(found[1]) in lines

@@ -86,7 +86,8 @@ def test_a_stopped_job_goes_on_and_takes_off_as_much(
 def test_a_job_stopped_shortly_before_its_end_goes_on_with_no_more_than_ramp_and_landing(
     job: Job, whole: tuple[Path, list[Row]], tmp_path: Path
 ):
-    """What is left is shorter than a step-over: 1.5 of them are polished again, and the touch-down takes 0.5 s."""
+    """What is left is shorter than a step-over: 1.5 of them are polished again, and the touch-down takes 0.5
+    s."""
     with pytest.raises(KeyboardInterrupt):
         list(run_job(job, tmp_path, Stops(9.5)))
     (row,) = run_job(job, tmp_path, Silent())

@@ -31,11 +31,13 @@ def test_the_spindle_pad_is_the_default_of_run_surface():
 
 
 def test_an_orbit_takes_off_pressure_times_orbit_speed_evenly_over_the_pad():
-    """On a plane p = F / (pi R^2) everywhere, and |u + w t(phi)| averaged over the orbit is w for a slow feed u."""
+    """On a plane p = F / (pi R^2) everywhere, and |u + w t(phi)| averaged over the orbit is w for a slow feed
+    u."""
     tool = Tool(kind=ORBITAL, orbit_m=0.0025, speed_rpm=10000.0)
     slide, feed = tool.slide_m_s, 0.05
     exact = (
-        quad(lambda phi: math.hypot(feed + slide * math.cos(phi), slide * math.sin(phi)), 0.0, math.tau)[0] / math.tau
+        quad(lambda phi: math.hypot(feed + slide * math.cos(phi), slide * math.sin(phi)), 0.0, math.tau)[0]
+        / math.tau
     )
     nodes = level_nodes(0.001)
     pose = pressed_at(0.0)._replace(velocities=np.array([[feed, 0.0, 0.0]]), turning=np.zeros((1, 3)))

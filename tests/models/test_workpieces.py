@@ -1,4 +1,5 @@
-"""The shipped STL files are closed, lie on their formulas, and the freeform's curvature is as the paper's part asks."""
+"""The shipped STL files are closed, lie on their formulas, and the freeform's curvature is as the paper's
+part asks."""
 
 from __future__ import annotations
 
@@ -71,7 +72,10 @@ def test_the_largest_smooth_face_looks_up_and_lies_on_its_formula(name):
     mesh = shipped(name)
     # Patches that meet under less than 30 deg.
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < np.radians(30)]
-    top = max(trimesh.graph.connected_components(smooth, min_len=1), key=lambda facets: mesh.area_faces[facets].sum())
+    top = max(
+        trimesh.graph.connected_components(smooth, min_len=1),
+        key=lambda facets: mesh.area_faces[facets].sum(),
+    )
     assert mesh.face_normals[top, 2].min() > 0.7
     corners = mesh.vertices[np.unique(mesh.faces[top])]
     truth = part(name).shape.evaluate(corners[:, :2])

@@ -23,7 +23,9 @@ def random_frames(count: int, seed: int = 0) -> np.ndarray:
 def test_every_segment_ends_in_the_next_way_point_s_frame() -> None:
     tips, frames = np.random.default_rng(0).normal(size=(40, 3)), random_frames(40)
     chain = build_chain(tips, frames)
-    np.testing.assert_allclose(chain.tips[:-1] + chain.lengths[:, None] * chain.directions, tips[1:], atol=1e-14)
+    np.testing.assert_allclose(
+        chain.tips[:-1] + chain.lengths[:, None] * chain.directions, tips[1:], atol=1e-14
+    )
     turns = Rotation.from_rotvec(chain.angles[:, None] * chain.turn_axes).as_matrix()
     rolls = Rotation.from_rotvec(chain.rolls[:, None] * [0.0, 0.0, 1.0]).as_matrix()
     np.testing.assert_allclose(turns @ frames[:-1] @ rolls, frames[1:], atol=1e-13)
@@ -50,7 +52,9 @@ def test_points_that_repeat_tip_and_axis_are_left_out_others_stay() -> None:
     tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.01, 0, 0]])
     axes = np.array([[0.0, 0, -1], [0.0, 0, -1], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8]])
     chain = chain_from_axes(tips, axes)
-    np.testing.assert_array_equal(repeated_points(tips, chain_frames(axes)), [False, True, False, False, True])
+    np.testing.assert_array_equal(
+        repeated_points(tips, chain_frames(axes)), [False, True, False, False, True]
+    )
     np.testing.assert_allclose(chain.lengths, [0.0, 0.01])
     np.testing.assert_allclose(chain.angles, [np.arctan2(0.6, 0.8), 0.0])
     np.testing.assert_array_equal(chain.directions[0], 0.0)

@@ -35,7 +35,8 @@ def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: f
 
 @njit
 def symmetric_corners(lengths, triples, turns, tolerances, formula, planned, measured):  # type: ignore[no-untyped-def]
-    """Per corner: error at the largest overlap, and the distance from the vertex half way through the planned one."""
+    """Per corner: error at the largest overlap, and the distance from the vertex half way through the planned
+    one."""
     rates = np.empty(4)
     for i in range(len(lengths)):
         a, b, c = triples[i]
@@ -87,7 +88,9 @@ def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn: float) -
     found = measure_deviation(Smoothed(chain, schedule), chain)
     change = corner_speed(length / 0.1, length / 0.1, np.cos(turn))
     assert found.vertex.value == pytest.approx(vertex_error(overlap, 0.05, 0.02, change), abs=1e-15)
-    assert found.contour.value == pytest.approx(contour_error(overlap, 0.05, 0.02, change, np.cos(turn)), rel=1e-10)
+    assert found.contour.value == pytest.approx(
+        contour_error(overlap, 0.05, 0.02, change, np.cos(turn)), rel=1e-10
+    )
     assert found.vertex.point == found.contour.point == 1
     assert found.vertex.time == pytest.approx(triple.sum() - 0.5 * overlap, abs=1e-6)
 
@@ -97,7 +100,9 @@ def test_unlike_corners_stay_within_their_tolerance() -> None:
     for _ in range(200):
         triples = -np.sort(-(10.0 ** rng.uniform(-2.0, 0.0, (2, 3))), axis=1)
         lengths, turn, tolerance = rng.uniform(1.0, 20.0, 2) * MM, rng.uniform(0.05, 3.1), 0.02 * MM
-        tips = np.array([[-lengths[0], 0, 0], [0, 0, 0], lengths[1] * np.array([np.cos(turn), np.sin(turn), 0.0])])
+        tips = np.array(
+            [[-lengths[0], 0, 0], [0, 0, 0], lengths[1] * np.array([np.cos(turn), np.sin(turn), 0.0])]
+        )
         chain = build_chain(tips, np.tile(np.eye(3), (3, 1, 1)))
         change = corner_speed(*(lengths / triples[:, 0]), np.cos(turn))
         overlap = corner_overlap(tolerance, change, *triples[0, 1:], *triples[1, 1:])

@@ -39,7 +39,9 @@ def test_a_path_that_crosses_itself_is_measured_on_its_own_strand() -> None:
     distances, _ = vertex_distances(Smoothed(chain, schedule), chain)
     wanted = speed * np.sqrt(2.0) * (4 * 0.02**2 - 6 * 0.02 * 0.07 + 3 * 0.07**2) / (24 * 0.05)
     assert distances[1] == pytest.approx(wanted, rel=1e-12)
-    assert measure_deviation(Smoothed(chain, schedule), chain).contour.value >= wanted / np.sqrt(2.0) * (1.0 - 1e-9)
+    assert measure_deviation(Smoothed(chain, schedule), chain).contour.value >= wanted / np.sqrt(2.0) * (
+        1.0 - 1e-9
+    )
 
 
 def test_three_and_more_at_once_are_measured_as_dense_sampling_does() -> None:
@@ -56,7 +58,8 @@ def test_three_and_more_at_once_are_measured_as_dense_sampling_does() -> None:
     along = np.einsum("nkj,kj->nk", samples.tips[:, 0, None] - tips[:-1], chain.directions)
     feet = tips[:-1] + np.clip(along, 0.0, chain.lengths)[..., None] * chain.directions
     apart = np.linalg.norm(samples.tips[:, 0, None] - feet, axis=2)
-    assert found.contour.value >= apart.min(axis=1).max() * (1.0 - 1e-9)  # the whole polyline is nearer than a stretch
+    # the whole polyline is nearer than a stretch
+    assert found.contour.value >= apart.min(axis=1).max() * (1.0 - 1e-9)
     assert found.contour.value == pytest.approx(apart.min(axis=1).max(), rel=1e-4)
 
 
@@ -70,7 +73,8 @@ def test_straight_on_at_equal_speed_and_full_overlap_the_speed_is_constant() -> 
 
 
 def test_a_circle_in_full_overlap_shrinks_by_two_sincs() -> None:
-    """Chords follow one another every T1: a polygon, R sinc(w T1/2)^2 itself, filtered: sinc(w T2/2) sinc(w T3/2)."""
+    """Chords follow one another every T1: a polygon, R sinc(w T1/2)^2 itself, filtered: sinc(w T2/2) sinc(w
+    T3/2)."""
     radius, count = 0.05, 720
     angle = np.linspace(0.0, 2.0 * np.pi, count + 1)
     chain = straight(radius * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]))

@@ -9,7 +9,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from polish_sim.motion.rules.fir import PIECES, box_pieces, box_progress, fir_schedule, sorted_times, stop_times
+from polish_sim.motion.rules.fir import (
+    PIECES,
+    box_pieces,
+    box_progress,
+    fir_schedule,
+    sorted_times,
+    stop_times,
+)
 
 SUBSETS = list(joined.from_iterable(combinations(range(3), k) for k in range(4)))
 FACTORIALS = (6, 2, 1, 1)
@@ -76,7 +83,9 @@ def test_times_of_nought_leave_the_box_with_fewer_filters() -> None:
 
 def test_the_pieces_are_the_closed_form() -> None:
     durations, coefficients = np.empty(PIECES), np.empty((PIECES, 4))
-    cases = np.concatenate([triples(100, 6), [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]])
+    cases = np.concatenate(
+        [triples(100, 6), [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]]
+    )
     for triple in cases:
         count = box_pieces(*triple, durations, coefficients)
         assert durations[:count].sum() == pytest.approx(triple.sum(), rel=1e-14)
@@ -86,7 +95,9 @@ def test_the_pieces_are_the_closed_form() -> None:
                 t = share * length
                 true = progress(triple, begin + t)
                 assert piece @ t ** np.arange(4) == pytest.approx(true[0], abs=1e-13)
-                assert piece[1:] @ [1.0, 2.0 * t, 3.0 * t * t] == pytest.approx(true[1], rel=1e-9, abs=1e-12 * true[1])
+                assert piece[1:] @ [1.0, 2.0 * t, 3.0 * t * t] == pytest.approx(
+                    true[1], rel=1e-9, abs=1e-12 * true[1]
+                )
             begin += length
 
 
@@ -106,7 +117,8 @@ def test_no_profile_within_the_limits_is_shorter() -> None:
     rng = np.random.default_rng(7)
     for length, v, a, j in 10.0 ** rng.uniform(-3.0, 3.0, (2000, 4)):
         times = np.array(stop_times(length, v, a, j))
-        plateau = 1.0 / (times[0] * times[1])  # peaks of a box of length 1 whose longest time is at least b + c
+        # peaks of a box of length 1 whose longest time is at least b + c
+        plateau = 1.0 / (times[0] * times[1])
         ratios = [length / times[0] / v, length * plateau / a, length * plateau / times[2] / j]
         assert max(ratios) <= 1.0 + 1e-9
         assert times[0] >= (times[1] + times[2]) * (1.0 - 1e-12)
@@ -115,7 +127,8 @@ def test_no_profile_within_the_limits_is_shorter() -> None:
 
 
 def shortest_by_search(length: float, v: float, a: float, j: float) -> float:
-    """Best of many times of symmetric jerk, acceleration, speed plateaus: from a grid of jerk and plateau times."""
+    """Best of many times of symmetric jerk, acceleration, speed plateaus: from a grid of jerk and plateau
+    times."""
     ramp = np.geomspace(1e-4, 1.0, 60) * min(a / j, np.sqrt(v / j), np.cbrt(0.5 * length / j))
     hold = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 60)])[:, None] * v / a
     top = j * ramp * (ramp + hold)

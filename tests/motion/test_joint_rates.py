@@ -1,4 +1,5 @@
-"""Joint derivatives along segments and in time: closed forms of a planar arm, finite differences, the branch kept."""
+"""Joint derivatives along segments and in time: closed forms of a planar arm, finite differences, the branch
+kept."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ HOME = np.array([0.3, -1.4, 1.8, -1.9, -1.5, 0.2])
 
 
 def one_segment(q: np.ndarray, step: np.ndarray, turn: float = 0.0, roll: float = 0.0) -> tuple[Chain, Arm]:
-    """A segment that starts where the joints put the tool, seen from a work frame turned and moved in the base."""
+    """A segment that starts where the joints put the tool, seen from a work frame turned and moved in the
+    base."""
     T_base_work = np.eye(4)
     T_base_work[:3, :3] = Rotation.from_rotvec([0.2, -0.1, 0.7]).as_matrix()
     T_base_work[:3, 3] = [0.4, 0.1, 0.05]
@@ -73,7 +75,8 @@ def test_each_derivative_is_that_of_the_one_before(turn: float, roll: float) -> 
 
 
 def test_the_elbow_of_a_planar_arm_follows_its_closed_form() -> None:
-    """In the arm's plane, orientation kept: cos q3 is quadratic in u, and its derivatives give those of q3."""
+    """In the arm's plane, orientation kept: cos q3 is quadratic in u, and its derivatives give those of
+    q3."""
     a2, a3 = 0.425, 0.3922
     along = np.array([np.cos(HOME[0]), np.sin(HOME[0]), 0.0])
     step = 0.08 * along + np.array([0.0, 0.0, 0.05])

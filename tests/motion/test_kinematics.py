@@ -91,7 +91,9 @@ def test_a_stretched_elbow_or_aligned_wrist_is_singular(straight):
 
 def test_the_jacobian_s_determinant_has_its_closed_form():
     q = random_configurations(50)
-    radius = -0.425 * np.cos(q[:, 1]) - 0.3922 * np.cos(q[:, 1] + q[:, 2]) + 0.0997 * np.sin(q[:, 1:4].sum(axis=1))
+    radius = (
+        -0.425 * np.cos(q[:, 1]) - 0.3922 * np.cos(q[:, 1] + q[:, 2]) + 0.0997 * np.sin(q[:, 1:4].sum(axis=1))
+    )
     expected = np.abs(0.425 * 0.3922 * np.sin(q[:, 2]) * np.sin(q[:, 4]) * radius)
     np.testing.assert_allclose(np.abs(np.linalg.det(jacobian(q, TOOL_POINT))), expected, atol=1e-15)
 
@@ -200,7 +202,9 @@ def test_track_names_the_first_pose_out_of_reach_and_keeps_what_came_before():
     assert path.first_unreachable is not None
     assert 0.7 < distance[path.first_unreachable] < 0.95
     assert np.isnan(path.q[path.first_unreachable :]).all()
-    np.testing.assert_allclose(tool_poses(path.q[: path.first_unreachable]), poses[: path.first_unreachable], atol=1e-9)
+    np.testing.assert_allclose(
+        tool_poses(path.q[: path.first_unreachable]), poses[: path.first_unreachable], atol=1e-9
+    )
     assert path.smallest_singular_value < 0.1
 
 

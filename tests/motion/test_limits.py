@@ -64,7 +64,9 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         load_limits(tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize("bad", [{"tip_speed": 0.0}, {"axis_jerk": -1.0}, {"joint_speed": (1.0, 1, 1, 1, 1, 0)}])
+@pytest.mark.parametrize(
+    "bad", [{"tip_speed": 0.0}, {"axis_jerk": -1.0}, {"joint_speed": (1.0, 1, 1, 1, 1, 0)}]
+)
 def test_limits_made_by_hand_must_be_positive(bad: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(bad))):
         replace(SmoothingLimits(), **bad)

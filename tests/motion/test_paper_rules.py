@@ -13,7 +13,12 @@ from polish_sim.errors import SmoothingError
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, six
-from polish_sim.motion.rules.paper_rules import plan_joint_acceleration, plan_joint_jerk, second_time, third_time
+from polish_sim.motion.rules.paper_rules import (
+    plan_joint_acceleration,
+    plan_joint_jerk,
+    second_time,
+    third_time,
+)
 from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
@@ -87,7 +92,8 @@ def test_the_paper_s_second_time_is_never_more_than_the_one_it_compares_with() -
 
 
 def test_on_a_gantry_the_third_time_is_exact() -> None:
-    """Joint = tool: q' constant. A way back and forth overlaps two jerks; halved, they just fill the limit."""
+    """Joint = tool: q' constant. A way back and forth overlaps two jerks; halved, they just fill the
+    limit."""
     limits = SmoothingLimits(joint_jerk=six(10.0))
     first = np.zeros((1, 9, 6))
     first[..., 0] = 0.1
@@ -102,7 +108,8 @@ def test_a_denominator_that_is_not_positive_lowers_the_speed(trial: Chain, arm: 
     for plan in PAPER:
         smoothed = plan(trial, tight, TOLERANCE, AXIS_TOLERANCE, arm)
         assert np.isfinite(smoothed.end)
-        assert joint_peaks(smoothed, arm)[1].max() < 2.0 * 0.05  # accelerations add at corners: the paper's gap
+        # accelerations add at corners: the paper's gap
+        assert joint_peaks(smoothed, arm)[1].max() < 2.0 * 0.05
 
 
 def test_stops_keep_joint_limits_and_feeds(trial: Chain, arm: Arm) -> None:

@@ -48,17 +48,23 @@ def times(schedule: Schedule) -> np.ndarray:
     return drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
 
 
-def test_every_derivative_is_the_slope_of_the_one_before(chain: Chain, schedule: Schedule, times: np.ndarray) -> None:
+def test_every_derivative_is_the_slope_of_the_one_before(
+    chain: Chain, schedule: Schedule, times: np.ndarray
+) -> None:
     here = sample_schedule(chain, schedule, times)
     after, before = (sample_schedule(chain, schedule, times + h) for h in (STEP, -STEP))
     for k in range(3):
         for found, late, early in zip(here[:2], after[:2], before[:2], strict=True):
             np.testing.assert_allclose(found[:, k + 1], (late[:, k] - early[:, k]) / (2 * STEP), atol=1e-6)
     for k in range(2):
-        np.testing.assert_allclose(here.spins[:, k + 1], (after.spins - before.spins)[:, k] / (2 * STEP), atol=1e-5)
+        np.testing.assert_allclose(
+            here.spins[:, k + 1], (after.spins - before.spins)[:, k] / (2 * STEP), atol=1e-5
+        )
 
 
-def test_the_angular_velocity_is_that_of_the_frame(chain: Chain, schedule: Schedule, times: np.ndarray) -> None:
+def test_the_angular_velocity_is_that_of_the_frame(
+    chain: Chain, schedule: Schedule, times: np.ndarray
+) -> None:
     after, before = (sample_schedule(chain, schedule, times + h).rotations for h in (STEP, -STEP))
     turned = Rotation.from_matrix(after @ np.swapaxes(before, 1, 2)).as_rotvec() / (2 * STEP)
     here = sample_schedule(chain, schedule, times)

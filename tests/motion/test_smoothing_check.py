@@ -1,4 +1,5 @@
-"""The checker sees what it should: the arm by its table alone, sound rules as sound, spoilt motions as spoilt."""
+"""The checker sees what it should: the arm by its table alone, sound rules as sound, spoilt motions as
+spoilt."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ def test_the_table_gives_the_tool_s_pose_and_its_derivatives_in_time() -> None:
     t = 0.3 + 1e-3 * np.arange(-2, 3)[:, None]
     q = c[0] + c[1] * t + c[2] * t**2 + c[3] * t**3
     jet = tool_jet(
-        np.stack([q, c[1] + 2 * c[2] * t + 3 * c[3] * t**2, 2 * c[2] + 6 * c[3] * t, 6 * c[3] + 0 * t]), T_FLANGE_TOOL
+        np.stack([q, c[1] + 2 * c[2] * t + 3 * c[3] * t**2, 2 * c[2] + 6 * c[3] * t, 6 * c[3] + 0 * t]),
+        T_FLANGE_TOOL,
     )
     np.testing.assert_allclose(jet[0], forward(q) @ T_FLANGE_TOOL, atol=1e-14)
     for order in range(3):
@@ -38,7 +40,9 @@ def test_paths_are_of_every_kind_and_the_same_again() -> None:
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_exact_stops_break_nothing_and_played_too_fast_they_break_speeds_but_no_tolerance(number: int) -> None:
+def test_exact_stops_break_nothing_and_played_too_fast_they_break_speeds_but_no_tolerance(
+    number: int,
+) -> None:
     path = draw_path(np.random.default_rng([0, number]), number)
     motion = plan(path.chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, path.arm)
     shares = judge_motion(motion, path, LIMITS)

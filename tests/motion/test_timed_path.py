@@ -1,4 +1,5 @@
-"""A motion over time follows its path at the speed wanted, from rest to rest, with no jump of its acceleration."""
+"""A motion over time follows its path at the speed wanted, from rest to rest, with no jump of its
+acceleration."""
 
 from __future__ import annotations
 
@@ -129,7 +130,13 @@ def test_between_its_rows_it_is_where_the_schedule_is() -> None:
     motion = time_schedule(Smoothed(chain, schedule), np.array([0.0, 0.02, 0.045, 0.07]))
     clock = np.linspace(0.0, schedule.end, 400)
     exact = sample_schedule(chain, schedule, clock)
-    position, velocity, spin, quaternion, place = np.empty(3), np.empty(3), np.empty(3), np.empty(4), np.empty(2)
+    position, velocity, spin, quaternion, place = (
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty(4),
+        np.empty(2),
+    )
     for i, t in enumerate(clock):
         sample_motion(motion, float(t), position, velocity, quaternion, spin, place)
         np.testing.assert_allclose(position, exact.tips[i, 0], atol=2e-8)
@@ -149,7 +156,9 @@ def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_deri
     rate = np.gradient(motion.places, motion.spacing)
     np.testing.assert_allclose(motion.speeds[1:-1], rate[1:-1], atol=2e-4)
     clock = np.arange(len(motion.places)) * motion.spacing
-    np.testing.assert_allclose(Smoothed(chain, schedule).places_at(marks, clock)[0], motion.places, atol=1e-12)
+    np.testing.assert_allclose(
+        Smoothed(chain, schedule).places_at(marks, clock)[0], motion.places, atol=1e-12
+    )
 
 
 def test_in_twice_the_time_speeds_halve_and_the_way_stays() -> None:
@@ -159,4 +168,6 @@ def test_in_twice_the_time_speeds_halve_and_the_way_stays() -> None:
     fast_run, slow_run = sample_schedule(chain, schedule, clock), slow.sample(2.0 * clock)
     assert slow.end == pytest.approx(2.0 * schedule.end)
     for order, factor in enumerate((1.0, 2.0, 4.0, 8.0)):
-        np.testing.assert_allclose(factor * slow_run.tips[:, order], fast_run.tips[:, order], atol=1e-9 * 10.0**order)
+        np.testing.assert_allclose(
+            factor * slow_run.tips[:, order], fast_run.tips[:, order], atol=1e-9 * 10.0**order
+        )

@@ -76,7 +76,9 @@ def test_beyond_its_ends_it_stays_at_them(table: PathTable) -> None:
     for outside, inside in ((-1.0, 0.0), (table.length + 1.0, table.length)):
         for left, right in zip(sample(table, outside), sample(table, inside), strict=True):
             np.testing.assert_array_equal(left, right)
-    np.testing.assert_allclose(sample(table, table.length).position, helix(np.array([2.0 * np.pi]))[0], atol=1e-12)
+    np.testing.assert_allclose(
+        sample(table, table.length).position, helix(np.array([2.0 * np.pi]))[0], atol=1e-12
+    )
 
 
 def test_a_single_pose_is_a_path_of_no_length() -> None:

@@ -57,7 +57,9 @@ def on_surface(positions: Array, normals: Array) -> ClosestPoints:
     return ClosestPoints(positions, normals, np.zeros(count, np.int32), np.tile([1.0, 0.0, 0.0], (count, 1)))
 
 
-def circle(radius: float, height: float = 0.0, count: int = 400, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
+def circle(
+    radius: float, height: float = 0.0, count: int = 400, centre: tuple[float, float] = (0.0, 0.0)
+) -> Array:
     """Points of a level circle, counter-clockwise, shape (count, 3)."""
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     flat = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) + centre
@@ -90,8 +92,11 @@ def moved(mesh: trimesh.Trimesh, x: float, y: float, z: float) -> trimesh.Trimes
 
 
 def pocket(wall_mm: float = 30.0, ring_mm: float = 40.0) -> trimesh.Trimesh:
-    """A square pocket 120 x 120 mm in a block, its floor at z = 0, the wall of a given height and thickness around."""
-    outer = moved(trimesh.creation.box((120 + 2 * ring_mm, 120 + 2 * ring_mm, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10)
+    """A square pocket 120 x 120 mm in a block, its floor at z = 0, the wall of a given height and thickness
+    around."""
+    outer = moved(
+        trimesh.creation.box((120 + 2 * ring_mm, 120 + 2 * ring_mm, 20 + wall_mm)), 0, 0, wall_mm / 2 - 10
+    )
     inner = moved(trimesh.creation.box((120, 120, wall_mm)), 0, 0, wall_mm / 2)
     return trimesh.boolean.difference([outer, inner], engine="manifold")
 

@@ -30,7 +30,9 @@ STEPOVER = 0.008
 def slab_with_wall(tmp_path, height=60.0):
     """A slab 200 x 100 x 10 mm, its top at z = 0, with a wall across the middle."""
     slab = trimesh.creation.box((200.0, 100.0, 10.0), trimesh.transformations.translation_matrix([0, 0, -5]))
-    wall = trimesh.creation.box((10.0, 100.0, height), trimesh.transformations.translation_matrix([0, 0, height / 2]))
+    wall = trimesh.creation.box(
+        (10.0, 100.0, height), trimesh.transformations.translation_matrix([0, 0, height / 2])
+    )
     return surface_of(trimesh.boolean.union([slab, wall], engine="manifold"), tmp_path)
 
 
@@ -108,7 +110,8 @@ def bowl(radius_mm):
 
 @pytest.mark.parametrize(("radius_mm", "kept"), [(30.0, False), (500.0, True)])
 def test_in_a_tight_bowl_a_tangent_ramp_would_leave_through_the_side(tmp_path, radius_mm, kept):
-    """The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg) long: 20.5 mm for 30 mm radius, the ramp 29 mm."""
+    """The ramp of 20 deg is a chord of the bowl, 2 R sin(20 deg) long: 20.5 mm for 30 mm radius, the ramp 29
+    mm."""
     part = surface_of(bowl(radius_mm), tmp_path)
     angle = np.linspace(0.0, 0.2 * 30.0 / radius_mm, 40) - 0.1
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
@@ -135,7 +138,9 @@ def test_two_islands_get_their_own_passes_and_one_lift_each(tmp_path):
     assert np.count_nonzero(np.diff(sides)) == 1
     air = ~path.process
     assert signed_distances(result.surface, path.positions_work[air]).min() >= 0.0
-    assert figures["air_length_m"] == pytest.approx(np.diff(path.s).sum() - figures["path_length_m"], abs=2e-3)
+    assert figures["air_length_m"] == pytest.approx(
+        np.diff(path.s).sum() - figures["path_length_m"], abs=2e-3
+    )
 
 
 @pytest.mark.parametrize("radius", [0.010, 0.025])

@@ -40,7 +40,9 @@ def test_rows_add_up_to_the_region_and_name_the_wall_the_narrow_component_and_wh
 
 
 def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
-    result = planned(tmp_path, trimesh.creation.box((240, 120, 10)), pattern="raster", raster_direction=(0.0, 1.0, 0.0))
+    result = planned(
+        tmp_path, trimesh.creation.box((240, 120, 10)), pattern="raster", raster_direction=(0.0, 1.0, 0.0)
+    )
     assert result.figures["left_out"].get("shakes", 0.0) == 0.0
     path = result.path
     shaking = path.process & (np.abs(path.positions_work[:, 0]) < 0.06)
@@ -54,7 +56,9 @@ def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     assert account.figures["left_out"]["shakes"] == pytest.approx(0.120 * (0.120 - 0.050), rel=0.15)
     again = result.along(rest, [Mend(LEFT_OUT, "shakes", 0.0, 0.12, cut.positions)]).figures
     assert again["left_out"] == account.figures["left_out"]
-    assert again["polished_area_m2"] + again["left_out_area_m2"] == pytest.approx(again["region_area_m2"], rel=1e-9)
+    assert again["polished_area_m2"] + again["left_out_area_m2"] == pytest.approx(
+        again["region_area_m2"], rel=1e-9
+    )
 
 
 def test_nothing_is_left_out_of_a_plate_and_all_is_polished(tmp_path):

@@ -1,4 +1,5 @@
-"""What the pad reaches and for how long: closed forms of the elastic foundation, areas and times counted by hand."""
+"""What the pad reaches and for how long: closed forms of the elastic foundation, areas and times counted by
+hand."""
 
 from __future__ import annotations
 
@@ -101,7 +102,9 @@ def test_on_a_circle_the_middle_is_under_the_pad_all_the_time_within_reach_and_n
     for radius, share in ((0.9 * R, 1.0), (1.1 * R, 0.0)):
         circle = on_plane(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
         steps = flat_steps(circle, 0.01)
-        assert time_under_pad(middle, normal, steps, R)[0] == pytest.approx(share * steps.times.sum(), rel=1e-12)
+        assert time_under_pad(middle, normal, steps, R)[0] == pytest.approx(
+            share * steps.times.sum(), rel=1e-12
+        )
 
 
 def test_the_area_integral_of_the_time_is_pad_area_times_duration():
@@ -118,7 +121,9 @@ def test_the_time_does_not_depend_on_the_frame():
     turn *= np.sign(np.linalg.det(turn))
     places = on_plane(rng.uniform(-0.08, 0.08, (3000, 2)))
     steps = flat_steps(on_plane([[-0.03, 0.0], [0.03, 0.01], [0.0, 0.03]]), 0.01)
-    moved = PadSteps(*(a @ turn.T + shift for a, shift in zip(steps[:3], (0.3, 0.3, 0.0), strict=True)), *steps[3:])
+    moved = PadSteps(
+        *(a @ turn.T + shift for a, shift in zip(steps[:3], (0.3, 0.3, 0.0), strict=True)), *steps[3:]
+    )
     there = time_under_pad(places, np.tile(UP, (3000, 1)), steps, R)
     here = time_under_pad(places @ turn.T + 0.3, np.tile(turn @ UP, (3000, 1)), moved, R)
     assert here == pytest.approx(there, abs=1e-9)
@@ -146,9 +151,12 @@ def test_points_between_leave_the_polyline_as_it_is():
 
 
 def test_a_tilted_pad_sinks_in_until_it_carries_the_force():
-    """Touching all over, a tilt changes nothing: lifted springs on one side press as much more on the other."""
+    """Touching all over, a tilt changes nothing: lifted springs on one side press as much more on the
+    other."""
     small = 0.5 * 20.0 / PAD.stiffness_n_m / R
-    assert pad_depths(np.zeros((1, 2)), PAD, 20.0, np.array([[small, 0.0]])) == pytest.approx([1e-3], rel=1e-3)
+    assert pad_depths(np.zeros((1, 2)), PAD, 20.0, np.array([[small, 0.0]])) == pytest.approx(
+        [1e-3], rel=1e-3
+    )
 
 
 def test_a_strongly_tilted_pad_stands_on_its_edge():

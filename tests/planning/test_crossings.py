@@ -1,4 +1,5 @@
-"""Crossings of constructed paths, counted by hand: through, touching, along each other, over and under; then cut."""
+"""Crossings of constructed paths, counted by hand: through, touching, along each other, over and under; then
+cut."""
 
 from __future__ import annotations
 
@@ -30,13 +31,19 @@ CASES = {
     "a tip that touches from the left": ([LINE, [(0, 1), (1, 0), (2, 1)]], 0),
     "a tip that touches from the right": ([LINE, [(0, -1), (1, 0), (2, -1)]], 0),
     "a path that ends on another": ([LINE, [(1, 1), (1, 0)]], 0),
-    "along each other, then to the other side": ([[*LINE, (3, 0)], [(0, 1), (1, 0), (1.5, 0), (2, 0), (3, -1)]], 1),
+    "along each other, then to the other side": (
+        [[*LINE, (3, 0)], [(0, 1), (1, 0), (1.5, 0), (2, 0), (3, -1)]],
+        1,
+    ),
     "along each other, then back": ([[*LINE, (3, 0)], [(0, 1), (1, 0), (1.5, 0), (2, 0), (3, 1)]], 0),
     "there and back on the same line": ([[(0, 0), (1, 0), (2, 0), (1.3, 0), (0.4, 0)]], 0),
     "a square closed": ([SQUARE], 0),
     "a square run twice": ([SQUARE + SQUARE[1:]], 0),
     "a five-pointed star": ([[(np.cos(a), np.sin(a)) for a in np.arange(6) * 0.8 * np.pi]], 5),
-    "one long chord over many short ones": ([[(0, 0), (90, 0)], [(33.3, y) for y in np.linspace(-1, 1, 999)]], 1),
+    "one long chord over many short ones": (
+        [[(0, 0), (90, 0)], [(33.3, y) for y in np.linspace(-1, 1, 999)]],
+        1,
+    ),
     "a figure of eight": ([np.stack([np.sin(2 * T), np.sin(T)], axis=1)], 1),
     "a spiral": ([(T * [np.cos(9 * T), np.sin(9 * T)]).T], 0),
     "a comb of teeth": ([[(0, 0), (10, 0)], [(x, (-1) ** x) for x in range(10)]], 9),

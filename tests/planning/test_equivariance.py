@@ -24,7 +24,8 @@ from polish_sim.planning.toolpath import arc_length
 Array = NDArray[np.float64]
 SAME_M = 1e-6
 SAME_AXIS = 1e-3
-"""Tool axes of the same path differ by no more than this; a bent place at 1 mm radius turns by it within SAME_M."""
+"""Tool axes of the same path differ by no more than this; a bent place at 1 mm radius turns by it within
+SAME_M."""
 
 
 class Body(NamedTuple):
@@ -80,7 +81,11 @@ def planned(
 ) -> ToolPath:
     stepover = size / share
     plan = PlanConfig(
-        pattern=pattern, stepover_m=stepover, bridge_m=0.5 * stepover, clearance_m=2.0 * stepover, direction=direction
+        pattern=pattern,
+        stepover_m=stepover,
+        bridge_m=0.5 * stepover,
+        clearance_m=2.0 * stepover,
+        direction=direction,
     )
     return plan_path(select_region(fit_surface(mesh), mesh), plan)
 
@@ -93,7 +98,9 @@ def upright(name: str, pattern: str) -> ToolPath:
 def assert_same(first: ToolPath, second: ToolPath, turn: Array, shift: Array) -> None:
     """The second path is the first one turned and moved."""
     assert len(first.s) == len(second.s)
-    assert np.linalg.norm(second.positions_work - (first.positions_work @ turn.T + shift), axis=1).max() < SAME_M
+    assert (
+        np.linalg.norm(second.positions_work - (first.positions_work @ turn.T + shift), axis=1).max() < SAME_M
+    )
     assert np.linalg.norm(second.axes_work - first.axes_work @ turn.T, axis=1).max() < SAME_AXIS
     assert (first.segment == second.segment).all()
     assert (first.pass_index == second.pass_index).all()
@@ -119,7 +126,8 @@ def test_a_part_twice_as_large_gets_a_path_twice_as_large(pattern):
     found = body("saddle")
     large = found._replace(vertices=2.0 * found.vertices)
     small, big = (
-        planned(mesh_at(part, np.eye(3), np.zeros(3)), part.size, pattern).positions_work for part in (found, large)
+        planned(mesh_at(part, np.eye(3), np.zeros(3)), part.size, pattern).positions_work
+        for part in (found, large)
     )
     # Points lie a millimetre apart on both; the lines they lie on are the same.
     apart = [cKDTree(2.0 * small).query(big)[0], cKDTree(big).query(2.0 * small)[0]]

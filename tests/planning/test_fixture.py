@@ -49,8 +49,11 @@ def planned(folder, fixture, pattern="contour", radius=0.025) -> PlanResult:
 
 
 @pytest.mark.parametrize(("height", "body"), [(10.0, "pad"), (80.0, "spindle")])
-def test_beside_a_wall_of_the_fixture_the_plate_is_left_out_by_what_the_tool_must_keep(tmp_path, height, body):
-    """The pad keeps 1 mm; the spindle's housing, wider than the pad, 1 mm and what the part may lie otherwise."""
+def test_beside_a_wall_of_the_fixture_the_plate_is_left_out_by_what_the_tool_must_keep(
+    tmp_path, height, body
+):
+    """The pad keeps 1 mm; the spindle's housing, wider than the pad, 1 mm and what the part may lie
+    otherwise."""
     result = planned(tmp_path, wall(height))
     spindle = next(known for known in BEHIND_PAD if known.name == body).radius if body == "spindle" else 0.0
     middle = 0.025 + CLEARANCE if body == "pad" else spindle + CLEARANCE + UNSURE_M
@@ -63,7 +66,9 @@ def test_beside_a_wall_of_the_fixture_the_plate_is_left_out_by_what_the_tool_mus
     assert any(note.endswith(f"{body} too near the fixture") for note in result.notes)
 
 
-@pytest.mark.parametrize(("height", "free"), [(-1e3 * (YIELDS + CLEARANCE + UNSURE_M) - 0.2, True), (-3.0, False)])
+@pytest.mark.parametrize(
+    ("height", "free"), [(-1e3 * (YIELDS + CLEARANCE + UNSURE_M) - 0.2, True), (-3.0, False)]
+)
 def test_a_fixture_well_below_the_plate_is_no_hindrance(tmp_path, height, free):
     assert (planned(tmp_path, wall(height)).ready.access is None) == free
 
@@ -88,7 +93,9 @@ def test_a_path_planned_without_the_fixture_is_measured_and_named_where_it_runs_
 
 def test_a_fixture_that_swallows_the_part_is_refused_by_name(tmp_path):
     around = trimesh.creation.box((900, 900, 900))
-    with pytest.raises(PlanError, match=r"too close to the fixture .* Is --fixture in the part's own frame and unit\?"):
+    with pytest.raises(
+        PlanError, match=r"too close to the fixture .* Is --fixture in the part's own frame and unit\?"
+    ):
         planned(tmp_path, around)
 
 

@@ -117,8 +117,12 @@ def test_on_a_sphere_the_tool_axis_turns_by_one_over_its_radius():
 
 def test_the_face_under_the_path_is_found_when_it_is_not_the_top():
     # The lower edge is chamfered by 2 mm.
-    side = np.array([[(-0.1, y, z) for y in (-0.09, 0.09)][:: (-1) ** k] for k, z in enumerate((0.004, 0.01, 0.016))])
-    found = inspect_path(path_through(side.reshape(-1, 3), (-1.0, 0.0, 0.0)), PLATE, pad=PadConfig(radius_m=0.005))
+    side = np.array(
+        [[(-0.1, y, z) for y in (-0.09, 0.09)][:: (-1) ** k] for k, z in enumerate((0.004, 0.01, 0.016))]
+    )
+    found = inspect_path(
+        path_through(side.reshape(-1, 3), (-1.0, 0.0, 0.0)), PLATE, pad=PadConfig(radius_m=0.005)
+    )
     assert found.figures["region_area_m2"] == pytest.approx(0.2 * 0.018, rel=1e-6)
     assert found.plan.region.startswith("point:-100,")
 
@@ -128,9 +132,15 @@ BAD = {
     "lifted off": (raster(top=TOP + 0.002), "lifted off by 2.00 mm"),
     "in metres": (path_through(1e-3 * raster().positions_work), "1000 times as large as the path"),
     "in inches": (path_through(raster().positions_work / 25.4), "25.4 times as large as the path"),
-    "read in mm, written in inches": (path_through(25.4 * raster().positions_work), "25.4 times as large as the part"),
+    "read in mm, written in inches": (
+        path_through(25.4 * raster().positions_work),
+        "25.4 times as large as the part",
+    ),
     "elsewhere": (path_through(raster().positions_work + [0.4, 0.0, 0.0]), "sideways up to 400.0 mm"),
-    "upside down": (path_through(raster().positions_work, (0.0, 0.0, -1.0)), "points into 'plate' along 100%"),
+    "upside down": (
+        path_through(raster().positions_work, (0.0, 0.0, -1.0)),
+        "points into 'plate' along 100%",
+    ),
     "a small patch, upside down": (
         path_through(raster().positions_work * [0.045, 0.045, 1.0], (0.0, 0.0, -1.0)),
         "Turn the axes round",

@@ -21,7 +21,9 @@ def test_the_offset_of_a_circle_is_the_smaller_circle_however_rough_the_guess():
     found = offset_curve(
         Floor(), [level(circle(0.05, count=2000), closed=True)], roughly(circle(0.043), noise=2e-4), STEP
     )
-    assert np.linalg.norm(found.positions, axis=1) == pytest.approx(np.full(len(found.positions), 0.042), abs=1e-7)
+    assert np.linalg.norm(found.positions, axis=1) == pytest.approx(
+        np.full(len(found.positions), 0.042), abs=1e-7
+    )
 
 
 def test_on_a_sphere_the_offset_of_a_parallel_is_the_parallel_one_chord_up():
@@ -32,7 +34,9 @@ def test_on_a_sphere_the_offset_of_a_parallel_is_the_parallel_one_chord_up():
     guess = circle(radius * np.sin(high), radius * np.cos(high))
     trial = LevelLine(guess, guess / radius, np.zeros(len(guess), np.int64), True)
     found = offset_curve(Ball(radius), [Curve(ring, ring / radius, True)], trial, step)
-    assert found.positions[:, 2] == pytest.approx(np.full(len(found.positions), radius * np.cos(high)), abs=1e-7)
+    assert found.positions[:, 2] == pytest.approx(
+        np.full(len(found.positions), radius * np.cos(high)), abs=1e-7
+    )
 
 
 def test_no_point_comes_nearer_than_the_step_and_none_is_further():
@@ -51,12 +55,15 @@ def test_a_notch_is_rounded_not_cut():
     trial = 0.0085 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     guess = LevelLine(trial, np.tile(UP, (40, 1)), np.zeros(40, np.int64), False)
     found = offset_curve(Floor(), [level(outline, closed=True)], guess, STEP)
-    assert np.linalg.norm(found.positions, axis=1) == pytest.approx(np.full(len(found.positions), STEP), abs=1e-9)
+    assert np.linalg.norm(found.positions, axis=1) == pytest.approx(
+        np.full(len(found.positions), STEP), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("radius", [0.004, 0.02, 0.3])
 def test_control_points_stand_so_that_the_chord_error_is_the_same(radius):
-    """Chord error of a chord c on a circle is c^2 / 8 R; limits apply on nearly straight and very tight curves."""
+    """Chord error of a chord c on a circle is c^2 / 8 R; limits apply on nearly straight and very tight
+    curves."""
     chords = adapted_spacing(level(circle(radius, count=4000), closed=True), STEP)
     wanted = np.clip(np.sqrt(8.0 * radius * STEP / 4000.0), STEP / 40.0, STEP / 8.0)
     assert chords == pytest.approx(np.full(len(chords), wanted), rel=0.06)
@@ -93,7 +100,9 @@ def test_on_a_sphere_the_step_turns_by_twice_the_arcsine_of_half_of_it():
     radius = 0.05
     end = step_on_surface(Ball(radius), np.array([[0.0, 0.0, radius]]), np.eye(3)[2:], np.eye(3)[:1], STEP)
     angle = 2.0 * np.arcsin(0.5 * STEP / radius)
-    assert end.positions[0] == pytest.approx(radius * np.array([np.sin(angle), 0.0, np.cos(angle)]), abs=1e-12)
+    assert end.positions[0] == pytest.approx(
+        radius * np.array([np.sin(angle), 0.0, np.cos(angle)]), abs=1e-12
+    )
 
 
 def test_on_a_fitted_surface_the_step_is_exact_too():
@@ -111,5 +120,7 @@ def test_on_a_fitted_surface_the_step_is_exact_too():
 def test_steps_of_different_lengths_go_at_once():
     lengths = np.array([0.0, 0.001, 0.02])
     start = np.zeros((3, 3))
-    end = step_on_surface(Floor(), start, np.tile([0.0, 0.0, 1.0], (3, 1)), np.tile([1.0, 1.0, 5.0], (3, 1)), lengths)
+    end = step_on_surface(
+        Floor(), start, np.tile([0.0, 0.0, 1.0], (3, 1)), np.tile([1.0, 1.0, 5.0], (3, 1)), lengths
+    )
     assert np.linalg.norm(end.positions, axis=1) == pytest.approx(lengths, abs=1e-15)

@@ -100,15 +100,20 @@ def test_inspect_finds_what_the_plan_finds_and_a_pad_that_yields_more_is_in_it_o
     for name in ("pad_in_part_max_m", "pad_in_part_length_m"):
         assert seen.figures[name] == pytest.approx(result.figures[name], rel=1e-9)
     assert any("into the part" in note for note in seen.notes)
-    # 20 N on 4000 N/m: 5 mm. Only the outermost turn is deeper; on the next the shaft, 9 mm in radius, is in the wall.
-    soft = inspect_path(result.path, part, result.plan, pad=replace(PAD, stiffness_n_m=4000.0)).quality.pad_in_part
+    # 20 N on 4000 N/m: 5 mm. Only the outermost turn is deeper; on the next the shaft, 9 mm in radius, is in
+    # the wall.
+    soft = inspect_path(
+        result.path, part, result.plan, pad=replace(PAD, stiffness_n_m=4000.0)
+    ).quality.pad_in_part
     assert soft.lengths[[body == "pad" for body in soft.bodies]].sum() == pytest.approx(4 * 0.116, rel=0.02)
     assert np.median(soft.depths[[body == "shaft" for body in soft.bodies]]) == pytest.approx(0.003, abs=1e-5)
 
 
 def test_the_robot_program_of_a_pad_in_a_wall_says_so_and_asks(in_pocket):
     text = urscript_text(in_pocket[0], ExportSetup())
-    assert re.search(r"^# - DO NOT RUN IT AS IT IS: the pad runs up to [78]\.\d+ mm into the part", text, re.M)
+    assert re.search(
+        r"^# - DO NOT RUN IT AS IT IS: the pad runs up to [78]\.\d+ mm into the part", text, re.M
+    )
     assert 'popup("Go on? the pad runs up to' in text
     assert "DO NOT RUN" not in urscript_text(shipped_plan("plate"), ExportSetup())
 

@@ -1,4 +1,5 @@
-"""Parts of chance: every plan of them holds what every plan must hold; a few of the benchmark's two hundred."""
+"""Parts of chance: every plan of them holds what every plan must hold; a few of the benchmark's two
+hundred."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def test_a_long_strip_that_a_spiral_leaves_in_the_middle_gets_a_line_of_its_own(
 
 
 def test_fermat_goes_through_a_long_place_between_turns_of_two_borders():
-    """Between them a ring with a hole in it leaves a crescent wider than a step-over and too narrow for a loop."""
+    """Between them a ring with a hole in it leaves a crescent wider than a step-over and too narrow for a
+    loop."""
     outcome = examine(90192, "fermat")
     assert outcome.coverage > 0.99
     assert not outcome.faults
@@ -75,7 +77,8 @@ def test_points_inside_a_solid_are_told_from_those_outside():
 
 
 def test_a_plan_that_is_wrong_is_found_out():
-    """The checks can fail: the same plan with one figure spoilt, and with a point of the approach in the part."""
+    """The checks can fail: the same plan with one figure spoilt, and with a point of the approach in the
+    part."""
     part = draw_part(6)
     result = plan_mesh(mesh_of(part), part.plan, pad=part.pad)
     assert not list(find_faults(part, result))

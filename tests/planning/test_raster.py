@@ -62,7 +62,10 @@ def test_lines_run_the_way_they_are_told():
 
 def test_lines_along_the_way_the_region_looks_are_refused():
     with pytest.raises(PlanError, match="lines cannot run along"):
-        plan_path(region_of("plate"), PlanConfig(pattern="raster", stepover_m=STEP, raster_direction=(0.0, 0.0, 1.0)))
+        plan_path(
+            region_of("plate"),
+            PlanConfig(pattern="raster", stepover_m=STEP, raster_direction=(0.0, 0.0, 1.0)),
+        )
 
 
 def test_the_long_axis_is_the_part_s_and_turns_with_it():

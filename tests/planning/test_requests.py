@@ -45,9 +45,14 @@ def test_order_and_start_are_passed_on(cap):
 
 def test_more_force_covers_no_less(cap):
     path = plan_path(cap, PlanConfig(pattern="raster", stepover_m=0.03))
-    light, firm = (measure_path(path, cap, 0.03, pad_radius=0.01, contact_force=n)["coverage"] for n in (1.0, 30.0))
+    light, firm = (
+        measure_path(path, cap, 0.03, pad_radius=0.01, contact_force=n)["coverage"] for n in (1.0, 30.0)
+    )
     assert light < firm <= 1.0
-    assert measure_path(replace(path, force=np.full(len(path.s), 30.0)), cap, 0.03, 0.01, 1.0)["coverage"] >= light
+    assert (
+        measure_path(replace(path, force=np.full(len(path.s), 30.0)), cap, 0.03, 0.01, 1.0)["coverage"]
+        >= light
+    )
 
 
 def told(result):
@@ -66,7 +71,9 @@ def told(result):
         ("raster", "cylinder", (-0.07, 0.05, 0.022), 3.0),
     ],
 )
-def test_a_path_begins_near_its_start_and_says_where_if_that_is_two_step_overs_off(pattern, name, start, within):
+def test_a_path_begins_near_its_start_and_says_where_if_that_is_two_step_overs_off(
+    pattern, name, start, within
+):
     """Also near a corner; of a spiral the first turn runs half a step-over inside the border."""
     plan = PlanConfig(pattern=pattern, stepover_m=STEP, start=start, raster_direction=(0.0, 1.0, 0.0))
     result = plan_part(PartConfig(name), plan)
@@ -77,7 +84,9 @@ def test_a_path_begins_near_its_start_and_says_where_if_that_is_two_step_overs_o
 
 
 def test_an_outward_path_says_that_it_begins_in_the_middle():
-    result = plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.016, start=(-0.09, 0.09, 0.02), order="outward"))
+    result = plan_part(
+        PartConfig("plate"), PlanConfig(stepover_m=0.016, start=(-0.09, 0.09, 0.02), order="outward")
+    )
     assert np.linalg.norm(result.path.positions_work[result.path.process][0, :2]) < 0.02
     assert told(result)[0].endswith("; an outward path begins in the middle")
 
@@ -101,7 +110,9 @@ def test_a_request_that_cannot_be_met_says_why(case):
 
 
 def test_a_start_far_off_the_part_is_refused_with_the_nearest_place():
-    with pytest.raises(PlanError, match=r"is 4900 mm away from the part\. The nearest point of the part is \(100, "):
+    with pytest.raises(
+        PlanError, match=r"is 4900 mm away from the part\. The nearest point of the part is \(100, "
+    ):
         plan_part(PartConfig("plate"), PlanConfig(stepover_m=0.016, start=(5.0, 0.0, 0.02)))
 
 

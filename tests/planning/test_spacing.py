@@ -57,7 +57,20 @@ def test_a_single_line_has_no_neighbour():
 
 
 def test_the_corners_of_a_square_spiral_are_left_out():
-    corners = [(0, 0), (10, 0), (10, 10), (0, 10), (0, 1), (9, 1), (9, 9), (1, 9), (1, 2), (8, 2), (8, 8), (2, 8)]
+    corners = [
+        (0, 0),
+        (10, 0),
+        (10, 10),
+        (0, 10),
+        (0, 1),
+        (9, 1),
+        (9, 9),
+        (1, 9),
+        (1, 2),
+        (8, 2),
+        (8, 8),
+        (2, 8),
+    ]
     points = STEP * np.concatenate([np.linspace(a, b, 300) for a, b in pairwise(corners)])
     found = measure_stepover([level(points)], STEP)
     assert found.p95_m == pytest.approx(STEP, rel=0.03)
@@ -65,7 +78,8 @@ def test_the_corners_of_a_square_spiral_are_left_out():
 
 
 def test_only_the_turn_around_a_spirals_end_is_left_out_not_a_path_that_ends_beside_its_beginning():
-    """In along one arm, out along another between its turns: the end lies beside the beginning, like all the rest."""
+    """In along one arm, out along another between its turns: the end lies beside the beginning, like all the
+    rest."""
     arm = archimedes(12)
     radius = np.linalg.norm(arm, axis=1, keepdims=True)
     inward = arm[radius[:, 0] > 3.0 * STEP]

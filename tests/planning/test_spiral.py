@@ -1,4 +1,5 @@
-"""Spiral and contour: where they run, which way, and how the spiral steps inwards (paper 1, section 1.3, fig. 6)."""
+"""Spiral and contour: where they run, which way, and how the spiral steps inwards (paper 1, section 1.3, fig.
+6)."""
 
 from __future__ import annotations
 

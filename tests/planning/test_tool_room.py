@@ -29,15 +29,20 @@ YIELDS = 20.0 / 20000.0
 
 
 def walled_plate():
-    """A plate 160 x 120 mm with a wall 60 mm high and 5 mm thick across it, the spindle's connector above the floor."""
+    """A plate 160 x 120 mm with a wall 60 mm high and 5 mm thick across it, the spindle's connector above the
+    floor."""
     plate = moved(trimesh.creation.box((160, 120, 20)), 0, 0, -10)
-    return trimesh.boolean.union([plate, moved(trimesh.creation.box((5, 120, 120)), 60, 0, 50)], engine="manifold")
+    return trimesh.boolean.union(
+        [plate, moved(trimesh.creation.box((5, 120, 120)), 60, 0, 50)], engine="manifold"
+    )
 
 
 def boss():
     """A plate 120 x 120 mm with a boss 16 mm across and 40 mm high."""
     plate = moved(trimesh.creation.box((120, 120, 20)), 0, 0, -10)
-    return trimesh.boolean.union([plate, moved(trimesh.creation.cylinder(8.0, 40.0), 5, 3, 20)], engine="manifold")
+    return trimesh.boolean.union(
+        [plate, moved(trimesh.creation.cylinder(8.0, 40.0), 5, 3, 20)], engine="manifold"
+    )
 
 
 def bowl(radius=90.0, depth=20.0):
@@ -51,7 +56,9 @@ def scan():
     """A closed form with hills and hollows, its vertices off by 0.05 mm as a scanner leaves them."""
     ball = trimesh.creation.icosphere(subdivisions=4, radius=60.0)
     way = ball.vertices / 60.0
-    waves = 1.0 + 0.10 * np.sin(3.0 * way[:, 0] + 1.0) * np.cos(4.0 * way[:, 1]) + 0.06 * np.sin(5.0 * way[:, 2])
+    waves = (
+        1.0 + 0.10 * np.sin(3.0 * way[:, 0] + 1.0) * np.cos(4.0 * way[:, 1]) + 0.06 * np.sin(5.0 * way[:, 2])
+    )
     noise = np.random.default_rng(5).normal(0.0, 0.05, (len(way), 3))
     return trimesh.Trimesh(ball.vertices * waves[:, None] + noise, ball.faces)
 
@@ -71,7 +78,8 @@ CASES = {
     "bowl": (bowl, "point:0,0,-20", 0.005),
     "scan": (scan, "auto", 0.005),
 }
-"""Part, region, and how far the pad may be compressed where the ground is hollow, besides by the force [m]."""
+"""Part, region, and how far the pad may be compressed where the ground is hollow, besides by the force
+[m]."""
 
 
 @cache
@@ -104,11 +112,22 @@ def planned(part):
     return plan
 
 
-@pytest.mark.parametrize(("name", "pattern", "diameter_mm"), [
-    ("pocket", "spiral", 50.0), ("pocket", "contour", 20.0), ("walled plate", "raster", 16.0), ("boss", "spiral", 20.0),
-    ("boss", "fermat", 20.0), ("shelf", "raster", 20.0), ("bowl", "spiral", 30.0), ("scan", "contour", 20.0),
-])  # fmt: skip
-def test_no_body_of_the_tool_shares_volume_with_the_part_anywhere_on_the_plan(planned, name, pattern, diameter_mm):
+@pytest.mark.parametrize(
+    ("name", "pattern", "diameter_mm"),
+    [
+        ("pocket", "spiral", 50.0),
+        ("pocket", "contour", 20.0),
+        ("walled plate", "raster", 16.0),
+        ("boss", "spiral", 20.0),
+        ("boss", "fermat", 20.0),
+        ("shelf", "raster", 20.0),
+        ("bowl", "spiral", 30.0),
+        ("scan", "contour", 20.0),
+    ],
+)
+def test_no_body_of_the_tool_shares_volume_with_the_part_anywhere_on_the_plan(
+    planned, name, pattern, diameter_mm
+):
     result = planned(name, pattern, diameter_mm)
     hollow = min(CASES[name][2], 0.1e-3 * diameter_mm)
     shared = volumes_in_part(result.path, part_of(name), 5e-4 * diameter_mm, YIELDS + hollow)
@@ -121,7 +140,8 @@ def test_the_independent_check_finds_the_wall_a_plan_without_clearance_runs_into
     """The same check on a path planned for a small pad and followed with a large one."""
     result = planned("pocket", "contour", 20.0)
     shared = volumes_in_part(result.path, part_of("pocket"), 0.020, YIELDS)
-    # The outermost turn is 11 mm from the wall: a segment of the disc 20 mm in radius and 21 mm high is in it.
+    # The outermost turn is 11 mm from the wall: a segment of the disc 20 mm in radius and 21 mm high is in
+    # it.
     segment = 400.0 * np.arccos(11.0 / 20.0) - 11.0 * np.sqrt(400.0 - 121.0)
     assert shared["pad"] > 0.9 * 21.0 * segment
     assert shared["head_shaft"] == 0.0
@@ -156,7 +176,9 @@ def test_under_a_shelf_the_spindle_is_what_has_no_room(planned):
 @pytest.mark.parametrize(
     ("name", "pattern", "gained_cm2"), [("walled plate", "raster", 15.0), ("shelf", "spiral", 6.0)]
 )
-def test_a_tool_that_leans_away_reaches_more_and_is_nowhere_in_the_part(part, planned, name, pattern, gained_cm2):
+def test_a_tool_that_leans_away_reaches_more_and_is_nowhere_in_the_part(
+    part, planned, name, pattern, gained_cm2
+):
     upright, leaned = (planned(name, pattern, 16.0, **keys) for keys in ({}, {"avoid": "tilt"}))
     gained = upright.figures["unreachable_area_m2"] - leaned.figures["unreachable_area_m2"]
     assert 1e4 * gained > gained_cm2
@@ -186,7 +208,9 @@ def test_a_pad_too_large_for_all_of_a_region_is_refused_with_the_reason(planned,
         planned("pocket", "spiral", 122.0, stepover_m=0.008)
     bowl(40.0).export(tmp_path / "bowl.stl")
     part, plan = PartConfig(str(tmp_path / "bowl.stl"), up="z"), PlanConfig(region="point:0,0,-20")
-    with pytest.raises(PlanError, match=r"hollow of less than 62\.5 mm radius, which a pad of 50 mm does not follow"):
+    with pytest.raises(
+        PlanError, match=r"hollow of less than 62\.5 mm radius, which a pad of 50 mm does not follow"
+    ):
         plan_part(part, plan, pad=PadConfig(choice="given"))
     # The default pad is replaced by one that follows the bowl: 40 mm is 2.5 times the radius of one of 32 mm.
     assert plan_part(part, plan).tool.pad.radius_m <= 0.016
@@ -209,21 +233,30 @@ def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
         for geom in np.flatnonzero(model.geom_bodyid == model.body(body).id):
             if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
                 continue
-            first, count = model.mesh_vertadr[model.geom_dataid[geom]], model.mesh_vertnum[model.geom_dataid[geom]]
+            first, count = (
+                model.mesh_vertadr[model.geom_dataid[geom]],
+                model.mesh_vertnum[model.geom_dataid[geom]],
+            )
             points = model.mesh_vert[first : first + count] @ data.geom_xmat[geom].reshape(3, 3).T
             seen = (points + data.geom_xpos[geom] - tool.xpos) @ tool.xmat.reshape(3, 3)
             height, wide = -seen[:, 2], np.hypot(seen[:, 0], seen[:, 1])
             held = np.zeros(count, dtype=bool)
             for cylinder in BEHIND_PAD:
-                held |= (height >= cylinder.low - 1e-6) & (height <= cylinder.high + 1e-6) & (wide <= cylinder.radius)
+                held |= (
+                    (height >= cylinder.low - 1e-6)
+                    & (height <= cylinder.high + 1e-6)
+                    & (wide <= cylinder.radius)
+                )
             assert held.all(), model.geom(geom).name
 
 
 def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(part, planned):
     result = planned("pocket", "contour", 20.0)
     large = measure_given_path(result.path, part("pocket"), result.plan, pad=PadConfig(radius_m=0.020))
-    for shown, label, kind, color in ((result, "left out: pad too near the part", "left out", LEFT_OUT_COLOR),
-                                      (large, "tool in the part", "tool in the part", IN_PART_COLOR)):  # fmt: skip
+    for shown, label, kind, color in (
+        (result, "left out: pad too near the part", "left out", LEFT_OUT_COLOR),
+        (large, "tool in the part", "tool in the part", IN_PART_COLOR),
+    ):
         figure = plot_plan(shown)
         assert label in [text.get_text() for text in figure.legends[0].get_texts()]
         marked = next(solid for solid in path_page(shown, ExportSetup()).solids if solid.kind == kind)
@@ -233,7 +266,8 @@ def test_pictures_show_what_is_out_of_reach_and_where_the_tool_is_in_the_part(pa
 
 
 def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_pad(tmp_path):
-    """A lead that keeps only the tool point clear still keeps the tool out of the wall, 6 mm beside the pad's rim."""
+    """A lead that keeps only the tool point clear still keeps the tool out of the wall, 6 mm beside the pad's
+    rim."""
     part = surface_of(boss(), tmp_path)
     tool = Tool(PadConfig(radius_m=0.010), 20.0)
     for radius in (0.0, 0.010):
@@ -252,5 +286,7 @@ def test_a_plan_of_which_every_stretch_runs_into_the_part_is_refused_with_the_pl
     )
     surface = fit_surface(mesh)
     ground = prepare_ground(select_region(surface, mesh, plan.region), plan)
-    with pytest.raises(PlanError, match=r"the tool can reach no stroke of the path .* the first is at \(.*\) mm"):
+    with pytest.raises(
+        PlanError, match=r"the tool can reach no stroke of the path .* the first is at \(.*\) mm"
+    ):
         plan_on(ground, plan, None, surface, tool)

@@ -33,7 +33,9 @@ def test_a_path_cannot_be_changed_after_it_was_made():
 def test_columns_of_different_length_are_refused():
     path = shipped_plan("sphere_100").path
     with pytest.raises(PlanError, match="axes_work"):
-        ToolPath(path.positions_work, path.axes_work[1:], path.s, path.pass_index, path.segment, path.curvature)
+        ToolPath(
+            path.positions_work, path.axes_work[1:], path.s, path.pass_index, path.segment, path.curvature
+        )
 
 
 def test_pressing_moves_the_process_points_and_only_them_against_the_axis():
@@ -164,7 +166,8 @@ def test_no_axis_is_turned_further_than_the_bound_whatever_the_path(bound, seed)
 
 
 def test_smoothing_never_lays_the_tool_into_the_part():
-    """Axes that lean 50 deg one way and the other: the bound of 40 deg alone would allow 90 deg from the normal."""
+    """Axes that lean 50 deg one way and the other: the bound of 40 deg alone would allow 90 deg from the
+    normal."""
     rng = np.random.default_rng(3)
     s = np.linspace(0.0, 0.1, 400)
     normals = rng.normal(size=(400, 3))
@@ -187,7 +190,8 @@ def test_straight_and_even_axes_stay_as_they_are():
 
 
 def test_a_plan_reports_the_largest_deviation_and_keeps_its_bound():
-    """On the saddle the normal turns along the path: averaged over 60 mm it stays within a degree of itself."""
+    """On the saddle the normal turns along the path: averaged over 60 mm it stays within a degree of
+    itself."""
     bound = np.radians(1.0)
     planned, normals, _ = leaned("saddle", axis_smoothing_m=0.06, axis_deviation_rad=bound)
     axes = planned.path.axes_work[planned.path.process]

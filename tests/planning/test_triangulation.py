@@ -55,9 +55,13 @@ def test_a_level_line_of_the_distance_from_a_point_is_a_circle_with_the_higher_s
     mesh = triangulate(coarse_plate(tmp_path).surface, 0.002)
     (line,) = level_lines(mesh, -np.linalg.norm(mesh.vertices[:, :2], axis=1), -0.05)
     assert line.closed
-    assert np.linalg.norm(line.positions[:, :2], axis=1) == pytest.approx(np.full(len(line.positions), 0.05), abs=2e-5)
+    assert np.linalg.norm(line.positions[:, :2], axis=1) == pytest.approx(
+        np.full(len(line.positions), 0.05), abs=2e-5
+    )
     p = line.positions
-    assert 0.5 * np.cross(p, np.roll(p, -1, axis=0)).sum(axis=0)[2] == pytest.approx(np.pi * 0.05**2, rel=1e-3)
+    assert 0.5 * np.cross(p, np.roll(p, -1, axis=0)).sum(axis=0)[2] == pytest.approx(
+        np.pi * 0.05**2, rel=1e-3
+    )
 
 
 def test_a_level_line_that_meets_the_border_is_open(tmp_path):
@@ -90,7 +94,9 @@ def test_a_bridged_hole_in_a_sphere_follows_the_sphere(tmp_path):
     middles = region.surface.evaluate(
         np.arange(len(region.surface.faces)), np.full((len(region.surface.faces), 3), 1 / 3)
     )
-    open_region = region.surface.restrict(np.flatnonzero(np.linalg.norm(middles.positions[:, :2], axis=1) > 0.008))
+    open_region = region.surface.restrict(
+        np.flatnonzero(np.linalg.norm(middles.positions[:, :2], axis=1) > 0.008)
+    )
 
     holed = replace(region, surface=open_region, boundary_loops=boundary_loops(open_region))
     bridged = bridge_holes(holed, 0.03)

@@ -1,4 +1,5 @@
-"""The tool as solids of the robot's model, for tests that hold it against a part: nothing of the planner is used."""
+"""The tool as solids of the robot's model, for tests that hold it against a part: nothing of the planner is
+used."""
 
 from __future__ import annotations
 
@@ -20,13 +21,16 @@ HEAD_SINKS_M = 20.0 / (20000.0 / 3.0)
 
 def solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
     """A closed mesh as a solid [m]."""
-    merged = manifold3d.Mesh(np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32))
+    merged = manifold3d.Mesh(
+        np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32)
+    )
     return manifold3d.Manifold(merged)
 
 
 @cache
 def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
-    """Convex hulls of shaft, spindle and sensor in the tool frame turned over, z from the part to the tool [m]."""
+    """Convex hulls of shaft, spindle and sensor in the tool frame turned over, z from the part to the tool
+    [m]."""
     model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -39,7 +43,9 @@ def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
             first, count = model.mesh_vertadr[geom.dataid[0]], model.mesh_vertnum[geom.dataid[0]]
             points = model.mesh_vert[first : first + count]
         else:
-            points = np.array(trimesh.creation.cylinder(geom.size[0], 2.0 * geom.size[1], sections=48).vertices)
+            points = np.array(
+                trimesh.creation.cylinder(geom.size[0], 2.0 * geom.size[1], sections=48).vertices
+            )
         in_base = points @ data.geom_xmat[geom.id].reshape(3, 3).T + data.geom_xpos[geom.id]
         hull = manifold3d.Manifold.hull_points((in_base - tool.xpos) @ R_tool_up)
         found.append((name, hull.translate((0.0, 0.0, -HEAD_SINKS_M))))
@@ -49,13 +55,15 @@ def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
 def volumes_in_part(
     path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yields: float | Array, apart: float = 4e-3
 ) -> dict[str, float]:
-    """Largest volume each body of the tool shares with a part (mm) along a path, in the air and in contact [mm^3].
+    """Largest volume each body of the tool shares with a part (mm) along a path, in the air and in contact
+    [mm^3].
 
     Args:
         path: The path.
         part: A closed mesh in mm.
         pad_radius: [m].
-        yields: How far the pad may be compressed in contact [m], everywhere or at each point of the path (n,).
+        yields: How far the pad may be compressed in contact [m], everywhere or at each point of the path
+            (n,).
         apart: Distance of the places looked at along the path [m].
     """
     shape, worst = solid(part.copy().apply_scale(1e-3)), {}
@@ -66,7 +74,9 @@ def volumes_in_part(
         x = perpendicular(z[None])[0]
         place = np.column_stack([x, np.cross(z, x), z, path.positions_work[row]])
         low = float(yields[row]) if path.process[row] else 1e-3
-        pad = manifold3d.Manifold.cylinder(0.022 - low, pad_radius, circular_segments=64).translate((0.0, 0.0, low))
+        pad = manifold3d.Manifold.cylinder(0.022 - low, pad_radius, circular_segments=64).translate(
+            (0.0, 0.0, low)
+        )
         for name, body in (("pad", pad), *bodies_behind_pad()):
             shared = (body.transform(place) ^ shape).volume() * 1e9
             worst[name] = max(worst.get(name, 0.0), shared)

@@ -13,7 +13,17 @@ from benchmarks.force_theory import drift_bound, step_bound, tracking_bound
 from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring import BATTERY, BATTERY_ASKED, REACH, REACH_CASES, Case, Entry, choose_cases, judge, user_entry
+from polish_sim.scoring import (
+    BATTERY,
+    BATTERY_ASKED,
+    REACH,
+    REACH_CASES,
+    Case,
+    Entry,
+    choose_cases,
+    judge,
+    user_entry,
+)
 from polish_sim.scoring.battery import Draw, latency_settings
 from polish_sim.scoring.force_bench import judge_rest
 from polish_sim.scoring.journal import setup_key
@@ -38,8 +48,12 @@ def test_names_are_unique_and_every_figure_asked_has_a_case() -> None:
         assert all(any(one.applies(name) for name in names) for one in asked)
 
 
-@pytest.mark.parametrize(("total_ms", "sensor", "command"), [(20, 0.005, 0.015), (2, 0.001, 0.001), (1, 0.001, 0.0)])
-def test_latency_is_shared_one_to_three_as_in_the_default_cell(total_ms: int, sensor: float, command: float) -> None:
+@pytest.mark.parametrize(
+    ("total_ms", "sensor", "command"), [(20, 0.005, 0.015), (2, 0.001, 0.001), (1, 0.001, 0.0)]
+)
+def test_latency_is_shared_one_to_three_as_in_the_default_cell(
+    total_ms: int, sensor: float, command: float
+) -> None:
     scenario = Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
     assert scenario.sensor.latency_s == pytest.approx(sensor)
     assert scenario.robot.command_latency_s == pytest.approx(command)
@@ -111,10 +125,12 @@ WAVES = (0.04, 0.15)
 
 def test_without_noise_and_latency_the_step_is_the_time_optimal_move() -> None:
     perfect = override(
-        FORCE, ["sensor.force_noise_n=0", "sensor.latency_s=0", "robot.command_latency_s=0", "sensor.rate_hz=10000"]
+        FORCE,
+        ["sensor.force_noise_n=0", "sensor.latency_s=0", "robot.command_latency_s=0", "sensor.rate_hz=10000"],
     )
     bound = step_bound(perfect, 1e-9, band=1e-9)
-    assert bound.settling == pytest.approx(2.0 * math.sqrt(0.004 / 1.2), rel=0.01)  # half speeding up, half braking
+    # half speeding up, half braking
+    assert bound.settling == pytest.approx(2.0 * math.sqrt(0.004 / 1.2), rel=0.01)
 
 
 def test_force_of_a_touch_grows_with_speed_and_latency() -> None:
@@ -139,7 +155,10 @@ def test_quicker_feed_more_noise_and_later_readings_all_cost() -> None:
 
 def test_a_filter_tuned_by_hand_does_not_beat_the_bound() -> None:
     feed, h, rng = 0.03, 0.005, np.random.default_rng(0)
-    bound, errors = tracking_bound(override(FORCE, ["part.displacement_m=0", "part.rotation_rad=0"]), feed, WAVES), []
+    bound, errors = (
+        tracking_bound(override(FORCE, ["part.displacement_m=0", "part.rotation_rad=0"]), feed, WAVES),
+        [],
+    )
     for _ in range(40):
         t = np.arange(2400) * h
         numbers = 2.0 * math.pi / rng.uniform(*WAVES, 8) * rng.uniform(-1.0, 1.0, 8)

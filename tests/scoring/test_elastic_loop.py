@@ -1,4 +1,5 @@
-"""The force loop on elastic joints: the linear model against the simulated cell, and the margins it leaves."""
+"""The force loop on elastic joints: the linear model against the simulated cell, and the margins it
+leaves."""
 
 from __future__ import annotations
 
@@ -19,14 +20,22 @@ FORCE = override(default_scenario("force"), [REAL])
 ADAPTIVE = "controller.name=hybrid-adaptive"
 NO_NOTCH = "controller.adaptive.arm_mode_hz=0"
 HELD = [  # no loops across the tool axis, no friction of the pad, no gaps: what the linear model has
-    "controller.look_ahead_s=10", "controller.position_p=0", "controller.orientation_p=0",
-    "controller.orientation_i_hz=0", "controller.moment_p_rad_snm=0", "controller.moment_i_rad_s2nm=0",
-    "controller.adaptive.normal_rate_1_s=0", "pad.friction=0", "robot.real.missed_every_s=0", "process.hold_s=6",
-]  # fmt: skip
+    "controller.look_ahead_s=10",
+    "controller.position_p=0",
+    "controller.orientation_p=0",
+    "controller.orientation_i_hz=0",
+    "controller.moment_p_rad_snm=0",
+    "controller.moment_i_rad_s2nm=0",
+    "controller.adaptive.normal_rate_1_s=0",
+    "pad.friction=0",
+    "robot.real.missed_every_s=0",
+    "process.hold_s=6",
+]
 
 
 def test_slow_motion_presses_head_and_arm_in_series() -> None:
-    """The host's travel goes into head, pad and gears: 1/k = 1/5000 N/m + compliance of the gears and servos."""
+    """The host's travel goes into head, pad and gears: 1/k = 1/5000 N/m + compliance of the gears and
+    servos."""
     setup = setup_of(override(FORCE, [NO_HYSTERESIS]))
     plant, z = build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
     stiffness = abs(plant_response(plant, plant.force, z) / plant_response(plant, plant.position, z))[0]
@@ -38,7 +47,9 @@ def test_slow_motion_presses_head_and_arm_in_series() -> None:
 
 
 @pytest.mark.parametrize(
-    "settings", [["controller.name=hybrid-pi"], [ADAPTIVE, NO_NOTCH], [ADAPTIVE]], ids=["pi", "no notch", "notch"]
+    "settings",
+    [["controller.name=hybrid-pi"], [ADAPTIVE, NO_NOTCH], [ADAPTIVE]],
+    ids=["pi", "no notch", "notch"],
 )
 def test_the_border_of_stability_is_where_the_linear_model_says(settings: list[str]) -> None:
     """Within 8% of gain, on springs alone: what hysteresis and friction damp is left out on both sides."""

@@ -51,7 +51,8 @@ class PiLaw(NamedTuple):
 
 
 def pi_law(p: float, i: float, filter_hz: float, dt: float) -> PiLaw:
-    """The law of ``control.loops.force_pi`` within its limits; states: the filtered reading and its sum over time.
+    """The law of ``control.loops.force_pi`` within its limits; states: the filtered reading and its sum over
+    time.
 
     ``p`` [m/(s N)], ``i`` [m/(s^2 N)], the low-pass' corner [Hz], the control cycle [s].
     """
@@ -149,7 +150,11 @@ def test_delay_margin_is_where_the_eigenvalues_cross() -> None:
     steps = margins(response_of(force_loop(setup, law), setup.dt)).delay / setup.dt
     late = setup._replace(command_steps=setup.command_steps + math.floor(steps))
     too_late = setup._replace(command_steps=setup.command_steps + math.ceil(steps))
-    assert growth(closed_loop_matrix(late, law), setup.dt) < 0.0 < growth(closed_loop_matrix(too_late, law), setup.dt)
+    assert (
+        growth(closed_loop_matrix(late, law), setup.dt)
+        < 0.0
+        < growth(closed_loop_matrix(too_late, law), setup.dt)
+    )
 
 
 def test_delay_counts_the_same_before_and_after_the_law() -> None:
@@ -160,7 +165,8 @@ def test_delay_counts_the_same_before_and_after_the_law() -> None:
 
 
 def forces(setup: LoopSetup, law: PiLaw, pressed: tuple[float, float], noise: Array) -> Array:
-    """Contact force of the closed loop in time, from places of arm and head [m], with noise in the sensor [N]."""
+    """Contact force of the closed loop in time, from places of arm and head [m], with noise in the sensor
+    [N]."""
     plant, q, noisy = build_plant(setup), np.zeros(2), 0.0
     s, found = np.zeros(len(plant.B)), np.empty(len(noise))
     samples, commands = [0.0] * (setup.sensor_steps + 1), [0.0] * (setup.command_steps + 1)
@@ -180,13 +186,19 @@ def test_closed_loop_in_time_dies_away_as_its_slowest_eigenvalue_says() -> None:
     setup, law = _loop()
     force = np.abs(forces(setup, law, (1e-3, 0.25e-3), np.zeros(3000)))
     early, late = force[1000:1100].max(), force[2900:3000].max()
-    assert math.log(late / early) / 1.9 == pytest.approx(growth(closed_loop_matrix(setup, law), setup.dt), rel=0.02)
+    assert math.log(late / early) / 1.9 == pytest.approx(
+        growth(closed_loop_matrix(setup, law), setup.dt), rel=0.02
+    )
 
 
 def test_the_filter_is_what_keeps_the_tools_inertia_from_chattering() -> None:
     setup, law = _loop()
     bare = pi_law(0.004, 0.012, 500.0, setup.dt)
-    assert growth(closed_loop_matrix(setup, law), setup.dt) < 0.0 < growth(closed_loop_matrix(setup, bare), setup.dt)
+    assert (
+        growth(closed_loop_matrix(setup, law), setup.dt)
+        < 0.0
+        < growth(closed_loop_matrix(setup, bare), setup.dt)
+    )
     weightless = setup._replace(arm=one_mass(mount_mass=0.0))
     assert growth(closed_loop_matrix(weightless, bare), setup.dt) < 0.0
 

@@ -42,7 +42,12 @@ def scored(folder: Path, seeds: int = 1, workers: int = 1, *cases: Case) -> tupl
     measured: list[int] = []
     with open_workers(count=workers) as crew:
         score = run_score(
-            cases or (SHORT, OTHER), [PI], seeds, folder, lambda done, _all, _told: measured.append(done), crew
+            cases or (SHORT, OTHER),
+            [PI],
+            seeds,
+            folder,
+            lambda done, _all, _told: measured.append(done),
+            crew,
         )
     return score, measured
 
@@ -65,14 +70,18 @@ def test_a_row_has_the_contract_s_keys_and_is_the_same_again() -> None:
 
 
 def test_what_ran_before_in_the_process_does_not_show_in_a_row() -> None:
-    moving = replace(choose_cases(BATTERY, ["moving-1hz"])[0], settings=("part.motion_m=0.0005", "process.hold_s=1.5"))
+    moving = replace(
+        choose_cases(BATTERY, ["moving-1hz"])[0], settings=("part.motion_m=0.0005", "process.hold_s=1.5")
+    )
     alone = measure_row(Task(SHORT, PI, 0))
     measure_row(Task(moving, PI, 0))
     measure_row(Task(OTHER, PI, 0))
     assert measure_row(Task(SHORT, PI, 0)) == alone
 
 
-def test_rows_are_the_same_whatever_the_number_of_processes(whole: tuple[Score, bytes], tmp_path: Path) -> None:
+def test_rows_are_the_same_whatever_the_number_of_processes(
+    whole: tuple[Score, bytes], tmp_path: Path
+) -> None:
     assert scored(tmp_path, 2, 2)[0].rows == whole[0].rows
     assert [(row["case"], row["seed"]) for row in whole[0].rows] == [
         ("short", 0), ("short", 1), ("other", 0), ("other", 1),
@@ -120,7 +129,13 @@ def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp
         names = runpy.run_path(str(copy / "source_stamp.py"), run_name="polish_sim.source_stamp")
         return names["package_hash"]()
 
-    made_by = ("scoring/journal.py", "scoring/score.py", "row_file.py", "studies/table.py", "models/ur5e_spindle.xml")
+    made_by = (
+        "scoring/journal.py",
+        "scoring/score.py",
+        "row_file.py",
+        "studies/table.py",
+        "models/ur5e_spindle.xml",
+    )
     for file, counts in [*((name, True) for name in made_by), ("page/page.py", False), ("workers.py", False)]:
         before = source()
         with (copy / file).open("a") as edited:

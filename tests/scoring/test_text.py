@@ -28,17 +28,34 @@ from polish_sim.scoring.plot import plot_ablation, plot_score
 from polish_sim.scoring.reach import Asked
 
 A, B = Entry("alpha", "hybrid-pi"), Entry("beta", "position")
-HOLD, PATH = Case("approach-20", "a hold", "force", ("process.hold_s=2",)), Case("freeform-60", "a path", "surface")
+HOLD, PATH = (
+    Case("approach-20", "a hold", "force", ("process.hold_s=2",)),
+    Case("freeform-60", "a path", "surface"),
+)
 
 
 def row(case: Case, entry: Entry, seed: int, **changed: Any) -> dict[str, Any]:
     settled = None if case.moving else 0.2
     whole = {
-        "case": case.name, "controller": entry.label, "seed": seed, "settling_1n_s": settled, "overshoot_n": 0.5,
-        "rms_error_n": 0.1, "p95_error_n": 0.2, "max_error_n": 0.4 + 0.1 * seed, "peak_force_n": 20.5,
-        "contact_lost_s": 0.0, "stable": True, "mean_error_n": 0.0, "std_n": 0.1, "oscillation_n": 0.1,
-        "peaks_error_n": None, "protective_stop": None, "duration": 5.0, "slowed": None,
-    }  # fmt: skip
+        "case": case.name,
+        "controller": entry.label,
+        "seed": seed,
+        "settling_1n_s": settled,
+        "overshoot_n": 0.5,
+        "rms_error_n": 0.1,
+        "p95_error_n": 0.2,
+        "max_error_n": 0.4 + 0.1 * seed,
+        "peak_force_n": 20.5,
+        "contact_lost_s": 0.0,
+        "stable": True,
+        "mean_error_n": 0.0,
+        "std_n": 0.1,
+        "oscillation_n": 0.1,
+        "peaks_error_n": None,
+        "protective_stop": None,
+        "duration": 5.0,
+        "slowed": None,
+    }
     return whole | changed
 
 
@@ -46,7 +63,9 @@ def score_of(*rows: dict[str, Any], entries: tuple[Entry, ...] = (A, B)) -> Scor
     return Score((HOLD, PATH), entries, 2, rows, len(rows), interrupted=False)
 
 
-BROKEN = row(HOLD, B, 1, settling_1n_s=None, stable=False, max_error_n=30.0, contact_lost_s=1.5, oscillation_n=25.0)
+BROKEN = row(
+    HOLD, B, 1, settling_1n_s=None, stable=False, max_error_n=30.0, contact_lost_s=1.5, oscillation_n=25.0
+)
 BOTH = score_of(
     row(HOLD, A, 0), row(HOLD, A, 1), row(PATH, A, 0), row(PATH, A, 1),
     row(HOLD, B, 0), BROKEN, row(PATH, B, 0), row(PATH, B, 1),
@@ -81,7 +100,9 @@ def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error() -> None
 
 
 def test_a_protective_stop_is_named_where_it_breaks() -> None:
-    stopped = row(HOLD, A, 0, stable=False, protective_stop="measured force above the limit", max_error_n=None)
+    stopped = row(
+        HOLD, A, 0, stable=False, protective_stop="measured force above the limit", max_error_n=None
+    )
     (line,) = breaking(summarize((HOLD,), (A,), [stopped]), A)
     assert line == "approach-20: 1 of 1 runs, measured force above the limit"
 
@@ -123,7 +144,9 @@ def test_what_a_law_is_worth_is_how_much_a_figure_grows_without_it() -> None:
 
 
 def test_each_law_of_the_composed_controller_is_left_out_once() -> None:
-    entries = ablations(Entry("hybrid-adaptive", "hybrid-adaptive", ("controller.adaptive.crossover_rad_s=30",)))
+    entries = ablations(
+        Entry("hybrid-adaptive", "hybrid-adaptive", ("controller.adaptive.crossover_rad_s=30",))
+    )
     scenarios = [HOLD.scenario(entry, 0) for entry in entries]
     laws = [set(scenario.controller.adaptive.laws.split()) for scenario in scenarios]
     whole = set().union(*laws)
@@ -136,7 +159,9 @@ def test_each_law_of_the_composed_controller_is_left_out_once() -> None:
 
 def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross() -> None:
     figure = plot_score(
-        BOTH.rows, {"approach-20": False, "freeform-60": True}, [Asked("max", "approach-20", "max_error_n", 1.0, "N")]
+        BOTH.rows,
+        {"approach-20": False, "freeform-60": True},
+        [Asked("max", "approach-20", "max_error_n", 1.0, "N")],
     )
     settling, _, largest, _ = figure.axes
     markers = [line.get_marker() for line in largest.lines]
@@ -144,7 +169,13 @@ def test_every_run_is_a_mark_of_its_controller_s_and_an_unstable_one_a_cross() -
     assert markers.count("x") == 1
     figure.draw_without_rendering()
     low, high = largest.get_xlim()
-    assert sum(bool(tick.label1.get_text()) and low <= tick.get_loc() <= high for tick in largest.xaxis.majorTicks) >= 3
+    assert (
+        sum(
+            bool(tick.label1.get_text()) and low <= tick.get_loc() <= high
+            for tick in largest.xaxis.majorTicks
+        )
+        >= 3
+    )
     assert len(settling.lines) == 4  # not along the path
     assert [float(line.get_xdata()[0]) for line in largest.lines if line.get_marker() == "None"] == [1.0]
 

@@ -37,7 +37,9 @@ def test_quaternions_and_matrices_say_the_same_rotation(frames: Rotation) -> Non
         quaternion_from_rotation(R, quaternion)
         assert np.linalg.norm(quaternion) == pytest.approx(1.0, abs=1e-12)
         assert quaternion[0 if np.trace(R) > 0.0 else np.argmax(np.abs(quaternion))] > 0.0
-        np.testing.assert_allclose(Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), R, atol=1e-12)
+        np.testing.assert_allclose(
+            Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), R, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 3.0, math.pi - 1e-9, math.pi])
@@ -51,7 +53,9 @@ def test_frames_to_an_axis_are_rotations_with_x_as_near_to_the_hint_as_can_be() 
     z_axes, hint = FRAMES.as_matrix()[:, 2], np.array([0.6, -0.8, 0.0])
     frames = rotation_to_axis(z_axes, hint)
     np.testing.assert_allclose(frames[:, :, 2], z_axes, atol=1e-15)
-    np.testing.assert_allclose(frames @ np.swapaxes(frames, 1, 2), np.tile(np.eye(3), (len(frames), 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        frames @ np.swapaxes(frames, 1, 2), np.tile(np.eye(3), (len(frames), 1, 1)), atol=1e-12
+    )
     np.testing.assert_allclose(np.linalg.det(frames), 1.0)
     best = np.sqrt(1.0 - (z_axes @ hint) ** 2)  # of the hint's projection into the plane
     np.testing.assert_allclose(frames[:, :, 0] @ hint, best, atol=1e-12)
@@ -89,7 +93,9 @@ def test_a_pose_is_position_and_rotation_vector() -> None:
     np.testing.assert_allclose(T @ [1.0, 0.0, 0.0, 1.0], [0.1, 0.5, 0.2, 1.0], atol=1e-15)
 
 
-ANY = np.concatenate([np.random.default_rng(0).normal(size=(200, 3)), np.eye(3), -np.eye(3), [[1.0, 1.0, 1.0]]])
+ANY = np.concatenate(
+    [np.random.default_rng(0).normal(size=(200, 3)), np.eye(3), -np.eye(3), [[1.0, 1.0, 1.0]]]
+)
 
 
 def test_a_unit_vector_keeps_its_direction_and_zero_stays_zero():

@@ -70,7 +70,9 @@ def test_a_grid_is_every_combination_with_every_seed() -> None:
 
 @pytest.mark.parametrize("sample", ["random", "sobol", "lhs"])
 def test_samples_stay_in_their_ranges_and_come_again(sample: str) -> None:
-    asked = study(f"{NOISE}=0.1:0.5", "process.feed_m_s=0.001:0.1:log", "controller.name=a,b", sample=sample, count=24)
+    asked = study(
+        f"{NOISE}=0.1:0.5", "process.feed_m_s=0.001:0.1:log", "controller.name=a,b", sample=sample, count=24
+    )
     points = asked.points()
     assert points == asked.points()
     assert len(set(points)) == 24
@@ -98,14 +100,18 @@ def test_a_study_no_run_can_be_made_of_is_refused(axes: list[str], more: dict[st
         study(*axes, **more).check()
 
 
-@pytest.mark.parametrize("text", ["a", "a=", "a=1,,2", "=1", "a=2:1:lin3", "a=0:1:log3", "a=1:2:lin1", "a=[1,", "a=[]"])
+@pytest.mark.parametrize(
+    "text", ["a", "a=", "a=1,,2", "=1", "a=2:1:lin3", "a=0:1:log3", "a=1:2:lin1", "a=[1,", "a=[]"]
+)
 def test_what_is_no_axis_is_refused(text: str) -> None:
     with pytest.raises(PolishSimError, match="--vary"):
         read_axis(text)
 
 
 def test_a_study_s_file_gives_back_the_same_runs(tmp_path: Path) -> None:
-    asked = study(f"{NOISE}=0.1:0.5:log3", "controller.name=hybrid-pi,position", "part.pose=[[0,0,0,0,0,0]]", seeds=2)
+    asked = study(
+        f"{NOISE}=0.1:0.5:log3", "controller.name=hybrid-pi,position", "part.pose=[[0,0,0,0,0,0]]", seeds=2
+    )
     asked = replace(asked, base=replace(asked.base, seed=7))
     (tmp_path / "study.toml").write_text(to_text(asked))
     again = read_study(tmp_path / "study.toml")

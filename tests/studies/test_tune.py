@@ -64,7 +64,9 @@ class Planted:
 def search(**more: Any) -> Search:
     seen, held_out = training_cases(["step-20", "flat-30"])
     over = read_over("hybrid-pi", ["force_p", "force_i"])
-    usual = Search("hybrid-pi", over, read_goal("worst:rms_error_n"), (read_condition("stable"),), seen, held_out, 2)
+    usual = Search(
+        "hybrid-pi", over, read_goal("worst:rms_error_n"), (read_condition("stable"),), seen, held_out, 2
+    )
     return replace(usual, **more)
 
 
@@ -105,7 +107,8 @@ def test_gains_that_only_fit_the_seen_seeds_are_shown_to_be_worse() -> None:
     scorer = Planted(lucky_seeds=True)
     best = search_best(search(), 20, scorer, silent)  # type: ignore[arg-type]
     seen, seeds, _ = judge_tuned(search(), best, 3, scorer)  # type: ignore[arg-type]
-    assert (seen.better, seeds.better) == (True, False)  # on other seeds the planted figure falls with the distance
+    # on other seeds the planted figure falls with the distance
+    assert (seen.better, seeds.better) == (True, False)
 
 
 def test_a_condition_counts_more_than_any_goal() -> None:
@@ -115,7 +118,8 @@ def test_a_condition_counts_more_than_any_goal() -> None:
     assert search(conditions=()).judge(rows) == 9.0
     assert search(conditions=(), goal=Goal("mean", "rms_error_n")).judge(rows) == 5.0
     assert search(conditions=(), goal=Goal("worst", "settling_1n_s")).judge(rows[1:]) != 0.0
-    assert Goal("worst", "settling_1n_s").of(rows) == math.inf  # a hold that never settles; a path has no such figure
+    # a hold that never settles; a path has no such figure
+    assert Goal("worst", "settling_1n_s").of(rows) == math.inf
 
 
 def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path: Path) -> None:
@@ -128,7 +132,9 @@ def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path: Path
     assert gain[:4] == ("controller.own.gain", 0.1, 10.0, 1.0)
 
 
-@pytest.mark.parametrize("word", ["force", "forse_p", "name", "force_p=1:2", "force_p=0.02:0.01", "force_p=a"])
+@pytest.mark.parametrize(
+    "word", ["force", "forse_p", "name", "force_p=1:2", "force_p=0.02:0.01", "force_p=a"]
+)
 def test_what_cannot_be_tuned_is_refused(word: str) -> None:
     with pytest.raises(PolishSimError, match=r"tune|--over"):
         read_over("hybrid-pi", [word])

@@ -1,4 +1,5 @@
-"""A robot without mass for tests of the language: it is at once where it is sent, and writes down what it was told."""
+"""A robot without mass for tests of the language: it is at once where it is sent, and writes down what it was
+told."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The served robot's motions, force mode and safety on the cell's physics, against what their names promise."""
+"""The served robot's motions, force mode and safety on the cell's physics, against what their names
+promise."""
 
 from __future__ import annotations
 
@@ -42,7 +43,13 @@ def push(robot: SimulatedRobot) -> float:
 
 def test_poses_and_jacobian_are_those_of_the_reference() -> None:
     rng = np.random.default_rng(500)
-    for turn in (*rng.normal(size=(50, 3)), [0.0, 0.0, 0.0], [1e-10, 0.0, 0.0], [0.0, 3.14159, 0.0], [-3.0, 0.4, 0.0]):
+    for turn in (
+        *rng.normal(size=(50, 3)),
+        [0.0, 0.0, 0.0],
+        [1e-10, 0.0, 0.0],
+        [0.0, 3.14159, 0.0],
+        [-3.0, 0.4, 0.0],
+    ):
         pose = np.concatenate([rng.normal(size=3), turn])
         T = from_pose(pose.tolist())
         assert matrix_of(pose) == pytest.approx(T, abs=1e-12)
@@ -106,7 +113,9 @@ def test_streamed_goals_move_the_arm_after_its_latency_and_a_stop_is_waited_for(
     assert robot.target_qd == pytest.approx(moving, abs=0.02)
 
 
-def test_the_speed_slider_stretches_a_move_and_a_blend_goes_by_its_corner(build: Callable[[], SimulatedRobot]) -> None:
+def test_the_speed_slider_stretches_a_move_and_a_blend_goes_by_its_corner(
+    build: Callable[[], SimulatedRobot],
+) -> None:
     robot = build()
     first = robot.target_tcp_pose.copy()
     corner, goal = (first + np.array([*way, 0.0, 0.0, 0.0]) for way in ((0.05, 0.0, 0.0), (0.05, 0.05, 0.0)))
@@ -153,7 +162,9 @@ def test_force_mode_lands_and_holds_its_force(build: Callable[[], SimulatedRobot
     assert np.abs(robot.target_qd).max() < 1e-9
 
 
-def test_force_mode_in_free_air_keeps_its_speed_limit_and_the_other_axes(build: Callable[[], SimulatedRobot]) -> None:
+def test_force_mode_in_free_air_keeps_its_speed_limit_and_the_other_axes(
+    build: Callable[[], SimulatedRobot],
+) -> None:
     robot = build()
     robot.zero_ftsensor()
     first = robot.actual_tcp_pose.copy()
@@ -245,7 +256,9 @@ def test_the_same_orders_give_the_same_bytes(build: Callable[[], SimulatedRobot]
         stand(robot, 0.5)
         points = robot.actual_tcp_pose[:3] + np.linspace(0.0, 0.1, 5)[:, None] * [1.0, 0.0, 0.0]
         run = robot.rig.result(0.0, points, np.linspace(0.0, 0.1, 5))
-        traces.append(np.column_stack([run.trace.normal_force_n, run.trace.path_s_m, run.trace.phase]).tobytes())
+        traces.append(
+            np.column_stack([run.trace.normal_force_n, run.trace.path_s_m, run.trace.phase]).tobytes()
+        )
         assert {0, 1, 2} <= set(run.trace.phase.tolist())
     assert traces[0] == traces[1]
 

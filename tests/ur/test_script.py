@@ -94,7 +94,10 @@ def test_a_list_is_copied_by_assignment() -> None:
 
 
 def test_indentation_says_nothing_and_lines_go_on_behind_operators_and_in_brackets() -> None:
-    text = 'def f():\n      x = [1,\n  2]   # a list\n if x[0] == 1 and\nx[1] == 2:\ntextmsg("yes")\n    end\nend\n'
+    text = (
+        'def f():\n      x = [1,\n  2]   # a list\n if x[0] == 1 and\nx[1] == 2:\ntextmsg("yes")\n    '
+        "end\nend\n"
+    )
     assert run(text)[1].texts == ["yes"]
 
 
@@ -173,14 +176,18 @@ def test_a_killed_thread_stops_the_move_it_made() -> None:
 
 
 def test_two_threads_do_not_move_the_robot_at_once() -> None:
-    body = "thread go():\n movel(p[0.1, 0, 0, 0, 0, 0])\nend\nt = run go()\nsync()\nsync()\nmovej([0,0,0,0,0,0])"
+    body = (
+        "thread go():\n movel(p[0.1, 0, 0, 0, 0, 0])\nend\nt = run go()\nsync()\nsync()\nmovej([0,0,0,0,0,0])"
+    )
     _, notes, machine = run(body)
     assert notes.events[1] == ("exception", 8, 1, "another thread is already moving the robot")
     assert not machine.running
 
 
 def test_the_end_of_a_programme_ends_force_mode_and_motion() -> None:
-    robot, notes, _ = run("force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])\nhalt\nsync()")
+    robot, notes, _ = run(
+        "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,9,0,0,0], 2, [1,1,1,1,1,1])\nhalt\nsync()"
+    )
     assert robot.names() == ["force_mode", "end_force_mode", "stopj"]
     assert notes.events == [("started", "f"), ("stopped", "f")]
 
@@ -259,13 +266,39 @@ def test_a_failing_programme_stops_with_its_place(body: str, words: str) -> None
 @pytest.mark.parametrize(
     "text",
     [
-        "__import__(1)", "x = __builtins__", "x = f.__class__", "x = open(1)", "x = spend", "b_movej(1)",
-        "x = main", "x = Halt", "exec(\"1\")", "x = movej", "f_f()", "x = (1).real", "x = [1].append", "lambda: 1",
-        "x = 1 if True else 2", "x = [y for y in [1]]", "import os", "global f = 1\nf.x = 2", "x = g_y", "raise Halt",
-        "x = yield", "del x", "x = 1; y = 2", "x := 1", "movej.__globals__[0]", "x = {1: 2}", "x = *[1]",
-        "movej([0,0,0,0,0,0], **a)", "socket_open(\"a\", 1, self=1)", "set_tcp(self=1)", "x = 1e999",
+        "__import__(1)",
+        "x = __builtins__",
+        "x = f.__class__",
+        "x = open(1)",
+        "x = spend",
+        "b_movej(1)",
+        "x = main",
+        "x = Halt",
+        'exec("1")',
+        "x = movej",
+        "f_f()",
+        "x = (1).real",
+        "x = [1].append",
+        "lambda: 1",
+        "x = 1 if True else 2",
+        "x = [y for y in [1]]",
+        "import os",
+        "global f = 1\nf.x = 2",
+        "x = g_y",
+        "raise Halt",
+        "x = yield",
+        "del x",
+        "x = 1; y = 2",
+        "x := 1",
+        "movej.__globals__[0]",
+        "x = {1: 2}",
+        "x = *[1]",
+        "movej([0,0,0,0,0,0], **a)",
+        'socket_open("a", 1, self=1)',
+        "set_tcp(self=1)",
+        "x = 1e999",
     ],
-)  # fmt: skip
+)
 def test_nothing_of_python_can_be_reached(text: str) -> None:
     with pytest.raises(ScriptError):
         Machine(f"def f():\n{text}\nend\n", Notes())
@@ -273,7 +306,19 @@ def test_nothing_of_python_can_be_reached(text: str) -> None:
 
 def test_a_programme_compiles_to_its_own_names_and_ours_only() -> None:
     """Whatever a programme is called and says, its code names nothing but what it was given."""
-    words = ("__class__", "__globals__", "gi_frame", "f_back", "eval", "os", "main", "spend", "List", "Halt", "self")
+    words = (
+        "__class__",
+        "__globals__",
+        "gi_frame",
+        "f_back",
+        "eval",
+        "os",
+        "main",
+        "spend",
+        "List",
+        "Halt",
+        "self",
+    )
     body = "".join(f"{word} = 1\ndef {word}_(a):\n local {word} = a\n return {word}\nend\n" for word in words)
     text = f"def f():\n{body}x = 'a\\\\\" + __import__(1)'\nsync()\nend\n"
     machine = Machine(text, Notes())
@@ -282,7 +327,20 @@ def test_a_programme_compiles_to_its_own_names_and_ours_only() -> None:
         code = codes.pop()
         seen |= set(code.co_names)
         codes += [value for value in code.co_consts if hasattr(value, "co_names")]
-    known = {"main", "spend", "List", "checked", "pose", "add", "sub", "mul", "mod", "xor", "element", "replaced"}
+    known = {
+        "main",
+        "spend",
+        "List",
+        "checked",
+        "pose",
+        "add",
+        "sub",
+        "mul",
+        "mod",
+        "xor",
+        "element",
+        "replaced",
+    }
     assert {name for name in seen if name[:2] not in ("g_", "l_", "f_", "b_")} <= known
 
 
@@ -372,7 +430,9 @@ end
         for _ in range(rng.randint(1, 4)):
             at = rng.randrange(len(text))
             cut = rng.choice((0, 1, 1, 3, 40))
-            text[at : at + cut] = rng.choice(("", "(", "]", "end", "\n", "=", "\0", "é", '"', "9" * 12, "while", "p["))
+            text[at : at + cut] = rng.choice(
+                ("", "(", "]", "end", "\n", "=", "\0", "é", '"', "9" * 12, "while", "p[")
+            )
         try:
             run("".join(text).lstrip(), ticks=30)
         except ScriptError:
@@ -380,14 +440,17 @@ end
     assert 100 < refused < 400
 
 
-@pytest.mark.parametrize("text", ["(" * 5000, "x=" + "-" * 5000 + "1", "def f():\n" * 3000, "x=" + "1+" * 3000 + "1"])
+@pytest.mark.parametrize(
+    "text", ["(" * 5000, "x=" + "-" * 5000 + "1", "def f():\n" * 3000, "x=" + "1+" * 3000 + "1"]
+)
 def test_deep_nesting_is_refused(text: str) -> None:
     with pytest.raises(ScriptError):
         Machine(text, Notes())
 
 
 def test_a_control_loop_takes_a_small_part_of_its_2_ms() -> None:
-    """A loop as of a client's control script: registers read, a chain of 70 branches, a second thread that moves."""
+    """A loop as of a client's control script: registers read, a chain of 70 branches, a second thread that
+    moves."""
     branches = "".join(f"  elif cmd == {k}:\n   textmsg({k})\n" for k in range(2, 71))
     body = f"""
 thread speed():

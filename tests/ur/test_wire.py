@@ -222,7 +222,9 @@ def test_the_primary_port_tells_of_stops_and_unknown_names_as_a_robot_does(serve
 
 
 def test_the_line_falls_silent_now_and_then_and_loses_nothing() -> None:
-    scenario = override(default_scenario("surface"), ["robot.real.missed_every_s=0.2", "robot.real.missed_s=0.0056"])
+    scenario = override(
+        default_scenario("surface"), ["robot.real.missed_every_s=0.2", "robot.real.missed_s=0.0056"]
+    )
     link, came, silent = Link(scenario), list[int](), list[bool]()
     for tick in range(50_000):
         link.advance(tick)
@@ -242,7 +244,9 @@ def test_the_line_falls_silent_now_and_then_and_loses_nothing() -> None:
 def test_a_long_programme_is_read_while_the_clock_goes_on(build: Callable[[], SimulatedRobot]) -> None:
     robot, reader = build(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
     controller = Controller(robot, "5.11", Machine, reader)
-    source = "def long():\n" + "".join(f"  x = {k} * (2 + [1, 2][1])\n" for k in range(5000)) + "  sleep(9)\nend\n"
+    source = (
+        "def long():\n" + "".join(f"  x = {k} * (2 + [1, 2][1])\n" for k in range(5000)) + "  sleep(9)\nend\n"
+    )
     controller.run(source, "")
     controller.tick()
     assert controller.machine is None
@@ -345,10 +349,24 @@ def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Callable[.
         assert (call.code, said in call.err, call.err.count("\n")) == (2, True, 1), call.err  # type: ignore[attr-defined]
 
 
-@pytest.mark.skipif(importlib.util.find_spec("rtde_control") is None, reason="no ur_rtde: there is no wheel of it here")
+@pytest.mark.skipif(
+    importlib.util.find_spec("rtde_control") is None, reason="no ur_rtde: there is no wheel of it here"
+)
 def test_the_unmodified_client_polishes(tmp_path: Path) -> None:
-    subprocess.run([*PROGRAM, "plan", "freeform", "--stepover", "25", "--out", "PLAN"], cwd=tmp_path, check=True)
-    words = ["serve", "--part", "freeform", "--path", "PLAN/path.csv", "--out", "SERVED", "--address", "127.0.0.3"]
+    subprocess.run(
+        [*PROGRAM, "plan", "freeform", "--stepover", "25", "--out", "PLAN"], cwd=tmp_path, check=True
+    )
+    words = [
+        "serve",
+        "--part",
+        "freeform",
+        "--path",
+        "PLAN/path.csv",
+        "--out",
+        "SERVED",
+        "--address",
+        "127.0.0.3",
+    ]
     with (tmp_path / "said").open("w") as stream:
         process = subprocess.Popen([*PROGRAM, *words], cwd=tmp_path, stdout=stream, stderr=stream)
     try:

@@ -59,8 +59,11 @@ def value_text(claim: Claim, value: float | None) -> str:
     return number_text(float(value * claim.scale), 4)
 
 
-def claim_row(claim: Claim, columns: Sequence[Mapping[str, Any]], checked: Mapping[str, Any] | None) -> list[str]:
-    """Figure, unit, its value in each of some runs, the paper's, what is asked, and whether ``checked`` meets it."""
+def claim_row(
+    claim: Claim, columns: Sequence[Mapping[str, Any]], checked: Mapping[str, Any] | None
+) -> list[str]:
+    """Figure, unit, its value in each of some runs, the paper's, what is asked, and whether ``checked`` meets
+    it."""
     values = [value_text(claim, metrics.get(claim.figure)) for metrics in columns]
     asked = bound_text(claim) if claim.bounded else "not asked"
     row = [claim.label, claim.unit, *values, claim.paper, asked]

@@ -17,18 +17,31 @@ from matplotlib.patches import Circle, Patch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, PINK, Views, head, new_figure, styled, views_of
+from polish_sim.analysis.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    Views,
+    head,
+    new_figure,
+    styled,
+    views_of,
+)
 from polish_sim.arrays import Array, Indices
 
 if TYPE_CHECKING:
     from polish_sim.planning import Inspection
 
-# An inspected region as a coloured mesh with the time under the pad at every vertex (Inspection -> coverage.ply).
+# An inspected region as a coloured mesh with the time under the pad at every vertex (Inspection ->
+# coverage.ply).
 
 
 BARE = (213, 94, 0)  #: Colour of places it never reaches
 
-Columns = Mapping[str, tuple[str, NDArray[Any]]]  #: Columns of a PLY file by name: numpy type and values, (v,)
+#: Columns of a PLY file by name: numpy type and values, (v,)
+Columns = Mapping[str, tuple[str, NDArray[Any]]]
 COMMENT = "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55 step-overs of the path"
 
 
@@ -49,7 +62,8 @@ def _colors(times: Array) -> NDArray[np.uint8]:
 def write_ply(
     file: Path, comment: str, mesh: tuple[Array, Array, Indices], colors: NDArray[np.uint8], columns: Columns
 ) -> None:
-    """Write vertices [m], normals and triangles as binary PLY in mm, with colours (v, 3) and columns per vertex."""
+    """Write vertices [m], normals and triangles as binary PLY in mm, with colours (v, 3) and columns per
+    vertex."""
     points, normals, corners = mesh
     vertices = np.zeros(
         len(points),
@@ -58,7 +72,11 @@ def write_ply(
         + [(name, kind) for name, (kind, _) in columns.items()],
     )
     for k, (name, color) in enumerate((("x", "red"), ("y", "green"), ("z", "blue"))):
-        vertices[name], vertices["n" + name], vertices[color] = 1e3 * points[:, k], normals[:, k], colors[:, k]
+        vertices[name], vertices["n" + name], vertices[color] = (
+            1e3 * points[:, k],
+            normals[:, k],
+            colors[:, k],
+        )
     for name, (_, values) in columns.items():
         vertices[name] = values
     triangles = np.zeros(len(corners), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
@@ -84,7 +102,8 @@ PIXELS = 420  #: Along the longer side of a map
 DARK = "#3A0010"
 """Where the pad does not fit."""
 LEVELS = {"never touched": ORANGE, "under the pad": "#F0D9A0", "and within 0.55 step-overs": "#CFE8DF"}
-"""Coverage from none to strict, and its colours; what the pad does not touch at its force shows, however near."""
+"""Coverage from none to strict, and its colours; what the pad does not touch at its force shows, however
+near."""
 
 
 class _View(NamedTuple):
@@ -123,7 +142,8 @@ def plot_maps(found: Inspection) -> Figure:
 
 @styled
 def plot_distributions(found: Inspection) -> Figure:
-    """Draw distances between turns, time under the pad over the area, and the tool axis' rate, if it turns at all."""
+    """Draw distances between turns, time under the pad over the area, and the tool axis' rate, if it turns at
+    all."""
     m = found.figures
     turns = DEG_MM * m["max_axis_rate_rad_m"] > LEAST_RATE
     figure = new_figure(13.0 if turns else 9.0, 4.2)
@@ -134,7 +154,8 @@ def plot_distributions(found: Inspection) -> Figure:
             # Below, where no line or bar can run through it.
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
     facts = (
-        f"sharpest corner {np.degrees(m['sharpest_corner_rad']):.0f} deg over {MM * m['corner_scale_m']:g} mm",
+        f"sharpest corner {np.degrees(m['sharpest_corner_rad']):.0f} deg over {MM * m['corner_scale_m']:g} "
+        "mm",
         f"{m['self_crossings']} crossings",
         f"length {m['length_ratio']:.2f} of area / step-over",
         f"exposure cv {m['exposure_cv']:.2f}",
@@ -153,7 +174,9 @@ def _look(found: Inspection) -> _View:
     shown = shown if len(shown) else np.arange(len(seen))
     low, high = seen[shown, :2].min(axis=0), seen[shown, :2].max(axis=0)
     pixel = float((high - low).max()) / PIXELS
-    edge = MM * float(np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1).max())
+    edge = MM * float(
+        np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1).max()
+    )
     # Half the longest edge reaches every place inside a triangle that is not flat.
     reach = 0.6 * edge + pixel
     xs, ys = (np.arange(low[k] - reach, high[k] + reach + pixel, pixel) for k in (0, 1))
@@ -172,7 +195,13 @@ def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> No
     m, times = found.figures, found.quality.exposure.times
     top = max(float(np.percentile(times, 99.5)), 1e-9)
     drawn = axes.imshow(
-        _image(view, times), extent=view.extent, origin="lower", cmap="viridis", vmin=0.0, vmax=top, aspect="equal"
+        _image(view, times),
+        extent=view.extent,
+        origin="lower",
+        cmap="viridis",
+        vmin=0.0,
+        vmax=top,
+        aspect="equal",
     )
     figure.colorbar(drawn, ax=axes, label="time under the pad [s]", shrink=0.85, pad=0.02, extend="max")
     over = 1e4 * m["over_polished_area_m2"]
@@ -196,9 +225,12 @@ def _draw_cover(axes: Axes, found: Inspection, view: _View) -> list[Artist]:
         label = f"pad up to {MM * inside.max_m:.3g} mm in the part"
         axes.plot(at[:, 0], at[:, 1], "o", color=DARK, ms=3.0, label=label)
         worst = at[inside.depths.argmax(), :2]
-        axes.add_patch(Circle((worst[0], worst[1]), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2, clip_on=False))
+        axes.add_patch(
+            Circle((worst[0], worst[1]), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2, clip_on=False)
+        )
     axes.set_title(
-        f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad", fontsize=9.0
+        f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad",
+        fontsize=9.0,
     )
     handles: list[Artist] = [Patch(color=color, label=name) for name, color in LEVELS.items()]
     return handles + axes.get_legend_handles_labels()[0]
@@ -236,6 +268,8 @@ def _draw_times(axes: Axes, found: Inspection) -> None:
     times, m = found.quality.exposure.times, found.figures
     areas = found.ground.mesh.part_areas(found.ground.part_facets)
     axes.hist(times, bins=60, weights=100.0 * areas / areas.sum(), color=BLUE)
-    axes.axvline(m["exposure_median_s"], color=GREY, lw=1.0, ls="--", label=f"median {m['exposure_median_s']:.3g} s")
+    axes.axvline(
+        m["exposure_median_s"], color=GREY, lw=1.0, ls="--", label=f"median {m['exposure_median_s']:.3g} s"
+    )
     axes.axvline(2.0 * m["exposure_median_s"], color=ORANGE, lw=1.0, label="twice the median")
     axes.set(xlabel="time under the pad [s]", ylabel="share of the area [%]")

@@ -1,6 +1,7 @@
 """The figures of a run, from its exact force and pose at every step.
 
-What each figure means is stated once, here; a figure that is not defined for a run (no contact, an empty phase) is NaN.
+What each figure means is stated once, here; a figure that is not defined for a run (no contact, an empty
+phase) is NaN.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ WINDOW_M = 0.015  #: Half-width of a peak's window along the path [m]: the curva
 
 
 class PeakErrors(NamedTuple):
-    """Largest force error per window, averaged over the windows at the peaks and over those away from them."""
+    """Largest force error per window, averaged over the windows at the peaks and over those away from
+    them."""
 
     at_peaks_n: float
     between_peaks_n: float
@@ -38,9 +40,9 @@ class PeakErrors(NamedTuple):
 def curvature_peaks(path: ToolPath) -> NDArray[np.intp]:
     """Ascending indices of the path's points where its normal curvature rises from gentle to sharp.
 
-    A bend is a stretch of process points whose curvature's magnitude stays at ``FLAT_1_M`` or above; its largest value
-    is a peak if it exceeds ``SHARP_1_M``. Ripples on a bend are one peak, and humps and hollows count alike. A path
-    that is never flat, as on a small sphere, has none.
+    A bend is a stretch of process points whose curvature's magnitude stays at ``FLAT_1_M`` or above; its
+    largest value is a peak if it exceeds ``SHARP_1_M``. Ripples on a bend are one peak, and humps and hollows
+    count alike. A path that is never flat, as on a small sphere, has none.
     """
     process = np.flatnonzero(path.process)
     magnitude = np.abs(path.curvature[process])
@@ -56,10 +58,11 @@ def peaks_passed(path: ToolPath, path_s: Array) -> Array:
 
 
 def errors_at_peaks(path_s: Array, force_error: Array, peaks_s: Array) -> PeakErrors:
-    """Means of the force error [N] (n,) at peaks [m] of the path and in stretches of the same length elsewhere; NaN if
-    none.
+    """Means of the force error [N] (n,) at peaks [m] of the path and in stretches of the same length
+    elsewhere; NaN if none.
 
-    The largest of many noisy samples is large anywhere, so the peaks are compared with the same statistic between them.
+    The largest of many noisy samples is large anywhere, so the peaks are compared with the same statistic
+    between them.
     """
     magnitude = np.abs(force_error)
     at_peaks = [_largest(path_s, magnitude, s - WINDOW_M, s + WINDOW_M) for s in peaks_s]
@@ -95,7 +98,8 @@ def first_contact(force: Array) -> int | None:
 
 
 def settling_time(time: Array, error: Array, band: float) -> float:
-    """Time from the first sample, e.g. first contact, to the moment after which an error stays inside ± a band.
+    """Time from the first sample, e.g. first contact, to the moment after which an error stays inside ± a
+    band.
 
     0 if it never leaves the band, NaN if it is outside at the last sample or there is none.
     """
@@ -106,7 +110,8 @@ def settling_time(time: Array, error: Array, band: float) -> float:
 
 
 def rise_time(time: Array, value: Array, target: float) -> float:
-    """Time between first reaching 10% and first reaching 90% of a target [s]; NaN when 90% is never reached."""
+    """Time between first reaching 10% and first reaching 90% of a target [s]; NaN when 90% is never
+    reached."""
     reached = value >= 0.9 * target
     if not reached.any():
         return math.nan
@@ -114,7 +119,8 @@ def rise_time(time: Array, value: Array, target: float) -> float:
 
 
 def moving_average(time: Array, value: Array, window: float) -> Array:
-    """Mean over a sliding window [s], whole windows only: (n - k + 1,) for n evenly spaced samples, k to a window."""
+    """Mean over a sliding window [s], whole windows only: (n - k + 1,) for n evenly spaced samples, k to a
+    window."""
     if len(time) < 2:
         return np.empty(0)
     samples = max(1, round(window / float(np.median(np.diff(time)))))
@@ -167,10 +173,13 @@ def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
     if within < WITHIN_BAND:
         most = figures["force_max_deviation_n"]
         found.append(
-            f"the force was outside ±4 N for {100.0 * (1.0 - within):.3g}% of the process, by up to {most:.1f} N"
+            f"the force was outside ±4 N for {100.0 * (1.0 - within):.3g}% of the process, by up to "
+            f"{most:.1f} N"
         )
     if figures["peak_force_n"] > MOST_FORCE * contact_force:
-        found.append(f"the force reached {figures['peak_force_n']:.1f} N where {contact_force:.3g} N were set")
+        found.append(
+            f"the force reached {figures['peak_force_n']:.1f} N where {contact_force:.3g} N were set"
+        )
     region, left = figures.get("region_area_m2", 0.0), figures.get("left_out_area_m2", 0.0)
     if left > LEFT_OUT * region:
         why = "; ".join(f"{1e4 * area:.3g} cm^2 {reason}" for reason, area in figures["left_out"].items())
@@ -191,11 +200,12 @@ PAPER_ARC = Circle((0.0, -0.52, 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.1
 
 
 def measure_arc(trace: Trace) -> Figures:
-    """Measure how the tool follows the paper's circle, from 1 s after the feed's start to where the target brakes.
+    """Measure how the tool follows the paper's circle, from 1 s after the feed's start to where the target
+    brakes.
 
-    tracking_error_max_m and _rms_m: distance from the tool point to the circle (as a curve, whatever the time);
-    speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from the commanded
-    feed; orientation_error_max_rad.
+    tracking_error_max_m and _rms_m: distance from the tool point to the circle (as a curve, whatever the
+    time); speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from
+    the commanded feed; orientation_error_max_rad.
     """
     part = steady_feed(trace.phase == PROCESS, trace.time_s, trace.path_s_m)
     time, speed = trace.time_s[part], trace.tcp_speed_m_s[part]
@@ -215,10 +225,11 @@ def measure_arc(trace: Trace) -> Figures:
 def measure_force(trace: Trace, contact_force: float) -> Figures:
     """Measure the step response of the contact force, from first contact (force above 0.5 N) to the retract.
 
-    contact_time_s: moment of first contact; rise_time_s: from 10% to 90% of the set force; settling_time_3n_s,
-    settling_time_1n_s: from first contact to the moment after which the force stays inside the band, undefined if the
-    run ended within 0.5 s of contact; overshoot_n: largest excess over the set force, 0 if none; steady_*: from 0.5 s
-    after contact on.
+    contact_time_s: moment of first contact; rise_time_s: from 10% to 90% of the set force;
+    settling_time_3n_s,
+    settling_time_1n_s: from first contact to the moment after which the force stays inside the band,
+    undefined if the run ended within 0.5 s of contact; overshoot_n: largest excess over the set force, 0 if
+    none; steady_*: from 0.5 s after contact on.
     """
     held = trace.phase < RETRACT
     time, force = trace.time_s[held], trace.normal_force_n[held]
@@ -239,15 +250,15 @@ def measure_force(trace: Trace, contact_force: float) -> Figures:
 
 
 def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figures:
-    """Measure force and path while the tool is fed along the part (phase 2 only); ``contact_force`` where the path
-    names none.
+    """Measure force and path while the tool is fed along the part (phase 2 only); ``contact_force`` where the
+    path names none.
 
     Errors are against the force wanted at that place of the path. force_mean_n, force_rms_error_n,
     force_max_deviation_n; force_within_4n, force_within_1n: shares of the time; force_error_median_n,
-    force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N; tracking_error_max_m: across the tool
-    axis; speed_mean_m_s, speed_std_m_s; feed_time_s: duration of the feed; curvature_peaks: how many, see
-    `curvature_peaks`; force_error_at_peaks_n: mean over the peaks of the largest error within 15 mm of the
-    peak; force_error_between_peaks_n: the same for equally long stretches away from them.
+    force_error_p95_n: of the error's magnitude; contact_lost_s: time below 0.5 N; tracking_error_max_m:
+    across the tool axis; speed_mean_m_s, speed_std_m_s; feed_time_s: duration of the feed; curvature_peaks:
+    how many, see `curvature_peaks`; force_error_at_peaks_n: mean over the peaks of the largest error within
+    15 mm of the peak; force_error_between_peaks_n: the same for equally long stretches away from them.
     """
     part = trace.phase == PROCESS
     time, force, path_s = trace.time_s[part], trace.normal_force_n[part], trace.path_s_m[part]
@@ -321,12 +332,14 @@ REMOVAL_SPREAD = ("removal_cv", "removal_cv_inside", "removal_p5", "removal_p95"
 def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, float]:
     """Measure a map over the region's area.
 
-    exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the same per area;
-    removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient; removal_cv: standard
-    deviation over mean; removal_cv_inside: the same a pad's radius [m] inside the border; removal_p5, removal_p95,
-    removal_max: over the mean, by area; under_polished_share, over_polished_share, unpolished_share: of the area, with
-    less than 0.5 means, with more than 1.5, with nothing at all; removal_elsewhere: exposure that went to surfaces
-    beside the region, over the region's; removal_unplaced: share of the force for which the pad touched no node;
+    exposure_nm: pressure x sliding speed integrated over the region and time; exposure_mean_n_m: the same per
+    area; removal_volume_m3, removal_mean_m, removal_max_m: undefined without a wear coefficient; removal_cv:
+    standard deviation over mean; removal_cv_inside: the same a pad's radius [m] inside the border;
+    removal_p5, removal_p95,
+    removal_max: over the mean, by area; under_polished_share, over_polished_share, unpolished_share: of the
+    area, with less than 0.5 means, with more than 1.5, with nothing at all; removal_elsewhere: exposure that
+    went to surfaces beside the region, over the region's; removal_unplaced: share of the force for which the
+    pad touched no node;
     pressure_field_ratio: force of the pressure field as it was computed over the exact one.
     """
     shares = removal.areas / removal.areas.sum()
@@ -349,11 +362,14 @@ def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, f
     return out | _spread_of(removal, shares, pad_radius) if total > 0.0 else out
 
 
-def spreads(relative: Array, areas: Array, places: Array, border: Indices, inside: float) -> tuple[float, float]:
-    """Standard deviation over mean, of a whole region and of what lies ``inside`` its border by this much [m].
+def spreads(
+    relative: Array, areas: Array, places: Array, border: Indices, inside: float
+) -> tuple[float, float]:
+    """Standard deviation over mean, of a whole region and of what lies ``inside`` its border by this much
+    [m].
 
-    ``relative`` and ``areas`` are those of vertices at ``places`` (v, 3) [m], ``border`` (b, 2) edges between them;
-    nan where nothing lies so far inside.
+    ``relative`` and ``areas`` are those of vertices at ``places`` (v, 3) [m], ``border`` (b, 2) edges between
+    them; nan where nothing lies so far inside.
     """
     away, _ = cKDTree(places[border[:, 0]]).query(places)
     found = []
@@ -373,4 +389,6 @@ def _spread_of(removal: RemovalMap, shares: Array, pad_radius: float) -> dict[st
     below = np.cumsum(shares[order]) - 0.5 * shares[order]
     low, high = np.interp([0.05, 0.95], below, relative[order])
     deviations = spreads(relative, removal.areas, removal.vertices, removal.border, pad_radius)
-    return dict(zip(REMOVAL_SPREAD, (*deviations, float(low), float(high), float(relative.max())), strict=True))
+    return dict(
+        zip(REMOVAL_SPREAD, (*deviations, float(low), float(high), float(relative.max())), strict=True)
+    )

@@ -1,4 +1,5 @@
-"""A plan as a picture: the part, the path coloured along its length, leads and tool axes, in 3D and from above."""
+"""A plan as a picture: the part, the path coloured along its length, leads and tool axes, in 3D and from
+above."""
 
 from __future__ import annotations
 
@@ -89,7 +90,8 @@ class _Seen(NamedTuple):
 
 @styled
 def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) -> Figure:
-    """Draw a plan in 3D and from above; from below if it looks down, along its face if that is a side of the part.
+    """Draw a plan in 3D and from above; from below if it looks down, along its face if that is a side of the
+    part.
 
     ``name``: of the path, else its own; ``stop``: where a run along it stopped itself.
     """
@@ -130,7 +132,8 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
 
 
 def _in_small_facets(vertices: Array, faces: Ints) -> Array:
-    """Corners of facets without long edges, shape (m, 3, 3): long facets cannot be drawn in order of their distance."""
+    """Corners of facets without long edges, shape (m, 3, 3): long facets cannot be drawn in order of their
+    distance."""
     corners, longest = vertices[faces], LONGEST_EDGE * float(np.ptp(vertices, axis=0).max())
     while True:
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
@@ -178,14 +181,18 @@ def _draw_part(solid: Any, flat: Axes, corners: Array, flat_corners: Array, tint
 
 def _draw_reach(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: _Seen) -> None:
     """What is left out in a colour for each reason, and in red where the tool is in the part."""
-    for (reason, row), color in zip(result.area.left_out.items(), chain(LEFT_OUT, repeat(GREY)), strict=False):
+    for (reason, row), color in zip(
+        result.area.left_out.items(), chain(LEFT_OUT, repeat(GREY)), strict=False
+    ):
         out = row.triangles @ frame.T * MM
         if not len(out):
             continue
         normals = unit(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]))
         near = out[seen_in(seen.space, out.mean(axis=1), normals)]
         solid.add_collection3d(Poly3DCollection(near, facecolors=color, edgecolors=color, lw=0.3, zorder=2))
-        flat.add_collection(PolyCollection(list(seen.flat(out)[..., :2]), facecolors=color, edgecolors=color, lw=0.3))
+        flat.add_collection(
+            PolyCollection(list(seen.flat(out)[..., :2]), facecolors=color, edgecolors=color, lw=0.3)
+        )
         flat.plot([], [], "s", color=color, label=f"left out: {reason}")
     if len(result.in_part):
         at = result.in_part @ frame.T * MM
@@ -193,7 +200,9 @@ def _draw_reach(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: 
         flat.plot(*seen.flat(at).T[:2], ".", color=RED, ms=5.0, zorder=30, label="tool in the part")
 
 
-def _draw_contact(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen, scale: Normalize) -> None:
+def _draw_contact(
+    solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen, scale: Normalize
+) -> None:
     """The path in contact, coloured along its length, where the part does not stand before it."""
     style: dict[str, Any] = {"cmap": COLORS, "norm": scale, "capstyle": "round"}
     for lines, at in _chords(path.process & seen.in_space, shown, path.s):
@@ -212,7 +221,8 @@ def _chords(rows: Bools, shown: Array, s: Array) -> Iterator[tuple[Array, Array]
 
 
 def _draw_leads(solid: Any, flat: Axes, path: ToolPath, shown: Array, seen: _Seen) -> None:
-    """Approach and lead-in in one colour, lead-out and retract in another, with a mark where contact begins, ends."""
+    """Approach and lead-in in one colour, lead-out and retract in another, with a mark where contact begins,
+    ends."""
     # A ring, so that an end in the same place shows within it.
     ring: dict[str, Any] = {"mfc": "none", "mew": 2.0, "ms": 10}
     square: dict[str, Any] = {"mec": "white", "mew": 0.8, "ms": 6}
@@ -245,7 +255,9 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:
     """Some tool axes as thin lines that stand on the path where it is seen."""
     process = np.flatnonzero(path.process)
     s = path.s[process]
-    rows = process[np.unique(np.searchsorted(s, np.linspace(s[0], s[-1], AXES_SHOWN)).clip(0, len(process) - 1))]
+    rows = process[
+        np.unique(np.searchsorted(s, np.linspace(s[0], s[-1], AXES_SHOWN)).clip(0, len(process) - 1))
+    ]
     rows = rows[seen.in_space[rows]]
     if not len(rows):
         return  # the part stands before all of them
@@ -266,12 +278,16 @@ def _draw_mends(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: 
         at = np.concatenate(places)
         at = at[:: max(1, len(at) // MOST_MARKS)] @ frame.T * MM
         solid.plot(*at.T, linestyle="none", zorder=25, **style)
-        flat.plot(*seen.flat(at).T[:2], linestyle="none", zorder=25, label=f"{what} after playing it", **style)
+        flat.plot(
+            *seen.flat(at).T[:2], linestyle="none", zorder=25, label=f"{what} after playing it", **style
+        )
 
 
 def cross_out(axes: Any, place: Array) -> None:
     """Mark a protective stop's place in a picture's own frame [mm], shape (2,) or (3,)."""
-    axes.plot(*place[:, None], "X", color=RED, ms=12, mec="white", mew=1.0, zorder=40, label="protective stop")
+    axes.plot(
+        *place[:, None], "X", color=RED, ms=12, mec="white", mew=1.0, zorder=40, label="protective stop"
+    )
 
 
 def fill_view(solid: Any, points: Array) -> None:
@@ -311,7 +327,11 @@ def _head(figure: Figure, flat: Axes, result: PlanResult, name: str, views: View
     beside = np.isfinite([near, far]).all()
     facts = (
         f"{m['path_length_m']:.2f} m in {m['retracts']} run{'s' if m['retracts'] != 1 else ''}",
-        *([f"step-over {MM * result.plan.stepover_m:g} mm, p5-p95 {near:.2f}-{far:.2f} mm"] if beside else []),
+        *(
+            [f"step-over {MM * result.plan.stepover_m:g} mm, p5-p95 {near:.2f}-{far:.2f} mm"]
+            if beside
+            else []
+        ),
         f"{100.0 * m['coverage']:.1f}% covered",
         f"right: {views.name}",
     )

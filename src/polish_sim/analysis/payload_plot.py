@@ -1,4 +1,5 @@
-"""A payload's calibration as pictures: residuals pose by pose, drift over the calibration and over a long run."""
+"""A payload's calibration as pictures: residuals pose by pose, drift over the calibration and over a long
+run."""
 
 from __future__ import annotations
 
@@ -37,9 +38,17 @@ def plot_residuals(
         for axes in (bars, over_time):
             _noise_band(axes, deviation)
         for axis in range(3):
-            bars.bar(number + 0.25 * (axis - 1), values[:, axis], 0.22, color=AXIS_COLORS[axis], label=AXES[axis])
+            bars.bar(
+                number + 0.25 * (axis - 1), values[:, axis], 0.22, color=AXIS_COLORS[axis], label=AXES[axis]
+            )
             over_time.plot(
-                time, values[:, axis], MARKS[axis] + "-", color=AXIS_COLORS[axis], ms=4, lw=0.9, label=AXES[axis]
+                time,
+                values[:, axis],
+                MARKS[axis] + "-",
+                color=AXIS_COLORS[axis],
+                ms=4,
+                lw=0.9,
+                label=AXES[axis],
             )
         for k in np.flatnonzero(~used):
             bars.axvspan(k + 0.55, k + 1.45, color=GREY, alpha=0.35, lw=0)
@@ -66,8 +75,9 @@ def _noise_band(axes: Axes, noise: float) -> None:
 def plot_drift(time: Array, tared_once: Array, tared_again: Array, retare: float, walk: float) -> Figure:
     """What drift adds to a force in a long run, tared once and tared anew, with the random walk's own spread.
 
-    What goes beyond the spread is the tare's own noise, which stays in every force until the next tare. Forces (n, 3)
-    [N] over time (n,) [s]; ``retare``: time between tares [s]; ``walk``: rms drift after one second [N/sqrt(s)].
+    What goes beyond the spread is the tare's own noise, which stays in every force until the next tare.
+    Forces (n, 3) [N] over time (n,) [s]; ``retare``: time between tares [s]; ``walk``: rms drift after one
+    second [N/sqrt(s)].
     """
     figure = new_figure(9.0, 4.6)
     once, again = figure.subplots(1, 2, sharey=True)
@@ -78,13 +88,18 @@ def plot_drift(time: Array, tared_once: Array, tared_again: Array, retare: float
         (again, tared_again, np.mod(moments, retare), f"tared every {retare:g} s, as between strokes"),
     ):
         spread = walk * np.sqrt(age)
-        axes.fill_between(moments, -2.0 * spread, 2.0 * spread, color=GREY, alpha=0.18, lw=0, label="drift, 2 sigma")
+        axes.fill_between(
+            moments, -2.0 * spread, 2.0 * spread, color=GREY, alpha=0.18, lw=0, label="drift, 2 sigma"
+        )
         for axis in range(3):
             look = {"color": AXIS_COLORS[axis], "ls": DASHES[axis], "label": f"{AXES[axis]}, 5 s mean"}
             axes.plot(time, values[:, axis], lw=1.0, **look)
         axes.set_xlabel("time [s]")
         axes.set_title(title, fontsize=9.0, fontweight="normal", color="#444444")
     once.set_ylabel("force read while nothing touches [N]")
-    facts = [f"{walk * np.sqrt(total):.2g} N rms after {total:.0f} s", f"{walk * np.sqrt(retare):.2g} N between tares"]
+    facts = [
+        f"{walk * np.sqrt(total):.2g} N rms after {total:.0f} s",
+        f"{walk * np.sqrt(retare):.2g} N between tares",
+    ]
     head(figure, f"Drift of the wrist sensor, {walk:g} N/sqrt(s)", facts, legend=(once,))
     return figure

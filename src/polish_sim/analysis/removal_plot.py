@@ -21,7 +21,18 @@ from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER
 from polish_sim.analysis.path_plot import cross_out, scale_flat
 from polish_sim.analysis.run_record import path_words, stop_mark
-from polish_sim.analysis.style import BLUE, GREY, ORANGE, SERIES, Views, head, line_look, new_figure, styled, views_of
+from polish_sim.analysis.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    SERIES,
+    Views,
+    head,
+    line_look,
+    new_figure,
+    styled,
+    views_of,
+)
 from polish_sim.arrays import Array
 from polish_sim.errors import number_text
 
@@ -45,7 +56,8 @@ def removal_colors() -> Colormap:
 
 @styled
 def plot_removal(record: RunRecord) -> Figure:
-    """Draw a run's removal over the part, seen from above or along its face, and how the area is shared out."""
+    """Draw a run's removal over the part, seen from above or along its face, and how the area is shared
+    out."""
     removal = _of(record)
     views = views_of(removal.normals, removal.up)
     figure = new_figure(10.5, 5.0)
@@ -63,7 +75,8 @@ def plot_removal(record: RunRecord) -> Figure:
 
 @styled
 def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw the removal of several runs from above, each over its own mean, and their distributions over each other."""
+    """Draw the removal of several runs from above, each over its own mean, and their distributions over each
+    other."""
     columns = min(len(records), 4)
     rows = math.ceil(len(records) / columns)
     figure = new_figure(3.4 * columns + 4.4, 0.5 + 3.9 * rows)
@@ -82,7 +95,9 @@ def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
             flat.set_ylabel("")
     for flat in grid[len(records) :]:
         flat.set_visible(False)
-    bar = maps.colorbar(ScalarMappable(SCALE, removal_colors()), ax=list(grid), shrink=0.8, pad=0.02, extend="max")
+    bar = maps.colorbar(
+        ScalarMappable(SCALE, removal_colors()), ax=list(grid), shrink=0.8, pad=0.02, extend="max"
+    )
     bar.set_label(RELATIVE)
     _mark_bands(share)
     share.set_title("colours as over the maps", fontsize=9.0, fontweight="normal")
@@ -97,7 +112,8 @@ def _of(record: RunRecord) -> RemovalMap:
 
 
 def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
-    """The map from the front, with outlines of what is under and over polished: both ends of the colours are dark."""
+    """The map from the front, with outlines of what is under and over polished: both ends of the colours are
+    dark."""
     vertices = removal.vertices @ views.flat.T * MM
     facing = (removal.normals[removal.triangles] @ views.flat[2]).min(axis=1) > 0.0
     seen = Triangulation(vertices[:, 0], vertices[:, 1], removal.triangles[facing])
@@ -106,7 +122,9 @@ def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
     flat.tripcolor(seen, shown, norm=SCALE, cmap=removal_colors(), shading="gouraud", rasterized=True)
     for level, dashes in ((UNDER, ":"), (OVER, "-")):
         if removal.relative.min() < level < removal.relative.max():
-            flat.tricontour(seen, removal.relative, levels=[level], colors="black", linewidths=0.7, linestyles=dashes)
+            flat.tricontour(
+                seen, removal.relative, levels=[level], colors="black", linewidths=0.7, linestyles=dashes
+            )
             flat.plot([], [], color="black", lw=0.7, ls=dashes, label=f"{level:g} times the mean")
     flat.add_collection(LineCollection(list(vertices[removal.border][..., :2]), colors="black", lw=0.8))
     flat.grid(False)
@@ -115,7 +133,9 @@ def _draw_flat(flat: Axes, removal: RemovalMap, views: Views) -> None:
 
 def _color_bar(figure: Figure, axes: Axes, removal: RemovalMap) -> None:
     mappable = ScalarMappable(SCALE, removal_colors())
-    bar = figure.colorbar(mappable, ax=axes, shrink=0.85, pad=0.02, extend="both" if _bare(removal) else "max")
+    bar = figure.colorbar(
+        mappable, ax=axes, shrink=0.85, pad=0.02, extend="both" if _bare(removal) else "max"
+    )
     if not removal.absolute:
         bar.set_label(f"{RELATIVE} (dark: none)" if _bare(removal) else RELATIVE)
         return
@@ -139,11 +159,15 @@ def _draw_shares(axes: Axes, record: RunRecord) -> None:
         (0.5 * UNDER, m["under_polished_share"], BLUE, f"under {UNDER:g}"),
         (OVER + 0.5 * (TOP - OVER), m["over_polished_share"], ORANGE, f"over {OVER:g}"),
     ):
-        axes.text(x, 0.97 * top, f"{text}\n{100.0 * share:.1f}%", color=color, ha="center", va="top", fontsize=9.5)
+        axes.text(
+            x, 0.97 * top, f"{text}\n{100.0 * share:.1f}%", color=color, ha="center", va="top", fontsize=9.5
+        )
     for name, side in (("p5", "right"), ("p95", "left")):
         axes.axvline(m[f"removal_{name}"], color=GREY, lw=1.0, ls=":")
         if UNDER <= m[f"removal_{name}"] <= TOP:  # elsewhere its name would lie beside the axes
-            axes.text(m[f"removal_{name}"], 0.7 * top, f" {name} {m[f'removal_{name}']:.2f} ", ha=side, color=GREY)
+            axes.text(
+                m[f"removal_{name}"], 0.7 * top, f" {name} {m[f'removal_{name}']:.2f} ", ha=side, color=GREY
+            )
     label = f"{RELATIVE}, the untouched {_untouched(record)} left out" if _bare(removal) else RELATIVE
     axes.set(xlabel=label, ylabel=PER_TENTH, xlim=(0.0, TOP + 0.25), ylim=(0.0, top))
 
@@ -160,7 +184,9 @@ def _histogram(removal: RemovalMap) -> tuple[Array, Array]:
     What was not touched at all would be one spike as high as the classes are narrow: it is in none of them.
     """
     edges = np.linspace(0.0, TOP + 0.5, BINS + 1)
-    found, _ = np.histogram(removal.relative, edges, weights=np.where(removal.exposure > 0.0, removal.areas, 0.0))
+    found, _ = np.histogram(
+        removal.relative, edges, weights=np.where(removal.exposure > 0.0, removal.areas, 0.0)
+    )
     return edges, 100.0 * found / removal.areas.sum() * 0.1 / (edges[1] - edges[0])
 
 
@@ -189,7 +215,8 @@ def _untouched(record: RunRecord) -> str:
     return f"{100.0 * record.metrics['unpolished_share']:.2f}%"
 
 
-# What a run took off the part as a coloured mesh with the exposure at every vertex (RemovalMap -> removal.ply).
+# What a run took off the part as a coloured mesh with the exposure at every vertex (RemovalMap ->
+# removal.ply).
 
 REMOVAL_MESH = "removal.ply"
 COMMENT = (
@@ -199,7 +226,8 @@ COMMENT = (
 
 
 def write_removal_mesh(file: Path, removal: RemovalMap) -> None:
-    """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_n_m, relative and removal_m."""
+    """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_n_m, relative and
+    removal_m."""
     colors = np.asarray(removal_colors()(SCALE(removal.relative), bytes=True))[:, :3].copy()
     colors[removal.exposure <= 0.0] = BARE_COLOUR
     depth = removal.preston_1_pa * removal.exposure

@@ -75,7 +75,12 @@ def plot_arc(record: RunRecord) -> Figure:
         ("speed {:.3g} mm/s", "speed_mean_m_s", 1e3),
         ("off by at most {:.3g} mm/s", "speed_max_deviation_m_s", 1e3),
     )
-    head(figure, f"Circle at constant feed, {record.scenario.controller.label}", facts, legend=(speed, error, plane))
+    head(
+        figure,
+        f"Circle at constant feed, {record.scenario.controller.label}",
+        facts,
+        legend=(speed, error, plane),
+    )
     return figure
 
 
@@ -88,21 +93,32 @@ def plot_arc_runs(records: Sequence[RunRecord]) -> Figure:
         return numbers(record.log, "path_s_m")[process], error * 1e6
 
     return compare_runs(
-        records, curve, ("at most {:.3g} mm", "tracking_error_max_m", 1e3), (PAPER_LIMIT_M * 1e6, "paper: < 0.3 mm"),
-        ("way round the circle [m]", "distance from the circle [µm]"), "Distance from the circle, side by side",
-    )  # fmt: skip
+        records,
+        curve,
+        ("at most {:.3g} mm", "tracking_error_max_m", 1e3),
+        (PAPER_LIMIT_M * 1e6, "paper: < 0.3 mm"),
+        ("way round the circle [m]", "distance from the circle [µm]"),
+        "Distance from the circle, side by side",
+    )
 
 
 @styled
 def compare_runs(
-    records: Sequence[RunRecord], curve: Callable[[RunRecord], tuple[Array, Array]], fact: tuple[str, str, float],
-    limit: tuple[float, str], labels: tuple[str, str], title: str,
-) -> Figure:  # fmt: skip
-    """Draw an error of several runs over each other, a line each with its controller and a figure, and a limit."""
+    records: Sequence[RunRecord],
+    curve: Callable[[RunRecord], tuple[Array, Array]],
+    fact: tuple[str, str, float],
+    limit: tuple[float, str],
+    labels: tuple[str, str],
+    title: str,
+) -> Figure:
+    """Draw an error of several runs over each other, a line each with its controller and a figure, and a
+    limit."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
     for index, record in enumerate(records):
-        label = ", ".join([f"{record.name}: {record.scenario.controller.label}", *facts_of(record.metrics, fact)])
+        label = ", ".join(
+            [f"{record.name}: {record.scenario.controller.label}", *facts_of(record.metrics, fact)]
+        )
         axes.plot(*curve(record), label=label, **line_look(index))
     axes.axhline(limit[0], color=GREEN, ls="--", lw=1.0, label=limit[1])
     axes.set(xlabel=labels[0], ylabel=labels[1], ylim=(0.0, None))
@@ -136,7 +152,10 @@ def _draw_plane(axes: Axes, positions: Array) -> None:
     center, normal, wanted = np.asarray(PAPER_ARC.center), np.asarray(PAPER_ARC.normal), PAPER_ARC.radius
     across = np.cross([0.0, 0.0, 1.0], normal)
     offset = positions - center
-    u, v = offset @ (across / np.linalg.norm(across)), offset @ np.cross(normal, across / np.linalg.norm(across))
+    u, v = (
+        offset @ (across / np.linalg.norm(across)),
+        offset @ np.cross(normal, across / np.linalg.norm(across)),
+    )
     angle, radius = np.arctan2(v, u), np.hypot(u, v)
     exaggeration = _exaggeration(float(np.abs(radius - wanted).max(initial=0.0)), wanted)
     shown = wanted + exaggeration * (radius - wanted)
@@ -164,7 +183,8 @@ _BEFORE_S, _LONGEST_S = 0.5, 6.0
 
 @styled
 def plot_force(record: RunRecord) -> Figure:
-    """Draw exact and measured force from just before first contact, the ±3 N band, and where the force settles."""
+    """Draw exact and measured force from just before first contact, the ±3 N band, and where the force
+    settles."""
     figure = new_figure(9.0, 4.8)
     axes = figure.add_subplot()
     target = record.scenario.process.contact_force_n
@@ -185,14 +205,18 @@ def plot_force(record: RunRecord) -> Figure:
     if stop and stop.time - _origin(record.log) <= _LONGEST_S:
         mark_stop((axes,), stop.time - _origin(record.log))
     head(
-        figure, f"Force from first contact, {record.scenario.controller.label}", _facts(record, touched), legend=(axes,)
+        figure,
+        f"Force from first contact, {record.scenario.controller.label}",
+        _facts(record, touched),
+        legend=(axes,),
     )
     return figure
 
 
 @styled
 def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw the force of several runs over each other; of many seeds the one that overshoots most in orange."""
+    """Draw the force of several runs over each other; of many seeds the one that overshoots most in
+    orange."""
     figure = new_figure(9.0, 4.8)
     axes = figure.add_subplot()
     targets = sorted({record.scenario.process.contact_force_n for record in records})
@@ -201,7 +225,10 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
     responses = [response(record) for record in records]
     few = len({replace(record.scenario, seed=0) for record in records}) > 1 and len(records) <= len(SERIES)
     for index, (record, (time, force)) in enumerate(zip(records, responses, strict=True)):
-        label = f"{record.name}: {record.scenario.controller.label}, {record.scenario.process.contact_force_n:g} N"
+        label = (
+            f"{record.name}: {record.scenario.controller.label}, "
+            f"{record.scenario.process.contact_force_n:g} N"
+        )
         look = line_look(index) | {"label": label} if few else {"color": GREY, "lw": 0.6, "alpha": 0.7}
         axes.plot(time, force, **look)
     if not few:
@@ -215,14 +242,17 @@ def plot_force_runs(records: Sequence[RunRecord]) -> Figure:
     figures = ("settling_time_3n_s", "overshoot_n")
     largest = {name: max(_number(record.metrics.get(name), 0.0) for record in records) for name in figures}
     facts = facts_of(
-        largest, ("slowest settling to ±3 N {:.3f} s", figures[0], 1.0), ("overshoot {:.1f} N", figures[1], 1.0)
+        largest,
+        ("slowest settling to ±3 N {:.3f} s", figures[0], 1.0),
+        ("overshoot {:.1f} N", figures[1], 1.0),
     )
     head(figure, "Force from first contact", [f"{len(records)} runs", *facts], legend=(axes,))
     return figure
 
 
 def response(record: RunRecord) -> tuple[Array, Array]:
-    """Time since first contact, without one since the start [s], force [N], up to the retract, each shape (n,)."""
+    """Time since first contact, without one since the start [s], force [N], up to the retract, each shape
+    (n,)."""
     held = _shown(record.log)
     time = numbers(record.log, "time_s")[held]
     force = numbers(record.log, "normal_force_n")[held]
@@ -277,11 +307,14 @@ SAME = 1e-3  #: Relative spread up to which a figure counts as the same in all s
 
 @styled
 def plot_seeds(records: Sequence[RunRecord], claims: Sequence[Claim]) -> Figure:
-    """Draw every figure of an experiment that differs between seeds on a line of its own, the worst seed named.
+    """Draw every figure of an experiment that differs between seeds on a line of its own, the worst seed
+    named.
 
     Those that are the same in all seeds stand in the head.
     """
-    values = {claim: np.array([_number(record.metrics.get(claim.figure)) for record in records]) for claim in claims}
+    values = {
+        claim: np.array([_number(record.metrics.get(claim.figure)) for record in records]) for claim in claims
+    }
     known = [claim for claim in claims if np.isfinite(values[claim]).any()]
     drawn = [claim for claim in known if not np.ptp(values[claim]) <= SAME * np.abs(values[claim]).max()]
     figure = new_figure(9.0, 1.2 + 0.72 * max(len(drawn), 1))
@@ -290,10 +323,14 @@ def plot_seeds(records: Sequence[RunRecord], claims: Sequence[Claim]) -> Figure:
     for axes, claim in zip(panels, drawn, strict=False):
         _draw_claim(axes, claim, seeds, values[claim])
     panels[0].set_visible(bool(drawn))
-    same = [f"{c.label.strip()} {value_text(c, values[c][0])} {c.unit}".strip() for c in known if c not in drawn]
+    same = [
+        f"{c.label.strip()} {value_text(c, values[c][0])} {c.unit}".strip() for c in known if c not in drawn
+    ]
     same[:1] = [f"the same in all seeds: {text}" for text in same[:1]]
     head(
-        figure, f"{records[0].scenario.experiment}, {records[0].scenario.controller.label}: {len(records)} seeds", same
+        figure,
+        f"{records[0].scenario.experiment}, {records[0].scenario.controller.label}: {len(records)} seeds",
+        same,
     )
     return figure
 
@@ -307,9 +344,20 @@ def _draw_claim(axes: Axes, claim: Claim, seeds: Sequence[int], values: Array) -
         (~met, "X", ORANGE, "seed, falls short of what is asked"),
     ):
         if rows.any():
-            axes.plot(claim.scale * values[rows], 0.0 * values[rows], mark, color=color, ms=6, alpha=0.7, label=label)
+            axes.plot(
+                claim.scale * values[rows],
+                0.0 * values[rows],
+                mark,
+                color=color,
+                ms=6,
+                alpha=0.7,
+                label=label,
+            )
     worst = int(np.nanargmin(values) if claim.more_is_better else np.nanargmax(values))
-    name, place = f"seed {seeds[worst]}: {value_text(claim, values[worst])}", (claim.scale * values[worst], 0.0)
+    name, place = (
+        f"seed {seeds[worst]}: {value_text(claim, values[worst])}",
+        (claim.scale * values[worst], 0.0),
+    )
     axes.annotate(name, place, (0, 6), textcoords="offset points", ha="center", fontsize=8.0)
     for limit in limits:
         axes.axvline(limit, color=GREEN, ls="--", lw=1.4, label="asked")

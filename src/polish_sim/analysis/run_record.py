@@ -59,7 +59,8 @@ class StopMark(NamedTuple):
 
 
 def stop_mark(metrics: Mapping[str, Any]) -> StopMark | None:
-    """When and where a run with these figures stopped itself; None if it did not, or does not say (older runs)."""
+    """When and where a run with these figures stopped itself; None if it did not, or does not say (older
+    runs)."""
     at = metrics.get("protective_stop_at")
     return StopMark(at["name"], at["time_s"], at["path_s_m"], np.array(at["tool_m"])) if at else None
 
@@ -80,7 +81,9 @@ def read_record(folder: Path) -> RunRecord:
     """Read a run back; InputError if the folder is not a run's, or a file in it is damaged."""
     missing = [name for name in (CONFIG, METRICS, LOG) if not (folder / name).is_file()]
     if missing:
-        raise InputError(f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a folder made by 'run'.")
+        raise InputError(
+            f"'{folder}' is not a run folder: it lacks {', '.join(missing)}. Give a folder made by 'run'."
+        )
     scenario = load_scenario(folder / CONFIG, Scenario())
     path = _read_path(folder / PATH) if (folder / PATH).is_file() else None
     removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
@@ -89,7 +92,8 @@ def read_record(folder: Path) -> RunRecord:
 
 
 def read_records(folders: Sequence[Path]) -> list[RunRecord]:
-    """Read runs back under names that tell them apart: their folders' own, or as they are given where these repeat."""
+    """Read runs back under names that tell them apart: their folders' own, or as they are given where these
+    repeat."""
     records = [read_record(folder) for folder in folders]
     names = [record.name for record in records]
     if len(set(names)) < len(names):
@@ -131,7 +135,8 @@ def _read_path(file: Path) -> ToolPath:
 
 # What runs that are put side by side were asked to do, how each ended, and what they differ in.
 
-COMPARED: Final = ("seed", "controller")  #: What runs are put side by side for: differences there need no word
+#: What runs are put side by side for: differences there need no word
+COMPARED: Final = ("seed", "controller")
 
 
 WHOLE: Final = "whole"
@@ -155,7 +160,9 @@ def path_words(scenario: Scenario) -> str:
 SETTINGS: Final = (
     Setting("part", "", lambda s: Path(s.part.file).name, ("force", "surface", "dual")),
     Setting("path", "", path_words, ("surface", "dual")),
-    Setting("step-over", "mm", lambda s: "-" if s.plan.file else f"{1e3 * s.plan.stepover_m:g}", ("surface",)),
+    Setting(
+        "step-over", "mm", lambda s: "-" if s.plan.file else f"{1e3 * s.plan.stepover_m:g}", ("surface",)
+    ),
     Setting("set force", "N", lambda s: f"{s.process.contact_force_n:g}", ("force", "surface", "dual")),
     Setting("feed", "mm/s", lambda s: f"{1e3 * s.process.feed_m_s:g}", ("arc", "surface", "dual")),
     Setting("controller", "", lambda s: Path(s.controller.name).name, ("arc", "force", "surface", "dual")),
@@ -233,7 +240,8 @@ def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
 
 
 def once_more(scenario: Scenario, usual: Scenario) -> str:
-    """The command that runs a scenario, with every setting in which it differs from its experiment's usual one."""
+    """The command that runs a scenario, with every setting in which it differs from its experiment's usual
+    one."""
     changed = (f"--set {shlex.quote(text)}" for text in changed_words(scenario, usual))
     return " ".join([f"polish-sim run {scenario.experiment}", *changed])
 

@@ -1,7 +1,8 @@
-"""How every figure looks: colours, head, legend, marks; readable for colour-blind eyes and in black and white.
+"""How every figure looks: colours, head, legend, marks; readable for colour-blind eyes and in black and
+white.
 
-Everywhere blue is what was measured or run, green what was asked of it (band, target, limit), grey what it was made of
-or compared with, orange an event or a second series, red a protective stop.
+Everywhere blue is what was measured or run, green what was asked of it (band, target, limit), grey what it
+was made of or compared with, orange an event or a second series, red a protective stop.
 """
 
 from __future__ import annotations
@@ -67,7 +68,13 @@ _RC: Final[Any] = {
 }
 
 
-OTHER_SCRIPTS: Final = ("Noto Sans CJK JP", "Noto Sans CJK SC", "WenQuanYi Zen Hei", "IPAGothic", "Microsoft YaHei")
+OTHER_SCRIPTS: Final = (
+    "Noto Sans CJK JP",
+    "Noto Sans CJK SC",
+    "WenQuanYi Zen Hei",
+    "IPAGothic",
+    "Microsoft YaHei",
+)
 """Fonts for names of parts in Chinese and Japanese, where they are installed."""
 
 
@@ -98,7 +105,8 @@ def line_look(number: int) -> dict[str, Any]:
     return {"color": SERIES[number % len(SERIES)], "ls": DASHES[number % len(DASHES)]}
 
 
-# The head of a figure: its title, under it what it comes to in figures, and why the run stopped; the legend is below.
+# The head of a figure: its title, under it what it comes to in figures, and why the run stopped; the legend
+# is below.
 
 TITLE_SIZE: Final = 11.5
 LINE: Final = 1.2 * TITLE_SIZE / 72.0  #: Height of a line of the head [inch]
@@ -109,7 +117,8 @@ HANDLE: Final = 9  #: Width of the mark before a name in a legend, in letters
 
 
 def head(figure: Figure, title: str, facts: Sequence[str] = (), legend: Sequence[Axes] = ()) -> None:
-    """Head a figure with what it shows and, in small print, its figures; name what the panels of a legend show.
+    """Head a figure with what it shows and, in small print, its figures; name what the panels of a legend
+    show.
 
     The legend stands below the figure, off the data; what several panels show is named once.
     """
@@ -122,10 +131,16 @@ def head(figure: Figure, title: str, facts: Sequence[str] = (), legend: Sequence
             lines.append(fact)
     for line in lines:
         add_line(figure, line)
-    named = {label: handle for axes in legend for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    named = {
+        label: handle
+        for axes in legend
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     if named:
         columns = int(LETTERS_PER_INCH * figure.get_figwidth() / (max(map(len, named)) + HANDLE))
-        figure.legend(named.values(), named.keys(), loc="outside lower left", ncols=max(min(columns, len(named)), 1))
+        figure.legend(
+            named.values(), named.keys(), loc="outside lower left", ncols=max(min(columns, len(named)), 1)
+        )
 
 
 def say_stop(figure: Figure, text: str) -> None:
@@ -151,13 +166,19 @@ def mark_stop(panels: Sequence[Axes], where: float) -> None:
         # Where a run stops as it starts, what came after is all there is.
         high = where if where > low else axes.get_xlim()[1]
         axes.set_xlim(low - MARGIN * (high - low), high + MARGIN * (high - low))
-        axes.axvline(where, color=RED, lw=1.6, zorder=4, label="protective stop" if axes is panels[0] else None)
-    panels[0].plot(where, 1.0, "X", color=RED, ms=8, transform=panels[0].get_xaxis_transform(), clip_on=False, zorder=9)
+        axes.axvline(
+            where, color=RED, lw=1.6, zorder=4, label="protective stop" if axes is panels[0] else None
+        )
+    panels[0].plot(
+        where, 1.0, "X", color=RED, ms=8, transform=panels[0].get_xaxis_transform(), clip_on=False, zorder=9
+    )
 
 
 def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None:
     """Shade a tolerance band around a target and draw the target as a line."""
-    axes.axhspan(center - half_width, center + half_width, color=GREEN, alpha=0.13, lw=0, label=label, zorder=0)
+    axes.axhspan(
+        center - half_width, center + half_width, color=GREEN, alpha=0.13, lw=0, label=label, zorder=0
+    )
     for edge in (center - half_width, center + half_width):
         axes.axhline(edge, color=GREEN, lw=0.6, zorder=0)
     axes.axhline(center, color=GREEN, lw=0.9, ls="--", zorder=1)
@@ -166,7 +187,11 @@ def shade_band(axes: Axes, center: float, half_width: float, label: str) -> None
 def facts_of(metrics: Mapping[str, Any], *rows: tuple[str, str, float]) -> list[str]:
     """Figures of a run as text, those it does not have left out; a row: text with a place, name and scale."""
     known = [(text, metrics.get(name), scale) for text, name, scale in rows]
-    return [text.format(scale * value) for text, value, scale in known if value is not None and not np.isnan(value)]
+    return [
+        text.format(scale * value)
+        for text, value, scale in known
+        if value is not None and not np.isnan(value)
+    ]
 
 
 # The frame pictures of a part are drawn in: to the right, to the back, up (up -> rotation).
@@ -175,7 +200,8 @@ ALONG = 0.9998  #: Cosine of about one degree: a direction as close to an axis i
 
 
 def view_frame(up: Array) -> Array:
-    """R_view_work, its rows the picture's right, back and up in the work frame; ``up``: away from the table, (3,)."""
+    """R_view_work, its rows the picture's right, back and up in the work frame; ``up``: away from the table,
+    (3,)."""
     right = np.cross([0.0, 1.0, 0.0], up) if abs(up[1]) < 0.9 else np.cross([0.0, 0.0, -1.0], up)
     right = unit(right)
     return np.stack([right, np.cross(up, right), up])
@@ -186,7 +212,8 @@ EDGE_ON = 0.05  #: Cosine of normal and viewer below which a surface is seen edg
 
 
 class Views(NamedTuple):
-    """How a region is looked at; rows: a picture's right, its up or back, and its third axis, work frame, (3, 3)."""
+    """How a region is looked at; rows: a picture's right, its up or back, and its third axis, work frame, (3,
+    3)."""
 
     space: Array  #: R of the picture in space, its third row up, a side of the part turned to the front
     flat: Array  #: R of the flat one: from above, from below, or, of a side, along its face
@@ -211,7 +238,8 @@ def views_of(normals: Array, up: Array) -> Views:
 
 
 def axis_name(direction: Array) -> str:
-    """Which of the part's axes a direction of the picture is, to tell views apart: ``+x``, ``-y``, or as numbers."""
+    """Which of the part's axes a direction of the picture is, to tell views apart: ``+x``, ``-y``, or as
+    numbers."""
     largest = int(np.abs(direction).argmax())
     if abs(direction[largest]) > ALONG:
         return ("-" if direction[largest] < 0.0 else "+") + "xyz"[largest]
@@ -221,11 +249,13 @@ def axis_name(direction: Array) -> str:
 
 # Which points of a picture the part itself stands before: a depth picture of its facets.
 
-Projection = Callable[[Array], Array]  #: Points to places and depths (larger is nearer), (n, 3); lines stay straight
+#: Points to places and depths (larger is nearer), (n, 3); lines stay straight
+Projection = Callable[[Array], Array]
 
 PIXELS = 250  #: Of a depth picture, along the longer side of the part
 SAMPLE_PIXELS = 0.75  #: Pixels between samples of a facet, at most
-LIFT = 2.0  #: Pixels by which points are taken off the surface: more than depths within a pixel of a plane differ
+#: Pixels by which points are taken off the surface: more than depths within a pixel of a plane differ
+LIFT = 2.0
 SAMPLES_AT_ONCE = 300_000
 
 
@@ -235,12 +265,14 @@ class DepthPicture(NamedTuple):
     project: Projection
     low: Array  #: Corner of the picture, shape (2,)
     pixel: float  #: Side of a pixel in the picture's own unit
-    depth: Array  #: Depth of what is seen in each pixel, minus infinity beside the part, shape (columns, rows)
+    #: Depth of what is seen in each pixel, minus infinity beside the part, shape (columns, rows)
+    depth: Array
     lift: float  #: Way off the surface that keeps it from hiding its own points, in the unit of the points
 
 
 def depth_picture(corners: Array, project: Projection) -> DepthPicture:
-    """Depths of a part in a picture, from corners of its facets (m, 3, 3); exact at samples less than a pixel apart."""
+    """Depths of a part in a picture, from corners of its facets (m, 3, 3); exact at samples less than a pixel
+    apart."""
     points = corners.reshape(-1, 3)
     seen = project(points).reshape(-1, 3, 3)
     low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
@@ -254,7 +286,8 @@ def depth_picture(corners: Array, project: Projection) -> DepthPicture:
 
 
 def seen_in(picture: DepthPicture, points: Array, off: Array) -> Bools:
-    """Whether points (n, 3) are before the part or beside it; ``off``: unit vectors away from the part there."""
+    """Whether points (n, 3) are before the part or beside it; ``off``: unit vectors away from the part
+    there."""
     places = picture.project(points + picture.lift * off)
     columns, rows = np.floor((places[:, :2] - picture.low) / picture.pixel).astype(int).T
     width, height = picture.depth.shape

@@ -9,7 +9,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import FLAT_1_M, FORCE_BANDS_N, SHARP_1_M, WINDOW_M, curvature_peaks, fed, numbers
+from polish_sim.analysis.metrics import (
+    FLAT_1_M,
+    FORCE_BANDS_N,
+    SHARP_1_M,
+    WINDOW_M,
+    curvature_peaks,
+    fed,
+    numbers,
+)
 from polish_sim.analysis.run_plots import plot_force
 from polish_sim.analysis.run_record import WHOLE, RunRecord, ending, stop_mark
 from polish_sim.analysis.style import (
@@ -74,9 +82,12 @@ def plot_surface_force(record: RunRecord) -> Figure:
 
 @styled
 def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
-    """Draw the force of several runs along the path, one below the other, each with its distribution beside it."""
+    """Draw the force of several runs along the path, one below the other, each with its distribution beside
+    it."""
     figure = new_figure(10.0, 1.2 + 2.1 * len(records))
-    grid = figure.subplots(len(records), 2, sharex="col", sharey="row", width_ratios=(4.0, 1.0), squeeze=False)
+    grid = figure.subplots(
+        len(records), 2, sharex="col", sharey="row", width_ratios=(4.0, 1.0), squeeze=False
+    )
     below, above = _error_limits(records)
     for index, (record, (along, share)) in enumerate(zip(records, grid, strict=True)):
         color, target = SERIES[index % len(SERIES)], _set_force(record)
@@ -87,7 +98,9 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
         along.set(ylabel="force [N]", ylim=(low, high))
         along.set_title(_title(record), fontsize=9.0, color=color)
         _, force = process_force(record)
-        share.hist(force, bins=np.linspace(low, high, 60), orientation="horizontal", color=color, density=True)
+        share.hist(
+            force, bins=np.linspace(low, high, 60), orientation="horizontal", color=color, density=True
+        )
         shade_band(share, target, BAND_N, "")
         within = facts_of(record.metrics, (f"in ±{BAND_N:g} N: {{:.1f}}%", "force_within_4n", 100.0))
         share.set_title("".join(within), fontsize=9.0)
@@ -95,7 +108,9 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
         share.set_xticks([])
     grid[-1, 0].set(xlabel="along the path [m]")
     grid[-1, 1].set(xlabel="share of the time")
-    head(figure, "Force along the path, side by side", [f"shaded: set force ± {BAND_N:g} N, the paper's band"])
+    head(
+        figure, "Force along the path, side by side", [f"shaded: set force ± {BAND_N:g} N, the paper's band"]
+    )
     return figure
 
 
@@ -108,7 +123,10 @@ def process_force(record: RunRecord) -> tuple[Array, Array]:
 def _draw_force(axes: Axes, record: RunRecord, color: str, label: str | None) -> None:
     process = fed(record.log)
     place, force = process_force(record)
-    low, high = numbers(record.log, "normal_force_min_n")[process], numbers(record.log, "normal_force_max_n")[process]
+    low, high = (
+        numbers(record.log, "normal_force_min_n")[process],
+        numbers(record.log, "normal_force_max_n")[process],
+    )
     axes.fill_between(place, low, high, color=color, alpha=0.25, lw=0)
     axes.plot(place, force, color=color, lw=0.7, label=label)
 
@@ -126,7 +144,9 @@ def _draw_wanted(axes: Axes, record: RunRecord, labelled: bool) -> None:
     s = record.path.s[record.path.process]
     wanted = record.path.force_at(s, _set_force(record))
     axes.fill_between(s, wanted - BAND_N, wanted + BAND_N, color=GREEN, alpha=0.13, lw=0, zorder=0)
-    axes.plot(s, wanted, color=GREEN, lw=1.2, ls="--", label=f"force of the path {band}" if labelled else None)
+    axes.plot(
+        s, wanted, color=GREEN, lw=1.2, ls="--", label=f"force of the path {band}" if labelled else None
+    )
 
 
 def _draw_curvature(axes: Axes, path: ToolPath) -> None:
@@ -140,12 +160,17 @@ def _draw_curvature(axes: Axes, path: ToolPath) -> None:
             if low <= line <= high:
                 axes.axhline(line, color=color, lw=0.8, ls=style)
                 axes.annotate(
-                    f" R {1e3 / line:.0f} mm", (1.0, line), xycoords=("axes fraction", "data"), color=color, va="center"
+                    f" R {1e3 / line:.0f} mm",
+                    (1.0, line),
+                    xycoords=("axes fraction", "data"),
+                    color=color,
+                    va="center",
                 )
 
 
 def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
-    """Mark each peak on the curvature and draw its place through the other panels, when there are few enough."""
+    """Mark each peak on the curvature and draw its place through the other panels, when there are few
+    enough."""
     force, bend = panels
     peaks = curvature_peaks(path)
     if len(peaks):
@@ -155,7 +180,13 @@ def _mark_peaks(panels: Sequence[Axes], path: ToolPath) -> None:
         force.axvline(place, color=ORANGE, lw=0.9, alpha=0.7 if few else 0.25, zorder=0)
         if few:
             force.text(
-                place, 0.99, f" {number}", transform=force.get_xaxis_transform(), color=ORANGE, va="top", clip_on=True
+                place,
+                0.99,
+                f" {number}",
+                transform=force.get_xaxis_transform(),
+                color=ORANGE,
+                va="top",
+                clip_on=True,
             )
 
 
@@ -178,7 +209,10 @@ def _at_peaks(m: Mapping[str, Any]) -> str:
     count = m.get("curvature_peaks", 0)
     if not count:
         return "no curvature peak on the way"
-    text = f"{count_text(count, 'curvature peak')}: largest error within {1e3 * WINDOW_M:.0f} mm {{:.2f}} N on average"
+    text = (
+        f"{count_text(count, 'curvature peak')}: largest error within {1e3 * WINDOW_M:.0f} mm {{:.2f}} N "
+        "on average"
+    )
     return "".join(facts_of(m, (text, "force_error_at_peaks_n", 1.0)))
 
 
@@ -190,7 +224,8 @@ _POINTS = 401
 
 @styled
 def plot_peaks(record: RunRecord) -> Figure | None:
-    """Draw force error and curvature around every curvature peak, their means and the worst; None if there is none."""
+    """Draw force error and curvature around every curvature peak, their means and the worst; None if there is
+    none."""
     offset = np.linspace(-HALF_WIDTH_M, HALF_WIDTH_M, _POINTS)
     errors, bends = around_peaks(record, offset)
     if not len(errors):
@@ -202,7 +237,13 @@ def plot_peaks(record: RunRecord) -> Figure | None:
         axes.plot(offset * 1e3, rows.T, color=GREY, lw=0.4, alpha=0.4)
         axes.lines[0].set_label("every peak")
         axes.plot(offset * 1e3, rows[worst], color=ORANGE, lw=1.1, label="the one with the largest error")
-        axes.plot(offset * 1e3, rows.mean(axis=0), color=BLUE, lw=2.2, label=f"mean of {count_text(len(rows), 'peak')}")
+        axes.plot(
+            offset * 1e3,
+            rows.mean(axis=0),
+            color=BLUE,
+            lw=2.2,
+            label=f"mean of {count_text(len(rows), 'peak')}",
+        )
     force.set(ylabel="force - set force [N]")
     bend.set(xlabel="along the path, from the curvature peak [mm]", ylabel="curvature [1/m]")
     bend.set_xlim(1e3 * offset[0], 1e3 * offset[-1])
@@ -216,7 +257,8 @@ def plot_peaks(record: RunRecord) -> Figure | None:
 
 
 def _facts(record: RunRecord, errors: Array) -> list[str]:
-    """The largest of the mean, and beside it the figure of the table, which is of all peaks that were passed."""
+    """The largest of the mean, and beside it the figure of the table, which is of all peaks that were
+    passed."""
     count = record.metrics.get("curvature_peaks", 0)
     text = f"largest within {1e3 * WINDOW_M:.0f} mm of each: {{:.2f}} N, mean of {count}"
     facts = [f"largest of the mean {np.abs(errors.mean(axis=0)).max():.2f} N"]
@@ -227,7 +269,8 @@ def _facts(record: RunRecord, errors: Array) -> list[str]:
 
 
 def around_peaks(record: RunRecord, offset: Array) -> tuple[Array, Array]:
-    """Force error [N] and curvature [1/m], (peaks, k) each, at offsets (k,) [m] from peaks on the way that was run."""
+    """Force error [N] and curvature [1/m], (peaks, k) each, at offsets (k,) [m] from peaks on the way that
+    was run."""
     place, force = process_force(record)
     if record.path is None or len(place) == 0:
         return np.empty((0, len(offset))), np.empty((0, len(offset)))

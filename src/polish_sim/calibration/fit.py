@@ -1,4 +1,5 @@
-"""One least-squares fit for every calibration: unknowns with covariance, outliers found, left out and named."""
+"""One least-squares fit for every calibration: unknowns with covariance, outliers found, left out and
+named."""
 
 from __future__ import annotations
 
@@ -52,7 +53,8 @@ class Fit(Generic[X]):
     covariance: Array  #: Of a step of the unknowns, shape (p, p)
     residuals: Array  #: Of every measurement, used or not, shape (n, k)
     used: Bools  #: The measurements it rests on, shape (n,); the others are outliers
-    noise: Array  #: Standard deviation of each coordinate of a measurement, given or found by residuals, shape (k,)
+    #: Standard deviation of each coordinate of a measurement, given or found by residuals, shape (k,)
+    noise: Array
 
 
 def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools | None = None) -> Fit[X]:
@@ -83,9 +85,11 @@ def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools |
 
 
 def solve(problem: Problem[X], start: X, weights: Array | float = 1.0) -> X:
-    """Unknowns with the least sum of weighted squares; weights of residuals (n, k), or one for each row (n, 1).
+    """Unknowns with the least sum of weighted squares; weights of residuals (n, k), or one for each row (n,
+    1).
 
-    Levenberg-Marquardt, then Gauss-Newton: the cost is flat at its minimum and does not determine the last digits.
+    Levenberg-Marquardt, then Gauss-Newton: the cost is flat at its minimum and does not determine the last
+    digits.
     """
     root = np.broadcast_to(np.sqrt(weights), problem.residuals(start).shape)
 
@@ -130,7 +134,8 @@ def _columns(problem: Problem[Any], x: Any, field: str) -> Array:
 
 
 def _noise(problem: Problem[Any], e: Array, taken: Array) -> Array:
-    """Noise of each column (k,) from residuals (n, k) and the degrees of freedom taken from each column (k,)."""
+    """Noise of each column (k,) from residuals (n, k) and the degrees of freedom taken from each column
+    (k,)."""
     found = np.empty(e.shape[1])
     for kind in problem.noises:
         part = e[:, kind.columns]
@@ -142,8 +147,9 @@ def agreeing(problem: Problem[X], start: X, measurements: str) -> Bools:
     """The measurements that agree with each other, (n,); all of them where there are too few to judge.
 
     A fit by least absolute deviations, which a few wrong measurements hardly move, names the suspects; then
-    measurements are left out or taken back by their distance from the least-squares fit of the others (Fisher's test).
-    Raises CalibrationError, with their name such as ``"touches"``, if more than a quarter disagree.
+    measurements are left out or taken back by their distance from the least-squares fit of the others
+    (Fisher's test). Raises CalibrationError, with their name such as ``"touches"``, if more than a quarter
+    disagree.
     """
     count = len(problem.residuals(start))
     if count < LEAST_TO_JUDGE:
@@ -153,8 +159,8 @@ def agreeing(problem: Problem[X], start: X, measurements: str) -> Bools:
         if np.sum(~used) > LARGEST_SHARE * count:
             named = ", ".join(str(k + 1) for k in np.flatnonzero(~used)[:12])
             raise CalibrationError(
-                f"more than {LARGEST_SHARE:.0%} of the {count} {measurements} do not fit the others ({named}). "
-                "Did something move or touch in between, or are units mixed? Measure again."
+                f"more than {LARGEST_SHARE:.0%} of the {count} {measurements} do not fit the others "
+                f"({named}). Did something move or touch in between, or are units mixed? Measure again."
             )
         x, found = _near(problem, x, used)
         if np.array_equal(found, used):
@@ -181,7 +187,8 @@ def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
 
 
 def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
-    """The fit of the measurements used, and all measurements within what noise explains of the fit of the others."""
+    """The fit of the measurements used, and all measurements within what noise explains of the fit of the
+    others."""
     scale, floors, e = _columns(problem, x, "start"), _columns(problem, x, "floor"), problem.residuals(x)
     if len(problem.noises) > 1:
         taken = np.full(e.shape[1], problem.slopes(x).shape[2] / e.shape[1])
@@ -203,10 +210,13 @@ def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
 def column_orders(values: Array, prefix: str = "") -> Iterator[tuple[Array, str]]:
     """Three columns (n, 3) in every order and with every sign, and how x, y, z are then read."""
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        names = [("-" if s < 0.0 else "") + prefix + "xyz"[axis] for axis, s in zip(order, signs, strict=True)]
+        names = [
+            ("-" if s < 0.0 else "") + prefix + "xyz"[axis] for axis, s in zip(order, signs, strict=True)
+        ]
         yield values[:, order] * signs, ", ".join(names)
 
 
 def _fisher(k: int, freedom: Array | float) -> Any:
-    """The ratio of variances, with k and ``freedom`` degrees of freedom, that noise exceeds once in a million."""
+    """The ratio of variances, with k and ``freedom`` degrees of freedom, that noise exceeds once in a
+    million."""
     return fdtri(k, freedom, 1.0 - CHANCE)

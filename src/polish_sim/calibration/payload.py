@@ -5,8 +5,8 @@ At rest the sensor reads the weight and its moment, both turning with the pose, 
     f = m g u + b_f          u = R_base_sensor^T z_base, against gravity
     t = g (m c) x u + b_t    c: centre of mass in the sensor frame
 
-Linear in ten numbers: m, m c, b_f, b_t; six more with a linear drift of the bias. Quantities named ``theta`` are
-in this order.
+Linear in ten numbers: m, m c, b_f, b_t; six more with a linear drift of the bias. Quantities named ``theta``
+are in this order.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from polish_sim.errors import CalibrationError
 GRAVITY = 9.81  # [m/s^2], the model's
 MASS, MOMENT, BIAS, DRIFT = 0, slice(1, 4), slice(4, 10), slice(10, 16)
 LEAST_READINGS = 3
-LEAST_SPREAD = 0.02  #: Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere
+#: Least spread of the up directions along two axes [-]; 1/sqrt(3) is that of a full sphere
+LEAST_SPREAD = 0.02
 LARGEST_CONDITION = 1e5  #: Of the whole regressor; beyond it the drift cannot be separated from the rest
 LARGEST_REST = 0.3  #: Of the weight, what the forces may leave unexplained, rms
 FARTHEST = 1.0  #: How far from the sensor's origin a tool's centre of mass may be [m]
@@ -36,15 +37,16 @@ _BETTER, _GOOD = 0.2, 0.05
 def check_identifiable(up_sensor: Array) -> None:
     """Refuse poses from which mass, centre and bias cannot be separated.
 
-    A weight shows only by how its direction changes in the sensor: readings differ by m g times the difference of two
-    up directions, (n, 3), and by its moment. Differences along one line leave the centre along that line unseen. The
-    CalibrationError says what is unknown and which pose is missing.
+    A weight shows only by how its direction changes in the sensor: readings differ by m g times the
+    difference of two up directions, (n, 3), and by its moment. Differences along one line leave the centre
+    along that line unseen. The CalibrationError says what is unknown and which pose is missing.
     """
     count = len(up_sensor)
     if count < LEAST_READINGS:
         raise CalibrationError(
-            f"{count} reading{'s' if count != 1 else ''} cannot separate mass, centre and bias (10 unknowns): "
-            f"{LEAST_READINGS} poses with gravity along different axes of the sensor are the least, a dozen is good."
+            f"{count} reading{'s' if count != 1 else ''} cannot separate mass, centre and bias (10 "
+            f"unknowns): {LEAST_READINGS} poses with gravity along different axes of the sensor are the "
+            "least, a dozen is good."
         )
     _, spread, axes = np.linalg.svd(up_sensor - up_sensor.mean(axis=0), full_matrices=False)
     spread = spread / np.sqrt(count)
@@ -57,13 +59,15 @@ def check_identifiable(up_sensor: Array) -> None:
     if spread[1] < LEAST_SPREAD:
         x, y, z = axes[0]
         raise CalibrationError(
-            f"gravity changes along one line of the sensor only, ({x:.2f}, {y:.2f}, {z:.2f}): the centre of mass along "
-            "it cannot be separated from the torque bias. Add a pose that turns the tool about another axis."
+            f"gravity changes along one line of the sensor only, ({x:.2f}, {y:.2f}, {z:.2f}): the centre of "
+            "mass along it cannot be separated from the torque bias. Add a pose that turns the tool about "
+            "another axis."
         )
 
 
 def condition_of(regressor: Array) -> float:
-    """Condition number of a regressor (n, 6, p) with gravity 1: ratio of the largest to the smallest singular value.
+    """Condition number of a regressor (n, 6, p) with gravity 1: ratio of the largest to the smallest singular
+    value.
 
     Best possible for the ten parameters: sqrt(3/2) = 1.22, from up directions spread over the whole sphere.
     """
@@ -78,19 +82,23 @@ class PayloadReadings:
     time: Array  #: When each was taken [s], shape (n,)
     R_base_sensor: Array  #: How the sensor stood, base z up, shape (n, 3, 3)
     wrenches: Array
-    """What it read, sensor axes, about the sensor's origin: sum of m (a - g), so a tool below a sensor that looks
-    down pulls with -m g along its z axis; force [N] then torque [N m], shape (n, 6)."""
+    """What it read, sensor axes, about the sensor's origin: sum of m (a - g), so a tool below a sensor that
+    looks down pulls with -m g along its z axis; force [N] then torque [N m], shape (n, 6)."""
 
     def __post_init__(self) -> None:
         count = len(self.time)
         shapes = (self.time.shape, self.R_base_sensor.shape, self.wrenches.shape)
         if shapes != ((count,), (count, 3, 3), (count, 6)):
-            raise CalibrationError(f"readings need times (n,), rotations (n, 3, 3), wrenches (n, 6); got {shapes}.")
+            raise CalibrationError(
+                f"readings need times (n,), rotations (n, 3, 3), wrenches (n, 6); got {shapes}."
+            )
         if not all(np.isfinite(a).all() for a in (self.time, self.R_base_sensor, self.wrenches)):
             raise CalibrationError("a reading holds a value that is not finite: leave it out.")
         wrong = no_rotations(self.R_base_sensor)
         if wrong.any():
-            raise CalibrationError(f"the orientation of reading {int(np.argmax(wrong)) + 1} is not a rotation matrix.")
+            raise CalibrationError(
+                f"the orientation of reading {int(np.argmax(wrong)) + 1} is not a rotation matrix."
+            )
         for array in (self.time, self.R_base_sensor, self.wrenches):
             array.flags.writeable = False
 
@@ -107,7 +115,8 @@ class PayloadReadings:
 class PayloadEstimate:
     """Tool and bias, and how well they are known."""
 
-    theta: Array  #: m [kg], m c [kg m], b_f [N], b_t [N m] and, if asked for, their drift per second, (10,) or (16,)
+    #: m [kg], m c [kg m], b_f [N], b_t [N m] and, if asked for, their drift per second, (10,) or (16,)
+    theta: Array
     covariance: Array  #: Of theta, shape (p, p)
     residuals: Array  #: Reading minus model [N, N m], all readings, shape (n, 6)
     noise: Array  #: Standard deviation of one reading, given or found from the residuals [N, N m], shape (6,)
@@ -174,8 +183,8 @@ class PayloadEstimate:
 def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: float = GRAVITY) -> Array:
     """Derivative of the readings by theta, shape (n, 6, 10), or (n, 6, 16) with drift.
 
-    ``up_sensor``: unit vectors against gravity in the sensor frame, (n, 3); ``time``: since the moment of the bias [s],
-    (n,), None without drift; ``gravity`` [m/s^2].
+    ``up_sensor``: unit vectors against gravity in the sensor frame, (n, 3); ``time``: since the moment of the
+    bias [s], (n,), None without drift; ``gravity`` [m/s^2].
     """
     count = len(up_sensor)
     X = np.zeros((count, 6, 10 if time is None else 16))
@@ -193,7 +202,8 @@ def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: floa
 def fit_payload(
     readings: PayloadReadings, drift: bool = False, gravity: float = GRAVITY, used: Bools | None = None
 ) -> PayloadEstimate:
-    """Estimate tool and bias by least squares, force and torque weighted by their noise, found from the residuals.
+    """Estimate tool and bias by least squares, force and torque weighted by their noise, found from the
+    residuals.
 
     Args:
         readings: At least three poses with gravity along different axes of the sensor.
@@ -214,20 +224,26 @@ def fit_payload(
     condition = condition_of(payload_regressor(readings.up_sensor[chosen], unit_time if drift else None, 1.0))
     if condition > LARGEST_CONDITION or X[chosen].size < X.shape[2] ** 2:
         raise CalibrationError(
-            f"{int(chosen.sum())} readings cannot separate the drift from mass, centre and bias: visit poses again "
-            "later, and give each reading its time."
+            f"{int(chosen.sum())} readings cannot separate the drift from mass, centre and bias: visit poses "
+            "again later, and give each reading its time."
         )
     found = fit(_problem(X, readings.wrenches), np.zeros(X.shape[2]), None, chosen)
     if found.x[MASS] <= 0.0:
         raise CalibrationError(
-            f"the tool comes out with a mass of {found.x[MASS]:.3g} kg: the readings have the opposite sign (wanted: "
-            "the force that holds the tool, upwards when it hangs still), or the orientations are not R_base_sensor."
+            f"the tool comes out with a mass of {found.x[MASS]:.3g} kg: the readings have the opposite sign "
+            "(wanted: the force that holds the tool, upwards when it hangs still), or the orientations are "
+            "not R_base_sensor."
         )
-    return PayloadEstimate(found.x, found.covariance, -found.residuals, found.noise, chosen, condition, zero_time)
+    return PayloadEstimate(
+        found.x, found.covariance, -found.residuals, found.noise, chosen, condition, zero_time
+    )
 
 
-def fit_without_outliers(readings: PayloadReadings, drift: bool = False, gravity: float = GRAVITY) -> PayloadEstimate:
-    """`fit_payload` without readings too far off to be noise, at most a quarter; with fewer than seven all are used."""
+def fit_without_outliers(
+    readings: PayloadReadings, drift: bool = False, gravity: float = GRAVITY
+) -> PayloadEstimate:
+    """`fit_payload` without readings too far off to be noise, at most a quarter; with fewer than seven all
+    are used."""
     check_identifiable(readings.up_sensor)
     since = readings.time - float(readings.time.mean())
     X = payload_regressor(readings.up_sensor, since if drift else None, gravity)
@@ -240,7 +256,8 @@ def _problem(X: Array, wrenches: Array) -> Problem[Array]:
 
 
 def refuse_swapped_columns(readings: PayloadReadings) -> None:
-    """Refuse forces or torques that follow a weight far better in another order or with other signs; says which."""
+    """Refuse forces or torques that follow a weight far better in another order or with other signs; says
+    which."""
     check_identifiable(readings.up_sensor)
     X = payload_regressor(readings.up_sensor)
     forces, torques = [MASS, *range(BIAS.start, BIAS.start + 3)], [1, 2, 3, *range(BIAS.start + 3, BIAS.stop)]
@@ -254,14 +271,15 @@ def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> Non
     rest = float(np.sqrt(np.mean(estimate.residuals[estimate.used, :3] ** 2)))
     if rest > LARGEST_REST * weight:
         raise CalibrationError(
-            f"the forces do not follow a tool's weight: {rest:.3g} N rms are left of the {weight:.3g} N that fit best. "
-            "Are units mixed, lines of several tools in one file, or the orientations not those of the readings?"
+            f"the forces do not follow a tool's weight: {rest:.3g} N rms are left of the {weight:.3g} N that "
+            "fit best. Are units mixed, lines of several tools in one file, or the orientations not those of "
+            "the readings?"
         )
     far = float(np.linalg.norm(estimate.center))
     if far > FARTHEST:
         raise CalibrationError(
-            f"the tool's centre of mass comes out {far:.3g} m from the sensor: are the torques in N m, as the header "
-            "says, and about the sensor's origin?"
+            f"the tool's centre of mass comes out {far:.3g} m from the sensor: are the torques in N m, as "
+            "the header says, and about the sensor's origin?"
         )
 
 
@@ -275,8 +293,9 @@ def _refuse_swapped(X: Array, y: Array, letter: str, possible: Callable[[Array],
         # The opposite sign of all three is left to the fit.
         if rest < _BETTER * left and possible(theta) and not np.array_equal(read, -y):
             raise CalibrationError(
-                f"{letter}x, {letter}y, {letter}z follow the tool's weight far better if they are read as {named}: "
-                "columns are swapped, a sign is lost, or the sensor stands otherwise than its orientations say."
+                f"{letter}x, {letter}y, {letter}z follow the tool's weight far better if they are read as "
+                f"{named}: columns are swapped, a sign is lost, or the sensor stands otherwise than its "
+                "orientations say."
             )
 
 

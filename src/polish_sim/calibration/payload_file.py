@@ -9,16 +9,25 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, PayloadReadings
-from polish_sim.calibration.tables import JOINTS, QUATERNION, Kind, Measured, quaternions_of, read_table, write_table
+from polish_sim.calibration.tables import (
+    JOINTS,
+    QUATERNION,
+    Kind,
+    Measured,
+    quaternions_of,
+    read_table,
+    write_table,
+)
 from polish_sim.errors import InputError
 from polish_sim.tables import csv_text
 
 PAYLOAD: Final = Kind(
     "payload",
     "a payload",
-    "The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings at rest. "
-    "Sensor axes; torques about the sensor's origin. A reading of the idle tool: f = m g u + b, t = c x (m g u) + b_t, "
-    "u against gravity. Covariance in the order of: mass, first moment xyz [kg m], force bias xyz, torque bias xyz.",
+    "The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings "
+    "at rest. Sensor axes; torques about the sensor's origin. A reading of the idle tool: f = m g u + b, t "
+    "= c x (m g u) + b_t, u against gravity. Covariance in the order of: mass, first moment xyz [kg m], "
+    "force bias xyz, torque bias xyz.",
 )
 TIME: Final = "time_s"
 WRENCH: Final = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
@@ -64,7 +73,10 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
 
 def write_calibration(file: Path, estimate: PayloadEstimate) -> None:
     """Write calibration.toml."""
-    figures = estimate_figures(estimate) | {"gravity_m_s2": GRAVITY, "covariance": estimate.covariance.tolist()}
+    figures = estimate_figures(estimate) | {
+        "gravity_m_s2": GRAVITY,
+        "covariance": estimate.covariance.tolist(),
+    }
     write_table(file, PAYLOAD, figures)
 
 
@@ -80,9 +92,10 @@ def read_calibrated_tool(file: Path) -> CalibratedTool:
 def read_readings(file: Path) -> PayloadReadings:
     """Read poses and readings of a real robot; blank lines and lines that begin with # are left out.
 
-    Columns in any order, others are ignored: the orientation of the sensor in a frame with z up, as ``qw..qz``, as a
-    rotation vector ``rx_rad..rz_rad`` (what a UR shows) or as a matrix ``r11..r33``; the reading ``fx_n..tz_nm`` in
-    sensor axes about the sensor's origin; ``time_s`` if the drift is asked for. Raises InputError naming the line.
+    Columns in any order, others are ignored: the orientation of the sensor in a frame with z up, as
+    ``qw..qz``, as a rotation vector ``rx_rad..rz_rad`` (what a UR shows) or as a matrix ``r11..r33``; the
+    reading ``fx_n..tz_nm`` in sensor axes about the sensor's origin; ``time_s`` if the drift is asked for.
+    Raises InputError naming the line.
     """
     columns = Measured.read(file, "reading", "poses and readings")
     columns.need(WRENCH, "the reading in sensor axes, [N] and [N m]")
@@ -92,7 +105,8 @@ def read_readings(file: Path) -> PayloadReadings:
 
 
 def residual_table(readings: PayloadReadings, estimate: PayloadEstimate, q: Array | None = None) -> str:
-    """Readings, residuals and whether each was used, as CSV that ``read_readings`` takes; ``q`` (n, 6) if known."""
+    """Readings, residuals and whether each was used, as CSV that ``read_readings`` takes; ``q`` (n, 6) if
+    known."""
     turns = quaternions_of(readings.R_base_sensor)
     names = ["reading", TIME, *QUATERNION, *WRENCH, *(f"residual_{name}" for name in WRENCH), "used"]
     rows = []

@@ -1,4 +1,5 @@
-"""Poses for the calibration of a payload: gravity along well spread directions of the sensor, easy to reach."""
+"""Poses for the calibration of a payload: gravity along well spread directions of the sensor, easy to
+reach."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from polish_sim.motion import forward
 PAN, LIFT, ELBOW, WRIST_2 = 1.3, -1.59, 1.51, -0.5 * math.pi  #: Joints that stay [rad]: 0.7 m above the table
 TOOL_DOWN = -0.5 * math.pi - LIFT - ELBOW  #: Wrist 1, tool straight down [rad]; by pi less: straight up
 WRIST_SPEED = 0.6  #: Mean speed of the joint with the longest way between two poses, at most [rad/s]
-WRIST_ACCELERATION = 1.5  #: At most [rad/s^2]: 0.42 m from the wrist the tool keeps below the robot's 1.2 m/s^2
+#: At most [rad/s^2]: 0.42 m from the wrist the tool keeps below the robot's 1.2 m/s^2
+WRIST_ACCELERATION = 1.5
 LEAST_POSES = 4
 
 
@@ -41,7 +43,8 @@ def move_time(q_from: Array, q_to: Array) -> float:
 
 
 def move(q_from: Array, q_to: Array, share: Array) -> Array:
-    """Joint angles (k, 6) [rad] from one pose (6,) to another along half a cosine, at shares of the time (k,)."""
+    """Joint angles (k, 6) [rad] from one pose (6,) to another along half a cosine, at shares of the time
+    (k,)."""
     return np.asarray(q_from + 0.5 * (1.0 - np.cos(math.pi * share))[:, None] * (q_to - q_from))
 
 
@@ -49,12 +52,14 @@ def move(q_from: Array, q_to: Array, share: Array) -> Array:
 def plan_payload_poses(count: int) -> PosePlan:
     """Spread the up direction of four or more poses evenly over the whole sphere of the sensor.
 
-    Wrist 1 tilts the tool from straight down, out and up; wrist 3 turns it about its axis. The other joints stay, so
-    that the arm keeps clear of itself, of the table and of singularities. The tool points down in the first pose, each
-    next one is close to the last. Fewer than four poses: CalibrationError.
+    Wrist 1 tilts the tool from straight down, out and up; wrist 3 turns it about its axis. The other joints
+    stay, so that the arm keeps clear of itself, of the table and of singularities. The tool points down in
+    the first pose, each next one is close to the last. Fewer than four poses: CalibrationError.
     """
     if count < LEAST_POSES:
-        raise CalibrationError(f"{count} poses are too few to calibrate a payload: give {LEAST_POSES} or more.")
+        raise CalibrationError(
+            f"{count} poses are too few to calibrate a payload: give {LEAST_POSES} or more."
+        )
     # Points of a golden spiral, equal area each.
     index = np.arange(count)
     tilt = np.arccos(1.0 - (2.0 * index + 1.0) / count)
@@ -79,12 +84,15 @@ def _short_way(places: Array) -> Indices:
 
 
 def check_poses(T: Array, kind: str) -> None:
-    """Refuse what is no stack of rigid transforms (n, 4, 4); names the first by its ``kind``, e.g. "touch"."""
+    """Refuse what is no stack of rigid transforms (n, 4, 4); names the first by its ``kind``, e.g.
+    "touch"."""
     if T.ndim != 3 or T.shape[1:] != (4, 4):
         raise CalibrationError(f"poses need the shape (n, 4, 4); got {T.shape}.")
     bad = ~np.isfinite(T).all(axis=(1, 2))
     if bad.any():
-        raise CalibrationError(f"{kind} {int(np.argmax(bad)) + 1} holds a value that is not finite: leave it out.")
+        raise CalibrationError(
+            f"{kind} {int(np.argmax(bad)) + 1} holds a value that is not finite: leave it out."
+        )
     wrong = no_rotations(T[:, :3, :3])
     if wrong.any():
         raise CalibrationError(

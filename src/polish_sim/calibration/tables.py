@@ -31,7 +31,8 @@ REACH: Final = (0.02, 5.0)  #: From any robot's base to its flange or tip, in th
 
 
 def no_rotations(R: Array, tolerance: float = ROTATION_TOLERANCE) -> Bools:
-    """Which of some matrices (n, 3, 3) are no right-handed rotations, shape (n,); R^T R is one within a tolerance."""
+    """Which of some matrices (n, 3, 3) are no right-handed rotations, shape (n,); R^T R is one within a
+    tolerance."""
     R = np.clip(R, -2.0, 2.0)  # wrong all the same, and no overflow
     wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > tolerance
     return np.asarray(wrong | (np.linalg.det(R) < 0.0))
@@ -47,7 +48,8 @@ class Measured(Columns):
             raise InputError(f"'{self.file}', {self.place(row)}: {said(row)}")
 
     def points(self, prefix: str, what: str) -> Array:
-        """Points from columns ``<prefix>x_mm`` to ``<prefix>z_mm``, or the same in metres (``_m``) [m], shape (n, 3).
+        """Points from columns ``<prefix>x_mm`` to ``<prefix>z_mm``, or the same in metres (``_m``) [m], shape
+        (n, 3).
 
         Raises InputError for a missing column, or lines or columns in different units.
         """
@@ -55,7 +57,8 @@ class Measured(Columns):
         used = [unit for unit, axes in given.items() if axes]
         if len(used) > 1:
             raise InputError(
-                f"'{self.file}' mixes units: {what} is partly in {used[0]}, partly in {used[1]}. Give all in one unit."
+                f"'{self.file}' mixes units: {what} is partly in {used[0]}, partly in {used[1]}. Give all in "
+                "one unit."
             )
         unit = used[0] if used else "mm"
         names = [f"{prefix}{axis}_{unit}" for axis in "xyz"]
@@ -73,19 +76,21 @@ class Measured(Columns):
         return points
 
     def reached_points(self, what: str) -> Array:
-        """`points` that a robot reached, in its own base; InputError where no robot can be: the unit is another one."""
+        """`points` that a robot reached, in its own base; InputError where no robot can be: the unit is
+        another one."""
         points = self.points("", what)
         middle = float(np.median(np.linalg.norm(points, axis=1)))
         if not REACH[0] <= middle <= REACH[1]:
             unit = next(unit for unit in UNITS if f"x_{unit}" in self.texts)
             raise InputError(
-                f"'{self.file}': {what} is {1e3 * middle:.4g} mm from the robot's base in the middle of all lines: no "
-                f"robot works there. Are these numbers in {unit}, as the header says?"
+                f"'{self.file}': {what} is {1e3 * middle:.4g} mm from the robot's base in the middle of all "
+                f"lines: no robot works there. Are these numbers in {unit}, as the header says?"
             )
         return points
 
     def rotations(self, what: str) -> Array:
-        """Rotations (n, 3, 3) of a unit quaternion, a rotation vector or a matrix by rows; names a wrong line."""
+        """Rotations (n, 3, 3) of a unit quaternion, a rotation vector or a matrix by rows; names a wrong
+        line."""
         forms: Mapping[tuple[str, ...], Callable[[Array], Array]] = {
             QUATERNION: _from_quaternions,
             ROTATION_VECTOR: lambda values: Rotation.from_rotvec(values).as_matrix(),
@@ -95,14 +100,17 @@ class Measured(Columns):
         if given is None:
             known = "; ".join(", ".join(names) for names in forms)
             raise InputError(
-                f"'{self.file}' says nowhere how {what} stood. Wanted one of: {known}. It has: {', '.join(self.texts)}."
+                f"'{self.file}' says nowhere how {what} stood. Wanted one of: {known}. It has: "
+                f"{', '.join(self.texts)}."
             )
         values = self.numbers(given)
         if given == ROTATION_VECTOR:
             far = np.linalg.norm(values, axis=1) > FULL_TURN
             self.refuse(far, lambda _: "rx_rad to rz_rad turn by more than once round. Are they degrees?")
         R = forms[given](values)
-        wanted = "a unit quaternion" if given == QUATERNION else "a rotation matrix (orthonormal, right-handed)"
+        wanted = (
+            "a unit quaternion" if given == QUATERNION else "a rotation matrix (orthonormal, right-handed)"
+        )
         self.refuse(no_rotations(R), lambda _: f"{given[0]} to {given[-1]} are not {wanted}.")
         return np.asarray(R)
 
@@ -140,7 +148,8 @@ def write_table(file: Path, kind: Kind, figures: Mapping[str, Any]) -> None:
 
 
 def read_table(file: Path, kind: Kind) -> Calibration:
-    """Read a calibration of one kind; InputError for no such file, no TOML, or the calibration of something else."""
+    """Read a calibration of one kind; InputError for no such file, no TOML, or the calibration of something
+    else."""
     values = read_toml(file, "calibration", InputError)
     if values.get("kind") != kind.name:
         raise InputError(
@@ -151,12 +160,13 @@ def read_table(file: Path, kind: Kind) -> Calibration:
 
 
 def calibration_kind(file: Path, wanted: tuple[str, ...]) -> str:
-    """The kind of a calibration.toml, one of those ``wanted``; InputError for no file, no TOML, or another kind."""
+    """The kind of a calibration.toml, one of those ``wanted``; InputError for no file, no TOML, or another
+    kind."""
     kind = read_toml(file, "calibration", InputError).get("kind")
     if kind not in wanted:
         raise InputError(
-            f"'{file}' is none of the calibrations a run can take (kind = {kind!r}): give a calibration.toml made by "
-            f"'calibrate {' | '.join(wanted)}'."
+            f"'{file}' is none of the calibrations a run can take (kind = {kind!r}): give a calibration.toml "
+            f"made by 'calibrate {' | '.join(wanted)}'."
         )
     return str(kind)
 
@@ -178,7 +188,8 @@ class Calibration:
         if numbers.shape != shape or not np.isfinite(numbers).all():
             wanted = " x ".join(map(str, shape)) or "one"
             raise InputError(
-                f"'{self.file}': {name} is {self.values.get(name)!r}, wanted {wanted} finite number{'s' * bool(shape)}."
+                f"'{self.file}': {name} is {self.values.get(name)!r}, wanted {wanted} finite "
+                f"number{'s' * bool(shape)}."
             )
         return numbers
 
@@ -193,6 +204,6 @@ class Calibration:
         """Refuse what was calibrated on another pair of robots (CalibrationError)."""
         if self.values.get("pair") != pair:
             raise CalibrationError(
-                f"'{self.file}' is the calibration of another pair of robots: {self.values.get('pair')!r}, not "
-                f"'{pair}'. Calibrate this pair, or name it as the file does."
+                f"'{self.file}' is the calibration of another pair of robots: {self.values.get('pair')!r}, "
+                f"not '{pair}'. Calibrate this pair, or name it as the file does."
             )

@@ -1,4 +1,5 @@
-"""The cell: robot, compliant head, wrist sensor, part and the control loop; the only layer that knows MuJoCo (8a)."""
+"""The cell: robot, compliant head, wrist sensor, part and the control loop; the only layer that knows MuJoCo
+(8a)."""
 
 from typing import TYPE_CHECKING
 

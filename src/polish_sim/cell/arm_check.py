@@ -1,4 +1,5 @@
-"""What stands in the way before anything moves: whether a part has its place, and what the arm would touch there."""
+"""What stands in the way before anything moves: whether a part has its place, and what the arm would touch
+there."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ _WRIST_AND_FOREARM: Final = ("link_5", "link_4", "link_3")
 
 
 def standing_fault(mesh: PartMesh, surface: Surface, T_base_work: Array) -> str:
-    """What is in the way of a part at a pose (4, 4), or that it is beside the table; empty if it can stand there."""
+    """What is in the way of a part at a pose (4, 4), or that it is beside the table; empty if it can stand
+    there."""
     corners = apply(T_base_work, mesh.vertices)
     low, middle = corners.min(axis=0), 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     if low[2] < _BASE_AXIS[0, 2] - _SUNK_M:
@@ -46,10 +48,14 @@ def standing_fault(mesh: PartMesh, surface: Surface, T_base_work: Array) -> str:
     if (np.abs(middle - TABLE.middle) > TABLE.half)[:2].any():
         (x0, y0, _), (x1, y1, _) = 1e3 * (TABLE.middle - TABLE.half), 1e3 * (TABLE.middle + TABLE.half)
         return (
-            f"its middle, {place_in_mm(middle)} of the base, would be beside the table, where no stand carries it "
-            f"(the table: x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} mm)"
+            f"its middle, {place_in_mm(middle)} of the base, would be beside the table, where no stand "
+            f"carries it (the table: x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} mm)"
         )
-    return f"it would be {1e3 * (TABLE_TOP - low[2]):.0f} mm inside the table" if low[2] < TABLE_TOP - _SUNK_M else ""
+    return (
+        f"it would be {1e3 * (TABLE_TOP - low[2]):.0f} mm inside the table"
+        if low[2] < TABLE_TOP - _SUNK_M
+        else ""
+    )
 
 
 class ArmTouch(NamedTuple):
@@ -62,8 +68,8 @@ class ArmTouch(NamedTuple):
 class ArmCheck:
     """What the arm touches at given joint angles: itself, the table, the stand, or the part in its fixture.
 
-    The tool's own clearance of the part is the path's affair: it is the same wherever the part stands. ``axes`` (n,
-    3) are the tool axes from the part to the tool, work frame.
+    The tool's own clearance of the part is the path's affair: it is the same wherever the part stands.
+    ``axes`` (n, 3) are the tool axes from the part to the tool, work frame.
     """
 
     def __init__(self, scenario: Scenario, mesh: PartMesh, surface: Surface, axes: Array) -> None:
@@ -97,11 +103,16 @@ class ArmCheck:
             apply(inverse(T_base_work), np.concatenate(near)),
             np.repeat(np.arange(len(q)), len(self._bodies)),
         )
-        low, high = self._mesh.vertices.min(axis=0) - CLEARANCE_M, self._mesh.vertices.max(axis=0) + CLEARANCE_M
+        low, high = (
+            self._mesh.vertices.min(axis=0) - CLEARANCE_M,
+            self._mesh.vertices.max(axis=0) + CLEARANCE_M,
+        )
         close = ((points > low) & (points < high)).all(axis=1)
         if close.any():
             close[close] = signed_distances(self._surface, points[close]) < CLEARANCE_M
-        return ArmTouch(int(rows[close][0]), f"wrist or forearm and the {self._held}") if close.any() else None
+        return (
+            ArmTouch(int(rows[close][0]), f"wrist or forearm and the {self._held}") if close.any() else None
+        )
 
     def _place(self, T_base_work: Array) -> None:
         """Put the stand under the part, or out of the way where it needs none."""
@@ -121,6 +132,9 @@ class ArmCheck:
         for link in _LINKS:
             arm = model.geom(f"{link}_collision").id
             for still in ("table", *STAND_NAMES):
-                if mujoco.mj_geomDistance(model, data, arm, model.geom(still).id, CLEARANCE_M, None) < CLEARANCE_M:
+                if (
+                    mujoco.mj_geomDistance(model, data, arm, model.geom(still).id, CLEARANCE_M, None)
+                    < CLEARANCE_M
+                ):
                     return f"{link}_collision and {still}"
         return ""

@@ -96,9 +96,9 @@ class _Start(NamedTuple):
 class Cell:
     """A scenario's cell, ready to run: ``strokes`` in order on ``part`` (`no_part` for motion in free space).
 
-    The joints start at ``q_start`` [rad], shape (6,); ``rng`` draws the sensor's bias, drift and noise; ``course``
-    is for controllers that prepare for what lies ahead; what holds the part is its ``fixture``. The
-    host compensates the tool as it is until ``compensate``
+    The joints start at ``q_start`` [rad], shape (6,); ``rng`` draws the sensor's bias, drift and noise;
+    ``course`` is for controllers that prepare for what lies ahead; what holds the part is its ``fixture``.
+    The host compensates the tool as it is until ``compensate``
     says otherwise.
     """
 
@@ -145,8 +145,8 @@ class Cell:
     def begin_again(self, scenario: Scenario, part: RealPart, rng: np.random.Generator) -> None:
         """Go back to the start, for a run of another ``scenario``, part and sensor.
 
-        The scenario may differ in what neither scene, arm, strokes nor controller depend on. The host keeps believing
-        the payload it believes.
+        The scenario may differ in what neither scene, arm, strokes nor controller depend on. The host keeps
+        believing the payload it believes.
         """
         start, self.rng = self._start, rng
         mujoco.mj_resetData(self.model, self.data)
@@ -172,7 +172,10 @@ class Cell:
         self.stroke_number, self.draws = 0, np.empty((0, DRAWS))
         self.faults = FaultClock(planned_events(scenario, self.on_part, bool(self.arm)), self.set_points)
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
-        self.kernel, self.recorder = self._build_kernel(part), build_recorder(0, self._every, self.more_columns)
+        self.kernel, self.recorder = (
+            self._build_kernel(part),
+            build_recorder(0, self._every, self.more_columns),
+        )
 
     def use_controller(self, controller: Controller) -> None:
         """Reset a controller and let it drive the cell from now on."""
@@ -185,7 +188,9 @@ class Cell:
             doing = "reset()"
             controller.reset(self.kernel.engine.dt * self.kernel.control_every)
         except Exception as error:
-            raise InputError(f"the controller's {doing} failed: {tell_error(error, file_of(controller))}.") from error
+            raise InputError(
+                f"the controller's {doing} failed: {tell_error(error, file_of(controller))}."
+            ) from error
         self.law: object
         if isinstance(controller, CompiledController):
             self.law, context = controller.law, memory_of(controller.context)
@@ -210,7 +215,8 @@ class Cell:
         return self.state.sensor.tare.copy()
 
     def compensate(self, mass: float, center: Array) -> None:
-        """Let the host subtract the weight of a tool, its ``center`` of mass in the sensor frame [m], shape (3,).
+        """Let the host subtract the weight of a tool, its ``center`` of mass in the sensor frame [m], shape
+        (3,).
 
         The scenario's ``sensor.payload_mass_error`` comes on top of ``mass`` [kg].
         """
@@ -226,17 +232,25 @@ class Cell:
         )
 
     def read_at_rest(
-        self, loads: Array, travel: Array, settle: float, average: float, rng: np.random.Generator, fresh: bool = True
+        self,
+        loads: Array,
+        travel: Array,
+        settle: float,
+        average: float,
+        rng: np.random.Generator,
+        fresh: bool = True,
     ) -> Array:
         """Mean readings of this run's sensor in pose after pose, shape (n, 6); arguments as of
         `wrist_sensor.read_at_rest`.
 
-        ``fresh`` readings are taken before the run, without drift; others go on from where the run has left the
-        sensor.
+        ``fresh`` readings are taken before the run, without drift; others go on from where the run has left
+        the sensor.
         """
         sensor, line = self.state.sensor, self.kernel.samples
         if fresh:
-            sensor = WristSensor(errors=sensor.errors, blend=sensor.blend, period=sensor.period, delay=sensor.delay)
+            sensor = WristSensor(
+                errors=sensor.errors, blend=sensor.blend, period=sensor.period, delay=sensor.delay
+            )
             line = build_sample_line(sensor)
         return read_at_rest(sensor, line, loads, travel, settle, average, rng)
 
@@ -252,7 +266,8 @@ class Cell:
         self.asked.append(event)
 
     def run(self, observer: Observer | None = None) -> CellRun:
-        """Run the strokes to their end, to a protective stop, or to an interrupt; what was recorded is returned."""
+        """Run the strokes to their end, to a protective stop, or to an interrupt; what was recorded is
+        returned."""
         watcher = observer or Silent()
         status, dt = self.state.status, self.kernel.engine.dt
         chunk = max(1, round(watcher.frame_every_s / dt))
@@ -277,10 +292,11 @@ class Cell:
         return bool(status.ended or (status.arrived and self.stroke_number == len(self.strokes) - 1))
 
     def play(self, steps: int) -> Played:
-        """Run on for at most ``steps``: to the stroke's end, to a stop, or to where a fault or a change is due.
+        """Run on for at most ``steps``: to the stroke's end, to a stop, or to where a fault or a change is
+        due.
 
-        Call it until `done`: where a stroke has ended the next one is begun, after a stop the robot brakes and
-        retracts. The bytes do not depend on how a run is cut.
+        Call it until `done`: where a stroke has ended the next one is begun, after a stop the robot brakes
+        and retracts. The bytes do not depend on how a run is cut.
         """
         status = self.state.status
         if status.arrived:
@@ -295,7 +311,9 @@ class Cell:
             self.recorder = longer._replace(filled=self.recorder.filled)
         # What is left over is used in the next call: the noise must not depend on how a run is cut.
         if len(self.draws) < steps:
-            self.draws = np.concatenate([self.draws, self.rng.standard_normal((steps - len(self.draws), DRAWS))])
+            self.draws = np.concatenate(
+                [self.draws, self.rng.standard_normal((steps - len(self.draws), DRAWS))]
+            )
         self._advance(self.recorder, self.draws, self.faults.steps_to_next(self.kernel, steps))
         filled = self.recorder.filled
         self.draws = self.draws[filled.steps :]
@@ -324,7 +342,8 @@ class Cell:
         self.kernel = self.kernel._replace(stroke=self.set_points.begin(self.strokes[number]))
 
     def use_strokes(self, strokes: Sequence[Stroke], course: Course | None = None) -> None:
-        """Go on with other strokes on the same part, and their ``course`` for a controller that prepares for it.
+        """Go on with other strokes on the same part, and their ``course`` for a controller that prepares for
+        it.
 
         The one under way is replaced by that of its number; its time and place go on.
         """
@@ -344,7 +363,8 @@ class Cell:
         return save_cell(self)
 
     def restore(self, saved: CellSnapshot) -> None:
-        """Go back to where it was saved. Strokes and course stay those it has now; run on, it gives the same bytes."""
+        """Go back to where it was saved. Strokes and course stay those it has now; run on, it gives the same
+        bytes."""
         restore_cell(self, saved)
 
     def _set_joints(self, q_start: Array) -> None:
@@ -389,12 +409,16 @@ class Cell:
     def _build_kernel(self, part: RealPart) -> CellKernel:
         scenario, stroke = self.scenario, self.strokes[0]
         state = CellState(
-            motion=build_part_motion(scenario.part, part), spindle=build_spindle(scenario.spindle),
-            sensor=build_sensor(scenario.sensor, self.rng), payload=self.carried,
-            speedl=build_speedl(scenario, self._start.q), sequence=build_sequence(), guards=build_guards(scenario),
+            motion=build_part_motion(scenario.part, part),
+            spindle=build_spindle(scenario.spindle),
+            sensor=build_sensor(scenario.sensor, self.rng),
+            payload=self.carried,
+            speedl=build_speedl(scenario, self._start.q),
+            sequence=build_sequence(),
+            guards=build_guards(scenario),
             stop=build_stop_motion(scenario, scenario.plan.clearance_m if stroke.contact else 0.0),
             answer=Answer(feed=1.0),
-        )  # fmt: skip
+        )
         nothing = np.zeros(8, np.uint8)
         return CellKernel(
             engine_views(self.model, self.data, self.arm),

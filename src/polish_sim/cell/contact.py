@@ -1,8 +1,8 @@
 """The elastic pad pressed on the real part: an elastic foundation sampled over the disc.
 
-Each sample point's depth below the part (signed distance) gives a normal pressure, linear with a Hunt-Crossley
-factor, and its sliding velocity gives Coulomb friction, smooth at zero speed. The sum acts on the sliding head.
-Engine contact against a triangulated part chatters or is slow and knows no area of contact.
+Each sample point's depth below the part (signed distance) gives a normal pressure, linear with a
+Hunt-Crossley factor, and its sliding velocity gives Coulomb friction, smooth at zero speed. The sum acts on
+the sliding head. Engine contact against a triangulated part chatters or is slow and knows no area of contact.
 """
 
 from __future__ import annotations
@@ -51,22 +51,26 @@ class RealPart(NamedTuple):
 
 
 def build_pad(config: PadConfig, spring_scale: float = 1.0) -> Pad:
-    """Sample the disc with points of equal area; the real pad is ``spring_scale`` times as stiff as configured."""
+    """Sample the disc with points of equal area; the real pad is ``spring_scale`` times as stiff as
+    configured."""
     points = _spread_points(config.points) * config.radius_m
     n, (x, y) = len(points), np.ascontiguousarray(points.T)
     material = PadMaterial(
-        stiffness=config.stiffness_n_m * spring_scale / n, damping=config.damping_s_m, friction=config.friction,
+        stiffness=config.stiffness_n_m * spring_scale / n,
+        damping=config.damping_s_m,
+        friction=config.friction,
         smoothing=config.friction_smoothing_m_s,
-    )  # fmt: skip
+    )
     return Pad(material, x, y, np.zeros(n), np.zeros((3, n)), np.zeros((7, 3)))
 
 
 def _spread_points(count: int) -> Array:
-    """Points of equal weight on the unit disc: four golden-angle spirals, shape (count rounded up to fours, 2).
+    """Points of equal weight on the unit disc: four golden-angle spirals, shape (count rounded up to fours,
+    2).
 
-    Every point's ring has the same area; four alike quarters have the disc's centroid and second moments exactly.
-    Concentric circles would make the force on a small area of contact depend on how many of them it holds: up to
-    2.6% too soft on a sphere of 50 mm, against 1.1% here, with 100 points.
+    Every point's ring has the same area; four alike quarters have the disc's centroid and second moments
+    exactly. Concentric circles would make the force on a small area of contact depend on how many of them it
+    holds: up to 2.6% too soft on a sphere of 50 mm, against 1.1% here, with 100 points.
     """
     place = np.arange(math.ceil(count / 4))
     radius, turn = np.sqrt((place + 0.5) / len(place)), 0.5 * math.pi * place * (math.sqrt(5.0) - 1.0) / 2.0
@@ -86,7 +90,8 @@ def press_pad(
     force: Array,
     torque: Array,
 ) -> None:
-    """Write force [N] and torque about the pad's centre [N m] of the part on the pad, base frame, shape (3,) each.
+    """Write force [N] and torque about the pad's centre [N m] of the part on the pad, base frame, shape (3,)
+    each.
 
     Depth and slope of the pad's points are written too. ``spin`` is the spindle's speed about pad z [rad/s],
     ``pad_center`` the centre of the face [m], ``pad_velocity`` its velocity [m/s], ``pad_turning`` the head's
@@ -146,7 +151,12 @@ def _sum_pressure(pad: Pad, spin: float) -> None:
     sx, sy, sz = spin * (xy * yz - xz * yy), spin * (xz * yx - xx * yz), spin * (xx * yy - xy * yx)
     depths, slope_x, slope_y, slope_z = pad.depth, pad.slope[0], pad.slope[1], pad.slope[2]
     material = pad.material
-    k, hardening, friction, smoothing = material.stiffness, material.damping, material.friction, material.smoothing**2
+    k, hardening, friction, smoothing = (
+        material.stiffness,
+        material.damping,
+        material.friction,
+        material.smoothing**2,
+    )
     fx = fy = fz = tx = ty = tz = 0.0
     for i in range(pad.x.shape[0]):
         a, b = pad.x[i], pad.y[i]
@@ -170,8 +180,9 @@ def _sum_pressure(pad: Pad, spin: float) -> None:
 
 # The spindle: its speed, and the pull of what is out of balance on it.
 #
-# A rotor of balance grade G has its centre of mass off the axis by e = G / omega; it pulls with m e omega^2, turning
-# with the spindle. The physics sees the pull once a step, the sensor at its own rate, aliased if it is slow.
+# A rotor of balance grade G has its centre of mass off the axis by e = G / omega; it pulls with m e omega^2,
+# turning with the spindle. The physics sees the pull once a step, the sensor at its own rate, aliased if it
+# is slow.
 
 RUN_DOWN_S = 0.5  # from full speed to rest when the drive fails
 

@@ -50,11 +50,13 @@ class _Press(NamedTuple):
     buried: int  #: Points too deep for the field
 
 
-def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceField, T_base_work: Array) -> Course:
+def build_course(
+    scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceField, T_base_work: Array
+) -> Course:
     """Work out what force, springs, pad and the drawn part ask for along the whole path of all ``strokes``.
 
-    ``drawn`` is the signed distance of the nominal part in the work frame, which lies at ``T_base_work``, shape (4,
-    4). Rows between two strokes, in the air, repeat the nearest row in contact.
+    ``drawn`` is the signed distance of the nominal part in the work frame, which lies at ``T_base_work``,
+    shape (4, 4). Rows between two strokes, in the air, repeat the nearest row in contact.
     """
     rows = math.floor(max(stroke.start_s + stroke.process.length for stroke in strokes) / SPACING) + 2
     s = np.arange(rows) * SPACING
@@ -81,8 +83,8 @@ def build_course(scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceF
 def nearest_earlier(points: Array, spacing: float, reach: float) -> Indices:
     """Row of the nearest earlier point that is not of the same strand, -1 where there is none, shape (n,).
 
-    ``points`` (n, 3) [m] lie at equal steps ``spacing`` [m] of arc length; a neighbour is no further than ``reach``
-    [m].
+    ``points`` (n, 3) [m] lie at equal steps ``spacing`` [m] of arc length; a neighbour is no further than
+    ``reach`` [m].
     """
     stride = max(1, int(reach / (6.0 * spacing)))
     few = np.arange(0, len(points), stride)
@@ -132,10 +134,10 @@ def _sample(table: PathTable, forces: Array, places: Array, poses: _Poses) -> No
 def _solve(field, x, y, k_point, k_head, positions, rotations, forces):  # type: ignore[no-untyped-def]
     """Depth beyond each pose at which head spring and pad press with the wanted ``forces`` (n,) [N].
 
-    The pad's force grows convexly with its depth: Newton's method, begun from the row before. The disc's points
-    ``x``, ``y`` (p,) [m] have stiffness ``k_point`` [N/m]; ``positions`` (n, 3) [m] and ``rotations`` (n, 3, 3) are
-    tool frames in the field's frame. Returns surplus (n,) [m], stiffness (n,) [N/m], moment (n, 2) [N m], tilt
-    stiffness (n, 2) [N m/rad].
+    The pad's force grows convexly with its depth: Newton's method, begun from the row before. The disc's
+    points ``x``, ``y`` (p,) [m] have stiffness ``k_point`` [N/m]; ``positions`` (n, 3) [m] and ``rotations``
+    (n, 3, 3) are tool frames in the field's frame. Returns surplus (n,) [m], stiffness (n,) [N/m], moment (n,
+    2) [N m], tilt stiffness (n, 2) [N m/rad].
     """
     count = len(positions)
     surplus, stiffness = np.empty(count), np.empty(count)

@@ -1,7 +1,8 @@
 """What a pad held at places of a path takes off every node in a second (nodes, poses -> sparse rates).
 
-The pad, its pressure and its sliding are those of ``removal``, quasi-static: at each place the pad is pressed in along
-its axis until its field carries the force. Times dwell the rates are the exposure, which is therefore linear in it.
+The pad, its pressure and its sliding are those of ``removal``, quasi-static: at each place the pad is pressed
+in along its axis until its field carries the force. Times dwell the rates are the exposure, which is
+therefore linear in it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from polish_sim.cell.removal import CELL, DEEPEST, PressedNodes, _find_near, _pr
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.ground.points import build_point_grid
 
-ROUNDS: Final = 20  #: Newton's steps for the depth; the field grows faster than linearly, so each comes nearer
+#: Newton's steps for the depth; the field grows faster than linearly, so each comes nearer
+ROUNDS: Final = 20
 CLOSE: Final = 1e-9  #: Depth to which it is found [m]
 
 
@@ -41,7 +43,8 @@ class Dwelling(NamedTuple):
 def exposure_rates(
     nodes: PressedNodes, poses: PadPoses, pad_radius: float, stiffness: float, slide: float = 0.0
 ) -> Dwelling:
-    """Press a pad whose whole disc has ``stiffness`` [N/m] at every place; ``slide`` [m/s] as of `expose_nodes`.
+    """Press a pad whose whole disc has ``stiffness`` [N/m] at every place; ``slide`` [m/s] as of
+    `expose_nodes`.
 
     Where nothing carries the force it has no rates, and is as deep as a pad can be.
     """
@@ -60,7 +63,9 @@ def _count(nodes, poses, grid, radius):  # type: ignore[no-untyped-def]
     found, under = np.empty(len(poses.tips), np.int64), np.empty(len(nodes.areas), np.int64)
     for k in range(len(found)):
         deepest = DEEPEST * radius
-        found[k] = _find_near(nodes, _sunk(poses, k, deepest), poses.axes[k], grid, radius, 2.0 * deepest, under)
+        found[k] = _find_near(
+            nodes, _sunk(poses, k, deepest), poses.axes[k], grid, radius, 2.0 * deepest, under
+        )
     return found
 
 
@@ -71,7 +76,11 @@ def _sunk(poses, k, depth):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _fill(nodes, poses, grid, radius, bedding, slide, starts, numbers, rates):  # type: ignore[no-untyped-def]
-    under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
+    under, force, power = (
+        np.empty(len(nodes.areas), np.int64),
+        np.empty(len(nodes.areas)),
+        np.empty(len(nodes.areas)),
+    )
     depths = np.empty(len(starts) - 1)
     for k in range(len(depths)):
         axis, deepest = poses.axes[k], DEEPEST * radius

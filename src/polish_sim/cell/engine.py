@@ -1,4 +1,5 @@
-"""MuJoCo for compiled kernels: live views of its arrays, its step functions, and the corrected wrist reading."""
+"""MuJoCo for compiled kernels: live views of its arrays, its step functions, and the corrected wrist
+reading."""
 
 from __future__ import annotations
 
@@ -73,14 +74,16 @@ def engine_views(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -> E
         "head_body": head,
         "root_body": int(model.body_rootid[head]),
     }
-    return EngineViews(**own, **{name: getattr(data, name) for name in EngineViews._fields if name not in own})
+    return EngineViews(
+        **own, **{name: getattr(data, name) for name in EngineViews._fields if name not in own}
+    )
 
 
 # The engine's step functions, callable from compiled code.
 #
-# One step through the Python binding costs little, but the loop around it would cost more than the step. Compiled
-# kernels therefore call ``mj_step1`` and ``mj_step2`` of the very library the binding has loaded, found by symbol name,
-# which numba can cache.
+# One step through the Python binding costs little, but the loop around it would cost more than the step.
+# Compiled kernels therefore call ``mj_step1`` and ``mj_step2`` of the very library the binding has loaded,
+# found by symbol name, which numba can cache.
 
 _STEP = types.void(types.intp, types.intp)
 mj_step = types.ExternalFunction("mj_step", _STEP)
@@ -92,8 +95,8 @@ mj_step2 = types.ExternalFunction("mj_step2", _STEP)
 def register_engine() -> None:
     """Make the engine's step functions known to the compiler, once per process before a kernel that steps.
 
-    MuJoCo's Python binding has every stage of every step timed for `MjData.timer`, an eighth of the step. From here on
-    the process does without.
+    MuJoCo's Python binding has every stage of every step timed for `MjData.timer`, an eighth of the step.
+    From here on the process does without.
 
     Raises:
         OSError: If the engine's library cannot be found beside the ``mujoco`` package.
@@ -111,8 +114,9 @@ def register_engine() -> None:
 
 # The inertia the wrist sensor feels is that of the motion that really happens.
 #
-# The engine's sensors are computed from its explicit acceleration; its implicit integrator then moves the robot by
-# another, smaller one, because the servos damp strongly. From the first the tool would feel 1.4 times too heavy.
+# The engine's sensors are computed from its explicit acceleration; its implicit integrator then moves the
+# robot by another, smaller one, because the servos damp strongly. From the first the tool would feel 1.4
+# times too heavy.
 
 
 @kernel

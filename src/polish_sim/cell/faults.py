@@ -1,8 +1,8 @@
 """Faults to inject into a run: each a small change of the running cell, at its time.
 
-A fault is planned as ``NAME@TIME``, the time in seconds from the start of the run, or ``NAME@contact+TIME`` from the
-exact first contact. It happens before the first physics step at or after its time. Changes of a set point
-(`set_points`) are planned as ``NAME=VALUE@TIME`` and happen on the same clock.
+A fault is planned as ``NAME@TIME``, the time in seconds from the start of the run, or ``NAME@contact+TIME``
+from the exact first contact. It happens before the first physics step at or after its time. Changes of a set
+point (`set_points`) are planned as ``NAME=VALUE@TIME`` and happen on the same clock.
 """
 
 from __future__ import annotations
@@ -98,9 +98,15 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             "the wrist sensor's reading is missing (not a number)", _set("sensor.errors", "reach", math.nan)
         ),
         "sensor-zeros": Fault("the wrist sensor's reading is all zeros", _set("sensor.errors", "reach", 0.0)),
-        "sensor-frozen": Fault("the wrist sensor's reading no longer changes", _set("sensor", "next", math.inf)),
-        "sensor-jump": Fault(f"the reading along the tool axis jumps by +{JUMP_N:g} N", partial(_bias, JUMP_N)),
-        "sensor-drop": Fault(f"the reading along the tool axis jumps by -{JUMP_N:g} N", partial(_bias, -JUMP_N)),
+        "sensor-frozen": Fault(
+            "the wrist sensor's reading no longer changes", _set("sensor", "next", math.inf)
+        ),
+        "sensor-jump": Fault(
+            f"the reading along the tool axis jumps by +{JUMP_N:g} N", partial(_bias, JUMP_N)
+        ),
+        "sensor-drop": Fault(
+            f"the reading along the tool axis jumps by -{JUMP_N:g} N", partial(_bias, -JUMP_N)
+        ),
         "sensor-drift": Fault(f"the reading along the tool axis drifts by -{DRIFT_N_S:g} N/s", _drift),
         "sensor-noise": Fault(f"the sensor's noise grows {NOISE_TIMES:g} times", _sensor_noise),
         "command-lost": Fault(
@@ -119,19 +125,27 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             partial(_lift, -PART_M),
             on_part=True,
         ),
-        "part-shift": Fault(f"the part slips aside by {1e3 * PART_M:g} mm, at 20 mm/s", _part_across, on_part=True),
+        "part-shift": Fault(
+            f"the part slips aside by {1e3 * PART_M:g} mm, at 20 mm/s", _part_across, on_part=True
+        ),
         "part-loose": Fault(
-            f"the part shakes along its normal, {1e3 * SHAKE_M:g} mm at {SHAKE_HZ:g} Hz", _part_loose, on_part=True
+            f"the part shakes along its normal, {1e3 * SHAKE_M:g} mm at {SHAKE_HZ:g} Hz",
+            _part_loose,
+            on_part=True,
         ),
         "spindle-stop": Fault(
             "the spindle's drive fails: it runs down in 0.5 s", _set("spindle", "failed", True), on_part=True
         ),
-        "friction-jump": Fault(f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump, on_part=True),
+        "friction-jump": Fault(
+            f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump, on_part=True
+        ),
         "master-stop": Fault(
             "the master stops itself, as its own guards would", _set("master", "halted", True), on_master=True
         ),
         "master-silent": Fault(
-            "the host no longer receives the master's position", _set("master", "unheard", True), on_master=True
+            "the host no longer receives the master's position",
+            _set("master", "unheard", True),
+            on_master=True,
         ),
         "master-slow": Fault(
             f"the master moves at {SLOW:g} of its speed", _set("master", "slow", 1.0 - SLOW), on_master=True
@@ -196,8 +210,8 @@ def _parse_time(entry: str, kind: str, form: str, example: str) -> tuple[str, fl
         time = math.nan
     if not at or not (math.isfinite(time) and time >= 0.0):
         raise ConfigError(
-            f"the {kind} '{entry}' is not {form}@TIME: seconds from the start of the run, e.g. {example}@3.5, or from "
-            f"first contact, e.g. {example}@contact+0.5."
+            f"the {kind} '{entry}' is not {form}@TIME: seconds from the start of the run, e.g. "
+            f"{example}@3.5, or from first contact, e.g. {example}@contact+0.5."
         )
     return name.strip(), time, after_contact
 
@@ -227,8 +241,8 @@ def planned_events(scenario: Scenario, on_part: bool, two_robots: bool) -> tuple
     """The faults and the changes of set points that a scenario plans.
 
     Raises:
-        PolishSimError: Naming the first that is not written as it should be, is out of range, or would change nothing
-            without a part to press on, or without a second robot that carries it.
+        PolishSimError: Naming the first that is not written as it should be, is out of range, or would change
+            nothing without a part to press on, or without a second robot that carries it.
     """
     events = (*parse_events(scenario.faults.events), *parse_changes(scenario.process.changes))
     for event in events:
@@ -249,7 +263,8 @@ def planned_events(scenario: Scenario, on_part: bool, two_robots: bool) -> tuple
 
 
 def as_planned(scenario: Scenario, events: Sequence[FaultEvent]) -> Scenario:
-    """The scenario in which what somebody let happen during a run is planned: run again, it gives the same bytes."""
+    """The scenario in which what somebody let happen during a run is planned: run again, it gives the same
+    bytes."""
     faults, changes = ([str(e) for e in events if (e.value is None) == fault] for fault in (True, False))
     process, planned = scenario.process, scenario.faults
     return replace(
@@ -303,11 +318,13 @@ class SafetyRecord(NamedTuple):
     """Times and ends; None where there was no stop, no fault or no retract."""
 
     protective_stop_time_s: float | None  #: When the guard tripped [s]
-    protective_stop_measured: str | None  #: What it measured then, with its unit; None where there is no limit
+    #: What it measured then, with its unit; None where there is no limit
+    protective_stop_measured: str | None
     stop_delay_s: float | None  #: From then to the brakes [s]
     fault_time_s: float | None  #: When the first fault was injected [s]
     fault_to_stop_s: float | None  #: From that fault to the guard [s]; None if the stop came first
-    retracted: bool | None  #: Whether the tool was taken off as far as it should; None: nothing to retract from
+    #: Whether the tool was taken off as far as it should; None: nothing to retract from
+    retracted: bool | None
     retract_m: float | None  #: How far it was taken [m]
     faults_missed: tuple[str, ...]  #: Planned faults whose time did not come
 

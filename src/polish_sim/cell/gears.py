@@ -1,13 +1,17 @@
-"""Elastic joints with rotors of their own: motor -> rotor -> gear -> link, as a UR5e's are; and the arm its host sees.
+"""Elastic joints with rotors of their own: motor -> rotor -> gear -> link, as a UR5e's are; and the arm its
+host sees.
 
-The engine moves the links. Each rotor is one equation here, at the joint's scale (angle of the motor by the ratio):
+The engine moves the links. Each rotor is one equation here, at the joint's scale (angle of the motor by the
+ratio):
 
-    J dw/dt = servo + weight - friction - (1 + error') torque,   torque = elastic(twist) + hysteresis + D d(twist)/dt
+    J dw/dt = servo + weight - friction - (1 + error') torque
+    torque = elastic(twist) + hysteresis + D d(twist)/dt
     twist = rotor + error(rotor) - joint
 
-The gear's elastic torque is taken at the step's beginning, everything that damps at its end, for rotor and link
-together: the rotor's speed is eliminated, what is left damps the joint and goes to the engine's implicit integrator.
-So both feel the same torque, springs neither gain nor lose, and stiff wrists stay stable at 1 ms.
+The gear's elastic torque is taken at the step's beginning, everything that damps at its end, for rotor and
+link
+together: the rotor's speed is eliminated, what is left damps the joint and goes to the engine's implicit
+integrator. So both feel the same torque, springs neither gain nor lose, and stiff wrists stay stable at 1 ms.
 """
 
 from __future__ import annotations
@@ -24,7 +28,8 @@ Slopes = Annotated[Array, (6, 3)]
 Knees = Annotated[Array, (6, 2)]
 
 
-# An arm as its host computes it: tool pose and axes from joint angles and a table of Denavit-Hartenberg parameters.
+# An arm as its host computes it: tool pose and axes from joint angles and a table of Denavit-Hartenberg
+# parameters.
 
 
 class HostArm(Record):
@@ -41,7 +46,8 @@ class HostArm(Record):
 
 
 def build_host_arm(table: Array, T_world_base: Array, T_flange_end: Array) -> HostArm:
-    """A host that computes with a table, (4, 6), for an arm at ``T_world_base`` with its end at ``T_flange_end``."""
+    """A host that computes with a table, (4, 6), for an arm at ``T_world_base`` with its end at
+    ``T_flange_end``."""
     return HostArm(joint_rows(table), T_world_base, T_flange_end)
 
 
@@ -144,7 +150,8 @@ def update_twist(arm: RealArm, j: int, joint: float) -> None:
 
 @kernel
 def slip(torque: float, moved: float, most: float, rise: float) -> float:
-    """Torque of the hysteresis (Dahl) [N m] after the gear twisted by ``moved`` [rad]: towards ``most`` against it."""
+    """Torque of the hysteresis (Dahl) [N m] after the gear twisted by ``moved`` [rad]: towards ``most``
+    against it."""
     most = math.copysign(most, moved)
     return most + (torque - most) * math.exp(-abs(moved) / rise)
 
@@ -161,7 +168,8 @@ def hear_joints(arm: RealArm, e: EngineViews) -> None:
 
 @kernel
 def host_hears(arm: RealArm, due: bool, step: int) -> bool:
-    """Whether the host acts at this step, at which it is due or not; ``waited`` are the steps since it last did."""
+    """Whether the host acts at this step, at which it is due or not; ``waited`` are the steps since it last
+    did."""
     arm.waited = 1 if arm.heard else arm.waited + 1
     arm.heard = False
     if arm.missed_mean > 0.0 and step >= arm.missed_next:
@@ -175,9 +183,11 @@ def host_hears(arm: RealArm, due: bool, step: int) -> bool:
 
 @kernel
 def drive_joints(arm: RealArm, e: EngineViews, t: float) -> None:
-    """Servos, rotors and gears up to the engine's step: the torques the joints get, and what damps them in it.
+    """Servos, rotors and gears up to the engine's step: the torques the joints get, and what damps them in
+    it.
 
-    Between ``mj_step1`` and ``mj_step2``. The weight the robot carries for itself is the motors' here, not the links'.
+    Between ``mj_step1`` and ``mj_step2``. The weight the robot carries for itself is the motors' here, not
+    the links'.
     """
     for j in range(6):
         i, control = arm.first + j, arm.first_control + 2 * j
@@ -194,7 +204,8 @@ def drive_joints(arm: RealArm, e: EngineViews, t: float) -> None:
 
 @kernel
 def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
-    """Rotors and gears under motors that give ``push`` less ``stiffened`` times the rotor's speed; see drive_joints."""
+    """Rotors and gears under motors that give ``push`` less ``stiffened`` times the rotor's speed; see
+    drive_joints."""
     dt, warm = e.dt, 1.0 + arm.cold * math.exp(-t / arm.warming)
     for j in range(6):
         i = arm.first + j
@@ -224,7 +235,8 @@ def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
 
 @kernel
 def follow_joints(arm: RealArm, e: EngineViews) -> None:
-    """Rotors, twists and hysteresis after the engine's step; the motors' torques where the engine has its own."""
+    """Rotors, twists and hysteresis after the engine's step; the motors' torques where the engine has its
+    own."""
     for j in range(6):
         i = arm.first + j
         speed = arm.free[j] + arm.share[j] * e.qvel[i]

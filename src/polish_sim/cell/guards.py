@@ -1,7 +1,7 @@
 """Protective stops: the conditions under which the simulated robot stops itself, checked at every step.
 
-The guards stand beside the controller, not in it: they go on when it fails. They use what a real cell has: the
-sensor's reading, the encoders, the plan, the age of the last command, the spindle's speed.
+The guards stand beside the controller, not in it: they go on when it fails. They use what a real cell has:
+the sensor's reading, the encoders, the plan, the age of the last command, the spindle's speed.
 """
 
 from __future__ import annotations
@@ -31,46 +31,58 @@ if TYPE_CHECKING:
 
 NO_STOP = 0
 FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIMIT, UNSTABLE = range(1, 11)
-ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = range(11, 21)
+ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = range(
+    11, 21
+)
 FIXTURE, OVERLOAD = 23, 24  # 21 and 22 are a second robot's
 REASONS: Mapping[int, str] = MappingProxyType(
     {
-        FORCE: "measured force above safety.force_limit_n: the pad may be on a wall, an edge or something harder than "
-        "the part, or moves too fast for the force loop (--edge-margin, --contact-force, --feed)",
-        TORQUE: "measured torque above safety.torque_limit_nm: the pad may press with its rim only (a smaller "
-        "--pad-diameter, --edge-margin)",
-        LOST: "contact lost for longer than safety.contact_lost_s: the pad may be over an edge or a hole, or the part "
-        "gone (--edge-margin, --hole-margin)",
-        FROZEN: "wrist sensor reading frozen: no new value within safety.sensor_timeout_s. Check sensor and line",
+        FORCE: "measured force above safety.force_limit_n: the pad may be on a wall, an edge or something "
+        "harder than the part, or moves too fast for the force loop (--edge-margin, --contact-force, "
+        "--feed)",
+        TORQUE: "measured torque above safety.torque_limit_nm: the pad may press with its rim only (a "
+        "smaller --pad-diameter, --edge-margin)",
+        LOST: "contact lost for longer than safety.contact_lost_s: the pad may be over an edge or a hole, "
+        "or the part gone (--edge-margin, --hole-margin)",
+        FROZEN: "wrist sensor reading frozen: no new value within safety.sensor_timeout_s. Check sensor and "
+        "line",
         NO_READING: "wrist sensor reading missing: check sensor and line",
-        JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n: a shock, a rigid place under the pad, "
-        "gears that shake the arm or a fault of the sensor (process.approach_speed_m_s, --feed, or another limit)",
-        OVERLOAD: "wrist sensor overloaded: force and torque on it, the tool's weight included, take more than "
-        "sensor.overload of its range (sensor.model with a larger one, a lighter tool, --contact-force)",
-        SINGULAR: "near a singularity of the arm (safety.singular_value_limit): place the part elsewhere (--part-pose)",
-        CRASH: "tool, wrist or forearm ran into the part: it may stand elsewhere than planned (--part-pose), or its "
-        "shape is another (--real-part)",
-        FIXTURE: "pad, tool, wrist or forearm ran into the fixture: was the path planned with this --fixture?",
+        JUMP: "wrist sensor reading jumped by more than safety.jump_limit_n: a shock, a rigid place under "
+        "the pad, gears that shake the arm or a fault of the sensor (process.approach_speed_m_s, "
+        "--feed, or another limit)",
+        OVERLOAD: "wrist sensor overloaded: force and torque on it, the tool's weight included, take more "
+        "than sensor.overload of its range (sensor.model with a larger one, a lighter tool, "
+        "--contact-force)",
+        SINGULAR: "near a singularity of the arm (safety.singular_value_limit): place the part elsewhere "
+        "(--part-pose)",
+        CRASH: "tool, wrist or forearm ran into the part: it may stand elsewhere than planned "
+        "(--part-pose), or its shape is another (--real-part)",
+        FIXTURE: "pad, tool, wrist or forearm ran into the fixture: was the path planned with this "
+        "--fixture?",
         MISSING: "no contact down to process.search_depth_m below the nominal surface: is the part there? "
         "Check --part-pose and --units",
-        HIGH: "the part is higher than planned: contact found more than safety.offset_limit_m above its surface. "
-        "Something else may stand there, or the part is displaced: measure it, or raise the limit",
-        LOW: "the part is lower than planned: contact found more than safety.offset_limit_m below its surface. "
-        "The part may be displaced or another one: measure it, or raise the limit",
-        RISEN: "the surface has risen by more than safety.offset_limit_m: the pad may be on a wall or step beside "
-        "the path (--edge-margin, a smaller --pad-diameter), or the reading has drifted (process.tare)",
-        FALLEN: "the surface has fallen away by more than safety.offset_limit_m: the pad may have run over an edge or "
-        "into a hole (--edge-margin, --hole-margin, a smaller --pad-diameter), or part or reading have drifted "
+        HIGH: "the part is higher than planned: contact found more than safety.offset_limit_m above its "
+        "surface. Something else may stand there, or the part is displaced: measure it, or raise the "
+        "limit",
+        LOW: "the part is lower than planned: contact found more than safety.offset_limit_m below its "
+        "surface. The part may be displaced or another one: measure it, or raise the limit",
+        RISEN: "the surface has risen by more than safety.offset_limit_m: the pad may be on a wall or step "
+        "beside the path (--edge-margin, a smaller --pad-diameter), or the reading has drifted "
         "(process.tare)",
-        SPINDLE: "the spindle is below 80% of its speed: the pad may be jammed, or pressed too hard (--contact-force, "
-        "--spindle-rpm)",
-        CONTROLLER_NAN: "the controller returned a value that is not finite: check its own settings (controller.name)",
+        FALLEN: "the surface has fallen away by more than safety.offset_limit_m: the pad may have run over "
+        "an edge or into a hole (--edge-margin, --hole-margin, a smaller --pad-diameter), or part "
+        "or reading have drifted (process.tare)",
+        SPINDLE: "the spindle is below 80% of its speed: the pad may be jammed, or pressed too hard "
+        "(--contact-force, --spindle-rpm)",
+        CONTROLLER_NAN: "the controller returned a value that is not finite: check its own settings "
+        "(controller.name)",
         CONTROLLER_ERROR: "the controller raised an error",
         SILENT_HOST: "no command from the host for longer than robot.command_timeout_s: check host and line",
         JOINT_LIMIT: "a joint reached the end of its range: place the part elsewhere (--part-pose)",
-        UNSTABLE: "the simulation became unstable: set a smaller simulation.timestep_s, or softer springs and gains",
-        ENGINE_CONTACT: "links of the robot touched each other, the table or another robot: place the part elsewhere "
-        "(--part-pose)",
+        UNSTABLE: "the simulation became unstable: set a smaller simulation.timestep_s, or softer springs "
+        "and gains",
+        ENGINE_CONTACT: "links of the robot touched each other, the table or another robot: place the part "
+        "elsewhere (--part-pose)",
     }
 )
 
@@ -137,8 +149,8 @@ class Guards(Record):
     was_held: bool  #: Whether the force has been held since contact
     found: float  #: What was measured when a limit was exceeded, see ``MEASURED``
     shares: Annotated[Array, (CODES,)]
-    """Largest share of its limit that was reached, by code [-]; limit over value where the limit is the least allowed
-    value."""
+    """Largest share of its limit that was reached, by code [-]; limit over value where the limit is the least
+    allowed value."""
     places: Annotated[Array, (CODES,)]  #: Arc length of the path there [m]
     times: Annotated[Array, (CODES,)]  #: And when [s]
 
@@ -184,25 +196,37 @@ def build_guards(scenario: Scenario) -> Guards:
     # Without noise a robot at rest reads the same all the time, which is no fault.
     restless = min(sensor.force_noise_n - sensor.force_quantum_n, sensor.torque_noise_nm) > 0.0
     return Guards(
-        force=safety.force_limit_n, torque=safety.torque_limit_nm, contact_lost=safety.contact_lost_s,
-        sensor_timeout=safety.sensor_timeout_s if restless else math.inf, jump=safety.jump_limit_n or math.inf,
-        jump_share=_jump_share(sensor, scenario.simulation.timestep_s, scenario.controller.adaptive.arm_mode_hz),
-        singular_value=safety.singular_value_limit, offset=safety.offset_limit_m,
-    )  # fmt: skip
+        force=safety.force_limit_n,
+        torque=safety.torque_limit_nm,
+        contact_lost=safety.contact_lost_s,
+        sensor_timeout=safety.sensor_timeout_s if restless else math.inf,
+        jump=safety.jump_limit_n or math.inf,
+        jump_share=_jump_share(
+            sensor, scenario.simulation.timestep_s, scenario.controller.adaptive.arm_mode_hz
+        ),
+        singular_value=safety.singular_value_limit,
+        offset=safety.offset_limit_m,
+    )
 
 
 def _jump_share(sensor: SensorConfig, dt: float, mode_hz: float) -> float:
     """How much of a jump [-] the guard sees: a step of one through the sensor, compared with itself smoothed.
 
-    No less than of a swing of one at the arm's mode [Hz], so that the arm may swing by as much as the force may jump.
+    No less than of a swing of one at the arm's mode [Hz], so that the arm may swing by as much as the force
+    may jump.
     """
     t = np.arange(0.0, SEEN_S, dt)
-    return max(_most_seen(sensor, dt, force) for force in (np.ones_like(t), np.sin(2.0 * np.pi * mode_hz * t)))
+    return max(
+        _most_seen(sensor, dt, force) for force in (np.ones_like(t), np.sin(2.0 * np.pi * mode_hz * t))
+    )
 
 
 def _most_seen(sensor: SensorConfig, dt: float, force: Array) -> float:
-    """The largest difference [N] between a reading and itself smoothed, of a ``force`` (n,) that begins at a time 0."""
-    blend = 1.0 - math.exp(-2.0 * math.pi * sensor.bandwidth_hz / sensor.rate_hz) if sensor.bandwidth_hz else 1.0
+    """The largest difference [N] between a reading and itself smoothed, of a ``force`` (n,) that begins at a
+    time 0."""
+    blend = (
+        1.0 - math.exp(-2.0 * math.pi * sensor.bandwidth_hz / sensor.rate_hz) if sensor.bandwidth_hz else 1.0
+    )
     reading = smooth = most = due = 0.0
     for k, value in enumerate(force):
         if k * dt >= due:
@@ -307,9 +331,9 @@ def check_guards(
 def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int:
     """Whether the surface is where it was planned: when contact is found, and from then on.
 
-    How far the springs are pressed in is only known once the force is held in the process; from there on the tool's
-    offset from the plan is the surface's. Until then the tool may go as deep as springs five times softer than planned
-    need (planned: ``planned`` [m]), but not above where it found contact.
+    How far the springs are pressed in is only known once the force is held in the process; from there on the
+    tool's offset from the plan is the surface's. Until then the tool may go as deep as springs five times
+    softer than planned need (planned: ``planned`` [m]), but not above where it found contact.
     """
     guards, sequence, m, target = state.guards, state.sequence, state.measurement, state.target
     if not target.contact:
@@ -343,9 +367,13 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
 
 
 @kernel
-def _crashed(crash: CrashPoints, first: int, end: int, part: RealPart, field: DistanceField, e: EngineViews) -> bool:
-    """Whether a sample point of the links, every ``_CRASH_ROUNDS``-th of some, is in the part by one of its fields."""
-    near = 0.5 * field.spacing  # a sheet thinner than the grid is nowhere negative, but never further than this
+def _crashed(
+    crash: CrashPoints, first: int, end: int, part: RealPart, field: DistanceField, e: EngineViews
+) -> bool:
+    """Whether a sample point of the links, every ``_CRASH_ROUNDS``-th of some, is in the part by one of its
+    fields."""
+    # a sheet thinner than the grid is nowhere negative, but never further than this
+    near = 0.5 * field.spacing
     P, p0 = part.rotation, part.position
     for i in range(first, end, _CRASH_ROUNDS):
         body, p = crash.bodies[i], crash.points[i]
@@ -370,7 +398,8 @@ _AROUND, _AROUND_PAD = 12, 32  # points of a ring around the shaft and the pad
 
 
 def crash_points(model: mujoco.MjModel, arm: str = "") -> CrashPoints:
-    """Points spread over the drawn meshes of the links behind the pad, the shaft it turns on, and the pad's rim."""
+    """Points spread over the drawn meshes of the links behind the pad, the shaft it turns on, and the pad's
+    rim."""
     on_shaft = _on_cylinder(model, model.geom(f"{arm}{_SHAFT}").id)
     points, bodies = [on_shaft], [np.full(len(on_shaft), model.body(f"{arm}head").id)]
     for body in (model.body(arm + name).id for name in BODIES):

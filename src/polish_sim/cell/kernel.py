@@ -1,4 +1,5 @@
-"""What the compiled loop works on: the engine's memory, the strokes' tables, one record of all that changes."""
+"""What the compiled loop works on: the engine's memory, the strokes' tables, one record of all that
+changes."""
 
 from __future__ import annotations
 

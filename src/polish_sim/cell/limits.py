@@ -16,8 +16,8 @@ LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is t
 def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, modelled: float) -> None:
     """Refuse a scenario whose contact would be unstable at its time step, pressed with at most ``force`` [N].
 
-    ``tangential_mass`` [kg] is the inertia of arm and tool against a push across the tool axis, ``modelled`` [m] how
-    deep below its surface the part is modelled.
+    ``tangential_mass`` [kg] is the inertia of arm and tool against a push across the tool axis, ``modelled``
+    [m] how deep below its surface the part is modelled.
 
     Raises:
         ConfigError: Naming the limit that is broken, by how much, and the keys that would mend it.
@@ -37,8 +37,8 @@ def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, 
 def with_implicit_friction(scenario: Scenario, force: float, tangential_mass: float) -> Scenario:
     """A scenario whose pad's friction, taken at the step's beginning, acts as if taken at its end.
 
-    Behind elastic gears the tool is so light that it needs that. In its steep part friction is a damper mu F / v_s;
-    taken at the end of a step it is mu F / (v_s + mu F dt / m). Arguments as of `check_step_limits`.
+    Behind elastic gears the tool is so light that it needs that. In its steep part friction is a damper mu F
+    / v_s; taken at the end of a step it is mu F / (v_s + mu F dt / m). Arguments as of `check_step_limits`.
     """
     pad, dt = scenario.pad, scenario.simulation.timestep_s
     smoothing = pad.friction_smoothing_m_s + pad.friction * force * dt / tangential_mass
@@ -51,21 +51,21 @@ def check_contact_settings(scenario: Scenario, force: float) -> None:
     damping = pad.damping_s_m * scenario.safety.force_limit_n * dt / head.mass_kg
     if damping >= 1.0:
         raise ConfigError(
-            f"pad.damping_s_m = {pad.damping_s_m:g} is too much for this step: a F dt / m = {damping:.2f}, must be "
-            "below 1. Lower pad.damping_s_m, safety.force_limit_n or simulation.timestep_s."
+            f"pad.damping_s_m = {pad.damping_s_m:g} is too much for this step: a F dt / m = {damping:.2f}, "
+            "must be below 1. Lower pad.damping_s_m, safety.force_limit_n or simulation.timestep_s."
         )
     phase = dt * math.sqrt(head.spring_scale * (head.stiffness_n_m + pad.stiffness_n_m) / head.mass_kg)
     if phase >= 0.7:
         raise ConfigError(
-            f"the head is too stiff for this step: dt sqrt((k_head + k_pad) / m) = {phase:.2f}, must be below 0.7. "
-            "Lower pad.stiffness_n_m, head.stiffness_n_m, head.spring_scale or simulation.timestep_s, or raise "
-            "head.mass_kg."
+            f"the head is too stiff for this step: dt sqrt((k_head + k_pad) / m) = {phase:.2f}, must be "
+            "below 0.7. Lower pad.stiffness_n_m, head.stiffness_n_m, head.spring_scale or "
+            "simulation.timestep_s, or raise head.mass_kg."
         )
     if scenario.safety.force_limit_n < LEAST_ROOM * force:
         raise ConfigError(
-            f"safety.force_limit_n = {scenario.safety.force_limit_n:g} leaves no room above the {force:g} N to be "
-            f"held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or more, or lower "
-            "process.contact_force_n (--contact-force)."
+            f"safety.force_limit_n = {scenario.safety.force_limit_n:g} leaves no room above the {force:g} N "
+            f"to be held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or "
+            "more, or lower process.contact_force_n (--contact-force)."
         )
     _check_depth(scenario, force, depth_for(force, pad.stiffness_n_m * head.spring_scale))
 
@@ -75,9 +75,9 @@ def _check_depth(scenario: Scenario, force: float, modelled: float) -> None:
     depth = 2.0 * force / (pad.stiffness_n_m * head.spring_scale)
     if depth > modelled:
         raise ConfigError(
-            f"pad.stiffness_n_m = {pad.stiffness_n_m:g} is too soft for {force:g} N: twice that force would press it "
-            f"in by {1e3 * depth:.1f} mm, and the part is modelled {1e3 * modelled:g} mm deep. Raise it or lower "
-            "process.contact_force_n."
+            f"pad.stiffness_n_m = {pad.stiffness_n_m:g} is too soft for {force:g} N: twice that force would "
+            f"press it in by {1e3 * depth:.1f} mm, and the part is modelled {1e3 * modelled:g} mm deep. "
+            "Raise it or lower process.contact_force_n."
         )
 
 
@@ -90,25 +90,27 @@ def check_rates(scenario: Scenario) -> None:
     dt, sensor, robot = scenario.simulation.timestep_s, scenario.sensor, scenario.robot
     if sensor.rate_hz * dt > 1.0 + 1e-9:
         raise ConfigError(
-            f"sensor.rate_hz = {sensor.rate_hz:g} is faster than the physics: one sample per step is all there is. "
-            f"Lower it to {1.0 / dt:g}, or lower simulation.timestep_s."
+            f"sensor.rate_hz = {sensor.rate_hz:g} is faster than the physics: one sample per step is all "
+            f"there is. Lower it to {1.0 / dt:g}, or lower simulation.timestep_s."
         )
     if scenario.safety.sensor_timeout_s < 1.0 / sensor.rate_hz:
         raise ConfigError(
-            f"safety.sensor_timeout_s = {scenario.safety.sensor_timeout_s:g} would take a sensor of sensor.rate_hz = "
-            f"{sensor.rate_hz:g} for frozen. Raise it to {2.0 / sensor.rate_hz:g}."
+            f"safety.sensor_timeout_s = {scenario.safety.sensor_timeout_s:g} would take a sensor of "
+            f"sensor.rate_hz = {sensor.rate_hz:g} for frozen. Raise it to {2.0 / sensor.rate_hz:g}."
         )
     spindle = scenario.spindle
     turns = spindle.speed_rpm / 60.0 * dt
     if turns > TURNS_PER_STEP and spindle.imbalance_m_s > 0.0:
         raise ConfigError(
-            f"spindle.speed_rpm = {spindle.speed_rpm:g} is too fast for this step: the pull of its imbalance would be "
-            f"seen {1.0 / turns:.1f} times a turn, at least {1.0 / TURNS_PER_STEP:g} are needed. Lower it to "
-            f"{60.0 * TURNS_PER_STEP / dt:g}, lower simulation.timestep_s, or set spindle.imbalance_m_s to 0."
+            f"spindle.speed_rpm = {spindle.speed_rpm:g} is too fast for this step: the pull of its imbalance "
+            f"would be seen {1.0 / turns:.1f} times a turn, at least {1.0 / TURNS_PER_STEP:g} are needed. "
+            f"Lower it to {60.0 * TURNS_PER_STEP / dt:g}, lower simulation.timestep_s, or set "
+            "spindle.imbalance_m_s to 0."
         )
     cycle = dt * scenario.simulation.control_every
     if robot.command_timeout_s < 2.0 * cycle:
         raise ConfigError(
-            f"robot.command_timeout_s = {robot.command_timeout_s:g} would stop the robot between two commands, which "
-            f"come every {cycle:g} s (simulation.control_every). Raise it to {2.0 * cycle:g} or more."
+            f"robot.command_timeout_s = {robot.command_timeout_s:g} would stop the robot between two "
+            f"commands, which come every {cycle:g} s (simulation.control_every). Raise it to {2.0 * cycle:g} "
+            "or more."
         )

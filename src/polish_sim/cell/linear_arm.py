@@ -32,7 +32,8 @@ class JointsAbout(NamedTuple):
 
 
 def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
-    """The elastic arm of a scenario at rest with its encoders at each of ``q`` (n, 6) [rad], nothing around it.
+    """The elastic arm of a scenario at rest with its encoders at each of ``q`` (n, 6) [rad], nothing around
+    it.
 
     What is drawn of the arm, and its damping, are those of the first pose.
     """
@@ -73,10 +74,13 @@ class Gears(NamedTuple):
 
 
 def gears_about(scenario: Scenario, about: JointsAbout, slipping: Array) -> Gears:
-    """The gears under the weight and the contact force, with what `slipping_gears` says of their hysteresis."""
+    """The gears under the weight and the contact force, with what `slipping_gears` says of their
+    hysteresis."""
     torque = about.weight + scenario.process.contact_force_n * about.axis @ about.jacobian[:3]
     more = gear_twists(scenario.robot.real, np.stack([torque - 1e-3, torque + 1e-3]))
-    return Gears(2e-3 / (more[1] - more[0]) + slipping.real, np.array(about.arm.coupling) + slipping.imag / _ABOUT)
+    return Gears(
+        2e-3 / (more[1] - more[0]) + slipping.real, np.array(about.arm.coupling) + slipping.imag / _ABOUT
+    )
 
 
 def motion_matrices(about: JointsAbout, gears: Gears) -> MotionMatrices:
@@ -88,14 +92,18 @@ def motion_matrices(about: JointsAbout, gears: Gears) -> MotionMatrices:
     mass = np.zeros((12, 12))
     mass[:6, :6], mass[6:, 6:] = about.inertia - about.head * np.outer(tool, tool), np.diag(arm.inertia)
     matrices = []
-    for gear, servo in ((gears.stiffness, arm.kp), (gears.damping, arm.kv + (1.0 + arm.cold) * np.array(arm.viscous))):
+    for gear, servo in (
+        (gears.stiffness, arm.kp),
+        (gears.damping, arm.kv + (1.0 + arm.cold) * np.array(arm.viscous)),
+    ):
         twisted = np.diag(gear)
         matrices.append(np.block([[twisted, -twisted], [-twisted, twisted + np.diag(servo)]]))
     return MotionMatrices(mass, *matrices)
 
 
 def slipping_gears(arm: RealArm, swing: float) -> Array:
-    """Torque of the gears' hysteresis by their twist at an amplitude ``swing`` [rad], complex, shape (6,) [N m/rad].
+    """Torque of the gears' hysteresis by their twist at an amplitude ``swing`` [rad], complex, shape (6,) [N
+    m/rad].
 
     By harmonic balance; the imaginary part leads, and damps.
     """

@@ -53,10 +53,10 @@ def advance(  # type: ignore[no-untyped-def]
 ) -> None:
     """Run the cell for at most ``steps`` physics steps, or until the caller is needed.
 
-    That is when the stroke is done, a guard has tripped, the robot stands after a stop, at first contact if it is
-    waited for, or, between measurement and law, from ``status.wait_from`` steps on. ``arm``: its joints if they are
-    elastic; None compiles nothing of that. The recorder holds at least ``steps`` steps; ``law`` is a compiled law, see
-    ``LAW_SIGNATURE``; ``draws`` are standard normal numbers, shape (steps, 12).
+    That is when the stroke is done, a guard has tripped, the robot stands after a stop, at first contact if
+    it is waited for, or, between measurement and law, from ``status.wait_from`` steps on. ``arm``: its joints
+    if they are elastic; None compiles nothing of that. The recorder holds at least ``steps`` steps; ``law``
+    is a compiled law, see ``LAW_SIGNATURE``; ``draws`` are standard normal numbers, shape (steps, 12).
     """
     e, state = cell.engine, cell.state
     status = state.status
@@ -92,13 +92,14 @@ def advance(  # type: ignore[no-untyped-def]
             return
 
 
-# The steps of the loop; a loop of two robots has them as well. Each gets only what it uses: to compile a call that
-# passes the whole cell takes a second.
+# The steps of the loop; a loop of two robots has them as well. Each gets only what it uses: to compile a call
+# that passes the whole cell takes a second.
 
 
 @kernel
 def press_on_part(e: EngineViews, state: CellState, pad: Pad, part: RealPart) -> None:
-    """Contact of the pad and pull of the imbalance at this instant, applied to the head; the exact contact wrench.
+    """Contact of the pad and pull of the imbalance at this instant, applied to the head; the exact contact
+    wrench.
 
     Force and torque of the part on the pad about the pad's centre, base frame, are left in ``scratch[1:3]``.
     """
@@ -144,10 +145,11 @@ def moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, o
 
 @kernel
 def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Array, speeds: Array) -> None:
-    """Write tool pose and twist as the host computes them from the encoders, and the Jacobian at the tool point.
+    """Write tool pose and twist as the host computes them from the encoders, and the Jacobian at the tool
+    point.
 
-    ``tool`` (3,) [m] is the tool point, ``R`` (9,) R_base_tool row by row; ``anchors`` [m] and unit ``axes`` (>= 6,
-    3) are those of the joints, ``speeds`` (>= 6,) theirs [rad/s].
+    ``tool`` (3,) [m] is the tool point, ``R`` (9,) R_base_tool row by row; ``anchors`` [m] and unit ``axes``
+    (>= 6, 3) are those of the joints, ``speeds`` (>= 6,) theirs [rad/s].
     """
     m, jacobian = state.measurement, state.jacobian
     for i in range(3):
@@ -159,7 +161,11 @@ def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Arra
     for j in range(6):
         ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
         rx, ry, rz = tool[0] - anchors[j, 0], tool[1] - anchors[j, 1], tool[2] - anchors[j, 2]
-        jacobian[0, j], jacobian[1, j], jacobian[2, j] = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
+        jacobian[0, j], jacobian[1, j], jacobian[2, j] = (
+            ay * rz - az * ry,
+            az * rx - ax * rz,
+            ax * ry - ay * rx,
+        )
         jacobian[3, j], jacobian[4, j], jacobian[5, j] = ax, ay, az
         for i in range(6):
             m.twist[i] += jacobian[i, j] * speeds[j]
@@ -177,7 +183,8 @@ def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
 
 @kernel
 def read_sensor(state: CellState, samples: Array, exact: Array, dt: float, t: float, draws: Array) -> None:
-    """The wrench as the host has it, and whether the reading can be trusted; arguments as of ``sample_sensor``."""
+    """The wrench as the host has it, and whether the reading can be trusted; arguments as of
+    ``sample_sensor``."""
     sample_sensor(state.sensor, samples, t, exact, draws)
     tool_wrench(state.payload, state.sensor, state.measurement.rotation, state.measurement.wrench)
     if state.status.stop == guards.NO_STOP:
@@ -199,7 +206,8 @@ def trip(status: Status, code: int, t: float) -> None:
 
 @kernel
 def move_target(state: CellState, stroke: Stroke, dt: float, t: float) -> None:
-    """The host's cycle up to its law: zero the sensor while it is time, move the target on by a cycle ``dt`` [s]."""
+    """The host's cycle up to its law: zero the sensor while it is time, move the target on by a cycle ``dt``
+    [s]."""
     m, sequence = state.measurement, state.sequence
     m.time, m.cycle = t, dt
     if sequence.stage == TARE:
@@ -268,7 +276,14 @@ def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: 
 
 @kernel
 def finish_step(  # type: ignore[no-untyped-def]
-    e: EngineViews, state: CellState, arm, other, recorder: Recorder, part_position: Array, turns: Ints, t: float
+    e: EngineViews,
+    state: CellState,
+    arm,
+    other,
+    recorder: Recorder,
+    part_position: Array,
+    turns: Ints,
+    t: float,
 ) -> None:
     """Note contact, record this instant and let the engine move on; arguments as of ``record_state``.
 
@@ -300,7 +315,8 @@ def finish_step(  # type: ignore[no-untyped-def]
 
 @kernel
 def _phase(stage: int, touched: bool) -> int:
-    """The log's phase: touch-down begins with the exact first contact, everything else with the host's stage."""
+    """The log's phase: touch-down begins with the exact first contact, everything else with the host's
+    stage."""
     if stage == PROCESS:
         return 2
     if stage in (RETRACT, DONE):
@@ -324,7 +340,14 @@ def is_over(cell: CellKernel, held_body: int, t: float) -> bool:
         trip(
             status,
             guards.check_guards(
-                e, state, cell.part, cell.fixture, cell.crash_points, cell.stroke.contact, cell.stroke.depth, count
+                e,
+                state,
+                cell.part,
+                cell.fixture,
+                cell.crash_points,
+                cell.stroke.contact,
+                cell.stroke.depth,
+                count,
             ),
             t,
         )
@@ -339,7 +362,8 @@ def is_over(cell: CellKernel, held_body: int, t: float) -> bool:
 
 @kernel
 def _links_touch(e: EngineViews, held_body: int) -> bool:
-    """Whether the engine pushes on any body but the head and a carried part, on which our own contact acts."""
+    """Whether the engine pushes on any body but the head and a carried part, on which our own contact
+    acts."""
     for body in range(1, e.cfrc_ext.shape[0]):
         f = e.cfrc_ext[body]
         if body != e.head_body and body != held_body and (f[3] != 0.0 or f[4] != 0.0 or f[5] != 0.0):

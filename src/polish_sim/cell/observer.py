@@ -53,7 +53,8 @@ class Silent(Observer):
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
 
 STOPPING: Final = "stopping at the next cycle; Ctrl-C again to abort"
-PATIENCE_S: Final = 2.0  #: After the first Ctrl-C a controller may go on for this long before it is aborted [s]
+#: After the first Ctrl-C a controller may go on for this long before it is aborted [s]
+PATIENCE_S: Final = 2.0
 
 
 @dataclass
@@ -65,10 +66,12 @@ class Interrupt:
 
 @contextmanager
 def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
-    """Note the first Ctrl-C instead of raising it; a second one raises, and so does a controller that does not end.
+    """Note the first Ctrl-C instead of raising it; a second one raises, and so does a controller that does
+    not end.
 
-    Raised, the first could land inside a callback from compiled code, where Python can only print and drop it.
-    Outside the main thread, or where somebody else handles or ignores the signal, everything stays as it is.
+    Raised, the first could land inside a callback from compiled code, where Python can only print and drop
+    it. Outside the main thread, or where somebody else handles or ignores the signal, everything stays as it
+    is.
     """
     interrupt, before = Interrupt(), signal.getsignal(signal.SIGINT)
     ours = threading.current_thread() is threading.main_thread() and before is signal.default_int_handler
@@ -101,14 +104,16 @@ EXPECTED: Final = "(6,), or (7,) with the feed's share"  #: Shape of an answer
 
 
 def _locked(record: Any) -> Any:
-    """The same memory, not writable: a controller must not change what the sensor is recorded to have read."""
+    """The same memory, not writable: a controller must not change what the sensor is recorded to have
+    read."""
     array = memory_of(record).view(record.dtype)
     array.flags.writeable = False
     return array[0]
 
 
 def _numbers(answer: Any) -> Array:
-    """What ``step`` returned as an array; TypeError if it is no numbers, ValueError if they are too few or too many."""
+    """What ``step`` returned as an array; TypeError if it is no numbers, ValueError if they are too few or
+    too many."""
     try:
         numbers = np.asarray(answer, dtype=float)
     except (TypeError, ValueError):

@@ -34,7 +34,8 @@ class Played(NamedTuple):
 
     q: Array  #: [rad], shape (n, 6)
     qd: Array  #: [rad/s], shape (n, 6)
-    torque: Array  #: Of the servos [N m], shape (n, 6); with elastic joints the motors', the arm's weight included
+    #: Of the servos [N m], shape (n, 6); with elastic joints the motors', the arm's weight included
+    torque: Array
     motor: Array  #: Angles of the motors behind their gears [rad], shape (n, 6)
     read: Array  #: Angles by the encoders the servos use [rad], shape (n, 6)
     table: Array  #: Of the arm as built, shape (4, 6)
@@ -46,11 +47,11 @@ def play_joints(
     settle: float = 0.5,
     change: Callable[[mujoco.MjModel], None] | None = None,
 ) -> Played:
-    """Play joint targets, from rest to rest and one row a step, on the robot of the cell in free space, spindle at
-    rest.
+    """Play joint targets, from rest to rest and one row a step, on the robot of the cell in free space,
+    spindle at rest.
 
-    The robot first stands at the first target for ``settle`` [s], so that gravity has settled. ``change`` changes the
-    compiled scene before, e.g. adds a load to its last link.
+    The robot first stands at the first target for ``settle`` [s], so that gravity has settled. ``change``
+    changes the compiled scene before, e.g. adds a load to its last link.
 
     Raises:
         ReachError: Links or head would touch each other on the way.
@@ -73,7 +74,9 @@ def play_joints(
     mujoco.mj_forward(model, data)
     _play(arm, engine_views(model, data), wanted, played, still)
     if not np.isfinite(played.q).all():
-        raise ProtectiveStop("the simulated robot ran away while playing joint targets: lower simulation.timestep_s.")
+        raise ProtectiveStop(
+            "the simulated robot ran away while playing joint targets: lower simulation.timestep_s."
+        )
     return played
 
 

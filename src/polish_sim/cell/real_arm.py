@@ -1,7 +1,8 @@
-"""Robots with elastic joints: the engine's model of them, their geometry as built, how they start and how they rest.
+"""Robots with elastic joints: the engine's model of them, their geometry as built, how they start and how
+they rest.
 
-The host's table stays the nominal one, by which everything is planned; the arm's own differs from it by what its
-calibration has left. That is the same as an arm with any table whose host has one as close to it.
+The host's table stays the nominal one, by which everything is planned; the arm's own differs from it by what
+its calibration has left. That is the same as an arm with any table whose host has one as close to it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ ARMS: Final = (IDEAL, *TABLES_OF_ARMS)
 SIDES: Final = ("motor", "link")
 TABLES: Final = ("calibrated", "uncalibrated", "exact")
 _STREAM: Final = 17  # of the scenario's seed, for what is drawn of the arms themselves
-_LIGHT: Final = 0.25  # share of a joint's inertia its gear's stiffness may have in a step without more damping
+# share of a joint's inertia its gear's stiffness may have in a step without more damping
+_LIGHT: Final = 0.25
 _TARGETS: Final = np.array([[0.0, 0.0, 0.22, 1.0], [0.15, 0.0, 0.1, 1.0], [0.0, 0.15, 0.1, 1.0]])
 """Points on the tool that a calibration measures, flange frame [m]."""
 _AROUND: Final = np.array([0.5, 0.4, 0.5, 0.6, 0.6, 1.0])
@@ -74,9 +76,14 @@ def gear_twists(real: RealArmConfig, torque: Array) -> Array:
     """Twist of the gears' springs, shape (n, 6) [rad], under torques of that shape [N m]."""
     knees, bends = _knees(real)
     size = np.abs(torque)
-    below, between = size / np.array(real.stiffness_1_nm_rad), (size - knees[0]) / np.array(real.stiffness_2_nm_rad)
+    below, between = (
+        size / np.array(real.stiffness_1_nm_rad),
+        (size - knees[0]) / np.array(real.stiffness_2_nm_rad),
+    )
     above = (size - knees[1]) / np.array(real.stiffness_3_nm_rad)
-    twist = np.where(size <= knees[0], below, np.where(size <= knees[1], bends[0] + between, bends[1] + above))
+    twist = np.where(
+        size <= knees[0], below, np.where(size <= knees[1], bends[0] + between, bends[1] + above)
+    )
     return np.asarray(np.copysign(twist, torque))
 
 
@@ -88,7 +95,8 @@ def _knees(real: RealArmConfig) -> tuple[Array, Array]:
 
 
 def weights(model: mujoco.MjModel, q: Array, place: ArmPlace = LONE) -> Array:
-    """Torques that hold the weight of an arm and what it carries, shape (n, 6) [N m], at its joints (n, 6) [rad]."""
+    """Torques that hold the weight of an arm and what it carries, shape (n, 6) [N m], at its joints (n, 6)
+    [rad]."""
     data, torques = mujoco.MjData(model), np.empty_like(q)
     for k, joints in enumerate(q):
         data.qpos[place.joints] = joints
@@ -106,7 +114,8 @@ class RestingArm(NamedTuple):
     place: ArmPlace = LONE
 
     def links(self, q: Array, rng: np.random.Generator | None = None) -> Array:
-        """Joint angles (n, 6) [rad] with the encoders there; how far each gear has slipped is drawn; None: not."""
+        """Joint angles (n, 6) [rad] with the encoders there; how far each gear has slipped is drawn; None:
+        not."""
         if self.real.servo_side == "link":
             return q
         turned, slipped, at = q + self._error(q), self._slipped(q, rng), q
@@ -154,9 +163,9 @@ def _lost_torque(real: RealArmConfig) -> Array:
 def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array, place: ArmPlace = LONE) -> Array:
     """Table of the arm as built, (4, 6), given that its host's is the nominal one; ``model`` weighs it.
 
-    Calibrated: points on the tool are measured in random poses around the work at ``q_start`` (6,) [rad], the weight
-    acting, and a table is fitted; the arm's is the nominal one plus what that fit got wrong. Uncalibrated: the errors
-    as they were built.
+    Calibrated: points on the tool are measured in random poses around the work at ``q_start`` (6,) [rad], the
+    weight acting, and a table is fitted; the arm's is the nominal one plus what that fit got wrong.
+    Uncalibrated: the errors as they were built.
     """
     real = scenario.robot.real
     if real.kinematics == "exact":
@@ -183,9 +192,12 @@ def _points(q: Array, table: Array) -> Array:
 
 
 def build_real_arm(scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, q_start: Array) -> RealArm:
-    """The one robot of a scene, bent as built; its host has the nominal table and its tool; see `build_joints`."""
+    """The one robot of a scene, bent as built; its host has the nominal table and its tool; see
+    `build_joints`."""
     links = [model.body(f"link_{number}") for number in range(1, 7)]
-    bend_links(links, [model.joint(int(link.jntadr[0])) for link in links], built_table(scenario, model, q_start))
+    bend_links(
+        links, [model.joint(int(link.jntadr[0])) for link in links], built_table(scenario, model, q_start)
+    )
     return build_joints(scenario, model, data, q_start, build_host_arm(NOMINAL, np.eye(4), tool_on_flange()))
 
 
@@ -207,19 +219,38 @@ def build_joints(
     stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
     waves, servos = 2.0 * real.gear_ratio, slice(place.first_control // 2, place.first_control // 2 + 6)
     arm = RealArm(
-        stiffness=stiffness.T, knees=knees.T, bends=bends.T, lost_torque=_lost_torque(real),
-        rise=real.lost_motion_rise_rad, inertia=real.rotor_kg_m2, waves=waves, error=gear_errors(real, rng),
-        viscous=real.viscous_nm_s_rad, coulomb=real.coulomb_nm, driving=real.coulomb_driving,
-        driven=real.coulomb_driven, cold=real.cold_friction, warming=real.warming_s,
-        kp=-model.actuator_biasprm[servos, 1], kv=-model.actuator_biasprm[servos, 2],
+        stiffness=stiffness.T,
+        knees=knees.T,
+        bends=bends.T,
+        lost_torque=_lost_torque(real),
+        rise=real.lost_motion_rise_rad,
+        inertia=real.rotor_kg_m2,
+        waves=waves,
+        error=gear_errors(real, rng),
+        viscous=real.viscous_nm_s_rad,
+        coulomb=real.coulomb_nm,
+        driving=real.coulomb_driving,
+        driven=real.coulomb_driven,
+        cold=real.cold_friction,
+        warming=real.warming_s,
+        kp=-model.actuator_biasprm[servos, 1],
+        kv=-model.actuator_biasprm[servos, 2],
         limit=model.actuator_forcerange[servos, 1],
-        lag=1.0 - math.exp(-dt / real.servo_lag_s) if real.servo_lag_s else 1.0, on_link=real.servo_side == "link",
-        link_rate=2.0 * math.pi * real.link_servo_hz * dt, encoder=real.encoder_rad,
-        missed_steps=math.ceil(real.missed_s / dt), missed_mean=real.missed_every_s / dt,
-        missed_next=-math.ceil(real.missed_s / dt), dice=int(rng.integers(1, 2**31)),
-        waited=scenario.simulation.control_every - 1, set_point=q_start, angle=q_start,
-        first=place.first, first_control=place.first_control, host=host,
-    )  # fmt: skip
+        lag=1.0 - math.exp(-dt / real.servo_lag_s) if real.servo_lag_s else 1.0,
+        on_link=real.servo_side == "link",
+        link_rate=2.0 * math.pi * real.link_servo_hz * dt,
+        encoder=real.encoder_rad,
+        missed_steps=math.ceil(real.missed_s / dt),
+        missed_mean=real.missed_every_s / dt,
+        missed_next=-math.ceil(real.missed_s / dt),
+        dice=int(rng.integers(1, 2**31)),
+        waited=scenario.simulation.control_every - 1,
+        set_point=q_start,
+        angle=q_start,
+        first=place.first,
+        first_control=place.first_control,
+        host=host,
+    )
     # Links are left to the engine.
     model.dof_armature[place.joints] = model.dof_frictionloss[place.joints] = 0.0
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
@@ -230,9 +261,15 @@ def build_joints(
 
 
 def _hang_links(
-    arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, q_start: Array, place: ArmPlace
+    arm: RealArm,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    real: RealArmConfig,
+    q_start: Array,
+    place: ArmPlace,
 ) -> None:
-    """Rest under the weight, with the encoders that count at ``q_start``: write the links' angles or the motors'."""
+    """Rest under the weight, with the encoders that count at ``q_start``: write the links' angles or the
+    motors'."""
     for _ in range(4):
         hanging = gear_twists(real, weights(model, data.qpos[None, place.joints], place))[0]
         for j in range(6):
@@ -245,7 +282,8 @@ def _hang_links(
 
 
 def gear_errors(real: RealArmConfig, rng: np.random.Generator) -> Array:
-    """Factors of sine and cosine of the gears' error and of twice its angle, shape (6, 4) [rad], phases drawn."""
+    """Factors of sine and cosine of the gears' error and of twice its angle, shape (6, 4) [rad], phases
+    drawn."""
     phases, share = rng.uniform(0.0, 2.0 * np.pi, (6, 2)), real.second_harmonic * rng.uniform(0.0, 1.0, 6)
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
     wave = np.sin(angle + phases[:, :1]) + share[:, None] * np.sin(2.0 * angle + phases[:, 1:])
@@ -254,11 +292,13 @@ def gear_errors(real: RealArmConfig, rng: np.random.Generator) -> Array:
     return np.column_stack([*first, second * np.cos(phases[:, 1]), second * np.sin(phases[:, 1])])
 
 
-def _coupling(arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, dt: float) -> Array:
+def _coupling(
+    arm: RealArm, model: mujoco.MjModel, data: mujoco.MjData, real: RealArmConfig, dt: float
+) -> Array:
     """Damping of the gears in a step (6,) [N m s/rad]: their own, or as much as keeps a light joint stable.
 
-    Without damping a spring is stable in steps up to k dt^2 = 4 m. With k dt for damping it is taken at the step's
-    end, stable at any; that damps a vibration the steps are too long to show.
+    Without damping a spring is stable in steps up to k dt^2 = 4 m. With k dt for damping it is taken at the
+    step's end, stable at any; that damps a vibration the steps are too long to show.
     """
     stiffest = arm.stiffness.max(axis=1) + arm.lost_torque / arm.rise
     mujoco.mj_forward(model, data)

@@ -45,7 +45,8 @@ class Touch(NamedTuple):
 
 
 def depth_for(force: float, pad_stiffness: float) -> float:
-    """How deep a part is modelled [m] for a pad of ``pad_stiffness`` [N/m] pressed in by twice a ``force`` [N].
+    """How deep a part is modelled [m] for a pad of ``pad_stiffness`` [N/m] pressed in by twice a ``force``
+    [N].
 
     Whole millimetres, between ``FIELD_BAND`` and ``DEEPEST_BAND``.
     """
@@ -87,8 +88,8 @@ def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Form
 def displacement_of(config: PartConfig, normal: Array, center: Array, rng: np.random.Generator) -> Array:
     """Draw where the part really sits: pose of the real work frame in the nominal one, shape (4, 4).
 
-    At least 0.7 of the displacement is along the region's mean outward ``normal``, up or down; the part is turned
-    about ``center`` [m]; both (3,) in the work frame.
+    At least 0.7 of the displacement is along the region's mean outward ``normal``, up or down; the part is
+    turned about ``center`` [m]; both (3,) in the work frame.
     """
     along = rng.uniform(NORMAL_SHARE, 1.0) * rng.choice([-1.0, 1.0])
     across = np.cross(normal, rng.normal(size=3))
@@ -108,17 +109,24 @@ class PartFields(NamedTuple):
 
 def build_part_fields(surface: Surface, touch: Touch) -> PartFields:
     """Sample the distance to a whole surface (work frame): finely where the pad goes, coarsely all over."""
-    near = build_distance_field(pressed_side(surface, touch), FIELD_SPACING, touch.depth, bounds=touched_box(touch))
+    near = build_distance_field(
+        pressed_side(surface, touch), FIELD_SPACING, touch.depth, bounds=touched_box(touch)
+    )
     return PartFields(near, build_distance_field(surface, COARSE_SPACING, COARSE_BAND))
 
 
 def build_real_part(
-    fields: PartFields, config: PartConfig, T_base_work: Array, region: Surface, up: Array, rng: np.random.Generator
+    fields: PartFields,
+    config: PartConfig,
+    T_base_work: Array,
+    region: Surface,
+    up: Array,
+    rng: np.random.Generator,
 ) -> RealPart:
     """Displace and bend the part of ``fields``, whose work frame lies nominally at ``T_base_work`` (4, 4).
 
-    The errors are sized on the polished ``region``; where its normals cancel out, the displacement is along ``up``,
-    work frame, shape (3,).
+    The errors are sized on the polished ``region``; where its normals cancel out, the displacement is along
+    ``up``, work frame, shape (3,).
     """
     points, normal = spread_over(region), region.normal_sum
     size = float(np.linalg.norm(normal)) / float(region.facet_areas.sum())
@@ -145,7 +153,8 @@ def spread_over(region: Surface) -> Array:
 
 
 def place_part(fields: PartFields, T_work_real: Array, T_base_work: Array, normal: Array) -> RealPart:
-    """A part displaced by ``T_work_real``, both (4, 4); its mean outward ``normal`` (3,) in its work frame."""
+    """A part displaced by ``T_work_real``, both (4, 4); its mean outward ``normal`` (3,) in its work
+    frame."""
     T_base_real = T_base_work @ T_work_real
     rotation, position = np.ascontiguousarray(T_base_real[:3, :3]), np.ascontiguousarray(T_base_real[:3, 3])
     x, y, z = rotation @ normal
@@ -155,8 +164,8 @@ def place_part(fields: PartFields, T_work_real: Array, T_base_work: Array, norma
 def pressed_side(surface: Surface, touch: Touch) -> Surface:
     """The facets that face the tool: what lies under the pad.
 
-    The pad's depth is counted from this side. From the nearest side, whichever it is, a pad on a thin plate would be
-    pushed out at the bottom once it is half through.
+    The pad's depth is counted from this side. From the nearest side, whichever it is, a pad on a thin plate
+    would be pushed out at the bottom once it is half through.
     """
     return surface.restrict(np.flatnonzero(facing_tool(surface, touch)).astype(np.int32))
 
@@ -170,14 +179,21 @@ def facing_tool(surface: Surface, touch: Touch) -> Bools:
 
 def touched_box(touch: Touch) -> Array:
     """Box around everything the pad's disc can touch, corners (2, 3) [m], work frame."""
-    half = touch.pad_radius * np.sqrt(np.clip(1.0 - touch.axes**2, 0.0, 1.0)) + _MARGIN + touch.depth - FIELD_BAND
+    half = (
+        touch.pad_radius * np.sqrt(np.clip(1.0 - touch.axes**2, 0.0, 1.0))
+        + _MARGIN
+        + touch.depth
+        - FIELD_BAND
+    )
     return np.stack([(touch.positions - half).min(axis=0), (touch.positions + half).max(axis=0)])
 
 
 def build_fixture(surface: Surface, touch: Touch, T_base_work: Array) -> RealPart:
     """A fixture where it is drawn, finely where the pad goes by (``touch``, the tool's whole way)."""
     way, high = touch.positions, PAD_TOP * touch.axes
-    box = touched_box(touch._replace(positions=np.vstack([way, way + high]), axes=np.vstack([touch.axes, touch.axes])))
+    box = touched_box(
+        touch._replace(positions=np.vstack([way, way + high]), axes=np.vstack([touch.axes, touch.axes]))
+    )
     near = build_distance_field(surface, FIELD_SPACING, 2.0 * FIELD_SPACING, bounds=box)
     coarse = build_distance_field(surface, COARSE_SPACING, COARSE_BAND)
     R, p = np.ascontiguousarray(T_base_work[:3, :3]), np.ascontiguousarray(T_base_work[:3, 3])
@@ -194,8 +210,8 @@ def no_part() -> RealPart:
 
 # A part that does not lie still: a sine along its mean normal, and shifts a fault may give it.
 #
-# It moves without tilting, on top of what a robot does that carries it; its velocity enters the contact. The drawn
-# part stays at rest.
+# It moves without tilting, on top of what a robot does that carries it; its velocity enters the contact. The
+# drawn part stays at rest.
 
 SHIFT_SPEED = 0.02  # of a part that slips [m/s]
 
@@ -225,7 +241,8 @@ def build_part_motion(config: PartConfig, part: RealPart) -> PartMotion:
 
 @kernel
 def move_part(motion: PartMotion, t: float, dt: float, position: Array) -> None:
-    """Place the part for the instant ``t`` [s]: the origin of its work frame [m], (3,), and its shift and velocity."""
+    """Place the part for the instant ``t`` [s]: the origin of its work frame [m], (3,), and its shift and
+    velocity."""
     phase = motion.frequency * (t - motion.start)
     height = motion.amplitude * math.sin(phase)
     speed = motion.amplitude * motion.frequency * math.cos(phase)

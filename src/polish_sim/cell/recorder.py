@@ -65,8 +65,8 @@ class Recorder(NamedTuple):
 
 
 def build_recorder(steps: int, every: int, extra: int = 0) -> Recorder:
-    """Buffers for chunks of at most ``steps`` steps, a row every ``every`` steps, ``extra`` columns behind the log's
-    own.
+    """Buffers for chunks of at most ``steps`` steps, a row every ``every`` steps, ``extra`` columns behind
+    the log's own.
     """
     rows, trace = np.zeros((steps // every + 2, ROW_WIDTH + extra)), np.zeros(steps, TraceStep.dtype)
     return Recorder(rows, trace, every, Filled(force_range=(np.inf, -np.inf)))
@@ -81,12 +81,19 @@ def put(row: Array, start: int, values: Array, count: int) -> None:
 
 @kernel
 def record_state(
-    recorder: Recorder, e: EngineViews, state: CellState, part_position: Array, turns: Ints, t: float, phase: int
+    recorder: Recorder,
+    e: EngineViews,
+    state: CellState,
+    part_position: Array,
+    turns: Ints,
+    t: float,
+    phase: int,
 ) -> None:
-    """Record the instant ``t`` [s], before the engine moves on; the sensor's raw reading follows in ``record_reading``.
+    """Record the instant ``t`` [s], before the engine moves on; the sensor's raw reading follows in
+    ``record_reading``.
 
-    ``part_position`` (3,) [m] is the origin of the part's frame, ``turns`` (n,) the turn of the path at the rows of
-    the process table, ``phase`` as in ``log.PHASES``.
+    ``part_position`` (3,) [m] is the origin of the part's frame, ``turns`` (n,) the turn of the path at the
+    rows of the process table, ``phase`` as in ``log.PHASES``.
     """
     filled, m, target, force = recorder.filled, state.measurement, state.target, state.wrench[2]
     filled.force_range[0] = min(filled.force_range[0], force)
@@ -126,7 +133,8 @@ def record_state(
 
 @kernel
 def record_exact(recorder: Recorder, e: EngineViews, state: CellState, speed: float) -> None:
-    """Replace what ``record_state`` took from the host's measurement in the step just done; exact ``speed`` [m/s]."""
+    """Replace what ``record_state`` took from the host's measurement in the step just done; exact ``speed``
+    [m/s]."""
     step = recorder.trace[recorder.filled.steps - 1]
     step.tcp_speed_m_s = speed
     _trace_errors(step, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site].reshape((3, 3)), state.target)

@@ -1,8 +1,9 @@
-"""Preston's law on the pad's pressure: pressure x sliding speed x time at every node (nodes, motion -> exposure).
+"""Preston's law on the pad's pressure: pressure x sliding speed x time at every node (nodes, motion ->
+exposure).
 
-The pad is the elastic foundation of ``contact``, with a spring under every node instead of its hundred. Its depth is
-measured along the pad's axis and projected on the node's normal: to first order the distance to the surface, but valid
-up to the part's edges. Each step's field is scaled so that it carries the exact force.
+The pad is the elastic foundation of ``contact``, with a spring under every node instead of its hundred. Its
+depth is measured along the pad's axis and projected on the node's normal: to first order the distance to the
+surface, but valid up to the part's edges. Each step's field is scaled so that it carries the exact force.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from polish_sim.spatial import unit
 
 # How the pad moved on the part, and how hard it pressed, in short straight steps (log, trace -> PadMotion).
 #
-# The force's impulse over each step is the sum over every physics step, so nothing of it depends on the log's rate.
+# The force's impulse over each step is the sum over every physics step, so nothing of it depends on the log's
+# rate.
 
 STEP = 0.02  # way of the pad in one step, in pad radii
 LONGEST_S, SHORTEST_S = 0.05, 0.001  # of a step
@@ -51,8 +53,8 @@ def pad_motion(
 ) -> PadMotion:
     """Cut a run into steps; those in contact, in order.
 
-    Of the log only the tool's orientation is taken, of ``part`` its pose at the start. ``part_turns`` (n, 3, 3) is
-    how a part that is carried stands in the base at the log's rows; None: as at the start.
+    Of the log only the tool's orientation is taken, of ``part`` its pose at the start. ``part_turns`` (n, 3,
+    3) is how a part that is carried stands in the base at the log's rows; None: as at the start.
     """
     time, force = trace.time_s, np.maximum(trace.normal_force_n, 0.0)
     touching = np.flatnonzero(force > 0.0)
@@ -79,12 +81,15 @@ def pad_motion(
 
 
 def _marks(first: float, last: float, speeds: Array, pad_radius: float) -> Array:
-    """Ends of steps [s] in which a pad at almost its highest speed moves no further than a share of its radius."""
+    """Ends of steps [s] in which a pad at almost its highest speed moves no further than a share of its
+    radius."""
     step = min(STEP * pad_radius / max(float(np.percentile(speeds, 99.0)), 1e-9), LONGEST_S)
     return np.linspace(first, last, math.ceil((last - first) / max(step, SHORTEST_S)) + 1)
 
 
-def _pad_poses(log: RunLog, trace: Trace, origin: Array, R_base_part: Array, marks: Array) -> tuple[Array, Rotation]:
+def _pad_poses(
+    log: RunLog, trace: Trace, origin: Array, R_base_part: Array, marks: Array
+) -> tuple[Array, Rotation]:
     """Centre of the pad's face (k, 3) [m] and the tool's turn in the real work frame, at moments (k,) [s]."""
     rows = np.asarray(log["time_s"], dtype=np.float64)
     logged = Rotation.from_quat(np.asarray(log["tcp_quaternion_wxyz"], dtype=np.float64), scalar_first=True)
@@ -106,7 +111,8 @@ def _turned(rows: Array, turns: Rotation, moments: Array) -> Rotation:
 
 # Nodes on the real part under the pad's way, fine enough to sum its pressure up (Region, RealPart -> nodes).
 #
-# The region is one conforming triangulation; what lies beside it and is pressed all the same is cut into small pieces.
+# The region is one conforming triangulation; what lies beside it and is pressed all the same is cut into
+# small pieces.
 
 EDGE = 0.08  #: Longest edge of the nodes' triangles in pad radii; they lie about 0.6 of it apart
 ACROSS_BORDER = 0.5
@@ -123,7 +129,8 @@ class PressedNodes(NamedTuple):
     """Nodes on the real part, in its own work frame; the region's come first."""
 
     positions: Array  #: [m], shape (n, 3)
-    normals: Array  #: Unit outward normals of the real surface, shape (n, 3); zero: the pad cannot meet this node
+    #: Unit outward normals of the real surface, shape (n, 3); zero: the pad cannot meet this node
+    normals: Array
     areas: Array  #: Area each stands for [m^2], shape (n,)
 
 
@@ -137,7 +144,8 @@ class Nodes(NamedTuple):
 def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, edge: float = EDGE) -> Nodes:
     """Spread nodes over the region and whatever else the pad reaches, and put them on the real part.
 
-    They are moved along the drawing's normals. ``edge`` is the longest edge of the region's triangles in pad radii.
+    They are moved along the drawing's normals. ``edge`` is the longest edge of the region's triangles in pad
+    radii.
     """
     area = float(region.surface.facet_areas.sum())
     longest = max(edge * touch.pad_radius, math.sqrt(4.0 * area / MOST_NODES))
@@ -154,13 +162,18 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
     others = on_real_part(part.field, beside.positions, beside.normals)
     met = others[1].any(axis=1)
     positions, normals = (np.concatenate([a, b[met]]) for a, b in zip(own, others, strict=True))
-    return Nodes(mesh, PressedNodes(positions, normals, np.concatenate([mesh.vertex_areas, beside.areas[met]])))
+    return Nodes(
+        mesh, PressedNodes(positions, normals, np.concatenate([mesh.vertex_areas, beside.areas[met]]))
+    )
 
 
 def surroundings(surface: Surface, region: Region, touch: Touch, longest: float) -> PressedNodes:
     """Middles of small triangles of the nominal surface outside the region that the pad can reach."""
     tree = cKDTree(touch.positions)
-    whole = np.bincount(region.facets, region.surface.facet_areas, len(surface.faces)) >= _WHOLE * surface.facet_areas
+    whole = (
+        np.bincount(region.facets, region.surface.facet_areas, len(surface.faces))
+        >= _WHOLE * surface.facet_areas
+    )
     facets = np.flatnonzero(~whole & facing_tool(surface, touch))
     corners = np.broadcast_to(np.eye(3), (len(facets), 3, 3))
     # Of a facet the region's border cuts a piece is in or out as its middle is: smaller ones are more exact.
@@ -196,7 +209,9 @@ def _halved(corners: Array, longest: Indices) -> Array:
     turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], axis=1)
     a, b, c = turned[:, 0], turned[:, 1], turned[:, 2]
     middle = 0.5 * (a + b)
-    return np.stack([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)], axis=1).reshape(-1, 3, 3)
+    return np.stack([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)], axis=1).reshape(
+        -1, 3, 3
+    )
 
 
 def on_real_part(field: DistanceField, positions: Array, normals: Array) -> tuple[Array, Array]:
@@ -233,7 +248,8 @@ def _project(field, normals, positions, slopes):  # type: ignore[no-untyped-def]
 
 
 CELL = 0.35  #: Side of the cells nodes are looked up by, in pad radii
-REMOVAL_FACING = 0.1  #: Least cosine between a node's normal and the pad's axis for the pad to press on it [-]
+#: Least cosine between a node's normal and the pad's axis for the pad to press on it [-]
+REMOVAL_FACING = 0.1
 DEEPEST = 0.5  #: How far up its axis a pad finds nodes, in its radii
 
 
@@ -242,7 +258,8 @@ class Removed(NamedTuple):
 
     exposure: Array  #: Integral of pressure x sliding speed at each node [N/m], shape (n,)
     gained: Array  #: Exposure summed over all nodes, step by step [N m], shape (k,)
-    carried: Array  #: Mean force of the field along the pad's axis before scaling [N], shape (k,); 0: no node touched
+    #: Mean force of the field along the pad's axis before scaling [N], shape (k,); 0: no node touched
+    carried: Array
 
 
 def expose_nodes(
@@ -263,14 +280,33 @@ def expose_nodes(
 
 @njit(cache=True, error_model="numpy")
 def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-untyped-def]
-    exposure, gained, carried = np.zeros(len(nodes.areas)), np.zeros(len(motion.times)), np.zeros(len(motion.times))
-    under, force, power = np.empty(len(nodes.areas), np.int64), np.empty(len(nodes.areas)), np.empty(len(nodes.areas))
+    exposure, gained, carried = (
+        np.zeros(len(nodes.areas)),
+        np.zeros(len(motion.times)),
+        np.zeros(len(motion.times)),
+    )
+    under, force, power = (
+        np.empty(len(nodes.areas), np.int64),
+        np.empty(len(nodes.areas)),
+        np.empty(len(nodes.areas)),
+    )
     for k in range(len(motion.times)):
         number = _find_near(nodes, motion.centers[k], motion.axes[k], grid, radius, DEEPEST * radius, under)
         _press_nodes(
-            nodes.positions, nodes.normals, nodes.areas, motion.centers[k], motion.axes[k], motion.velocities[k],
-            motion.turning[k], bedding, slide, under, number, force, power,
-        )  # fmt: skip
+            nodes.positions,
+            nodes.normals,
+            nodes.areas,
+            motion.centers[k],
+            motion.axes[k],
+            motion.velocities[k],
+            motion.turning[k],
+            bedding,
+            slide,
+            under,
+            number,
+            force,
+            power,
+        )
         total = 0.0
         for t in range(number):
             total += force[t]
@@ -298,7 +334,9 @@ def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no
             for j in range(low[1], high[1]):
                 row = (i * grid.size[1] + j) * grid.size[2]
                 first, last = grid.first[row + low[2]], grid.first[row + high[2]]
-                number = _find_under(nodes.positions, nodes.normals, first, last, center, axis, radius, under, number)
+                number = _find_under(
+                    nodes.positions, nodes.normals, first, last, center, axis, radius, under, number
+                )
     return number
 
 
@@ -328,8 +366,8 @@ def _press_nodes(  # type: ignore[no-untyped-def]
         nx, ny, nz = normals[q, 0], normals[q, 1], normals[q, 2]
         rx, ry, rz = positions[q, 0] - cx, positions[q, 1] - cy, positions[q, 2] - cz
         height, facing = rx * ax + ry * ay + rz * az, nx * ax + ny * ay + nz * az
-        # The spring under the node, at the pad's face: as deep as the part is thick there, across its surface; its
-        # share of the disc is the node's shadow.
+        # The spring under the node, at the pad's face: as deep as the part is thick there, across its
+        # surface; its share of the disc is the node's shadow.
         push = bedding * height * facing * areas[q] * facing
         sx, sy, sz = rx - height * ax, ry - height * ay, rz - height * az
         vx, vy, vz = ux + wy * sz - wz * sy, uy + wz * sx - wx * sz, uz + wx * sy - wy * sx

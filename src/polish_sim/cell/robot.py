@@ -1,8 +1,10 @@
-"""The robot: its velocity interface ``speedl(twist, acceleration, time)`` down to the joint servos, and its stops.
+"""The robot: its velocity interface ``speedl(twist, acceleration, time)`` down to the joint servos, and its
+stops.
 
-The commanded tool velocity follows the request within linear and angular acceleration limits, acts after a latency
-and decelerates to rest by itself when the time given runs out. Joint speeds come from the damped inverse of the
-Jacobian at the measured joints; they are scaled to their limits together, so that the direction is kept.
+The commanded tool velocity follows the request within linear and angular acceleration limits, acts after a
+latency and decelerates to rest by itself when the time given runs out. Joint speeds come from the damped
+inverse of the Jacobian at the measured joints; they are scaled to their limits together, so that the
+direction is kept.
 """
 
 from __future__ import annotations
@@ -75,7 +77,8 @@ def build_request_line(robot: Speedl) -> RequestLine:
 
 @kernel
 def pass_request(robot: Speedl, line: RequestLine, requested: Array, number: int, dt: float) -> None:
-    """Send the newest request down the line and let the one that arrives act: ``request``, its number and its age.
+    """Send the newest request down the line and let the one that arrives act: ``request``, its number and its
+    age.
 
     ``requested`` (>= 6,) is the twist the host asked for last, ``number`` counts its requests.
     """
@@ -96,7 +99,8 @@ def pass_request(robot: Speedl, line: RequestLine, requested: Array, number: int
 
 @kernel
 def limit_acceleration(robot: Speedl, dt: float, firmness: float = 1.0) -> None:
-    """Move the commanded twist toward the acting request within ``firmness`` times the acceleration limits."""
+    """Move the commanded twist toward the acting request within ``firmness`` times the acceleration
+    limits."""
     alive = 1.0 if robot.age < robot.timeout else 0.0
     for start, limit in ((0, firmness * robot.acceleration), (3, firmness * robot.angular_acceleration)):
         x = alive * robot.request[start] - robot.twist[start]
@@ -111,10 +115,11 @@ def limit_acceleration(robot: Speedl, dt: float, firmness: float = 1.0) -> None:
 
 @kernel
 def resolve_joints(robot: Speedl, jacobian: Array, dt: float) -> bool:
-    """Joint speeds for the commanded twist, and the joint positions they lead to; also the smallest singular value.
+    """Joint speeds for the commanded twist, and the joint positions they lead to; also the smallest singular
+    value.
 
-    ``jacobian`` (6, 6) is the geometric one at the tool point, base frame. Returns False if a joint would leave its
-    range; it is held there.
+    ``jacobian`` (6, 6) is the geometric one at the tool point, base frame. Returns False if a joint would
+    leave its range; it is held there.
     """
     A, y = robot.gram, robot.solution
     if robot.steps % _PROBE_EVERY == 0:
@@ -184,7 +189,8 @@ def _solve(L: Array, b: Array, x: Array) -> None:
 
 @kernel
 def _weakest_direction(A: Array, probe: Array, x: Array) -> float:
-    """Smallest singular value of J from A = J J^T (6, 6), overwritten, by one inverse iteration; ``x`` (6,) is room.
+    """Smallest singular value of J from A = J J^T (6, 6), overwritten, by one inverse iteration; ``x`` (6,)
+    is room.
 
     ``probe`` (6,) is the unit vector of the last iteration, then of this one.
     """
@@ -201,8 +207,8 @@ def _weakest_direction(A: Array, probe: Array, x: Array) -> float:
 
 # What the robot does after a guard has tripped: it brakes, goes back along the tool axis, and stands.
 #
-# The stop reaches the robot by its own line; until then it follows its last request. The retract is the robot's own
-# motion, without the controller.
+# The stop reaches the robot by its own line; until then it follows its last request. The retract is the
+# robot's own motion, without the controller.
 
 SENT, BRAKING, GOING_BACK, ENDING, STANDING = range(5)
 STRAY = 0.005  # so far across the tool axis the retract is given up (singularity, a joint's end) [m]
@@ -226,7 +232,8 @@ class StopMotion(Record):
 
 
 def brakes_of(scenario: Scenario) -> Array:
-    """Deceleration of a protective stop [m/s^2], [rad/s^2], shape (2,): speedl's limits, both as much firmer."""
+    """Deceleration of a protective stop [m/s^2], [rad/s^2], shape (2,): speedl's limits, both as much
+    firmer."""
     robot, deceleration = scenario.robot, scenario.safety.stop_deceleration_m_s2
     turning = robot.angular_acceleration_rad_s2 * deceleration / robot.linear_acceleration_m_s2
     return np.array([deceleration, turning])
@@ -237,7 +244,10 @@ def build_stop_motion(scenario: Scenario, clearance: float) -> StopMotion:
     safety = scenario.safety
     firmness = safety.stop_deceleration_m_s2 / scenario.robot.linear_acceleration_m_s2
     return StopMotion(
-        latency=safety.stop_latency_s, firmness=firmness, clearance=clearance, retract_speed=safety.retract_speed_m_s
+        latency=safety.stop_latency_s,
+        firmness=firmness,
+        clearance=clearance,
+        retract_speed=safety.retract_speed_m_s,
     )
 
 

@@ -62,9 +62,9 @@ def build_scene(
 ) -> mujoco.MjModel:
     """Compile the cell; without a mesh it is for motion in free space.
 
-    ``held_behind``: the stand leaves the part's underside free, see ``stand_of``. The meshes of part and ``fixture``
-    are drawn only; the pad's contact and the crash check are computed on their signed distance, because the engine
-    would take the convex hull.
+    ``held_behind``: the stand leaves the part's underside free, see ``stand_of``. The meshes of part and
+    ``fixture`` are drawn only; the pad's contact and the crash check are computed on their signed distance,
+    because the engine would take the convex hull.
     """
     spec = robot_with_tool(scenario)
     if mesh is not None and part is not None:
@@ -118,8 +118,14 @@ def _build_arm(spec: Any, arm: ArmTable) -> None:
         body.mass, body.ipos, body.fullinertia = link.mass, link.center, [xx, yy, zz, xy, xz, yz]
         for geom in list(body.geoms):
             spec.delete(geom)
-        look = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "fromto": link.capsule, "size": [link.radius, 0.0, 0.0]}
-        body.add_geom(name=f"link_{number}_shell", contype=0, conaffinity=0, group=2, mass=0.0, rgba=_SHELL, **look)
+        look = {
+            "type": mujoco.mjtGeom.mjGEOM_CYLINDER,
+            "fromto": link.capsule,
+            "size": [link.radius, 0.0, 0.0],
+        }
+        body.add_geom(
+            name=f"link_{number}_shell", contype=0, conaffinity=0, group=2, mass=0.0, rgba=_SHELL, **look
+        )
         if number < len(arm.links):
             body.add_geom(name=f"link_{number}_collision", group=3, mass=0.0, rgba=_SHELL, **look)
         _build_joint(spec, joint, JOINT_NAMES[number - 1], arm, number - 1)
@@ -141,8 +147,8 @@ def bend_arm(spec: Any, table: Array) -> None:
 
 
 def bend_links(links: Sequence[Any], joints: Sequence[Any], table: Array) -> None:
-    """Place links and their joints, of a spec or a model, by a table: body ``link_i`` is frame i, its joint turns about
-    z of the frame before.
+    """Place links and their joints, of a spec or a model, by a table: body ``link_i`` is frame i, its joint
+    turns about z of the frame before.
     """
     for link, joint, T in zip(links, joints, link_poses(table), strict=True):
         link.pos, link.quat = T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
@@ -176,7 +182,12 @@ def add_table(spec: Any) -> None:
         for y in (-1.0, 1.0):
             foot = [middle[0] + x * (half[0] - 0.04), middle[1] + y * (half[1] - 0.04), middle[2] - 0.365]
             spec.worldbody.add_geom(
-                type=box, size=[0.03, 0.03, 0.345], pos=foot, rgba=[0.25, 0.27, 0.30, 1.0], contype=0, conaffinity=0
+                type=box,
+                size=[0.03, 0.03, 0.345],
+                pos=foot,
+                rgba=[0.25, 0.27, 0.30, 1.0],
+                contype=0,
+                conaffinity=0,
             )
 
 
@@ -196,7 +207,13 @@ def add_drawn_part(
     turn = Rotation.from_matrix(T_parent_part[:3, :3]).as_quat(scalar_first=True)
     body = parent.add_body(name=name, pos=T_parent_part[:3, 3], quat=turn)
     body.add_geom(
-        name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, contype=0, conaffinity=0, mass=0.0, rgba=color
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=name,
+        contype=0,
+        conaffinity=0,
+        mass=0.0,
+        rgba=color,
     )
     return body
 
@@ -205,7 +222,11 @@ def add_stand(spec: Any, boxes: Sequence[Box]) -> None:
     """What carries the part."""
     for name, box in zip(STAND_NAMES, boxes, strict=False):
         spec.worldbody.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_BOX, rgba=[0.35, 0.38, 0.42, 1.0], size=box.half, pos=box.middle
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            rgba=[0.35, 0.38, 0.42, 1.0],
+            size=box.half,
+            pos=box.middle,
         )
 
 
@@ -227,14 +248,19 @@ def stand_of(corners: Array, held_behind: bool) -> list[Box]:
         return [_standing(middle, 0.84 * half, low[2])]
     back, width = low[1] - POST_AWAY, min(0.84 * half[0], POST_AWAY)
     post = _standing(np.array([middle[0], back, 0.0]), np.array([width, _POST, 0.0]), middle[2])
-    arm = Box(np.array([middle[0], 0.5 * (back + low[1]), middle[2]]), np.array([width, 0.5 * POST_AWAY, _POST]))
+    arm = Box(
+        np.array([middle[0], 0.5 * (back + low[1]), middle[2]]), np.array([width, 0.5 * POST_AWAY, _POST])
+    )
     return [post, arm]
 
 
 def _standing(middle: Array, half: Array, top: float) -> Box:
     """A box on the table up to a height [m], a hair of room below and above."""
     height = top - TABLE_TOP
-    return Box(np.array([*middle[:2], TABLE_TOP + 0.5 * height - 0.0005]), np.array([*half[:2], 0.5 * height - 0.0005]))
+    return Box(
+        np.array([*middle[:2], TABLE_TOP + 0.5 * height - 0.0005]),
+        np.array([*half[:2], 0.5 * height - 0.0005]),
+    )
 
 
 def touching(model: mujoco.MjModel, data: mujoco.MjData) -> str:

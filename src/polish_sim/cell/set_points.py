@@ -1,4 +1,5 @@
-"""Force and feed set anew while a run goes: scaled on the stroke that is under way and on those that follow."""
+"""Force and feed set anew while a run goes: scaled on the stroke that is under way and on those that
+follow."""
 
 from __future__ import annotations
 
@@ -18,8 +19,9 @@ SET_POINTS: Mapping[str, str] = MappingProxyType(
 class SetPoints:
     """What the host holds now, as shares of what was planned.
 
-    A path that plans its own forces or feeds keeps their proportions. The feed can only be lowered: a motion is planned
-    at the fastest its limits allow. Position and depth of the target stay as planned; the force loop takes up the rest.
+    A path that plans its own forces or feeds keeps their proportions. The feed can only be lowered: a motion
+    is planned at the fastest its limits allow. Position and depth of the target stay as planned; the force
+    loop takes up the rest.
     """
 
     def __init__(self, process: ProcessConfig) -> None:
@@ -37,8 +39,8 @@ class SetPoints:
     def change(self, name: str, value: float, cell: CellKernel) -> None:
         """Set a set point [SI] from the next step on.
 
-        At another force the springs are pressed in further or less: as after landing, the guard that watches where the
-        surface is waits until the force is held before it knows the new depth.
+        At another force the springs are pressed in further or less: as after landing, the guard that watches
+        where the surface is waits until the force is held before it knows the new depth.
         """
         before = float(cell.stroke.force[0])
         self.now[name] = value

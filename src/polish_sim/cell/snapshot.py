@@ -41,11 +41,22 @@ class CellSnapshot(NamedTuple):
 def cell_memory(cell: Cell) -> list[NDArray[Any]]:
     """What a cell's compiled loop remembers outside the engine's state and the law's memory."""
     k = cell.kernel
-    records = [k.state, k.pad.material, cell.recorder.filled, *([] if cell.real_arm is None else [cell.real_arm])]
+    records = [
+        k.state,
+        k.pad.material,
+        cell.recorder.filled,
+        *([] if cell.real_arm is None else [cell.real_arm]),
+    ]
     return [
-        *map(memory_of, records), k.samples, *k.requests, k.part.position, k.part.rotation, k.engine.speeds_before,
-        k.engine.sensordata, k.engine.dof_damping,
-    ]  # fmt: skip
+        *map(memory_of, records),
+        k.samples,
+        *k.requests,
+        k.part.position,
+        k.part.rotation,
+        k.engine.speeds_before,
+        k.engine.sensordata,
+        k.engine.dof_damping,
+    ]
 
 
 def save_cell(cell: Cell) -> CellSnapshot:

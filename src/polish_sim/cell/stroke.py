@@ -73,7 +73,8 @@ def build_sequence() -> Sequence:
 
 
 def begin_next_stroke(sequence: Sequence) -> None:
-    """Begin the next stroke's travel; its stroke must be the one given to ``advance_sequence`` from now on."""
+    """Begin the next stroke's travel; its stroke must be the one given to ``advance_sequence`` from now
+    on."""
     sequence.stage, sequence.time = TRAVEL, 0.0
     sequence.s = sequence.speed = sequence.depth = 0.0
     sequence.clock, sequence.rate, sequence.rate_change = 0.0, 1.0, 0.0
@@ -87,7 +88,12 @@ def expected_duration(stroke: Stroke) -> float:
         approach += stroke.lead_in.length / speed + 0.5 * speed / feed_acceleration.py_func(speed)
     feed = min(max(stroke.motion.playing_time, stroke.hold), stroke.feed_time)
     return (
-        TARE_START + TARE_TIME + approach + (TOUCH_DOWN_TIME if stroke.contact else 0.0) + feed + lifted / RETRACT_SPEED
+        TARE_START
+        + TARE_TIME
+        + approach
+        + (TOUCH_DOWN_TIME if stroke.contact else 0.0)
+        + feed
+        + lifted / RETRACT_SPEED
     )
 
 
@@ -105,12 +111,13 @@ BUILD_UP = 0.04  # in which the acceleration along the path is built up [s]
 FALL = 4.0  # times as fast as it rises the rate of the motion may fall
 TRAVEL_SPEED = 0.05  # between two strokes, in free space [m/s]
 TRAVEL_PACE = Pace(TRAVEL_SPEED, 0.5, 5.0)
-TURN_SPEED = 0.2  # of the tool in free space: the wrists' gears then shake it by less than counts as contact [rad/s]
+# of the tool in free space: the wrists' gears then shake it by less than counts as contact [rad/s]
+TURN_SPEED = 0.2
 
 
 def air_length(positions: Array, rotations: Array, speed: float) -> Array:
-    """Length of a way through the air to its points [m], shape (n,); at a ``speed`` [m/s] along it the tool turns no
-    faster than ``TURN_SPEED``.
+    """Length of a way through the air to its points [m], shape (n,); at a ``speed`` [m/s] along it the tool
+    turns no faster than ``TURN_SPEED``.
 
     The way's points are (n, 3) [m] and its tool frames (n, 3, 3).
     """
@@ -152,7 +159,8 @@ def change_rate(state: Sequence, wanted: float, feed: float, dt: float) -> None:
 
 @kernel
 def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, target: Target) -> None:
-    """Move the target on by one step of its stage; ``granted`` is the share of the planned feed that is granted [-]."""
+    """Move the target on by one step of its stage; ``granted`` is the share of the planned feed that is
+    granted [-]."""
     stage = state.stage
     target.contact = stroke.contact and stage in (TOUCH_DOWN, PROCESS)
     fed = state.s if stage >= PROCESS else 0.0
@@ -202,7 +210,9 @@ def _play(motion: TimedPath, state: Sequence, dt: float, target: Target) -> None
     moving = state.clock < motion.duration
     rate = state.rate if moving else 0.0
     state.clock = min(state.clock + rate * dt, motion.duration)
-    sample_motion(motion, state.clock, target.position, state.tangent, state.quaternion, state.turning, state.place)
+    sample_motion(
+        motion, state.clock, target.position, state.tangent, state.quaternion, state.turning, state.place
+    )
     rotation_from_quaternion(state.quaternion, target.rotation)
     for i in range(3):
         target.twist[i] = state.tangent[i] * rate
@@ -221,7 +231,8 @@ def _follow(table: PathTable, state: Sequence, target: Target) -> None:
 
 @kernel
 def _sink(table: PathTable, s: float, state: Sequence, depth: float, speed: float, target: Target) -> None:
-    """Place the target ``depth`` [m] along tool z from a point of a table, moving along it at ``speed`` [m/s]."""
+    """Place the target ``depth`` [m] along tool z from a point of a table, moving along it at ``speed``
+    [m/s]."""
     sample_path(table, s, target.position, state.tangent, state.quaternion, state.turning)
     rotation_from_quaternion(state.quaternion, target.rotation)
     for i in range(3):
@@ -238,7 +249,8 @@ LEAST_SHARE = 0.02  # of the planned feed a controller can slow it to: the run m
 LASTS = 0.02  # half a swing of the arm's slowest mode [s]
 SWING_FADES = 0.3  # time in which the arm's swinging in the air is forgotten [s]
 SWING_ROOM = 1.5  # times its swing below the mean a reading must rise above it to be contact
-SWINGS_FOR = 0.15  # after the approach starts an elastic arm swings: the sensor feels its tool, not a part [s]
+# after the approach starts an elastic arm swings: the sensor feels its tool, not a part [s]
+SWINGS_FOR = 0.15
 
 
 @kernel
@@ -254,10 +266,10 @@ def advance_sequence(
 ) -> bool:
     """Move the target on by one step; False if contact was sought down to the search depth and not found.
 
-    ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned feed
-    the controller grants, limited to ``LEAST_SHARE`` to 1. Further than ``reach`` [m] above where the part should be,
-    the reading of a shaken arm must last to be contact. ``deeper`` [m] is how far the tool is below its target: from
-    there it is lifted, for springs stiffer than planned hold it above.
+    ``measured_force`` [N] is what the host believes it presses with, ``granted`` [-] the share of the planned
+    feed the controller grants, limited to ``LEAST_SHARE`` to 1. Further than ``reach`` [m] above where the
+    part should be, the reading of a shaken arm must last to be contact. ``deeper`` [m] is how far the tool is
+    below its target: from there it is lifted, for springs stiffer than planned hold it above.
     """
     state.time += dt
     stage = state.stage

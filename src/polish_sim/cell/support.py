@@ -1,8 +1,9 @@
-"""Where a pad has a hold, and where a part that lies a little aside would let it sink (fields, places -> places).
+"""Where a pad has a hold, and where a part that lies a little aside would let it sink (fields, places ->
+places).
 
-At an edge the depth that carries the force is not a smooth function of the place: what the pad pushes aside it no
-longer presses on, and a little further out nothing holds it. One part played in the cell says nothing of one that is
-displaced to the other side. So the pad is pressed at rest, to all sides of every place.
+At an edge the depth that carries the force is not a smooth function of the place: what the pad pushes aside
+it no longer presses on, and a little further out nothing holds it. One part played in the cell says nothing
+of one that is displaced to the other side. So the pad is pressed at rest, to all sides of every place.
 """
 
 from __future__ import annotations
@@ -38,15 +39,25 @@ def _first_depth(
             for k in range(3):
                 place[k] = middles[i, k] + depth * frames[i, k, 2]
             press_pad(pad, part, 0.0, frames[i], place, still, still, pushed, torque)
-            if -(pushed[0] * frames[i, 0, 2] + pushed[1] * frames[i, 1, 2] + pushed[2] * frames[i, 2, 2]) >= force[i]:
+            if (
+                -(pushed[0] * frames[i, 0, 2] + pushed[1] * frames[i, 1, 2] + pushed[2] * frames[i, 2, 2])
+                >= force[i]
+            ):
                 out[i] = depth
                 break
 
 
 def would_sink(
-    fields: PartFields, config: PadConfig, positions: Array, axes: Array, force: Array, aside: float, deepest: float
+    fields: PartFields,
+    config: PadConfig,
+    positions: Array,
+    axes: Array,
+    force: Array,
+    aside: float,
+    deepest: float,
 ) -> Bools:
-    """Where a pad would sink by more than `SINKS` on a part that lies up to ``aside`` [m] to any side, shape (n,).
+    """Where a pad would sink by more than `SINKS` on a part that lies up to ``aside`` [m] to any side, shape
+    (n,).
 
     Args:
         fields: Distances of the drawn part, work frame.

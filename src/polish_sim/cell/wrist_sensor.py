@@ -1,8 +1,8 @@
 """The six-axis wrist sensor: from the exact wrench at its plane to what the host computer reads.
 
-Everything mounted on the sensor is felt: weight, inertia, contact. Bias, drift, cross-talk and noise are added, the
-reading saturates, is quantised and low-passed at the sensor's own rate, and arrives late. The host subtracts the
-payload it believes in and what it tared.
+Everything mounted on the sensor is felt: weight, inertia, contact. Bias, drift, cross-talk and noise are
+added, the reading saturates, is quantised and low-passed at the sensor's own rate, and arrives late. The host
+subtracts the payload it believes in and what it tared.
 """
 
 from __future__ import annotations
@@ -67,7 +67,11 @@ class Payload(Record):
 def build_sensor(config: SensorConfig, rng: np.random.Generator) -> WristSensor:
     """Make a sensor, its memory fresh; ``rng`` draws bias and warm-up, uniform within their size on
     each axis, and cross-talk."""
-    period, own, full = 1.0 / config.rate_hz, rng.spawn(1)[0], _per_axis(config.force_range_n, config.torque_range_nm)
+    period, own, full = (
+        1.0 / config.rate_hz,
+        rng.spawn(1)[0],
+        _per_axis(config.force_range_n, config.torque_range_nm),
+    )
     talk = config.cross_talk * own.standard_normal((6, 6)) * np.outer(full, 1.0 / full)
     np.fill_diagonal(talk, 0.0)
     errors = SensorErrors(
@@ -80,7 +84,9 @@ def build_sensor(config: SensorConfig, rng: np.random.Generator) -> WristSensor:
         range=full, overload=config.overload, reach=1.0,
     )  # fmt: skip
     blend = 1.0 - math.exp(-2.0 * math.pi * config.bandwidth_hz * period) if config.bandwidth_hz else 1.0
-    return WristSensor(errors=errors, blend=blend, period=period, delay=max(0, round(config.latency_s / period) - 1))
+    return WristSensor(
+        errors=errors, blend=blend, period=period, delay=max(0, round(config.latency_s / period) - 1)
+    )
 
 
 def build_sample_line(sensor: WristSensor) -> Array:
@@ -94,7 +100,8 @@ def _per_axis(force: float, torque: float) -> Array:
 
 @kernel
 def share_of_range(full: Array, load: Array) -> float:
-    """Share of the range ``full`` (6,) that a load (6,) takes, forces and torques that strain the same beams together.
+    """Share of the range ``full`` (6,) that a load (6,) takes, forces and torques that strain the same beams
+    together.
 
     ATI, Ethernet Axia manual, 5.5.1: forces across and torque along the axis; force along and torques across.
     """
@@ -104,10 +111,11 @@ def share_of_range(full: Array, load: Array) -> float:
 
 @kernel
 def sample_sensor(sensor: WristSensor, line: Array, t: float, exact: Array, draws: Array) -> None:
-    """Take a sample if one is due at ``t`` [s] and pass on the one that arrives: ``sensor.reading`` is written.
+    """Take a sample if one is due at ``t`` [s] and pass on the one that arrives: ``sensor.reading`` is
+    written.
 
-    ``line`` (delay + 1, 6) holds samples under way, ``exact`` (6,) is the exact wrench at the sensor plane (force
-    [N]; torque [N m]), ``draws`` (12,) are standard normal numbers for noise and drift.
+    ``line`` (delay + 1, 6) holds samples under way, ``exact`` (6,) is the exact wrench at the sensor plane
+    (force [N]; torque [N m]), ``draws`` (12,) are standard normal numbers for noise and drift.
     """
     if t < sensor.next - 1e-9:
         return
@@ -145,8 +153,8 @@ def sample_sensor(sensor: WristSensor, line: Array, t: float, exact: Array, draw
 def tool_wrench(payload: Payload, sensor: WristSensor, R_base_tool: Array, out: Array) -> None:
     """Wrench the tool exerts on the part as the host computes it, tool axes, about the tool point.
 
-    The sensor reads sum m (a - g) - contact; the believed weight is subtracted (accelerations are not), the moment is
-    moved to the tool point and the tare is taken off.
+    The sensor reads sum m (a - g) - contact; the believed weight is subtracted (accelerations are not), the
+    moment is moved to the tool point and the tare is taken off.
     """
     c, lever, reading, tare = payload.center, payload.lever, sensor.reading, sensor.tare
     wx = payload.mass * GRAVITY * R_base_tool[2, 0]
@@ -173,7 +181,9 @@ def carried_payload(model: mujoco.MjModel, data: mujoco.MjData, arm: str = "") -
     sensor, tool = data.site(f"{arm}sensor"), data.site(f"{arm}tool")
     R_sensor_base = sensor.xmat.reshape(3, 3).T
     return Payload(
-        mass=mass.sum(), center=R_sensor_base @ (center - sensor.xpos), lever=R_sensor_base @ (tool.xpos - sensor.xpos)
+        mass=mass.sum(),
+        center=R_sensor_base @ (center - sensor.xpos),
+        lever=R_sensor_base @ (tool.xpos - sensor.xpos),
     )
 
 
@@ -186,7 +196,8 @@ def weight_of(payload: Payload, R_base_sensor: Array) -> Array:
     return np.concatenate([force, np.cross(payload.center, force)], axis=1)
 
 
-# What the wrist sensor reads while the robot stands still in given poses, the arm's way between them left out.
+# What the wrist sensor reads while the robot stands still in given poses, the arm's way between them left
+# out.
 
 
 def read_at_rest(

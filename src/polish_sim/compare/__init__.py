@@ -1,1 +1,2 @@
-"""A robot's log beside the simulation: its motion replayed in the cell, measured curves beside simulated ones."""
+"""A robot's log beside the simulation: its motion replayed in the cell, measured curves beside simulated
+ones."""

@@ -1,4 +1,5 @@
-"""A robot's force on a part beside the simulation's: a step of the force from first contact, measured alike."""
+"""A robot's force on a part beside the simulation's: a step of the force from first contact, measured
+alike."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ def from_contact(time: Array, force: Array, asked: float) -> ForceStep:
 
 
 def measure_step(step: ForceStep, window: float = WINDOW_S) -> dict[str, float]:
-    """Settling, mean and largest error, time in the air after contact, mean of the last third of the ``window`` [s].
+    """Settling, mean and largest error, time in the air after contact, mean of the last third of the
+    ``window`` [s].
 
     The mean error is that of |force - asked| from first contact on.
     """
@@ -75,8 +77,18 @@ class ContactRig(NamedTuple):
 
 RIG_SETTINGS: Final = (
     *("part.file=plate", "part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0"),
-    *("safety.force_limit_n=1e4", "safety.jump_limit_n=0", "safety.offset_limit_m=0.2", "safety.contact_lost_s=1e5"),
-    *("sensor.force_range_n=1e5", "sensor.torque_range_nm=1e4", "safety.torque_limit_nm=1e3", "head.travel_m=0.1"),
+    *(
+        "safety.force_limit_n=1e4",
+        "safety.jump_limit_n=0",
+        "safety.offset_limit_m=0.2",
+        "safety.contact_lost_s=1e5",
+    ),
+    *(
+        "sensor.force_range_n=1e5",
+        "sensor.torque_range_nm=1e4",
+        "safety.torque_limit_nm=1e3",
+        "head.travel_m=0.1",
+    ),
     *("pad.damping_s_m=0.3", "robot.linear_acceleration_m_s2=20", "simulation.log_rate_hz=1000"),
 )
 """Of `run force`: stiff landings at the speed of a force mode, no guard in the way."""

@@ -31,8 +31,8 @@ def nrms(measured: Array, simulated: Array) -> Array:
 def delay(time: Array, measured: Array, simulated: Array, most: float = 0.1) -> float:
     """How late what is measured is behind what is simulated [s], columns (n, k), within +-``most``.
 
-    The shift of the least squared difference, columns in shares of their deviation, those that hardly change left out;
-    NaN if none is within.
+    The shift of the least squared difference, columns in shares of their deviation, those that hardly change
+    left out; NaN if none is within.
     """
     t, count = np.arange(time[0], time[-1], _CLOCK_S), round(most / _CLOCK_S)
     if len(t) < 4 * count:

@@ -1,4 +1,5 @@
-"""A robot's joints beside the simulation's: torques, ripple and friction by joint (log -> replay -> figures)."""
+"""A robot's joints beside the simulation's: torques, ripple and friction by joint (log -> replay ->
+figures)."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ class JointComparison(NamedTuple):
 
 
 def measured_torques(scenario: Scenario, log: RobotRecording) -> Array:
-    """Torques of a log, (n, 6): its own, or its currents by the arm's torque constants; (0, 6) if it has neither."""
+    """Torques of a log, (n, 6): its own, or its currents by the arm's torque constants; (0, 6) if it has
+    neither."""
     if "torque_nm" in log.values:
         return log.values["torque_nm"]
     if "current_a" in log.values:

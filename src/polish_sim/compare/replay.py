@@ -42,8 +42,8 @@ class Replay(NamedTuple):
 def replay(scenario: Scenario, log: RobotRecording, payload: Payload) -> Replay:
     """Play a log's commanded joints, or its measured ones, on the servos of the scenario's arm.
 
-    The arm is bare but for the ``payload``, which its controller does not know. Of a log that begins in motion the
-    start is led up to.
+    The arm is bare but for the ``payload``, which its controller does not know. Of a log that begins in
+    motion the start is led up to.
 
     Raises:
         ReachError: Links would touch each other.
@@ -72,15 +72,17 @@ def replay(scenario: Scenario, log: RobotRecording, payload: Payload) -> Replay:
 def commands_of(log: RobotRecording) -> CubicSpline:
     """The commanded joints over the log's time; those measured if it has none, without what their gears add.
 
-    A measured motion repeats its gears' error 202 times a turn: played as a command, the rotors' inertia would make
-    torque of it. It is low-passed, forwards and backwards, at `MOTION_HZ`.
+    A measured motion repeats its gears' error 202 times a turn: played as a command, the rotors' inertia
+    would make torque of it. It is low-passed, forwards and backwards, at `MOTION_HZ`.
     """
     if "q_desired_rad" in log.values:
         return CubicSpline(log.time, log.values["q_desired_rad"])
     t = np.arange(log.time[0], log.time[-1], CLOCK_S)
     q = CubicSpline(log.time, log.values["q_rad"])(t)
     low = butter(2, MOTION_HZ, fs=1.0 / CLOCK_S, output="sos")
-    return CubicSpline(t, sosfiltfilt(low, q, axis=0, padtype="odd", padlen=min(len(t) - 1, round(1.0 / CLOCK_S))))
+    return CubicSpline(
+        t, sosfiltfilt(low, q, axis=0, padtype="odd", padlen=min(len(t) - 1, round(1.0 / CLOCK_S)))
+    )
 
 
 def weights_of(scenario: Scenario, q: Array, payload: Payload) -> Array:
@@ -105,7 +107,8 @@ def rigid_torques(scenario: Scenario, q: Array, qd: Array, qdd: Array, payload: 
 
 
 def load_flange(model: mujoco.MjModel, payload: Payload) -> None:
-    """Take the cell's tool off a compiled arm and put a payload on its flange; the robot compensates none of it."""
+    """Take the cell's tool off a compiled arm and put a payload on its flange; the robot compensates none of
+    it."""
     mount, head = model.body("tool_mount").id, model.body("head").id
     mass = max(payload.mass, _NO_TOOL)
     for body in (mount, head):
@@ -118,6 +121,7 @@ def load_flange(model: mujoco.MjModel, payload: Payload) -> None:
 
 
 def warm(scenario: Scenario) -> Scenario:
-    """The scenario with an arm that is warm, its table exact and no packet missed: logs tell nothing of these."""
+    """The scenario with an arm that is warm, its table exact and no packet missed: logs tell nothing of
+    these."""
     real = replace(scenario.robot.real, cold_friction=0.0, kinematics="exact", missed_every_s=0.0)
     return replace(scenario, robot=replace(scenario.robot, real=real))

@@ -25,11 +25,14 @@ from polish_sim.page.page import Line, Motion, Page, Plot, page_html, tables_pag
 FIGURES: Final = "compare.json"
 PICTURE: Final = "compare.png"
 _LABELS: Final = {
-    "nrms": ("torque, rms of the difference", "% of its range", 100.0), "ripple_cycles": ("ripple", "1/turn", 1.0),
-    "ripple_nm": ("  amplitude", "N m", 1.0), "coulomb_nm": ("friction, Coulomb", "N m", 1.0),
-    "viscous_nm_s_rad": ("  viscous", "N m s/rad", 1.0), "driving": ("  of the load, driving", "%", 100.0),
+    "nrms": ("torque, rms of the difference", "% of its range", 100.0),
+    "ripple_cycles": ("ripple", "1/turn", 1.0),
+    "ripple_nm": ("  amplitude", "N m", 1.0),
+    "coulomb_nm": ("friction, Coulomb", "N m", 1.0),
+    "viscous_nm_s_rad": ("  viscous", "N m s/rad", 1.0),
+    "driving": ("  of the load, driving", "%", 100.0),
     "driven": ("  of the load, driven", "%", 100.0),
-}  # fmt: skip
+}
 
 
 def joint_rows(figures: dict[str, Any]) -> list[list[str]]:
@@ -38,10 +41,17 @@ def joint_rows(figures: dict[str, Any]) -> list[list[str]]:
     for name, (label, unit, scale) in _LABELS.items():
         for side, key in (("measured", name), ("simulated", f"simulated_{name}")):
             if key in figures:
-                rows.append([label, unit, "" if name == "nrms" else side, *(_text(scale * v) for v in figures[key])])
+                rows.append(
+                    [label, unit, "" if name == "nrms" else side, *(_text(scale * v) for v in figures[key])]
+                )
     if "friction_curve_error" in figures:
         rows.append(
-            ["friction by speed, largest", "% off", "", *(_text(100.0 * v) for v in figures["friction_curve_error"])]
+            [
+                "friction by speed, largest",
+                "% off",
+                "",
+                *(_text(100.0 * v) for v in figures["friction_curve_error"]),
+            ]
         )
     return rows
 
@@ -119,9 +129,13 @@ def joint_page(found: JointComparison, scenario: Scenario, title: str) -> str:
     time, still = found.time[kept], np.full(len(kept), np.nan)
     joints = np.column_stack([found.simulated_q[kept], np.zeros((len(kept), model.nq - 6))])
     pad = np.zeros((len(kept), 3))
-    plots = [Plot(f"joint {j + 1}, torque", "N m", _lines(found.measured, found.simulated, kept, j)) for j in JOINTS]
+    plots = [
+        Plot(f"joint {j + 1}, torque", "N m", _lines(found.measured, found.simulated, kept, j))
+        for j in JOINTS
+    ]
     plots += [
-        Plot(f"joint {j + 1}, angle", "rad", _lines(found.measured_q, found.simulated_q, kept, j)) for j in JOINTS
+        Plot(f"joint {j + 1}, angle", "rad", _lines(found.measured_q, found.simulated_q, kept, j))
+        for j in JOINTS
     ]
     head_row = ["figure", "unit", "side", *(f"joint {j + 1}" for j in JOINTS)]
     page = tables_page(

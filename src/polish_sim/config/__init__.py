@@ -1,7 +1,8 @@
 """The scenario: everything a run depends on, as plain data.
 
-Lengths in m, angles in rad, forces in N. Each field carries its meaning, its allowed range and, where it has one, its
-option on the command line: the TOML file, its checks and comments, the options and their help all come from here.
+Lengths in m, angles in rad, forces in N. Each field carries its meaning, its allowed range and, where it has
+one, its option on the command line: the TOML file, its checks and comments, the options and their help all
+come from here.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ class Scenario:
     """One run, complete."""
 
     experiment: str = key("surface", "arc, force, surface, smooth, teach, dual or calibrate-payload")
-    seed: int = key(0, "seed of everything random in the run", 0, 2**63 - 1, option=Option("--seed", RUN, "N"))
+    seed: int = key(
+        0, "seed of everything random in the run", 0, 2**63 - 1, option=Option("--seed", RUN, "N")
+    )
     part: PartConfig = field(default_factory=PartConfig)
     plan: PlanConfig = field(default_factory=PlanConfig)
     process: ProcessConfig = field(default_factory=ProcessConfig)

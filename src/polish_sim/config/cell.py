@@ -9,7 +9,18 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from polish_sim.arms import ARMS, FIRST, IDEAL
-from polish_sim.config.key import DIAMETER, HERTZ_OR_FULL, NEWTON, OUTPUT, PER_MINUTE, RUN, SENSOR, TOOL, Option, key
+from polish_sim.config.key import (
+    DIAMETER,
+    HERTZ_OR_FULL,
+    NEWTON,
+    OUTPUT,
+    PER_MINUTE,
+    RUN,
+    SENSOR,
+    TOOL,
+    Option,
+    key,
+)
 
 RIGID = 1e8  #: Stiffness of a gear that does not give [N m/rad]
 
@@ -34,42 +45,64 @@ class RealArmConfig:
     lost_motion_rad: tuple[float, ...] = _joints(
         2.9e-4, 2.9e-4, "width of the gears' hysteresis without torque, 0 = none [rad]", 0.0, 0.01
     )
-    lost_motion_rise_rad: float = key(1e-4, "twist over which that hysteresis builds up again [rad]", 1e-6, 0.01)
+    lost_motion_rise_rad: float = key(
+        1e-4, "twist over which that hysteresis builds up again [rad]", 1e-6, 0.01
+    )
     damping_nm_s_rad: tuple[float, ...] = _joints(20.0, 3.0, "gears' damping, 0 = none [N m s/rad]", 0.0, 1e4)
     rotor_kg_m2: tuple[float, ...] = _joints(1.7, 0.2, "rotor as felt behind its gear [kg m^2]", 0.01, 10.0)
-    gear_ratio: float = key(101.0, "ratio of the gears; their error repeats twice a turn of the motor [-]", 1.0, 1000.0)
+    gear_ratio: float = key(
+        101.0, "ratio of the gears; their error repeats twice a turn of the motor [-]", 1.0, 1000.0
+    )
     gear_error_rad: tuple[float, ...] = _joints(
         2.9e-4, 4.4e-4, "gears' transmission error, peak to peak, 0 = none [rad]", 0.0, 0.01
     )
-    second_harmonic: float = key(0.3, "largest share of the second harmonic in it, drawn by the seed [-]", 0.0, 1.0)
+    second_harmonic: float = key(
+        0.3, "largest share of the second harmonic in it, drawn by the seed [-]", 0.0, 1.0
+    )
     viscous_nm_s_rad: tuple[float, ...] = key(
-        (4.75, 10.73, 3.82, 2.95, 1.14, 1.88), "viscous friction of the warm motors, 0 = none [N m s/rad]", 0.0, 1e3,
-        length=6
-    )  # fmt: skip
-    coulomb_nm: tuple[float, ...] = _joints(5.0, 1.2, "their Coulomb friction without load, 0 = none [N m]", 0.0, 100.0)
-    coulomb_driving: float = key(0.08, "more of it while the motor drives, by the gear's torque [-]", 0.0, 0.9)
+        (4.75, 10.73, 3.82, 2.95, 1.14, 1.88),
+        "viscous friction of the warm motors, 0 = none [N m s/rad]",
+        0.0,
+        1e3,
+        length=6,
+    )
+    coulomb_nm: tuple[float, ...] = _joints(
+        5.0, 1.2, "their Coulomb friction without load, 0 = none [N m]", 0.0, 100.0
+    )
+    coulomb_driving: float = key(
+        0.08, "more of it while the motor drives, by the gear's torque [-]", 0.0, 0.9
+    )
     coulomb_driven: float = key(0.05, "more of it while the load drives, by the gear's torque [-]", 0.0, 0.9)
     cold_friction: float = key(0.1, "friction at the start above that of a warm arm, 0 = warm [-]", 0.0, 5.0)
     warming_s: float = key(1200.0, "time constant of the warming up [s]", 1.0, 1e6)
     encoder_rad: float = key(4e-6, "step of the encoders, 0 = none [rad]", 0.0, 0.01)
-    servo_side: str = key("motor", "encoders that control the position and that the host reads: motor or link")
+    servo_side: str = key(
+        "motor", "encoders that control the position and that the host reads: motor or link"
+    )
     link_servo_hz: float = key(0.3, "link: bandwidth of the correction by the encoders there [Hz]", 0.0, 5.0)
     servo_lag_s: float = key(0.002, "low-pass on the servos' set points, 0 = none [s]", 0.0, 0.1)
     kinematics: str = key(
-        "calibrated", "table the host computes with: calibrated (with the weight acting), uncalibrated or exact"
+        "calibrated",
+        "table the host computes with: calibrated (with the weight acting), uncalibrated or exact",
     )
     length_error_m: float = key(0.0005, "links as built, off the nominal table, rms [m]", 0.0, 0.01)
     angle_error_rad: float = key(0.001, "joint zeros and twists as built, rms [rad]", 0.0, 0.02)
-    calibration_noise_m: float = key(5e-5, "of the points a calibration is made from, rms per axis [m]", 0.0, 0.01)
+    calibration_noise_m: float = key(
+        5e-5, "of the points a calibration is made from, rms per axis [m]", 0.0, 0.01
+    )
     calibration_poses: int = key(60, "poses of the calibration", 12, 1000)
-    missed_every_s: float = key(60.0, "mean time between gaps in the link to the host, 0 = none [s]", 0.0, 1e6)
+    missed_every_s: float = key(
+        60.0, "mean time between gaps in the link to the host, 0 = none [s]", 0.0, 1e6
+    )
     missed_s: float = key(0.0056, "time between its packets then [s]", 0.001, 0.1)
 
 
 ARM_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
-    {IDEAL: {}} | {name: {"real": arm.gears, "joint_speed_limit_rad_s": min(arm.speed)} for name, arm in ARMS.items()}
+    {IDEAL: {}}
+    | {name: {"real": arm.gears, "joint_speed_limit_rad_s": min(arm.speed)} for name, arm in ARMS.items()}
 )
-"""What each word of ``robot.arm`` stands for in [robot] and [robot.real], where it differs from the defaults."""
+"""What each word of ``robot.arm`` stands for in [robot] and [robot.real], where it differs from the
+defaults."""
 
 
 @dataclass(frozen=True)
@@ -79,13 +112,15 @@ class RobotConfig:
     command_latency_s: float = key(0.006, "from command to motion [s]", 0.0, 0.1)
     linear_acceleration_m_s2: float = key(1.2, "speedl tool acceleration [m/s^2]", 0.05, 20.0)
     angular_acceleration_rad_s2: float = key(6.0, "speedl tool angular acceleration [rad/s^2]", 0.05, 100.0)
-    command_timeout_s: float = key(0.1, "a speedl command holds for this long, then the robot stops [s]", 0.002, 10.0)
+    command_timeout_s: float = key(
+        0.1, "a speedl command holds for this long, then the robot stops [s]", 0.002, 10.0
+    )
     joint_speed_limit_rad_s: float = key(math.pi, "limit of every joint's speed [rad/s]", 0.01, 2 * math.pi)
     payload_error: float = key(0.0, "relative error of the payload mass set in the robot [-]", -0.9, 5.0)
     arm: str = key(
         FIRST,
-        f"{', '.join(ARMS)}: imperfect as [robot.real] says; {IDEAL}: the {FIRST} with rigid gears, exact encoders and "
-        "table",
+        f"{', '.join(ARMS)}: imperfect as [robot.real] says; {IDEAL}: the {FIRST} with rigid gears, exact "
+        "encoders and table",
         presets=ARM_PRESETS,
     )
     real: RealArmConfig = field(default_factory=RealArmConfig)
@@ -95,29 +130,69 @@ SENSOR_MODELS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "external": {},
         "ur5e-built-in": {
-            "force_noise_n": 1.17, "torque_noise_nm": 0.067, "force_bias_n": 4.0, "torque_bias_nm": 0.3,
-            "force_drift_n_s": 0.02, "torque_drift_nm_s": 0.0005, "warm_up_force_n": 6.5, "warm_up_torque_nm": 0.06,
-            "warm_up_s": 300.0, "bandwidth_hz": 0.0, "rate_hz": 500.0, "latency_s": 0.002, "force_quantum_n": 0.0,
-            "torque_quantum_nm": 0.0, "force_range_n": 50.0, "torque_range_nm": 10.0, "cross_talk": 0.01,
+            "force_noise_n": 1.17,
+            "torque_noise_nm": 0.067,
+            "force_bias_n": 4.0,
+            "torque_bias_nm": 0.3,
+            "force_drift_n_s": 0.02,
+            "torque_drift_nm_s": 0.0005,
+            "warm_up_force_n": 6.5,
+            "warm_up_torque_nm": 0.06,
+            "warm_up_s": 300.0,
+            "bandwidth_hz": 0.0,
+            "rate_hz": 500.0,
+            "latency_s": 0.002,
+            "force_quantum_n": 0.0,
+            "torque_quantum_nm": 0.0,
+            "force_range_n": 50.0,
+            "torque_range_nm": 10.0,
+            "cross_talk": 0.01,
             "overload": 1.0,
         },
         "axia80": {
-            "force_noise_n": 0.06, "torque_noise_nm": 0.0024, "force_bias_n": 5.0, "torque_bias_nm": 0.2,
-            "force_drift_n_s": 0.002, "torque_drift_nm_s": 0.0001, "warm_up_force_n": 0.5, "warm_up_torque_nm": 0.02,
-            "warm_up_s": 1200.0, "bandwidth_hz": 0.0, "rate_hz": 976.0, "latency_s": 0.002, "force_quantum_n": 1e-6,
-            "torque_quantum_nm": 1e-6, "force_range_n": 500.0, "torque_range_nm": 20.0, "cross_talk": 0.01,
+            "force_noise_n": 0.06,
+            "torque_noise_nm": 0.0024,
+            "force_bias_n": 5.0,
+            "torque_bias_nm": 0.2,
+            "force_drift_n_s": 0.002,
+            "torque_drift_nm_s": 0.0001,
+            "warm_up_force_n": 0.5,
+            "warm_up_torque_nm": 0.02,
+            "warm_up_s": 1200.0,
+            "bandwidth_hz": 0.0,
+            "rate_hz": 976.0,
+            "latency_s": 0.002,
+            "force_quantum_n": 1e-6,
+            "torque_quantum_nm": 1e-6,
+            "force_range_n": 500.0,
+            "torque_range_nm": 20.0,
+            "cross_talk": 0.01,
             "overload": 1.05,
         },
         "hex-125hz": {
-            "force_noise_n": 0.25, "torque_noise_nm": 0.0033, "force_bias_n": 3.0, "torque_bias_nm": 0.1,
-            "force_drift_n_s": 0.01, "torque_drift_nm_s": 0.0005, "warm_up_force_n": 1.0, "warm_up_torque_nm": 0.05,
-            "warm_up_s": 600.0, "bandwidth_hz": 15.0, "rate_hz": 125.0, "latency_s": 0.008, "force_quantum_n": 1e-4,
-            "torque_quantum_nm": 1e-5, "force_range_n": 200.0, "torque_range_nm": 10.0, "cross_talk": 0.02,
+            "force_noise_n": 0.25,
+            "torque_noise_nm": 0.0033,
+            "force_bias_n": 3.0,
+            "torque_bias_nm": 0.1,
+            "force_drift_n_s": 0.01,
+            "torque_drift_nm_s": 0.0005,
+            "warm_up_force_n": 1.0,
+            "warm_up_torque_nm": 0.05,
+            "warm_up_s": 600.0,
+            "bandwidth_hz": 15.0,
+            "rate_hz": 125.0,
+            "latency_s": 0.008,
+            "force_quantum_n": 1e-4,
+            "torque_quantum_nm": 1e-5,
+            "force_range_n": 200.0,
+            "torque_range_nm": 10.0,
+            "cross_talk": 0.02,
             "overload": 1.0,
         },
     }
-)  # fmt: skip
-"""What each word of ``sensor.model`` stands for, where it differs from the defaults; sources: models/README.md."""
+)
+"""What each word of ``sensor.model`` stands for, where it differs from the defaults; sources:
+models/README.md."""
 
 
 @dataclass(frozen=True)
@@ -135,9 +210,13 @@ class SensorConfig:
     torque_noise_nm: float = key(0.02, "white noise per sample, rms [N m]", 0.0, 2.0)
     force_bias_n: float = key(3.0, "size of the seeded constant bias per axis [N]", 0.0, 100.0)
     torque_bias_nm: float = key(0.1, "size of the seeded constant bias per axis [N m]", 0.0, 10.0)
-    force_drift_n_s: float = key(0.002, "drift per axis, rms after one second of its random walk [N/sqrt(s)]", 0.0, 1.0)
+    force_drift_n_s: float = key(
+        0.002, "drift per axis, rms after one second of its random walk [N/sqrt(s)]", 0.0, 1.0
+    )
     torque_drift_nm_s: float = key(0.0001, "drift per axis [N m/sqrt(s)]", 0.0, 0.1)
-    warm_up_force_n: float = key(0.0, "largest drift per axis while it warms up, drawn by the seed [N]", 0.0, 100.0)
+    warm_up_force_n: float = key(
+        0.0, "largest drift per axis while it warms up, drawn by the seed [N]", 0.0, 100.0
+    )
     warm_up_torque_nm: float = key(0.0, "the same of the torques [N m]", 0.0, 10.0)
     warm_up_s: float = key(600.0, "time constant of the warming up [s]", 1.0, 1e6)
     bandwidth_hz: float = key(80.0, "corner of the first-order low-pass, 0 = none [Hz]", 0.0, 490.0)
@@ -148,7 +227,10 @@ class SensorConfig:
     force_range_n: float = key(200.0, "the reading saturates here, per axis [N]", 1.0, 1e5)
     torque_range_nm: float = key(8.0, "the reading saturates here, per axis [N m]", 0.1, 1e4)
     cross_talk: float = key(
-        0.0, "load on one axis that is read in another, shares of their ranges, rms, drawn by the seed [-]", 0.0, 0.2
+        0.0,
+        "load on one axis that is read in another, shares of their ranges, rms, drawn by the seed [-]",
+        0.0,
+        0.2,
     )
     overload: float = key(
         0.0, "share of its range above which it is overloaded and the robot stops, 0 = never [-]", 0.0, 10.0
@@ -164,8 +246,8 @@ class PayloadConfig:
 
     file: str = key(
         "",
-        "calibration.toml of `calibrate payload`; empty = the tool is calibrated before the run from this sensor's "
-        "readings at rest in the standard poses, the arm's way between them not simulated",
+        "calibration.toml of `calibrate payload`; empty = the tool is calibrated before the run from this "
+        "sensor's readings at rest in the standard poses, the arm's way between them not simulated",
     )
     poses: int = key(12, "poses of the calibration", 4, 500, option=Option("--poses", SENSOR, "N"))
     settle_s: float = key(0.5, "the arm stands still this long before it reads [s]", 0.05, 60.0)
@@ -185,25 +267,30 @@ class HeadConfig:
     )
 
 
-PAD_TOP: Final = 0.022  #: Height of pad and backing plate in the model [m]; the plate is no wider than the pad
+#: Height of pad and backing plate in the model [m]; the plate is no wider than the pad
+PAD_TOP: Final = 0.022
 
 
 @dataclass(frozen=True)
 class PadConfig:
     """The elastic pad (elastic foundation) and its friction."""
 
-    radius_m: float = key(0.025, "pad radius [m]", 0.001, 0.2, option=Option("--pad-diameter", TOOL, "MM", DIAMETER))
+    radius_m: float = key(
+        0.025, "pad radius [m]", 0.001, 0.2, option=Option("--pad-diameter", TOOL, "MM", DIAMETER)
+    )
     choice: str = key(
         "auto",
         "auto: a face narrower than the default pad gets one that fits and a step-over in proportion; "
-        "stepover: with the step-over asked for; given: the pad is what radius_m says. A file or an option that names "
-        "radius_m sets given, one that names plan.stepover_m sets stepover",
+        "stepover: with the step-over asked for; given: the pad is what radius_m says. A file or an option "
+        "that names radius_m sets given, one that names plan.stepover_m sets stepover",
     )
     stiffness_n_m: float = key(20000.0, "stiffness of the whole disc pressed flat [N/m]", 100.0, 1e7)
     points: int = key(100, "sample points of the disc, equal area each; rounded up to fours", 7, 2000)
     damping_s_m: float = key(3.0, "Hunt-Crossley factor a of f = k d (1 + a d_dot) [s/m]", 0.0, 100.0)
     friction: float = key(0.3, "Coulomb friction coefficient [-]", 0.0, 2.0)
-    friction_smoothing_m_s: float = key(0.005, "sliding speed at which friction is developed to 71% [m/s]", 1e-5, 100.0)
+    friction_smoothing_m_s: float = key(
+        0.005, "sliding speed at which friction is developed to 71% [m/s]", 1e-5, 100.0
+    )
     slide_m_s: float = key(
         0.0,
         "speed at which all of the face slides beside the spindle's turning: of an orbit, or a belt [m/s]",
@@ -223,7 +310,9 @@ class SpindleConfig:
         60000.0,
         option=Option("--spindle-rpm", TOOL, "RPM", PER_MINUTE),
     )
-    imbalance_m_s: float = key(0.0063, "balance grade e omega of what turns, G6.3 = 0.0063, 0 = none [m/s]", 0.0, 1.0)
+    imbalance_m_s: float = key(
+        0.0063, "balance grade e omega of what turns, G6.3 = 0.0063, 0 = none [m/s]", 0.0, 1.0
+    )
     rotating_mass_kg: float = key(0.3, "what turns [kg]", 0.0, 10.0)
 
 
@@ -237,19 +326,26 @@ class SafetyConfig:
         0.02, "smallest singular value of the Jacobian at which the robot stops [-]", 0.0, 1.0
     )
     contact_lost_s: float = key(2.0, "longest time without contact during the process [s]", 0.01, 1e6)
-    sensor_timeout_s: float = key(0.02, "longest time an unchanged sensor reading is believed [s]", 0.002, 10.0)
-    master_timeout_s: float = key(
-        0.02, "two robots: longest time the host continues without news of the master's place [s]", 0.002, 10.0
+    sensor_timeout_s: float = key(
+        0.02, "longest time an unchanged sensor reading is believed [s]", 0.002, 10.0
     )
-    jump_limit_n: float = key(15.0, "largest jump of the force, seen through the sensor, 0 = any [N]", 0.0, 1e4)
+    master_timeout_s: float = key(
+        0.02,
+        "two robots: longest time the host continues without news of the master's place [s]",
+        0.002,
+        10.0,
+    )
+    jump_limit_n: float = key(
+        15.0, "largest jump of the force, seen through the sensor, 0 = any [N]", 0.0, 1e4
+    )
     offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)
     tool_in_part: str = key(
         "refuse", "a path on which the tool runs into the part: refuse, before anything moves, or allow"
     )
     proof: str = key(
         "1",
-        "a plan is played in the cell and mended before it is used: none, nominal (on the part as drawn), or a number "
-        "of parts as well that seeds displace and bend",
+        "a plan is played in the cell and mended before it is used: none, nominal (on the part as drawn), "
+        "or a number of parts as well that seeds displace and bend",
         option=Option("--proof", RUN, "none|nominal|N"),
     )
     stop_latency_s: float = key(0.004, "from a protective stop to the brakes [s]", 0.0, 0.1)
@@ -265,8 +361,8 @@ class FaultsConfig:
 
     events: str = key(
         "",
-        "faults as NAME@TIME, seconds from the start, or NAME@contact+TIME, with commas; 'polish-sim list faults' "
-        "names them; empty = none",
+        "faults as NAME@TIME, seconds from the start, or NAME@contact+TIME, with commas; 'polish-sim list "
+        "faults' names them; empty = none",
         option=Option("--fault", RUN, "NAME@TIME", repeat=True),
     )
 

@@ -1,4 +1,5 @@
-"""How a key of the scenario is declared: default, meaning, unit and range, and its option on the command line."""
+"""How a key of the scenario is declared: default, meaning, unit and range, and its option on the command
+line."""
 
 from __future__ import annotations
 
@@ -64,10 +65,17 @@ def key(
     option: Option | None = None,
     presets: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Any:
-    """Declare a field: default, meaning with the unit in brackets, range, length of a list, option on the command
-    line; ``presets``: the words it takes, each with other keys of the section, or of sections in it, and values
-    that it stands for."""
-    metadata = {"text": text, "low": low, "high": high, "length": length, "option": option, "presets": presets}
+    """Declare a field: default, meaning with the unit in brackets, range, length of a list, option on the
+    command line; ``presets``: the words it takes, each with other keys of the section, or of sections in it,
+    and values that it stands for."""
+    metadata = {
+        "text": text,
+        "low": low,
+        "high": high,
+        "length": length,
+        "option": option,
+        "presets": presets,
+    }
     return field(default=default, metadata=metadata)
 
 

@@ -1,4 +1,5 @@
-"""Controller ``force-mode``: a UR robot's own force mode along tool z, as far as that is public; else ``hybrid-pi``."""
+"""Controller ``force-mode``: a UR robot's own force mode along tool z, as far as that is public; else
+``hybrid-pi``."""
 
 from __future__ import annotations
 
@@ -24,17 +25,19 @@ from polish_sim.control.signals import (
 from polish_sim.kernel_cache import cfunc
 from polish_sim.kernels import Record, kernel
 
-# Public (manual of URScript, documentation of the ROS driver): the mode runs in the robot at 500 Hz; compliant axes are
-# chosen by a selection vector and limited in speed; a damping from 0 (keeps its speed where nothing presses) to 1
-# (comes to rest at once), by default 0.025; a gain scaling from 0 to 2, by default 0.5, which above 1 may be unstable
-# on hard surfaces. A law that keeps its speed is a mass pushed by the force error, so this one is
+# Public (manual of URScript, documentation of the ROS driver): the mode runs in the robot at 500 Hz;
+# compliant axes are chosen by a selection vector and limited in speed; a damping from 0 (keeps its speed
+# where nothing presses) to 1
+# (comes to rest at once), by default 0.025; a gain scaling from 0 to 2, by default 0.5, which above 1 may be
+# unstable on hard surfaces. A law that keeps its speed is a mass pushed by the force error, so this one is
 #
 #     v <- (1 - damping) v + scaling / M (Fd - Fe) h        every h = 2 ms.
 #
-# Ours, not public: that the damping counts per step; M, the mass at a scaling of 1, taken as what the arm itself weighs
-# along the tool axis (lighter than itself an arm cannot be made to feel without feeding energy in, which fits the
-# warning about scalings above 1); the mean of the readings since the last step as its filter. The real mode has no
-# latency of a host between itself and the servos; here it answers through the same speedl as all others.
+# Ours, not public: that the damping counts per step; M, the mass at a scaling of 1, taken as what the arm
+# itself weighs along the tool axis (lighter than itself an arm cannot be made to feel without feeding energy
+# in, which fits the warning about scalings above 1); the mean of the readings since the last step as its
+# filter. The real mode has no latency of a host between itself and the servos; here it answers through the
+# same speedl as all others.
 
 STEP_S = 0.002  #: The mode's own cycle [s]
 

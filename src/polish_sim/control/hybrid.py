@@ -1,4 +1,5 @@
-"""Hybrid position/force control: the loops of paper 1 composed axis by axis in the tool frame (fig. 10, 11)."""
+"""Hybrid position/force control: the loops of paper 1 composed axis by axis in the tool frame (fig. 10,
+11)."""
 
 from __future__ import annotations
 
@@ -57,7 +58,8 @@ class HybridContext(Record):
 
 
 def strike_gains(beliefs: AdaptiveConfig, braking: float = 1.0) -> loops.StrikeGains:
-    """What cell and sensor are believed to be; the bound counts on a share ``braking`` of the acceleration."""
+    """What cell and sensor are believed to be; the bound counts on a share ``braking`` of the
+    acceleration."""
     sensing = LATEST * beliefs.sensor_latency_s + 0.5 / (math.pi * beliefs.sensor_bandwidth_hz)
     return loops.StrikeGains(
         beliefs.stiffness_n_m, braking * beliefs.acceleration_m_s2, sensing + beliefs.command_delay_s
@@ -73,9 +75,14 @@ def hybrid_gains(config: ControllerConfig) -> HybridGains:
         orientation=loops.VelocityGains(
             look_ahead, config.orientation_p, config.orientation_d_s, config.orientation_i_hz
         ),
-        force=loops.PiGains(config.force_p_m_sn, config.force_i_m_s2n, config.force_limit_m_s, config.force_filter_hz),
+        force=loops.PiGains(
+            config.force_p_m_sn, config.force_i_m_s2n, config.force_limit_m_s, config.force_filter_hz
+        ),
         moment=loops.PiGains(
-            config.moment_p_rad_snm, config.moment_i_rad_s2nm, config.moment_limit_rad_s, config.moment_filter_hz
+            config.moment_p_rad_snm,
+            config.moment_i_rad_s2nm,
+            config.moment_limit_rad_s,
+            config.moment_filter_hz,
         ),
         strike=strike_gains(config.adaptive, GENTLY),
         tilt_limit=config.moment_tilt_limit_rad,
@@ -96,9 +103,11 @@ def turn_to_target(
     m: Measurement, R_wanted: Array, planned: Array, gains: loops.VelocityGains, dt: float, free_y: bool,
     memory: HybridMemory, out: Array,
 ) -> None:  # fmt: skip
-    """Angular part of the twist by eq. 7, towards ``R_wanted`` (3, 3) with ``planned`` the planned tool velocity (6,).
+    """Angular part of the twist by eq. 7, towards ``R_wanted`` (3, 3) with ``planned`` the planned tool
+    velocity (6,).
 
-    With ``free_y`` tool y is left to the moment loop. ``memory.error`` is left holding the rotation error [rad].
+    With ``free_y`` tool y is left to the moment loop. ``memory.error`` is left holding the rotation error
+    [rad].
     """
     loops.rotation_error(m.rotation, R_wanted, memory.error)
     surplus = 0.0
@@ -127,12 +136,14 @@ def replace_along_z(m: Measurement, rate: float, out: Array) -> None:
 
 
 @kernel
-def level_about_y(m: Measurement, t: Target, gains: HybridGains, dt: float, memory: HybridMemory, out: Array) -> None:
+def level_about_y(
+    m: Measurement, t: Target, gains: HybridGains, dt: float, memory: HybridMemory, out: Array
+) -> None:
     """Replace the twist's part about tool y by the moment loop: f' = f_xz + f_Fy y (fig. 11).
 
-    The loop works about the planned turning rate: from the moment alone the tool would lag behind every bend of the
-    part. The tilt away from the planned axis stays within ``gains.tilt_limit``: at the border of a part the pad's
-    moment would otherwise roll the tool over the edge.
+    The loop works about the planned turning rate: from the moment alone the tool would lag behind every bend
+    of the part. The tilt away from the planned axis stays within ``gains.tilt_limit``: at the border of a
+    part the pad's moment would otherwise roll the tool over the edge.
     """
     y, look_ahead = m.rotation[:, 1], gains.position.look_ahead
     rate = loops.force_pi(t.moment, m.wrench[4], gains.moment.limit, gains.moment, dt, memory.moment)
@@ -149,7 +160,9 @@ def level_about_y(m: Measurement, t: Target, gains: HybridGains, dt: float, memo
 
 
 @kernel
-def turn_and_level(m: Measurement, t: Target, gains: HybridGains, dt: float, memory: HybridMemory, out: Array) -> None:
+def turn_and_level(
+    m: Measurement, t: Target, gains: HybridGains, dt: float, memory: HybridMemory, out: Array
+) -> None:
     """Angular part of the twist: eq. 7, and in contact the moment loop about tool y."""
     pressing = t.contact
     turn_to_target(m, t.rotation, t.twist, gains.orientation, dt, pressing, memory, out)
@@ -201,7 +214,9 @@ def _hybrid_pi_position_law(context, _course, measurement, target, answer):  # t
     """As ``hybrid-pi`` with the position loop of eq. 5."""
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, ANSWER)[0]
     m, t = carray(measurement, 1, MEASUREMENT)[0], carray(target, 1, TARGET)[0]
-    loops.position_pd(m.position, t.position, m.twist[0:3], t.twist[0:3], c.gains.position_rate, out.twist[0:3])
+    loops.position_pd(
+        m.position, t.position, m.twist[0:3], t.twist[0:3], c.gains.position_rate, out.twist[0:3]
+    )
     press(m, t, c.gains, c.memory, out.twist)
 
 

@@ -32,13 +32,16 @@ CONTROLLERS: Mapping[str, Callable[[ControllerConfig], CompiledController]] = Ma
 
 POLICIES: Mapping[str, str] = MappingProxyType({"linear": ".npz", "sb3": ".zip"})
 """Kinds of policy files, ``FILE:KIND``, with their suffix."""
-_load_policy: Callable[[ControllerConfig], Controller] = FunctionOnUse("polish_sim.envs.policy", "load_policy")
+_load_policy: Callable[[ControllerConfig], Controller] = FunctionOnUse(
+    "polish_sim.envs.policy", "load_policy"
+)
 
 # What went wrong in a user's own code, with the line of it.
 
 
 def tell_error(error: BaseException, file: str | Path | None) -> str:
-    """An exception in one line: its kind, its message, and its place in the user's file if one of its lines took part.
+    """An exception in one line: its kind, its message, and its place in the user's file if one of its lines
+    took part.
 
     E.g. ``ValueError: negative gain (mine.py, line 12)``.
     """
@@ -46,7 +49,9 @@ def tell_error(error: BaseException, file: str | Path | None) -> str:
     if file is None:
         return text
     own = Path(file).resolve()
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename).resolve() == own]
+    frames = [
+        frame for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename).resolve() == own
+    ]
     return f"{text} ({Path(file).name}, line {frames[-1].lineno})" if frames else text
 
 
@@ -56,10 +61,12 @@ def file_of(thing: object) -> str | None:
 
 
 def build_controller(config: ControllerConfig) -> Controller:
-    """Make the controller a scenario names, a shipped one, ``FILE.py:CLASS`` or a policy; it is not yet reset.
+    """Make the controller a scenario names, a shipped one, ``FILE.py:CLASS`` or a policy; it is not yet
+    reset.
 
     Raises:
-        InputError: If the name is unknown, or the file has no such class, or the class lacks a method or parameter.
+        InputError: If the name is unknown, or the file has no such class, or the class lacks a method or
+            parameter.
         ConfigError: If a parameter of the class is of the wrong kind or out of its range.
     """
     if isinstance(config, GivenController):
@@ -67,8 +74,8 @@ def build_controller(config: ControllerConfig) -> Controller:
     if config.name in CONTROLLERS:
         if config.own:
             raise InputError(
-                f"controller.own.{next(iter(config.own))} is for an own controller, FILE.py:CLASS: '{config.name}' "
-                "has its gains under controller."
+                f"controller.own.{next(iter(config.own))} is for an own controller, FILE.py:CLASS: "
+                f"'{config.name}' has its gains under controller."
             )
         return CONTROLLERS[config.name](config)
     given, _, kind = config.name.rpartition(":")
@@ -136,16 +143,20 @@ def _check_own(config: ControllerConfig, known: Mapping[str, Parameter]) -> None
         if not isinstance(value, (bool, str)) and not low <= value <= high:
             bounds = f"{number_text(low)} to {number_text(high)}"
             raise ConfigError(
-                f"'controller.own.{key}' = {value!r} is outside {bounds}: the range '{config.label}' declares."
+                f"'controller.own.{key}' = {value!r} is outside {bounds}: the range '{config.label}' "
+                "declares."
             )
     missing = [name for name, parameter in known.items() if parameter.default is inspect.Parameter.empty]
     missing = [name for name in missing if name not in config.own]
     if missing:
-        raise InputError(f"'{config.label}' needs a value for '{missing[0]}': --set controller.own.{missing[0]}=...")
+        raise InputError(
+            f"'{config.label}' needs a value for '{missing[0]}': --set controller.own.{missing[0]}=..."
+        )
 
 
 class GivenController(ControllerConfig):
-    """Settings that stand for a controller made before; its file, class and parameters are named as far as known."""
+    """Settings that stand for a controller made before; its file, class and parameters are named as far as
+    known."""
 
     made: Controller
 
@@ -189,7 +200,9 @@ def _load_class(name: str) -> Callable[..., Any]:
     module = _run_file(path, class_name)
     made_by = getattr(module, class_name, None)
     if not callable(made_by):
-        names = ", ".join(n for n, v in vars(module).items() if isinstance(v, type) and v.__module__ == module.__name__)
+        names = ", ".join(
+            n for n, v in vars(module).items() if isinstance(v, type) and v.__module__ == module.__name__
+        )
         raise InputError(f"no class '{class_name}' in '{path}'. Classes there: {names or 'none'}.")
     return made_by  # type: ignore[no-any-return]
 

@@ -1,4 +1,5 @@
-"""Loops of paper 1 on one axis or three: position, orientation, force and moment by tool velocity (eq. 5 to 7)."""
+"""Loops of paper 1 on one axis or three: position, orientation, force and moment by tool velocity (eq. 5 to
+7)."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ class PositionRateGains(Record):
 
 @kernel
 def velocity_toward(position: Array, target: Array, feed: Array, look_ahead: float, out: Array) -> None:
-    """Desired velocity v01 = feed + (Xd - Xe) / T_a [m/s] (paper 1, eq. 6; the reading of ``v01`` is ours)."""
+    """Desired velocity v01 = feed + (Xd - Xe) / T_a [m/s] (paper 1, eq. 6; the reading of ``v01`` is
+    ours)."""
     for i in range(3):
         out[i] = feed[i] + (target[i] - position[i]) / look_ahead
 
@@ -54,8 +56,8 @@ def velocity_pid(
 ) -> None:
     """Command v01 + PID(v01 - v) [m/s] (paper 1, eq. 6), or with angular velocities f [rad/s] (eq. 7).
 
-    ``wanted`` is v01, the planned velocity plus the error over the look-ahead, ``actual`` the measured one, shape (3,)
-    each.
+    ``wanted`` is v01, the planned velocity plus the error over the look-ahead, ``actual`` the measured one,
+    shape (3,) each.
     """
     for i in range(3):
         error = wanted[i] - actual[i]
@@ -106,8 +108,9 @@ def add_axis_rotation(n0: Array, n1: Array, spare: Array, out: Array) -> None:
 def rotation_error(R_actual: Array, R_wanted: Array, out: Array) -> None:
     """Rotation vector from one frame to another by the paper's sum over the three axes, halved [rad].
 
-    Summed over the axes a small rotation ``theta a`` counts twice, ``sum theta (a - (a.n_k) n_k) = 2 theta a``;
-    exact to third order in the angle, and zero only where the frames agree or are a half turn apart.
+    Summed over the axes a small rotation ``theta a`` counts twice,
+    ``sum theta (a - (a.n_k) n_k) = 2 theta a``; exact to third order in the angle, and zero only where the
+    frames agree or are a half turn apart.
     """
     out[0] = out[1] = out[2] = 0.0
     for k in range(3):
@@ -128,8 +131,9 @@ class PiGains(Record):
     filter_hz: float
     """Corner of the low-pass on the measurement [Hz].
 
-    The sensor feels the tool's own inertia: without the filter a proportional gain kfp feeds kfp m d/dt of the
-    command back, which beyond about kfp m 2 pi (sensor bandwidth) = 1 is a limit cycle, whatever the part.
+    The sensor feels the tool's own inertia: without the filter a proportional gain kfp feeds kfp m d/dt of
+    the command back, which beyond about kfp m 2 pi (sensor bandwidth) = 1 is a limit cycle, whatever the
+    part.
     """
 
 
@@ -142,13 +146,18 @@ class PiMemory(Record):
 
 
 @kernel
-def force_pi(wanted: float, measured: float, highest: float, gains: PiGains, dt: float, state: PiMemory) -> float:
-    """Rate kfp (Fd - Fe) + kfi integral (Fd - Fe) dt, limited, without wind-up [m/s] or [rad/s] (paper 1, eq. 5).
+def force_pi(
+    wanted: float, measured: float, highest: float, gains: PiGains, dt: float, state: PiMemory
+) -> float:
+    """Rate kfp (Fd - Fe) + kfi integral (Fd - Fe) dt, limited, without wind-up [m/s] or [rad/s] (paper 1, eq.
+    5).
 
-    ``wanted`` is Fd, ``measured`` Fe [N] or [N m]. The rate is at most ``highest``, and no faster either way than its
-    limit. The integral rests while the rate is at a limit and would grow further.
+    ``wanted`` is Fd, ``measured`` Fe [N] or [N m]. The rate is at most ``highest``, and no faster either way
+    than its limit. The integral rests while the rate is at a limit and would grow further.
     """
-    state.measured = low_pass_step(state.measured, measured, gains.filter_hz, dt) if state.started else measured
+    state.measured = (
+        low_pass_step(state.measured, measured, gains.filter_hz, dt) if state.started else measured
+    )
     state.started = True
     error = wanted - state.measured
     grown = state.integral + error * dt
@@ -178,8 +187,8 @@ class StrikeGains(Record):
 def strike_limit(g: StrikeGains, wanted: float, reading: float, unseen: float) -> float:
     """Speed into the part [m/s] above which the stiffest springs allowed for could be pressed with too much.
 
-    Let F be the last ``reading`` [N], u the travel into the part that it does not show yet, ``unseen`` [m], k the
-    stiffness and a the acceleration. Stopped as quickly as the robot can, the tool presses with at most
+    Let F be the last ``reading`` [N], u the travel into the part that it does not show yet, ``unseen`` [m], k
+    the stiffness and a the acceleration. Stopped as quickly as the robot can, the tool presses with at most
 
         F + 4 k (u + v^2 / 2 a) <= 1.25 F_set,    so    v <= sqrt(2 a ((1.25 F_set - F) / 4 k - u)).
 

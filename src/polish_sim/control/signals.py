@@ -55,8 +55,8 @@ MEASUREMENT, TARGET, ANSWER = Measurement.dtype, Target.dtype, Answer.dtype
 
 # How a control law is handed to the compiled loop: a C function that takes pointers.
 #
-# A law is compiled in the file it is written in: numba keeps a compiled function on disk only where it finds every
-# function it calls by name.
+# A law is compiled in the file it is written in: numba keeps a compiled function on disk only where it finds
+# every function it calls by name.
 
 LAW_SIGNATURE = types.void(*[types.voidptr] * 5)
 """A compiled law takes pointers to its context, the course, measurement, target and the answer it writes."""
@@ -72,20 +72,22 @@ class Controller(Protocol):
     def reset(self, cycle_s: float) -> None:
         """Forget everything; ``step`` will be called every ``cycle_s`` seconds."""
 
-    # A controller may also have ``prepare(course: Course) -> None``: called before the run with the path ahead.
+    # A controller may also have ``prepare(course: Course) -> None``: called before the run with the path
+    # ahead.
 
     def step(self, measurement: Measurement, target: Target) -> Array:
         """Return the tool twist to command, base frame (linear [m/s]; angular [rad/s]), shape (6,).
 
-        A seventh number, 0 to 1, slows the feed: the place on the path moves at this share of the planned speed.
+        A seventh number, 0 to 1, slows the feed: the place on the path moves at this share of the planned
+        speed.
         """
 
 
 class CompiledController:
     """A shipped controller: gains and memory in one record, its law compiled.
 
-    The field ``memory`` of ``context`` is zero after a reset. ``course`` is what lies ahead on the path as the law
-    has it, an array of records; None for a law that does not ask.
+    The field ``memory`` of ``context`` is zero after a reset. ``course`` is what lies ahead on the path as
+    the law has it, an array of records; None for a law that does not ask.
     """
 
     def __init__(self, context: Any, law: Any, course: Any = None) -> None:
@@ -110,23 +112,29 @@ class CompiledController:
 
 # What lies ahead on the path, as a controller may know it before the run.
 #
-# Everything here comes from the drawing: the nominal part, pad and springs as they should be. What the real part, the
-# real springs and the sensor do differently, a controller has to find out.
+# Everything here comes from the drawing: the nominal part, pad and springs as they should be. What the real
+# part, the real springs and the sensor do differently, a controller has to find out.
 
 
 class Course(NamedTuple):
     """Rows at equal steps of the plan's arc length; ``target.s`` divided by ``spacing`` is the row."""
 
     spacing: float  #: Arc length between rows [m]
-    depth: Array  #: Depth along the tool axis, from the unpressed surface, that presses with the wanted force [m], (n,)
-    surplus: Array  #: That depth beyond the planned target's [m], shape (n,); 0 where the pad lies flat on the part
-    stiffness: Array  #: Change of the force with that depth, head spring and touching pad in series [N/m], shape (n,)
+    #: Depth along the tool axis, from the unpressed surface, that presses with the wanted force [m], (n,)
+    depth: Array
+    #: That depth beyond the planned target's [m], shape (n,); 0 where the pad lies flat on the part
+    surplus: Array
+    #: Change of the force with that depth, head spring and touching pad in series [N/m], shape (n,)
+    stiffness: Array
     moment: Array
-    """Moment of the pad's pressure on the part about tool x and y through the middle of the pad's face [N m], shape
-    (n, 2). Friction acts in that face and has no part in it."""
-    tilt_stiffness: Array  #: Change of that moment with a tilt of the tool at the same force [N m/rad], shape (n, 2)
+    """Moment of the pad's pressure on the part about tool x and y through the middle of the pad's face [N m],
+    shape (n, 2). Friction acts in that face and has no part in it."""
+    #: Change of that moment with a tilt of the tool at the same force [N m/rad], shape (n, 2)
+    tilt_stiffness: Array
     curvature: Array  #: Normal curvature along the path [1/m], shape (n,)
     bending: Array  #: Curvature of the planned path in space [1/m], shape (n,)
     turning: Array  #: Planned rotation of the tool per arc length, base frame [rad/m], shape (n, 3)
-    feed: Array  #: Speed of the planned motion along the path, slowed where its limits ask for it [m/s], shape (n,)
-    neighbour: NDArray[np.int64]  #: Row of the nearest place on an earlier turn, -1 without one nearby, shape (n,)
+    #: Speed of the planned motion along the path, slowed where its limits ask for it [m/s], shape (n,)
+    feed: Array
+    #: Row of the nearest place on an earlier turn, -1 without one nearby, shape (n,)
+    neighbour: NDArray[np.int64]

@@ -1,4 +1,5 @@
-"""The chain two robots close over one part (paper 2), and both arms in it: as built, gears included, and as believed.
+"""The chain two robots close over one part (paper 2), and both arms in it: as built, gears included, and as
+believed.
 
 master_T_flange1 = master_T_work (gripper_T_work)^-1 (flange1_T_gripper)^-1
 follower_T_flange2 = (master_T_follower)^-1 master_T_work work_T_tool (flange2_T_tool)^-1
@@ -28,7 +29,13 @@ from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import FOLLOWER_ARM, MASTER_ARM
 from polish_sim.errors import ConfigError, ReachError
 from polish_sim.motion import forward
-from polish_sim.motion.kinematics import JOINT_LIMITS, NOMINAL, inverse_with_table, is_nominal, nearest_solution
+from polish_sim.motion.kinematics import (
+    JOINT_LIMITS,
+    NOMINAL,
+    inverse_with_table,
+    is_nominal,
+    nearest_solution,
+)
 from polish_sim.spatial import inverse
 
 COMFORTABLE: Final = 0.5 * np.pi  #: Distance from its limits from which on a joint counts as free [rad]
@@ -53,12 +60,16 @@ class ClosedChain(NamedTuple):
 
     def follower_flange(self, T_master_work: Array, T_work_tool: Array) -> Array:
         """Flange of the follower, in its own base, for a pose of the tool on the part, shape (..., 4, 4)."""
-        return np.asarray(inverse(self.T_master_follower) @ T_master_work @ T_work_tool @ inverse(self.T_flange_tool))
+        return np.asarray(
+            inverse(self.T_master_follower) @ T_master_work @ T_work_tool @ inverse(self.T_flange_tool)
+        )
 
     def residual(self, T_master_flange: Array, T_follower_flange: Array, T_work_tool: Array) -> Array:
-        """How far the chain is from closing, for both flanges in their bases and the wanted tool pose, each (n, 4, 4).
+        """How far the chain is from closing, for both flanges in their bases and the wanted tool pose, each
+        (n, 4, 4).
 
-        Returns the displacement [m] and rotation vector [rad] of the actual tool pose, axes of the wanted one, (n, 6).
+        Returns the displacement [m] and rotation vector [rad] of the actual tool pose, axes of the wanted
+        one, (n, 6).
         """
         wanted = T_master_flange @ self.T_flange_gripper @ self.T_gripper_work @ T_work_tool
         actual = self.T_master_follower @ T_follower_flange @ self.T_flange_tool
@@ -67,7 +78,8 @@ class ClosedChain(NamedTuple):
 
 
 def follow_joints(T_base_flange: Array, q_near: Array, arm: str) -> Array:
-    """Joints (n, 6) [rad] along flange poses, from near ``q_near``, each close to the last and inside the limits.
+    """Joints (n, 6) [rad] along flange poses, from near ``q_near``, each close to the last and inside the
+    limits.
 
     Raises ReachError, which names the arm and the pose it cannot reach.
     """
@@ -78,8 +90,9 @@ def follow_joints(T_base_flange: Array, q_near: Array, arm: str) -> Array:
         if np.isnan(q).any():
             x, y, z = 1e3 * T[:3, 3]
             raise ReachError(
-                f"the {arm} cannot bring its flange to point {k + 1} of {len(T_base_flange)}, ({x:.1f}, {y:.1f}, "
-                f"{z:.1f}) mm in its base, with the wanted direction. Move the part, the other base, or turn the tool."
+                f"the {arm} cannot bring its flange to point {k + 1} of {len(T_base_flange)}, ({x:.1f}, "
+                f"{y:.1f}, {z:.1f}) mm in its base, with the wanted direction. Move the part, the other "
+                "base, or turn the tool."
             )
         joints[k] = q
     return joints
@@ -98,7 +111,8 @@ class PairArms(NamedTuple):
 
     true: Mapping[str, Array] = _NOMINAL  #: As they are built: the engine moves these
     believed: Mapping[str, Array] = _NOMINAL  #: The host computes with these
-    bases: tuple[Array, Array] | None = None  #: T_master_follower and covariance (6, 6), if found with the tables
+    #: T_master_follower and covariance (6, 6), if found with the tables
+    bases: tuple[Array, Array] | None = None
     gears: Mapping[str, RestingArm] | None = None  #: Between encoders and links; None: rigid
 
     def flanges(self, robot: str, q: Array) -> Array:
@@ -106,7 +120,8 @@ class PairArms(NamedTuple):
         return forward(q, self.true[robot])
 
     def rest(self, robot: str, q: Array, rng: np.random.Generator | None = None) -> Array:
-        """Where the links are, (n, 6) [rad], with the arm at rest and its encoders at ``q``; ``rng``: see `links`."""
+        """Where the links are, (n, 6) [rad], with the arm at rest and its encoders at ``q``; ``rng``: see
+        `links`."""
         return self.gears[robot].links(q, rng) if self.gears else q
 
     def weigh(self, robot: str, q: Array) -> Array:
@@ -119,7 +134,8 @@ class PairArms(NamedTuple):
         return lambda robot, q: self.flanges(robot, self.rest(robot, q, rng))
 
     def resting_flange(self, robot: str, q: Array) -> Array:
-        """Where the flange is in its base, (4, 4), before anything moves, with the encoders at ``q`` (6,) [rad]."""
+        """Where the flange is in its base, (4, 4), before anything moves, with the encoders at ``q`` (6,)
+        [rad]."""
         return np.asarray(self.flanges(robot, self.rest(robot, q[None]))[0])
 
     def joints(self, robot: str, T_base_flange: Array, q: Array) -> Array:
@@ -128,7 +144,8 @@ class PairArms(NamedTuple):
         return q if is_nominal(table) else inverse_with_table(table, T_base_flange, q)
 
     def reading(self, robot: str, rng: np.random.Generator) -> Reading | None:
-        """What the host reads when an arm is led until its flange really is where it should be; None: just that."""
+        """What the host reads when an arm is led until its flange really is where it should be; None: just
+        that."""
         true, believed, gears = self.true[robot], self.believed[robot], self.gears
         if is_nominal(true) and is_nominal(believed) and not gears:
             return None
@@ -150,26 +167,33 @@ def real_arms(
     q_work: Mapping[str, Array],
     places: Mapping[str, ArmPlace] = PLACES,
 ) -> PairArms:
-    """Both arms with their gears and with what the maker's calibration around the work, at (6,) [rad], has left.
+    """Both arms with their gears and with what the maker's calibration around the work, at (6,) [rad], has
+    left.
 
     ``model``: the scene of both, which weighs them.
     """
     tables = {robot: built_table(scenario, model, q_work[robot], place) for robot, place in places.items()}
-    return PairArms(tables, gears={robot: resting_arm(scenario, model, place) for robot, place in places.items()})
+    return PairArms(
+        tables, gears={robot: resting_arm(scenario, model, place) for robot, place in places.items()}
+    )
 
 
 def lone_arms(seed: int, q_work: Array) -> PairArms:
-    """The arms of a seed with the cell's tool and no part, calibrated by the maker around ``q_work`` (6,) [rad]."""
+    """The arms of a seed with the cell's tool and no part, calibrated by the maker around ``q_work`` (6,)
+    [rad]."""
     scenario = Scenario(seed=seed, robot=RobotConfig(arm=FIRST))
     places = dict(zip(ROBOTS, (ArmPlace(number=MASTER_ARM.number), ArmPlace()), strict=True))
     return real_arms(scenario, robot_with_tool(scenario).compile(), dict.fromkeys(ROBOTS, q_work), places)
 
 
 def pair_arms(
-    config: DualConfig, T_tracker_base: Mapping[str, Array], rng: np.random.Generator, made: PairArms = NOMINAL_ARMS
+    config: DualConfig,
+    T_tracker_base: Mapping[str, Array],
+    rng: np.random.Generator,
+    made: PairArms = NOMINAL_ARMS,
 ) -> PairArms:
-    """Both arms of a scenario, which stand at ``T_tracker_base`` before a simulated tracker; ``made``: as the maker has
-    left them.
+    """Both arms of a scenario, which stand at ``T_tracker_base`` before a simulated tracker; ``made``: as the
+    maker has left them.
 
     Raises:
         ConfigError: Two sources of one thing, or too few poses.
@@ -183,13 +207,16 @@ def pair_arms(
         return PairArms(true, found.tables, (found.T_master_follower, found.covariance), made.gears)
     tolerance = Tolerance(config.arm_length_error_m, config.arm_angle_error_rad)
     true = (
-        {name: wrong_table(tolerance, rng, table) for name, table in made.true.items()} if any(tolerance) else made.true
+        {name: wrong_table(tolerance, rng, table) for name, table in made.true.items()}
+        if any(tolerance)
+        else made.true
     )
     if config.arm_poses == 0:
         return made._replace(true=true)
     if config.arm_poses < LEAST_POSES:
         raise ConfigError(
-            f"dual.arm_poses = {config.arm_poses} cannot determine an arm's table: 0, or {LEAST_POSES} or more."
+            f"dual.arm_poses = {config.arm_poses} cannot determine an arm's table: 0, or {LEAST_POSES} or "
+            "more."
         )
     arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
     rest = partial(made.rest, rng=rng)
@@ -200,7 +227,8 @@ def pair_arms(
 
 
 def _refuse_second_source(config: DualConfig) -> None:
-    """Refuse settings beside a calibration of the arms that say the same, or that assume the nominal table."""
+    """Refuse settings beside a calibration of the arms that say the same, or that assume the nominal
+    table."""
     source, others = "dual.arm_poses", ["bases_file"]
     if config.arms_file:
         source, others = "dual.arms_file", [*others, "arm_poses", "arm_length_error_m", "arm_angle_error_rad"]
@@ -213,6 +241,6 @@ def _refuse_second_source(config: DualConfig) -> None:
     if config.tool_file:
         raise ConfigError(
             f"dual.tool_file beside {source}: '{config.tool_file}' was measured on the flange of an arm as "
-            "the nominal table has it, not as the calibration of the arms has it. Leave the tool's file out: the run "
-            "calibrates its tool with the arms' own tables."
+            "the nominal table has it, not as the calibration of the arms has it. Leave the tool's file out: "
+            "the run calibrates its tool with the arms' own tables."
         )

@@ -1,8 +1,8 @@
 """Error budget of the tool on the part, two arms calibrated as `run dual` calibrates them.
 
-Noise of the instruments propagates through the calibration of bases, tool and part, and through their adjustment to
-closing touches, to the tool's place on the rim: to first order, by covariances, and drawn, the noise of each source
-alone and of all together. To first order the error is, in the part's axes,
+Noise of the instruments propagates through the calibration of bases, tool and part, and through their
+adjustment to closing touches, to the tool's place on the rim: to first order, by covariances, and drawn, the
+noise of each source alone and of all together. To first order the error is, in the part's axes,
 R_work_flange (t + psi x r_mark) - R_work_master (d + phi x r_base) - R_work_tool R_tool_flange p:
 d, phi of the follower's base in the master's, t, psi of the part on its flange, p of the tip on its own.
 """
@@ -33,12 +33,21 @@ from polish_sim.dual.calibration.pair import (
     adjust_pair,
 )
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN
-from polish_sim.dual.frames import PairFrames, Site, believed_chain, find_parts, tool_errors, touch_marks, true_chain
+from polish_sim.dual.frames import (
+    PairFrames,
+    Site,
+    believed_chain,
+    find_parts,
+    tool_errors,
+    touch_marks,
+    true_chain,
+)
 from polish_sim.dual.placement import default_poses
 from polish_sim.spatial import apply, transform
 
 TOGETHER: Final = "together"
-DESIGNS: Final = 10  #: Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will
+#: Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will
+DESIGNS: Final = 10
 
 
 @dataclass(frozen=True)
@@ -59,7 +68,8 @@ class PairBudgetTrial:
 
     @property
     def site(self) -> Site:
-        """Points of the rim that are touched to find the part, and again with the tool; `dual.marks` of them."""
+        """Points of the rim that are touched to find the part, and again with the tool; `dual.marks` of
+        them."""
         count = self.dual.marks
         return Site(self.T_master_work, transform(np.tile(TOOL_DOWN, (count, 1, 1)), self._around(count)))
 
@@ -82,7 +92,8 @@ class Share(NamedTuple):
     drawn_rms_std_m: float  #: Standard error of the drawn rms
     predicted_p95_m: float  #: 95% of the errors, over calibrations and places, are no larger
     drawn_p95_m: float
-    predicted_axial_share: float  #: Of the mean square, along the tool axis: in contact the force loop removes it
+    #: Of the mean square, along the tool axis: in contact the force loop removes it
+    predicted_axial_share: float
     drawn_axial_share: float
     predicted_across_rms_m: float  #: What the force loop does not remove
     drawn_across_rms_m: float
@@ -92,14 +103,18 @@ class Share(NamedTuple):
         """Drawn minus predicted, over its standard error; 0 where there is no noise but rounding."""
         if max(self.drawn_rms_m, self.predicted_rms_m) < LEAST_NOISE:
             return 0.0
-        return (self.drawn_rms_m - self.predicted_rms_m) / self.drawn_rms_std_m if self.drawn_rms_std_m else 0.0
+        return (
+            (self.drawn_rms_m - self.predicted_rms_m) / self.drawn_rms_std_m if self.drawn_rms_std_m else 0.0
+        )
 
 
 class Prediction(NamedTuple):
     """Covariances of the tool on the part, to first order."""
 
-    slopes: Array  #: How the tool's place on the part moves with the 15 unknowns, work frame, shape (points, 3, 15)
-    shares: Mapping[str, Array]  #: Covariance of the unknowns by source, (15, 15) each; they add up to the whole
+    #: How the tool's place on the part moves with the 15 unknowns, work frame, shape (points, 3, 15)
+    slopes: Array
+    #: Covariance of the unknowns by source, (15, 15) each; they add up to the whole
+    shares: Mapping[str, Array]
 
     @property
     def covariances(self) -> dict[str, Array]:
@@ -118,7 +133,10 @@ class Prediction(NamedTuple):
 def predict(trial: PairBudgetTrial) -> Prediction:
     """Noise of the instruments to the tool on the part, to first order."""
     dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
-    adjusted = [_adjusted_exactly(dual, true, site, np.random.default_rng([trial.seed, 16, k])) for k in range(DESIGNS)]
+    adjusted = [
+        _adjusted_exactly(dual, true, site, np.random.default_rng([trial.seed, 16, k]))
+        for k in range(DESIGNS)
+    ]
     shares = {name: np.mean([one.share(name) for one in adjusted], axis=0) for name in SOURCES}
     if dual.tracker_noise_m == 0.0:
         shares["bases"] = np.zeros((15, 15))
@@ -130,8 +148,8 @@ def predict(trial: PairBudgetTrial) -> Prediction:
 def draw_errors(trial: PairBudgetTrial) -> Iterator[dict[str, Array]]:
     """Calibrate again and again, through the whole chain: nothing is linear here.
 
-    Yields, with the noise of each source alone and of all together, the error from the tool as wanted to the tool as it
-    is, work frame [m], each (points, 3).
+    Yields, with the noise of each source alone and of all together, the error from the tool as wanted to the
+    tool as it is, work frame [m], each (points, 3).
     """
     rng = np.random.default_rng([trial.seed, 15])
     dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
@@ -141,13 +159,18 @@ def draw_errors(trial: PairBudgetTrial) -> Iterator[dict[str, Array]]:
         exact = true_parts(found, true, site)
         touched = touch_marks(true, site, dual.closing_touches, noise, rng)
         silent = touch_marks(true, site, dual.closing_touches, 0.0, rng)
-        heard = {name: (_only(name, found, exact), touched if name == "closing" else silent) for name in SOURCES}
+        heard = {
+            name: (_only(name, found, exact), touched if name == "closing" else silent) for name in SOURCES
+        }
         heard[TOGETHER] = (found, touched)
         chains = {
             name: believed_chain(adjust_pair(parts, site.marks_work, closing, noise), R_flange_tool, true)
             for name, (parts, closing) in heard.items()
         }
-        yield {name: tool_errors(PairFrames(true, chain), T_master_work, T_work_tool) for name, chain in chains.items()}
+        yield {
+            name: tool_errors(PairFrames(true, chain), T_master_work, T_work_tool)
+            for name, chain in chains.items()
+        }
 
 
 def compare_shares(
@@ -159,12 +182,17 @@ def compare_shares(
 
 
 def budget_figures(
-    trial: PairBudgetTrial, prediction: Prediction, shares: Mapping[str, Share], errors: Array, asked_rms: float
+    trial: PairBudgetTrial,
+    prediction: Prediction,
+    shares: Mapping[str, Share],
+    errors: Array,
+    asked_rms: float,
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """The figures of the whole, as analysis and as the draws have them: predicted ones, and the keys of metrics.json.
+    """The figures of the whole, as analysis and as the draws have them: predicted ones, and the keys of
+    metrics.json.
 
-    ``errors``: together, draw by draw, work frame [m], (draws, points, 3); calibrations with an rms around the rim
-    above ``asked_rms`` [m] are counted.
+    ``errors``: together, draw by draw, work frame [m], (draws, points, 3); calibrations with an rms around
+    the rim above ``asked_rms`` [m] are counted.
     """
     whole, axes = shares[TOGETHER], trial.T_work_tool[:, :3, 2]
     across = errors - np.einsum("dnk,nk->dn", errors, axes)[..., None] * axes
@@ -213,7 +241,9 @@ def _share(covariances: Array, errors: Array, axes: Array) -> Share:
 def true_parts(found: PairParts, true: ClosedChain, site: Site) -> PairParts:
     """Bases, tool and marks as they really are, believed to be known as well as those that were found."""
     marks = apply(true.T_flange_work, site.marks_work)
-    return found._replace(T_master_follower=true.T_master_follower, tip=true.T_flange_tool[:3, 3], marks_flange=marks)
+    return found._replace(
+        T_master_follower=true.T_master_follower, tip=true.T_flange_tool[:3, 3], marks_flange=marks
+    )
 
 
 def _only(source: str, found: PairParts, exact: PairParts) -> PairParts:
@@ -222,7 +252,9 @@ def _only(source: str, found: PairParts, exact: PairParts) -> PairParts:
     return exact if name is None else exact._replace(**{name: getattr(found, name)})
 
 
-def _adjusted_exactly(dual: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator) -> PairAdjustment:
+def _adjusted_exactly(
+    dual: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator
+) -> PairAdjustment:
     """The adjustment without any noise drawn, weighed as if there were: what its covariance needs."""
     found, _ = find_parts(dual, true, site, rng)
     closing = touch_marks(true, site, dual.closing_touches, 0.0, rng)
@@ -241,14 +273,15 @@ def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
     return J
 
 
-NODES: Final = 48  #: Gauss-Legendre nodes in each angle of an eighth of the sphere; the others are its mirror images
+#: Gauss-Legendre nodes in each angle of an eighth of the sphere; the others are its mirror images
+NODES: Final = 48
 
 
 def length_probability(covariances: Array, lengths: Array) -> Array:
     """Share of errors, covariances (n, 3, 3) [m^2] equally often, that are no longer than lengths (k,) [m].
 
-    Such an error is z L u with C = L L^T: u a direction, all equally likely, z a chi with three degrees of freedom, so
-    that P(length <= r) = mean over u of gammainc(3/2, r^2 / (2 u^T C u)).
+    Such an error is z L u with C = L L^T: u a direction, all equally likely, z a chi with three degrees of
+    freedom, so that P(length <= r) = mean over u of gammainc(3/2, r^2 / (2 u^T C u)).
     """
     # Turned to its own axes the covariance is diagonal; directions are as likely as before.
     variances = np.linalg.eigvalsh(covariances)
@@ -260,7 +293,8 @@ def length_probability(covariances: Array, lengths: Array) -> Array:
 
 
 def length_quantile(covariances: Array, share: float) -> float:
-    """The length [m] below which a share, 0 to 1, of the errors stays; covariances as in `length_probability`."""
+    """The length [m] below which a share, 0 to 1, of the errors stays; covariances as in
+    `length_probability`."""
     # Chebyshev: no more than (1 - share) / 2 are longer than this.
     longest = float(np.sqrt(2.0 * np.trace(covariances, axis1=1, axis2=2).max() / (1.0 - share)))
     if longest == 0.0:
@@ -273,11 +307,12 @@ def length_quantile(covariances: Array, share: float) -> float:
 
 
 def quadratic_tail(covariance: Array, weight: Array, limit: float) -> float:
-    """How often x^T W x is above a limit > 0, x Gaussian with mean zero; covariance and W, both (n, n), W symmetric, >=
-    0.
+    """How often x^T W x is above a limit > 0, x Gaussian with mean zero; covariance and W, both (n, n), W
+    symmetric, >= 0.
 
-    With eigenvalues l of C W / limit it is the integral of exp(-s) / (s sqrt(prod(1 - 2 l s))) ds / (2 pi i) along a
-    line that leaves 0 to its left and 1 / (2 l) to its right; bent to the right it falls like a Gaussian.
+    With eigenvalues l of C W / limit it is the integral of exp(-s) / (s sqrt(prod(1 - 2 l s))) ds / (2 pi i)
+    along a line that leaves 0 to its left and 1 / (2 l) to its right; bent to the right it falls like a
+    Gaussian.
     """
     values = np.linalg.eigvals(covariance @ weight).real / limit
     if not values.max(initial=0.0) > 0.0:
@@ -287,7 +322,9 @@ def quadratic_tail(covariance: Array, weight: Array, limit: float) -> float:
 
     def height(t: float) -> float:
         s = 0.5 * first + bend * t * t + 1j * t
-        return float((np.exp(-s) / (s * np.prod(np.sqrt(1.0 - 2.0 * values * s))) * (1.0 - 2j * bend * t)).real)
+        return float(
+            (np.exp(-s) / (s * np.prod(np.sqrt(1.0 - 2.0 * values * s))) * (1.0 - 2j * bend * t)).real
+        )
 
     return float(quad(height, 0.0, np.sqrt(40.0 / bend), epsabs=1e-9, limit=200)[0] / np.pi)
 

@@ -1,4 +1,5 @@
-"""``calibrate base`` and ``calibrate arm``: where the follower's base stands in the master's, and both arms' tables.
+"""``calibrate base`` and ``calibrate arm``: where the follower's base stands in the master's, and both arms'
+tables.
 
 Kinematics and a tracker's noise only; bases, about a metre apart, and arms are drawn by the seed.
 """
@@ -33,8 +34,10 @@ from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import apply, from_pose, inverse
 
-TARGET: Final = np.array([-0.03, 0.02, 0.05])  #: The tracker's target on the flange [m]: outwards, for larger circles
-ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))  #: Joint angles of the arcs of axes 1 and 2 [deg]: the arm stays up
+#: The tracker's target on the flange [m]: outwards, for larger circles
+TARGET: Final = np.array([-0.03, 0.02, 0.05])
+#: Joint angles of the arcs of axes 1 and 2 [deg]: the arm stays up
+ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))
 LOW, HIGH = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
 """Joint angles of tracked poses, drawn evenly between [rad]."""
 CHECKS: Final = 400  # poses in which calibrated arms are compared with the true ones
@@ -76,7 +79,8 @@ BasesFound = Calibrated[AxisArcs, BaseCalibration]
 
 
 def calibrate_base_from(measured: AxisArcs) -> BasesFound:
-    """Calibrate from measurements of real robots, without a truth to compare with; CalibrationError if undetermined."""
+    """Calibrate from measurements of real robots, without a truth to compare with; CalibrationError if
+    undetermined."""
     found = measured.fit()
     return BasesFound(measured, found, base_figures(found) | _stated(found))
 
@@ -100,7 +104,9 @@ def planted_bases(rng: np.random.Generator) -> Bases:
     """Two robots that face each other about 1.1 m apart, seen from the side, nothing quite level."""
     small = np.array([0.05, 0.05, 0.02, 0.01, 0.01, 0.1])
     places = np.array([[2.5, -0.8, -0.4, 0.0, 0.0, 2.0], [-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]])
-    T_tracker_master, T_master_follower = (from_pose((p + small * rng.uniform(-1.0, 1.0, 6)).tolist()) for p in places)
+    T_tracker_master, T_master_follower = (
+        from_pose((p + small * rng.uniform(-1.0, 1.0, 6)).tolist()) for p in places
+    )
     return dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True))
 
 
@@ -112,7 +118,8 @@ def follower_in_master(bases: Bases) -> Array:
 def simulate_arcs(
     truth: Bases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
 ) -> AxisArcs:
-    """Axis 1, then axis 2 of each robot turns, at unrecorded joint angles; without ``flanges``: nominal arms."""
+    """Axis 1, then axis 2 of each robot turns, at unrecorded joint angles; without ``flanges``: nominal
+    arms."""
 
     def arc(robot: str, joint: int) -> Array:
         q = np.zeros((count, 6))
@@ -141,7 +148,9 @@ def _stated(found: BaseCalibration) -> dict[str, Any]:
         tilts.append(np.sqrt(np.trace(across @ C[3:, 3:] @ across)))
         ends.append(np.sqrt(np.mean([np.trace(point_covariance(C, offset)) for offset in offsets])))
     names = ("origin_std_m", "axis_std_rad", "point_std_1m_m")
-    return figures | {name: float(max(values)) for name, values in zip(names, (origins, tilts, ends), strict=True)}
+    return figures | {
+        name: float(max(values)) for name, values in zip(names, (origins, tilts, ends), strict=True)
+    }
 
 
 def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
@@ -150,7 +159,9 @@ def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
     figures = _frame_error("relative_", T, wanted)
     # Of a metre away in any direction: rms over the three axes of the follower's base.
     ends = np.concatenate([AWAY * np.eye(3), -AWAY * np.eye(3)])
-    figures["point_error_1m_m"] = float(np.sqrt(np.mean(np.sum((apply(T, ends) - apply(wanted, ends)) ** 2, axis=1))))
+    figures["point_error_1m_m"] = float(
+        np.sqrt(np.mean(np.sum((apply(T, ends) - apply(wanted, ends)) ** 2, axis=1)))
+    )
     each = [_frame_error("", found.frames[robot].T, T_true) for robot, T_true in truth.items()]
     figures |= {name: max(e[name] for e in each) for name in each[0]}
     return figures | {"true_transform": wanted.tolist()}
@@ -159,7 +170,11 @@ def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
 def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
     off, angle = frame_offset(T, wanted)
     tilt = float(np.linalg.norm(np.cross(T[:3, 2], wanted[:3, 2])))
-    return {f"{prefix}origin_error_m": off, f"{prefix}axis_error_rad": tilt, f"{prefix}rotation_error_rad": angle}
+    return {
+        f"{prefix}origin_error_m": off,
+        f"{prefix}axis_error_rad": tilt,
+        f"{prefix}rotation_error_rad": angle,
+    }
 
 
 Rest = Callable[[str, Array], Array]
@@ -182,22 +197,26 @@ ArmsFound = Calibrated[Mapping[str, TrackedArm], PairTables]
 
 
 def calibrate_arm_from(tracked: Mapping[str, TrackedArm]) -> ArmsFound:
-    """Calibrate from poses of real arms, without a truth to compare with; CalibrationError if undetermined."""
+    """Calibrate from poses of real arms, without a truth to compare with; CalibrationError if
+    undetermined."""
     found = fit_pair(tracked, None, Tolerance())
     return ArmsFound(tracked, found, pair_figures(tracked, found, Tolerance()))
 
 
 def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
-    """Plant two arms with wrong tables, measure both, find them, and predict the relative tool point in other poses.
+    """Plant two arms with wrong tables, measure both, find them, and predict the relative tool point in other
+    poses.
 
-    The tool point is the target itself: what is left is the arms' and bases' error, not that of a tool calibration. Of
-    the follower's tool point relative to the master's, in poses not measured: relative_error_nominal_m is the rms with
-    bases and targets calibrated and the tables taken as nominal, relative_error_m that with all of it calibrated
-    jointly.
+    The tool point is the target itself: what is left is the arms' and bases' error, not that of a tool
+    calibration. Of the follower's tool point relative to the master's, in poses not measured:
+    relative_error_nominal_m is the rms with bases and targets calibrated and the tables taken as nominal,
+    relative_error_m that with all of it calibrated jointly.
     """
     rng = np.random.default_rng([trial.seed, 13])
     T_tracker = planted_bases(rng)
-    true = PairTables({robot: built_arm(wrong_table(trial.tolerance, rng), T_tracker[robot]) for robot in ROBOTS})
+    true = PairTables(
+        {robot: built_arm(wrong_table(trial.tolerance, rng), T_tracker[robot]) for robot in ROBOTS}
+    )
     rest = trial.rest or rigid
     tracked = simulate_tracked(true, trial.poses, trial.noise, rng, rest, trial.weigh)
     q = {robot: rng.uniform(LOW, HIGH, (CHECKS, 6)) for robot in ROBOTS}
@@ -248,6 +267,8 @@ def _relative_error(
     found: PairTables, true: PairTables, q: Mapping[str, Array], rest: Rest, weigh: Rest | None
 ) -> float:
     there = {robot: true.arms[robot].target_at(rest(robot, q[robot])) for robot in ROBOTS}
-    seen = {robot: found.arms[robot].target_at(q[robot], weigh and weigh(robot, q[robot])) for robot in ROBOTS}
+    seen = {
+        robot: found.arms[robot].target_at(q[robot], weigh and weigh(robot, q[robot])) for robot in ROBOTS
+    }
     off = {robot: seen[robot] - there[robot] for robot in ROBOTS}
     return float(np.sqrt(np.mean(np.sum((off[ROBOTS[1]] - off[ROBOTS[0]]) ** 2, axis=1))))

@@ -22,7 +22,8 @@ from polish_sim.motion import forward, inverse_near
 from polish_sim.spatial import transform
 
 Reading = Callable[[Array, Array], Array]
-"""Flange poses (n, 4, 4) a host reads, from those the flange really has and the nominal arm's joints there (n, 6)."""
+"""Flange poses (n, 4, 4) a host reads, from those the flange really has and the nominal arm's joints there
+(n, 6)."""
 
 POINT: Final = np.array([-0.45, -0.15, 0.3])  #: It is touched, base frame [m]: tilted wrists still reach it
 LENGTH, SIDEWAYS, LEAN = 0.18, 0.02, 0.15  #: Of a tool to find: length [m], off the axis [m], crooked [rad]
@@ -37,7 +38,8 @@ class TcpTrial:
     cone: float = np.pi / 4.0  #: How far the tool is tilted [rad]
     move: float = 0.1  #: Length of the moves along the tool's axes [m]
     seed: int = 0
-    T_flange_tool: Array | None = None  #: The tool as it really is, shape (4, 4); None: one is planted by the seed
+    #: The tool as it really is, shape (4, 4); None: one is planted by the seed
+    T_flange_tool: Array | None = None
     read: Reading | None = None  #: What the host reads of an arm with gears; None: of one as its table says
 
 
@@ -45,21 +47,23 @@ TcpCalibration = Calibrated[ToolMeasurements, ToolFrameEstimate]
 
 
 def calibrate_tcp_from(measured: ToolMeasurements) -> TcpCalibration:
-    """Calibrate from touches of a real robot, without a truth to compare with; CalibrationError if undetermined."""
+    """Calibrate from touches of a real robot, without a truth to compare with; CalibrationError if
+    undetermined."""
     found = fit_tool_frame(measured)
     return TcpCalibration(measured, found, tool_figures(measured, found))
 
 
 def run_tcp_calibration(trial: TcpTrial) -> TcpCalibration:
-    """Take or plant a tool, touch a point with it in planned poses, move along its axes, and find it, against the
-    truth.
+    """Take or plant a tool, touch a point with it in planned poses, move along its axes, and find it, against
+    the truth.
 
     Raises CalibrationError if the trial cannot determine a tool, ReachError if the arm cannot reach a pose.
     """
     rng = np.random.default_rng([trial.seed, 11])
     T_flange_tool = planted_tool(rng) if trial.T_flange_tool is None else trial.T_flange_tool
     measured = simulate_touches(trial, T_flange_tool, rng, trial.read)
-    # Exact touches leave rounding: below a nanometre a stated noise says nothing. Gears err by more than the noise.
+    # Exact touches leave rounding: below a nanometre a stated noise says nothing. Gears err by more than the
+    # noise.
     found = fit_tool_frame(measured, trial.noise if trial.noise > 1e-9 and trial.read is None else None)
     figures = tool_figures(measured, found, trial.noise)
     off, turn = frame_offset(found.T_flange_tool, T_flange_tool)
@@ -77,9 +81,14 @@ def planted_tool(rng: np.random.Generator) -> Array:
 
 
 def simulate_touches(
-    trial: TcpTrial, T_flange_tool: Array, rng: np.random.Generator, read: Reading | None = None, q_near: Array = Q_NEAR
+    trial: TcpTrial,
+    T_flange_tool: Array,
+    rng: np.random.Generator,
+    read: Reading | None = None,
+    q_near: Array = Q_NEAR,
 ) -> ToolMeasurements:
-    """Touches in the planned orientations, and the three points of the tool's axes, each as the joints say it.
+    """Touches in the planned orientations, and the three points of the tool's axes, each as the joints say
+    it.
 
     ``read`` and ``q_near`` as of `reached`.
     """
@@ -97,10 +106,11 @@ def simulate_touches(
 
 
 def reached(T_base_flange: Array, read: Reading | None = None, q_near: Array = Q_NEAR) -> Array:
-    """Flange poses (n, 4, 4) as the host reads them, by default inverse then forward kinematics; or ReachError.
+    """Flange poses (n, 4, 4) as the host reads them, by default inverse then forward kinematics; or
+    ReachError.
 
-    ``read``: what the host reads of an arm off its table; None: the arm is as its table says. ``q_near`` (6,) [rad]
-    says in which configuration.
+    ``read``: what the host reads of an arm off its table; None: the arm is as its table says. ``q_near`` (6,)
+    [rad] says in which configuration.
     """
     q = np.stack([inverse_near(T, q_near) for T in T_base_flange])
     return np.ascontiguousarray(forward(q) if read is None else read(T_base_flange, q))

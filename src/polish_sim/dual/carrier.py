@@ -1,7 +1,8 @@
 """A second robot that carries the part: the master of two.
 
-Its joint servos play rows of joint angles. The part goes where its flange really is; the host works out where the
-part should be from the master's encoders and from what calibration made it believe, and moves its target along.
+Its joint servos play rows of joint angles. The part goes where its flange really is; the host works out where
+the part should be from the master's encoders and from what calibration made it believe, and moves its target
+along.
 """
 
 from __future__ import annotations
@@ -28,11 +29,13 @@ from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
 
 MASTER, FOLLOWER = "master_", "follower_"  #: What the names of the two robots in a scene begin with
-FIRST_JOINT, FIRST_CONTROL = 7, 12  #: Of the master's joints and controls: the follower, with its head, comes first
+#: Of the master's joints and controls: the follower, with its head, comes first
+FIRST_JOINT, FIRST_CONTROL = 7, 12
 MASTER_ARM, FOLLOWER_ARM = ArmPlace(MASTER, FIRST_JOINT, FIRST_CONTROL, 1), ArmPlace(FOLLOWER)
 RAMP_S = LONGEST_RAMP + BUILD_UP  # in which the master comes to its speed and back to rest, as a feed does
 RAMP_PEAK = 1.0 / LONGEST_RAMP  # steepest rise of the rate at which its time passes [1/s]
-SPAN_S = 0.01  # over which the host takes the master's accelerations, at least from one reading to the next [s]
+# over which the host takes the master's accelerations, at least from one reading to the next [s]
+SPAN_S = 0.01
 
 
 class MasterTime(NamedTuple):
@@ -78,8 +81,10 @@ class MasterRows(NamedTuple):
     spacing: float  #: Time between rows [s]
     q: Array  #: Joint positions [rad], shape (n, 6)
     qd: Array  #: Joint speeds [rad/s], shape (n, 6)
-    T_base_work: Array  #: The work frame at the first row as it really is, nominal part, follower's base, (4, 4)
-    T_believed_true: Array  #: True poses in the follower's base, moved by this, are what the host believes (4, 4)
+    #: The work frame at the first row as it really is, nominal part, follower's base, (4, 4)
+    T_base_work: Array
+    #: True poses in the follower's base, moved by this, are what the host believes (4, 4)
+    T_believed_true: Array
     table: Array = NOMINAL  #: The table the host computes the master with, shape (4, 6)
     delay: float = 0.0  #: How late its joints reach the host [s]
     period: float = 0.0  #: Between two readings of them, held in between [s]; 0: at every step
@@ -131,7 +136,8 @@ class Carrier(Record):
     seen_turning: Vector3  #: Likewise [rad/s]
     R_moved: Matrix3
     p_moved: Vector3  #: How the part has moved since the first row, as the host believes
-    believed: Matrix3  #: The flange as the host believes, in rows: place [m], velocity [m/s], angular velocity [rad/s]
+    #: The flange as the host believes, in rows: place [m], velocity [m/s], angular velocity [rad/s]
+    believed: Matrix3
     work: Annotated[Array, (7, 3)]  #: Work array
 
 
@@ -141,13 +147,15 @@ class Master(NamedTuple):
     state: Carrier
     q: Array  #: Rows of joint positions [rad], shape (n, 6)
     qd: Array  #: Rows of joint speeds [rad/s], shape (n, 6)
-    line: Array  #: Joint positions [rad] and speeds [rad/s] on their way to the host, step by step, shape (k, 12)
+    #: Joint positions [rad] and speeds [rad/s] on their way to the host, step by step, shape (k, 12)
+    line: Array
 
 
 def build_master(
     model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, part: RealPart, scenario: Scenario
 ) -> Master:
-    """The master at the first of its rows, holding the part as it lies at the start; ``data``: kinematics done."""
+    """The master at the first of its rows, holding the part as it lies at the start; ``data``: kinematics
+    done."""
     flange = data.site(f"{MASTER}flange")
     T_flange_base = inverse(transform(flange.xmat.reshape(3, 3).copy(), flange.xpos.copy()))
     T_flange_part = T_flange_base @ transform(part.rotation, part.position)
@@ -157,11 +165,21 @@ def build_master(
     poses = {"rest": T_rest, "part": T_flange_part, "work": T_flange_base @ rows.T_base_work}
     poses["belief"], poses["moved"] = rows.T_believed_true, np.eye(4)
     state = Carrier(
-        **{f"R_{name}": T[:3, :3] for name, T in poses.items()}, **{f"p_{name}": T[:3, 3] for name, T in poses.items()},
-        spacing=rows.spacing, duration=rows.spacing * (len(rows.q) - 1), pace=1.0, brakes=brakes_of(scenario),
-        timeout=scenario.safety.master_timeout_s, flange_body=model.body(f"{MASTER}link_6").id,
-        part_body=model.body(f"{MASTER}part").id, host_arm=host_arm, delay=delay, hold=hold, span=span, lead=rows.lead,
-    )  # fmt: skip
+        **{f"R_{name}": T[:3, :3] for name, T in poses.items()},
+        **{f"p_{name}": T[:3, 3] for name, T in poses.items()},
+        spacing=rows.spacing,
+        duration=rows.spacing * (len(rows.q) - 1),
+        pace=1.0,
+        brakes=brakes_of(scenario),
+        timeout=scenario.safety.master_timeout_s,
+        flange_body=model.body(f"{MASTER}link_6").id,
+        part_body=model.body(f"{MASTER}part").id,
+        host_arm=host_arm,
+        delay=delay,
+        hold=hold,
+        span=span,
+        lead=rows.lead,
+    )
     gap = math.ceil(scenario.robot.real.missed_s / model.opt.timestep) if is_real(scenario) else 0
     line = np.zeros((delay + hold + span + gap + 1, 12))
     return Master(state, np.ascontiguousarray(rows.q), np.ascontiguousarray(rows.qd), line)
@@ -179,11 +197,14 @@ def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
 
 
 @kernel
-def drive_master(master: Master, faults: MasterFaults, going: bool, stopping: bool, dt: float, ctrl: Array) -> None:
-    """Let the master's rows pass while it is ``going``, from rest and back to rest, and drive its joint servos.
+def drive_master(
+    master: Master, faults: MasterFaults, going: bool, stopping: bool, dt: float, ctrl: Array
+) -> None:
+    """Let the master's rows pass while it is ``going``, from rest and back to rest, and drive its joint
+    servos.
 
-    The rate at which their time passes rises and falls with limited jerk, as a feed does. When ``stopping`` it falls as
-    a protective stop brakes: the master keeps to its rows then as well.
+    The rate at which their time passes rises and falls with limited jerk, as a feed does. When ``stopping``
+    it falls as a protective stop brakes: the master keeps to its rows then as well.
     """
     state, step = master.state, dt / RAMP_S
     state.pace += min(max(1.0 - faults.slow - state.pace, -step), step)
@@ -218,13 +239,19 @@ def _firmness(carrier: Carrier) -> float:
 
 @kernel
 def carry_part(
-    master: Master, unheard: bool, e: EngineViews, part: RealPart, motion: PartMotion, said: Encoders, heard: bool
+    master: Master,
+    unheard: bool,
+    e: EngineViews,
+    part: RealPart,
+    motion: PartMotion,
+    said: Encoders,
+    heard: bool,
 ) -> None:
     """Place the part by the flange that carries it, and work out what the host believes of it.
 
     ``unheard``: the host does not receive the master's position; ``said``: its encoders, ``heard`` unless it
-    comes in a gap of the link. Written: what the master notes of this instant, the part's rotation, the motion's place
-    and angular velocity.
+    comes in a gap of the link. Written: what the master notes of this instant, the part's rotation, the
+    motion's place and angular velocity.
     """
     carrier, flange = master.state, master.state.flange_body
     R_flange, p_flange = e.xmat[flange].reshape((3, 3)), e.xpos[flange]
@@ -232,7 +259,11 @@ def carry_part(
     _add_joints(p_flange, e.xanchor, e.xaxis, FIRST_JOINT, e.qvel, FIRST_JOINT, carrier.velocity, w)
     multiply(R_flange, carrier.R_part, part.rotation)
     for i in range(3):
-        x = R_flange[i, 0] * carrier.p_part[0] + R_flange[i, 1] * carrier.p_part[1] + R_flange[i, 2] * carrier.p_part[2]
+        x = (
+            R_flange[i, 0] * carrier.p_part[0]
+            + R_flange[i, 1] * carrier.p_part[1]
+            + R_flange[i, 2] * carrier.p_part[2]
+        )
         motion.place[i] = p_flange[i] + x
         motion.turning[i] = w[i]
     # A host that receives nothing continues with the last value.
@@ -242,16 +273,20 @@ def carry_part(
     arm = carrier.host_arm
     _hear(master, said, heard, e.dt)
     read_encoders(arm, carrier.q, 0)
-    _add_joints(arm.place, arm.anchors, arm.axes, 0, carrier.qd, 0, carrier.seen_velocity, carrier.seen_turning)
+    _add_joints(
+        arm.place, arm.anchors, arm.axes, 0, carrier.qd, 0, carrier.seen_velocity, carrier.seen_turning
+    )
     _believe(carrier, arm.turn.reshape((3, 3)), arm.place, carrier.seen_velocity, carrier.seen_turning)
 
 
 @kernel
 def _hear(master: Master, said: Encoders, heard: bool, dt: float) -> None:
-    """The newest reading that has come: the master's positions carried on to now, its speeds to when a request acts.
+    """The newest reading that has come: the master's positions carried on to now, its speeds to when a
+    request acts.
 
-    The host knows how late a reading is: it writes down when it was taken. Accelerations are the change of the speeds
-    read lately, not the plan's: a master that slows down or halts by itself does not keep to its plan.
+    The host knows how late a reading is: it writes down when it was taken. Accelerations are the change of
+    the speeds read lately, not the plan's: a master that slows down or halts by itself does not keep to its
+    plan.
     """
     carrier, line, step = master.state, master.line, master.state.steps
     carrier.steps += 1
@@ -274,10 +309,11 @@ def _hear(master: Master, said: Encoders, heard: bool, dt: float) -> None:
 def _add_joints(
     point: Array, anchors: Array, axes: Array, first: int, speeds: Array, first_speed: int, v: Array, w: Array
 ) -> None:
-    """Add velocity and angular velocity (3,) of a point (3,) [m] that moves with the master's flange to ``v`` and
-    ``w``.
+    """Add velocity and angular velocity (3,) of a point (3,) [m] that moves with the master's flange to ``v``
+    and ``w``.
 
-    The master's joints begin at row ``first`` of anchors and axes and at ``first_speed`` of the speeds [rad/s].
+    The master's joints begin at row ``first`` of anchors and axes and at ``first_speed`` of the speeds
+    [rad/s].
     """
     for i in range(3):
         v[i] = w[i] = 0.0
@@ -303,12 +339,15 @@ def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity
 
 @kernel
 def carry_target(carrier: Carrier, target: Target) -> None:
-    """Close the chain: move a target given for the part at the first row to where the host believes it is now."""
+    """Close the chain: move a target given for the part at the first row to where the host believes it is
+    now."""
     R, b, old, frame = carrier.R_moved, carrier.believed, carrier.work, target.rotation
     for i in range(3):
         old[0, i], old[1, i], old[2, i] = target.position[i], target.twist[i], target.twist[3 + i]
     for i in range(3):
-        target.position[i] = carrier.p_moved[i] + R[i, 0] * old[0, 0] + R[i, 1] * old[0, 1] + R[i, 2] * old[0, 2]
+        target.position[i] = (
+            carrier.p_moved[i] + R[i, 0] * old[0, 0] + R[i, 1] * old[0, 1] + R[i, 2] * old[0, 2]
+        )
         target.twist[i] = R[i, 0] * old[1, 0] + R[i, 1] * old[1, 1] + R[i, 2] * old[1, 2]
         target.twist[3 + i] = b[2, i] + R[i, 0] * old[2, 0] + R[i, 1] * old[2, 1] + R[i, 2] * old[2, 2]
     rx, ry, rz = (target.position[0] - b[0, 0], target.position[1] - b[0, 1], target.position[2] - b[0, 2])
@@ -322,8 +361,11 @@ def carry_target(carrier: Carrier, target: Target) -> None:
 
 
 @kernel
-def see_tool_on_part(carrier: Carrier, e: EngineViews, part: RealPart, motion: PartMotion, out: Array) -> None:
-    """Write the tool point [m] in the nominal work frame as carried, and as far as the part has slipped with it."""
+def see_tool_on_part(
+    carrier: Carrier, e: EngineViews, part: RealPart, motion: PartMotion, out: Array
+) -> None:
+    """Write the tool point [m] in the nominal work frame as carried, and as far as the part has slipped with
+    it."""
     R_flange, p_flange = e.xmat[carrier.flange_body].reshape((3, 3)), e.xpos[carrier.flange_body]
     on_flange, tool, R = carrier.work[0], e.site_xpos[e.tool_site], carrier.R_work
     for i in range(3):
@@ -337,7 +379,8 @@ def see_tool_on_part(carrier: Carrier, e: EngineViews, part: RealPart, motion: P
 
 @kernel
 def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Array) -> None:
-    """The part's displacement since the first row D = F F0^-1, and the flange's motion, as the host believes them.
+    """The part's displacement since the first row D = F F0^-1, and the flange's motion, as the host believes
+    them.
 
     What it believes is moved by B from what is true, so that it takes the displacement for B D B^-1.
     """

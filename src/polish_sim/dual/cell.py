@@ -62,7 +62,8 @@ MASTER_HALTED, MASTER_SILENT = 21, 22
 
 
 class PairCell(Cell):
-    """A cell in which the robot with the tool, the follower, works on a part that the master carries; see `Cell`.
+    """A cell in which the robot with the tool, the follower, works on a part that the master carries; see
+    `Cell`.
 
     ``host_arm``: the follower as the host computes it.
     """
@@ -72,7 +73,8 @@ class PairCell(Cell):
         {
             **REASONS,
             MASTER_HALTED: "the master stopped itself: see there why",
-            MASTER_SILENT: "no position of the master for longer than safety.master_timeout_s: check master and line",
+            MASTER_SILENT: "no position of the master for longer than safety.master_timeout_s: check master "
+            "and line",
         }
     )
     more_columns = 6
@@ -129,8 +131,8 @@ def advance_pair(  # type: ignore[no-untyped-def]
 ) -> None:  # fmt: skip
     """Run two robots for at most ``steps`` physics steps, see ``cell.loop.advance``.
 
-    ``arm`` and ``other``: joints of follower and master if they are elastic; ``host_arm`` as in `PairCell`, for arms
-    that are not. Of what is None nothing is compiled.
+    ``arm`` and ``other``: joints of follower and master if they are elastic; ``host_arm`` as in `PairCell`,
+    for arms that are not. Of what is None nothing is compiled.
     """
     e, state = cell.engine, cell.state
     recorder.filled.rows = recorder.filled.steps = 0
@@ -178,11 +180,15 @@ def _place_part(  # type: ignore[no-untyped-def]
     """Place the part for this instant: where the flange that carries it is, and by its own motion."""
     carrier = master.state
     if arm is None:
-        carry_part(master, state.master.unheard, e, part, state.motion, Encoders(e.qpos, e.qvel, FIRST_JOINT), True)
+        carry_part(
+            master, state.master.unheard, e, part, state.motion, Encoders(e.qpos, e.qvel, FIRST_JOINT), True
+        )
     else:
         hear_joints(arm, e)
         heard = host_hears(arm, True, state.status.steps)
-        carry_part(master, state.master.unheard, e, part, state.motion, Encoders(arm.read, arm.read_speed, 0), heard)
+        carry_part(
+            master, state.master.unheard, e, part, state.motion, Encoders(arm.read, arm.read_speed, 0), heard
+        )
     move_part(state.motion, t, e.dt, part.position)
     add_carried_speed(carrier, e.xpos[carrier.flange_body], part.position, state.motion.velocity)
     see_tool_on_part(carrier, e, part, state.motion, state.tool_on_part)

@@ -36,16 +36,17 @@ def check_length(visits: Visits, motion: MasterMotion) -> None:
     needed, lasts = float(visits.clock[-1]), motion.way.lasts
     if motion.file is not None and lasts < needed:
         raise InputError(
-            f"'{motion.file.columns.file}' lasts {lasts:.2f} s, the tool works on the part for {needed:.2f} s: "
-            f"{needed - lasts:.2f} s are missing. Go on with it, raise --feed, or stop early with "
-            "--set process.max_feed_s=..."
+            f"'{motion.file.columns.file}' lasts {lasts:.2f} s, the tool works on the part for {needed:.2f} "
+            f"s: {needed - lasts:.2f} s are missing. Go on with it, raise --feed, or stop early with --set "
+            "process.max_feed_s=..."
         )
 
 
 def check_motion(check: MotionCheck, rows: MasterRows, collides: Collides) -> None:
     """Follow all of the work closely with both arms, the master along its rows.
 
-    Raises ReachError if an arm would be too fast or cannot follow, or something would touch; names joint and moment.
+    Raises ReachError if an arm would be too fast or cannot follow, or something would touch; names joint and
+    moment.
     """
     check_master(check, rows)
     check_carried(check)
@@ -55,13 +56,14 @@ def check_motion(check: MotionCheck, rows: MasterRows, collides: Collides) -> No
     touching = collides(q_master, q_follower)
     if touching:
         raise ReachError(
-            f"{touching} would touch on the way, or come closer than dual.clearance_m or dual.pad_clearance_m. "
-            "Hold the part elsewhere, or move it another way."
+            f"{touching} would touch on the way, or come closer than dual.clearance_m or "
+            "dual.pad_clearance_m. Hold the part elsewhere, or move it another way."
         )
 
 
 def check_master(check: MotionCheck, rows: MasterRows) -> None:
-    """Refuse a motion too fast for the master's joints; the ReachError names joint, moment and, of a file, the line."""
+    """Refuse a motion too fast for the master's joints; the ReachError names joint, moment and, of a file,
+    the line."""
     times = rows.spacing * np.arange(len(rows.q), dtype=np.float64)
     speed, change = np.abs(rows.qd), np.abs(np.gradient(rows.qd, rows.spacing, axis=0))
     _refuse(check, speed, times, check.robot.joint_speed_limit_rad_s, "turn at", "deg/s")
@@ -74,7 +76,8 @@ def check_master(check: MotionCheck, rows: MasterRows) -> None:
 
 
 def check_carried(check: MotionCheck) -> None:
-    """Refuse a motion of the part that the follower's velocity interface cannot keep up with; names the moment."""
+    """Refuse a motion of the part that the follower's velocity interface cannot keep up with; names the
+    moment."""
     at, way, T = check.visits, check.work.way, check.reach.T_master_work
     # A file's motion has an end on either side.
     clock = np.clip(at.clock, DIFFERENCE_S, max(way.lasts - DIFFERENCE_S, DIFFERENCE_S))
@@ -93,13 +96,20 @@ def check_carried(check: MotionCheck) -> None:
     robot = check.robot
     for found, most, unit, scale, key in (
         (linear, robot.linear_acceleration_m_s2, "mm/s^2", 1e3, "robot.linear_acceleration_m_s2"),
-        (angular, robot.angular_acceleration_rad_s2, "deg/s^2", np.degrees(1.0), "robot.angular_acceleration_rad_s2"),
+        (
+            angular,
+            robot.angular_acceleration_rad_s2,
+            "deg/s^2",
+            np.degrees(1.0),
+            "robot.angular_acceleration_rad_s2",
+        ),
     ):
         row = int(found.argmax())
         if found[row] > most:
             raise ReachError(
-                f"the part would carry the tool with {scale * found[row]:.0f} {unit}"
-                f"{_place(check, float(at.clock[row]))}: the follower does {scale * most:.0f} ({key}). {_change(check)}"
+                f"the part would carry the tool with {scale * found[row]:.0f} "
+                f"{unit}{_place(check, float(at.clock[row]))}: the follower does {scale * most:.0f} ({key}). "
+                f"{_change(check)}"
             )
 
 
@@ -111,7 +121,8 @@ def _follow(check: MotionCheck) -> Array:
     failure = failure_of(joints, False)
     if failure is not None:
         raise ReachError(
-            f"the follower cannot do this: at {1e3 * at.s[failure.point]:.1f} mm of the path {failure.reason}."
+            f"the follower cannot do this: at {1e3 * at.s[failure.point]:.1f} mm of the path "
+            f"{failure.reason}."
         )
     moving = (at.stroke[1:] == at.stroke[:-1]) & (at.stroke[1:] != ON_THE_WAY) & (np.diff(at.time) > 0.0)
     speed = np.abs(np.diff(joints.q, axis=0)[moving]) / np.diff(at.time)[moving, None]
@@ -120,7 +131,8 @@ def _follow(check: MotionCheck) -> Array:
         row, joint = np.unravel_index(int(speed.argmax()), speed.shape)
         raise ReachError(
             f"joint {joint + 1} of the follower would turn at {np.degrees(speed.max()):.0f} deg/s at "
-            f"{1e3 * at.s[1:][moving][row]:.1f} mm of the path: {np.degrees(most):.0f} is its most. {_change(check)}"
+            f"{1e3 * at.s[1:][moving][row]:.1f} mm of the path: {np.degrees(most):.0f} is its most. "
+            f"{_change(check)}"
         )
     return joints.q
 
@@ -144,7 +156,9 @@ def _place(check: MotionCheck, clock: float) -> str:
 def _change(check: MotionCheck) -> str:
     if check.motion.file is not None:
         return (
-            "Give it more time. Rows of a robot's own log are noisy or dense, and the motion goes through all of them: "
-            "smooth them or leave most of them out first; more time would not help there."
+            "Give it more time. Rows of a robot's own log are noisy or dense, and the motion goes through "
+            "all of them: smooth them or leave most of them out first; more time would not help there."
         )
-    return "Lower dual.master_speed_m_s or dual.master_turn_rad_s, or hold the part elsewhere with --part-pose."
+    return (
+        "Lower dual.master_speed_m_s or dual.master_turn_rad_s, or hold the part elsewhere with --part-pose."
+    )

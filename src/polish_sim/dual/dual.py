@@ -20,7 +20,13 @@ from polish_sim.dual.gripper import seat_text
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.experiments.assembly import course_for
-from polish_sim.experiments.part_setup import PART_STREAM, PAYLOAD_STREAM, SENSOR_STREAM, path_done, random_streams
+from polish_sim.experiments.part_setup import (
+    PART_STREAM,
+    PAYLOAD_STREAM,
+    SENSOR_STREAM,
+    path_done,
+    random_streams,
+)
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
@@ -32,17 +38,22 @@ from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import apply, inverse
 
 
-def check_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:
+def check_dual(
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+) -> CheckedPath:
     """The path on the held part and how the follower reaches all of it; PolishSimError if it does not."""
     task = prepare_dual(scenario, plan, observer)
     return CheckedPath(task.place.path, task.place.reach, seat_text(task.seat.T_gripper_work))
 
 
-def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
-    """Let the follower run along the part the master moves, pressing on it or, with ``dual.standoff_m``, just above it.
+def run_dual(
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+) -> RunResult:
+    """Let the follower run along the part the master moves, pressing on it or, with ``dual.standoff_m``, just
+    above it.
 
-    The path is a plan made before, else once around the part's rim. Raises PolishSimError if the part, a calibration or
-    the placement cannot be used.
+    The path is a plan made before, else once around the part's rim. Raises PolishSimError if the part, a
+    calibration or the placement cannot be used.
     """
     observer = observer or Silent()
     scenario = replace(scenario, dual=settled_bases(scenario.dual))
@@ -105,7 +116,8 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
 
 
 def part_turns(log: RunLog, task: DualTask, part: RealPart) -> Array:
-    """How the part the master carries really stands in the follower's base at the log's rows, shape (n, 3, 3)."""
+    """How the part the master carries really stands in the follower's base at the log's rows, shape (n, 3,
+    3)."""
     flanges = task.arms.flanges("master", np.asarray(log["master_q_rad"], dtype=np.float64))
     R_base_master = inverse(task.frames.true.T_master_follower)[:3, :3]
     return np.asarray(R_base_master @ flanges[:, :3, :3] @ _part_on_flange(task, part)[:3, :3])
@@ -115,17 +127,24 @@ def wanted_on_part(strokes: list[Stroke], T_base_work: Array) -> WantedTool:
     """Where the tool is wanted on the part along the path: places, points and axes in the work frame."""
     s = np.concatenate([stroke.start_s + stroke.motion.places for stroke in strokes])
     points = np.concatenate([stroke.motion.positions for stroke in strokes])
-    turns = Rotation.from_quat(np.concatenate([stroke.motion.quaternions for stroke in strokes]), scalar_first=True)
+    turns = Rotation.from_quat(
+        np.concatenate([stroke.motion.quaternions for stroke in strokes]), scalar_first=True
+    )
     T_work_base = inverse(T_base_work)
     axes = turns.as_matrix()[:, :, 2] @ T_work_base[:3, :3].T
     return WantedTool(s, apply(T_work_base, points), axes)
 
 
 def work_turns(run: CellRun, task: DualTask) -> Array:
-    """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3, 3)."""
+    """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3,
+    3)."""
     true = task.frames.true
     q = np.ascontiguousarray(run.log["master_q_rad"], dtype=np.float64)
-    R = true.T_master_follower[:3, :3].T @ task.arms.flanges("master", q)[:, :3, :3] @ true.T_flange_work[:3, :3]
+    R = (
+        true.T_master_follower[:3, :3].T
+        @ task.arms.flanges("master", q)[:, :3, :3]
+        @ true.T_flange_work[:3, :3]
+    )
     times, wanted = np.asarray(run.log["time_s"], dtype=np.float64), run.trace.time_s[run.trace.phase == 2]
     if len(times) < 2:
         return np.repeat(R[:1], len(wanted), axis=0)
@@ -143,7 +162,9 @@ def _at_rows(run: CellRun, values: Array) -> Array:
 
 def _part_on_flange(task: DualTask, part: RealPart) -> Array:
     """The real part on the master's flange, where it is drawn, shape (4, 4)."""
-    T_base_flange = inverse(task.frames.true.T_master_follower) @ task.arms.resting_flange("master", task.master.q[0])
+    T_base_flange = inverse(task.frames.true.T_master_follower) @ task.arms.resting_flange(
+        "master", task.master.q[0]
+    )
     T_base_part = np.eye(4)
     T_base_part[:3, :3], T_base_part[:3, 3] = part.rotation, part.position
     return np.asarray(inverse(T_base_flange) @ T_base_part)
@@ -167,11 +188,13 @@ class PairErrors(NamedTuple):
     """Errors at every step of the process, work frame."""
 
     tracking: Array  #: From the tool point to the target the host had at that moment [m], shape (n, 3)
-    relative: Array  #: From where the tool is wanted on the part to where it really is on it [m], shape (n, 3)
+    #: From where the tool is wanted on the part to where it really is on it [m], shape (n, 3)
+    relative: Array
 
 
 def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: bool) -> PairErrors:
-    """Errors of the process phase; while pressing the force decides the depth: errors along the tool axis do not count.
+    """Errors of the process phase; while pressing the force decides the depth: errors along the tool axis do
+    not count.
 
     ``R_base_work``: how the work frame stands in the base of the robot with the tool then, shape (n, 3, 3).
     """
@@ -190,13 +213,16 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
     """Measure how the tool follows the moving part, over the whole process phase, its ramps included.
 
     Returns:
-        tracking_error_max_m: largest distance from the target along x, y, z of the part (a list; across the tool axis
+        tracking_error_max_m: largest distance from the target along x, y, z of the part (a list; across the
+            tool axis
         only while a force is controlled), tracking_error_worst_m: the largest of them; relative_error_rms_m,
-        relative_error_p95_m, relative_error_max_m: of the distance between the tool on the part as it is and as
+        relative_error_p95_m, relative_error_max_m: of the distance between the tool on the part as it is and
+            as
         wanted, calibration errors included, the part's own errors not (across the tool axis in contact);
-        master_way_m: how far the part's origin was moved, from first to last; master_turn_rad: how far the part was
-        turned, there and back counted; speed_mean_m_s, speed_std_m_s: of the tool point relative to the part, averaged
-        over 50 ms.
+        master_way_m: how far the part's origin was moved, from first to last; master_turn_rad: how far the
+            part was
+        turned, there and back counted; speed_mean_m_s, speed_std_m_s: of the tool point relative to the part,
+        averaged over 50 ms.
     """
     if not len(errors.tracking):
         nothing = float("nan")
@@ -225,7 +251,8 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
 
 
 def _speed(time: Array, points: Array) -> Array:
-    """Speed of a point (n, 3) over ``SPEED_S`` around every time [s]: the servos' trembling is no way done, (n,)."""
+    """Speed of a point (n, 3) over ``SPEED_S`` around every time [s]: the servos' trembling is no way done,
+    (n,)."""
     early, late = (np.clip(time + shift, time[0], time[-1]) for shift in (-0.5 * SPEED_S, 0.5 * SPEED_S))
     gone = interpolate(late, time, points) - interpolate(early, time, points)
     return np.asarray(np.linalg.norm(gone, axis=1) / (late - early))

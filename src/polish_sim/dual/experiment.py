@@ -125,7 +125,8 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("deviation_sigma_worst", "drawn minus analysis, worst source", "std", 1.0, high=4.0),
     ),
 }
-"""What is asked of each calibration of tool, bases and arms; of a user's measurements, whose truth is unknown, less."""
+"""What is asked of each calibration of tool, bases and arms; of a user's measurements, whose truth is
+unknown, less."""
 
 
 DUAL: Final = Experiment(
@@ -147,7 +148,9 @@ DUAL: Final = Experiment(
     remade=False,
     not_with=(
         Excludes("--path", FINISHED, REGION_OPTIONS),
-        Excludes("--master-path", "says where the part goes", ("--master-speed", "--master-turn", "--part-pose")),
+        Excludes(
+            "--master-path", "says where the part goes", ("--master-speed", "--master-turn", "--part-pose")
+        ),
     ),
     notes="polish_sim.dual.gripper:seat_notes",
 )

@@ -1,8 +1,8 @@
 """Where two robots, part and tool stand: as they really do, and as calibration makes the host believe.
 
-The simulated calibration before a run: bases by single axes turned before a laser tracker, the tool by touches of a
-fixed point, marks on the part by touches of a fixed point too; last the tool itself touches the marks on the part the
-other robot holds.
+The simulated calibration before a run: bases by single axes turned before a laser tracker, the tool by
+touches of a fixed point, marks on the part by touches of a fixed point too; last the tool itself touches the
+marks on the part the other robot holds.
 """
 
 from __future__ import annotations
@@ -25,7 +25,13 @@ from polish_sim.dual.calibrate_tcp import Q_NEAR, Reading, TcpTrial, reached, si
 from polish_sim.dual.calibration.arm import read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS, read_base_calibration
 from polish_sim.dual.calibration.matched_points import frame_offset
-from polish_sim.dual.calibration.pair import LEAST_NOISE, ClosingTouches, PairAdjustment, PairParts, adjust_pair
+from polish_sim.dual.calibration.pair import (
+    LEAST_NOISE,
+    ClosingTouches,
+    PairAdjustment,
+    PairParts,
+    adjust_pair,
+)
 from polish_sim.dual.calibration.tool import fit_tool_frame, fit_tool_point, read_tool_calibration
 from polish_sim.dual.calibration.tool_checks import ToolTouches
 from polish_sim.dual.gripper import GRIPPER_LENGTH
@@ -33,18 +39,22 @@ from polish_sim.errors import CalibrationError, ConfigError, ReachError, place_i
 from polish_sim.geometry import Region, Surface
 from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_to_axis, transform
 
-T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])  #: Where the simulated tracker sees the master
+#: Where the simulated tracker sees the master
+T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
 ARC_POINTS: Final = 200
 LEAST_APART: Final = 0.2  #: Between the bases of two arms, each 0.15 m wide [m]
 SAME_POSE: Final = 1e-8  #: Poses that differ by less are the same but for rounding [m], [-]
-ON_FACE: Final = transform(np.eye(3), np.zeros(3))  #: A part whose frame is that of the gripper's face, as the hub's is
+#: A part whose frame is that of the gripper's face, as the hub's is
+ON_FACE: Final = transform(np.eye(3), np.zeros(3))
 FAR_M, FAR_RAD = 0.01, 0.1  #: Farther off, a calibration is of another tool or of robots elsewhere [m], [rad]
 INSIDE: Final = 0.9  #: Share of the way from the middle to the edge: a pointer does not find an edge itself
-NARROW: Final = 0.1  #: A region this narrow for its length does not fix the turn about it: marks then cover the part
+#: A region this narrow for its length does not fix the turn about it: marks then cover the part
+NARROW: Final = 0.1
 
 
 def marks_on(region: Region, surface: Surface, count: int) -> Array:
-    """Marks on a part that are touched to find it: far apart, in directions evenly spread about the region's middle.
+    """Marks on a part that are touched to find it: far apart, in directions evenly spread about the region's
+    middle.
 
     Returns T_work_tool, the tool's z axis into the part, shape (count, 4, 4).
     """
@@ -86,8 +96,8 @@ def find_parts(
 ) -> tuple[PairParts, Array]:
     """Measure bases, tool and part one by one; bases found along with the arms' tables are taken.
 
-    Returns what was found, and how the tool stands on its flange, (3, 3). Raises ReachError if the master cannot touch
-    with a mark of a part held like that.
+    Returns what was found, and how the tool stands on its flange, (3, 3). Raises ReachError if the master
+    cannot touch with a mark of a part held like that.
     """
     tracker, touch = (_noise(noise, arms) for noise in (config.tracker_noise_m, config.touch_noise_m))
     truth = tracker_sees(true.T_master_follower)
@@ -122,7 +132,8 @@ def find_parts(
 
 
 def _noise(noise: float, arms: PairArms) -> float | None:
-    """What a fit takes for the noise of a measurement [m]; None, its own residuals: gears err by more than that."""
+    """What a fit takes for the noise of a measurement [m]; None, its own residuals: gears err by more than
+    that."""
     return None if arms.gears else max(noise, LEAST_NOISE)
 
 
@@ -134,20 +145,25 @@ def _touch_with_mark(
         return simulate_touches(trial, transform(np.eye(3), mark), rng, read, q_near).touches
     except ReachError as error:
         raise ReachError(
-            f"the master cannot turn the part about one of its marks, {place_in_mm(mark)} from its flange, to find "
-            "where the part is held: it is held too far out, or the part is too large. Hold it closer to the "
-            "gripper's face and axis with --set dual.part_on_gripper=[x,y,z,rx,ry,rz] (m, rad)."
+            f"the master cannot turn the part about one of its marks, {place_in_mm(mark)} from its flange, "
+            "to find where the part is held: it is held too far out, or the part is too large. Hold it "
+            "closer to the gripper's face and axis with --set dual.part_on_gripper=[x,y,z,rx,ry,rz] (m, rad)."
         ) from error
 
 
 def touch_marks(
-    true: ClosedChain, site: Site, count: int, noise: float, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
+    true: ClosedChain,
+    site: Site,
+    count: int,
+    noise: float,
+    rng: np.random.Generator,
+    arms: PairArms = NOMINAL_ARMS,
 ) -> ClosingTouches:
-    """Touch the part's marks with the tool, one after the other, ``count`` times, each coordinate off by ``noise`` rms
-    [m].
+    """Touch the part's marks with the tool, one after the other, ``count`` times, each coordinate off by
+    ``noise`` rms [m].
 
-    From round to round the tool is turned about its axis: what is not square about its tip then shows as such. Raises
-    ReachError if an arm off its table cannot do it: then what it reads is not known.
+    From round to round the tool is turned about its axis: what is not square about its tip then shows as
+    such. Raises ReachError if an arm off its table cannot do it: then what it reads is not known.
     """
     marks = len(site.T_work_tool)
     mark, rounds = np.arange(count) % marks, max(-(-count // marks), 1)
@@ -174,8 +190,8 @@ class PairFrames(NamedTuple):
 def settled_bases(config: DualConfig) -> DualConfig:
     """The same with the bases where they really stand: as the simulated calibration it names planted them.
 
-    Raises InputError if the calibration cannot be read, CalibrationError if it is another pair's, ConfigError if
-    another place of the follower's base is asked for.
+    Raises InputError if the calibration cannot be read, CalibrationError if it is another pair's, ConfigError
+    if another place of the follower's base is asked for.
     """
     file = config.arms_file or config.bases_file
     if not file:
@@ -200,18 +216,22 @@ def true_chain(config: DualConfig, T_gripper_work: Array = ON_FACE) -> ClosedCha
     Raises ConfigError if no pose is given, or another one than the calibration's; else as `settled_bases`.
     """
     T_flange_gripper = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
-    return ClosedChain(_follower_pose(settled_bases(config)), T_flange_gripper, T_gripper_work, tool_on_flange())
+    return ClosedChain(
+        _follower_pose(settled_bases(config)), T_flange_gripper, T_gripper_work, tool_on_flange()
+    )
 
 
 def _follower_pose(config: DualConfig) -> Array:
     if not config.follower_pose:
-        raise ConfigError("'dual.follower_pose' is empty: say where the follower's base stands in the master's.")
+        raise ConfigError(
+            "'dual.follower_pose' is empty: say where the follower's base stands in the master's."
+        )
     T = from_pose(config.follower_pose)
     apart = float(np.linalg.norm(T[:3, 3]))
     if apart < LEAST_APART:
         raise ConfigError(
-            f"'dual.follower_pose' puts the follower's base {1e3 * apart:.4g} mm from the master's: no two arms stand "
-            f"there. Give {1e3 * LEAST_APART:g} mm or more, about 1100 mm is good."
+            f"'dual.follower_pose' puts the follower's base {1e3 * apart:.4g} mm from the master's: no two "
+            f"arms stand there. Give {1e3 * LEAST_APART:g} mm or more, about 1100 mm is good."
         )
     return T
 
@@ -228,7 +248,8 @@ def _pose_numbers(T: Array) -> list[float]:
 def calibrated_frames(
     config: DualConfig, true: ClosedChain, site: Site, rng: np.random.Generator, arms: PairArms = NOMINAL_ARMS
 ) -> PairFrames:
-    """The true chain beside the one the host believes, from calibrations on file or those simulated before the run.
+    """The true chain beside the one the host believes, from calibrations on file or those simulated before
+    the run.
 
     Raises:
         InputError: A calibration cannot be read.
@@ -254,11 +275,11 @@ def believed_chain(adjusted: PairAdjustment, R_flange_tool: Array, true: ClosedC
 
 
 def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) -> Array:
-    """From the tool as wanted to the tool as it is on the part [m], (n, 3), if both arms do what the believed chain
-    asks for.
+    """From the tool as wanted to the tool as it is on the part [m], (n, 3), if both arms do what the believed
+    chain asks for.
 
-    ``T_master_work``: where the host wants the part, base of the master, (4, 4); ``T_work_tool``: the tool on it, (n,
-    4, 4). Work frame.
+    ``T_master_work``: where the host wants the part, base of the master, (4, 4); ``T_work_tool``: the tool on
+    it, (n, 4, 4). Work frame.
     """
     true, believed = frames
     T_master_flange = believed.master_flange(T_master_work)
@@ -275,7 +296,10 @@ def _given(config: DualConfig, true: ClosedChain, found: tuple[PairParts, Array]
         T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
         parts = parts._replace(T_master_follower=T)
     if config.bases_file or config.arms_file:
-        T, what = parts.T_master_follower, f"'{config.bases_file or config.arms_file}' puts the follower's base"
+        T, what = (
+            parts.T_master_follower,
+            f"'{config.bases_file or config.arms_file}' puts the follower's base",
+        )
         cure = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
         _check_near(what, "dual.follower_pose", T, true.T_master_follower, cure)
     if config.tool_file:
@@ -290,6 +314,6 @@ def _check_near(what: str, wanted: str, T: Array, T_true: Array, cure: str) -> N
     off, turn = frame_offset(T, T_true)
     if off > FAR_M or turn > FAR_RAD:
         raise CalibrationError(
-            f"{what} at {place_in_mm(T[:3, 3])}, {1e3 * off:.1f} mm and {np.degrees(turn):.2f} deg from {wanted}, "
-            f"{place_in_mm(T_true[:3, 3])}: it was made elsewhere. Use one made here, or {cure}."
+            f"{what} at {place_in_mm(T[:3, 3])}, {1e3 * off:.1f} mm and {np.degrees(turn):.2f} deg from "
+            f"{wanted}, {place_in_mm(T_true[:3, 3])}: it was made elsewhere. Use one made here, or {cure}."
         )

@@ -26,15 +26,16 @@ _STEPS: Final = 2000
 class Seat(NamedTuple):
     """A part in a gripper."""
 
-    T_gripper_work: Array  #: The part's frame on the gripper's face, whose z axis looks away from the flange, (4, 4)
+    #: The part's frame on the gripper's face, whose z axis looks away from the flange, (4, 4)
+    T_gripper_work: Array
     nose: float  #: How far the gripper extends beyond its face, into an opening, until it meets the part [m]
 
 
 def seat_part(surface: Surface, up: Array, pose: tuple[float, ...] = ()) -> Seat:
     """Hold a part with the side ``up`` away from the gripper, the middle of its box on the gripper's axis.
 
-    ``pose``: where the part's own frame is on the gripper instead [m], [rad], (6,); empty for none. Raises ReachError
-    if there is no part in front of the gripper's face.
+    ``pose``: where the part's own frame is on the gripper instead [m], [rad], (6,); empty for none. Raises
+    ReachError if there is no part in front of the gripper's face.
     """
     corners = surface.control.reshape(-1, 3)
     T_gripper_work = from_pose(pose) if pose else _on_lowest_point(corners, up)
@@ -43,8 +44,9 @@ def seat_part(surface: Surface, up: Array, pose: tuple[float, ...] = ()) -> Seat
     if nose is None:
         raise ReachError(
             f"the gripper's face, {2e3 * GRIPPER_RADIUS:g} mm wide, would hold nothing: at "
-            f"{place_in_mm(inverse(T_gripper_work)[:3, 3])} of the part there is no part in front of it. Say where "
-            "the part's own frame is on the gripper's face with --set dual.part_on_gripper=[x,y,z,rx,ry,rz] (m, rad)."
+            f"{place_in_mm(inverse(T_gripper_work)[:3, 3])} of the part there is no part in front of it. Say "
+            "where the part's own frame is on the gripper's face with --set "
+            "dual.part_on_gripper=[x,y,z,rx,ry,rz] (m, rad)."
         )
     return Seat(T_gripper_work, nose)
 
@@ -53,7 +55,10 @@ def seat_text(T_gripper_work: Array) -> str:
     """Where the gripper takes a part, for the user."""
     T_work_gripper = inverse(T_gripper_work)
     axis = ", ".join(f"{number + 0.0:.3g}" for number in np.round(T_work_gripper[:3, 2], 4))
-    return f"held by the gripper at {place_in_mm(T_work_gripper[:3, 3])} of its own frame, gripper's axis ({axis})"
+    return (
+        f"held by the gripper at {place_in_mm(T_work_gripper[:3, 3])} of its own frame, gripper's axis "
+        f"({axis})"
+    )
 
 
 def seat_notes(figures: Mapping[str, Any]) -> tuple[str, ...]:
@@ -103,11 +108,12 @@ def check_load(mesh: PartMesh, density: float) -> None:
     mass = density * volume_and_center(mesh)[0]
     if not mass > 0.0:
         raise InputError(
-            f"the part's mesh encloses {1e6 * mass / density:.4g} cm^3, so that the master would carry no mass: it is "
-            "open or its faces look inwards. Close it, or turn its faces outwards."
+            f"the part's mesh encloses {1e6 * mass / density:.4g} cm^3, so that the master would carry no "
+            "mass: it is open or its faces look inwards. Close it, or turn its faces outwards."
         )
     if mass + GRIPPER_MASS > PAYLOAD_LIMIT:
         raise ReachError(
-            f"the part weighs {mass:.2f} kg: with the gripper's {GRIPPER_MASS:g} kg the master would carry more than "
-            f"its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set dual.density_kg_m3=..."
+            f"the part weighs {mass:.2f} kg: with the gripper's {GRIPPER_MASS:g} kg the master would carry "
+            f"more than its {PAYLOAD_LIMIT:g} kg. Take a smaller part, or its true density with --set "
+            "dual.density_kg_m3=..."
         )

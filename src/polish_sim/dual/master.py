@@ -1,4 +1,5 @@
-"""How the master moves the part while the follower works: along a line or arc, about an axis, or as a file says."""
+"""How the master moves the part while the follower works: along a line or arc, about an axis, or as a file
+says."""
 
 from __future__ import annotations
 
@@ -21,17 +22,25 @@ from polish_sim.spatial import inverse, transform
 
 TIME: Final = "time_s"
 FLANGE: Final = "flange_"  #: What the columns of a place begin with where the poses are the flange's
-JUMP_M_S, JUMP_RAD_S = 1.0, np.pi  #: Faster between lines is a jump: the arm's tool speed and joints' [m/s], [rad/s]
+#: Faster between lines is a jump: the arm's tool speed and joints' [m/s], [rad/s]
+JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
 WITHOUT_FILE: Final = (
-    "master_speed_m_s", "master_direction", "master_arc_radius_m", "master_turn_rad_s", "master_axis", "master_center",
-)  # fmt: skip
+    "master_speed_m_s",
+    "master_direction",
+    "master_arc_radius_m",
+    "master_turn_rad_s",
+    "master_axis",
+    "master_center",
+)
 """Settings of section dual that say how the part moves where no file does."""
 
 
 class PartWay(NamedTuple):
-    """A motion of a part: its origin goes along, and the part moves in its own frame. Smooth, C2 or better."""
+    """A motion of a part: its origin goes along, and the part moves in its own frame. Smooth, C2 or
+    better."""
 
-    shift: Callable[[Array], Array]  #: Times (n,) [s] to how far its origin has gone, its robot's base [m], (n, 3)
+    #: Times (n,) [s] to how far its origin has gone, its robot's base [m], (n, 3)
+    shift: Callable[[Array], Array]
     turn: Callable[[Array], Array]  #: Times (n,) [s] to how it has moved in its own frame, shape (n, 4, 4)
     lasts: float = math.inf  #: How long it lasts [s]
 
@@ -58,7 +67,8 @@ def along_arc(velocity: Array, bend: float) -> Callable[[Array], Array]:
 
 
 def about_axis(axis: Array, center: Array, rate: float) -> Callable[[Array], Array]:
-    """A turn at a constant rate [rad/s], right-handed, about an axis of the part through ``center`` [m], work frame."""
+    """A turn at a constant rate [rad/s], right-handed, about an axis of the part through ``center`` [m], work
+    frame."""
 
     def turn(times: Array) -> Array:
         R = Rotation.from_rotvec(rate * times[:, None] * axis).as_matrix()
@@ -103,9 +113,9 @@ class MasterPath(NamedTuple):
 def read_master_path(file: Path) -> MasterPath:
     """Read poses over time.
 
-    Columns in any order: ``time_s``; the place ``x_mm..z_mm`` or ``x_m..z_m`` of the part's origin, or of the flange's
-    if they begin with ``flange_``; the orientation ``qw..qz``, ``rx_rad..rz_rad`` or ``r11..r33``. Base of the master.
-    Raises InputError naming the line, also for time that does not increase or a jump.
+    Columns in any order: ``time_s``; the place ``x_mm..z_mm`` or ``x_m..z_m`` of the part's origin, or of the
+    flange's if they begin with ``flange_``; the orientation ``qw..qz``, ``rx_rad..rz_rad`` or ``r11..r33``.
+    Base of the master. Raises InputError naming the line, also for time that does not increase or a jump.
     """
     columns = Measured.read(file, "pose", "poses over time")
     columns.need((TIME,), "the time of each pose [s]")
@@ -113,8 +123,8 @@ def read_master_path(file: Path) -> MasterPath:
     both = [name for name in ("x_mm", "x_m") if of_flange and name in columns.texts]
     if both:
         raise InputError(
-            f"'{file}' says where the part is ({both[0]}) and where the flange is ({FLANGE}...): one follows from the "
-            "other. Leave one of them out."
+            f"'{file}' says where the part is ({both[0]}) and where the flange is ({FLANGE}...): one follows "
+            "from the other. Leave one of them out."
         )
     what = "the flange" if of_flange else "the part"
     points = columns.points(FLANGE if of_flange else "", f"the place of {what}")
@@ -138,8 +148,8 @@ def _refuse_jumps(columns: Measured, what: str, times: Array, poses: Array) -> N
         np.r_[False, (way > JUMP_M_S * steps) | (turn > JUMP_RAD_S * steps)],
         lambda row: (
             f"{what} would jump by {1e3 * way[row - 1]:.4g} mm and {np.degrees(turn[row - 1]):.4g} deg in "
-            f"{steps[row - 1]:.4g} s. The arm does {1e3 * JUMP_M_S:g} mm/s and {np.degrees(JUMP_RAD_S):g} deg/s at "
-            "most: give the poses between, or more time."
+            f"{steps[row - 1]:.4g} s. The arm does {1e3 * JUMP_M_S:g} mm/s and {np.degrees(JUMP_RAD_S):g} "
+            "deg/s at most: give the poses between, or more time."
         ),
     )
 
@@ -149,14 +159,16 @@ class MasterMotion(NamedTuple):
 
     way: PartWay
     file: MasterPath | None = None  #: Where it comes from, if from a file
-    T_start: Array = np.empty((0, 4, 4))  #: How a file says the part is held at the start, master's base, (1, 4, 4)
+    #: How a file says the part is held at the start, master's base, (1, 4, 4)
+    T_start: Array = np.empty((0, 4, 4))
 
 
 def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
-    """The motion a scenario asks for along the follower's path, on the side ``up`` of the part, in the believed chain.
+    """The motion a scenario asks for along the follower's path, on the side ``up`` of the part, in the
+    believed chain.
 
-    Raises ConfigError if a direction is zero or two settings contradict each other, InputError if the file cannot be
-    used.
+    Raises ConfigError if a direction is zero or two settings contradict each other, InputError if the file
+    cannot be used.
     """
     config = scenario.dual
     if config.master_path:
@@ -199,8 +211,8 @@ def _speed_and_bend(config: DualConfig) -> tuple[Array, float]:
     level, radius = float(np.linalg.norm(velocity[:2])), config.master_arc_radius_m
     if radius != 0.0 and not level > 0.0:
         raise ConfigError(
-            f"dual.master_arc_radius_m = {radius:g} bends a way that is level; dual.master_direction is vertical, or "
-            "dual.master_speed_m_s is 0. Set them, or leave the radius out."
+            f"dual.master_arc_radius_m = {radius:g} bends a way that is level; dual.master_direction is "
+            "vertical, or dual.master_speed_m_s is 0. Set them, or leave the radius out."
         )
     return velocity, level / radius if radius else 0.0
 

@@ -1,7 +1,8 @@
 """Where the part is held and how both arms do their work on it, decided before anything moves.
 
-The master moves the part while the follower runs along its path. The turn of the tool about its axis is free: in the
-follower's base it stays as it is, however the part turns, and is chosen to keep away from joint limits.
+The master moves the part while the follower runs along its path. The turn of the tool about its axis is free:
+in the follower's base it stays as it is, however the part turns, and is chosen to keep away from joint
+limits.
 """
 
 from __future__ import annotations
@@ -22,14 +23,16 @@ from polish_sim.motion import JointPath, inverse_all, track
 from polish_sim.spatial import inverse, rotation_to_axis, transform
 
 UPS: Final = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
-"""Directions of the worked side, best guess first: up, half towards the follower, towards it; see ``_frame``."""
+"""Directions of the worked side, best guess first: up, half towards the follower, towards it; see
+``_frame``."""
 SHARES: Final = (0.5, 0.6, 0.4)  #: Where between the bases the part is held, from the master's
 SIDES: Final = (0.1, -0.1, 0.0)  #: How far beside the line between the bases [m]
 HEIGHTS: Final = (0.3, 0.2, 0.4, 0.5)  #: Of the gripper's face above the master's base [m]
 SPINS: Final = tuple(np.radians(range(0, 360, 45)))
 GOOD: Final = 0.1  #: A way this far from singularities and limits is taken without looking further [-]
 SAME_WAY: Final = 0.1  #: Joints of one way with a chain that calibration has changed differ by less [rad]
-Collides = Callable[[Array, Array], str]  #: What touches what with joints of master and follower, (n, 6) each; or empty
+#: What touches what with joints of master and follower, (n, 6) each; or empty
+Collides = Callable[[Array, Array], str]
 
 
 class Work(NamedTuple):
@@ -59,7 +62,8 @@ class PairReach(NamedTuple):
     spin: float  #: Turn of the tool about its axis [rad]
     q_master: Array  #: Joints at the start [rad], shape (6,)
     q_follower: Array  #: Joints at the start [rad], shape (6,)
-    value: float  #: Least singular value of both arms on the way, less where a joint comes near its limits [-]
+    #: Least singular value of both arms on the way, less where a joint comes near its limits [-]
+    value: float
 
     def is_like(self, other: PairReach) -> bool:
         """Whether both arms stand in the configurations of another way, with the same spin."""
@@ -89,7 +93,8 @@ def default_poses(chain: ClosedChain, up: Array, middle_of_way: Array) -> Iterat
 
 
 def held_poses(scenario: Scenario, work: Work, motion: MasterMotion, up: Array) -> Iterator[Array]:
-    """Where the part may be held at the start, base of the master, each (4, 4): as configured, else candidates."""
+    """Where the part may be held at the start, base of the master, each (4, 4): as configured, else
+    candidates."""
     if scenario.part.pose:
         return (work.chain.T_master_follower @ T for T in given_placement(scenario.part.pose))
     return default_poses(work.chain, up, work.middle) if motion.file is None else iter(motion.T_start)
@@ -126,15 +131,16 @@ def sampled(work: Work, T_master_work: Array, spin: float, visits: Visits | None
 def tool_on_start(work: Work, reach: PairReach, axes: Array, clock: Array) -> Array:
     """R_follower_tool (n, 3, 3) at points of the part, turned back with the part to where it is at the start.
 
-    ``axes``: of the tool there, from the part to the tool, work frame, (n, 3); ``clock``: time of the master's motion
-    when it is there [s], (n,).
+    ``axes``: of the tool there, from the part to the tool, work frame, (n, 3); ``clock``: time of the
+    master's motion when it is there [s], (n,).
     """
     R_follower_start = work.chain.T_master_follower[:3, :3].T @ reach.T_master_work[:3, :3]
     return np.asarray(R_follower_start @ _work_to_tool(work, reach.T_master_work, reach.spin, axes, clock))
 
 
 def _work_to_tool(work: Work, T_master_work: Array, spin: float, axes: Array, clock: Array) -> Array:
-    """R_work_tool (n, 3, 3) with axes (n, 3) such that the tool keeps its turn in the follower's base at a clock."""
+    """R_work_tool (n, 3, 3) with axes (n, 3) such that the tool keeps its turn in the follower's base at a
+    clock."""
     R_follower_master = work.chain.T_master_follower[:3, :3].T
     during = R_follower_master @ work.way(T_master_work, work.visits.clock)[:, :3, :3]
     x_follower = spin_direction(np.einsum("nij,nj->ni", during, work.visits.axes), spin)
@@ -160,9 +166,10 @@ def find_pair_reach(
 ) -> PairReach:
     """Find a pose of the part, configurations and a spin of the tool with which both arms do everything.
 
-    Takes the first of the candidate poses T_master_work that keeps well away from singularities and limits, else the
-    best; of its ways, one ``like`` another found for nearly the same chain, if there is any. Raises ReachError if there
-    is none, with the arm that fails and where for the pose that came furthest, of a file the line.
+    Takes the first of the candidate poses T_master_work that keeps well away from singularities and limits,
+    else the best; of its ways, one ``like`` another found for nearly the same chain, if there is any. Raises
+    ReachError if there is none, with the arm that fails and where for the pose that came furthest, of a file
+    the line.
     """
     best: PairReach | None = None
     furthest = Failed(-1.0, "no pose of the part was tried")
@@ -175,7 +182,9 @@ def find_pair_reach(
         if best is not None and best.value > GOOD:
             break
     if best is None:
-        raise ReachError(f"the two robots cannot do this: {furthest.reason}{_what_to_change(work, furthest, file)}")
+        raise ReachError(
+            f"the two robots cannot do this: {furthest.reason}{_what_to_change(work, furthest, file)}"
+        )
     return best
 
 
@@ -183,18 +192,21 @@ def _what_to_change(work: Work, failed: Failed, file: MasterPath | None) -> str:
     if file is None:
         return (
             f"; the part's way is {1e3 * work.length:.0f} mm long. Hold the part elsewhere with --part-pose "
-            "(follower's base), place the follower elsewhere (dual.follower_pose), or move the part less or another "
-            "way (dual.master_speed_m_s, dual.master_direction, dual.master_turn_rad_s, dual.master_path)."
+            "(follower's base), place the follower elsewhere (dual.follower_pose), or move the part less or "
+            "another way (dual.master_speed_m_s, dual.master_direction, dual.master_turn_rad_s, "
+            "dual.master_path)."
         )
     clock = work.visits.clock
     there = float(clock[min(round(failed.share * len(clock)), len(clock) - 1)])
     return (
-        f", {there:.2f} s into the master's motion ({file.place(there)}). Change the poses in the file, so that the "
-        "part is held elsewhere or moves less."
+        f", {there:.2f} s into the master's motion ({file.place(there)}). Change the poses in the file, so "
+        "that the part is held elsewhere or moves less."
     )
 
 
-def _try_pose(work: Work, T_master_work: Array, collides: Collides, like: PairReach | None) -> PairReach | Failed:
+def _try_pose(
+    work: Work, T_master_work: Array, collides: Collides, like: PairReach | None
+) -> PairReach | Failed:
     """The best way with one pose of the part; else how far it came, and why no further."""
     parts = work.way(T_master_work, work.visits.clock)
     masters, failed = _configurations(parts, work.chain.T_flange_work, "master")
@@ -217,12 +229,15 @@ def _try_pose(work: Work, T_master_work: Array, collides: Collides, like: PairRe
         if not touching:
             return reach
     if found:
-        return Failed(2.0, f"{touching} would touch, or come closer than dual.clearance_m or dual.pad_clearance_m")
+        return Failed(
+            2.0, f"{touching} would touch, or come closer than dual.clearance_m or dual.pad_clearance_m"
+        )
     return furthest._replace(progress=1.0 + furthest.progress)
 
 
 def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[tuple[float, Array]], Failed]:
-    """Joints (n, 6) of every configuration that follows all poses with its value, best first; how far others came."""
+    """Joints (n, 6) of every configuration that follows all poses with its value, best first; how far others
+    came."""
     found: list[tuple[float, Array]] = []
     furthest, reason = 0.0, f"the {arm} does not reach the first pose"
     solutions = inverse_all(np.ascontiguousarray(poses[0] @ inverse(T_flange_end)), 0.0)
@@ -239,7 +254,8 @@ def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[t
 
 
 def _tracked(poses: Array, T_flange_end: Array, q: Array) -> JointPath:
-    """Joints along poses from near a configuration (6,), whole turns off where that suits their limits better."""
+    """Joints along poses from near a configuration (6,), whole turns off where that suits their limits
+    better."""
     joints = track(poses, T_flange_end, (q + np.pi) % (2.0 * np.pi) - np.pi)
     reached = joints.q[~np.isnan(joints.q[:, 0])]
     if not len(reached):

@@ -49,7 +49,8 @@ CURVE = 300  #: Steps of a predicted density
 
 @styled
 def plot_dual(record: RunRecord) -> Figure | None:
-    """Draw the errors of the tool on the part over time, and the force if there is one; None before the feed."""
+    """Draw the errors of the tool on the part over time, and the force if there is one; None before the
+    feed."""
     pressing = record.scenario.dual.standoff_m == 0.0
     rows, m = _from_first_feed_to_last(record), record.metrics
     if rows.stop - rows.start < 2:
@@ -137,7 +138,9 @@ def plot_tool(done: TcpCalibration) -> Figure:
     _draw_frame(space, flanges[0] @ done.found.T_flange_tool, 0.06, "xyz")
     space.plot(*tip.touched[:, None], "o", color=DARK, ms=5, zorder=10, label="touched point, tool frame")
     _finish(space, np.concatenate([flanges[:, :3, 3], tip.touched[None]]), "base")
-    _residual_bars(bars, [Group("touches", flanges[:, :3, 3], np.linalg.norm(tip.residuals, axis=1), tip.used)])
+    _residual_bars(
+        bars, [Group("touches", flanges[:, :3, 3], np.linalg.norm(tip.residuals, axis=1), tip.used)]
+    )
     bars.set_xlabel("touch")
     x, y, z = 1e3 * tip.point
     facts = [f"tip ({x:.3f}, {y:.3f}, {z:.3f}) ± {1e3 * done.figures['position_std_m']:.3f} mm"]
@@ -165,7 +168,8 @@ def plot_bases(done: BasesFound) -> Figure:
 
 @styled
 def plot_arms(done: ArmsFound) -> Figure:
-    """Tracked points and bases in space, and how far each point was from the fit, nominal table and table found."""
+    """Tracked points and bases in space, and how far each point was from the fit, nominal table and table
+    found."""
     figure, space, bars = _canvas()
     everything = {robot: np.ones(len(one.seen), dtype=bool) for robot, one in done.measured.items()}
     groups = [
@@ -184,12 +188,16 @@ def plot_arms(done: ArmsFound) -> Figure:
 
 @styled
 def plot_budget(
-    trial: PairBudgetTrial, shares: Mapping[str, Share], errors: Array, covariances: Array, asked: tuple[float, float]
+    trial: PairBudgetTrial,
+    shares: Mapping[str, Share],
+    errors: Array,
+    covariances: Array,
+    asked: tuple[float, float],
 ) -> Figure:
     """Draw each source as analysis and draws have it, and the distribution of the whole error.
 
-    ``errors``: together, draw by draw, work frame [m], (draws, points, 3); ``covariances``: together [m^2], (points, 3,
-    3); ``asked``: largest rms and largest 95% length [m].
+    ``errors``: together, draw by draw, work frame [m], (draws, points, 3); ``covariances``: together [m^2],
+    (points, 3, 3); ``asked``: largest rms and largest 95% length [m].
     """
     figure = new_figure(11.0, 4.8)
     left, right = figure.subplots(1, 2)
@@ -208,7 +216,13 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
     place, width = np.arange(len(shares)), 0.36
     columns = 1e3 * np.array(
         [
-            [s.predicted_rms_m, s.predicted_across_rms_m, s.drawn_rms_m, s.drawn_across_rms_m, 2.0 * s.drawn_rms_std_m]
+            [
+                s.predicted_rms_m,
+                s.predicted_across_rms_m,
+                s.drawn_rms_m,
+                s.drawn_across_rms_m,
+                2.0 * s.drawn_rms_std_m,
+            ]
             for s in shares.values()
         ]
     )
@@ -257,7 +271,10 @@ def _draw_frame(space: Any, T: Array, size: float, names: str = "") -> None:
 
 def _finish(space: Any, points: Array, frame: str) -> None:
     """Equal scales, labels with units."""
-    middle, reach = 0.5 * (points.max(axis=0) + points.min(axis=0)), 0.55 * float(np.ptp(points, axis=0).max())
+    middle, reach = (
+        0.5 * (points.max(axis=0) + points.min(axis=0)),
+        0.55 * float(np.ptp(points, axis=0).max()),
+    )
     for axis, center in zip("xyz", middle, strict=True):
         getattr(space, f"set_{axis}lim")(center - reach, center + reach)
         getattr(space, f"set_{axis}label")(f"{axis}, {frame} [m]")
@@ -287,7 +304,12 @@ def _residual_bars(axes: Axes, groups: Sequence[Group]) -> None:
         number = first + np.arange(len(group.residuals))
         width = 1.4 if len(number) < _MANY else 0.5
         axes.vlines(
-            number[group.used], 0.0, 1e3 * group.residuals[group.used], color=colour, lw=width, label=group.name
+            number[group.used],
+            0.0,
+            1e3 * group.residuals[group.used],
+            color=colour,
+            lw=width,
+            label=group.name,
         )
         for k in np.flatnonzero(~group.used):
             axes.axvspan(number[k] - 0.5, number[k] + 0.5, color=GREY, alpha=0.35, lw=0)

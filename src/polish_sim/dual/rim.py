@@ -38,17 +38,22 @@ class ClosedSpline:
 
 
 def fit_closed_spline(points: Array) -> ClosedSpline:
-    """The curve, C4 everywhere, through points (n, 3) [m] in order and back to the first one, which is not repeated.
+    """The curve, C4 everywhere, through points (n, 3) [m] in order and back to the first one, which is not
+    repeated.
 
     Raises SmoothingError for fewer than six points, or two neighbours in one place.
     """
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < LEAST_POINTS:
-        raise SmoothingError(f"a closed quintic curve needs {LEAST_POINTS} points (n, 3) or more; got {points.shape}.")
+        raise SmoothingError(
+            f"a closed quintic curve needs {LEAST_POINTS} points (n, 3) or more; got {points.shape}."
+        )
     round_trip = np.concatenate([points, points[:1]])
     chords = np.linalg.norm(np.diff(round_trip, axis=0), axis=1)
     if chords.min() <= 1e-9:
         k = int(np.argmin(chords))
-        raise SmoothingError(f"points {k + 1} and {(k + 1) % len(points) + 1} are in one place: leave one out.")
+        raise SmoothingError(
+            f"points {k + 1} and {(k + 1) % len(points) + 1} are in one place: leave one out."
+        )
     u = np.concatenate([[0.0], np.cumsum(chords)])
     return ClosedSpline(make_interp_spline(u, round_trip, k=DEGREE, bc_type="periodic"), float(u[-1]))
 
@@ -60,16 +65,17 @@ _DENSE: Final = 5e-4  # between points the borders are compared at [m]
 
 
 def rim_path(surface: Surface, region: Region, clearance: float) -> ToolPath:
-    """Plan a path down to the rim, once around a ring-shaped region and up, from ``clearance`` [m] above the part.
+    """Plan a path down to the rim, once around a ring-shaped region and up, from ``clearance`` [m] above the
+    part.
 
     Raises PlanError if the region is no ring, or too uneven for a smooth curve on it.
     """
     loops = region.boundary_loops
     if len(region.components()) != 1 or len(loops) != 2:
         raise PlanError(
-            f"a path around a rim needs a region in one piece with an outer and an inner border; this one has "
-            f"{len(region.components())} piece(s) and {len(loops)} border(s). Choose a ring with --region, or give a "
-            "path with --path."
+            "a path around a rim needs a region in one piece with an outer and an inner border; this one has "
+            f"{len(region.components())} piece(s) and {len(loops)} border(s). Choose a ring with --region, "
+            "or give a path with --path."
         )
     outer, inner = (_resampled(loop, max(8, round(arc_length(loop)[-1] / _DENSE))) for loop in loops)
     curve = _curve_between(surface, outer, inner)
@@ -92,8 +98,8 @@ def _curve_between(surface: Surface, outer: Array, inner: Array) -> ClosedSpline
         if gap <= OFF_SURFACE:
             return curve
     raise PlanError(
-        f"a curve through {POINTS[-1]} points of this rim is still {1e3 * gap:.2f} mm off its surface: the rim is too "
-        "uneven. Choose a smoother one with --region, or give a path with --path."
+        f"a curve through {POINTS[-1]} points of this rim is still {1e3 * gap:.2f} mm off its surface: the "
+        "rim is too uneven. Choose a smoother one with --region, or give a path with --path."
     )
 
 
@@ -111,5 +117,10 @@ def _with_way_down(positions: Array, axes: Array, bend: Array, clearance: float)
     segment[0], segment[-1] = APPROACH, RETRACT
     framed = np.concatenate([axes[:1], axes, axes[-1:]])
     return ToolPath(
-        points, framed, arc_length(points), np.zeros(len(points), np.int64), segment, np.pad(bend, 1, mode="edge")
+        points,
+        framed,
+        arc_length(points),
+        np.zeros(len(points), np.int64),
+        segment,
+        np.pad(bend, 1, mode="edge"),
     )

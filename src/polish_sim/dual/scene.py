@@ -1,7 +1,7 @@
 """The scene of two robots: the master holds the part in a gripper, the follower works on it.
 
-Both come from the one model file. The world frame is the follower's base, so that everything that is true of the
-single robot with its tool is true of the follower.
+Both come from the one model file. The world frame is the follower's base, so that everything that is true of
+the single robot with its tool is true of the follower.
 """
 
 from __future__ import annotations
@@ -17,11 +17,18 @@ from polish_sim.arrays import Array
 from polish_sim.cell.scene import add_drawn_part, arm_spec, bend_arm, robot_with_tool
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER, MASTER
-from polish_sim.dual.gripper import GRIPPER_LENGTH, GRIPPER_MASS, GRIPPER_RADIUS, check_load, volume_and_center
+from polish_sim.dual.gripper import (
+    GRIPPER_LENGTH,
+    GRIPPER_MASS,
+    GRIPPER_RADIUS,
+    check_load,
+    volume_and_center,
+)
 from polish_sim.geometry import PartMesh
 from polish_sim.motion.kinematics import is_nominal
 
-PAD: Final = ("head_pad", "head_plate", "head_shaft")  #: Geoms that are nearer to the part than the housing is
+#: Geoms that are nearer to the part than the housing is
+PAD: Final = ("head_pad", "head_plate", "head_shaft")
 CAPSULES, PAD_GROUP, SHELLS, PART = 1, 2, 4, 8
 """Bits of the engine's contact types: a geom of this kind meets those that have the bit in their affinity."""
 _SUFFIXES: Final = ("_collision", "_shell", "_seam", "_cap")
@@ -40,7 +47,8 @@ class Held(NamedTuple):
     mesh: PartMesh  #: As drawn
     density: float  #: [kg/m^3]
     T_flange_part: Array  #: Where the real part is on the master's flange, shape (4, 4)
-    nose: float = 0.0  #: How far the gripper extends beyond its face, into an opening, until it meets the part [m]
+    #: How far the gripper extends beyond its face, into an opening, until it meets the part [m]
+    nose: float = 0.0
     clearances: Clearances | None = None  #: For checks: part and links touch what is this near; None: a cell
 
 
@@ -53,7 +61,8 @@ def build_pair_scene(
         scenario: Head, pad, robots and time step.
         T_follower_master: The master's base in the follower's, as it really stands, shape (4, 4).
         held: What the master holds; too heavy for it: ReachError.
-        tables: Denavit-Hartenberg parameters of ``master`` and ``follower`` as built, (4, 6) each; None: nominal.
+        tables: Denavit-Hartenberg parameters of ``master`` and ``follower`` as built, (4, 6) each; None:
+            nominal.
     """
     scene = _file_without_keyframe(scenario)
     scene.delete(scene.body("base"))
@@ -90,7 +99,9 @@ def _add_gripper(master: Any, held: Held) -> Any:
     half = 0.5 * GRIPPER_LENGTH
     look = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "group": 2, "rgba": [0.25, 0.27, 0.30, 1.0]}
     gripper = flange.add_body(name="gripper", gravcomp=1.0)
-    gripper.add_geom(name="gripper", size=[GRIPPER_RADIUS, half, 0.0], pos=[0.0, 0.0, half], mass=GRIPPER_MASS, **look)
+    gripper.add_geom(
+        name="gripper", size=[GRIPPER_RADIUS, half, 0.0], pos=[0.0, 0.0, half], mass=GRIPPER_MASS, **look
+    )
     if held.nose > 0.0:
         middle = [0.0, 0.0, GRIPPER_LENGTH + 0.5 * held.nose]
         size = [GRIPPER_RADIUS, 0.5 * held.nose, 0.0]
@@ -108,10 +119,11 @@ def _add_gripper(master: Any, held: Held) -> Any:
 def _set_contacts(follower: Any, master: Any, part: Any, clearances: Clearances | None) -> None:
     """Which geoms may touch which.
 
-    A cell's own geoms, capsules on the links, touch each other. Besides, pad and shaft touch the other arm and its
-    gripper, never the part: the pad's contact with the part is computed on its signed distance. Where a motion is
-    checked beforehand, contacts are found up to the clearances, the part meets both arms as its convex hull, and the
-    links count as they are drawn, each shell by its convex hull: they are up to 4 cm thicker than their capsules.
+    A cell's own geoms, capsules on the links, touch each other. Besides, pad and shaft touch the other arm
+    and its gripper, never the part: the pad's contact with the part is computed on its signed distance. Where
+    a motion is checked beforehand, contacts are found up to the clearances, the part meets both arms as its
+    convex hull, and the links count as they are drawn, each shell by its convex hull: they are up to 4 cm
+    thicker than their capsules.
     """
     for name in PAD:
         follower.geom(name).contype = PAD_GROUP
@@ -155,7 +167,8 @@ class PairContacts:
         self._master = np.array([name.startswith(MASTER) for name in names])
 
     def first(self, q_master: Array, q_follower: Array) -> str:
-        """The first two things too close with joints of both arms [rad], (n, 6) each; empty if there are none."""
+        """The first two things too close with joints of both arms [rad], (n, 6) each; empty if there are
+        none."""
         for master, follower in zip(q_master, q_follower, strict=True):
             self._data.qpos[:6], self._data.qpos[FIRST_JOINT:] = follower, master
             mujoco.mj_kinematics(self._model, self._data)

@@ -25,7 +25,8 @@ from polish_sim.planning import ToolPath
 from polish_sim.planning.toolpath import stretches
 from polish_sim.spatial import apply
 
-SPARE_S: Final = 1.0  #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
+#: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
+SPARE_S: Final = 1.0
 FEWEST: Final = 3  # visits of every move, however short it is
 BEYOND_S: Final = 1.0  # of the master's motion, as long as a feed takes to come to rest [s]
 ON_THE_WAY: Final = -1  # to a stroke or from it
@@ -34,7 +35,8 @@ ON_THE_WAY: Final = -1  # to a stroke or from it
 def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list[Stroke]:
     """The strokes of a path as ``run dual`` does them; with ``dual.standoff_m`` above 0 nothing is touched.
 
-    Raises SmoothingError if the tool's motion is impossible; of the follower's arm it also says what to change.
+    Raises SmoothingError if the tool's motion is impossible; of the follower's arm it also says what to
+    change.
     """
     strokes = placed_strokes if scenario.dual.standoff_m == 0.0 else free_strokes
     kept = _fed_at_most(scenario, path)
@@ -45,8 +47,8 @@ def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list
         if placed.arm is None:
             raise
         raise SmoothingError(
-            f"the follower's motion, smoothed with the part where it starts: {error} Hold the part elsewhere with "
-            "--part-pose, or stop earlier with --set process.max_feed_s=..."
+            f"the follower's motion, smoothed with the part where it starts: {error} Hold the part elsewhere "
+            "with --part-pose, or stop earlier with --set process.max_feed_s=..."
         ) from error
 
 
@@ -62,7 +64,8 @@ def _fed_at_most(scenario: Scenario, path: ToolPath) -> Bools:
 
 
 def air_limits(feed: float) -> SmoothingLimits:
-    """Limits of a stroke above the part: position alone is held there, the tip is accelerated as gently as a feed."""
+    """Limits of a stroke above the part: position alone is held there, the tip is accelerated as gently as a
+    feed."""
     pace = feed_pace(feed)
     return replace(
         CELL_LIMITS,
@@ -72,7 +75,8 @@ def air_limits(feed: float) -> SmoothingLimits:
 
 
 def lifted(path: ToolPath, standoff: float) -> ToolPath:
-    """All of a path raised along its tool axes [m]; above the part it begins and ends with what is worked on."""
+    """All of a path raised along its tool axes [m]; above the part it begins and ends with what is worked
+    on."""
     if standoff == 0.0:
         return path
     on = np.flatnonzero(path.process)
@@ -93,11 +97,15 @@ def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
     return bool(np.all(bends <= limits.tip_acceleration) and np.all(turns <= limits.axis_acceleration))
 
 
-def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float) -> list[Stroke]:
-    """Every stretch of a path followed where it is, without touching anything; between two the tool is lifted.
+def free_strokes(
+    scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float
+) -> list[Stroke]:
+    """Every stretch of a path followed where it is, without touching anything; between two the tool is
+    lifted.
 
-    A stretch with bends too sharp for the feed is smoothed as strokes on the part are, with gentler limits. ``hold``:
-    time to stay at the end of a stretch [s]; ``lift``: height of the retract between two stretches [m].
+    A stretch with bends too sharp for the feed is smoothed as strokes on the part are, with gentler limits.
+    ``hold``: time to stay at the end of a stretch [s]; ``lift``: height of the retract between two stretches
+    [m].
     """
     process, in_contact = scenario.process, stretches(path.process)
     limits = air_limits(process.feed_m_s)
@@ -118,10 +126,21 @@ def free_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: f
         more = number + 1 < len(in_contact) and left > motion.playing_time
         stroke = Stroke(
             travel=travel_to(strokes, points[down], rotations[down]) if strokes else time_path(start, pace),
-            lead_in=start, process=table, motion=motion, depth=0.0, force=np.zeros(len(table.positions)), contact=False,
-            approach_speed=process.approach_speed_m_s, feed=process.feed_m_s, threshold=math.inf,
-            search_depth=0.0, hold=hold, feed_time=left, lift=lift if more else 0.0, start_s=float(path.s[first]),
-        )  # fmt: skip
+            lead_in=start,
+            process=table,
+            motion=motion,
+            depth=0.0,
+            force=np.zeros(len(table.positions)),
+            contact=False,
+            approach_speed=process.approach_speed_m_s,
+            feed=process.feed_m_s,
+            threshold=math.inf,
+            search_depth=0.0,
+            hold=hold,
+            feed_time=left,
+            lift=lift if more else 0.0,
+            start_s=float(path.s[first]),
+        )
         strokes.append(stroke)
         left -= motion.playing_time
         if not more:
@@ -136,11 +155,12 @@ class Visits(NamedTuple):
     axes: Array  #: Unit tool axes from the part to the tool, shape (n, 3)
     s: Array  #: Place on the path [m], never falling, shape (n,)
     time: Array  #: Since the start of the work, contact where it is expected [s], shape (n,)
-    clock: Array  #: Time of the master's motion: it passes while the tool is fed along the part [s], shape (n,)
+    #: Time of the master's motion: it passes while the tool is fed along the part [s], shape (n,)
+    clock: Array
     rate: Array  #: At which it passes [-], shape (n,)
     meant: Array
-    """Time of the master's motion for which the tool's turn about its axis is planned: it is kept while the tool is
-    lifted and the master comes to rest [s], shape (n,)."""
+    """Time of the master's motion for which the tool's turn about its axis is planned: it is kept while the
+    tool is lifted and the master comes to rest [s], shape (n,)."""
     stroke: Indices  #: Which stroke is being fed, from 0, or ``ON_THE_WAY``, shape (n,)
 
     def clock_at(self, s: Array) -> Array:
@@ -156,13 +176,16 @@ class Visits(NamedTuple):
 
 
 def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
-    """Follow strokes (work frame) as the cell does if contact is where it is expected; visits ``step`` [s] apart."""
+    """Follow strokes (work frame) as the cell does if contact is where it is expected; visits ``step`` [s]
+    apart."""
     done: list[Visits] = []
     time = clock = meant = 0.0
     for number, stroke in enumerate(strokes):
         for visits in _moves(stroke, number, step, meant - clock):
             done.append(
-                visits._replace(time=time + visits.time, clock=clock + visits.clock, meant=clock + visits.meant)
+                visits._replace(
+                    time=time + visits.time, clock=clock + visits.clock, meant=clock + visits.meant
+                )
             )
             time = float(done[-1].time[-1])
         clock, meant = float(done[-1].clock[-1]), float(done[-1].meant[-1])
@@ -170,7 +193,8 @@ def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
 
 
 def _moves(stroke: Stroke, number: int, step: float, meant: float) -> Iterator[Visits]:
-    """Travel, way down, feed and way up of a stroke; time from each move's beginning, clock from the stroke's.
+    """Travel, way down, feed and way up of a stroke; time from each move's beginning, clock from the
+    stroke's.
 
     ``meant`` goes from its value at the end of the last stroke to zero during the travel.
     """
@@ -183,7 +207,9 @@ def _moves(stroke: Stroke, number: int, step: float, meant: float) -> Iterator[V
     if stroke.contact:
         times = _times(stroke.lead_in.length / stroke.approach_speed, step)
         rows = np.rint(times * stroke.approach_speed / stroke.lead_in.spacing).astype(int)
-        yield _resting(stroke.lead_in.positions[rows], _axes(stroke.lead_in.quaternions[rows]), stroke.start_s, times)
+        yield _resting(
+            stroke.lead_in.positions[rows], _axes(stroke.lead_in.quaternions[rows]), stroke.start_s, times
+        )
     touch_down = TOUCH_DOWN_TIME if stroke.contact else 0.0
     fed = _fed(stroke, number, step, touch_down)
     yield fed

@@ -58,7 +58,8 @@ ARMS_STREAM: Final = 16  # of the seed, for arms off their tables
 class DualTask:
     """Part, path, motion of both arms, and the true and the believed frames."""
 
-    place: Workplace  #: As the follower sees it, part at the start of its way and where the host believes it to be
+    #: As the follower sees it, part at the start of its way and where the host believes it to be
+    place: Workplace
     frames: PairFrames
     arms: PairArms
     seat: Seat
@@ -70,10 +71,14 @@ class DualTask:
     residual: float  #: Of the closed chain, over the planned joints [m] or [rad]
 
 
-def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> DualTask:
-    """Plan the path, or take a plan, calibrate, and check that both arms can do all of it without touching each other.
+def prepare_dual(
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+) -> DualTask:
+    """Plan the path, or take a plan, calibrate, and check that both arms can do all of it without touching
+    each other.
 
-    Raises PolishSimError if the part cannot be used or planned, a calibration does not fit, or an arm cannot follow.
+    Raises PolishSimError if the part cannot be used or planned, a calibration does not fit, or an arm cannot
+    follow.
     """
     observer = observer or Silent()
     build_controller(scenario.controller)
@@ -110,7 +115,9 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     closely = _visits(scenario, path, min(CHECK_S, CHECK_M / scenario.process.feed_m_s))
     check_motion(MotionCheck(work, reach, motion, closely, scenario.robot), master, collides)
     strokes = pair_strokes(scenario, path, placed)
-    return DualTask(place, frames, arms, seat, reach, work, placed, strokes, master, _residual(work, reach, arms))
+    return DualTask(
+        place, frames, arms, seat, reach, work, placed, strokes, master, _residual(work, reach, arms)
+    )
 
 
 class Job(NamedTuple):
@@ -134,7 +141,8 @@ class Way(NamedTuple):
 
 
 def _find_way(job: Job, chain: ClosedChain, observer: Observer, like: PairReach | None = None) -> Way:
-    """A way to do it with a chain, ``like`` one found before for another chain close to it; else ReachError."""
+    """A way to do it with a chain, ``like`` one found before for another chain close to it; else
+    ReachError."""
     observer.stage("check the reach of both robots")
     motion = master_motion(job.scenario, job.path, job.up, chain)
     check_length(job.visits, motion)
@@ -158,7 +166,8 @@ def _scene(job: Job, chain: ClosedChain, clearances: Clearances | None = None) -
 
 
 def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Visits:
-    """Moments of the work, in the work frame, every so often [s]; the tool's limits alone decide how fast it goes."""
+    """Moments of the work, in the work frame, every so often [s]; the tool's limits alone decide how fast it
+    goes."""
     placed = PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
     strokes = pair_strokes(scenario, path, placed)
     return plan_visits(strokes, step or sum(expected_duration(stroke) for stroke in strokes) / SAMPLES)
@@ -177,7 +186,8 @@ def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh
 
 
 def _half_way(job: Job, true: ClosedChain, T_start: Array | None = None) -> Array:
-    """Half way from where the part is held, or from the first place it may be, base of the master, shape (4, 4)."""
+    """Half way from where the part is held, or from the first place it may be, base of the master, shape (4,
+    4)."""
     motion = master_motion(job.scenario, job.path, job.up, true)
     work = Work(true, job.visits, motion.way)
     T_master_work = next(held_poses(job.scenario, work, motion, job.up)) if T_start is None else T_start
@@ -186,7 +196,9 @@ def _half_way(job: Job, true: ClosedChain, T_start: Array | None = None) -> Arra
     return T_half
 
 
-def _master_rows(scenario: Scenario, frames: PairFrames, arms: PairArms, reach: PairReach, work: Work) -> MasterRows:
+def _master_rows(
+    scenario: Scenario, frames: PairFrames, arms: PairArms, reach: PairReach, work: Work
+) -> MasterRows:
     """Joints of the master along its way; the loop lets their time begin and end gently."""
     believed, true = frames.believed, frames.true
     duration = min(float(work.visits.clock[-1]) + SPARE_S, work.way.lasts)

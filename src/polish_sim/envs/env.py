@@ -38,20 +38,34 @@ from polish_sim.scoring.reach import REACH, Asked
 from polish_sim.toml_text import read_toml
 
 USUAL: Final = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safety.contact_lost_s=0.5")
-"""What an environment sets of the experiment's default scenario: a host at 500 Hz that waits less for lost contact."""
+"""What an environment sets of the experiment's default scenario: a host at 500 Hz that waits less for lost
+contact."""
 REWARDS: Final = ("dense", "sparse")
 ASKED: Final = {
     "force": tuple(row for row in REACH if row.cases == "reach-springs-*"),
-    "surface": (Asked("stable", "*", "stable", 1.0, ""), *(row for row in REACH if row.cases == "reach-freeform-30")),
+    "surface": (
+        Asked("stable", "*", "stable", 1.0, ""),
+        *(row for row in REACH if row.cases == "reach-freeform-30"),
+    ),
 }
-"""Bands of the scorecard that are success: stable; ``force`` settled to ±1 N within 0.6 s, ``surface`` within 3 N."""
+"""Bands of the scorecard that are success: stable; ``force`` settled to ±1 N within 0.6 s, ``surface`` within
+3 N."""
 TRUTH: Final = TraceStep.dtype.names
 Numbers = NDArray[np.float32]
 _LIVE: Final = (
-    *("sensor.", "spindle.", "safety.", "robot.command", "robot.linear", "robot.angular", "pad.stiffness_n_m"),
+    *(
+        "sensor.",
+        "spindle.",
+        "safety.",
+        "robot.command",
+        "robot.linear",
+        "robot.angular",
+        "pad.stiffness_n_m",
+    ),
     *("pad.damping_s_m", "pad.friction", "part.displacement_m", "part.rotation_rad", "part.motion"),
 )
-_LATER: Final = ("robot.", "head.", "process.", "payload.", "part.form_error_m")  # a new cell for every episode
+# a new cell for every episode
+_LATER: Final = ("robot.", "head.", "process.", "payload.", "part.form_error_m")
 _BLOCK: Final = 1024  # steps whose noise is drawn at once
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -59,7 +73,8 @@ Info = dict[str, Any]
 
 
 class Episode(NamedTuple):
-    """What was drawn for an episode; ``cell.begin_again`` with the last three, the noise as seed, repeats it."""
+    """What was drawn for an episode; ``cell.begin_again`` with the last three, the noise as seed, repeats
+    it."""
 
     drawn: dict[str, float]  #: Values of the ranges
     scenario: Scenario
@@ -76,7 +91,9 @@ class Stage:
         self.bodies = bodies
         for key, (low, high) in ranges.items():
             if not key.startswith((*_LIVE, *_LATER)):
-                raise ConfigError(f"'{key}' cannot change from episode to episode: make an environment for each value.")
+                raise ConfigError(
+                    f"'{key}' cannot change from episode to episode: make an environment for each value."
+                )
             for value in (low, high):
                 override(scenario, [f"{key}={value!r}"])
         self.rebuilds = any(not key.startswith(_LIVE) for key in ranges)
@@ -106,13 +123,16 @@ class Stage:
 
 
 def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Sequence[str]) -> Scenario:
-    """The scenario of an environment: the experiment's default with `USUAL`, a file or a scenario; and settings."""
+    """The scenario of an environment: the experiment's default with `USUAL`, a file or a scenario; and
+    settings."""
     usual = override(default_scenario(task), USUAL)
     if scenario is not None and not isinstance(scenario, Scenario):
         scenario = load_scenario(Path(scenario), usual)
     chosen = override(scenario or usual, list(settings))
     if chosen.process.changes:
-        raise ConfigError("process.changes is for runs: an environment changes the set force with force_steps.")
+        raise ConfigError(
+            "process.changes is for runs: an environment changes the set force with force_steps."
+        )
     if chosen.experiment != task:
         raise ConfigError(f"the scenario is one of '{chosen.experiment}', the environment of '{task}'.")
     return chosen
@@ -155,7 +175,9 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         if task not in ASKED:
             raise unknown_name("task", task, ASKED)
         if force_steps and task == "surface":
-            raise InputError("force_steps is for PolishForce-v1: the path of PolishSurface-v1 names its forces.")
+            raise InputError(
+                "force_steps is for PolishForce-v1: the path of PolishSurface-v1 names its forces."
+            )
         if bodies < 1:
             raise InputError(f"bodies = {bodies}: there is at least one arm and part to choose from.")
         chosen = scenario_of(task, scenario, settings)
@@ -178,7 +200,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         self._renderer: Any = None
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Numbers, Info]:
-        """Draw an episode and zero the sensor; the first action is asked for when the tool starts to come down.
+        """Draw an episode and zero the sensor; the first action is asked for when the tool starts to come
+        down.
 
         ``options={"start": "tare"}``: it is asked for before the sensor is zeroed.
         """
@@ -276,7 +299,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         return {"privileged": dict(zip(TRUTH, self._stepped.truth[0].copy().item(), strict=True))}
 
     def end(self) -> tuple[bool, bool, Info]:
-        """Whether the episode has ended by itself, or by its time; its rows of the scorecard; if that is success."""
+        """Whether the episode has ended by itself, or by its time; its rows of the scorecard; if that is
+        success."""
         cell, sequence = self.cell, self.cell.state.sequence
         stop = int(cell.state.status.stop)
         reason = None if stop == NO_STOP else cell.reasons[stop]
@@ -287,7 +311,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         return terminated, not terminated, {"stop_reason": reason or "", "figures": rows, "success": success}
 
     def figures(self, whole: bool) -> list[dict[str, Any]]:
-        """Rows of the scorecard of the episode so far, one for every set force; ``whole``: it went to its end."""
+        """Rows of the scorecard of the episode so far, one for every set force; ``whole``: it went to its
+        end."""
         steps = self._recorder.trace[: self.steps]
         if self.moving:
             trace = trace_from(steps)
@@ -307,7 +332,12 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             self.close()
             self._renderer = mujoco.Renderer(self.cell.model, 480, 640)
         camera = mujoco.MjvCamera()
-        camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (0.0, -0.4, 0.15), 1.3, 125.0, -22.0
+        camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (
+            (0.0, -0.4, 0.15),
+            1.3,
+            125.0,
+            -22.0,
+        )
         self._renderer.update_scene(self.cell.data, camera)
         return np.asarray(self._renderer.render())
 

@@ -1,4 +1,5 @@
-"""Policies: shipped controllers as policies of an environment, policy files as controllers of a run or a score."""
+"""Policies: shipped controllers as policies of an environment, policy files as controllers of a run or a
+score."""
 
 from __future__ import annotations
 
@@ -35,8 +36,8 @@ Policy = Callable[[Numbers], Numbers]
 class ControllerPolicy:
     """A controller by name, or an own one, as policy of an environment with the action ``twist``.
 
-    It gets what it gets in a run, measurement and target, and reads them from the environment. Call `reset` after that
-    of the environment.
+    It gets what it gets in a run, measurement and target, and reads them from the environment. Call `reset`
+    after that of the environment.
     """
 
     def __init__(self, env: Any, name: str = "hybrid-pi") -> None:
@@ -67,7 +68,8 @@ class ControllerPolicy:
 
 
 def evaluate(env: Any, policy: Policy, episodes: int, seed: int = 0) -> list[dict[str, Any]]:
-    """Rows of the scorecard of some episodes, seeds from ``seed`` on, with ``success``, ``reward`` and ``stop``."""
+    """Rows of the scorecard of some episodes, seeds from ``seed`` on, with ``success``, ``reward`` and
+    ``stop``."""
     rows = []
     for number in range(episodes):
         seen, _ = env.reset(seed=seed + number)
@@ -82,21 +84,27 @@ def evaluate(env: Any, policy: Policy, episodes: int, seed: int = 0) -> list[dic
     return rows
 
 
-# A policy file as controller: the environment's observation in, its action out, passed on by the environment's law.
+# A policy file as controller: the environment's observation in, its action out, passed on by the
+# environment's law.
 
 
 class PolicyController:
     """A policy that drives the cell: asked at the rate it was made for, held in between.
 
-    It is asked for the first time when the tool starts to move, as in the environment. ``sizes``: numbers of an action.
+    It is asked for the first time when the tool starts to move, as in the environment. ``sizes``: numbers of
+    an action.
     """
 
-    def __init__(self, policy: Policy, sizes: int, action: str, rate_hz: float, config: ControllerConfig) -> None:
+    def __init__(
+        self, policy: Policy, sizes: int, action: str, rate_hz: float, config: ControllerConfig
+    ) -> None:
         if action not in ACTIONS:
             raise unknown_name("action", action, ACTIONS)
         scale, law = np.array(list(ACTIONS[action].scale.values())), ACTIONS[action].law
         if not 0 <= sizes - len(scale) <= 1:
-            raise InputError(f"the policy answers {sizes} numbers, the action '{action}' has {len(scale)} or one more.")
+            raise InputError(
+                f"the policy answers {sizes} numbers, the action '{action}' has {len(scale)} or one more."
+            )
         self._context: Any = ActionContext(gains=hybrid_gains(config))
         self._looks, self._law = (CompiledController(self._context, one) for one in (observe_law, law))
         self._policy, self._sizes, self._scale, self._period = policy, sizes, scale, 1.0 / rate_hz
@@ -138,7 +146,8 @@ def save_linear(file: Path, weights: Array, env: Any) -> None:
 
 
 def load_policy(config: ControllerConfig) -> PolicyController:
-    """The controller ``FILE.npz:linear`` or ``FILE.zip:sb3``, which has its action, rate and algorithm in ``own``.
+    """The controller ``FILE.npz:linear`` or ``FILE.zip:sb3``, which has its action, rate and algorithm in
+    ``own``.
 
     Raises:
         InputError: If the file cannot be used.
@@ -158,7 +167,9 @@ def load_policy(config: ControllerConfig) -> PolicyController:
 
 def _load_linear(file: str, own: dict[str, Any]) -> tuple[Policy, int, Mapping[str, Any]]:
     if own:
-        raise InputError(f"controller.own.{next(iter(own))} is for an own controller: '{file}' holds its own settings.")
+        raise InputError(
+            f"controller.own.{next(iter(own))} is for an own controller: '{file}' holds its own settings."
+        )
     with np.load(file) as held:
         weights, made_for = held["weights"], {"action": held["action"], "rate_hz": held["rate_hz"]}
     if weights.ndim != 2 or weights.shape[1] != SEEN + weights.shape[0] + 1:
@@ -171,7 +182,9 @@ def _load_sb3(file: str, own: dict[str, Any]) -> tuple[Policy, int, Mapping[str,
     try:
         algorithms = import_module("stable_baselines3")
     except ModuleNotFoundError as error:
-        raise InputError("a policy of the kind 'sb3' needs stable-baselines3: pip install 'polish-sim[rl]'.") from error
+        raise InputError(
+            "a policy of the kind 'sb3' needs stable-baselines3: pip install 'polish-sim[rl]'."
+        ) from error
     _say_code_runs(file)
     model = getattr(algorithms, str(made_for["algorithm"])).load(file, device="cpu")
     return lambda seen: model.predict(seen, deterministic=True)[0], model.action_space.shape[0], made_for
@@ -180,4 +193,6 @@ def _load_sb3(file: str, own: dict[str, Any]) -> tuple[Policy, int, Mapping[str,
 @cache
 def _say_code_runs(file: str) -> None:
     if parent_process() is None:  # workers load the same
-        _log.warning("note: '%s' is unpickled, which runs code it contains: load only policies you trust.", file)
+        _log.warning(
+            "note: '%s' is unpickled, which runs code it contains: load only policies you trust.", file
+        )

@@ -1,7 +1,7 @@
 """Step cells from Python: actions, observations and rewards in compiled code.
 
-Calling the compiled loop from Python costs four physics steps, because numba unpacks every array. Here the arguments
-are unpacked once an episode and held in a structure of numba's; a step passes a reference to it.
+Calling the compiled loop from Python costs four physics steps, because numba unpacks every array. Here the
+arguments are unpacked once an episode and held in a structure of numba's; a step passes a reference to it.
 """
 
 from __future__ import annotations
@@ -32,15 +32,26 @@ if TYPE_CHECKING:
 # Observations: what the host knows. Vectors are in tool axes, everything is divided by a scale.
 
 OBSERVATION: Final = {
-    "force": (3, 20.0), "torque": (3, 1.0), "force_error": (1, 20.0), "set_force": (1, 20.0), "contact": (1, 1.0),
-    "position_error": (3, 0.001), "rotation_error": (3, 0.01), "velocity": (3, 0.05), "turning": (3, 0.5),
-    "planned_velocity": (3, 0.05), "planned_turning": (3, 0.5), "curvature": (1, 10.0),
-}  # fmt: skip
-"""Width and scale [SI] of each part, in order: wrench as the sensor gives it, set force less measured force, planned
-pose less the encoders', velocities. The last action follows."""
+    "force": (3, 20.0),
+    "torque": (3, 1.0),
+    "force_error": (1, 20.0),
+    "set_force": (1, 20.0),
+    "contact": (1, 1.0),
+    "position_error": (3, 0.001),
+    "rotation_error": (3, 0.01),
+    "velocity": (3, 0.05),
+    "turning": (3, 0.5),
+    "planned_velocity": (3, 0.05),
+    "planned_turning": (3, 0.5),
+    "curvature": (1, 10.0),
+}
+"""Width and scale [SI] of each part, in order: wrench as the sensor gives it, set force less measured force,
+planned pose less the encoders', velocities. The last action follows."""
 SEEN: Final = sum(width for width, _ in OBSERVATION.values())
 LARGEST: Final = 1000.0  #: A number of an observation is cut off here
-_SCALES: Final = np.repeat([scale for _, scale in OBSERVATION.values()], [width for width, _ in OBSERVATION.values()])
+_SCALES: Final = np.repeat(
+    [scale for _, scale in OBSERVATION.values()], [width for width, _ in OBSERVATION.values()]
+)
 
 
 # Actions: what a policy commands, and the compiled law that passes it on at every cycle of the host.
@@ -74,7 +85,8 @@ def _to_tool(R: Array, vector: Array, out: Array) -> None:
 
 @kernel
 def _offset_plan(c: ActionContext, t: signals.Target, offset: Array, planned: Array) -> None:
-    """Add to a planned velocity what keeps the loops of eq. 6 and 7 an ``offset`` in tool axes off the planned pose."""
+    """Add to a planned velocity what keeps the loops of eq. 6 and 7 an ``offset`` in tool axes off the
+    planned pose."""
     _to_base(t.rotation, offset, c.turn)
     for i in range(3):
         planned[i] += c.turn[i] / c.gains.orientation.look_ahead
@@ -122,19 +134,23 @@ class ActionKind(NamedTuple):
 
 ACTIONS: Final = {
     "twist": ActionKind(
-        _twist_law, "velocity of the tool, tool axes",
+        _twist_law,
+        "velocity of the tool, tool axes",
         {"v_x": 0.1, "v_y": 0.1, "v_z": 0.1, "w_x": 1.0, "w_y": 1.0, "w_z": 1.0},
     ),
     "servo": ActionKind(
-        _servo_law, "offset of the tool's pose from the planned one, tool axes, for hybrid-pi's position loops",
+        _servo_law,
+        "offset of the tool's pose from the planned one, tool axes, for hybrid-pi's position loops",
         {"x": 0.005, "y": 0.005, "z": 0.005, "r_x": 0.05, "r_y": 0.05, "r_z": 0.05},
     ),
     "force-and-feed": ActionKind(
-        _force_and_feed_law, "change of the set force and tilt about tool x and y, for the loops of hybrid-pi",
+        _force_and_feed_law,
+        "change of the set force and tilt about tool x and y, for the loops of hybrid-pi",
         {"force": 10.0, "tilt_x": 0.05, "tilt_y": 0.05},
     ),
-}  # fmt: skip
-"""Where the tool is fed along a path, each has one more number: -1 grants none of the planned feed, 1 all of it."""
+}
+"""Where the tool is fed along a path, each has one more number: -1 grants none of the planned feed, 1 all of
+it."""
 
 
 @kernel
@@ -168,7 +184,8 @@ def observe_law(context, _course, measurement, target, _answer):  # type: ignore
 
 # A step of an environment: the loop from one action to the next.
 
-BAND_N: Final = 1.0  #: The force is held where its error is within this, as in the scorecard's settling time [N]
+#: The force is held where its error is within this, as in the scorecard's settling time [N]
+BAND_N: Final = 1.0
 SPARE: Final = 64  #: Steps a host may be late by
 ON_THE_WAY: Final = 0.1  #: Largest dense reward of a step before contact
 _ASTRAY_M, _ASKEW_RAD = 0.01, 0.2  # errors of pose at which a step is worth nothing
@@ -311,8 +328,16 @@ class SteppedCell:
             self.action[-1] = 1.0
         # Records are held by their address alone: `_kept` keeps their memory.
         self._kept = Kept(
-            cell.kernel, cell.real_arm, recorder, draws, turn, self.context, self.action, self.seen, self.truth
-        )  # fmt: skip
+            cell.kernel,
+            cell.real_arm,
+            recorder,
+            draws,
+            turn,
+            self.context,
+            self.action,
+            self.seen,
+            self.truth,
+        )
         self._held = _hold(self._kept, cell.law)
 
     def go_on(self, cell: Cell) -> None:

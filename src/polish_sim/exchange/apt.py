@@ -1,7 +1,7 @@
 """Paths out of CAM systems: APT source and CLDATA text (GOTO points -> WayPoints).
 
-The tool is on the part where it moves at a feed, in the air where it moves RAPID. What `apt_text` notes in comments
-(segment, pass, force) is taken up, so that our own files come back whole.
+The tool is on the part where it moves at a feed, in the air where it moves RAPID. What `apt_text` notes in
+comments (segment, pass, force) is taken up, so that our own files come back whole.
 """
 
 from __future__ import annotations
@@ -14,20 +14,64 @@ from typing import Final, NamedTuple
 
 from polish_sim.arrays import Bools
 from polish_sim.errors import InputError
-from polish_sim.exchange.strokes import ExportSetup, feeds_of, in_part_remark, moves_in_part, rows_without_straight_air
+from polish_sim.exchange.strokes import (
+    ExportSetup,
+    feeds_of,
+    in_part_remark,
+    moves_in_part,
+    rows_without_straight_air,
+)
 from polish_sim.exchange.way_points import CamPoints, Unknown, WayPoints
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, ToolPath
 
 # The statements of an APT/CLDATA file: comments, continuations and words taken apart (text -> statements).
 
-FREE_TEXT: Final = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")  #: The rest is prose
+#: The rest is prose
+FREE_TEXT: Final = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")
 IGNORED: Final = frozenset(
     (
         *FREE_TEXT,
-        *("MACHIN", "CUTTER", "TOOLNO", "LOADTL", "LOAD", "SELECT", "TOOL", "COOLNT", "SPINDL", "AUTOPS", "CUTCOM"),
-        *("INTOL", "OUTTOL", "TOLER", "CLEARP", "CLRSRF", "PPFUN", "SEQNO", "OPNAME", "STOP", "OPSTOP", "REWIND"),
-        *("END", "FINI", "NOPOST", "CLPRNT", "DELAY", "DWELL", "OPSKIP", "AIR", "PAINT", "TLDATA", "HEAD", "MODE"),
+        *(
+            "MACHIN",
+            "CUTTER",
+            "TOOLNO",
+            "LOADTL",
+            "LOAD",
+            "SELECT",
+            "TOOL",
+            "COOLNT",
+            "SPINDL",
+            "AUTOPS",
+            "CUTCOM",
+        ),
+        *(
+            "INTOL",
+            "OUTTOL",
+            "TOLER",
+            "CLEARP",
+            "CLRSRF",
+            "PPFUN",
+            "SEQNO",
+            "OPNAME",
+            "STOP",
+            "OPSTOP",
+            "REWIND",
+        ),
+        *(
+            "END",
+            "FINI",
+            "NOPOST",
+            "CLPRNT",
+            "DELAY",
+            "DWELL",
+            "OPSKIP",
+            "AIR",
+            "PAINT",
+            "TLDATA",
+            "HEAD",
+            "MODE",
+        ),
         *("END-OF-PATH", "OUTPUT", "PPLOFF", "PPLON"),
     )
 )
@@ -38,8 +82,12 @@ REFUSED: Final[dict[str, str]] = {
     **dict.fromkeys(("NURBS", "SPLINE", "BSPLIN"), "splines"),
     **dict.fromkeys(("INDIRV", "INDIRP", "TLON", "TLLFT", "TLRGT", "PSIS", "GO"), "motions along surfaces"),
     **dict.fromkeys(("GOFWD", "GOBACK", "GOLFT", "GORGT", "GOUP", "GODOWN"), "motions along surfaces"),
-    **dict.fromkeys(("ORIGIN", "TRANS", "ROTATE", "ROTABL", "MSYS", "COPY", "MATRIX", "REFSYS"), "moved frames"),
-    **dict.fromkeys(("MACRO", "CALL", "LOOPST", "LOOPND", "TERMAC", "POINT", "LINE", "PLANE", "PATERN"), "programs"),
+    **dict.fromkeys(
+        ("ORIGIN", "TRANS", "ROTATE", "ROTABL", "MSYS", "COPY", "MATRIX", "REFSYS"), "moved frames"
+    ),
+    **dict.fromkeys(
+        ("MACRO", "CALL", "LOOPST", "LOOPND", "TERMAC", "POINT", "LINE", "PLANE", "PATERN"), "programs"
+    ),
 }
 """Words that move the tool in ways a list of points does not say."""
 KNOWN: Final = ("GOTO", "FROM", "FEDRAT", "RAPID", "UNITS", "MULTAX", "TLAXIS")
@@ -75,7 +123,9 @@ def statements(file: Path, text: str) -> Iterator[Statement]:
             yield Statement("", (), number, comment.strip())
         pending = ""
     if pending:
-        raise InputError(f"'{file}', line {begin}: the statement is continued ($) past the end. The file is cut short.")
+        raise InputError(
+            f"'{file}', line {begin}: the statement is continued ($) past the end. The file is cut short."
+        )
 
 
 def _statement(code: str, line: int) -> Statement:
@@ -91,7 +141,14 @@ def _is_prose(code: str) -> bool:
     return code.upper().startswith(FREE_TEXT)
 
 
-UNITS: Final[Mapping[str, float]] = {"MM": 1e-3, "CM": 1e-2, "M": 1.0, "INCH": 0.0254, "INCHES": 0.0254, "IN": 0.0254}
+UNITS: Final[Mapping[str, float]] = {
+    "MM": 1e-3,
+    "CM": 1e-2,
+    "M": 1.0,
+    "INCH": 0.0254,
+    "INCHES": 0.0254,
+    "IN": 0.0254,
+}
 FEED_UNITS: Final[Mapping[str, float]] = {"MMPM": 1e-3 / 60.0, "IPM": 0.0254 / 60.0}
 PER_MINUTE: Final = ("PERMIN", "UPM")
 PER_TURN: Final = ("PERREV", "MMPR", "IPR")
@@ -116,9 +173,11 @@ class _Machine(CamPoints):
 
 
 def read_apt(file: Path, text: str, unknown: Unknown) -> WayPoints:
-    """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless UNITS says otherwise.
+    """Read APT source or CLDATA: UNITS, MULTAX, FROM, GOTO, FEDRAT, RAPID, TLAXIS; mm unless UNITS says
+    otherwise.
 
-    Raises InputError, naming the line, for a statement that is unknown, incomplete or moves other than by points.
+    Raises InputError, naming the line, for a statement that is unknown, incomplete or moves other than by
+    points.
     """
     machine = _Machine(file)
     for statement in statements(file, text):
@@ -144,7 +203,8 @@ def _refusal(machine: _Machine, statement: Statement) -> InputError:
     """Say why a statement that moves the tool cannot be read."""
     word = statement.word.split("=")[-1].strip()
     why = (
-        f"{word} ({REFUSED.get(word, 'a moved frame')}) is not read. Post-process the path to GOTO points in one frame."
+        f"{word} ({REFUSED.get(word, 'a moved frame')}) is not read. Post-process the path to GOTO points "
+        "in one frame."
     )
     return machine.error(statement, why)
 
@@ -223,13 +283,17 @@ _ACTIONS: Final[Mapping[str, Callable[[_Machine, Statement], None]]] = {
 def _take_note(machine: _Machine, statement: Statement) -> None:
     """Take up what our own writer noted; other comments say nothing."""
     if statement.comment.startswith(NOTE):
-        machine.noted = dict(part.split("=", 1) for part in statement.comment[len(NOTE) :].split() if "=" in part)
+        machine.noted = dict(
+            part.split("=", 1) for part in statement.comment[len(NOTE) :].split() if "=" in part
+        )
 
 
 def _noted_number(machine: _Machine, name: str, statement: Statement) -> float:
     text = machine.noted.get(name, "nan")
     if not _is_number(text):
-        raise InputError(f"'{machine.file}', before line {statement.line}: {name} is noted as '{text}', not a number.")
+        raise InputError(
+            f"'{machine.file}', before line {statement.line}: {name} is noted as '{text}', not a number."
+        )
     return float(text)
 
 
@@ -237,7 +301,8 @@ def _numbers(machine: _Machine, statement: Statement, counts: Sequence[int]) -> 
     if len(statement.arguments) not in counts:
         wanted = " or ".join(map(str, counts))
         said = (
-            f"{statement.word} has {len(statement.arguments)} values, wanted {wanted}: x,y,z and the tool axis i,j,k."
+            f"{statement.word} has {len(statement.arguments)} values, wanted {wanted}: x,y,z and the "
+            "tool axis i,j,k."
         )
         raise machine.error(statement, said)
     for word in statement.arguments:
@@ -262,11 +327,12 @@ IN_THE_AIR = (APPROACH, RETRACT)
 
 
 def apt_text(result: PlanResult, setup: ExportSetup) -> str:
-    """Write a path as APT: mm, tool axis from the part to the tool, RAPID in the air, FEDRAT in mm per minute.
+    """Write a path as APT: mm, tool axis from the part to the tool, RAPID in the air, FEDRAT in mm per
+    minute.
 
-    Positions are printed to 1e-6 mm, axes to 1e-9. Leads move at the approach speed; straight moves in the air are one
-    GOTO. Segment, pass and force stand in comments, which other systems skip and our own reader takes up. ``setup``:
-    feed and approach speed where the path has none of its own.
+    Positions are printed to 1e-6 mm, axes to 1e-9. Leads move at the approach speed; straight moves in the
+    air are one GOTO. Segment, pass and force stand in comments, which other systems skip and our own reader
+    takes up. ``setup``: feed and approach speed where the path has none of its own.
     """
     head = [
         f"PARTNO {result.mesh.name}",
@@ -297,7 +363,9 @@ def _motions(path: ToolPath, setup: ExportSetup, inside: Bools) -> Iterator[str]
         if rate != said:
             said = rate
             yield rate
-        yield "GOTO/" + ",".join([*(f"{value:.6f}" for value in position), *(f"{value:.9f}" for value in axis)])
+        yield "GOTO/" + ",".join(
+            [*(f"{value:.6f}" for value in position), *(f"{value:.9f}" for value in axis)]
+        )
 
 
 def _note(path: ToolPath, row: int) -> str:

@@ -35,8 +35,8 @@ PER_LINE = 12
 def yaml_text(result: PlanResult, setup: ExportSetup) -> str:
     """Write a path as a YAML pose list that any YAML reader loads with plain types.
 
-    `header` and `poses` are a PoseArray; `segment`, `pass_index`, `force_n` and `feed_m_s` have one entry per pose.
-    Straight moves in the air have a pose at either end. ``setup``: frame's name, force and feed.
+    `header` and `poses` are a PoseArray; `segment`, `pass_index`, `force_n` and `feed_m_s` have one entry per
+    pose. Straight moves in the air have a pose at either end. ``setup``: frame's name, force and feed.
     """
     kept = rows_without_straight_air(result.path)
     path, inside = result.path.rows(kept), moves_in_part(result, kept)
@@ -125,8 +125,8 @@ def export_plan(
 ) -> tuple[Path, ...]:
     """Write a plan in formats, names of `FORMATS` or `all`, each file whole or not at all; returns the files.
 
-    Raises InputError for an unknown format or a folder that cannot be written, PlanError if the path cannot be written
-    in a format, e.g. nothing to press on.
+    Raises InputError for an unknown format or a folder that cannot be written, PlanError if the path cannot
+    be written in a format, e.g. nothing to press on.
     """
     setup = setup or ExportSetup()
     contents: dict[str, bytes] = {}

@@ -1,7 +1,8 @@
 """Paths as G-code: G0 and G1 with a tool axis as a vector or as rotary angles (blocks -> WayPoints).
 
-X, Y, Z are the tool's tip in the part's frame (as with G43.4). The tool axis, from the part to the tool, is either
-I, J, K, a vector of any length, or Rz(C) Ry(B) Rx(A) z with A, B, C in degrees; without any it is 0, 0, 1.
+X, Y, Z are the tool's tip in the part's frame (as with G43.4). The tool axis, from the part to the tool, is
+either I, J, K, a vector of any length, or Rz(C) Ry(B) Rx(A) z with A, B, C in degrees; without any it is 0,
+0, 1.
 """
 
 from __future__ import annotations
@@ -23,9 +24,13 @@ REFUSED: Final[dict[str, str]] = {
     **dict.fromkeys(("G2", "G3"), "an arc"),
     **dict.fromkeys(("G5", "G5.1", "G5.2", "G5.3", "G6.2"), "a spline"),
     **dict.fromkeys(("G28", "G28.1", "G30", "G30.1", "G53"), "a move in the machine's own coordinates"),
-    **dict.fromkeys(("G10", "G52", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"), "a moved frame"),
+    **dict.fromkeys(
+        ("G10", "G52", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"), "a moved frame"
+    ),
     **dict.fromkeys(("G68", "G68.2", "G51", "G92", "G92.1", "G92.2", "G92.3", "G16"), "a moved frame"),
-    **dict.fromkeys(("G73", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"), "a canned cycle"),
+    **dict.fromkeys(
+        ("G73", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"), "a canned cycle"
+    ),
     **dict.fromkeys(("G33", "G33.1", "G38.2", "G38.3", "G38.4", "G38.5"), "a synchronised or probing move"),
     **dict.fromkeys(("G41", "G41.1", "G42", "G42.1"), "cutter compensation"),
     **dict.fromkeys(("G93", "G95", "G7"), "another way to count feeds or lengths"),
@@ -34,7 +39,23 @@ REFUSED: Final[dict[str, str]] = {
 """Words that move the tool in ways straight lines between points do not say."""
 IGNORED: Final = frozenset(
     (
-        *("G8", "G15", "G17", "G18", "G19", "G40", "G43", "G43.4", "G43.5", "G49", "G50", "G54", "G61", "G61.1", "G64"),
+        *(
+            "G8",
+            "G15",
+            "G17",
+            "G18",
+            "G19",
+            "G40",
+            "G43",
+            "G43.4",
+            "G43.5",
+            "G49",
+            "G50",
+            "G54",
+            "G61",
+            "G61.1",
+            "G64",
+        ),
         *("G69", "G80", "G90.1", "G91.1", "G94", "G96", "G97", "G98", "G99"),
         *("M0", "M1", "M3", "M4", "M5", "M6", "M7", "M8", "M9", "M19", "M48", "M49"),
     )
@@ -71,8 +92,8 @@ class Block(NamedTuple):
 def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[Block]:
     """Take a G-code text apart, line by line up to the end of the program; lines without a word are left out.
 
-    ( ) and ; enclose comments, % lines are marks of the file; ``unknown`` is called with characters that begin no word.
-    Raises InputError if a comment is not closed.
+    ( ) and ; enclose comments, % lines are marks of the file; ``unknown`` is called with characters that
+    begin no word. Raises InputError if a comment is not closed.
     """
     for number, raw in enumerate(text.splitlines(), start=1):
         code = raw.partition(";")[0]
@@ -93,7 +114,8 @@ def _without_comments(file: Path, line: int, code: str) -> str:
     loose = re.search(r"[()]", clear)
     if loose is not None:
         raise InputError(
-            f"'{file}', line {line}, column {loose.start() + 1}: the comment's bracket '{loose[0]}' has no partner."
+            f"'{file}', line {line}, column {loose.start() + 1}: the comment's bracket '{loose[0]}' has no "
+            "partner."
         )
     return clear
 
@@ -109,8 +131,9 @@ def _words(file: Path, line: int, code: str, unknown: Unknown) -> Iterator[Word]
             rest = code[found.start() :].split(maxsplit=1)[0]
             unknown(
                 InputError(
-                    f"'{file}', line {line}, column {found.start() + 1}: '{rest[:20]}' is no word of a letter and a "
-                    "number. Parameters and expressions are not read: post-process the path to plain numbers."
+                    f"'{file}', line {line}, column {found.start() + 1}: '{rest[:20]}' is no word of a "
+                    "letter and a number. Parameters and expressions are not read: post-process the path to "
+                    "plain numbers."
                 )
             )
         end = found.end() if stray else -1
@@ -121,7 +144,9 @@ LINES, ANGLES, VECTOR = "XYZ", "ABC", "IJK"
 PER_MINUTE: Final = 1.0 / 60.0
 
 
-NO_AXIS: Final = "'{file}' says no tool axis (I, J, K or A, B, C): it is taken to be z of the path's frame everywhere."
+NO_AXIS: Final = (
+    "'{file}' says no tool axis (I, J, K or A, B, C): it is taken to be z of the path's frame everywhere."
+)
 """What such G-code is taken for: that of a machine with three axes."""
 
 
@@ -134,7 +159,9 @@ class _Machine(CamPoints):
     relative: bool = False
     rapid: bool | None = None
     feed: float = math.nan
-    at: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LINES, math.nan) | dict.fromkeys(ANGLES, 0.0))
+    at: dict[str, float] = field(
+        default_factory=lambda: dict.fromkeys(LINES, math.nan) | dict.fromkeys(ANGLES, 0.0)
+    )
     vector: tuple[float, float, float] | None = None
     turned: bool = False
 
@@ -148,10 +175,11 @@ class _Machine(CamPoints):
 
 
 def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
-    """Read G-code: G0, G1, G20, G21, G90, G91, F, and the tool axis; mm and absolute unless it says otherwise.
+    """Read G-code: G0, G1, G20, G21, G90, G91, F, and the tool axis; mm and absolute unless it says
+    otherwise.
 
-    Raises InputError, naming line and column, for a word that moves the tool other than on straight lines, or no
-    points.
+    Raises InputError, naming line and column, for a word that moves the tool other than on straight lines, or
+    no points.
     """
     machine = _Machine(file, unknown=unknown)
     for block in blocks(file, text, unknown):
@@ -199,9 +227,11 @@ def _set_mode(machine: _Machine, block: Block, word: Word) -> None:
         machine.relative = name == "G91"
     elif name in REFUSED:
         raise machine.error(
-            block, word, f"{name} ({REFUSED[name]}) is not read, and --lenient does not leave out what moves the tool. "
+            block,
+            word,
+            f"{name} ({REFUSED[name]}) is not read, and --lenient does not leave out what moves the tool. "
             "Post-process the path to G0 and G1 in one frame.",
-        )  # fmt: skip
+        )
     elif name not in IGNORED | ENDS:
         machine.take_unknown(block, word)
 
@@ -215,14 +245,18 @@ def _set_feed(machine: _Machine, block: Block, word: Word) -> None:
 def _move(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
     first = next(iter(axes.values()))
     if machine.rapid is None:
-        raise machine.error(block, first, f"{first.name} stands before any G0 or G1: how to move is not said.")
+        raise machine.error(
+            block, first, f"{first.name} stands before any G0 or G1: how to move is not said."
+        )
     for letter, word in axes.items():
         if letter in VECTOR:
             continue
         scale = machine.unit if letter in LINES else 1.0
         start = machine.at[letter] if machine.relative else 0.0
         if math.isnan(start):
-            raise machine.error(block, word, f"{word.name} is a step (G91) from an unknown place. Begin with G90.")
+            raise machine.error(
+                block, word, f"{word.name} is a step (G91) from an unknown place. Begin with G90."
+            )
         machine.at[letter] = start + word.value * scale
     _turn(machine, block, axes)
     x, y, z = (machine.at[letter] for letter in LINES)
@@ -239,11 +273,15 @@ def _turn(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
     machine.turned |= bool(angles)
     if machine.turned and (vector or machine.vector is not None):
         word = (vector or angles)[0]
-        raise machine.error(block, word, "the tool axis is said both as I, J, K and as A, B, C: give it in one way.")
+        raise machine.error(
+            block, word, "the tool axis is said both as I, J, K and as A, B, C: give it in one way."
+        )
     if not vector:
         return
     if len(vector) < 3:
-        raise machine.error(block, vector[0], "I, J and K stand together: they are the tool axis, not an arc's centre.")
+        raise machine.error(
+            block, vector[0], "I, J and K stand together: they are the tool axis, not an arc's centre."
+        )
     length = math.hypot(*(word.value for word in vector))
     if length == 0.0:
         raise machine.error(block, vector[0], "the tool axis I0 J0 K0 has no direction.")

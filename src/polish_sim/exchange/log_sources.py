@@ -1,4 +1,5 @@
-"""Files that hold a robot's log, each as blocks of rows: CSV, npz with named columns, ROS bags. None is read whole."""
+"""Files that hold a robot's log, each as blocks of rows: CSV, npz with named columns, ROS bags. None is read
+whole."""
 
 from __future__ import annotations
 
@@ -69,7 +70,9 @@ class CsvSource:
         self.separator = next((sign for sign in SEPARATORS if sign in first.strip()), ",")
         self.names = [name.strip().strip('"') for name in first.strip().split(self.separator)]
         if len(self.names) < 2 or all(_is_number(name) for name in self.names):
-            raise InputError(f"'{file}' begins with no header. Wanted: names of columns, then one sample a line.")
+            raise InputError(
+                f"'{file}' begins with no header. Wanted: names of columns, then one sample a line."
+            )
 
     def _open(self) -> IO[str]:
         try:
@@ -81,7 +84,9 @@ class CsvSource:
         """Rows of some columns; InputError where a line is no row of numbers."""
         columns = [self.names.index(name) for name in names]
         with self._open() as text:
-            numbered = ((n, line) for n, line in enumerate(text, 1) if line.strip() and not line.startswith("#"))
+            numbered = (
+                (n, line) for n, line in enumerate(text, 1) if line.strip() and not line.startswith("#")
+            )
             try:
                 next(numbered)
                 while lines := list(islice(numbered, BLOCK)):
@@ -92,7 +97,9 @@ class CsvSource:
     def _numbers(self, lines: list[tuple[int, str]], columns: list[int]) -> Array:
         try:
             text = [line for _, line in lines]
-            return np.loadtxt(text, delimiter=self.separator, usecols=columns, ndmin=2, quotechar='"', comments=None)
+            return np.loadtxt(
+                text, delimiter=self.separator, usecols=columns, ndmin=2, quotechar='"', comments=None
+            )
         except ValueError:
             for number, line in lines:
                 self._check_line(number, line.strip().split(self.separator), columns, line.endswith("\n"))
@@ -100,15 +107,20 @@ class CsvSource:
 
     def _check_line(self, number: int, values: list[str], columns: list[int], ended: bool) -> None:
         if len(values) <= max(columns):
-            why = "the file was cut while it was written; leave this line out" if not ended else "leave this line out"
+            why = (
+                "the file was cut while it was written; leave this line out"
+                if not ended
+                else "leave this line out"
+            )
             raise InputError(
-                f"'{self.file}', line {number}: {len(values)} values, the header names {len(self.names)}: {why}."
+                f"'{self.file}', line {number}: {len(values)} values, the header names {len(self.names)}: "
+                f"{why}."
             )
         for column in columns:
             if not _is_number(values[column]):
                 raise InputError(
-                    f"'{self.file}', line {number}: {self.names[column]} is '{values[column]}', not a number. "
-                    "Correct or leave out the line."
+                    f"'{self.file}', line {number}: {self.names[column]} is '{values[column]}', not a "
+                    "number. Correct or leave out the line."
                 )
 
 
@@ -121,7 +133,8 @@ def _is_number(text: str) -> bool:
 
 
 class NpzSource:
-    """Arrays by name, (n,) or (n, k), a column of which is NAME_0 and so on; ``run``: names before a slash."""
+    """Arrays by name, (n,) or (n, k), a column of which is NAME_0 and so on; ``run``: names before a
+    slash."""
 
     row = "sample"
 
@@ -130,16 +143,22 @@ class NpzSource:
         try:
             self._zip = zipfile.ZipFile(file)
         except (zipfile.BadZipFile, OSError) as error:
-            raise InputError(f"'{file}' is no whole npz: it was cut or is of another kind. Copy it again.") from error
+            raise InputError(
+                f"'{file}' is no whole npz: it was cut or is of another kind. Copy it again."
+            ) from error
         members = [name.removesuffix(".npy") for name in self._zip.namelist() if name.endswith(".npy")]
         runs = sorted({name.rpartition("/")[0] for name in members} - {""})
         if run and run not in runs:
             raise unknown_name("--run", run, runs)
         if runs and not run and not any("/" not in name for name in members):
-            raise InputError(f"'{file}' holds {len(runs)} runs: choose one with --run NAME, e.g. --run {runs[0]}.")
+            raise InputError(
+                f"'{file}' holds {len(runs)} runs: choose one with --run NAME, e.g. --run {runs[0]}."
+            )
         prefix = f"{run}/" if run else ""
         self._at: dict[str, tuple[str, int]] = {}
-        for member in (name for name in members if name.startswith(prefix) and "/" not in name[len(prefix) :]):
+        for member in (
+            name for name in members if name.startswith(prefix) and "/" not in name[len(prefix) :]
+        ):
             with self._zip.open(f"{member}.npy") as stream:
                 shape, _ = _header(stream, f"'{file}', {member}")
             short = member[len(prefix) :]
@@ -161,7 +180,9 @@ class NpzSource:
             for start in range(0, next(iter(lengths)), BLOCK):
                 count = min(BLOCK, next(iter(lengths)) - start)
                 parts = {m: self._read(streams[m], *heads[m], count) for m in members}
-                yield Block(np.stack([parts[m][:, column] for m, column in map(self._at.get, names)], 1), start + 1)  # type: ignore[misc]
+                yield Block(
+                    np.stack([parts[m][:, column] for m, column in map(self._at.get, names)], 1), start + 1
+                )  # type: ignore[misc]
 
     def _read(self, stream: IO[bytes], shape: tuple[int, ...], dtype: Any, count: int) -> Array:
         wide = shape[1] if len(shape) > 1 else 1
@@ -175,10 +196,14 @@ class NpzSource:
 def _header(stream: IO[bytes], what: str) -> tuple[tuple[int, ...], Any]:
     """Shape and type of an array of numbers, row by row; the stream is then at its first value."""
     version = np.lib.format.read_magic(stream)  # type: ignore[no-untyped-call]
-    read: Any = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    read: Any = (
+        np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    )
     shape, by_column, dtype = read(stream)
     if (by_column and len(shape) > 1) or dtype.kind not in "fiu" or not 1 <= len(shape) <= 2:
-        raise InputError(f"{what}: an array of numbers, (n,) or (n, k), row by row is wanted, it is {shape} {dtype}.")
+        raise InputError(
+            f"{what}: an array of numbers, (n,) or (n, k), row by row is wanted, it is {shape} {dtype}."
+        )
     return shape, dtype
 
 
@@ -195,7 +220,9 @@ class BagSource:
         with self._reader() as reader:
             self.topics = {kind: name for name, topic in reader.topics.items() if (kind := topic.msgtype)}
         if _STATE not in self.topics:
-            raise InputError(f"'{file}' holds no topic of {_STATE}. It has: {', '.join(sorted(self.topics))}.")
+            raise InputError(
+                f"'{file}' holds no topic of {_STATE}. It has: {', '.join(sorted(self.topics))}."
+            )
         wide += ["wrench"] if _WRENCH in self.topics else []
         self.names = ["timestamp", *(f"{name}_{j}" for name in wide for j in range(6))]
 
@@ -209,7 +236,9 @@ class BagSource:
         try:
             reader.open()
         except Exception as error:
-            raise InputError(f"'{self.file}' is no whole ROS bag ({error}). Was the recording cut?") from error
+            raise InputError(
+                f"'{self.file}' is no whole ROS bag ({error}). Was the recording cut?"
+            ) from error
         return _Closing(reader)
 
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:

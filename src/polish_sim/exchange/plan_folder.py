@@ -50,11 +50,14 @@ class Table(NamedTuple):
 
     def numbers(self, *names: str) -> Array:
         """The finite numbers of some columns, shape (n, k)."""
-        return np.stack([finite_column(self.file, name, self.columns[name], self.place) for name in names], axis=1)
+        return np.stack(
+            [finite_column(self.file, name, self.columns[name], self.place) for name in names], axis=1
+        )
 
 
 def read_csv(file: Path, text: str, unknown: Unknown) -> WayPoints:
-    """Read path.csv or a plain CSV without blank lines and # comments; InputError names a wrong line or column."""
+    """Read path.csv or a plain CSV without blank lines and # comments; InputError names a wrong line or
+    column."""
     columns = Columns.parse(file, text, "point")
     return _path_of(Table(file, columns.texts, lambda row: f"{columns.place(row)}, point {row + 1}"))
 
@@ -167,14 +170,17 @@ def write_plan(folder: str | Path, result: PlanResult) -> None:
 
 
 def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Write files into a folder, each under a temporary name until whole; InputError if it cannot be written."""
+    """Write files into a folder, each under a temporary name until whole; InputError if it cannot be
+    written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
             with whole_file(folder / name) as draft:
                 draft.write_bytes(content)
     except OSError as error:
-        raise InputError(f"cannot write the plan into '{folder}': {error.strerror}. Choose another folder.") from error
+        raise InputError(
+            f"cannot write the plan into '{folder}': {error.strerror}. Choose another folder."
+        ) from error
 
 
 def path_csv(path: ToolPath) -> str:
@@ -190,12 +196,15 @@ def json_text(result: PlanResult) -> str:
 
 def metrics_text(result: PlanResult) -> str:
     """The figures as metrics.json; those that are not finite become null, as strict JSON wants."""
-    figures = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in result.figures.items()}
+    figures = {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in result.figures.items()
+    }
     return json.dumps(figures | {"notes": list(result.notes)}, indent=2) + "\n"
 
 
 def read_cuts(source: Path) -> tuple[CutOut, ...]:
-    """What was cut out of the path of a plan folder or path.json, with the reasons; of other files nothing."""
+    """What was cut out of the path of a plan folder or path.json, with the reasons; of other files
+    nothing."""
     file = source / PATH_JSON if source.is_dir() else source
     if file.suffix.lower() != ".json":
         return ()
@@ -222,7 +231,10 @@ def _metadata(result: PlanResult) -> dict[str, Any]:
         "feed_m_s": result.ready.process.feed_m_s,
         "proof": result.proof,
         "cuts": [
-            {"reason": cut.reason, "places_m": cut.positions[thin(cut.positions, NEAR * pad.radius_m).kept].tolist()}
+            {
+                "reason": cut.reason,
+                "places_m": cut.positions[thin(cut.positions, NEAR * pad.radius_m).kept].tolist(),
+            }
             for cut in result.cuts
             if len(cut.positions)
         ],

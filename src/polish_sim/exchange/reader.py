@@ -27,13 +27,13 @@ READERS: Final[Mapping[str, Reader]] = {
 
 
 def read_path(source: str | Path, unknown: Unknown = refuse_unknown) -> ToolPath:
-    """Read a tool path, work frame, not pressed in: a plan folder, path.json, path.csv, a plain CSV, APT/CLDATA, or
-    G-code.
+    """Read a tool path, work frame, not pressed in: a plan folder, path.json, path.csv, a plain CSV,
+    APT/CLDATA, or G-code.
 
-    A plain CSV has the columns x, y, z (mm, work frame) and i, j, k (unit tool axis from the part to the tool, as
-    CLDATA), and may have force (N) and feed (mm/s); all its points are process points. docs/formats.md has the rest.
-    ``unknown`` is called with words that could be skipped. Raises InputError, saying where and what to do, for no path
-    or a point twice.
+    A plain CSV has the columns x, y, z (mm, work frame) and i, j, k (unit tool axis from the part to the
+    tool, as CLDATA), and may have force (N) and feed (mm/s); all its points are process points.
+    docs/formats.md has the rest. ``unknown`` is called with words that could be skipped. Raises InputError,
+    saying where and what to do, for no path or a point twice.
     """
     found = read_way_points(source, unknown)
     refuse_repeats(found.file, found.path.s, found.place)
@@ -47,12 +47,15 @@ def read_way_points(source: str | Path, unknown: Unknown = refuse_unknown) -> Wa
     if (source / "setup_1" / PATH_JSON).is_file():
         raise InputError(f"'{source}' holds several setups: give one of them, e.g. '{source / 'setup_1'}'.")
     if source.is_dir() and not file.is_file():
-        raise InputError(f"'{source}' is not a plan folder: it holds no {PATH_JSON}. Give a folder made by 'plan'.")
+        raise InputError(
+            f"'{source}' is not a plan folder: it holds no {PATH_JSON}. Give a folder made by 'plan'."
+        )
     try:
         content = file.read_bytes()
     except OSError as error:
         raise InputError(
-            f"cannot read the path '{file}': {error.strerror}.{near_file(file) or ' Check the name and the folder.'}"
+            f"cannot read the path '{file}': "
+            f"{error.strerror}.{near_file(file) or ' Check the name and the folder.'}"
         ) from error
     reader = READERS.get(file.suffix.lower())
     if reader is None:

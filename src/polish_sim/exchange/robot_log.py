@@ -2,8 +2,9 @@
 
     read_robot_recording(file, need=("q_rad",)) -> RobotRecording
 
-Recorders name their columns differently: `NAMES` knows those of ur_rtde, of the RTDE recorders and of ROS, a mapping
-file names others. Files are read in blocks and no farther than the window asked for, so their size does not matter.
+Recorders name their columns differently: `NAMES` knows those of ur_rtde, of the RTDE recorders and of ROS, a
+mapping file names others. Files are read in blocks and no farther than the window asked for, so their size
+does not matter.
 """
 
 from __future__ import annotations
@@ -22,22 +23,62 @@ from polish_sim.errors import InputError, unknown_name
 from polish_sim.exchange.log_sources import LogSource, open_source
 from polish_sim.toml_text import read_toml
 
-WIDTHS: Final[Mapping[str, int]] = MappingProxyType({
-    "q_rad": 6, "qd_rad_s": 6, "q_desired_rad": 6, "qd_desired_rad_s": 6, "current_a": 6, "current_desired_a": 6,
-    "torque_nm": 6, "torque_desired_nm": 6, "wrench": 6, "force_n": 1,
-})  #: Quantities and how many columns each has; a wrench is (force; torque) the tool exerts [N], [N m]  # fmt: skip
+WIDTHS: Final[Mapping[str, int]] = MappingProxyType(
+    {
+        "q_rad": 6,
+        "qd_rad_s": 6,
+        "q_desired_rad": 6,
+        "qd_desired_rad_s": 6,
+        "current_a": 6,
+        "current_desired_a": 6,
+        "torque_nm": 6,
+        "torque_desired_nm": 6,
+        "wrench": 6,
+        "force_n": 1,
+        #: Quantities and how many columns each has; a wrench is (force; torque) the tool exerts [N], [N m]
+    }
+)
 TIME: Final = "time_s"
-NAMES: Final[Mapping[str, str]] = MappingProxyType({
-    "timestamp": TIME, "time": TIME, "t": TIME, "actual_q": "q_rad", "actual_qd": "qd_rad_s", "q": "q_rad",
-    "qd": "qd_rad_s", "position": "q_rad", "velocity": "qd_rad_s", "effort": "torque_nm", "target_q": "q_desired_rad",
-    "target_qd": "qd_desired_rad_s", "actual_current": "current_a", "target_current": "current_desired_a",
-    "target_moment": "torque_desired_nm", "actual_current_as_torque": "torque_nm", "actual_tcp_force": "wrench",
-    "tcp_force": "wrench",
-})  #: What recorders call them, in small letters  # fmt: skip
-UNITS: Final[Mapping[str, float]] = MappingProxyType({
-    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": math.pi / 180.0, "deg/s": math.pi / 180.0,
-    "rad/s": 1.0, "A": 1.0, "mA": 1e-3, "N": 1.0, "Nm": 1.0, "kN": 1e3, "Nmm": 1e-3,
-})  # fmt: skip
+NAMES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "timestamp": TIME,
+        "time": TIME,
+        "t": TIME,
+        "actual_q": "q_rad",
+        "actual_qd": "qd_rad_s",
+        "q": "q_rad",
+        "qd": "qd_rad_s",
+        "position": "q_rad",
+        "velocity": "qd_rad_s",
+        "effort": "torque_nm",
+        "target_q": "q_desired_rad",
+        "target_qd": "qd_desired_rad_s",
+        "actual_current": "current_a",
+        "target_current": "current_desired_a",
+        "target_moment": "torque_desired_nm",
+        "actual_current_as_torque": "torque_nm",
+        "actual_tcp_force": "wrench",
+        "tcp_force": "wrench",
+    }
+)  #: What recorders call them, in small letters
+UNITS: Final[Mapping[str, float]] = MappingProxyType(
+    {
+        "s": 1.0,
+        "ms": 1e-3,
+        "us": 1e-6,
+        "ns": 1e-9,
+        "rad": 1.0,
+        "deg": math.pi / 180.0,
+        "deg/s": math.pi / 180.0,
+        "rad/s": 1.0,
+        "A": 1.0,
+        "mA": 1e-3,
+        "N": 1.0,
+        "Nm": 1.0,
+        "kN": 1e3,
+        "Nmm": 1e-3,
+    }
+)
 MOST_ROWS: Final = 500_000  #: That are kept: 1000 s at 500 Hz
 _FULL_TURN: Final = 2.0 * math.pi
 _GAP_S, _GAP_STEPS = 0.1, 10.0  #: Steps longer than both this time and this number of usual steps are gaps
@@ -60,7 +101,9 @@ class RobotRecording(NamedTuple):
         return self.values[name]
 
 
-HOW_TO_MAP: Final = "Name columns with --map FILE.toml: [columns] with e.g. q_rad = 'joint_{i}' (i from 0) or a list."
+HOW_TO_MAP: Final = (
+    "Name columns with --map FILE.toml: [columns] with e.g. q_rad = 'joint_{i}' (i from 0) or a list."
+)
 
 
 class ColumnMap(NamedTuple):
@@ -108,13 +151,14 @@ def read_robot_recording(
     run: str = "",
     window: tuple[float, float] = (0.0, math.inf),
 ) -> RobotRecording:
-    """Read what a log has of the known quantities between two times of ``window`` [s], from the log's first row.
+    """Read what a log has of the known quantities between two times of ``window`` [s], from the log's first
+    row.
 
     ``need``: quantities it must have; ``run``: which of several in an npz.
 
     Raises:
-        InputError: A file that cannot be read, lacks a column, was cut, or holds a gap, no number, time that does not
-            increase or values that look like other units; names the place.
+        InputError: A file that cannot be read, lacks a column, was cut, or holds a gap, no number, time that
+            does not increase or values that look like other units; names the place.
     """
     source = open_source(file, run)
     plan = _match(file, source, columns or ColumnMap())
@@ -149,7 +193,9 @@ def _match(file: Path, source: LogSource, columns: ColumnMap) -> dict[str, list[
         if name in columns.columns:
             plan[name] = list(columns.columns[name])
             if lost := [one for one in plan[name] if one not in source.names]:
-                raise InputError(f"'{file}' has no column {lost[0]} for {name}. It has: {_some(source.names)}.")
+                raise InputError(
+                    f"'{file}' has no column {lost[0]} for {name}. It has: {_some(source.names)}."
+                )
         elif name in found and len(found[name]) == wide:
             plan[name] = [found[name][k] for k in sorted(found[name])]
     if TIME not in plan:
@@ -169,7 +215,11 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _gather(
-    file: Path, source: LogSource, plan: Mapping[str, Sequence[str]], factors: Array, window: tuple[float, float]
+    file: Path,
+    source: LogSource,
+    plan: Mapping[str, Sequence[str]],
+    factors: Array,
+    window: tuple[float, float],
 ) -> tuple[Array, float, bool]:
     """Rows of the window, its begin from the log's first row [s], and whether the log ends with it."""
     kept, begin, last, count, whole, usual = list[Array](), math.nan, math.nan, 0, True, 0.0
@@ -194,7 +244,9 @@ def _gather(
     return together, float(together[0, 0] - begin), whole
 
 
-def _scaled(source: LogSource, plan: Mapping[str, Sequence[str]], factors: Array) -> Iterator[tuple[Array, int]]:
+def _scaled(
+    source: LogSource, plan: Mapping[str, Sequence[str]], factors: Array
+) -> Iterator[tuple[Array, int]]:
     names = [theirs for columns in plan.values() for theirs in columns]
     for block in source.blocks(names):
         yield block.rows * factors, block.first
@@ -215,8 +267,8 @@ def _check_steps(file: Path, row: str, first: int, time: Array, steps: Array, us
     if len(gaps):
         at = int(gaps[0])
         raise InputError(
-            f"'{file}', {row} {first + at}: a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. Give --to before "
-            "it or cut the log there."
+            f"'{file}', {row} {first + at}: a gap of {steps[at]:.3g} s, rows are {usual:.3g} s apart. Give "
+            "--to before it or cut the log there."
         )
 
 
@@ -226,8 +278,8 @@ def _check_numbers(file: Path, source: LogSource, time: Array, values: Mapping[s
         if len(bad):
             row, column = (int(one) for one in bad[0])
             raise InputError(
-                f"'{file}', {source.row} {row + 1} of the window, at {time[row] - time[0]:.6g} s: {name}, column "
-                f"{column + 1}, is {value[row, column]}. Correct or leave out the row."
+                f"'{file}', {source.row} {row + 1} of the window, at {time[row] - time[0]:.6g} s: {name}, "
+                f"column {column + 1}, is {value[row, column]}. Correct or leave out the row."
             )
 
 
@@ -236,14 +288,14 @@ def _check_units(file: Path, time: Array, values: Mapping[str, Array]) -> None:
         far = np.abs(values.get(name, np.zeros((1, 6)))).max()
         if far > 1.05 * _FULL_TURN:
             raise InputError(
-                f"'{file}': {name} reaches {far:.4g}, more than a turn. Are these degrees? --map with [units] "
-                f"{name} = 'deg'."
+                f"'{file}': {name} reaches {far:.4g}, more than a turn. Are these degrees? --map with "
+                f"[units] {name} = 'deg'."
             )
     if "q_rad" in values and "qd_rad_s" in values and len(time) > 10:
         moved = np.abs(np.diff(values["q_rad"], axis=0)).sum()
         told = (np.abs(values["qd_rad_s"][1:]) * np.diff(time)[:, None]).sum()
         if moved > 0.5 and not 0.5 < told / moved < 2.0:
             raise InputError(
-                f"'{file}': by qd_rad_s the joints turned {told:.3g} rad, by q_rad {moved:.3g}. Units of time or speed "
-                "differ: --map with [units]."
+                f"'{file}': by qd_rad_s the joints turned {told:.3g} rad, by q_rad {moved:.3g}. Units of "
+                "time or speed differ: --map with [units]."
             )

@@ -40,17 +40,21 @@ class ExportSetup:
     process: ProcessConfig = field(default_factory=ProcessConfig)
     spindle: SpindleConfig = field(default_factory=SpindleConfig)
     tool: RobotTool = field(default_factory=RobotTool)
-    part_pose: tuple[float, ...] = ()  #: Work frame in the robot's base [m], rotation vector [rad]; empty: unknown
+    #: Work frame in the robot's base [m], rotation vector [rad]; empty: unknown
+    part_pose: tuple[float, ...] = ()
     frame_id: str = "work"  #: Name of the work frame in ROS
 
     def __post_init__(self) -> None:
         for name, pose in (("part_pose", self.part_pose), ("tool.tcp_pose", self.tool.tcp_pose)):
             if len(pose) not in ((0, 6) if name == "part_pose" else (6,)) or not np.isfinite(pose).all():
-                raise InputError(f"{name} {tuple(pose)} is no pose: wanted x, y, z [m] and a rotation vector [rad].")
+                raise InputError(
+                    f"{name} {tuple(pose)} is no pose: wanted x, y, z [m] and a rotation vector [rad]."
+                )
 
 
 def feeds_of(path: ToolPath, setup: ExportSetup) -> Array:
-    """Feed at every point [m/s], shape (n,): the path's own, else the process's, at leads the approach speed."""
+    """Feed at every point [m/s], shape (n,): the path's own, else the process's, at leads the approach
+    speed."""
     if path.feed is not None:
         return path.feed
     leads = (path.segment == LEAD_IN) | (path.segment == LEAD_OUT)
@@ -91,7 +95,8 @@ class StrokeRows(NamedTuple):
 
 
 def strokes_of(path: ToolPath) -> list[StrokeRows]:
-    """Split a path where the tool leaves the part; PlanError for no point in contact, or a stroke of one point."""
+    """Split a path where the tool leaves the part; PlanError for no point in contact, or a stroke of one
+    point."""
     pressed = np.flatnonzero(path.process)
     if not len(pressed):
         raise PlanError("the path has no process point: nothing to press on. Plan it again.")
@@ -99,7 +104,9 @@ def strokes_of(path: ToolPath) -> list[StrokeRows]:
     strokes, free = [], 0
     for number, contact in enumerate(pieces):
         if len(contact) < 2:
-            raise PlanError(f"stroke {number + 1} of the path is a single point: there is nothing to run along.")
+            raise PlanError(
+                f"stroke {number + 1} of the path is a single point: there is nothing to run along."
+            )
         follow = int(pieces[number + 1][0]) if number + 1 < len(pieces) else len(path.s)
         after = np.arange(contact[-1] + 1, follow)
         leaving = np.isin(path.segment[after], (LEAD_OUT, RETRACT))
@@ -112,15 +119,16 @@ def strokes_of(path: ToolPath) -> list[StrokeRows]:
 # Tool poses along a path: z into the part, x along the feed or as steady as can be (ToolPath -> rotations).
 
 
-ACROSS = 0.05  #: A feed direction with a smaller part across the tool axis says nothing: the tool moves along its axis
+#: A feed direction with a smaller part across the tool axis says nothing: the tool moves along its axis
+ACROSS = 0.05
 STEEPEST = 0.99  #: The steady x axis must stay this far off every tool axis (cosine): 8 deg
 
 
 def feed_frames(path: ToolPath) -> Array:
     """Tool frames (n, 3, 3) with z into the part and x along the feed, the convention of ROS tool paths.
 
-    Where the tool moves along its own axis (straight leads), x is that of the nearest point before that has one, at the
-    start of the path that of the first.
+    Where the tool moves along its own axis (straight leads), x is that of the nearest point before that has
+    one, at the start of the path that of the first.
     """
     z = -path.axes_work
     feed = np.diff(path.positions_work, axis=0)
@@ -141,23 +149,24 @@ def feed_frames(path: ToolPath) -> Array:
 def steady_frames(path: ToolPath) -> Array:
     """Tool frames (n, 3, 3) with z into the part and x as near as can be to one of the work frame's axes.
 
-    A round pad does not care how it is turned about its axis, but a robot's last joint does: with x along the feed
-    every turn of a spiral would wind it once round. Raises PlanError if tool axes point along all three axes of the
-    work frame, so that no x axis is clear of them all.
+    A round pad does not care how it is turned about its axis, but a robot's last joint does: with x along the
+    feed every turn of a spiral would wind it once round. Raises PlanError if tool axes point along all three
+    axes of the work frame, so that no x axis is clear of them all.
     """
     along = np.abs(path.axes_work).max(axis=0)
     best = int(along.argmin())
     if along[best] > STEEPEST:
         raise PlanError(
-            "tool axes point all around: along x, y and z of the work frame. One robot pass cannot reach that; "
-            "plan a region that looks one way, e.g. --region top."
+            "tool axes point all around: along x, y and z of the work frame. One robot pass cannot reach "
+            "that; plan a region that looks one way, e.g. --region top."
         )
     return rotation_to_axis(-path.axes_work, np.eye(3)[best])
 
 
 # Fewer points for the same line: robots and viewers need no more than its shape asks for (ToolPath -> rows).
 
-AIR_CHORD_M, AIR_AXIS_RAD = 1e-6, 1e-4  #: A left-out point in the air is this near the straight move [m], [rad]
+#: A left-out point in the air is this near the straight move [m], [rad]
+AIR_CHORD_M, AIR_AXIS_RAD = 1e-6, 1e-4
 NOTICED = 0.02  #: Relative change of force or feed that is passed on
 
 
@@ -210,7 +219,9 @@ def _keep(
 
 
 @njit(cache=True, error_model="numpy")
-def _straight(positions: Array, axes: Array, first: int, end: int, chord: float, cosine: float, longest: float) -> bool:
+def _straight(
+    positions: Array, axes: Array, first: int, end: int, chord: float, cosine: float, longest: float
+) -> bool:
     """Whether one move from a row to another leaves out only points it passes close by."""
     if end == first + 1:
         return True

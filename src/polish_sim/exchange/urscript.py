@@ -1,7 +1,7 @@
 """A program for Universal Robots e-Series that presses with force mode (plan -> URScript).
 
-What is written is the path on the surface. The pressed-in path of a simulation without force control is never written:
-a stiff robot following it would push with all it has.
+What is written is the path on the surface. The pressed-in path of a simulation without force control is never
+written: a stiff robot following it would push with all it has.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 from polish_sim.planning.toolpath import APPROACH, RETRACT
 
-# The fixed part of a URScript program: settings at the top, force mode, spindle, what happens when contact fails.
+# The fixed part of a URScript program: settings at the top, force mode, spindle, what happens when
+# contact fails.
 
 CONTACT_SHARE: Final = 0.5  #: The tool counts as landed at this share of the force
 TRAVEL_M_S: Final = 0.05
@@ -45,14 +46,19 @@ HEADER: Final = """\
 # {name}: polish '{part}' with force mode. For Universal Robots e-Series, PolyScope 5. Made by polish-sim.
 #
 # READ BEFORE YOU RUN{warning}
-# - Measure where the part is, set T_base_work and only then part_is_placed = True. Without it the program stops.
-# - Set tool centre point, payload, spindle output and force limits to those of your cell. Run it first in the air:
+# - Measure where the part is, set T_base_work and only then part_is_placed = True. Without it the program \
+stops.
+# - Set tool centre point, payload, spindle output and force limits to those of your cell. Run it first in \
+the air:
 #   T_base_work raised along its z, spindle off.
-# - The path is the one ON the surface; force mode presses. Never run these poses pressed in, and never without
+# - The path is the one ON the surface; force mode presses. Never run these poses pressed in, and never \
+without
 #   force mode where they touch: a robot in position control pushes with all it has.
 # - Tool frame: z into the part, x steady, so that the last joint does not wind up; tool_turn turns it.
-# - Sent to the robot's script interface the program runs as it is; in a Script node of PolyScope add the line {name}().
-# - Start with the tool above the part, free way to the first pose. The robot's safety limits stay what protects you.
+# - Sent to the robot's script interface the program runs as it is; in a Script node of PolyScope add the \
+line {name}().
+# - Start with the tool above the part, free way to the first pose. The robot's safety limits stay what \
+protects you.
 # - Long programs: older (CB) controllers were reported to refuse some 1000 to 2500 poses sent in one piece.
 # - {poses} poses in {pattern}, step-over {stepover:g} mm, {length:.2f} m in contact.
 """
@@ -63,7 +69,8 @@ FUNCTIONS: Final = """\
   end
 
   # The task frame is the tool's own, taken anew every cycle: its z axis follows the normal of the surface.
-  # Only tool z yields; force_limits hold the speed along it and, for the other axes, how far off the path is too far.
+  # Only tool z yields; force_limits hold the speed along it and, for the other axes, how far off the path \
+is too far.
   thread press():
     while True:
       force_mode(get_actual_tcp_pose(), [0, 0, 1, 0, 0, 0], [0, 0, force_n, 0, 0, 0], 2, force_limits)
@@ -142,7 +149,11 @@ def closing(calls: Sequence[str], result: PlanResult) -> list[str]:
         '  popup("Set T_base_work and part_is_placed first.", title="polish-sim", error=True, blocking=True)',
         "  halt",
         "end",
-        *([f'popup("Go on? {warning}.", title="polish-sim", warning=True, blocking=True)'] if warning else []),
+        *(
+            [f'popup("Go on? {warning}.", title="polish-sim", warning=True, blocking=True)']
+            if warning
+            else []
+        ),
         "stop_spindle()",
     ]
     return [*(f"  {line}" for line in (*guard, *calls, "stop_spindle()")), "end"]
@@ -168,15 +179,25 @@ def _settings(setup: ExportSetup) -> list[str]:
         ("travel_speed", f"{TRAVEL_M_S:g}", "speed in the air [m/s]"),
         ("joint_speed", f"{JOINT_RAD_S:g}", "speed to the first pose [rad/s]"),
         ("acceleration", f"{ACCELERATION_M_S2:g}", "[m/s^2], to the first pose [rad/s^2]"),
-        ("force_limits", "[" + ", ".join(f"{value:g}" for value in limits) + "]", "x, y [m], z [m/s], angles [rad]"),
+        (
+            "force_limits",
+            "[" + ", ".join(f"{value:g}" for value in limits) + "]",
+            "x, y [m], z [m/s], angles [rad]",
+        ),
         ("contact_share", f"{CONTACT_SHARE:g}", "share of the force that counts as contact"),
         ("contact_timeout", f"{timeout:.1f}", "longest wait for contact [s]"),
         ("spindle_output", str(tool.spindle_output), "standard digital output of the spindle"),
-        ("spindle_wait", f"{tool.spindle_wait_s:g}", f"time to come up to {setup.spindle.speed_rpm:g} 1/min [s]"),
+        (
+            "spindle_wait",
+            f"{tool.spindle_wait_s:g}",
+            f"time to come up to {setup.spindle.speed_rpm:g} 1/min [s]",
+        ),
         ("spindle_runs", "False", ""),
     )
     lines = [f"  global {name} = {value}" + (f"  # {text}" if text else "") for name, value, text in settings]
-    mass = f"  set_payload({tool.payload_kg:g}, [{', '.join(f'{value:g}' for value in tool.payload_center_m)}])"
+    mass = (
+        f"  set_payload({tool.payload_kg:g}, [{', '.join(f'{value:g}' for value in tool.payload_center_m)}])"
+    )
     return [*lines, f"  set_tcp({_pose(tool.tcp_pose)})", f"{mass}  # [kg], centre in the flange [m]"]
 
 
@@ -186,9 +207,11 @@ def _pose(values: Sequence[float] | Array, form: str = ".6g") -> str:
 
 CHORD_M: Final = 5e-5
 AXIS_RAD: Final = np.radians(3.0)
-LONGEST_M: Final = 1e-2  #: Points left out lie this close to the move [m], [rad]; no move is longer than this [m]
+#: Points left out lie this close to the move [m], [rad]; no move is longer than this [m]
+LONGEST_M: Final = 1e-2
 BLEND_SHARE: Final = 0.4
-LARGEST_BLEND_M: Final = 2e-3  #: Less than half of the moves beside a blend: blends that overlap stop the robot
+#: Less than half of the moves beside a blend: blends that overlap stop the robot
+LARGEST_BLEND_M: Final = 2e-3
 STANDOFF_M: Final = 3e-3  #: Height above the surface at which force mode takes over the landing [m]
 CLEARANCE_M: Final = 0.03  #: Height from which a path without leads of its own is landed [m]
 MOVES_PER_FUNCTION: Final = 200
@@ -205,16 +228,19 @@ class _Move(NamedTuple):
 def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     """Write a path as a URScript program.
 
-    Each stroke comes down in position control to 3 mm above the surface, follows the rest of its lead-in in force mode,
-    so that an arc or a ramp lands on the move, is run with the force along tool z in a task frame that follows the
-    tool, and ends force mode before it lifts. ``setup``: force, speeds, the robot's tool and, if known, where the part
-    is. Raises PlanError if there is nothing to press on, or tool axes all around.
+    Each stroke comes down in position control to 3 mm above the surface, follows the rest of its lead-in in
+    force mode, so that an arc or a ramp lands on the move, is run with the force along tool z in a task frame
+    that follows the tool, and ends force mode before it lifts. ``setup``: force, speeds, the robot's tool
+    and, if known, where the part is. Raises PlanError if there is nothing to press on, or tool axes all
+    around.
     """
     name = "polish_" + (re.sub(r"[^0-9a-z]+", "_", result.mesh.name.lower()).strip("_") or "part")
     kept = np.zeros(len(result.path.s), dtype=np.bool_)
     kept[needed_rows(result.path, CHORD_M, float(AXIS_RAD), LONGEST_M)] = True
     path, inside = result.path.rows(kept), moves_in_part(result, kept)
-    poses = np.concatenate([path.positions_work, Rotation.from_matrix(steady_frames(path)).as_rotvec()], axis=1)
+    poses = np.concatenate(
+        [path.positions_work, Rotation.from_matrix(steady_frames(path)).as_rotvec()], axis=1
+    )
     strokes = strokes_of(path)
     lines = [*opening(name, result, setup, len(path.s))]
     calls: list[str] = []
@@ -264,7 +290,9 @@ def _air_speed(path: ToolPath, row: int) -> str:
     return "travel_speed" if path.segment[row] in (APPROACH, RETRACT) else "landing_speed"
 
 
-def _contact(path: ToolPath, poses: Array, stroke: StrokeRows, setup: ExportSetup, inside: Bools) -> Iterator[str]:
+def _contact(
+    path: ToolPath, poses: Array, stroke: StrokeRows, setup: ExportSetup, inside: Bools
+) -> Iterator[str]:
     """Moves in contact; the force is set where it changes, remarks stand where the tool is in the part."""
     rows = stroke.contact
     feed, force = feeds_of(path, setup), forces_of(path, setup)

@@ -26,7 +26,8 @@ Colors = NDArray[np.uint8]
 SIDES: Final = 5
 RADIUS_SHARE: Final = 0.1  #: Radius of the tube in step-overs
 SMALLEST_SHARE: Final = 0.001  #: Its least radius as a share of the part's size
-CHORD_SHARE: Final = 0.25  #: Points of the path are left out where the tube moves by less than this share of its radius
+#: Points of the path are left out where the tube moves by less than this share of its radius
+CHORD_SHARE: Final = 0.25
 BEND_RAD: Final = 0.35
 PART_COLOR: Final = (176, 182, 190)
 FIXTURE_COLOR: Final = (112, 124, 143)
@@ -46,11 +47,13 @@ class Tube(NamedTuple):
 
     vertices: Array  #: [m], work frame, shape (n, 3)
     faces: Ints  #: Shape (m, 3)
-    colors: Colors  #: Red, green, blue of each vertex: along the path in contact, one colour in the air, shape (n, 3)
+    #: Red, green, blue of each vertex: along the path in contact, one colour in the air, shape (n, 3)
+    colors: Colors
 
 
 def path_tube(result: PlanResult) -> Tube:
-    """Wrap the path in a thin tube, coloured along its length; every stretch in contact or in the air on its own."""
+    """Wrap the path in a thin tube, coloured along its length; every stretch in contact or in the air on its
+    own."""
     size = float(np.ptp(result.mesh.vertices, axis=0).max())
     radius = max(RADIUS_SHARE * result.plan.stepover_m, SMALLEST_SHARE * size)
     path = result.path
@@ -71,7 +74,11 @@ def _stretch(path: ToolPath, rows: Indices, contact: bool, radius: float) -> Tub
     around = _rings(middle, path.axes_work[rows])
     vertices = (middle[:, None] + radius * around).reshape(-1, 3)
     s = np.repeat(path.s[rows], SIDES)
-    colors = colors_along(s / path.s[-1]) if contact else np.tile(np.array(LEAD_COLOR, dtype=np.uint8), (len(s), 1))
+    colors = (
+        colors_along(s / path.s[-1])
+        if contact
+        else np.tile(np.array(LEAD_COLOR, dtype=np.uint8), (len(s), 1))
+    )
     return Tube(vertices, _tube_faces(len(rows)), colors)
 
 
@@ -110,7 +117,8 @@ def colors_along(share: Array) -> Colors:
 def _joined(pieces: list[Tube]) -> Tube:
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces[:-1])])
     numbered = [
-        piece._replace(faces=piece.faces + np.int32(start)) for piece, start in zip(pieces, starts, strict=True)
+        piece._replace(faces=piece.faces + np.int32(start))
+        for piece, start in zip(pieces, starts, strict=True)
     ]
     return Tube(*(np.concatenate(column) for column in zip(*numbered, strict=True)))
 
@@ -193,9 +201,13 @@ def part_solids(result: PlanResult) -> list[Solid]:
     solids = [_solid("part", vertices, faces, PART_COLOR)]
     if result.tool.fixture is not None:
         fixture = result.tool.fixture.mesh
-        solids.append(_solid("fixture", *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR))
+        solids.append(
+            _solid("fixture", *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR)
+        )
     out = np.concatenate([np.empty((0, 3, 3)), *(row.triangles for row in result.area.left_out.values())])
-    slowed = np.concatenate([np.empty((0, 3)), *(mend.places for mend in result.mends if mend.what == SLOWED)])
+    slowed = np.concatenate(
+        [np.empty((0, 3)), *(mend.places for mend in result.mends if mend.what == SLOWED)]
+    )
     size, way = 0.3 * result.plan.stepover_m, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
     chips = result.in_part[:, None] + size * way
     for kind, corners, color in (
@@ -236,7 +248,11 @@ def path_plots(motion: Motion) -> list[Plot]:
     pressing = np.isfinite(motion.asked)
     plots = [
         Plot("Tool speed", "mm/s", [Line("speed", MM * motion.speed)]),
-        Plot("Curvature along the path", "1/m", [Line("curvature", np.where(pressing, motion.curvature, np.nan))]),
+        Plot(
+            "Curvature along the path",
+            "1/m",
+            [Line("curvature", np.where(pressing, motion.curvature, np.nan))],
+        ),
         Plot("Force to press with", "N", [Line("force", motion.force)]),
     ]
     return [plot for plot in plots if np.nan_to_num(plot.lines[0].values).any()]
@@ -254,7 +270,9 @@ def figure_rows(figures: Mapping[str, Any]) -> list[list[str]]:
 
 # Part and coloured path for 3D viewers: PLY and glTF (plan -> mesh files).
 
-GLTF_FROM_WORK = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+GLTF_FROM_WORK = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
 """glTF's y is up; the work frame's z mostly is."""
 
 

@@ -32,7 +32,8 @@ def positive_column(file: Path, name: str, values: Array, place: Place) -> Array
 
 
 def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Array:
-    """Tool axes (n, 3) brought to length 1 exactly; InputError if one is no unit vector to printed precision."""
+    """Tool axes (n, 3) brought to length 1 exactly; InputError if one is no unit vector to printed
+    precision."""
     length = np.linalg.norm(axes, axis=1)
     wrong = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)
     if len(wrong):
@@ -45,7 +46,8 @@ def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Ar
 
 
 def checked_length(file: Path, positions: Array, place: Place) -> Array:
-    """Arc length (n,) of points (n, 3) [m]; InputError for fewer than two, or coordinates no robot reaches."""
+    """Arc length (n,) of points (n, 3) [m]; InputError for fewer than two, or coordinates no robot
+    reaches."""
     far = np.flatnonzero(np.abs(positions).max(axis=1, initial=0.0) > LARGEST_M)
     if len(far):
         raise InputError(
@@ -80,7 +82,8 @@ def refuse_unsorted(file: Path, name: str, values: Array, place: Place) -> None:
         )
 
 
-Unknown = Callable[[InputError], None]  #: Called with an unknown word that can be skipped: raises the error or notes it
+#: Called with an unknown word that can be skipped: raises the error or notes it
+Unknown = Callable[[InputError], None]
 
 
 class WayPoints(NamedTuple):
@@ -108,7 +111,8 @@ class CamPoints:
 
     file: Path
     rows: list[tuple[float, ...]] = field(default_factory=list)
-    """Position [m] and tool axis of each, feed [m/s], force [N] and number of the stroke; NaN what is not said."""
+    """Position [m] and tool axis of each, feed [m/s], force [N] and number of the stroke; NaN what is not
+    said."""
     segments: list[int] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)  #: Where they stand
 
@@ -159,7 +163,8 @@ def _numbered_strokes(segment: Codes) -> Indices:
 
 
 def _feeds_from_first(feed: Array) -> Array | None:
-    """Feed at every point (n,) from feeds that are NaN before the first one: that one holds; None if there is none."""
+    """Feed at every point (n,) from feeds that are NaN before the first one: that one holds; None if there is
+    none."""
     known = np.flatnonzero(np.isfinite(feed))
     if not len(known):
         return None

@@ -1,6 +1,7 @@
 """The experiments: a registry of them, and one readable function each, from a scenario to figures.
 
-Each name loads its module at first use: a command that only lists experiments does not wait for the simulator.
+Each name loads its module at first use: a command that only lists experiments does not wait for the
+simulator.
 """
 
 from typing import TYPE_CHECKING

@@ -31,7 +31,9 @@ def arc_path() -> ToolPath:
     points, normal, center = 1257, np.asarray(PAPER_ARC.normal), np.asarray(PAPER_ARC.center)
     across = np.array([-normal[1], normal[0], 0.0])
     angle = np.linspace(0.0, 2.0 * math.pi, points)[:, None]
-    positions = center + PAPER_ARC.radius * (np.cos(angle) * across + np.sin(angle) * np.cross(normal, across))
+    positions = center + PAPER_ARC.radius * (
+        np.cos(angle) * across + np.sin(angle) * np.cross(normal, across)
+    )
     return ToolPath(
         positions,
         np.tile(TOOL_AXIS, (points, 1)),
@@ -54,7 +56,9 @@ def prepare_arc(scenario: Scenario | None = None, observer: Observer | None = No
 @cache
 def _circle() -> CheckedPath:
     path, T_flange_tool = arc_path(), tool_on_flange()
-    reach = find_reach(path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False)
+    reach = find_reach(
+        path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False
+    )
     check_whole_path(reach, path.positions_work, path.axes_work, T_flange_tool)
     return CheckedPath(path, reach)
 
@@ -76,5 +80,7 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     believe_tool(cell, random_streams(scenario.seed)[PAYLOAD_STREAM])
     run = cell.run(observer)
     done = float(run.trace.path_s_m[-1] / table.length)
-    figures = measure_arc(run.trace) | common_figures(run, scenario, done, None) | cell.payload_errors._asdict()
+    figures = (
+        measure_arc(run.trace) | common_figures(run, scenario, done, None) | cell.payload_errors._asdict()
+    )
     return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)

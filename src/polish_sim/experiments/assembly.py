@@ -48,7 +48,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Workplace:
-    """A part as drawn and as it is, the path on it, where it stands and how the arm does it; nothing is random."""
+    """A part as drawn and as it is, the path on it, where it stands and how the arm does it; nothing is
+    random."""
 
     mesh: PartMesh
     surface: Surface
@@ -68,19 +69,23 @@ class Workplace:
         return self._fields(self.shape, scenario)
 
     def keep_fields_of(self, other: Workplace) -> None:
-        """Take over the distances another place has sampled, of the same part under a path that goes further."""
+        """Take over the distances another place has sampled, of the same part under a path that goes
+        further."""
         self._kept.update(other._kept)
 
     def _fields(self, shape: RealShape, scenario: Scenario) -> PartFields:
         depth = modelled_depth(scenario, largest_force(scenario, self.path))
         key = (shape.given, scenario.pad.radius_m, depth)
         if key not in self._kept:
-            self._kept[key] = build_part_fields(shape.surface, touched(shape, self.path, scenario.pad.radius_m, depth))
+            self._kept[key] = build_part_fields(
+                shape.surface, touched(shape, self.path, scenario.pad.radius_m, depth)
+            )
         return self._kept[key]
 
 
 def build_part(scenario: Scenario, place: Workplace) -> RealPart:
-    """The part as it really is, displaced and bent as the scenario's seed draws it; kept for the next run with it."""
+    """The part as it really is, displaced and bent as the scenario's seed draws it; kept for the next run
+    with it."""
     part, fields = scenario.part, place.actual(scenario)
     drawn = part.displacement_m, part.rotation_rad, part.form_error_m, scenario.seed
     return PARTS.get(
@@ -92,8 +97,8 @@ def build_part(scenario: Scenario, place: Workplace) -> RealPart:
     )  # fmt: skip
 
 
-# What is not random (plan, placement) and what only the seed decides (the real part) is kept between runs of a process:
-# a freeform part's distance field takes longer than polishing it.
+# What is not random (plan, placement) and what only the seed decides (the real part) is kept between runs of
+# a process: a freeform part's distance field takes longer than polishing it.
 
 T = TypeVar("T")
 _KEPT: Final = 3  #: Places and parts a process remembers; a freeform part takes tens of megabytes
@@ -131,27 +136,39 @@ PLACES, PARTS = Memory(), Memory()
 
 
 def place_key(scenario: Scenario) -> Hashable:
-    """What plan and reach depend on, with the files' dates; feed, approach and what a seed draws do not change them."""
+    """What plan and reach depend on, with the files' dates; feed, approach and what a seed draws do not
+    change them."""
     part = replace(
         scenario.part, displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0, motion_hz=0.0
     )  # fmt: skip
     files = [part_path(name) for name in (part.file, part.real_file, part.fixture_file) if name]
     files.append(Path(scenario.plan.region.partition(":")[2]))
     dates = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
-    forces = scenario.process.contact_force_n, scenario.head.stiffness_n_m, scenario.safety.singular_value_limit
+    forces = (
+        scenario.process.contact_force_n,
+        scenario.head.stiffness_n_m,
+        scenario.safety.singular_value_limit,
+    )
     return scenario.experiment, part, scenario.plan, scenario.pad, scenario.smoothing.rule, forces, dates
 
 
 def user_files(scenario: Scenario) -> list[Path]:
     """Files a scenario names, of its controller first."""
-    words = [scenario.controller.name.rpartition(":")[0], scenario.plan.region.partition(":")[2], scenario.plan.file]
+    words = [
+        scenario.controller.name.rpartition(":")[0],
+        scenario.plan.region.partition(":")[2],
+        scenario.plan.file,
+    ]
     words += [getattr(getattr(scenario, section), name) for section, name in FILE_KEYS if section != "part"]
     parts = [scenario.part.file, scenario.part.real_file, scenario.part.fixture_file]
-    return [file for file in (*map(Path, words), *(part_path(name) for name in parts if name)) if file.is_file()]
+    return [
+        file for file in (*map(Path, words), *(part_path(name) for name in parts if name)) if file.is_file()
+    ]
 
 
 def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
-    """What identifies a run: its full config, with the contents of the files it names (kept in ``hashes``)."""
+    """What identifies a run: its full config, with the contents of the files it names (kept in
+    ``hashes``)."""
     files = user_files(scenario)
     for file in files:
         if file not in hashes:
@@ -169,12 +186,14 @@ def modelled_depth(scenario: Scenario, force: float) -> float:
 
 
 def build_cell(scenario: Scenario, place: Workplace, part: RealPart) -> Cell:
-    """Set the cell up for a path on a part of ``build_part``, not yet run; its host believes its calibrated payload."""
+    """Set the cell up for a path on a part of ``build_part``, not yet run; its host believes its calibrated
+    payload."""
     return cell_for(scenario, place, part, strokes_for(scenario, place))
 
 
 def strokes_for(scenario: Scenario, place: Workplace) -> list[Stroke]:
-    """The strokes of a cell on the nominal part; the tool holds at the end of the last one, or it is lifted."""
+    """The strokes of a cell on the nominal part; the tool holds at the end of the last one, or it is
+    lifted."""
     holds = experiment(scenario.experiment).holds
     hold, lift = (scenario.process.hold_s, 0.0) if holds else (0.0, scenario.plan.clearance_m)
     placed = placed_tool(place.path, place.reach)
@@ -185,12 +204,21 @@ def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequ
     """`build_cell` with strokes made before."""
     streams = random_streams(scenario.seed)
     controller = build_controller(scenario.controller)
-    held_behind, fixture = works_below(place.reach.T_base_work, place.path.axes_work), standing_fixture(scenario, place)
+    held_behind, fixture = (
+        works_below(place.reach.T_base_work, place.path.axes_work),
+        standing_fixture(scenario, place),
+    )
     cell = Cell(
-        scenario, build_scene(scenario, place.shape.mesh, part, held_behind, fixture), part, strokes,
-        place.reach.q_start, controller, streams[SENSOR_STREAM], course_for(controller, scenario, place, strokes),
+        scenario,
+        build_scene(scenario, place.shape.mesh, part, held_behind, fixture),
+        part,
+        strokes,
+        place.reach.q_start,
+        controller,
+        streams[SENSOR_STREAM],
+        course_for(controller, scenario, place, strokes),
         None if fixture is None else fixture.part,
-    )  # fmt: skip
+    )
     believe_tool(cell, streams[PAYLOAD_STREAM])
     return cell
 
@@ -216,7 +244,8 @@ def course_for(
 
 
 def check_settings(scenario: Scenario, plans: bool) -> None:
-    """Refuse a scenario that could not be run on any part, or whose path could not be planned on any (``plans``).
+    """Refuse a scenario that could not be run on any part, or whose path could not be planned on any
+    (``plans``).
 
     Raises:
         PolishSimError: Naming what is wrong and what to do.
@@ -227,7 +256,9 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     is_real(scenario)
     row = experiment(scenario.experiment)
     if scenario.part.fixture_file and not row.fixtures:
-        raise InputError(f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'.")
+        raise InputError(
+            f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'."
+        )
     if not row.controlled:
         return
     if row.on_part:
@@ -253,7 +284,9 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
     if experiment(scenario.experiment).controlled:
         usual = scenario.process.contact_force_n
         force = usual if path is None else largest_force(scenario, path)
-        raised = [change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE]
+        raised = [
+            change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE
+        ]
         check_contact_settings(scenario, force / usual * max([usual, *raised]))
 
 

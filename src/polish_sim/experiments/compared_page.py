@@ -1,4 +1,5 @@
-"""Saved runs as pages for the browser: one again, several over each other, many seeds with bands (records -> Page)."""
+"""Saved runs as pages for the browser: one again, several over each other, many seeds with bands (records ->
+Page)."""
 
 from __future__ import annotations
 
@@ -23,11 +24,13 @@ from polish_sim.models import part_path
 from polish_sim.page import PAGE
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
 
-ALIKE: Final = ("exact force", "error", "speed", "distance")  #: Curves of one run each that are put over each other
+#: Curves of one run each that are put over each other
+ALIKE: Final = ("exact force", "error", "speed", "distance")
 
 
 def saved_page(folder: Path, record: RunRecord) -> Page | None:
-    """The page of a saved run: its own, or made again as far as one robot goes; None if there is nothing to show."""
+    """The page of a saved run: its own, or made again as far as one robot goes; None if there is nothing to
+    show."""
     if (folder / PAGE).exists():
         return read_page(folder / PAGE)
     return run_page(record, cell_model(record)) if remade(record) else None
@@ -39,7 +42,8 @@ def remade(record: RunRecord) -> bool:
 
 
 def cell_model(record: RunRecord) -> Any:
-    """The cell of a run with one robot, the part where it was planned; without the part if its file is gone."""
+    """The cell of a run with one robot, the part where it was planned; without the part if its file is
+    gone."""
     spec, T_base_work = robot_with_tool(record.scenario), record.metrics.get("T_base_work")
     if T_base_work is not None and experiment(record.scenario.experiment).on_part:
         part = record.scenario.part
@@ -69,7 +73,9 @@ def pages_over(records: Sequence[RunRecord], pages: Sequence[Page]) -> Page:
         stop="; ".join(stops),
         motion=motions[0],
         plots=[
-            _over(plot, names, pages, time) for plot in first.plots if {line.label for line in plot.lines} & set(ALIKE)
+            _over(plot, names, pages, time)
+            for plot in first.plots
+            if {line.label for line in plot.lines} & set(ALIKE)
         ],
         tables={
             "Asked": [["", *names], *named_rows(setting_rows(records))],
@@ -82,9 +88,14 @@ def pages_over(records: Sequence[RunRecord], pages: Sequence[Page]) -> Page:
     )
 
 
-def _figures(claims: Iterable[Claim], names: Iterable[str], columns: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+def _figures(
+    claims: Iterable[Claim], names: Iterable[str], columns: Sequence[Mapping[str, Any]]
+) -> list[list[str]]:
     """The table of figures of some runs, a column each."""
-    return [["figure", *names, "paper", "asked"], *named_rows(claim_row(claim, columns, None) for claim in claims)]
+    return [
+        ["figure", *names, "paper", "asked"],
+        *named_rows(claim_row(claim, columns, None) for claim in claims),
+    ]
 
 
 def _resampled(motion: Motion, time: Array) -> Motion:
@@ -94,7 +105,9 @@ def _resampled(motion: Motion, time: Array) -> Motion:
         table = np.asarray(values)[:, None] if np.ndim(values) == 1 else values
         rows = np.stack([np.interp(time, motion.time, column) for column in table.T], axis=1)
         columns[name] = rows[:, 0] if np.ndim(values) == 1 else rows
-    return Motion(**{**columns, "time": time, "force": np.where(time > motion.time[-1], 0.0, columns["force"])})
+    return Motion(
+        **{**columns, "time": time, "force": np.where(time > motion.time[-1], 0.0, columns["force"])}
+    )
 
 
 def _over(plot: Plot, names: Sequence[str], pages: Sequence[Page], time: Array) -> Plot:
@@ -117,7 +130,8 @@ def _same_places(wear: Wear | None, other: Wear | None) -> Array:
 
 
 def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]) -> Page:
-    """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its curves.
+    """Many seeds of one scenario: the first one's cell, bands from the least to the largest of all behind its
+    curves.
 
     ``columns`` are the figures to show, by heading.
     """
@@ -140,7 +154,8 @@ def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, 
     figures = _figures(claims_shown([first.scenario]), columns, list(columns.values()))
     return page._replace(
         title=f"{first.scenario.experiment}, {first.scenario.controller.label}, {len(records)} seeds",
-        about="the cell and the curves are the first seed's; bands reach from the least to the largest of all",
+        about="the cell and the curves are the first seed's; bands reach from the least to the largest of "
+        "all",
         plots=plots,
         tables={**page.tables, "Figures": figures},
     )

@@ -40,13 +40,15 @@ def time_law(
     progress: Callable[[float, float], None],
     reach: Reach | None = None,
 ) -> dict[str, float]:
-    """Time a path, not pressed, on the part as a run does where it is placed; unplaced, with the tool's limits alone.
+    """Time a path, not pressed, on the part as a run does where it is placed; unplaced, with the tool's
+    limits alone.
 
     Returns ``feed_figures`` and
 
     - cycle_time_s: zeroing of the sensor, way down, touch-down, strokes, moves through the air and lifts;
 
-    - smoothed_off_max_m, smoothed_axis_off_max_rad: how far the motion in contact is from the path, place and axis.
+    - smoothed_off_max_m, smoothed_axis_off_max_rad: how far the motion in contact is from the path, place and
+      axis.
 
     They are undefined for a path that cannot be smoothed. ``process.max_feed_s`` ends nothing here.
     """
@@ -62,7 +64,11 @@ def cycle_strokes(
 ) -> list[Stroke]:
     """The strokes of a path as a run does them, arguments of ``time_law``; none if it cannot be smoothed."""
     whole = replace(within_noise(scenario, noise), process=replace(scenario.process, max_feed_s=0.0))
-    placed = placed_tool(path, reach) if reach else PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
+    placed = (
+        placed_tool(path, reach)
+        if reach
+        else PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
+    )
     try:
         return placed_strokes(whole, path, placed, 0.0, scenario.plan.clearance_m, progress)
     except SmoothingError:
@@ -79,11 +85,14 @@ def time_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
 
 
 def _deviations(stroke: Stroke) -> tuple[float, float]:
-    """Largest distance of a motion from its path at the same place of it [m], and angle between the axes [rad]."""
+    """Largest distance of a motion from its path at the same place of it [m], and angle between the axes
+    [rad]."""
     motion, table = stroke.motion, stroke.process
     at = np.minimum(motion.places / table.spacing, len(table.positions) - 1.0)
     axes = _axes(table.quaternions)
-    wanted = [np.interp(at, np.arange(len(axes)), column) for column in np.concatenate([table.positions, axes], 1).T]
+    wanted = [
+        np.interp(at, np.arange(len(axes)), column) for column in np.concatenate([table.positions, axes], 1).T
+    ]
     tips, along = np.stack(wanted[:3], axis=1), unit(np.stack(wanted[3:], axis=1))
     chords = np.linalg.norm(_axes(motion.quaternions) - along, axis=1)
     turned = 2.0 * np.arcsin(np.minimum(0.5 * chords, 1.0))
@@ -110,11 +119,16 @@ class Cycle(NamedTuple):
 
 
 def cycle_of(strokes: Sequence[Stroke]) -> Cycle:
-    """Zeroing of the sensor, ways down, touch-downs, strokes and lifts one after the other, as in ``cycle_time``."""
+    """Zeroing of the sensor, ways down, touch-downs, strokes and lifts one after the other, as in
+    ``cycle_time``."""
     pieces: list[Cycle] = []
 
     def add(
-        duration: Array, positions: Array, quaternions: Array, force: Array | None = None, bend: Array | None = None
+        duration: Array,
+        positions: Array,
+        quaternions: Array,
+        force: Array | None = None,
+        bend: Array | None = None,
     ) -> None:
         begin, none = pieces[-1].time[-1] if pieces else 0.0, np.zeros(len(positions))
         parts = (force if force is not None else none, bend if bend is not None else none)

@@ -1,10 +1,10 @@
 """Dwell and force along a path, so that what comes off is even or follows a map (PlanResult -> PlanResult).
 
 Preston's law with the pad of ``cell.removal`` pressed on the part as drawn: the exposure of node i is
-e_i = sum_k R_ik(F) ds_k / v_k, linear in the slowness 1 / v. Slowness is linear between knots along the path and
-minimises sum_i a_i (e_i / g_i - 1)^2 within the limits of the feed; the knots lie so far apart that no profile between
-those limits asks for more than the tool's acceleration. The force, where it may vary, is found the same way at the
-dwell found before, and by turns.
+e_i = sum_k R_ik(F) ds_k / v_k, linear in the slowness 1 / v. Slowness is linear between knots along the path
+and minimises sum_i a_i (e_i / g_i - 1)^2 within the limits of the feed; the knots lie so far apart that no
+profile between those limits asks for more than the tool's acceleration. The force, where it may vary, is
+found the same way at the dwell found before, and by turns.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ POSES: Final = 0.05  #: Places of the pad are so far apart [pad radii]
 KNOTS: Final = 0.32  #: Knots of dwell and force are at least so far apart [pad radii]
 NODES: Final = 0.25  #: Longest edge of the nodes' triangles [pad radii]
 MOST_SUNK: Final = 0.2
-"""Share of the limit of the surface's place by which the pad may sink in deeper than on a plane; over an edge the force
-is taken off for it."""
+"""Share of the limit of the surface's place by which the pad may sink in deeper than on a plane; over an edge
+the force is taken off for it."""
 ROUNDS: Final = 3  #: Of dwell and force by turns
 LEAST_GOAL: Final = 0.02  #: Share of the mean below which a target's deviations weigh no more
 SMOOTH: Final = 1e-4  #: Weight of changes from knot to knot beside the deviation's
@@ -58,7 +58,9 @@ def plan_removal(scenario: Scenario, observer: PlanObserver | None = None) -> Pl
     """
     asked, pad = scenario.plan, scenario.pad
     if not 0.0 < asked.removal_feed[0] < asked.removal_feed[1]:
-        raise ConfigError("plan.removal_feed must be the least and the largest share of the feed, in this order.")
+        raise ConfigError(
+            "plan.removal_feed must be the least and the largest share of the feed, in this order."
+        )
     if asked.removal and asked.overrun_m == 0.0:
         asked = replace(asked, overrun_m=OVERRUN * pad.radius_m)
     plan = plan_part(scenario.part, asked, scenario.process, pad, observer)
@@ -101,8 +103,8 @@ def even_out(scenario: Scenario, plan: PlanResult, observer: PlanObserver | None
     (was, _), (now, within) = problem.deviations(before), problem.deviations(problem.exposure(slowness))
     spread = {"planned_removal_cv": now, "planned_removal_cv_inside": within}
     note = (
-        f"removal planned {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the mean "
-        f"beside it on the part as drawn ({100.0 * within:.1f}% a pad's radius inside the border), "
+        f"removal planned {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the "
+        f"mean beside it on the part as drawn ({100.0 * within:.1f}% a pad's radius inside the border), "
         f"{100.0 * was:.1f}% at one feed; feed {1e3 * feed[path.process].min():.3g} to "
         f"{1e3 * feed[path.process].max():.3g} mm/s"
     )
@@ -133,7 +135,9 @@ class _Problem:
     def _spacing(self, scenario: Scenario) -> float:
         """Between knots [m]: between the limits of the feed a = v^3 d(1/v)/ds stays below the tool's."""
         least, most = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)
-        return max(KNOTS * self.pad.radius_m, most**3 * (1.0 / least - 1.0 / most) / CELL_LIMITS.tip_acceleration)
+        return max(
+            KNOTS * self.pad.radius_m, most**3 * (1.0 / least - 1.0 / most) / CELL_LIMITS.tip_acceleration
+        )
 
     def _ease(self) -> None:
         """Take force off where the pad hangs over an edge and sinks in."""
@@ -156,7 +160,8 @@ class _Problem:
         return (self.rates * self.steps) @ self.knots
 
     def force_columns(self, slowness: Array, eased: Array) -> csr_array:
-        """Exposure by share of the ``eased`` force at the knots [N/m]; the pad's contact as it is, (nodes, knots)."""
+        """Exposure by share of the ``eased`` force at the knots [N/m]; the pad's contact as it is, (nodes,
+        knots)."""
         by_force = self.steps * (self.knots @ slowness) / self.poses.forces
         return (self.rates * by_force) @ (self.knots * (eased * self.usual))
 
@@ -189,7 +194,8 @@ class _Problem:
         return np.asarray(usual * found.x)
 
     def deviations(self, exposure: Array) -> tuple[float, float]:
-        """Deviation from the goal over its mean: of the whole region, and a pad's radius inside its border."""
+        """Deviation from the goal over its mean: of the whole region, and a pad's radius inside its
+        border."""
         relative = exposure / np.maximum(self.goal, 1e-9 * self.goal.max())
         mesh = self.nodes.mesh
         return spreads(relative, self.areas, mesh.vertices, mesh.border, self.pad.radius_m)
@@ -244,9 +250,13 @@ def _shape_of(removal: str, mesh: Triangulation) -> Array:
         return np.ones(len(mesh.vertices))
     places, values = read_vertex_column(Path(removal), TARGET_COLUMNS)
     if not (np.isfinite(values).all() and values.min() >= 0.0 and values.max() > 0.0):
-        raise InputError(f"the map '{removal}' must say 0 or more at every vertex, and more than 0 somewhere.")
+        raise InputError(
+            f"the map '{removal}' must say 0 or more at every vertex, and more than 0 somewhere."
+        )
     apart, nearest = cKDTree(places).query(mesh.vertices)
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     if float(np.median(apart)) > 0.1 * size:
-        raise InputError(f"the map '{removal}' lies {1e3 * np.median(apart):.3g} mm beside the region. Is it in mm?")
+        raise InputError(
+            f"the map '{removal}' lies {1e3 * np.median(apart):.3g} mm beside the region. Is it in mm?"
+        )
     return np.asarray(values[nearest])

@@ -51,7 +51,8 @@ class ForceTask(NamedTuple):
 
 
 def place_force(scenario: Scenario, observer: Observer | None = None) -> Workplace:
-    """Load the part, choose the point to press on and check the reach; the path is one point with the way down to it.
+    """Load the part, choose the point to press on and check the reach; the path is one point with the way
+    down to it.
 
     The last few places are kept: the next run on the same point has it at once.
 
@@ -74,7 +75,8 @@ def _place(scenario: Scenario, observer: Observer) -> Workplace:
 
 
 def prepare_force(scenario: Scenario, observer: Observer | None = None) -> ForceTask:
-    """Load the part, choose the point, check the reach and set the cell up, not yet run; raises as `place_force`."""
+    """Load the part, choose the point, check the reach and set the cell up, not yet run; raises as
+    `place_force`."""
     observer = observer or Silent()
     place = place_force(scenario, observer)
     observer.stage("prepare the cell")
@@ -83,7 +85,8 @@ def prepare_force(scenario: Scenario, observer: Observer | None = None) -> Force
 
 
 def check_force_point(scenario: Scenario, observer: Observer | None = None) -> CheckedPath:
-    """The point to press on and how the arm reaches it, the cell set up but not run; raises as `place_force`."""
+    """The point to press on and how the arm reaches it, the cell set up but not run; raises as
+    `place_force`."""
     task = prepare_force(scenario, observer)
     return CheckedPath(task.path, task.reach)
 

@@ -21,7 +21,8 @@ def log_every(scenario: Scenario) -> int:
 def free_log(parts: Sequence[Mapping[str, Array]]) -> RunLog:
     """One log of several parts of a run, one after the other, each with its own time.
 
-    A part holds columns of the log by name, (n,) or (n, k), those of ``log.LATER`` last; what is not there is zero.
+    A part holds columns of the log by name, (n,) or (n, k), those of ``log.LATER`` last; what is not there is
+    zero.
     """
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     rows = np.zeros((len(columns["time_s"]), row_width()))

@@ -1,4 +1,5 @@
-"""Where the part stands: the pose asked for, or one from which the arm does the whole path (path -> pose, joints)."""
+"""Where the part stands: the pose asked for, or one from which the arm does the whole path (path -> pose,
+joints)."""
 
 from __future__ import annotations
 
@@ -80,15 +81,16 @@ class PartPlacing:
         reach = self.on_map(TRIED)
         if reach is None and self.scenario.plan.region == "all":
             raise ReachError(
-                f"{nowhere} 'polish-sim plan PART --region all' splits the part into setups: run each with --path "
-                "FOLDER/setup_N."
+                f"{nowhere} 'polish-sim plan PART --region all' splits the part into setups: run each with "
+                "--path FOLDER/setup_N."
             )
         if reach is None:
             raise nowhere
         return reach
 
     def on_map(self, tried: int) -> Reach | None:
-        """The first feasible of the ``tried`` best poses of the reach map, best of each height and distance first."""
+        """The first feasible of the ``tried`` best poses of the reach map, best of each height and distance
+        first."""
         for T_base_work, spin in islice(self.map().best_first(), tried):
             with suppress(ReachError):
                 return self._reach(iter([T_base_work]), (spin,))
@@ -112,7 +114,13 @@ class PartPlacing:
     def _reach(self, placements: Iterator[Array], spins: Sequence[float] = SPINS) -> Reach:
         tool = tool_on_flange()
         reach = find_reach(
-            self.positions, self.axes, placements, tool, above_table=True, spins=spins, hindrance=self.hindrance
+            self.positions,
+            self.axes,
+            placements,
+            tool,
+            above_table=True,
+            spins=spins,
+            hindrance=self.hindrance,
         )
         joints = check_whole_path(reach, self.positions, self.axes, tool)
         return reach._replace(q_start=np.array(joints.q[0]))
@@ -140,7 +148,9 @@ class PartPlacing:
         return f"It fits with --part-pose {numbers}, or leave --part-pose out."
 
 
-def reach_path(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True) -> Reach:
+def reach_path(
+    scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
+) -> Reach:
     """Place the part and check that the arm does the whole path, ``pressed_in`` or as given, and lifted off.
 
     Raises:

@@ -30,7 +30,8 @@ SENSOR_STREAM, PART_STREAM, PAYLOAD_STREAM = 0, 1, 2
 
 
 def random_streams(seed: int) -> list[np.random.Generator]:
-    """Independent generators for the sensor, the part's errors and the payload's calibration, from one seed."""
+    """Independent generators for the sensor, the part's errors and the payload's calibration, from one
+    seed."""
     return [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
 
 
@@ -63,8 +64,8 @@ def check_set_points(path: ToolPath) -> None:
         wrong = np.flatnonzero(path.process & ~((column >= low) & (column <= high)))
         if len(wrong):
             raise PlanError(
-                f"point {wrong[0]} of the path asks for a {name} of {column[wrong[0]]:.4g} {unit}: it must be within "
-                f"{low:g} to {high:g} {unit}. Mend the path's file."
+                f"point {wrong[0]} of the path asks for a {name} of {column[wrong[0]]:.4g} {unit}: it must "
+                f"be within {low:g} to {high:g} {unit}. Mend the path's file."
             )
 
 
@@ -90,10 +91,12 @@ def placed_strokes(
     lift: float,
     progress: Callable[[float, float], None] = lambda done, total: None,
 ) -> list[Stroke]:
-    """The strokes of a path, base frame: for each stretch in contact the way down to it and the stretch, pressed in.
+    """The strokes of a path, base frame: for each stretch in contact the way down to it and the stretch,
+    pressed in.
 
-    The path is in the work frame, not pressed. The tool stays ``hold`` [s] at the end of a stroke and is lifted by
-    ``lift`` [m]; 0 for no retract. ``progress`` is called with the length done and the whole length [m].
+    The path is in the work frame, not pressed. The tool stays ``hold`` [s] at the end of a stroke and is
+    lifted by ``lift`` [m]; 0 for no retract. ``progress`` is called with the length done and the whole length
+    [m].
     """
     process, depths, rotations = scenario.process, pressing_depths(scenario, path), placed.rotations
     if process.tare not in TARES:
@@ -108,7 +111,11 @@ def placed_strokes(
         through, before = slice(leave, come + 1), slice(come, first + 1)
         during = slice(first, last + 1)
         table = build_path_table(
-            pressed_in[during], rotations[during], path.s[during], path.curvature[during], path.pass_index[during]
+            pressed_in[during],
+            rotations[during],
+            path.s[during],
+            path.curvature[during],
+            path.pass_index[during],
         )
         force = at_rows(table, path.s[during], path.force_at(path.s[during], process.contact_force_n))
         if path.feed is not None:
@@ -173,7 +180,8 @@ def points_before(path: ToolPath, first: int) -> int:
 
 
 def _last_approach(path: ToolPath, leave: int, first: int, lift: float) -> int:
-    """Row from which the tool comes down to a stretch; before it, it travels at least as high as it was lifted."""
+    """Row from which the tool comes down to a stretch; before it, it travels at least as high as it was
+    lifted."""
     way = path.positions_work[leave:first] - path.positions_work[first]
     high = np.flatnonzero(way @ path.axes_work[first] >= lift - 1e-9)
     return leave + int(high[-1]) if len(high) else leave
@@ -186,20 +194,24 @@ def travel_to(strokes: list[Stroke], way: Array, rotations: Array) -> TimedPath:
     last = strokes[-1]
     R_last = Rotation.from_quat(last.process.quaternions[-1], scalar_first=True).as_matrix()
     above = last.process.positions[-1] - (last.lift + last.depth) * R_last[:, 2]
-    return time_path(_air_table(np.vstack([above, way]), np.stack([R_last, *rotations]), TRAVEL_SPEED), TRAVEL_PACE)
+    return time_path(
+        _air_table(np.vstack([above, way]), np.stack([R_last, *rotations]), TRAVEL_SPEED), TRAVEL_PACE
+    )
 
 
 def _air_table(positions: Array, rotations: Array, speed: float) -> PathTable:
-    """A way through the air, followed at a ``speed`` [m/s]; where the tool turns it is as long as that takes."""
+    """A way through the air, followed at a ``speed`` [m/s]; where the tool turns it is as long as that
+    takes."""
     return build_path_table(positions, rotations, air_length(positions, rotations, speed))
 
 
 # The part's shape as it really is: its own mesh where one is given, else the drawing.
 #
-# A plan is made on the drawing, what is polished is a casting with an edge too many. The mesh of the real part lies in
-# the drawing's frame and unit; displacement, rotation and form error come on top.
+# A plan is made on the drawing, what is polished is a casting with an edge too many. The mesh of the real
+# part lies in the drawing's frame and unit; displacement, rotation and form error come on top.
 
-FAR_M = 0.02  #: A real part farther than this from most of the path is another part, or lies in another frame [m]
+#: A real part farther than this from most of the path is another part, or lies in another frame [m]
+FAR_M = 0.02
 
 
 class RealShape(NamedTuple):
@@ -211,7 +223,8 @@ class RealShape(NamedTuple):
 
 
 def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath) -> RealShape:
-    """Load the real part's mesh, if the scenario names one, and check that it is where the path on the nominal one is.
+    """Load the real part's mesh, if the scenario names one, and check that it is where the path on the
+    nominal one is.
 
     It is read as the nominal one is, which is the shape if none is named.
 
@@ -242,7 +255,8 @@ def touched(shape: RealShape, path: ToolPath, pad_radius: float, depth: float) -
 def shape_figures(shape: RealShape, path: ToolPath) -> dict[str, Any]:
     """How far the real part, before it is displaced and bent, lies from the drawing along the path.
 
-    ``real_part``: lowest and highest place above the path [m] and what its mesh needed; empty without its own mesh.
+    ``real_part``: lowest and highest place above the path [m] and what its mesh needed; empty without its own
+    mesh.
     """
     if not shape.given:
         return {}
@@ -263,10 +277,11 @@ def _check_place(shape: RealShape, mesh: PartMesh, config: PartConfig, positions
         return
     nearest = int(np.argmin(away))
     raise MeshError(
-        f"the real part '{config.real_file}' does not lie where '{config.file}' does: half of the path is more than "
-        f"{1e3 * np.median(away):.4g} mm away from it (allowed: {1e3 * FAR_M:g} mm), the nearest point of the path, "
-        f"{place_in_mm(positions[nearest])}, {1e3 * away[nearest]:.4g} mm. Read in {shape.mesh.unit}, it is "
-        f"{_size(shape.mesh)} large and the nominal part {_size(mesh)}. Bring it to the nominal part's unit and frame."
+        f"the real part '{config.real_file}' does not lie where '{config.file}' does: half of the path is "
+        f"more than {1e3 * np.median(away):.4g} mm away from it (allowed: {1e3 * FAR_M:g} mm), the nearest "
+        f"point of the path, {place_in_mm(positions[nearest])}, {1e3 * away[nearest]:.4g} mm. Read in "
+        f"{shape.mesh.unit}, it is {_size(shape.mesh)} large and the nominal part {_size(mesh)}. Bring it to "
+        "the nominal part's unit and frame."
     )
 
 

@@ -65,8 +65,8 @@ def run_payload_calibration(
 ) -> PayloadCalibration:
     """Visit poses in free space, return to the first, and estimate tool and bias from readings at rest.
 
-    Part, plan, process and spindle play no role; with ``drift`` a linear drift of the bias is fitted too. The figures
-    are against the truth.
+    Part, plan, process and spindle play no role; with ``drift`` a linear drift of the bias is fitted too. The
+    figures are against the truth.
 
     Raises:
         CalibrationError: If the readings do not determine the tool.
@@ -85,7 +85,9 @@ def run_payload_calibration(
     observer.stage("estimate")
     estimate = calibration.fit_without_outliers(readings, drift, cell_gravity(cell))
     figures = calibration.estimate_figures(estimate) | _errors(cell, estimate)
-    figures |= _return_figures(readings, estimate) | _residual_figures(cell, estimate, streams[PAYLOAD_STREAM])
+    figures |= _return_figures(readings, estimate) | _residual_figures(
+        cell, estimate, streams[PAYLOAD_STREAM]
+    )
     long_run = idle_force(cell, streams[PAYLOAD_STREAM])
     figures |= {
         "drift_600s_rms_n": _rms(long_run.tared_once),
@@ -101,7 +103,8 @@ def run_payload_calibration(
 
 
 def _in_free_space(scenario: Scenario) -> Scenario:
-    """Spindle off, nothing to press on, and no limit on a force that is the tool's own weight: it is not known yet."""
+    """Spindle off, nothing to press on, and no limit on a force that is the tool's own weight: it is not
+    known yet."""
     return replace(
         scenario,
         pad=replace(scenario.pad, damping_s_m=0.0),
@@ -117,8 +120,8 @@ def _check_range(cell: Cell, readings: calibration.PayloadReadings) -> None:
         reading, axis = np.argwhere(full)[0]
         name = ("force x", "force y", "force z", "torque x", "torque y", "torque z")[axis]
         raise CalibrationError(
-            f"the sensor's {name} is at the end of its range in pose {reading + 1}: tool and bias are too much for it. "
-            "Take a sensor with a larger range (sensor.force_range_n, sensor.torque_range_nm)."
+            f"the sensor's {name} is at the end of its range in pose {reading + 1}: tool and bias are too "
+            "much for it. Take a sensor with a larger range (sensor.force_range_n, sensor.torque_range_nm)."
         )
 
 
@@ -126,7 +129,9 @@ def _errors(cell: Cell, estimate: calibration.PayloadEstimate) -> dict[str, Any]
     """Estimate minus truth; the bias is compared with that at the start of the run, before it drifted."""
     carried = cell.carried
     off = estimate.bias_at(0.0) - cell.sensor.bias
-    worst = abs(estimate.mass - carried.mass) * cell_gravity(cell) + float(np.linalg.norm(_bias_error(cell, estimate)))
+    worst = abs(estimate.mass - carried.mass) * cell_gravity(cell) + float(
+        np.linalg.norm(_bias_error(cell, estimate))
+    )
     return {
         "mass_error_kg": estimate.mass - carried.mass,
         "mass_error_relative": abs(estimate.mass / carried.mass - 1.0),
@@ -148,7 +153,9 @@ def _bias_error(cell: Cell, estimate: calibration.PayloadEstimate) -> Array:
     return np.asarray((estimate.bias_at(float(cell.data.time)) - now)[:3])
 
 
-def _return_figures(readings: calibration.PayloadReadings, estimate: calibration.PayloadEstimate) -> dict[str, Any]:
+def _return_figures(
+    readings: calibration.PayloadReadings, estimate: calibration.PayloadEstimate
+) -> dict[str, Any]:
     """What the first pose reads at the end against what it read at the beginning: drift, and noise twice."""
     return {
         "drift_return_n": (readings.wrenches[-1, :3] - readings.wrenches[0, :3]).tolist(),
@@ -159,8 +166,11 @@ def _return_figures(readings: calibration.PayloadReadings, estimate: calibration
     }
 
 
-def _residual_figures(cell: Cell, estimate: calibration.PayloadEstimate, rng: np.random.Generator) -> dict[str, Any]:
-    """The force left after compensation in random poses right after the calibration, with and without a tare."""
+def _residual_figures(
+    cell: Cell, estimate: calibration.PayloadEstimate, rng: np.random.Generator
+) -> dict[str, Any]:
+    """The force left after compensation in random poses right after the calibration, with and without a
+    tare."""
     R = Rotation.random(CHECK_POSES, random_state=rng).as_matrix()
     load = weight_of(cell.carried, R)
     read = cell.read_at_rest(load, np.zeros(len(R)), CHECK_SETTLE_S, CHECK_AVERAGE_S, rng, fresh=False)
@@ -200,9 +210,9 @@ def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:
 def believe_tool(cell: Cell, rng: np.random.Generator) -> None:
     """Let the host of a cell, not yet run, learn its tool as the scenario's ``payload`` section says.
 
-    Without a file the tool is calibrated: this run's sensor, with its bias, noise, drift, filter and quantisation, is
-    read at rest in the poses of ``calibrate payload`` and the same estimator fits the readings. The arm's way between
-    the poses is not simulated; the drift of that time is.
+    Without a file the tool is calibrated: this run's sensor, with its bias, noise, drift, filter and
+    quantisation, is read at rest in the poses of ``calibrate payload`` and the same estimator fits the
+    readings. The arm's way between the poses is not simulated; the drift of that time is.
 
     Raises:
         InputError: If the file cannot be used.

@@ -51,8 +51,8 @@ class Failure(NamedTuple):
 def tool_rotations(axes_base: Array, spin: float) -> Array:
     """Tool frames R_base_tool (n, 3, 3) with z against unit axes (n, 3) from the part to the tool.
 
-    ``spin`` turns tool x about the tool axis, from the base's x direction [rad]. It follows no turn of the path: a
-    spin along the feed would wind the last joint up, turn after turn.
+    ``spin`` turns tool x about the tool axis, from the base's x direction [rad]. It follows no turn of the
+    path: a spin along the feed would wind the last joint up, turn after turn.
     """
     return rotations_towards(axes_base, spin_direction(axes_base, spin))
 
@@ -69,10 +69,13 @@ def spin_direction(axes_base: Array, spin: float) -> Array:
 
 
 def rotations_towards(axes_base: Array, direction: Array) -> Array:
-    """Tool frames with z against axes (n, 3) and x as near a direction (3,) as that allows, shape (n, 3, 3)."""
+    """Tool frames with z against axes (n, 3) and x as near a direction (3,) as that allows, shape (n, 3,
+    3)."""
     z_axes = -axes_base
     if np.min(np.linalg.norm(np.cross(z_axes, direction), axis=1)) < 0.05:
-        raise ReachError("the tool axes of this path turn through more than a right angle: no fixed tool spin fits.")
+        raise ReachError(
+            "the tool axes of this path turn through more than a right angle: no fixed tool spin fits."
+        )
     return rotation_to_axis(z_axes, direction)
 
 
@@ -96,7 +99,8 @@ def find_reach(
         above_table: Whether elbow and wrist must stay above the table.
         otherwise: What a user can do besides moving the part.
         spins: Of the tool, to be tried [rad].
-        hindrance: Says for a pose of the part (4, 4) and a motion within the joints' ranges what forbids it, if any.
+        hindrance: Says for a pose of the part (4, 4) and a motion within the joints' ranges what forbids it,
+            if any.
 
     Returns:
         The first way that keeps well away from singularities, else the best there is.
@@ -119,7 +123,11 @@ def find_reach(
                 joints = track(poses, T_flange_tool, q)
                 failure = failure_of(joints, above_table)
                 value = joints.smallest_singular_value if failure is None else 0.0
-                if failure is None and best is not None and value <= best.smallest_singular_value + _CLEARLY_BETTER:
+                if (
+                    failure is None
+                    and best is not None
+                    and value <= best.smallest_singular_value + _CLEARLY_BETTER
+                ):
                     continue
                 if failure is None and hindrance is not None:
                     failure = hindrance(T_base_work, joints)
@@ -134,9 +142,9 @@ def find_reach(
     if best is None:
         point = positions[samples[max(furthest.point, 0)]] * 1e3
         raise ReachError(
-            f"the robot cannot do this path: at ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the part "
-            f"{furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose X,Y,Z,RX,RY,RZ (mm, deg) "
-            f"{otherwise}."
+            f"the robot cannot do this path: at ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the "
+            f"part {furthest.reason or 'the pose is out of reach'}. Move the part with --part-pose "
+            f"X,Y,Z,RX,RY,RZ (mm, deg) {otherwise}."
         )
     return best
 
@@ -145,7 +153,8 @@ def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool:
     """Follow every point of the path with the joints.
 
     Raises:
-        ReachError: If a point between the samples of ``find_reach`` is out of reach or beyond a joint's range.
+        ReachError: If a point between the samples of ``find_reach`` is out of reach or beyond a joint's
+            range.
     """
     rotations = tool_rotations(axes @ reach.T_base_work[:3, :3].T, reach.spin)
     joints = track(transform(rotations, apply(reach.T_base_work, positions)), T_flange_tool, reach.q_start)
@@ -153,17 +162,18 @@ def check_whole_path(reach: Reach, positions: Array, axes: Array, T_flange_tool:
     if failure is not None:
         point = positions[failure.point] * 1e3
         raise ReachError(
-            f"point {failure.point} of the path, ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the part: "
-            f"{failure.reason}. Move the part with --part-pose."
+            f"point {failure.point} of the path, ({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) mm of the "
+            f"part: {failure.reason}. Move the part with --part-pose."
         )
     return joints
 
 
 def default_placements(positions: Array, up: Array, lowest: float) -> Iterator[Array]:
-    """Candidate poses T_base_work (4, 4) of a part in front of the robot: its side ``up`` turned up, on a fixture.
+    """Candidate poses T_base_work (4, 4) of a part in front of the robot: its side ``up`` turned up, on a
+    fixture.
 
-    The middle of the path (n, 3) [m], work frame, is put in front of the robot; ``lowest`` [m] is the extent of the
-    part along ``up`` at its lowest.
+    The middle of the path (n, 3) [m], work frame, is put in front of the robot; ``lowest`` [m] is the extent
+    of the part along ``up`` at its lowest.
     """
     R = upright(up)
     middle = R @ (0.5 * (positions.min(axis=0) + positions.max(axis=0)))
@@ -198,11 +208,15 @@ def failure_of(joints: JointPath, above_table: bool) -> Failure | None:
     if joints.first_unreachable is not None:
         return Failure(joints.first_unreachable, "the pose is out of reach")
     if joints.first_beyond_limit is not None:
-        return Failure(joints.first_beyond_limit, f"joint {(joints.limit_joint or 0) + 1} is beyond its range")
+        return Failure(
+            joints.first_beyond_limit, f"joint {(joints.limit_joint or 0) + 1} is beyond its range"
+        )
     if joints.largest_step > _LARGEST_JUMP:
         return Failure(joints.largest_step_index, "the arm would have to jump between configurations")
     if above_table:
-        heights = np.array([link_frames(q)[1:6, 2, 3].min() for q in joints.q[:: max(1, len(joints.q) // 10)]])
+        heights = np.array(
+            [link_frames(q)[1:6, 2, 3].min() for q in joints.q[:: max(1, len(joints.q) // 10)]]
+        )
         if heights.min() < LOWEST_JOINT:
             return Failure(0, "elbow or wrist would touch the table")
     return None
@@ -229,6 +243,6 @@ def check_shaft(path: ToolPath, surface: Surface, clearance: float) -> None:
         worst = int(gaps.argmin())
         raise PlanError(
             f"the pad's shaft comes within {1e3 * gaps[worst]:.1f} mm of the part where the pad is at "
-            f"{place_in_mm(points[worst])} of it, less than {1e3 * clearance:g} mm (dual.pad_clearance_m). Tilt the "
-            "tool away from what stands there, or leave that place out of the path."
+            f"{place_in_mm(points[worst])} of it, less than {1e3 * clearance:g} mm (dual.pad_clearance_m). "
+            "Tilt the tool away from what stands there, or leave that place out of the path."
         )

@@ -1,9 +1,10 @@
 """Prove a plan: play it in the cell on the part as drawn, mend what fails where it fails, and play it again.
 
-The guards get limits tighter by a margin, so that a part that is displaced and bent as the scenario draws it runs too.
-Where a guard trips or the exact force leaves its band, the tool is slowed over that stretch; where slowing does not
-help, or the pad has lost the part, the stretch is left out and the tool lifts over it. Each mended path goes on from a
-state saved shortly before the place. A path that was mended is at last played whole: only that is the proof.
+The guards get limits tighter by a margin, so that a part that is displaced and bent as the scenario draws it
+runs too. Where a guard trips or the exact force leaves its band, the tool is slowed over that stretch; where
+slowing does not help, or the pad has lost the part, the stretch is left out and the tool lifts over it. Each
+mended path goes on from a state saved shortly before the place. A path that was mended is at last played
+whole: only that is the proof.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ from polish_sim.spatial import to_pose
 MARGIN: Final = 0.2
 """Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
 DRAWN_MARGIN: Final = 0.1  #: The same on a part that is displaced and bent
-SHAKEN: Final = 1.4  #: Times as much as in the proof the gears of another seed shake the arm at the same place
+#: Times as much as in the proof the gears of another seed shake the arm at the same place
+SHAKEN: Final = 1.4
 SLOWER: Final = 0.5  #: A stretch that fails is slowed to this share of its feed
 SLOWEST: Final = 0.2  #: Share of the planned feed below which slowing is given up
 PLAYED: Final = "when it was played, "
@@ -68,7 +70,8 @@ MOST_SEEDS: Final = 1000
 CHUNK_S: Final = 0.5  #: Simulated time between looks; what is slowed reaches as far (`AROUND_S`) [s]
 SETTLED_S: Final = 0.1  #: After the feed begins the force may settle for this long [s]
 SLOWING_S: Final = 0.5  #: Of the feed before a place that is mended may have changed too [s]
-LEAST_OFFSET: Final = 0.4  #: Share of the limit of the surface's place that is kept, however the part is drawn
+#: Share of the limit of the surface's place that is kept, however the part is drawn
+LEAST_OFFSET: Final = 0.4
 FED: Final = 2  #: Phase of the log in which the force is to be held
 BAND: Final = "force error"
 AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
@@ -105,10 +108,17 @@ def settings_key(scenario: Scenario) -> str:
     """What a proof depends on besides the path: arm, tool, sensor, controller, force, feed and limits."""
     process = replace(scenario.process, changes="")
     bare = replace(
-        scenario, experiment="surface", seed=0, part=PartConfig(), plan=PlanConfig(), process=process,
-        faults=FaultsConfig(), pad=replace(scenario.pad, choice="given"), safety=replace(scenario.safety, proof=""),
+        scenario,
+        experiment="surface",
+        seed=0,
+        part=PartConfig(),
+        plan=PlanConfig(),
+        process=process,
+        faults=FaultsConfig(),
+        pad=replace(scenario.pad, choice="given"),
+        safety=replace(scenario.safety, proof=""),
         simulation=replace(scenario.simulation, log_rate_hz=0.0),
-    )  # fmt: skip
+    )
     return config_hash(bare, {})
 
 
@@ -123,7 +133,8 @@ def proof_seeds(scenario: Scenario) -> int:
         return 0
     if not word.isdecimal() or not 1 <= int(word) <= MOST_SEEDS:
         raise InputError(
-            f"--proof '{word}' is not known: give none, nominal, or the number of drawn parts, 1 to {MOST_SEEDS}."
+            f"--proof '{word}' is not known: give none, nominal, or the number of drawn parts, 1 to "
+            f"{MOST_SEEDS}."
         )
     return int(word)
 
@@ -153,8 +164,11 @@ def prove(scenario: Scenario, plan: PlanResult, observer: Observer | None = None
     return prover.result()
 
 
-def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: Observer | None = None) -> Proven:
-    """As `prove`; where playing it leaves out much, smaller pads are tried, unless the user asked for this one.
+def prove_with_a_pad_that_fits(
+    scenario: Scenario, plan: PlanResult, observer: Observer | None = None
+) -> Proven:
+    """As `prove`; where playing it leaves out much, smaller pads are tried, unless the user asked for this
+    one.
 
     Raises:
         PolishSimError: As of `prove`, of the first pad.
@@ -164,7 +178,9 @@ def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: O
     for pad, planned in _pads_from(scenario, plan.tool.pad):
         try:
             other = replace(scenario, pad=pad, plan=planned)
-            found = prove(replace(scenario, pad=pad), plan if pad is scenario.pad else plan_removal(other), observer)
+            found = prove(
+                replace(scenario, pad=pad), plan if pad is scenario.pad else plan_removal(other), observer
+            )
             refuse_almost_nothing(found.plan)
         except PlanError as error:
             failed = failed or error
@@ -190,13 +206,15 @@ def refuse_almost_nothing(plan: PlanResult) -> None:
         return
     reason, row = next(iter(area.left_out.items()))
     raise PlanError(
-        f"only {1e4 * area.polished_m2:.3g} of the region's {1e4 * area.region_m2:.3g} cm^2 would be polished; "
-        f"{1e4 * row.area_m2:.3g} cm^2 are left out: {reason}. Set another --pad-diameter, another --region or --up."
+        f"only {1e4 * area.polished_m2:.3g} of the region's {1e4 * area.region_m2:.3g} cm^2 would be "
+        f"polished; {1e4 * row.area_m2:.3g} cm^2 are left out: {reason}. Set another --pad-diameter, another "
+        "--region or --up."
     )
 
 
 def _pads_from(scenario: Scenario, pad: PadConfig) -> Iterator[tuple[PadConfig, PlanConfig]]:
-    """The pad a plan has, then smaller ones with the step-over in proportion, each with what is to be planned."""
+    """The pad a plan has, then smaller ones with the step-over in proportion, each with what is to be
+    planned."""
     yield scenario.pad, scenario.plan
     usual, asked = PadConfig(), scenario.plan
     if scenario.pad.choice != "auto" or scenario.pad.radius_m != usual.radius_m or asked.file:
@@ -211,7 +229,9 @@ def _pads_from(scenario: Scenario, pad: PadConfig) -> Iterator[tuple[PadConfig, 
 
 def _lost(plan: PlanResult) -> float:
     """What of the region was left out because it failed when it was played [m^2]."""
-    return sum(row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith((PLAYED, SINKS_OFF)))
+    return sum(
+        row.area_m2 for reason, row in plan.area.left_out.items() if reason.startswith((PLAYED, SINKS_OFF))
+    )
 
 
 class _Saved(NamedTuple):
@@ -244,10 +264,18 @@ class _Prover:
         """
         path, scenario = self.path, self.scenario
         rows = np.flatnonzero(path.process)
-        rows = rows[np.unique(np.searchsorted(path.s[rows], np.arange(path.s[rows[0]], path.s[rows[-1]], LOOKED_M)))]
-        places, force = path.positions_work[rows], path.force_at(path.s[rows], scenario.process.contact_force_n)
+        rows = rows[
+            np.unique(np.searchsorted(path.s[rows], np.arange(path.s[rows[0]], path.s[rows[-1]], LOOKED_M)))
+        ]
+        places, force = (
+            path.positions_work[rows],
+            path.force_at(path.s[rows], scenario.process.contact_force_n),
+        )
         extent = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))
-        aside = scenario.part.displacement_m * math.sqrt(1.0 - NORMAL_SHARE**2) + scenario.part.rotation_rad * extent
+        aside = (
+            scenario.part.displacement_m * math.sqrt(1.0 - NORMAL_SHARE**2)
+            + scenario.part.rotation_rad * extent
+        )
         depth = modelled_depth(scenario, largest_force(scenario, path))
         fields = self.task.place.drawn(scenario)
         lost = would_sink(fields, scenario.pad, places, path.axes_work[rows], force, aside, depth)
@@ -260,9 +288,9 @@ class _Prover:
         remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
-                f"the region does not carry a pad of {2e3 * scenario.pad.radius_m:.3g} mm under {force[0]:.3g} N "
-                f"anywhere: on a part that lies {1e3 * aside:.2g} mm aside it would sink off an edge. Set a smaller "
-                "--pad-diameter, a lower --contact-force or another --region."
+                f"the region does not carry a pad of {2e3 * scenario.pad.radius_m:.3g} mm under "
+                f"{force[0]:.3g} N anywhere: on a part that lies {1e3 * aside:.2g} mm aside it would sink "
+                "off an edge. Set a smaller --pad-diameter, a lower --contact-force or another --region."
             )
         self.mends.append(mend_of(LEFT_OUT, SINKS_OFF, 0.0, path, remaining.lost))
         self.path, self.share = remaining.path, self.share[remaining.source]
@@ -276,9 +304,9 @@ class _Prover:
                 return
             self.shares.clear()
         raise PlanError(
-            f"the plan could not be proven: played in the cell it fails after {MOST_ROUNDS} rounds of mending, the "
-            f"last time because {self.mends[-1].why}. Set a lower --feed or --contact-force, a smaller --pad-diameter "
-            "or another --region; --proof none runs it all the same."
+            f"the plan could not be proven: played in the cell it fails after {MOST_ROUNDS} rounds of "
+            f"mending, the last time because {self.mends[-1].why}. Set a lower --feed or --contact-force, a "
+            "smaller --pad-diameter or another --region; --proof none runs it all the same."
         )
 
     def pass_through(self, seed: int | None) -> None:
@@ -287,10 +315,16 @@ class _Prover:
         self.observer.stage(f"prove in the cell{'' if nominal else f', part of seed {seed}'}")
         part = usual.part
         if nominal:
-            part = replace(part, real_file="", displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0)
+            part = replace(
+                part, real_file="", displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0
+            )
         process = replace(usual.process, changes="")
         scenario = replace(
-            usual, part=part, process=process, faults=FaultsConfig(), seed=usual.seed if seed is None else seed
+            usual,
+            part=part,
+            process=process,
+            faults=FaultsConfig(),
+            seed=usual.seed if seed is None else seed,
         )
         self._passing = {}
         margin, saved = MARGIN if nominal else DRAWN_MARGIN, list[_Saved]()
@@ -325,7 +359,8 @@ class _Prover:
         return task
 
     def _reach_now(self) -> Reach:
-        """How the arm does the path as it is mended so far: with its first stroke cut, it starts elsewhere."""
+        """How the arm does the path as it is mended so far: with its first stroke cut, it starts
+        elsewhere."""
         path, whole, reach = self.path, self.plan.path, self.task.reach
         if path is whole:
             return reach
@@ -336,7 +371,8 @@ class _Prover:
         return reach._replace(q_start=np.array(follows.q[0]))
 
     def _tighten(self, cell: Cell, margin: float, nominal: bool) -> None:
-        """Leave a ``margin`` to every limit; to the surface's place on the drawing, what the part may be off it."""
+        """Leave a ``margin`` to every limit; to the surface's place on the drawing, what the part may be off
+        it."""
         guards, part, kept = cell.state.guards, self.scenario.part, 1.0 - margin
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
         extent = float(np.linalg.norm(np.ptp(self.path.positions_work[self.path.process], axis=0)))
@@ -353,12 +389,14 @@ class _Prover:
         sequence, motion = cell.state.sequence, cell.kernel.stroke.motion
         if sequence.stage == PROCESS:
             # The motion may have been timed anew: the clock is that of the place.
-            sequence.clock = np.interp(sequence.s, motion.places, np.arange(len(motion.places)) * motion.spacing)
+            sequence.clock = np.interp(
+                sequence.s, motion.places, np.arange(len(motion.places)) * motion.spacing
+            )
         self._unsettled_until = cell.state.status.steps * cell.kernel.engine.dt
 
     def _play(self, cell: Cell, saved: list[_Saved], margin: float) -> list[Failure]:
-        """Play on to the end; or to where the path has to be mended: what a slower feed helps is looked for to the end
-        of the stroke, all else ends it at once. States are saved on the way to the first failure.
+        """Play on to the end; or to where the path has to be mended: what a slower feed helps is looked for
+        to the end of the stroke, all else ends it at once. States are saved on the way to the first failure.
         """
         total, dt = cycle_time(cell.strokes), cell.kernel.engine.dt
         status, next_save, stroke, found = cell.state.status, 0.0, cell.stroke_number, list[Failure]()
@@ -382,8 +420,8 @@ class _Prover:
         return found
 
     def _failure(self, cell: Cell, steps: NDArray[np.void], margin: float) -> Failure | None:
-        """What went wrong in the steps just played, if anything: the exact force left its band, a guard came nearer to
-        its limit than the margin allows, or one tripped."""
+        """What went wrong in the steps just played, if anything: the exact force left its band, a guard came
+        nearer to its limit than the margin allows, or one tripped."""
         status, limit, s = cell.state.status, FORCE_BANDS_N["surface"], steps["path_s_m"]
         wanted = self.path.force_at(s, self.scenario.process.contact_force_n)
         # After landing the force is given the time a step response takes to settle.
@@ -415,7 +453,11 @@ class _Prover:
         """Largest shares of their limits that are allowed to the guards a slower feed keeps quiet."""
         kept, limit = 1.0 - margin, self.scenario.safety.force_limit_n
         asked = largest_force(self.scenario, self.path)
-        return {"force": (asked + kept * (limit - asked)) / limit, "torque": kept, "reading jumped": kept / SHAKEN}
+        return {
+            "force": (asked + kept * (limit - asked)) / limit,
+            "torque": kept,
+            "reading jumped": kept / SHAKEN,
+        }
 
     def _note(self, name: str, share: float, at_m: float) -> None:
         if share > self._passing.get(name, (-1.0, 0.0))[0]:
@@ -473,7 +515,9 @@ class _Prover:
             self.kept_until = min(self.kept_until, s[around].min() - SLOWING_S * feed)
             why, rows = groups.get((failure.why.partition(":")[0], slower), (failure.why, around))
             groups[failure.why.partition(":")[0], slower] = why, rows | around
-        self.mends += [mend_of(SLOWED, why, slower, path, rows) for (_, slower), (why, rows) in groups.items()]
+        self.mends += [
+            mend_of(SLOWED, why, slower, path, rows) for (_, slower), (why, rows) in groups.items()
+        ]
 
     def _leave_out(self, failure: Failure) -> None:
         """Lift the tool over a place; raises as `_mend`."""
@@ -483,16 +527,17 @@ class _Prover:
         pad = self.scenario.pad.radius_m
         earlier = [mend for mend in self.mends if mend.what == LEFT_OUT]
         near = sum(
-            float(np.linalg.norm(mend.places - path.positions_work[row], axis=1).min()) < 2.0 * pad for mend in earlier
+            float(np.linalg.norm(mend.places - path.positions_work[row], axis=1).min()) < 2.0 * pad
+            for mend in earlier
         )
         half = math.inf if len(earlier) > MOST_MENDS else 0.5 * pad * 2.0**near
         gone = self._stroke_of(row) & (np.abs(s - s[row]) <= half)
         remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
-                f"nothing of the path can be polished: played in the cell, every stroke fails, the last at "
-                f"{self._where(row)}: {failure.why}. Set a smaller --pad-diameter, a lower --contact-force or another "
-                "--region."
+                "nothing of the path can be polished: played in the cell, every stroke fails, the last at "
+                f"{self._where(row)}: {failure.why}. Set a smaller --pad-diameter, a lower --contact-force "
+                "or another --region."
             )
         lost, before = remaining.lost, SLOWING_S * self.share[row] * self.scenario.process.feed_m_s
         self.mends.append(mend_of(LEFT_OUT, f"{PLAYED}{failure.why}", 0.0, path, lost))
@@ -558,7 +603,9 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
         to = f"{what} to {100.0 * share:.0f}% of the feed" if what == SLOWED else what
         length = 1e3 * sum(mend["length_m"] for mend in alike)
         more = "" if len(alike) == 1 else f" and {count_text(len(alike) - 1, 'more place')}"
-        notes.append(f"{to}: {length:.3g} mm of the path at {place_in_mm(alike[0]['at_m'])}{more}, because {why}")
+        notes.append(
+            f"{to}: {length:.3g} mm of the path at {place_in_mm(alike[0]['at_m'])}{more}, because {why}"
+        )
     return notes
 
 
@@ -566,7 +613,9 @@ def path_key(path: ToolPath) -> str:
     """What identifies a path, to a micrometre."""
     columns = (path.positions_work, path.axes_work, path.segment, path.force, path.feed)
     # Read from a file axes are made unit again: their last bits differ.
-    content = b"".join(np.round(1e6 * column).astype(np.int64).tobytes() for column in columns if column is not None)
+    content = b"".join(
+        np.round(1e6 * column).astype(np.int64).tobytes() for column in columns if column is not None
+    )
     return hashlib.sha256(content).hexdigest()[:24]
 
 

@@ -1,8 +1,9 @@
-"""The reach map: how well the arm does a path at every distance, turn and height of the part (path -> map -> poses).
+"""The reach map: how well the arm does a path at every distance, turn and height of the part (path -> map ->
+poses).
 
-The robot's first joint is vertical, so a part beside the robot is reached as one in front of it: the map holds parts
-whose path has its middle straight in front. Its value is Yoshikawa's manipulability, |det J|, at the path's worst
-point.
+The robot's first joint is vertical, so a part beside the robot is reached as one in front of it: the map
+holds parts whose path has its middle straight in front. Its value is Yoshikawa's manipulability, |det J|, at
+the path's worst point.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ class ReachMap(NamedTuple):
     """How well the arm does a path, by where the part stands."""
 
     values: Array
-    """Least |det J| over the path in the best configuration, 0 where a point is out of reach or a joint too low [m^3],
-    shape (heights, distances, turns, spins)."""
+    """Least |det J| over the path in the best configuration, 0 where a point is out of reach or a joint too
+    low [m^3], shape (heights, distances, turns, spins)."""
     R_up: Array  #: The part turned upright, R_base_work at turn 0, shape (3, 3)
     middle: Array  #: Of the path's box when upright [m], shape (3,)
     lowest: float  #: Extent of the part along its up side at its lowest [m]
@@ -46,7 +47,8 @@ class ReachMap(NamedTuple):
         return transform(R_turn @ self.R_up, place)
 
     def best_first(self) -> Iterator[tuple[Array, float]]:
-        """Poses within reach and their tool spin: the best of every height and distance, then their second best, ..."""
+        """Poses within reach and their tool spin: the best of every height and distance, then their second
+        best, ..."""
         heights, distances, turns, spins = self.values.shape
         flat = self.values.reshape(heights * distances, turns * spins)
         order = np.argsort(-flat, axis=1, kind="stable")
@@ -65,9 +67,9 @@ class ReachMap(NamedTuple):
 def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_tool: Array) -> ReachMap:
     """Find out how well the arm does a path, wherever the part may stand.
 
-    Tool points and axes from the part to the tool are (n, 3) in the work frame [m]; ``up`` (3,) is the side turned
-    up, ``lowest`` [m] the extent of the part along it at its lowest; ``T_flange_tool`` (4, 4) is the tool on the
-    flange.
+    Tool points and axes from the part to the tool are (n, 3) in the work frame [m]; ``up`` (3,) is the side
+    turned up, ``lowest`` [m] the extent of the part along it at its lowest; ``T_flange_tool`` (4, 4) is the
+    tool on the flange.
     """
     R_up, rows = upright(up), outermost(positions, axes)
     high, out = positions @ R_up.T, axes[rows] @ R_up.T
@@ -84,13 +86,18 @@ def map_reach(positions: Array, axes: Array, up: Array, lowest: float, T_flange_
             except ReachError:
                 continue  # this spin fits no axis of the path
             flanges = transform(rotations, points @ R_turn.T) @ T_tool_flange
-            values[:, turn, spin] = _least_manipulability(arm_lengths(), np.ascontiguousarray(flanges), shifts)
+            values[:, turn, spin] = _least_manipulability(
+                arm_lengths(), np.ascontiguousarray(flanges), shifts
+            )
     return ReachMap(values.reshape(*grid[0].shape, len(TURNS), len(SPINS)), R_up, middle, lowest)
 
 
 def outermost(positions: Array, axes: Array) -> Indices:
-    """Rows of the path that go furthest in any direction, and some along it; the furthest from the middle first."""
-    directions = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z])
+    """Rows of the path that go furthest in any direction, and some along it; the furthest from the middle
+    first."""
+    directions = np.array(
+        [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z]
+    )
     extreme = [(values @ directions.T).argmax(axis=0) for values in (positions, axes)]
     rows = np.unique([*np.linspace(0, len(positions) - 1, _SAMPLES).astype(int), *extreme[0], *extreme[1]])
     away = np.linalg.norm(positions[rows] - positions[rows].mean(axis=0), axis=1)
@@ -99,8 +106,8 @@ def outermost(positions: Array, axes: Array) -> Indices:
 
 @njit(cache=True, error_model="numpy")
 def _least_manipulability(lengths: Array, T_base_flange: Array, shifts: Array) -> Array:
-    """Least |det J| over poses (n, 4, 4) in the best configuration, after each of the shifts (k, 3) of all, (k,);
-    ``lengths`` as of `arm_lengths`."""
+    """Least |det J| over poses (n, 4, 4) in the best configuration, after each of the shifts (k, 3) of all,
+    (k,); ``lengths`` as of `arm_lengths`."""
     values, T = np.zeros(len(shifts)), np.eye(4)
     d1, d5, a2, a3 = lengths[0], lengths[2], lengths[4], lengths[5]
     for k in range(len(shifts)):

@@ -1,7 +1,7 @@
 """The experiments by name: one row each, which says what it runs, shows, is asked and takes.
 
-Rows hold no heavy code: what runs, checks and draws is named as ``module:function`` and loaded when it is needed, so
-that help answers at once and one experiment never loads another.
+Rows hold no heavy code: what runs, checks and draws is named as ``module:function`` and loaded when it is
+needed, so that help answers at once and one experiment never loads another.
 """
 
 from __future__ import annotations
@@ -73,10 +73,14 @@ class Experiment:
     defaults: Scenario
     run: str  #: (scenario, observer) or, where it runs along a plan, (scenario, plan, observer) -> RunResult
     claims: Callable[[Scenario], tuple[Claim, ...]]  #: The figures shown of a run, and what is asked of them
-    plots: Callable[[RunRecord], Mapping[str, str]]  #: Pictures of one run: by file name, (RunRecord) -> Figure
-    comparisons: Mapping[str, str]  #: Pictures of several runs side by side: by file name, (RunRecords) -> Figure
-    options: tuple[str, ...]  #: Options of ``run`` that change something here, besides checks, config and output
-    prepare: str = ""  #: Arguments as of ``run`` -> CheckedPath: everything but the simulation; empty: nothing to check
+    #: Pictures of one run: by file name, (RunRecord) -> Figure
+    plots: Callable[[RunRecord], Mapping[str, str]]
+    #: Pictures of several runs side by side: by file name, (RunRecords) -> Figure
+    comparisons: Mapping[str, str]
+    #: Options of ``run`` that change something here, besides checks, config and output
+    options: tuple[str, ...]
+    #: Arguments as of ``run`` -> CheckedPath: everything but the simulation; empty: nothing to check
+    prepare: str = ""
     along_plan: bool = False  #: Whether it can run along a finished plan
     plans: bool = False  #: Whether a plan is made before it where none is given
     paper: Mapping[str, Any] = field(default_factory=dict)
@@ -84,7 +88,8 @@ class Experiment:
     only_with: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Options that change something beside another one only, by that one."""
     not_with: tuple[Excludes, ...] = ()  #: Options that change nothing beside another one
-    seeds_plots: Mapping[str, str] = field(default_factory=dict)  #: More pictures of many seeds, as ``comparisons``
+    #: More pictures of many seeds, as ``comparisons``
+    seeds_plots: Mapping[str, str] = field(default_factory=dict)
     title: Callable[[Scenario], str] = _usual_title
     notes: str = ""  #: (figures) -> lines to print beside the table of a run; empty: none
     controlled: bool = True  #: Whether a controller drives the cell
@@ -151,8 +156,8 @@ def check_experiment(
 ) -> CheckedPath:
     """Plan the path of an experiment and check that the arm can do it, without simulating anything.
 
-    ``plan`` is one made before, where the experiment runs along one; planned if not given. The path of ``arc`` is in
-    the base frame, others are in the work frame.
+    ``plan`` is one made before, where the experiment runs along one; planned if not given. The path of
+    ``arc`` is in the base frame, others are in the work frame.
 
     Raises:
         PolishSimError: If the scenario cannot be run.
@@ -169,8 +174,8 @@ def run_experiment(
 ) -> RunResult:
     """Run the experiment a scenario names, on a ``plan`` made before if one is given.
 
-    ``controller`` is used instead of the one the scenario names: any object with ``reset`` and ``step``. A protective
-    stop or an interrupt is noted in the finished run, not raised.
+    ``controller`` is used instead of the one the scenario names: any object with ``reset`` and ``step``. A
+    protective stop or an interrupt is noted in the finished run, not raised.
 
     Raises:
         PolishSimError: If the scenario cannot be run.
@@ -184,7 +189,9 @@ def run_experiment(
     return result
 
 
-def _call(row: Experiment, name: str, scenario: Scenario, plan: PlanResult | None, observer: Observer | None) -> Any:
+def _call(
+    row: Experiment, name: str, scenario: Scenario, plan: PlanResult | None, observer: Observer | None
+) -> Any:
     from polish_sim.motion.makes import use_arm  # compiled code is slow to import
 
     use_arm(scenario.robot.arm)

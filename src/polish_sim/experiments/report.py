@@ -52,11 +52,13 @@ def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
     return plots | _removal("plot_removal_runs", records) if all(map(removed_something, records)) else plots
 
 
-WORST_BY: Final = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")  #: They choose the worst seed
+#: They choose the worst seed
+WORST_BY: Final = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")
 
 
 def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:
-    """Draw the pictures of many seeds of one scenario, by file name: their figures, all of them or the worst one."""
+    """Draw the pictures of many seeds of one scenario, by file name: their figures, all of them or the worst
+    one."""
     from polish_sim.analysis.run_plots import plot_seeds
 
     scenario = records[0].scenario
@@ -79,7 +81,8 @@ def _badness(record: RunRecord, claims: Sequence[Claim]) -> tuple[float, ...]:
 
 
 def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str] = ()) -> None:
-    """Write a run as a page for the browser; ``model`` is MuJoCo's of its cell, None: it is set up again if it can be.
+    """Write a run as a page for the browser; ``model`` is MuJoCo's of its cell, None: it is set up again if
+    it can be.
 
     A run without a row has no page.
     """
@@ -94,7 +97,8 @@ def write_page(folder: Path, record: RunRecord, model: Any, notes: Sequence[str]
 
 
 def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[RunRecord]) -> None:
-    """Write the page of a saved run, or of several of one experiment over each other, if all have something to show."""
+    """Write the page of a saved run, or of several of one experiment over each other, if all have something
+    to show."""
     from polish_sim.experiments.compared_page import pages_over, saved_page
 
     pages = [saved_page(source, record) for source, record in zip(sources, records, strict=True)]
@@ -103,7 +107,9 @@ def write_saved_page(folder: Path, sources: Sequence[Path], records: Sequence[Ru
         _save_page(folder, known[0] if len(known) == 1 else pages_over(records, known))
 
 
-def write_seeds_page(folder: Path, records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]) -> None:
+def write_seeds_page(
+    folder: Path, records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]
+) -> None:
     """Write the page of many seeds of one scenario with one robot; ``columns`` are figures by heading."""
     from polish_sim.experiments.compared_page import remade, seeds_page
 

@@ -36,12 +36,16 @@ class RunResult:
     files: Mapping[str, str] = field(default_factory=dict)  #: More text files of the run, by name
 
 
-def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None) -> dict[str, Any]:
-    """Figures every experiment reports; ``path_done`` is the share of the path (or of the holding time), 0 to 1.
+def common_figures(
+    run: CellRun, scenario: Scenario, path_done: float, T_base_work: Array | None
+) -> dict[str, Any]:
+    """Figures every experiment reports; ``path_done`` is the share of the path (or of the holding time), 0 to
+    1.
 
-    ``T_base_work`` (4, 4) is the nominal pose of the part, None without one. They are path_done, protective_stop,
-    protective_stop_at, what ``SafetyRecord`` names, peak_force_n (of the whole run), interrupted, T_base_work,
-    cycle_time_s (air moves, touch-down and lifts included), simulated_s, wall_s, real_time_factor, steps, seed.
+    ``T_base_work`` (4, 4) is the nominal pose of the part, None without one. They are path_done,
+    protective_stop, protective_stop_at, what ``SafetyRecord`` names, peak_force_n (of the whole run),
+    interrupted, T_base_work, cycle_time_s (air moves, touch-down and lifts included), simulated_s, wall_s,
+    real_time_factor, steps, seed.
     """
     simulated = run.steps * scenario.simulation.timestep_s
     return {
@@ -61,10 +65,11 @@ def common_figures(run: CellRun, scenario: Scenario, path_done: float, T_base_wo
 
 
 def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[str, Any]:
-    """Why the robot stopped itself, with the limit's value, when, where and at what force; None if it did not.
+    """Why the robot stopped itself, with the limit's value, when, where and at what force; None if it did
+    not.
 
-    ``protective_stop_at`` holds the same for pictures: name, time_s, path_s_m, tool_m in the base frame and on the
-    part, tool_on_part_m.
+    ``protective_stop_at`` holds the same for pictures: name, time_s, path_s_m, tool_m in the base frame and
+    on the part, tool_on_part_m.
     """
     if run.stop_reason is None:
         return {"protective_stop": None, "protective_stop_at": None}
@@ -79,8 +84,14 @@ def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[s
         on_part = on_part if on_part.any() else apply(inverse(T_base_work), tip)
         where = f"{place_in_mm(on_part)} of the part, "
     force = f"exact force {run.trace.normal_force_n[row] + 0.0:.1f} N along the tool axis"
-    along = f"{1e3 * float(run.trace.path_s_m[row]):.0f} mm along the path, stroke {run.stroke}, " if run.stroke else ""
-    measured = f"measured {run.safety.protective_stop_measured}" if run.safety.protective_stop_measured else ""
+    along = (
+        f"{1e3 * float(run.trace.path_s_m[row]):.0f} mm along the path, stroke {run.stroke}, "
+        if run.stroke
+        else ""
+    )
+    measured = (
+        f"measured {run.safety.protective_stop_measured}" if run.safety.protective_stop_measured else ""
+    )
     when = f"at {at:.2f} s"
     name = re.split(r"[:(]", limits)[0].strip()
     return {

@@ -1,4 +1,5 @@
-"""The rows of the trunk's experiments (paper 1), and what a calibration of the payload starts from and is asked."""
+"""The rows of the trunk's experiments (paper 1), and what a calibration of the payload starts from and is
+asked."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ from polish_sim.experiments.registry import (
 def arc_claims(scenario: Scenario) -> tuple[Claim, ...]:
     """What is asked of an arc; of an arm with gears as much as their transmission error leaves.
 
-    Its slope, 202 / rad times 1.45e-4 rad in a large joint, makes up to 9% of the feed where the joints add up.
+    Its slope, 202 / rad times 1.45e-4 rad in a large joint, makes up to 9% of the feed where the joints add
+    up.
     """
     ideal, feed = scenario.robot.arm == "ideal", scenario.process.feed_m_s
     error, deviation = (1e-4, 0.01 * feed) if ideal else (3e-4, 0.09 * feed)
@@ -50,12 +52,14 @@ FORCE_CLAIMS: Final = (
 def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
     """What is asked of polishing a part.
 
-    The tool of an arm with gears strays from its path by what the host does not see of them: as far as the accuracy
-    of arms of its class on a path, 0.65 mm (Slamani 2012, IRB 1600).
+    The tool of an arm with gears strays from its path by what the host does not see of them: as far as the
+    accuracy of arms of its class on a path, 0.65 mm (Slamani 2012, IRB 1600).
     """
     strays = 3e-4 if scenario.robot.arm == "ideal" else 6.5e-4
     return (
-        Claim("force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995, more_is_better=True),
+        Claim(
+            "force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995, more_is_better=True
+        ),
         Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
         Claim("force_mean_n", "force, mean", "N", 1.0, "20"),
         Claim("force_rms_error_n", "force error, rms", "N", 1.0),

@@ -1,4 +1,5 @@
-"""A run as a page for the browser: the cell it ran in, its log and its figures (record, scene -> Page); a plan too."""
+"""A run as a page for the browser: the cell it ran in, its log and its figures (record, scene -> Page); a
+plan too."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2",
 ROWS_PER_S: Final = 50.0
 MOST_ROWS: Final = 40_000
 JOINT_ERROR: Final = 2.5e-4  #: Between rows, at most, where there are not too many [rad]
-MOST_FACETS, MOST_NODES = 40_000, 40_000  #: Of the part and of its removal; finer ones are shown by lighter copies
+#: Of the part and of its removal; finer ones are shown by lighter copies
+MOST_FACETS, MOST_NODES = 40_000, 40_000
 HIDDEN_GROUP: Final = 3  #: Of geoms that are there for contact only
 MEASURED: Final = "wrench_measured_tool"
 MM, DEG = 1e3, 180.0 / np.pi
@@ -64,9 +66,14 @@ def run_page(record: RunRecord, model: Any, notes: Sequence[str] = ()) -> Page:
         wear=None if record.removal is None or record.removal.mean <= 0.0 else _wear(record, record.removal),
         plots=run_plots(record, motion, kept),
         tables={name: rows for name, rows in tables.items() if len(rows) > 1},
-        notes=[*([record.metrics["protective_stop"]] if record.metrics.get("protective_stop") else []), *notes],
+        notes=[
+            *([record.metrics["protective_stop"]] if record.metrics.get("protective_stop") else []),
+            *notes,
+        ],
         command=f"polish-sim run {scenario.experiment} --config config.toml",
-        made=", ".join([f"seed {scenario.seed}", *(f"{n} {v}" for n, v in record.metrics.get("versions", {}).items())]),
+        made=", ".join(
+            [f"seed {scenario.seed}", *(f"{n} {v}" for n, v in record.metrics.get("versions", {}).items())]
+        ),
     )
 
 
@@ -76,14 +83,16 @@ def named_rows(rows: Iterable[Sequence[str]]) -> list[list[str]]:
 
 
 def clock(log: RunLog) -> Array:
-    """Time of a log's rows [s], (n,); one that holds several moves, each from time 0, has them one after the other."""
+    """Time of a log's rows [s], (n,); one that holds several moves, each from time 0, has them one after the
+    other."""
     time = numbers(log, "time_s")
     steps = np.diff(time, prepend=time[:1])
     return time[0] + np.cumsum(np.where(steps < 0.0, np.median(steps), steps))
 
 
 def shown_rows(time: Array, q: Array) -> Indices:
-    """Rows of a log (n,) [s] the page has: 50 a second, more where joints (n, k) would be off between them."""
+    """Rows of a log (n,) [s] the page has: 50 a second, more where joints (n, k) would be off between
+    them."""
     n = len(time)
     every = max(1, round((n - 1) / max(ROWS_PER_S * (time[-1] - time[0]), 1.0)))
     while True:
@@ -131,7 +140,9 @@ def scene_solids(model: Any) -> list[Solid]:
         elif kind == mujoco.mjtGeom.mjGEOM_BOX:
             vertices, faces = box(model.geom_size[g])
         elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            vertices, faces = cylinder(model.geom_size[g][0], 2.0 * model.geom_size[g][1], -model.geom_size[g][1])
+            vertices, faces = cylinder(
+                model.geom_size[g][0], 2.0 * model.geom_size[g][1], -model.geom_size[g][1]
+            )
         else:
             continue
         T = transform(_matrix(model.geom_quat[g]), model.geom_pos[g])
@@ -178,7 +189,8 @@ def run_motion(record: RunRecord, model: Any, kept: Indices) -> Motion:
 
 
 def joint_columns(record: RunRecord, model: Any) -> Array:
-    """The columns of the log that move a model, in the order of ``qpos``; what is not in the log stays at zero."""
+    """The columns of the log that move a model, in the order of ``qpos``; what is not in the log stays at
+    zero."""
     log, columns = record.log, np.zeros((len(record.log), model.nq))
     for number in range(model.njnt):
         name, at = str(model.joint(number).name), int(model.jnt_qposadr[number])
@@ -231,12 +243,22 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
     read = [Line("read by the sensor", column(MEASURED)[:, 2], "1")] if MEASURED in log.names else []
     plots = [
         Plot("Contact force", "N", [*read, asked, Line("exact force", motion.force, "main", low, high)]),
-        Plot("Error across the tool", "µm", [Line("error", 1e6 * motion.error, "main", 0.0 * worst, 1e6 * worst)]),
-        Plot("Tool speed", "mm/s", [
-            Line("feed asked", np.full(n, MM * process.feed_m_s), "asked"), Line("speed", MM * motion.speed)]),
+        Plot(
+            "Error across the tool",
+            "µm",
+            [Line("error", 1e6 * motion.error, "main", 0.0 * worst, 1e6 * worst)],
+        ),
+        Plot(
+            "Tool speed",
+            "mm/s",
+            [
+                Line("feed asked", np.full(n, MM * process.feed_m_s), "asked"),
+                Line("speed", MM * motion.speed),
+            ],
+        ),
         joint_plot(column("qd_rad_s"), limit),
         Plot("Command", "mm/s", [Line("into the part", MM * along, "0"), Line("along it", MM * across, "1")]),
-    ]  # fmt: skip
+    ]
     if record.scenario.experiment not in ("arc", "surface"):
         plots[2] = plots[2]._replace(lines=plots[2].lines[1:])
     if "relative_error_m" in log.names:
@@ -249,7 +271,9 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
 
 def joint_plot(rates: Array, limit: float) -> Plot:
     """Speeds of the six joints (n, 6) beside their limit [rad/s]."""
-    lines = [Line(name.replace("_", " "), 100.0 / limit * rates[:, k], str(k)) for k, name in enumerate(JOINTS)]
+    lines = [
+        Line(name.replace("_", " "), 100.0 / limit * rates[:, k], str(k)) for k, name in enumerate(JOINTS)
+    ]
     return Plot("Joint speeds", "%", lines, f"of the limit, {DEG * limit:.0f}°/s")
 
 
@@ -268,7 +292,9 @@ def _wear(record: RunRecord, removal: RemovalMap) -> Wear:
 # A plan with the robot that does it.
 
 
-def plan_page(page: Page, scenario: Scenario, result: PlanResult, reach: Reach, strokes: Sequence[Stroke]) -> Page:
+def plan_page(
+    page: Page, scenario: Scenario, result: PlanResult, reach: Reach, strokes: Sequence[Stroke]
+) -> Page:
     """The page of a plan, ``page``, with the robot that does it, as long as the cycle takes."""
     from polish_sim.exchange.viewers import path_plots
 

@@ -1,8 +1,9 @@
 """Which side up, and how often: few setups in which pad and arm reach all of a part (scenario -> setups).
 
-A setup is one side up and one pose of the part. What the arm does in one is tried with the reach map along a rough way
-over patches: first those that look up, then those that look to the side or down, the largest first. The side that shows
-most of what is left is taken, until nothing is left or no side shows more of it (greedy set cover).
+A setup is one side up and one pose of the part. What the arm does in one is tried with the reach map along a
+rough way over patches: first those that look up, then those that look to the side or down, the largest first.
+The side that shows most of what is left is taken, until nothing is left or no side shows more of it (greedy
+set cover).
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ class Setup(NamedTuple):
 
 
 class SetupSearch:
-    """Finds setups one after another, all for one pad; what turns out not to be done in one is looked at again."""
+    """Finds setups one after another, all for one pad; what turns out not to be done in one is looked at
+    again."""
 
     def __init__(self, scenario: Scenario, observer: Observer) -> None:
         check_asked(scenario.part, scenario.plan, scenario.pad)
@@ -120,23 +122,32 @@ class SetupSearch:
         numbers = sorted(patch.number for patch in shown)
         self.left = [patch for patch in self.left if patch.number not in numbers]
         region = f"all:{','.join(map(str, numbers))}/{self._counted_by}"
-        part, plan = replace(self._scenario.part, up=side_name(up)), replace(self._scenario.plan, region=region)
+        part, plan = (
+            replace(self._scenario.part, up=side_name(up)),
+            replace(self._scenario.plan, region=region),
+        )
         return Setup(up, tuple(shown), replace(self._scenario, part=part, plan=plan))
 
     def refuse(self, setup: Setup, why: str, elsewhere: bool) -> None:
-        """Take back a setup that cannot be done; it may be ``elsewhere``, with another side up, or not at all.
+        """Take back a setup that cannot be done; it may be ``elsewhere``, with another side up, or not at
+        all.
 
-        Less than its patches is tried instead; a single one that cannot be done elsewhere is given up with the reason.
+        Less than its patches is tried instead; a single one that cannot be done elsewhere is given up with
+        the reason.
         """
         if len(setup.patches) == 1 and not elsewhere:
             self.given_up.append((setup.patches[0], why))
             return
         self.left += setup.patches
-        self._refused.append((setup.up if elsewhere else None, frozenset(patch.number for patch in setup.patches)))
+        self._refused.append(
+            (setup.up if elsewhere else None, frozenset(patch.number for patch in setup.patches))
+        )
 
     def _in_view(self, up: Array) -> float:
         """Area of what looks up or, for less, to the side [m^2]: sides that show much are tried first."""
-        return round(sum(patch.area * float(np.clip(0.5 + patch.way @ up, 0.0, 1.0)) for patch in self.left), 7)
+        return round(
+            sum(patch.area * float(np.clip(0.5 + patch.way @ up, 0.0, 1.0)) for patch in self.left), 7
+        )
 
     def _seen(self, up: Array) -> list[Patch]:
         """What the arm reaches in one pose with a side up."""
@@ -170,7 +181,9 @@ class SetupSearch:
 
 def _patch(number: int, surface: Surface) -> Patch:
     rows = slice(None, None, -(-len(surface.faces) // MOST_FACETS))
-    points, axes = (field[rows, :3].reshape(-1, 3) for field in (surface.control, unit(surface.normal_control)))
+    points, axes = (
+        field[rows, :3].reshape(-1, 3) for field in (surface.control, unit(surface.normal_control))
+    )
     places = outermost(points, axes)
     order = places[nearest_neighbours(np.repeat(points[places, None], 2, axis=1), True, None)[0]]
     share = np.linspace(0.0, 1.0, BETWEEN, endpoint=False)[:, None]
@@ -183,7 +196,8 @@ def _patch(number: int, surface: Surface) -> Patch:
 
 
 def _way_over(mesh: PartMesh, patches: Sequence[Patch], clearance: float) -> ToolPath:
-    """A rough way from patch to patch and round the part between them, at a clearance [m]; nothing to polish by."""
+    """A rough way from patch to patch and round the part between them, at a clearance [m]; nothing to polish
+    by."""
     middle = mesh.vertices.mean(axis=0)
     points, axes = [patches[0].points], [patches[0].axes]
     for patch in patches[1:]:
@@ -193,14 +207,23 @@ def _way_over(mesh: PartMesh, patches: Sequence[Patch], clearance: float) -> Too
         axes += [ways, patch.axes]
     positions = np.concatenate(points)
     segment, nothing = np.full(len(positions), PROCESS, dtype=np.int8), np.zeros(len(positions))
-    return ToolPath(positions, np.concatenate(axes), arc_length(positions), nothing.astype(np.int64), segment, nothing)
+    return ToolPath(
+        positions, np.concatenate(axes), arc_length(positions), nothing.astype(np.int64), segment, nothing
+    )
 
 
 def _sides(mesh: PartMesh, patches: Sequence[Patch]) -> list[Array]:
-    """Sides that may be turned up: the usual one, the file's own, those patches look to, the part's principal axes."""
+    """Sides that may be turned up: the usual one, the file's own, those patches look to, the part's principal
+    axes."""
     principal = np.linalg.eigh(np.cov(mesh.vertices.T))[1].T
     sides: list[Array] = []
-    for way in [mesh.up, *map(np.array, SIDES.values()), *(patch.way for patch in patches), *principal, *-principal]:
+    for way in [
+        mesh.up,
+        *map(np.array, SIDES.values()),
+        *(patch.way for patch in patches),
+        *principal,
+        *-principal,
+    ]:
         if all(way @ side < SAME_SIDE for side in sides):
             sides.append(way)
     return sides

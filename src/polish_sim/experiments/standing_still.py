@@ -1,4 +1,5 @@
-"""The robot in free space: a cell without a part, and poses it visits to stand still and read its wrist sensor."""
+"""The robot in free space: a cell without a part, and poses it visits to stand still and read its wrist
+sensor."""
 
 from __future__ import annotations
 
@@ -27,20 +28,39 @@ if TYPE_CHECKING:
 CLOCK_FEED = 0.1  #: Length of the path that stands for a second [m], standing still included
 ROW_S = 0.01  # between rows of the path [s]
 START_S = 0.5  # until the path's clock has come up to speed [s]
-USUAL_LINEAR, USUAL_ANGULAR = 1.2, 3.0  #: Acceleration limits of the robot with which it keeps up [m/s^2, rad/s^2]
+#: Acceleration limits of the robot with which it keeps up [m/s^2, rad/s^2]
+USUAL_LINEAR, USUAL_ANGULAR = 1.2, 3.0
 AT_REST_RAD_S = 2e-3  #: No joint may be faster while the sensor is read
 
 
 def free_cell(
-    scenario: Scenario, start: PathTable, table: PathTable, feed: float, q_start: Array, rng: np.random.Generator
+    scenario: Scenario,
+    start: PathTable,
+    table: PathTable,
+    feed: float,
+    q_start: Array,
+    rng: np.random.Generator,
 ) -> Cell:
-    """A cell without a part whose tool moves along a table at a feed [m/s], from one that stays at its beginning."""
+    """A cell without a part whose tool moves along a table at a feed [m/s], from one that stays at its
+    beginning."""
     pace = feed_pace(feed)
     stroke = Stroke(
-        travel=time_path(start, pace), lead_in=start, process=table, motion=time_path(table, pace), depth=0.0,
-        force=np.zeros(len(table.positions)), contact=False, approach_speed=feed, feed=feed, threshold=math.inf,
-        search_depth=0.0, hold=0.0, feed_time=scenario.process.max_feed_s or math.inf, lift=0.0, start_s=0.0,
-    )  # fmt: skip
+        travel=time_path(start, pace),
+        lead_in=start,
+        process=table,
+        motion=time_path(table, pace),
+        depth=0.0,
+        force=np.zeros(len(table.positions)),
+        contact=False,
+        approach_speed=feed,
+        feed=feed,
+        threshold=math.inf,
+        search_depth=0.0,
+        hold=0.0,
+        feed_time=scenario.process.max_feed_s or math.inf,
+        lift=0.0,
+        start_s=0.0,
+    )
     return Cell(
         scenario, build_scene(scenario, None, None), no_part(), [stroke], q_start,
         build_controller(scenario.controller), rng,
@@ -56,12 +76,16 @@ class Visit(NamedTuple):
 
 def patience(robot: RobotConfig) -> float:
     """How much longer than planned a robot with low acceleration limits gets for its ways [-]."""
-    shares = (USUAL_LINEAR / robot.linear_acceleration_m_s2, USUAL_ANGULAR / robot.angular_acceleration_rad_s2)
+    shares = (
+        USUAL_LINEAR / robot.linear_acceleration_m_s2,
+        USUAL_ANGULAR / robot.angular_acceleration_rad_s2,
+    )
     return math.sqrt(max(1.0, *shares))
 
 
 def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -> Visit:
-    """A way through poses ``q`` (n, 6) [rad] in time, standing still in each: ``settle``, then ``average`` [s].
+    """A way through poses ``q`` (n, 6) [rad] in time, standing still in each: ``settle``, then ``average``
+    [s].
 
     ``patience`` is a factor on the time of the ways [-].
     """
@@ -81,14 +105,17 @@ def plan_visit(q: Array, settle: float, average: float, patience: float = 1.0) -
         now = float(times[-1][-1])
     T_base_tool = forward(np.concatenate(rows)) @ tool_on_flange()
     place = CLOCK_FEED * np.concatenate(times)
-    table = build_path_table(T_base_tool[:, :3, 3], T_base_tool[:, :3, :3], place, spacing=0.5 * CLOCK_FEED * ROW_S)
+    table = build_path_table(
+        T_base_tool[:, :3, 3], T_base_tool[:, :3, :3], place, spacing=0.5 * CLOCK_FEED * ROW_S
+    )
     return Visit(table, CLOCK_FEED * np.array(windows))
 
 
 def visiting_cell(scenario: Scenario, visit: Visit, q_start: Array, rng: np.random.Generator) -> Cell:
     """A cell in free space, spindle off, whose host compensates nothing: it reads the sensor as it is."""
     start = build_path_table(
-        visit.table.positions[:1], Rotation.from_quat(visit.table.quaternions[:1], scalar_first=True).as_matrix()
+        visit.table.positions[:1],
+        Rotation.from_quat(visit.table.quaternions[:1], scalar_first=True).as_matrix(),
     )
     whole = replace(scenario, process=replace(scenario.process, max_feed_s=0.0))
     cell = free_cell(whole, start, visit.table, CLOCK_FEED, q_start, rng)
@@ -117,14 +144,14 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
         rows = (place >= first) & (place <= last)
         if not rows.any():
             raise CalibrationError(
-                f"no row of the log is in the {(last - first) / CLOCK_FEED:.3g} s of readings in pose {number}. Raise "
-                "payload.average_s or simulation.log_rate_hz."
+                f"no row of the log is in the {(last - first) / CLOCK_FEED:.3g} s of readings in pose "
+                f"{number}. Raise payload.average_s or simulation.log_rate_hz."
             )
         speed = float(np.abs(log["qd_rad_s"][rows]).max())
         if speed > AT_REST_RAD_S:
             raise CalibrationError(
-                f"the arm did not stand still in pose {number}: a joint still moved at {speed:.2g} rad/s. Raise "
-                "payload.settle_s."
+                f"the arm did not stand still in pose {number}: a joint still moved at {speed:.2g} rad/s. "
+                "Raise payload.settle_s."
             )
         times.append(float(log["time_s"][rows].astype(np.float64).mean()))
         frames.append(log[frame][rows][-1].astype(np.float64))

@@ -38,10 +38,11 @@ CELL_LIMITS = SmoothingLimits(
     axis_jerk=300.0,
     joint_jerk=six(600.0),
 )
-"""Of the tip half of what the robot's velocity interface does by default (1.2 m/s^2), built up in 40 ms: the other half
-is for the force loop. Of the axis, which that loop leaves alone, all of it (6 rad/s^2), built up in 20 ms: half of it
-costs the spiral on the freeform part 3% of its time. The tip's speed is the feed; of the joints the arm's defaults,
-their jerk (no maker publishes one) high enough that the tool's limits decide at most corners."""
+"""Of the tip half of what the robot's velocity interface does by default (1.2 m/s^2), built up in 40 ms: the
+other half is for the force loop. Of the axis, which that loop leaves alone, all of it (6 rad/s^2), built up
+in 20 ms: half of it costs the spiral on the freeform part 3% of its time. The tip's speed is the feed; of the
+joints the arm's defaults, their jerk (no maker publishes one) high enough that the tool's limits decide at
+most corners."""
 
 SPLINE = "spline"
 AXIS_SHARES = (1.0, 0.5)  #: Shares of the axis's acceleration tried before the joints' own, cautious bounds
@@ -58,14 +59,16 @@ class StrokePath(NamedTuple):
 
 
 def check_stroke_rule(scenario: Scenario) -> None:
-    """Refuse an unknown rule (InputError) and a file of limits that cannot be used (ConfigError) before planning."""
+    """Refuse an unknown rule (InputError) and a file of limits that cannot be used (ConfigError) before
+    planning."""
     check_rule("smoothing.rule", scenario.smoothing.rule, STROKE_RULES)
     cell_limits(scenario, CELL_LIMITS, math.inf)
 
 
 _MOTIONS: dict[bytes, TimedPath | None] = {}
 MOST_ROWS: Final = 200_000
-"""Rows of motions that are kept, 20 MB: a proof plays the same strokes again and again, and a run those of its plan."""
+"""Rows of motions that are kept, 20 MB: a proof plays the same strokes again and again, and a run those of
+its plan."""
 
 
 def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> TimedPath | None:
@@ -86,36 +89,48 @@ def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> Ti
     if key not in _MOTIONS:
         chain = build_chain(stroke.tips, stroke.rotations)
         _MOTIONS[key] = (
-            STROKE_RULES[scenario.smoothing.rule](scenario, stroke, chain, arm) if len(chain.lengths) else None
+            STROKE_RULES[scenario.smoothing.rule](scenario, stroke, chain, arm)
+            if len(chain.lengths)
+            else None
         )
     motion = _MOTIONS[key] = _MOTIONS.pop(key)  # the last one used is dropped last
-    while sum(0 if kept is None else len(kept.places) for kept in _MOTIONS.values()) > MOST_ROWS and len(_MOTIONS) > 1:
+    while (
+        sum(0 if kept is None else len(kept.places) for kept in _MOTIONS.values()) > MOST_ROWS
+        and len(_MOTIONS) > 1
+    ):
         del _MOTIONS[next(iter(_MOTIONS))]
     return motion
 
 
 def within_noise(scenario: Scenario, noise: Noise) -> Scenario:
-    """The scenario for a surface that is known within a noise only: its strokes may be as far from the path as that."""
+    """The scenario for a surface that is known within a noise only: its strokes may be as far from the path
+    as that."""
     asked = scenario.smoothing
     tip, axis = max(asked.tolerance_m, noise.offset), max(asked.axis_tolerance_rad, noise.slope)
     return replace(scenario, smoothing=replace(asked, tolerance_m=tip, axis_tolerance_rad=axis))
 
 
 def along_a_curve(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
-    """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits allow it."""
+    """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits
+    allow it."""
     from polish_sim.motion.spline.motion import Feed, plan_spline  # slow to import
 
     asked = scenario.smoothing
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
-    limits, tolerances = cell_limits(scenario, stroke.limits, math.inf), (asked.tolerance_m, asked.axis_tolerance_rad)
-    return time_schedule(plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm), marks)
+    limits, tolerances = (
+        cell_limits(scenario, stroke.limits, math.inf),
+        (asked.tolerance_m, asked.axis_tolerance_rad),
+    )
+    return time_schedule(
+        plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm), marks
+    )
 
 
 def by_rule(plan: Rule, scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow the way points by a rule of `smooth`.
 
-    Limits of the tool are planned for; where a row of the motion would break one of a joint, the axis is turned more
-    gently, and if that does not help, joints are planned for as well.
+    Limits of the tool are planned for; where a row of the motion would break one of a joint, the axis is
+    turned more gently, and if that does not help, joints are planned for as well.
     The feed is that of the contact on the part: pressed in on a bend the tool point is faster or slower.
     """
     asked = scenario.smoothing
@@ -139,7 +154,8 @@ def by_rule(plan: Rule, scenario: Scenario, stroke: StrokePath, chain: Chain, ar
 
 
 def at_the_feed(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
-    """Follow the way points' chords at the feed, whatever acceleration that takes: no time law, to compare with."""
+    """Follow the way points' chords at the feed, whatever acceleration that takes: no time law, to compare
+    with."""
     top = float(stroke.feed.max())
     table = build_path_table(stroke.tips, stroke.rotations, stroke.s)
     return time_path(with_feed_share(table, stroke.s, stroke.feed / top), feed_pace(top))
@@ -155,7 +171,8 @@ STROKE_RULES: Mapping[str, StrokeRule] = {
 
 
 def joints_keep(limits: SmoothingLimits, motion: SmoothMotion, arm: Arm) -> bool:
-    """Whether all joints are within their limits at every row of a motion; between rows nothing is looked at."""
+    """Whether all joints are within their limits at every row of a motion; between rows nothing is looked
+    at."""
     joints = sampled_joints(motion.sample(row_times(motion.end)), arm)
     rates = ((joints.first, limits.joint_speed), (joints.second, limits.joint_acceleration))
     kept = all(bool(np.all(np.abs(rate) <= np.array(limit))) for rate, limit in rates)
@@ -163,7 +180,8 @@ def joints_keep(limits: SmoothingLimits, motion: SmoothMotion, arm: Arm) -> bool
 
 
 def cell_limits(scenario: Scenario, otherwise: SmoothingLimits, feed: float) -> SmoothingLimits:
-    """Limits of a stroke: those of the scenario's file, else the given ones; the tip's speed is the feed [m/s]."""
+    """Limits of a stroke: those of the scenario's file, else the given ones; the tip's speed is the feed
+    [m/s]."""
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), otherwise) if file else otherwise
     return replace(limits, tip_speed=feed if feed > 0.0 else math.inf)
@@ -173,15 +191,16 @@ def cell_limits(scenario: Scenario, otherwise: SmoothingLimits, feed: float) -> 
 
 KEPT = 0.99  #: Share of the feed from which it counts as kept [-]
 SAME = 1.0 + 1e-6  # feeds within this ratio are equal
-END_M = 0.001  #: So far from the ends of a stroke, where the tool is at rest, the least feed is not looked for [m]
+#: So far from the ends of a stroke, where the tool is at rest, the least feed is not looked for [m]
+END_M = 0.001
 
 
 def feed_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
     """Figures of the time law of all strokes, in order.
 
     motion_time_s: of the strokes in contact; feed_kept: share of the way at ``KEPT`` of the feed or more;
-    feed_least_m_s and feed_least_at_m: least feed away from the strokes' ends, and the first place on the path with
-    it.
+    feed_least_m_s and feed_least_at_m: least feed away from the strokes' ends, and the first place on the
+    path with it.
     """
     times, lengths, kept, slowest = 0.0, 0.0, 0.0, (math.nan, math.nan)
     for stroke in strokes:

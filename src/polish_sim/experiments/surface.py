@@ -19,7 +19,14 @@ from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_pose import reach_path
-from polish_sim.experiments.part_setup import RealShape, check_set_points, path_done, real_shape, shape_figures, touched
+from polish_sim.experiments.part_setup import (
+    RealShape,
+    check_set_points,
+    path_done,
+    real_shape,
+    shape_figures,
+    touched,
+)
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
@@ -52,7 +59,9 @@ def remove_material(
         place.surface, place.region, part, touched(place.shape, place.path, pad.radius_m, part.field.band)
     )
     motion = pad_motion(run.log, run.trace, part, pad.radius_m, part_turns)
-    removed = expose_nodes(nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale, pad.slide_m_s)
+    removed = expose_nodes(
+        nodes.pressed, motion, pad.radius_m, pad.stiffness_n_m * head.spring_scale, pad.slide_m_s
+    )
     own = len(nodes.mesh.vertices)
     pressed = float(motion.impulses.sum())
     removal = RemovalMap(
@@ -64,7 +73,9 @@ def remove_material(
         up=place.region.up,
         preston_1_pa=scenario.process.preston_1_pa,
         elsewhere_nm=float(nodes.pressed.areas[own:] @ removed.exposure[own:]),
-        unplaced_share=float(motion.impulses[removed.carried <= 0.0].sum()) / pressed if pressed > 0.0 else math.nan,
+        unplaced_share=float(motion.impulses[removed.carried <= 0.0].sum()) / pressed
+        if pressed > 0.0
+        else math.nan,
         field_ratio=float(removed.carried @ motion.times) / pressed if pressed > 0.0 else math.nan,
     )
     return Removal(removal, with_column(run.log, "exposure_nm", _running(run.log, motion, removed)))
@@ -93,7 +104,9 @@ class SurfaceTask:
     def place(self) -> Workplace:
         """Part, path and reach, as the cell is set up from them."""
         plan = self.plan
-        return Workplace(plan.mesh, plan.surface, plan.region, plan.path, self.reach, self.shape, plan.tool.fixture)
+        return Workplace(
+            plan.mesh, plan.surface, plan.region, plan.path, self.reach, self.shape, plan.tool.fixture
+        )
 
 
 def prepare_surface(
@@ -101,15 +114,17 @@ def prepare_surface(
 ) -> SurfaceTask:
     """Plan the part's path, unless a ``plan`` was made before, and check that the arm can do all of it.
 
-    See ``plan_part`` and ``measure_given_path`` for plans. The last few tasks are kept: the next run of the same plan
-    has it at once.
+    See ``plan_part`` and ``measure_given_path`` for plans. The last few tasks are kept: the next run of the
+    same plan has it at once.
 
     Raises:
         PolishSimError: If the part cannot be used, planned or reached.
     """
     build_controller(scenario.controller)
     check_stroke_rule(scenario)
-    task = PLACES.get((place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer or Silent()))
+    task = PLACES.get(
+        (place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer or Silent())
+    )
     refuse_collision(scenario, task.plan)
     return task
 
@@ -135,18 +150,22 @@ def refuse_collision(scenario: Scenario, plan: PlanResult) -> None:
     warning = pad_in_part_warning(plan.figures)
     if warning and scenario.safety.tool_in_part == TOOL_IN_PART[0]:
         raise PlanError(
-            f"{warning}. Plan the path on this part with this pad, which leaves out what it does not reach, take a "
-            "smaller --pad-diameter, or run it all the same with --allow-contact."
+            f"{warning}. Plan the path on this part with this pad, which leaves out what it does not reach, "
+            "take a smaller --pad-diameter, or run it all the same with --allow-contact."
         )
 
 
-def check_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> CheckedPath:
+def check_surface(
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+) -> CheckedPath:
     """The path of a run and how the arm reaches all of it; raises as `prepare_surface`."""
     task = prepare_surface(scenario, plan, observer)
     return CheckedPath(task.plan.path, task.reach)
 
 
-def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None) -> RunResult:
+def run_surface(
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+) -> RunResult:
     """Polish a part and measure how well the force was held; plan and errors as of `prepare_surface`."""
     observer = observer or Silent()
     task = prepare_surface(scenario, plan, observer)

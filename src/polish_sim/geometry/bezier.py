@@ -1,4 +1,5 @@
-"""Quadratic Bezier triangles: evaluation, derivatives and rules for their edge control points (paper 1, eq. 1-4).
+"""Quadratic Bezier triangles: evaluation, derivatives and rules for their edge control points (paper 1, eq.
+1-4).
 
 Control points of a patch, shape (6, 3), are ordered P_200, P_020, P_002, P_110, P_011, P_101: the three
 corners, then the point of the edge from corner e to corner e + 1. Barycentric coordinates are (u, v, w).
@@ -19,10 +20,11 @@ _AGREEMENT = np.cos(np.radians(15.0))
 
 
 def edge_middle(start: Array, end: Array, start_way: Array, end_way: Array) -> Array:
-    """Middle (..., 3) [m] of the cubic Hermite curve whose end tangents are as long as the chord (paper 1, eq. 3, 4).
+    """Middle (..., 3) [m] of the cubic Hermite curve whose end tangents are as long as the chord (paper 1,
+    eq. 3, 4).
 
-    On a circle it is off by R phi^4 / 8, phi half the angle; with tangents as long as the chord's projection by
-    three times that. Points are (..., 3) [m], ``start_way`` and ``end_way`` unit tangents there.
+    On a circle it is off by R phi^4 / 8, phi half the angle; with tangents as long as the chord's projection
+    by three times that. Points are (..., 3) [m], ``start_way`` and ``end_way`` unit tangents there.
     """
     length = np.linalg.norm(end - start, axis=-1, keepdims=True)
     return 0.5 * (start + end) + 0.125 * (length * start_way - length * end_way)
@@ -31,14 +33,15 @@ def edge_middle(start: Array, end: Array, start_way: Array, end_way: Array) -> A
 def edge_control(start: Array, end: Array, start_way: Array, end_way: Array) -> Array:
     """Control points of the quadratic curves through the `edge_middle`, so 2 M - (P0 + P1) / 2.
 
-    With M itself as the control point, the paper's text taken literally, the surface of a sphere of 1280 facets is
-    100 times as far off.
+    With M itself as the control point, the paper's text taken literally, the surface of a sphere of 1280
+    facets is 100 times as far off.
     """
     return 2.0 * edge_middle(start, end, start_way, end_way) - 0.5 * (start + end)
 
 
 def edge_points(start: Array, middle: Array, end: Array, share: Array) -> Array:
-    """Points of quadratic curves at shares of their parameter; ``middle`` is the control point, arrays broadcast."""
+    """Points of quadratic curves at shares of their parameter; ``middle`` is the control point, arrays
+    broadcast."""
     return np.asarray((1.0 - share) ** 2 * start + 2.0 * share * (1.0 - share) * middle + share**2 * end)
 
 
@@ -55,7 +58,8 @@ def basis(u: float, v: float, w: float) -> Any:
 
 @njit(cache=True)
 def blend(control, facets, barycentric):  # type: ignore[no-untyped-def]
-    """Evaluate quadratic triangles ``facets`` (n,) at ``barycentric`` (n, 3): positions, normals or other values.
+    """Evaluate quadratic triangles ``facets`` (n,) at ``barycentric`` (n, 3): positions, normals or other
+    values.
 
     From the control values (m, 6, d) of all triangles, shape (n, d).
     """
@@ -77,7 +81,8 @@ def blend(control, facets, barycentric):  # type: ignore[no-untyped-def]
 
 
 def area_elements(control: Array, u: float, v: float, w: float) -> Array:
-    """Derivative along u times derivative along v of patches (m, 6, 3): normals as long as the area element, (m, 3)."""
+    """Derivative along u times derivative along v of patches (m, 6, 3): normals as long as the area element,
+    (m, 3)."""
     a, b, c, d, e, f = np.moveaxis(control, 1, 0)
     to_u, to_v, to_w = u * a + v * d + w * f, u * d + v * b + w * e, u * f + v * e + w * c
     return np.cross(2.0 * (to_u - to_w), 2.0 * (to_v - to_w))
@@ -101,9 +106,9 @@ def from_corners(corners: Array) -> Array:
 def quadratic_normals(corners: Array, normals: Array) -> Array:
     """Normal field that is quadratic over each triangle (not normalised), continuous across shared edges.
 
-    In the middle of an edge stands the mean of its ends' normals mirrored at the plane across the edge, which is
-    exact on spheres, cylinders and cones; it is one order more accurate there than normals varying linearly. From
-    corners (m, 3, 3) [m] and unit normals there, the control values (m, 6, 3).
+    In the middle of an edge stands the mean of its ends' normals mirrored at the plane across the edge, which
+    is exact on spheres, cylinders and cones; it is one order more accurate there than normals varying
+    linearly. From corners (m, 3, 3) [m] and unit normals there, the control values (m, 6, 3).
     """
     edges = np.roll(corners, -1, axis=1) - corners
     both = normals + np.roll(normals, -1, axis=1)

@@ -1,4 +1,5 @@
-"""Closest point on many quadratic Bezier triangles, by a tree of boxes (points -> facets and barycentrics)."""
+"""Closest point on many quadratic Bezier triangles, by a tree of boxes (points -> facets and
+barycentrics)."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ class BoxTree(NamedTuple):
 
 
 def build_box_tree(control: Array) -> BoxTree:
-    """Build the tree over patches with control points (m, 6, 3) [m]; a Bezier patch lies within the box of these."""
+    """Build the tree over patches with control points (m, 6, 3) [m]; a Bezier patch lies within the box of
+    these."""
     # P - flat = sum of 2 u v e with e an edge's control point beside its middle, and u v + v w + w u <= 1/3.
     middles = 0.5 * (control[:, :3] + np.roll(control[:, :3], -1, axis=1))
     bulge = 2.0 / 3.0 * np.linalg.norm(control[:, 3:] - middles, axis=2).max(axis=1)
@@ -42,7 +44,11 @@ def build_boxes(lows: Array, highs: Array) -> tuple[Array, Array, Ints, Ints, In
     capacity = max(2 * count, 1)
     items = np.arange(count, dtype=np.int32)
     low, high = np.empty((capacity, 3)), np.empty((capacity, 3))
-    right, first, size = np.full(capacity, -1, np.int32), np.zeros(capacity, np.int32), np.zeros(capacity, np.int32)
+    right, first, size = (
+        np.full(capacity, -1, np.int32),
+        np.zeros(capacity, np.int32),
+        np.zeros(capacity, np.int32),
+    )
     nodes = _build(lows, highs, 0.5 * (lows + highs), items, low, high, right, first, size)
     return low[:nodes], high[:nodes], right[:nodes], first[:nodes], size[:nodes], items
 
@@ -97,8 +103,8 @@ def _enclose(items, begin, end, lows, highs, low, high):  # type: ignore[no-unty
 def _split(items, begin, end, centers, lows, highs):  # type: ignore[no-untyped-def]
     """Sort items to two sides such that the boxes' areas, weighted by their items, are smallest.
 
-    Large facets beside small ones (a part's flat bottom under its freeform top) end in boxes of their own. Returns
-    where the second side begins; ``begin`` if all centers coincide.
+    Large facets beside small ones (a part's flat bottom under its freeform top) end in boxes of their own.
+    Returns where the second side begins; ``begin`` if all centers coincide.
     """
     low, high = np.empty(3), np.empty(3)
     _enclose(items, begin, end, centers, centers, low, high)
@@ -187,10 +193,11 @@ _CANDIDATES = 32
 
 @njit(cache=True)
 def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
-    """Closest point of all patches (m, 6, 3) to (x, y, z) [m]: squared distance [m^2], facet (-1 if none), u, v.
+    """Closest point of all patches (m, 6, 3) to (x, y, z) [m]: squared distance [m^2], facet (-1 if none), u,
+    v.
 
-    Flat triangles, which bound the patches' distances from both sides, sort out all but a few patches. ``hint`` is a
-    patch that may be close, or -1; beyond ``limit`` [m] nothing is looked for.
+    Flat triangles, which bound the patches' distances from both sides, sort out all but a few patches.
+    ``hint`` is a patch that may be close, or -1; beyond ``limit`` [m] nothing is looked for.
     """
     best, facet, best_u, best_v = limit * limit, -1, 0.0, 0.0
     if hint >= 0:
@@ -272,7 +279,9 @@ def closest_points(control, tree, points, hints):  # type: ignore[no-untyped-def
     facets = np.empty(len(points), np.int32)
     barycentric = np.empty((len(points), 3))
     for i in range(len(points)):
-        _, facet, u, v = closest_in_tree(control, tree, points[i, 0], points[i, 1], points[i, 2], hints[i], np.inf)
+        _, facet, u, v = closest_in_tree(
+            control, tree, points[i, 0], points[i, 1], points[i, 2], hints[i], np.inf
+        )
         facets[i] = facet
         barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = u, v, 1.0 - u - v
     return facets, barycentric

@@ -13,7 +13,8 @@ _NEWTON_DONE = 1e-8  # the next step would be of the order of its square
 
 @njit(cache=True)
 def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
-    """Closest point of one patch (6, 3) to (x, y, z) [m]: squared distance [m^2] and barycentric coordinates u, v.
+    """Closest point of one patch (6, 3) to (x, y, z) [m]: squared distance [m^2] and barycentric coordinates
+    u, v.
 
     Newton's method on the whole quadratic first; where it ends outside the triangle, the three edges.
     """
@@ -46,7 +47,8 @@ def on_edge(edge, t):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
-    """Stationary point u, v of the distance to the patch continued beyond its edges, and whether it is a minimum."""
+    """Stationary point u, v of the distance to the patch continued beyond its edges, and whether it is a
+    minimum."""
     guu = guv = gvv = 0.0
     ru = rv = 0.0
     for k in range(3):

@@ -1,7 +1,9 @@
-"""Cut a surface where a quantity changes sign, along a clean line instead of whole facets (Surface -> Surface).
+"""Cut a surface where a quantity changes sign, along a clean line instead of whole facets (Surface ->
+Surface).
 
-`clip` keeps one side, `split` both; `halve_edges` divides facets without gaps. A triangle inside the parameter domain
-of a quadratic Bezier triangle is one again, so what is left of a patch lies exactly on the patch.
+`clip` keeps one side, `split` both; `halve_edges` divides facets without gaps. A triangle inside the
+parameter domain of a quadratic Bezier triangle is one again, so what is left of a patch lies exactly on the
+patch.
 """
 
 from __future__ import annotations
@@ -37,8 +39,8 @@ class Cut(NamedTuple):
 def clip(surface: Surface, values: Array, on: float = 0.0) -> Clipped:
     """Keep the part of a surface where a quantity is positive, and the facets it came from.
 
-    ``values`` (m, 6) are the quantity as a quadratic over each patch, equal along shared edges; corners where its
-    magnitude is at most ``on`` lie on the cut.
+    ``values`` (m, 6) are the quantity as a quadratic over each patch, equal along shared edges; corners where
+    its magnitude is at most ``on`` lie on the cut.
     """
     sign = _corner_signs(values, on)
     whole = ~(sign < 0).any(axis=1)
@@ -102,7 +104,9 @@ def _root(start: Array, middle: Array, end: Array) -> Array:
     return np.clip(c / (-b + np.where(start > 0.0, root, -root)), 1e-9, 1.0 - 1e-9)
 
 
-def _cut_facets(surface: Surface, facets: Indices, sign: NDArray[np.int8], cut_at: Array, cut_vertex: Ints) -> Cut:
+def _cut_facets(
+    surface: Surface, facets: Indices, sign: NDArray[np.int8], cut_at: Array, cut_vertex: Ints
+) -> Cut:
     parents: list[int] = []
     corners: list[list[Array]] = []
     faces: list[list[int]] = []
@@ -197,9 +201,12 @@ def find_edges(faces: Ints) -> Edges:
 
 
 def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:
-    """Mark (e,) the longest edge of every facet with a marked edge too, so that facets stay well shaped when halved."""
+    """Mark (e,) the longest edge of every facet with a marked edge too, so that facets stay well shaped when
+    halved."""
     of_facet = lengths[edges.of_facet]
-    longest = edges.of_facet[np.arange(len(of_facet)), (of_facet * _EQUAL >= of_facet.max(axis=1)[:, None]).argmax(1)]
+    longest = edges.of_facet[
+        np.arange(len(of_facet)), (of_facet * _EQUAL >= of_facet.max(axis=1)[:, None]).argmax(1)
+    ]
     marked = marked.copy()
     while True:
         touched = marked[edges.of_facet].any(axis=1)
@@ -211,9 +218,9 @@ def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:
 def halve_edges(cut: Cut, places: Array, edges: Edges, marked: Bools) -> tuple[Cut, Indices]:
     """Halve the marked edges (e,) and split the triangles beside them.
 
-    ``places`` (n, 3) [m] are the vertices' positions, which decide between diagonals. Returns the triangles, and
-    where the middle of each halved edge is found: rows of (facet, edge) of the triangles given, shape (k, 2). New
-    vertices are numbered in that order after the n old ones.
+    ``places`` (n, 3) [m] are the vertices' positions, which decide between diagonals. Returns the triangles,
+    and where the middle of each halved edge is found: rows of (facet, edge) of the triangles given, shape (k,
+    2). New vertices are numbered in that order after the n old ones.
     """
     number = np.full(len(marked), -1, dtype=np.int64)
     number[marked] = len(places) + np.arange(int(marked.sum()))
@@ -233,7 +240,11 @@ def halve_edges(cut: Cut, places: Array, edges: Edges, marked: Bools) -> tuple[C
     corners.append(_HALVED_THREE)
     facets = np.concatenate([np.repeat(r, len(c)) for r, c in zip(rows, corners, strict=True)])
     local = np.concatenate([np.tile(c, (len(r), 1)) for r, c in zip(rows, corners, strict=True)])
-    parts = Cut(cut.parents[facets], nodes[facets[:, None], local], ids[facets[:, None], local].astype(cut.faces.dtype))
+    parts = Cut(
+        cut.parents[facets],
+        nodes[facets[:, None], local],
+        ids[facets[:, None], local].astype(cut.faces.dtype),
+    )
     _, first_at = np.unique(edges.of_facet.ravel(), return_index=True)
     at = first_at[marked]
     return parts, np.stack([at // 3, at % 3], axis=1)

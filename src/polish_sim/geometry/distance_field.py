@@ -1,8 +1,8 @@
 """Signed distance of a surface: at points, and sampled in a narrow band (Surface -> bricks for the contact).
 
-Cubes of 8 x 8 x 8 cells exist only near the surface; :mod:`field_lookup` reads them. The sign at an edge or corner
-follows the angle-weighted pseudo-normal (Baerentzen and Aanaes 2005); with curved patches the tangent planes at that
-point take the place of the flat facets.
+Cubes of 8 x 8 x 8 cells exist only near the surface; :mod:`field_lookup` reads them. The sign at an edge or
+corner follows the angle-weighted pseudo-normal (Baerentzen and Aanaes 2005); with curved patches the tangent
+planes at that point take the place of the flat facets.
 """
 
 from __future__ import annotations
@@ -120,18 +120,22 @@ def _component(patch, k, u, v, w):  # type: ignore[no-untyped-def]
     return u * to_u + v * to_v + w * to_w, to_u - to_w, to_v - to_w
 
 
-def build_distance_field(surface: Surface, spacing: float, band: float, bounds: Array | None = None) -> DistanceField:
-    """Sample the signed distance of a part's whole surface in a band of half width ``band`` [m], every ``spacing`` [m].
+def build_distance_field(
+    surface: Surface, spacing: float, band: float, bounds: Array | None = None
+) -> DistanceField:
+    """Sample the signed distance of a part's whole surface in a band of half width ``band`` [m], every
+    ``spacing`` [m].
 
-    On an open surface the sign follows the closest point's normal; beyond the border, and beyond the box ``bounds`` (2,
-    3) [m], everything is outside.
+    On an open surface the sign follows the closest point's normal; beyond the border, and beyond the box
+    ``bounds`` (2, 3) [m], everything is outside.
 
     Raises:
         ConfigError: The band is narrower than two spacings, or the field would take too much memory.
     """
     if not (0.0 < 2.0 * spacing <= band):
         raise ConfigError(
-            f"distance field: the band ({band:g} m) must be at least twice the spacing ({spacing:g} m), both positive."
+            f"distance field: the band ({band:g} m) must be at least twice the spacing ({spacing:g} m), both "
+            "positive."
         )
     low, high = surface.bounds if bounds is None else np.asarray(bounds, dtype=np.float64)
     margin = band + spacing if bounds is None else 0.0
@@ -142,7 +146,8 @@ def build_distance_field(surface: Surface, spacing: float, band: float, bounds: 
     near, hints = _find_near_bricks(skin, origin, side, shape, band)
     if len(near) * NODES**3 > _MOST_NODES:
         raise ConfigError(
-            f"distance field: {len(near)} bricks are too many; raise the spacing ({spacing:g} m) or set bounds."
+            f"distance field: {len(near)} bricks are too many; raise the spacing ({spacing:g} m) or set "
+            "bounds."
         )
     table = np.full(shape, OUTSIDE, dtype=np.int32)
     table[tuple(near.T)] = np.arange(len(near), dtype=np.int32)
@@ -159,8 +164,8 @@ def build_distance_field(surface: Surface, spacing: float, band: float, bounds: 
 def bend_field(field: DistanceField, shift_at: Callable[[Array, Array], Array]) -> DistanceField:
     """The field of the same part bent by a form error.
 
-    ``shift_at`` gives the outward shift of the surface [m], (k, n), at each of some steps (n, 3) from each of some
-    corners (k, 3).
+    ``shift_at`` gives the outward shift of the surface [m], (k, n), at each of some steps (n, 3) from each of
+    some corners (k, 3).
     """
     places = np.argwhere(field.table >= 0)
     corners = np.empty((len(field.bricks), 3))
@@ -174,7 +179,9 @@ def bend_field(field: DistanceField, shift_at: Callable[[Array, Array], Array]) 
     return field._replace(bricks=bricks)
 
 
-def _find_near_bricks(skin: Skin, origin: Array, side: float, shape: Indices, band: float) -> tuple[Indices, Ints]:
+def _find_near_bricks(
+    skin: Skin, origin: Array, side: float, shape: Indices, band: float
+) -> tuple[Indices, Ints]:
     """Bricks that meet the band, shape (k, 3), and a facet near each, shape (k,)."""
     first = np.floor((skin.control.min(axis=1) - band - origin) / side).astype(np.int64)
     last = np.floor((skin.control.max(axis=1) + band - origin) / side).astype(np.int64) + 1
@@ -212,7 +219,8 @@ def _sign_empty_bricks(skin: Skin, table: Ints, origin: Array, side: float) -> N
 def _sample_bricks(skin, corners, hints, spacing, band):  # type: ignore[no-untyped-def]
     """Signed distances at the nodes of bricks, shape (k, 9, 9, 9), clipped to the band.
 
-    A brick is 27 blocks of 3 x 3 x 3 nodes; a block whose middle is far enough is outside the band as a whole.
+    A brick is 27 blocks of 3 x 3 x 3 nodes; a block whose middle is far enough is outside the band as a
+    whole.
     """
     out = np.empty((len(corners), NODES, NODES, NODES))
     for b in range(len(corners)):
@@ -227,7 +235,9 @@ def _sample_bricks(skin, corners, hints, spacing, band):  # type: ignore[no-unty
                 hint = facet
             else:
                 # On the same side as the block before: a change of side takes more than twice the band.
-                middle = out[b, i, j, k - 1] if k > 0 else (out[b, i, j - 1, 0] if j > 0 else out[b, i - 1, 0, 0])
+                middle = (
+                    out[b, i, j, k - 1] if k > 0 else (out[b, i, j - 1, 0] if j > 0 else out[b, i - 1, 0, 0])
+                )
             for node in range(27):
                 di, dj, dk = node // 9, node // 3 % 3, node % 3
                 distance = -band if middle < 0.0 else band

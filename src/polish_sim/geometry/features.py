@@ -11,8 +11,10 @@ from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet
 from polish_sim.spatial import unit
 
 FEATURE_ANGLE = np.radians(30.0)  #: Edges that bend more than this are creases [rad]
-FLAT_TOLERANCE = 5e-7  #: Facets are coplanar if they deviate by less than this share of the size (float32 noise)
-FLAT_DOMINANCE = 4.0  #: At a vertex a flat face this many times larger than what it blends into keeps its own normal
+#: Facets are coplanar if they deviate by less than this share of the size (float32 noise)
+FLAT_TOLERANCE = 5e-7
+#: At a vertex a flat face this many times larger than what it blends into keeps its own normal
+FLAT_DOMINANCE = 4.0
 WIDTH_DOMINANCE = 4.0  #: It must also be this many times wider: a narrow flat ring belongs to the rounding
 
 
@@ -43,8 +45,8 @@ def smooth_corners(
 ) -> SmoothCorners:
     """Gather facet corners across smooth edges (m, 3) and give each gathering one normal.
 
-    Weights sin(angle) / (|e1| |e2|) make the normals exact on a sphere (Max 1999); where a much larger flat face
-    meets a rounding, the flat face's own normal is kept so that it stays flat.
+    Weights sin(angle) / (|e1| |e2|) make the normals exact on a sphere (Max 1999); where a much larger flat
+    face meets a rounding, the flat face's own normal is kept so that it stays flat.
     """
     count, index = corner_fans(adjacency, smooth)
     normals = _sum_over(index, by_slices(_max_weights, vertices[faces]), count)
@@ -55,12 +57,15 @@ def smooth_corners(
     spare[index.ravel()] = np.repeat(own, 3, axis=0)
     lost = length < 1e-12
     normals = np.where(lost[:, None], spare, normals / np.where(lost, 1.0, length)[:, None])
-    # At a tip, as of a cone, no normal is near those of its facets, however smoothly they follow: each keeps its own.
+    # At a tip, as of a cone, no normal is near those of its facets, however smoothly they follow: each keeps
+    # its own.
     tip = np.zeros(count, dtype=bool)
     tip[index[(normals[index] * own[:, None]).sum(axis=2) < np.cos(feature_angle)]] = True
     facet, corner = np.nonzero((tip & ~flat)[index])
     index[facet, corner] = count + np.arange(len(facet))
-    return SmoothCorners(index, np.concatenate([normals, own[facet]]), np.append(flat, np.ones(len(facet), dtype=bool)))
+    return SmoothCorners(
+        index, np.concatenate([normals, own[facet]]), np.append(flat, np.ones(len(facet), dtype=bool))
+    )
 
 
 def _max_weights(corners: Array) -> Array:
@@ -92,7 +97,8 @@ def _keep_flat_faces(
 def _dominant(
     sizes: Array, times: float, labels: Ints, adjacency: Adjacency, smooth: Bools, index: Ints, count: int
 ) -> tuple[Indices, Bools]:
-    """The largest flat face at each smooth vertex, and whether it is larger than its neighbours by the factor."""
+    """The largest flat face at each smooth vertex, and whether it is larger than its neighbours by the
+    factor."""
     corner_size = np.repeat(sizes[labels], 3)
     largest = np.zeros(count)
     np.maximum.at(largest, index.ravel(), corner_size)
@@ -123,8 +129,8 @@ def _widths(vertices: Array, faces: Ints, adjacency: Adjacency, labels: Ints, ar
 def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints, Array, Array]:
     """Gather coplanar neighbouring facets to flat faces.
 
-    Returns each facet's face (m,), the faces' areas (k,) [m^2] and unit normals (k, 3). A gathering that is bent
-    after all is left apart: each of its facets is a face.
+    Returns each facet's face (m,), the faces' areas (k,) [m^2] and unit normals (k, 3). A gathering that is
+    bent after all is left apart: each of its facets is a face.
     """
     normals, areas = facet_normals(vertices, faces)
     tolerance = FLAT_TOLERANCE * float(np.ptp(vertices, axis=0).max())
@@ -149,7 +155,9 @@ def _face_means(labels: Ints, areas: Array, normals: Array, count: int) -> tuple
     return total, unit(mean)
 
 
-def _bent_faces(vertices: Array, faces: Ints, labels: Ints, normals: Array, tolerance: float, count: int) -> Bools:
+def _bent_faces(
+    vertices: Array, faces: Ints, labels: Ints, normals: Array, tolerance: float, count: int
+) -> Bools:
     """Find which gatherings leave their mean plane."""
     height = np.einsum("mcj,mj->mc", vertices[faces], normals[labels])
     low, high = extremes(labels, height.min(axis=1), height.max(axis=1), count)
@@ -157,7 +165,8 @@ def _bent_faces(vertices: Array, faces: Ints, labels: Ints, normals: Array, tole
 
 
 CORNER_ANGLE = np.radians(40.0)  #: A crease that turns by more than this at a vertex has a corner there [rad]
-STRAIGHT_DOMINANCE = 4.0  #: Where an edge this many times longer meets a short one, the long one is a straight line
+#: Where an edge this many times longer meets a short one, the long one is a straight line
+STRAIGHT_DOMINANCE = 4.0
 
 
 class SharpLines(NamedTuple):
@@ -167,13 +176,15 @@ class SharpLines(NamedTuple):
     through: Bools  #: Whether a line runs through the vertex without a corner, shape (n,)
 
 
-def crease_tangents(lines: SharpLines, low: Ints, high: Ints, chords: Array, smooth: Bools) -> tuple[Array, Array]:
+def crease_tangents(
+    lines: SharpLines, low: Ints, high: Ints, chords: Array, smooth: Bools
+) -> tuple[Array, Array]:
     """Find the unit directions of creases and borders at the two ends of each edge, (m, 3, 3) both.
 
     Where a crease runs through a vertex its direction is that of the circle through the vertex and its two
-    neighbours; at a corner it mirrors the edge's other end, so that the edge is an arc. On ``smooth`` edges (m, 3),
-    neither crease nor border, it is the chord's. ``low``, ``high`` (m, 3): the vertices at an edge's ends;
-    ``chords`` (m, 3, 3): unit vectors from one to the other.
+    neighbours; at a corner it mirrors the edge's other end, so that the edge is an arc. On ``smooth`` edges
+    (m, 3), neither crease nor border, it is the chord's. ``low``, ``high`` (m, 3): the vertices at an edge's
+    ends; ``chords`` (m, 3, 3): unit vectors from one to the other.
     """
     tangent, through = lines
     start, start_known = _oriented(tangent[low], chords), through[low] & ~smooth
@@ -188,7 +199,9 @@ def crease_tangents(lines: SharpLines, low: Ints, high: Ints, chords: Array, smo
 def sharp_lines(vertices: Array, faces: Ints, smooth: Bools) -> SharpLines:
     """Find the lines of the edges of facets (m, 3) that are not ``smooth`` (m, 3)."""
     count = len(vertices)
-    sharp = np.unique(np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)[~smooth], axis=1), axis=0)
+    sharp = np.unique(
+        np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)[~smooth], axis=1), axis=0
+    )
     ends = np.concatenate([sharp[:, 0], sharp[:, 1]])
     others = np.concatenate([sharp[:, 1], sharp[:, 0]])
     order = np.argsort(ends, kind="stable")

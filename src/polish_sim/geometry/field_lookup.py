@@ -35,10 +35,15 @@ class DistanceField(NamedTuple):
 def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     """Signed distance [m] and its gradient at (x, y, z) [m], as (d, gx, gy, gz), for loops over many points.
 
-    The gradient is that of the trilinear interpolant, so its length is one only up to h (|k1| + |k2|) / 2; zero beyond
-    the band. ``nodes`` are the ``field.bricks`` flattened, ``per_metre`` is one over the spacing [1/m].
+    The gradient is that of the trilinear interpolant, so its length is one only up to h (|k1| + |k2|) / 2;
+    zero beyond the band. ``nodes`` are the ``field.bricks`` flattened, ``per_metre`` is one over the spacing
+    [1/m].
     """
-    fx, fy, fz = (x - field.origin[0]) * per_metre, (y - field.origin[1]) * per_metre, (z - field.origin[2]) * per_metre
+    fx, fy, fz = (
+        (x - field.origin[0]) * per_metre,
+        (y - field.origin[1]) * per_metre,
+        (z - field.origin[2]) * per_metre,
+    )
     nx, ny, nz = field.table.shape
     if not (0.0 <= fx < nx * CELLS and 0.0 <= fy < ny * CELLS and 0.0 <= fz < nz * CELLS):
         return field.band, 0.0, 0.0, 0.0
@@ -64,5 +69,6 @@ def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def field_distance(field, x, y, z):  # type: ignore[no-untyped-def]
-    """Signed distance [m] at (x, y, z) [m] in the surface's frame, clipped to the band; "outside" beyond the grid."""
+    """Signed distance [m] at (x, y, z) [m] in the surface's frame, clipped to the band; "outside" beyond the
+    grid."""
     return look_up(field, field.bricks.reshape(-1), 1.0 / field.spacing, x, y, z)[0]

@@ -1,4 +1,5 @@
-"""Fit quadratic Bezier triangles to a mesh: creases stay sharp, planes flat, the skin watertight (mesh -> Surface)."""
+"""Fit quadratic Bezier triangles to a mesh: creases stay sharp, planes flat, the skin watertight (mesh ->
+Surface)."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ from polish_sim.geometry.topology import Adjacency, find_adjacency
 from polish_sim.spatial import unit
 
 FLAT_TILT = 1e-7  #: A facet is flat when its corners' normals differ from its own by less than this [rad]
-FOLDED = -1e-3  #: A patch folds where its area element, seen along the facet's normal, turns negative by this share
+#: A patch folds where its area element, seen along the facet's normal, turns negative by this share
+FOLDED = -1e-3
 UNFOLD_ROUNDS = 4
 STEEPEST = np.radians(45.0)  #: An edge whose end tangents leave the chord by more stays straight [rad]
 
@@ -46,9 +48,12 @@ def fit_triangles(vertices: Array, faces: Ints, feature_angle: float = FEATURE_A
     jets = fit_vertex_jets(vertices, faces, corners, smooth)
     corner_normals = jets.normals[corners.ids]
     lines = sharp_lines(vertices, faces, smooth)
-    points = by_slices(partial(_edge_points, vertices, lines), faces, adjacency.facets, corner_normals, smooth)
+    points = by_slices(
+        partial(_edge_points, vertices, lines), faces, adjacency.facets, corner_normals, smooth
+    )
     facet, edge = np.nonzero(smooth & (adjacency.facets < np.arange(len(faces))[:, None]))
-    points[facet, edge] = points[adjacency.facets[facet, edge], adjacency.edges[facet, edge]]  # to the last digit
+    # to the last digit
+    points[facet, edge] = points[adjacency.facets[facet, edge], adjacency.edges[facet, edge]]
     flat = np.abs(corner_normals - normals[:, None, :]).max(axis=(1, 2)) < FLAT_TILT
     return build_surface(
         vertices=vertices,
@@ -81,7 +86,9 @@ def _folds(control: Array, normals: Array) -> Bools:
     p, q, r = control[:, 0], control[:, 1], control[:, 2]
     least = FOLDED * np.linalg.norm(np.cross(q - p, r - p), axis=1)
     places = [*np.eye(3), *(0.5 * (1.0 - np.eye(3)))]
-    return np.any([(area_elements(control, *place) * normals).sum(axis=1) < least for place in places], axis=0)
+    return np.any(
+        [(area_elements(control, *place) * normals).sum(axis=1) < least for place in places], axis=0
+    )
 
 
 def _edge_points(
@@ -93,7 +100,8 @@ def _edge_points(
     low, high = np.where(swap, second, first), np.where(swap, first, second)
     start, end = vertices[low], vertices[high]
     unit_chord = unit(end - start)
-    # Along a crease both sides take the crease's own direction; inside, the chord turned into the tangent plane.
+    # Along a crease both sides take the crease's own direction; inside, the chord turned into the tangent
+    # plane.
     start_way, end_way = crease_tangents(lines, low, high, unit_chord, smooth)
     normal_ahead = np.roll(corner_normals, -1, axis=1)
     start_normal = np.where(swap[..., None], normal_ahead, corner_normals)
@@ -101,7 +109,9 @@ def _edge_points(
     turned = (smooth | (neighbours < 0))[..., None]
     start_way = unit(np.where(turned, into_plane(start_way, start_normal), start_way))
     end_way = unit(np.where(turned, into_plane(end_way, end_normal), end_way))
-    too_steep = np.minimum((start_way * unit_chord).sum(-1), (end_way * unit_chord).sum(-1)) < np.cos(STEEPEST)
+    too_steep = np.minimum((start_way * unit_chord).sum(-1), (end_way * unit_chord).sum(-1)) < np.cos(
+        STEEPEST
+    )
     start_way = np.where(too_steep[..., None], unit_chord, start_way)
     end_way = np.where(too_steep[..., None], unit_chord, end_way)
     return edge_control(start, end, start_way, end_way)

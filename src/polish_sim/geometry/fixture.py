@@ -1,4 +1,5 @@
-"""What holds the part: a mesh in the part's own frame, read as a part is, which the tool must keep clear of."""
+"""What holds the part: a mesh in the part's own frame, read as a part is, which the tool must keep clear
+of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Normals and shape operators from cubic heights fitted around each vertex (neighbours -> second-order surface data).
+"""Normals and shape operators from cubic heights fitted around each vertex (neighbours -> second-order
+surface data).
 
 Facet normals averaged at a vertex are exact on a sphere but only of first order on uneven meshes and along
 borders. Here every vertex fits a cubic height function to its neighbours' positions *and* normals, after
@@ -21,7 +22,8 @@ SWEEPS = 6  #: Repetitions; the error left over shrinks about threefold with eac
 _HEIGHT_WEIGHT = 9.0  # of a height against a slope, squared
 _QUADRATIC_RIDGE = 1e-6
 _CUBIC_RIDGE = 3e-2  # keeps the cubic terms small where there are too few neighbours
-_TENSOR = (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0 / 3.0, 1.0 / 3.0, 1.0)  # entries of gradient, Hessian, third derivatives
+# entries of gradient, Hessian, third derivatives
+_TENSOR = (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0 / 3.0, 1.0 / 3.0, 1.0)
 _TRUSTED_NEEDED = 2
 _LINKS_NEEDED = 3
 _ROOM, _ROUGH = 3.0, 0.1  # further off than this times and plus the facets' own tilt [rad] no fit is believed
@@ -31,7 +33,8 @@ class VertexJets(NamedTuple):
     """Second-order data of the surface at its smooth vertices."""
 
     normals: Array  #: Unit normals, shape (k, 3)
-    shape: Array  #: Shape operators S, dn = S dx (+1/R on a sphere) [1/m], packed xx, yy, zz, xy, yz, zx, shape (k, 6)
+    #: Shape operators S, dn = S dx (+1/R on a sphere) [1/m], packed xx, yy, zz, xy, yz, zx, shape (k, 6)
+    shape: Array
 
 
 class _Links(NamedTuple):
@@ -46,9 +49,9 @@ class _Links(NamedTuple):
 def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bools) -> VertexJets:
     """Refine the normals of smooth vertices and find how the surface bends there.
 
-    A vertex at a crease or border starts from a one-sided average; its normal is not used by others before it has
-    been fitted to at least two trusted neighbours itself. Normals of flat faces stay as they are. ``smooth`` (m, 3)
-    are the edges that are neither crease nor border.
+    A vertex at a crease or border starts from a one-sided average; its normal is not used by others before it
+    has been fitted to at least two trusted neighbours itself. Normals of flat faces stay as they are.
+    ``smooth`` (m, 3) are the edges that are neither crease nor border.
     """
     links, size = _find_links(vertices, faces, corners, smooth)
     lonely = np.bincount(links.here, minlength=len(size)) < _LINKS_NEEDED
@@ -68,7 +71,8 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
         trusted = trusted | able
     frames = tangent_frames(normals)
     fitted, _ = _fit_heights(links, normals, frames, ~lonely)
-    shape = _pack(frames, -fitted[:, 2:5] / np.maximum(size, 1e-300)[:, None])  # none where there is no neighbour
+    # none where there is no neighbour
+    shape = _pack(frames, -fitted[:, 2:5] / np.maximum(size, 1e-300)[:, None])
     return _lend_to_lonely(links, size, VertexJets(normals, shape), frames, fitted, lonely & bent)
 
 
@@ -118,7 +122,11 @@ def _find_links(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bo
     count = np.maximum(np.bincount(here, minlength=len(corners.normals)), 1)
     size = np.bincount(here, weights=np.linalg.norm(steps, axis=1), minlength=len(count)) / count
     order = np.argsort(here, kind="stable")
-    here, there, steps = here[order], there[order], steps[order] / np.maximum(size, 1e-300)[here[order]][:, None]
+    here, there, steps = (
+        here[order],
+        there[order],
+        steps[order] / np.maximum(size, 1e-300)[here[order]][:, None],
+    )
     return _Links(_firsts(here, len(size)), here, there, steps), size
 
 
@@ -196,8 +204,9 @@ def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: i
                 along[9], across[9] = -a / c, -b / c
                 _add_row(sums, along, 1.0 / far2)
                 _add_row(sums, across, 1.0 / far2)
-        # Pull the terms of each degree towards zero, alike in all directions of the tangent plane: the weights are
-        # those of the squares of all entries of a symmetric tensor, which turning leaves as they are.
+        # Pull the terms of each degree towards zero, alike in all directions of the tangent plane: the
+        # weights are those of the squares of all entries of a symmetric tensor, which turning leaves as they
+        # are.
         for begin, end, share in ((0, 2, 1e-12), (2, 5, _QUADRATIC_RIDGE), (5, 9, _CUBIC_RIDGE)):
             mean = 1e-300
             for i in range(begin, end):
@@ -239,7 +248,8 @@ def _solve(rows, found):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def solve_symmetric(systems):  # type: ignore[no-untyped-def]
-    """Solve many symmetric positive systems, shape (k, n), from lower triangles and right sides, (k, n, n + 1)."""
+    """Solve many symmetric positive systems, shape (k, n), from lower triangles and right sides, (k, n, n +
+    1)."""
     found = np.zeros(systems.shape[:2])
     for k in range(len(found)):
         _solve(systems[k].copy(), found[k])

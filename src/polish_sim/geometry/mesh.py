@@ -1,4 +1,5 @@
-"""The part as the user gives it: read, put in metres, merged, mended, turned up (file or arrays -> PartMesh)."""
+"""The part as the user gives it: read, put in metres, merged, mended, turned up (file or arrays ->
+PartMesh)."""
 
 from __future__ import annotations
 
@@ -19,7 +20,12 @@ from polish_sim.geometry.polygon import FileTriangles
 from polish_sim.geometry.repair.facets import drop_bad_facets, flip_needles, flip_slivers, split_t_junctions
 from polish_sim.geometry.repair.holes import close_holes, separate_crowded
 from polish_sim.geometry.repair.scan_noise import smooth_noise
-from polish_sim.geometry.repair.shells import describe_crossing_facets, describe_shells, turn_outward, wind_alike
+from polish_sim.geometry.repair.shells import (
+    describe_crossing_facets,
+    describe_shells,
+    turn_outward,
+    wind_alike,
+)
 from polish_sim.geometry.repair.skin import NOISELESS, Noise, Skin, merge_vertices
 from polish_sim.geometry.topology import find_adjacency
 
@@ -37,7 +43,8 @@ SENSIBLE_PART = 2e-2  #: Smaller ones are read so only if asked: they leave pads
 AUTO_UNIT = "auto"  #: mm, or where that makes no part the only unit that makes a sensible one
 _ROUNDING = 1e-6  #: Of numbers in a file, relative
 
-MOST_ALONE, SHARE_ALONE = 100, 0.25  #: Facets without a neighbour: more than this many and this share are no surface
+#: Facets without a neighbour: more than this many and this share are no surface
+MOST_ALONE, SHARE_ALONE = 100, 0.25
 
 
 def check_unit(unit: str) -> None:
@@ -69,7 +76,9 @@ def _unit_of(extent: float, asked: str, stated: str, path: Path) -> tuple[str, t
     sensible = [name for name, metres in others.items() if _plausible(extent * metres, SENSIBLE_PART)]
     if asked == AUTO_UNIT and len(sensible) == 1:
         only = sensible[0]
-        return only, (f"the only unit that makes a sensible part of {extent:.6g} is {only} (assumed; --units sets it)",)
+        return only, (
+            f"the only unit that makes a sensible part of {extent:.6g} is {only} (assumed; --units sets it)",
+        )
     fitting = [name for name, metres in others.items() if _plausible(extent * metres)]
     problem = "small" if size < SMALLEST_PART else "large"
     advice = (
@@ -107,9 +116,9 @@ class PartMesh:
 def load_part(path: str | Path, unit: str = AUTO_UNIT, up: str = "auto") -> PartMesh:
     """Load a part from an STL, PLY, OBJ or STEP file in ``unit`` (mm, cm, m, inch or auto), in metres.
 
-    A STEP file states its own unit. The part is checked, and what can be repaired without guessing is repaired and
-    noted. ``up`` is the side that looks away from the table: x, y, z, -x, -y, -z, or auto for the side with the largest
-    smooth face.
+    A STEP file states its own unit. The part is checked, and what can be repaired without guessing is
+    repaired and noted. ``up`` is the side that looks away from the table: x, y, z, -x, -y, -z, or auto for
+    the side with the largest smooth face.
 
     Raises:
         MeshError: The file is no usable part; the message says why and what to do.
@@ -124,7 +133,8 @@ def load_part(path: str | Path, unit: str = AUTO_UNIT, up: str = "auto") -> Part
 def part_from_arrays(
     vertices: ArrayLike, faces: ArrayLike, unit: str = "m", up: str = "auto", name: str = "part"
 ) -> PartMesh:
-    """Make a part in metres of a mesh in memory, (n, 3) in ``unit`` and (m, 3), at full precision; else as `load_part`.
+    """Make a part in metres of a mesh in memory, (n, 3) in ``unit`` and (m, 3), at full precision; else as
+    `load_part`.
 
     ``name`` is what messages and files call the part.
 
@@ -142,7 +152,9 @@ def part_from_arrays(
     if len(corners) == 0 or not np.issubdtype(corners.dtype, np.integer):
         raise MeshError(f"{name}: the faces must be whole numbers, at least one row. Pass a triangle mesh.")
     if corners.min() < 0 or corners.max() >= len(points):
-        raise MeshError(f"{name}: the faces refer to vertices that do not exist (valid: 0 to {len(points) - 1}).")
+        raise MeshError(
+            f"{name}: the faces refer to vertices that do not exist (valid: 0 to {len(points) - 1})."
+        )
     if not np.isfinite(points).all():
         raise MeshError(f"{name}: vertices are NaN or infinite. Repair the mesh.")
     digest = hashlib.sha256(points.tobytes() + corners.astype(np.int64).tobytes()).hexdigest()
@@ -177,10 +189,11 @@ def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up
 
 
 def mend(triangles: Array, path: Path) -> Skin:
-    """Repair what can be repaired of triangles (m, 3, 3) [m] without guessing; note what was done and what was left.
+    """Repair what can be repaired of triangles (m, 3, 3) [m] without guessing; note what was done and what
+    was left.
 
-    Every edge of the skin has one or two facets, wound alike, closed pieces outward. Borders, bodies and facets that
-    pass through each other are left and noted. Messages name the file ``path``.
+    Every edge of the skin has one or two facets, wound alike, closed pieces outward. Borders, bodies and
+    facets that pass through each other are left and noted. Messages name the file ``path``.
 
     Raises:
         MeshError: Inside and outside are not defined; names the place.
@@ -198,14 +211,15 @@ def mend(triangles: Array, path: Path) -> Skin:
 
 
 def _refuse_soup(faces: Ints, vertices: int, path: Path) -> None:
-    """Refuse facets that do not hang together, as bytes lost from a file leave them: repair would take minutes."""
+    """Refuse facets that do not hang together, as bytes lost from a file leave them: repair would take
+    minutes."""
     if vertices < 0.55 * len(faces):  # a closed skin has half as many vertices as facets
         return
     alone = (find_adjacency(faces).facets < 0).all(axis=1)
     if alone.sum() > MOST_ALONE and alone.mean() > SHARE_ALONE:
         raise MeshError(
-            f"{path}: {alone.sum()} of {len(faces)} facets have no neighbour, the first is facet {alone.argmax()}: "
-            "this is no surface. Was the file damaged on the way? Copy or export it again."
+            f"{path}: {alone.sum()} of {len(faces)} facets have no neighbour, the first is facet "
+            f"{alone.argmax()}: this is no surface. Was the file damaged on the way? Copy or export it again."
         )
 
 
@@ -220,10 +234,11 @@ class LighterMesh(NamedTuple):
 
 
 def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
-    """Collapse edges of a fine mesh (n, 3) [m], (m, 3), those that change the shape least first, to ``most_facets``.
+    """Collapse edges of a fine mesh (n, 3) [m], (m, 3), those that change the shape least first, to
+    ``most_facets``.
 
-    A mesh that is light enough stays as it is. The vertices of one that is much finer are joined on a grid first: on
-    some, collapsing all these edges took a minute and did not end.
+    A mesh that is light enough stays as it is. The vertices of one that is much finer are joined on a grid
+    first: on some, collapsing all these edges took a minute and did not end.
     """
     if len(faces) > MUCH_FINER * most_facets:
         vertices, faces = _joined_on_grid(vertices, faces, most_facets)

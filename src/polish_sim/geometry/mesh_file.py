@@ -1,4 +1,5 @@
-"""Read the triangles of a part's file; its content or name says the format (STL, PLY, OBJ, STEP -> triangles)."""
+"""Read the triangles of a part's file; its content or name says the format (STL, PLY, OBJ, STEP ->
+triangles)."""
 
 from __future__ import annotations
 
@@ -42,8 +43,8 @@ def read_mesh_file(path: Path) -> tuple[FileTriangles, bytes]:
     bad = np.flatnonzero(~np.isfinite(triangles.corners).all(axis=(1, 2)))
     if len(bad):
         raise MeshError(
-            f"{path}: {len(bad)} of {len(triangles.corners)} facets have coordinates that are NaN or infinite, "
-            f"the first is facet {triangles.numbers[bad[0]]}. Repair or export the part again."
+            f"{path}: {len(bad)} of {len(triangles.corners)} facets have coordinates that are NaN or "
+            f"infinite, the first is facet {triangles.numbers[bad[0]]}. Repair or export the part again."
         )
     return triangles, content
 
@@ -57,8 +58,8 @@ def _read_bytes(path: Path) -> bytes:
         size = path.stat().st_size
         if size > LARGEST_FILE:
             raise MeshError(
-                f"{path}: the file is too large: {size / 1e6:.0f} MB, at most {LARGEST_FILE / 1e6:.0f} MB are read. "
-                "Export the part with fewer facets or as a binary file."
+                f"{path}: the file is too large: {size / 1e6:.0f} MB, at most {LARGEST_FILE / 1e6:.0f} MB "
+                "are read. Export the part with fewer facets or as a binary file."
             )
         content = path.read_bytes()
     except OSError as error:
@@ -80,10 +81,13 @@ def _format_of(content: bytes, path: Path) -> _Format:
 
 
 def is_stl(content: bytes) -> bool:
-    """An ASCII STL begins with "solid"; a binary one's length follows from the number of facets in its header."""
+    """An ASCII STL begins with "solid"; a binary one's length follows from the number of facets in its
+    header."""
     if _is_text_stl(content):
         return b"facet" in content[:4096].lower()
-    return len(content) >= _HEADER_BYTES and len(content) == _HEADER_BYTES + _FACET.itemsize * _announced(content)
+    return len(content) >= _HEADER_BYTES and len(content) == _HEADER_BYTES + _FACET.itemsize * _announced(
+        content
+    )
 
 
 def parse_stl(content: bytes, path: Path) -> FileTriangles:
@@ -128,7 +132,8 @@ def _parse_binary_stl(content: bytes, path: Path) -> Array:
 
 
 def _parse_text_stl(content: bytes, path: Path) -> Array:
-    """The facets as trimesh reads them, if it reads all: it drops a solid that is cut short without a word."""
+    """The facets as trimesh reads them, if it reads all: it drops a solid that is cut short without a
+    word."""
     text = _SOLID_NAME.sub(rb"\1", content.replace(b"\r", b"\n"))
     words = text.lower()
     if b"vertex" not in words and b"facet" in words.split():
@@ -165,10 +170,12 @@ def _bad_vertex(rows: list[bytes], path: Path) -> MeshError:
         numbers = text_numbers(row)
         if numbers is None or len(numbers) != 3:
             shown = printable(row.decode("latin-1").strip()[:73])
-            return MeshError(f"{path}: 'vertex {shown}' is not a vertex (three numbers wanted). Export it again.")
+            return MeshError(
+                f"{path}: 'vertex {shown}' is not a vertex (three numbers wanted). Export it again."
+            )
     return MeshError(
-        f"{path}: the ASCII STL is no list of triangles between 'solid' and 'endsolid' ({len(rows)} vertices). "
-        "Export it again."
+        f"{path}: the ASCII STL is no list of triangles between 'solid' and 'endsolid' ({len(rows)} "
+        "vertices). Export it again."
     )
 
 

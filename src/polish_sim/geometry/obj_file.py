@@ -1,7 +1,8 @@
 """Read Wavefront OBJ files: vertices and polygons, nothing else (text -> triangles).
 
-trimesh's reader returns the faces grouped by material and the last group first, so that facet numbers were lost; it
-counts negative vertex numbers from the end of the file instead of from the line, and splits hollow polygons as fans.
+trimesh's reader returns the faces grouped by material and the last group first, so that facet numbers were
+lost; it counts negative vertex numbers from the end of the file instead of from the line, and splits hollow
+polygons as fans.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from polish_sim.errors import MeshError
 from polish_sim.geometry.polygon import FileTriangles, gather_triangles
 
 _KEYWORDS = frozenset(
-    b"v vt vn vp f l p o g s mtllib usemtl curv curv2 surf parm trim hole scrv sp end con mg bevel c_interp "
-    b"d_interp lod cstype deg bmat step maplib usemap shadow_obj trace_obj ctech stech call csh bsp bzp cdc cdp "
-    b"res".split()
+    b"v vt vn vp f l p o g s mtllib usemtl curv curv2 surf parm trim hole scrv sp end con mg bevel "
+    b"c_interp d_interp lod cstype deg bmat step maplib usemap shadow_obj trace_obj ctech stech call csh "
+    b"bsp bzp cdc cdp res".split()
 )
 _BEYOND_SLASH = re.compile(rb"/[^ \t\r\n]*")
 
@@ -42,7 +43,8 @@ def is_obj(content: bytes) -> bool:
 
 
 def parse_obj(content: bytes, path: Path) -> FileTriangles:
-    """Read the polygons of all objects and groups; materials, texture, normals, lines and curves are passed over.
+    """Read the polygons of all objects and groups; materials, texture, normals, lines and curves are passed
+    over.
 
     Raises:
         MeshError: No OBJ, or a line that makes no sense.
@@ -80,7 +82,8 @@ def _read_vertices(lines: list[bytes], path: Path) -> Array:
 
 
 def _read_polygons(lines: list[bytes], seen: Indices, path: Path) -> tuple[Indices, Indices]:
-    """Vertex numbers from 0 of all polygons, and how many corners each has; negative ones count from behind."""
+    """Vertex numbers from 0 of all polygons, and how many corners each has; negative ones count from
+    behind."""
     text = _BEYOND_SLASH.sub(b"", b"\n".join(line.partition(b"#")[0] for line in lines))
     sizes = np.array([len(line.split()) for line in text.split(b"\n")], dtype=np.int64)[: len(lines)]
     numbers = _numbers(text, int(sizes.sum()), path, "a face")

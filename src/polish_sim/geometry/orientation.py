@@ -21,16 +21,18 @@ SIDES = {
 }
 """Unit vectors of the six sides."""
 
-UP_CONE = np.radians(46.0)  #: A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does
+#: A facet looks up when its normal is within this angle of up [rad]; a 45 deg slope does
+UP_CONE = np.radians(46.0)
 REST_ANGLE = np.radians(20.0)  #: Resting on a flat face turns the largest smooth face by no more [rad]
 REST_SHARE = 0.2  #: A flat face counts when its area is at least this share of the largest smooth face's
 _AXIS_NOISE = 1e-6  #: A direction this close to an axis is that axis: rounding of the file's numbers [rad]
 
 # The largest smooth face of a part and where it looks.
 #
-# Candidates are the mesh's own normals, ties go to the file's own z, then to the face with more facets and then to the
-# later one in the file (most programs write the bottom first). From a dome with a hole in it many directions see as
-# much: the one the whole smooth surface looks in, its axis of symmetry if it has one, is taken before the others.
+# Candidates are the mesh's own normals, ties go to the file's own z, then to the face with more facets and
+# then to the later one in the file (most programs write the bottom first). From a dome with a hole in it many
+# directions see as much: the one the whole smooth surface looks in, its axis of symmetry if it has one, is
+# taken before the others.
 
 _SAMPLE = 20_000  #: Facets from which candidate directions are drawn
 _LEADER_ANGLE = np.radians(23.7)  #: Every facet of the sample looks within this angle of a candidate [rad]
@@ -68,7 +70,8 @@ def _facet_graph(vertices: Array, faces: Ints) -> FacetGraph:
 
 
 def _largest_face(graph: FacetGraph) -> Face:
-    """The largest set of smoothly joined facets that look within the cone `UP_CONE` about their mean normal."""
+    """The largest set of smoothly joined facets that look within the cone `UP_CONE` about their mean
+    normal."""
     candidates, bounds = _candidates(graph)
     order = np.argsort(-np.floor(np.log(bounds / bounds.max()) / np.log(_BUCKET) + 1e-9), kind="stable")
     found: list[tuple[int, Face]] = []
@@ -82,10 +85,13 @@ def _largest_face(graph: FacetGraph) -> Face:
         best = max(best, face.area)
     level = [(at, face) for at, face in found if face.area >= (1.0 - _SAME) * best]
     z = np.array(SIDES["z"])
-    chosen = max(level, key=lambda pair: (np.array_equal(_snap(pair[1].direction), z), len(pair[1].facets), pair[0]))[1]
+    chosen = max(
+        level, key=lambda pair: (np.array_equal(_snap(pair[1].direction), z), len(pair[1].facets), pair[0])
+    )[1]
     face = _settle(graph, chosen.direction, _SHIFTS)
     whole = _whole_direction(graph, face)
-    # A smooth surface that closes upon itself looks nowhere: a side of the file is as good that sees as much of it.
+    # A smooth surface that closes upon itself looks nowhere: a side of the file is as good that sees as much
+    # of it.
     for direction in SIDES.values() if whole is None else [whole]:
         straight = _seen_from(graph, np.array(direction))
         if straight.area >= face.area - max(_SAME * face.area, face.doubt, straight.doubt):
@@ -94,7 +100,8 @@ def _largest_face(graph: FacetGraph) -> Face:
 
 
 def _looks_same(graph: FacetGraph, face: Face, direction: Array) -> bool:
-    """Whether a face has the same area from another direction (3,), both projected along it and seen from it."""
+    """Whether a face has the same area from another direction (3,), both projected along it and seen from
+    it."""
     # A face's area projected along a direction falls off with the cosine of the angle to its mean normal.
     if face.direction @ direction < 1.0 - _SAME:
         return False
@@ -118,7 +125,8 @@ def _seen_from(graph: FacetGraph, direction: Array) -> Face:
 
 
 def _candidates(graph: FacetGraph) -> tuple[Array, Array]:
-    """Directions many facets look in, in the order of the file, and the area that looks so, (c, 3) and (c,)."""
+    """Directions many facets look in, in the order of the file, and the area that looks so, (c, 3) and
+    (c,)."""
     step = max(len(graph.areas) // _SAMPLE, 1)
     normals, areas = graph.normals[::step], graph.areas[::step] * step
     leaders: list[Array] = []
@@ -165,9 +173,10 @@ def _mean(normals: Array, weights: Array, otherwise: Array) -> Array:
 def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
     """Find the direction a user's choice means: unit vector (3,), and a note for the user.
 
-    One of the six sides; a vector "X,Y,Z"; or "auto": the part's largest smooth face looks up. If a large flat face is
-    (nearly) parallel to the mean of that face, the part stands straight on it, as it would on a table. The choice turns
-    with the part, but where a curved face looks the same from one of the file's own axes that axis is taken.
+    One of the six sides; a vector "X,Y,Z"; or "auto": the part's largest smooth face looks up. If a large
+    flat face is (nearly) parallel to the mean of that face, the part stands straight on it, as it would on a
+    table. The choice turns with the part, but where a curved face looks the same from one of the file's own
+    axes that axis is taken.
 
     Raises:
         InputError: Neither a side nor a vector; lists what is.
@@ -177,7 +186,10 @@ def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
         return named, f"up is {describe(named)} (as asked)"
     graph = _facet_graph(vertices, faces)
     direction = _snap(_stand_straight(vertices, faces, graph))
-    return direction, f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)"
+    return (
+        direction,
+        f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)",
+    )
 
 
 def check_up(up: str) -> Array | None:
@@ -196,7 +208,8 @@ def check_up(up: str) -> Array | None:
 
 
 def _stand_straight(vertices: Array, faces: Ints, graph: FacetGraph) -> Array:
-    """Direction (3,) in which the largest smooth face looks, the part put straight on a flat face if it has one."""
+    """Direction (3,) in which the largest smooth face looks, the part put straight on a flat face if it has
+    one."""
     found = _largest_face(graph)
     _, areas, normals = flat_faces(vertices, faces, graph.adjacency)
     sides = np.concatenate([normals, -normals])
@@ -236,6 +249,8 @@ def _parse_vector(text: str) -> Array:
     except ValueError:
         vector = np.empty(0)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not np.abs(vector).max() > 0.0:
-        raise InputError(f"--up '{text}' is not a direction. Give a side ({', '.join(SIDES)}), auto, or X,Y,Z.")
+        raise InputError(
+            f"--up '{text}' is not a direction. Give a side ({', '.join(SIDES)}), auto, or X,Y,Z."
+        )
     vector = vector / np.abs(vector).max()
     return np.asarray(vector / np.linalg.norm(vector))

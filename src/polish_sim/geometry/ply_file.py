@@ -1,4 +1,5 @@
-"""Read PLY files, ASCII or binary of either byte order, any layout of vertices and faces (bytes -> triangles).
+"""Read PLY files, ASCII or binary of either byte order, any layout of vertices and faces (bytes ->
+triangles).
 
 trimesh's reader refuses binary files whose faces differ in their number of corners.
 """
@@ -22,13 +23,15 @@ _TYPES = {
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }  # fmt: skip
-_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}  #: By the format's name; text has none
+#: By the format's name; text has none
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDEX_NAMES = ("vertex_indices", "vertex_index")
 _LONGEST_HEADER = 100_000
 
 
 _Rows = tuple[dict[str, Array], Indices, int]
-"""Columns, all items of a list in a row; how many items ``listed`` has in each row; the place behind the table."""
+"""Columns, all items of a list in a row; how many items ``listed`` has in each row; the place behind the
+table."""
 
 
 class Property(NamedTuple):
@@ -64,7 +67,9 @@ def parse_ply(content: bytes, path: Path) -> FileTriangles:
         lists = {entry.name: entry.length is not None for entry in element.properties}
         if element.name == "vertex" and any(lists.get(name, True) for name in "xyz"):
             broken(path, "the vertices of the PLY file have no x, y, z")
-        listed = next((name for name in _INDEX_NAMES if lists.get(name)), "") if element.name == "face" else ""
+        listed = (
+            next((name for name in _INDEX_NAMES if lists.get(name)), "") if element.name == "face" else ""
+        )
         if element.name == "face" and not listed:
             broken(path, "the faces of the PLY file have no list vertex_indices")
         columns, lengths, at = _read_rows(data, at, element, listed, path)
@@ -77,7 +82,9 @@ def parse_ply(content: bytes, path: Path) -> FileTriangles:
     if points is None or indices is None or sizes is None:
         missing = "vertices" if points is None else "faces (a point cloud?)"
         raise MeshError(f"{path}: the PLY file has no {missing}. Export the part as a mesh of triangles.")
-    return gather_triangles(points, np.where(np.abs(indices) < 2**40, indices, -1).astype(np.int64), sizes, path)
+    return gather_triangles(
+        points, np.where(np.abs(indices) < 2**40, indices, -1).astype(np.int64), sizes, path
+    )
 
 
 def read_vertex_column(path: Path, names: Sequence[str]) -> tuple[Array, Array]:
@@ -123,7 +130,9 @@ def _read_header(content: bytes, path: Path) -> tuple[list[Element], bytes, int]
             elements[-1].properties.append(_read_property(words, line, order, path))
     if order is None:
         broken(path, "its format is none of " + ", ".join(_ORDERS))
-    return elements, *((content, line_end + 1) if order else (_text_numbers(content[line_end + 1 :], path), 0))
+    return elements, *(
+        (content, line_end + 1) if order else (_text_numbers(content[line_end + 1 :], path), 0)
+    )
 
 
 def _read_property(words: list[str], line: str, order: str | None, path: Path) -> Property:
@@ -138,7 +147,8 @@ def _read_property(words: list[str], line: str, order: str | None, path: Path) -
 
 
 def _read_rows(data: bytes, at: int, element: Element, listed: str, path: Path) -> _Rows:
-    """Read the table that begins at a byte; where lists differ in length ``listed`` is the only column read."""
+    """Read the table that begins at a byte; where lists differ in length ``listed`` is the only column
+    read."""
     entries = element.properties
     smallest = sum((entry.length or entry.item).itemsize for entry in entries)
     if element.rows * smallest > len(data) - at or (smallest == 0 and element.rows > 0):

@@ -25,8 +25,8 @@ class Split(NamedTuple):
 def split_polygons(points: Array, indices: Indices, sizes: Indices) -> Split:
     """Split polygons, each by cutting off its best-shaped corner again and again.
 
-    ``indices`` are the vertex numbers of all polygons one after the other, ``sizes`` their corners; below three
-    gives no triangle.
+    ``indices`` are the vertex numbers of all polygons one after the other, ``sizes`` their corners; below
+    three gives no triangle.
     """
     if len(sizes) and (sizes == 3).all():
         return Split(indices.reshape(-1, 3), np.arange(len(sizes), dtype=np.int32), -1)
@@ -116,7 +116,8 @@ def _area(points, a, b, c, normal):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _shape(points, a, b, c, normal):  # type: ignore[no-untyped-def]
-    """Area over squared longest side: the higher the better a triangle's shape; negative at a hollow corner."""
+    """Area over squared longest side: the higher the better a triangle's shape; negative at a hollow
+    corner."""
     longest = 1e-300
     for p, q in ((a, b), (b, c), (c, a)):
         side = 0.0
@@ -162,17 +163,19 @@ class FileTriangles(NamedTuple):
 
 
 def gather_triangles(points: Array, indices: Indices, sizes: Indices, path: object) -> FileTriangles:
-    """Build triangles from indexed polygons, see `split_polygons`; those with fewer than three corners are noted.
+    """Build triangles from indexed polygons, see `split_polygons`; those with fewer than three corners are
+    noted.
 
     Raises:
-        MeshError: A polygon refers to a vertex that does not exist, or cannot be split; names the file ``path``.
+        MeshError: A polygon refers to a vertex that does not exist, or cannot be split; names the file
+            ``path``.
     """
     bad = np.flatnonzero((indices < 0) | (indices >= len(points)))
     if len(bad):
         facet = int(np.searchsorted(np.cumsum(sizes), bad[0], side="right"))
         raise MeshError(
-            f"{path}: facet {facet} refers to vertex {indices[bad[0]]}, but vertices run from 0 to {len(points) - 1}. "
-            "Export the part again."
+            f"{path}: facet {facet} refers to vertex {indices[bad[0]]}, but vertices run from 0 to "
+            f"{len(points) - 1}. Export the part again."
         )
     split = split_polygons(points, indices, sizes)
     if split.too_many >= 0:

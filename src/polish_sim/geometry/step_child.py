@@ -19,7 +19,10 @@ def triangulate(source: str, target: str, chord_mm: float, angle_rad: float, mem
 
     with open(source, "rb") as file:
         scene = trimesh.load_scene(file, file_type="step", tol_linear=chord_mm, tol_angular=angle_rad)
-    np.save(target, np.asarray(scene.to_mesh().triangles if scene.geometry else np.empty((0, 3, 3)), dtype=np.float64))
+    np.save(
+        target,
+        np.asarray(scene.to_mesh().triangles if scene.geometry else np.empty((0, 3, 3)), dtype=np.float64),
+    )
 
 
 if __name__ == "__main__":

@@ -15,8 +15,10 @@ import numpy as np
 from polish_sim.errors import MeshError
 from polish_sim.geometry.polygon import FileTriangles
 
-CHORD_MM: Final = 0.1  #: Chords are this close to the solid [mm]; the surface through them is 100 times closer
-ANGLE_RAD: Final = 0.2  #: Neighbouring facets of a smooth face bend by no more: well below plan.feature_angle_rad
+#: Chords are this close to the solid [mm]; the surface through them is 100 times closer
+CHORD_MM: Final = 0.1
+#: Neighbouring facets of a smooth face bend by no more: well below plan.feature_angle_rad
+ANGLE_RAD: Final = 0.2
 SECONDS, SECONDS_PER_MB = 9.0, 6.0  #: A file that takes longer is refused [s, s/MB]
 MEMORY: Final = 4_000_000_000  #: Of the process that reads it [bytes]
 ENDINGS: Final = (".step", ".stp")  #: Of files that state their own unit
@@ -33,13 +35,17 @@ def parse_step(content: bytes, path: Path) -> FileTriangles:
     """The faces of a STEP file as triangles in mm, whichever unit the file states.
 
     Raises:
-        MeshError: The reader is not installed, or the file is no STEP file, cut short, broken, without a face or too
-            much for the limits of time and memory.
+        MeshError: The reader is not installed, or the file is no STEP file, cut short, broken, without a face
+            or too much for the limits of time and memory.
     """
     if not is_step(content):
-        raise MeshError(f"{path}: not a STEP file (it does not begin with {_FIRST.decode()}). Export the part again.")
+        raise MeshError(
+            f"{path}: not a STEP file (it does not begin with {_FIRST.decode()}). Export the part again."
+        )
     if _LAST not in content[-4096:]:
-        raise MeshError(f"{path}: the STEP file is cut short (no {_LAST.decode()} at its end). Export it again.")
+        raise MeshError(
+            f"{path}: the STEP file is cut short (no {_LAST.decode()} at its end). Export it again."
+        )
     if importlib.util.find_spec("cascadio") is None:
         raise MeshError(
             f"{path}: STEP files are read by the package cascadio, which is not installed. Install it with: "
@@ -64,15 +70,21 @@ def _triangulate(source: Path, target: Path, path: Path, longest: float) -> None
     quiet = subprocess.DEVNULL
     try:
         done = subprocess.run(
-            command, env=os.environ | few, timeout=longest, stdin=quiet, stdout=quiet, stderr=quiet, check=False
+            command,
+            env=os.environ | few,
+            timeout=longest,
+            stdin=quiet,
+            stdout=quiet,
+            stderr=quiet,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         raise MeshError(
-            f"{path}: triangulating the STEP file takes longer than {longest:.0f} s: the file is broken, or far "
-            "too large a part for the robot. Export the part alone, or as STL."
+            f"{path}: triangulating the STEP file takes longer than {longest:.0f} s: the file is broken, or "
+            "far too large a part for the robot. Export the part alone, or as STL."
         ) from None
     if done.returncode != 0 or not target.exists():
         raise MeshError(
-            f"{path}: the CAD kernel cannot read the STEP file (broken, or it needs more than {MEMORY / 1e9:g} GB). "
-            "Export the part alone, or as STL."
+            f"{path}: the CAD kernel cannot read the STEP file (broken, or it needs more than "
+            f"{MEMORY / 1e9:g} GB). Export the part alone, or as STL."
         )

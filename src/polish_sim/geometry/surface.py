@@ -88,7 +88,8 @@ class Surface:
 
     @cached_property
     def vertex_normal_sums(self) -> Array:
-        """Sums of the patches' normals weighted by their angles at each vertex, zero at borders, shape (n, 3)."""
+        """Sums of the patches' normals weighted by their angles at each vertex, zero at borders, shape (n,
+        3)."""
         total = np.zeros_like(self.vertices)
         np.add.at(total, self.faces.ravel(), by_slices(_corner_normals, self.control).reshape(-1, 3))
         facet, edge = np.nonzero(self.neighbours < 0)
@@ -169,7 +170,9 @@ class Surface:
             control=self.control[facets],
             normal_control=self.normal_control[facets],
             shape=self.shape[facets],
-            adjacency=Adjacency(neighbours, np.where(inside, self.neighbour_edges[facets], -1).astype(np.int32)),
+            adjacency=Adjacency(
+                neighbours, np.where(inside, self.neighbour_edges[facets], -1).astype(np.int32)
+            ),
             smooth=self.smooth[facets] & inside,
         )
 
@@ -198,7 +201,9 @@ def join_surfaces(surfaces: Sequence[Surface]) -> Surface:
     first_vertex = np.cumsum([0, *(len(surface.vertices) for surface in surfaces[:-1])])
     first_facet = np.cumsum([0, *(len(surface.faces) for surface in surfaces[:-1])])
     faces = [surface.faces + first for surface, first in zip(surfaces, first_vertex, strict=True)]
-    links = [np.where(s.neighbours >= 0, s.neighbours + n, -1) for s, n in zip(surfaces, first_facet, strict=True)]
+    links = [
+        np.where(s.neighbours >= 0, s.neighbours + n, -1) for s, n in zip(surfaces, first_facet, strict=True)
+    ]
     edges = np.concatenate([surface.neighbour_edges for surface in surfaces])
     adjacency = Adjacency(np.concatenate(links).astype(np.int32), edges)
     return build_surface(faces=np.concatenate(faces).astype(np.int32), adjacency=adjacency, **joined)
@@ -210,9 +215,9 @@ CHORD_ERROR = 1e-5  #: Curved border edges are divided until the polyline is thi
 def boundary_loops(surface: Surface) -> tuple[Array, ...]:
     """Trace the border of an open surface, in one or several pieces; no loops for a closed one.
 
-    Closed polylines [m], each (p, 3) with the first point repeated at the end, the surface to the left seen from
-    outside; piece by piece, of each the outer loop first, the one that encloses the largest area seen from where
-    that looks largest.
+    Closed polylines [m], each (p, 3) with the first point repeated at the end, the surface to the left seen
+    from outside; piece by piece, of each the outer loop first, the one that encloses the largest area seen
+    from where that looks largest.
     """
     traced = trace_border(surface)
     loops = [_sample(surface, loop) for loop in traced]
@@ -276,7 +281,10 @@ def _next_border_edge(surface: Surface, border_edge: tuple[int, int]) -> tuple[i
     """Turn around the edge's end, from facet to facet, until the border is met again."""
     facet, edge = border_edge[0], (border_edge[1] + 1) % 3
     while surface.neighbours[facet, edge] >= 0:
-        facet, edge = int(surface.neighbours[facet, edge]), (int(surface.neighbour_edges[facet, edge]) + 1) % 3
+        facet, edge = (
+            int(surface.neighbours[facet, edge]),
+            (int(surface.neighbour_edges[facet, edge]) + 1) % 3,
+        )
     return facet, edge
 
 

@@ -27,7 +27,8 @@ class EdgeFaults(NamedTuple):
 
 
 def find_adjacency(faces: Ints) -> Adjacency:
-    """Find the neighbour of each of some consistently wound facets (m, 3) across each edge, and that edge, (m, 3) each.
+    """Find the neighbour of each of some consistently wound facets (m, 3) across each edge, and that edge,
+    (m, 3) each.
 
     Edges that are not shared by exactly two oppositely running facets count as borders.
     """
@@ -68,14 +69,16 @@ def facets_at_edges(faces: Ints | Indices) -> Indices:
 
 
 def label_pieces(links: Indices | Ints, count: int) -> tuple[int, Ints]:
-    """Label connected pieces of a graph of ``count`` nodes by its links (k, 2): how many, and each node's label."""
+    """Label connected pieces of a graph of ``count`` nodes by its links (k, 2): how many, and each node's
+    label."""
     graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
     pieces, labels = connected_components(graph, directed=False)
     return int(pieces), labels.astype(np.int32)
 
 
 def extremes(labels: Ints, low: Array, high: Array, count: int) -> tuple[Array, Array]:
-    """Least of some values and greatest of others, rows (n, ...), over those of each of ``count`` labels (n,)."""
+    """Least of some values and greatest of others, rows (n, ...), over those of each of ``count`` labels
+    (n,)."""
     least, most = np.full((count, *low.shape[1:]), np.inf), np.full((count, *high.shape[1:]), -np.inf)
     np.minimum.at(least, labels, low)
     np.maximum.at(most, labels, high)
@@ -83,7 +86,8 @@ def extremes(labels: Ints, low: Array, high: Array, count: int) -> tuple[Array, 
 
 
 def corner_fans(adjacency: Adjacency, passable: Bools) -> tuple[int, Ints]:
-    """Gather facet corners around each vertex across passable edges (m, 3): how many fans, each corner's (m, 3)."""
+    """Gather facet corners around each vertex across passable edges (m, 3): how many fans, each corner's (m,
+    3)."""
     facet, edge = np.nonzero(passable)
     other, other_edge = adjacency.facets[facet, edge], adjacency.edges[facet, edge]
     here = np.concatenate([3 * facet + edge, 3 * facet + (edge + 1) % 3], dtype=np.int32)
@@ -93,7 +97,8 @@ def corner_fans(adjacency: Adjacency, passable: Bools) -> tuple[int, Ints]:
 
 
 def label_within(links: Indices, inside: Bools) -> tuple[int, Indices]:
-    """Label connected pieces of the nodes ``inside`` (n,) by links (k, 2): how many; each node's, -1 outside, (n,)."""
+    """Label connected pieces of the nodes ``inside`` (n,) by links (k, 2): how many; each node's, -1 outside,
+    (n,)."""
     labels = np.full(len(inside), -1, dtype=np.int64)
     number = np.cumsum(inside) - 1
     count, labels[inside] = label_pieces(number[links[inside[links].all(axis=1)]], int(inside.sum()))

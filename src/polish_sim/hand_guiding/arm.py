@@ -27,7 +27,8 @@ from polish_sim.motion.serial_chain import SerialChain, chain_model
 
 # The cell's robot in torque mode: the model file's arm, its servos replaced by motors.
 
-CLAMP_N: Final = 100.0  #: The head's slide is clamped while a hand guides: dry friction far above its weight [N]
+#: The head's slide is clamped while a hand guides: dry friction far above its weight [N]
+CLAMP_N: Final = 100.0
 
 
 class LaidPart(NamedTuple):
@@ -41,8 +42,8 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
     """Compile the arm with one motor for each joint, the scenario's joint friction and unknown payload.
 
     Elastic joints have the friction of their own motors, their rotors for armature and rigid gears here.
-    Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``: what lies
-    on the table before it, or None; its contact is not computed.
+    Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``:
+    what lies on the table before it, or None; its contact is not computed.
     """
     spec, guide, real = robot_spec(scenario), scenario.guide, scenario.robot.real
     friction = guide.coulomb_nm, guide.viscous_nm_s_rad
@@ -58,7 +59,9 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
     for name, coulomb, viscous in zip(ARM_JOINTS, *friction, strict=True):
         joint, limit = spec.joint(name), limits[name]
         joint.frictionloss, joint.damping[0] = coulomb, viscous
-        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-limit, limit])
+        motor = spec.add_actuator(
+            name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-limit, limit]
+        )
         motor.set_to_motor()
     for home in spec.keys:
         home.ctrl = [0.0] * len(ARM_JOINTS)
@@ -76,7 +79,8 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
 
 
 def chain_of_file(file: Path) -> SerialChain:
-    """The chain of an identified MJCF, e.g. identified.xml; InputError if it is none, or has not the arm's joints."""
+    """The chain of an identified MJCF, e.g. identified.xml; InputError if it is none, or has not the arm's
+    joints."""
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
     except (ValueError, OSError) as error:
@@ -90,7 +94,14 @@ def chain_of_file(file: Path) -> SerialChain:
         raise InputError(f"guide.model_file '{file}' is not this arm's: {error}") from error
 
 
-HOME: Final = (1.300932701746, -1.591205400892, 1.509041313016, -1.488632238919, -1.570796326795, -0.269863625049)
+HOME: Final = (
+    1.300932701746,
+    -1.591205400892,
+    1.509041313016,
+    -1.488632238919,
+    -1.570796326795,
+    -0.269863625049,
+)
 """Joint angles the hand's moves are centred on, the model file's home [rad]."""
 DIRECTIONS: Final[Mapping[str, tuple[float, float, float]]] = MappingProxyType(
     {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
@@ -124,7 +135,9 @@ def believe(scenario: Scenario) -> Belief:
 def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: Hand) -> GuidedArm:
     """The arm with its law in a mode and fresh limits; InputError for an unknown mode."""
     guide = scenario.guide
-    limits = GuidingLimits(guide.joint_speed_limit_rad_s, guide.tool_speed_limit_m_s, guide.energy_limit_j, Lent())
+    limits = GuidingLimits(
+        guide.joint_speed_limit_rad_s, guide.tool_speed_limit_m_s, guide.energy_limit_j, Lent()
+    )
     gains = gains_of(mode, guide, scenario.simulation.timestep_s)
     if not is_real(scenario):
         return GuidedArm(model, belief, gains, limits, hand)
@@ -137,7 +150,9 @@ def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: 
 
 def hand_of(config: HandConfig) -> Hand:
     """The hand of a scenario."""
-    return Hand(config.stiffness_n_m, config.damping_n_s_m, config.turn_stiffness_nm_rad, config.turn_damping_nm_s_rad)
+    return Hand(
+        config.stiffness_n_m, config.damping_n_s_m, config.turn_stiffness_nm_rad, config.turn_damping_nm_s_rad
+    )
 
 
 def home_pose() -> Array:

@@ -75,11 +75,13 @@ def tool_velocity(e: EngineViews, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def pull_by_hand(hand: Hand, motion: HandMotion, row: int, e: EngineViews, velocity: Array, force: Array) -> None:
+def pull_by_hand(
+    hand: Hand, motion: HandMotion, row: int, e: EngineViews, velocity: Array, force: Array
+) -> None:
     """Apply the hand's pull to the housing, between tool and wrist sensor.
 
-    ``row``: this step; ``velocity``: of the tool point [m/s]; ``force``, written: the hand's on the tool, base frame
-    [N].
+    ``row``: this step; ``velocity``: of the tool point [m/s]; ``force``, written: the hand's on the tool,
+    base frame [N].
     """
     grip, tool, R = motion.grip[row], e.site_xpos[e.tool_site], e.site_xmat[e.tool_site]
     wanted, applied = motion.rotations[row], e.xfrc_applied[e.mount_body]
@@ -99,7 +101,8 @@ def pull_by_hand(hand: Hand, motion: HandMotion, row: int, e: EngineViews, veloc
 
 BRAKED_S: Final = 0.5  #: After a protective stop the arm is braked and recorded for this long [s]
 HOLD_RAD, HOLD_RAD_S, BRAKE_RAD_S = 0.04, 1.2, 1.0
-"""Error and speed at which the holding servos, and speed at which the brakes, take all of a motor's torque."""
+"""Error and speed at which the holding servos, and speed at which the brakes, take all of a motor's
+torque."""
 TARE_HZ: Final = 5.0
 TARE_STEPS: Final = 4.0  #: A tare smaller than the torque of this many encoder steps counts as zero
 
@@ -168,8 +171,8 @@ def run_guided(
 ) -> GuidingRun:
     """Let a hand guide the arm, up to the end, a protective stop or an interrupt.
 
-    ``servos``: share of the holding servos, one a step; while they hold, what the model lacks is tared. Raises
-    ReachError if links touch at the start.
+    ``servos``: share of the holding servos, one a step; while they hold, what the model lacks is tared.
+    Raises ReachError if links touch at the start.
     """
     register_engine()
     watcher, joints = observer or Silent(), None
@@ -195,19 +198,34 @@ def run_guided(
                 touching = _links_that_touch(arm.model, data)
             watcher.progress(float(kernel.status.step), float(steps))
             watcher.frame(arm.model, data)
-            if kernel.status.stop and (kernel.status.step - kernel.status.stop_step) * kernel.engine.dt >= BRAKED_S:
+            if (
+                kernel.status.stop
+                and (kernel.status.step - kernel.status.stop_step) * kernel.engine.dt >= BRAKED_S
+            ):
                 break
     done, code = int(kernel.status.step), int(kernel.status.stop)
     reason = GUARDS[code] + touching if code else None
-    return GuidingRun(rows[:done], reason, int(kernel.status.stop_step), interrupt.seen, float(arm.limits.lent.most))
+    return GuidingRun(
+        rows[:done], reason, int(kernel.status.stop_step), interrupt.seen, float(arm.limits.lent.most)
+    )
 
 
 def _build(arm: GuidedArm, data: mujoco.MjData, q_start: Array, motion: HandMotion, servos: Array) -> _Kernel:
     joints = arm.model.actuator_trnid[:6, 0]
     return _Kernel(
-        engine_views(arm.model, data), arm.belief, arm.gains, build_memory(6), arm.limits, arm.hand, motion, servos,
-        np.array(q_start), np.array(arm.model.jnt_range[joints]), np.zeros((2, 3)), _Status(),
-    )  # fmt: skip
+        engine_views(arm.model, data),
+        arm.belief,
+        arm.gains,
+        build_memory(6),
+        arm.limits,
+        arm.hand,
+        motion,
+        servos,
+        np.array(q_start),
+        np.array(arm.model.jnt_range[joints]),
+        np.zeros((2, 3)),
+        _Status(),
+    )
 
 
 def _links_that_touch(model: mujoco.MjModel, data: mujoco.MjData) -> str:
@@ -274,7 +292,8 @@ def _advance(k: _Kernel, arm: RealArm | None, rows: NDArray[Any], last: int) -> 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _hold(k: _Kernel, share: float) -> None:
-    """Servos that hold the start, and the tare: what law and servos together give beyond the model's gravity."""
+    """Servos that hold the start, and the tare: what law and servos together give beyond the model's
+    gravity."""
     memory = k.memory
     for j in range(6):
         if share > 0.0:
@@ -303,7 +322,12 @@ def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
     e, memory, R = k.engine, k.memory, k.engine.site_xmat[k.engine.tool_site]
     row.time, row.speed, row.lent = step * e.dt, speed, k.limits.lent.now
     for j in range(6):
-        row.q[j], row.qd[j], row.torque[j], row.external[j] = e.qpos[j], e.qvel[j], memory.torque[j], memory.external[j]
+        row.q[j], row.qd[j], row.torque[j], row.external[j] = (
+            e.qpos[j],
+            e.qvel[j],
+            memory.torque[j],
+            memory.external[j],
+        )
         row.read[j] = memory.q[j]
     for i in range(3):
         row.tool[i], row.force[i] = e.site_xpos[e.tool_site, i], k.scratch[1, i]

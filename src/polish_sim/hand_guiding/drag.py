@@ -62,9 +62,15 @@ class DragTable(NamedTuple):
 
 
 def drag_table(
-    positions: Array, rotations: Array, drag: DragConfig, hand: HandConfig, dt: float, rng: np.random.Generator
+    positions: Array,
+    rotations: Array,
+    drag: DragConfig,
+    hand: HandConfig,
+    dt: float,
+    rng: np.random.Generator,
 ) -> DragTable:
-    """Where the hand wants the tool at every step, along positions (m, 3), base frame, and tool frames (m, 3, 3)."""
+    """Where the hand wants the tool at every step, along positions (m, 3), base frame, and tool frames (m, 3,
+    3)."""
     s = arc_length(positions)
     begin = HOLD_S + RELEASE_S + hand.before_s
     end = begin + s[-1] / drag.speed_m_s + RAMP_S
@@ -76,7 +82,8 @@ def drag_table(
     # The hand's unsteadiness sets in as it sets off, so that the tool starts where the servos hold it.
     steady = np.clip((t - HOLD_S - RELEASE_S) / hand.before_s, 0.0, 1.0)[:, None]
     shake = steady * (
-        _noise(rng, len(t), dt, drag.wander_m, 0.0, drag.wander_hz) + _noise(rng, len(t), dt, drag.tremor_m, *TREMOR_HZ)
+        _noise(rng, len(t), dt, drag.wander_m, 0.0, drag.wander_hz)
+        + _noise(rng, len(t), dt, drag.tremor_m, *TREMOR_HZ)
     )
     wobble = Rotation.from_rotvec(steady * _noise(rng, len(t), dt, drag.wobble_rad, 0.0, drag.wander_hz))
     grip = (t >= HOLD_S).astype(float)
@@ -87,7 +94,9 @@ def drag_table(
 
 
 def _motion(positions: Array, rotations: Array, grip: Array, dt: float) -> HandMotion:
-    return HandMotion(positions, np.gradient(positions, dt, axis=0), np.ascontiguousarray(rotations), grip.copy())
+    return HandMotion(
+        positions, np.gradient(positions, dt, axis=0), np.ascontiguousarray(rotations), grip.copy()
+    )
 
 
 def _way(t: Array, duration: float) -> Array:
@@ -95,14 +104,18 @@ def _way(t: Array, duration: float) -> Array:
     u, v = np.clip(t / RAMP_S, 0.0, 1.0), np.clip((t - duration) / RAMP_S, 0.0, 1.0)
     ramp = RAMP_S * (u**3 - 0.5 * u**4)  # integral of 3 u^2 - 2 u^3
     back = RAMP_S * (v**3 - 0.5 * v**4)
-    return np.asarray(ramp + np.clip(t - RAMP_S, 0.0, None) - np.clip(t - duration - RAMP_S, 0.0, None) - back)
+    return np.asarray(
+        ramp + np.clip(t - RAMP_S, 0.0, None) - np.clip(t - duration - RAMP_S, 0.0, None) - back
+    )
 
 
 def _noise(rng: np.random.Generator, steps: int, dt: float, rms: float, low: float, high: float) -> Array:
     """Band-limited noise of three axes with a given rms, shape (steps, 3)."""
     settle = round(4.0 / max(high - low, 1e-3) / dt)
     nyquist = 0.5 / dt
-    band = butter(2, [low / nyquist, high / nyquist] if low else high / nyquist, "band" if low else "low", output="sos")
+    band = butter(
+        2, [low / nyquist, high / nyquist] if low else high / nyquist, "band" if low else "low", output="sos"
+    )
     noise = sosfilt(band, rng.standard_normal((settle + steps, 3)), axis=0)[settle:]
     return np.asarray(noise * rms / np.maximum(np.sqrt(np.mean(noise**2, axis=0)), 1e-300))
 
@@ -167,8 +180,8 @@ def run_guiding(scenario: Scenario, observer: Observer | None = None) -> RunResu
 def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     """Let a hand drag the tool along a part's rim or a path, and make a path of the recording.
 
-    The part is not touched: contact is not simulated. Returns no path if the arm stopped itself or was interrupted.
-    Raises PolishSimError if part or path cannot be used or reached, or the mode is unknown.
+    The part is not touched: contact is not simulated. Returns no path if the arm stopped itself or was
+    interrupted. Raises PolishSimError if part or path cannot be used or reached, or the mode is unknown.
     """
     observer = observer or Silent()
     observer.stage("prepare the part")
@@ -197,12 +210,20 @@ def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
         path, figures = taught.path, figures | more
     files = {} if path is None else {TAUGHT: path_csv(path)}
     return RunResult(
-        scenario, log_of_moves([meant], scenario), trace_of_move(meant), figures, run.stop_reason, run.interrupted,
-        path, files=files,
-    )  # fmt: skip
+        scenario,
+        log_of_moves([meant], scenario),
+        trace_of_move(meant),
+        figures,
+        run.stop_reason,
+        run.interrupted,
+        path,
+        files=files,
+    )
 
 
-def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, read: Array) -> tuple[Taught, dict[str, Any]]:
+def _teach(
+    scenario: Scenario, task: DragTask, dragged: DragTable, read: Array
+) -> tuple[Taught, dict[str, Any]]:
     """The recording at the log's rate as a path, and how near it came."""
     drag, every = scenario.drag, log_every(scenario)
     # What the encoders say is all that is known of the tool.
@@ -213,5 +234,9 @@ def _teach(scenario: Scenario, task: DragTask, dragged: DragTable, read: Array) 
     taught = teach_path(record, task.surface, drag.filter_hz, drag.tolerance_m, drag.spacing_m)
     moving = dragged.table.phase[::every] == MOVING
     figures: dict[str, Any] = dict(measure_taught(record.positions[moving], taught.path, task.path))
-    counts = {"points_recorded": int(moving.sum()), "knots": taught.knots, "points_taught": len(taught.path.s)}
+    counts = {
+        "points_recorded": int(moving.sum()),
+        "knots": taught.knots,
+        "points_taught": len(taught.path.s),
+    }
     return taught, figures | counts | {"off_surface_max_m": taught.off_surface}

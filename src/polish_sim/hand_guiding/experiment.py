@@ -32,7 +32,9 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
     "trial": (
         Claim("none_peak_n", "hand force, nothing compensated, peak", "N", 1.0, "> 100"),
         Claim("classical_peak_n", "  gravity and friction (classical)", "N", 1.0, "< 30"),
-        Claim("fast_peak_ratio_x", "fast move along x, inertia / classical, peak", "", 1.0, "0.714", high=0.45),
+        Claim(
+            "fast_peak_ratio_x", "fast move along x, inertia / classical, peak", "", 1.0, "0.714", high=0.45
+        ),
         Claim("fast_rms_ratio_x", "  rms", "", 1.0, "-", high=0.30),
         Claim("fast_peak_ratio_y", "along y, peak", "", 1.0, "0.714", high=0.45),
         Claim("fast_rms_ratio_y", "  rms", "", 1.0, "-", high=0.30),
@@ -65,7 +67,8 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
 
 
 def kind_of(scenario: Scenario) -> str:
-    """Which figures a run has: the whole trial, some of its moves, one mode, an arm that sags, or a taught path."""
+    """Which figures a run has: the whole trial, some of its moves, one mode, an arm that sags, or a taught
+    path."""
     guide = scenario.guide
     if scenario.drag.follow:
         return "path"

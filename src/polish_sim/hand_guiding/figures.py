@@ -15,14 +15,15 @@ from polish_sim.planning.toolpath import ToolPath
 Figures = dict[str, float]
 
 COAST_S: Final = 1.0  #: A released arm may roll out for this long; what it moves then is drift [s]
-RATIOS: Final = {"inertia": "", "assist": "assist_"}  #: Compared with the classical mode, and how their figures begin
+#: Compared with the classical mode, and how their figures begin
+RATIOS: Final = {"inertia": "", "assist": "assist_"}
 
 
 def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:
     """The hand's force (n, 3) [N] while it moves, undefined if the move was cut short; the energy lent.
 
-    hand_force_peak_n, hand_force_rms_n: of its norm; lent_energy_j: most the compensation had lent beyond what friction
-    took.
+    hand_force_peak_n, hand_force_rms_n: of its norm; lent_energy_j: most the compensation had lent beyond
+    what friction took.
     """
     sizes = np.linalg.norm(force, axis=1)
     known = whole and len(sizes) > 0
@@ -36,8 +37,8 @@ def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:
 def measure_drift(time: Array, q: Array) -> Figures:
     """What the joints (n, 6) do after the hand has released it, at times (n,) [s].
 
-    coast_rad: largest way of a joint in the first second; drift_rad: from then on, to the end; drift_time_s: how long
-    that is. Undefined if it was not released or for no longer than that.
+    coast_rad: largest way of a joint in the first second; drift_rad: from then on, to the end; drift_time_s:
+    how long that is. Undefined if it was not released or for no longer than that.
     """
     if not len(time) or time[-1] - time[0] <= COAST_S:
         return {"coast_rad": math.nan, "drift_rad": math.nan, "drift_time_s": 0.0}
@@ -50,10 +51,11 @@ def measure_drift(time: Array, q: Array) -> Figures:
 
 
 def compare_modes(moves: Mapping[str, Figures]) -> Figures:
-    """Modes beside each other, from figures by ``mode_direction_pace``; only if both moves exist, undefined if cut
-    short.
+    """Modes beside each other, from figures by ``mode_direction_pace``; only if both moves exist, undefined
+    if cut short.
 
-    fast_peak_ratio_x, ... : force with inertia compensation by that of the classical law, fast move (``assist_`` before
+    fast_peak_ratio_x, ... : force with inertia compensation by that of the classical law, fast move
+    (``assist_`` before
     it: with the start-up assist); slow_peak_n: largest of the assist's slow moves.
     """
     figures: Figures = {}
@@ -66,10 +68,16 @@ def compare_modes(moves: Mapping[str, Figures]) -> Figures:
                 name = f"hand_force_{what}_n"
                 figures[f"{prefix}fast_{what}_ratio_{direction}"] = ours[name] / theirs[name]
     for mode in ("none", "classical"):
-        forces = [values["hand_force_peak_n"] for name, values in moves.items() if name.startswith(f"{mode}_")]
+        forces = [
+            values["hand_force_peak_n"] for name, values in moves.items() if name.startswith(f"{mode}_")
+        ]
         if forces:
             figures[f"{mode}_peak_n"] = float(np.max(forces))
-    slow = [values["hand_force_peak_n"] for name, values in moves.items() if name in ("assist_x_slow", "assist_y_slow")]
+    slow = [
+        values["hand_force_peak_n"]
+        for name, values in moves.items()
+        if name in ("assist_x_slow", "assist_y_slow")
+    ]
     return figures | ({"slow_peak_n": float(np.max(slow))} if slow else {})
 
 
@@ -86,7 +94,8 @@ def distance_to_line(points: Array, line: Array) -> Array:
 
 
 def distance_to_chord(points: Array, first: Array, last: Array) -> Array:
-    """Distances (n,) [m] of points (n, 3) to the lines from one point to another, (3,) or (n, 3), ends included."""
+    """Distances (n,) [m] of points (n, 3) to the lines from one point to another, (3,) or (n, 3), ends
+    included."""
     chord = last - first
     share = np.sum((points - first) * chord, axis=1) / np.maximum(np.sum(chord**2, axis=-1), 1e-300)
     foot = first + np.clip(share, 0.0, 1.0)[:, None] * chord
@@ -94,11 +103,12 @@ def distance_to_chord(points: Array, first: Array, last: Array) -> Array:
 
 
 def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[str, float]:
-    """Compare the recorded tool points (n, 3), work frame, and the path taught from them with the path that was meant.
+    """Compare the recorded tool points (n, 3), work frame, and the path taught from them with the path that
+    was meant.
 
-    recorded_deviation_max_m, _rms_m; taught_deviation_max_m, _rms_m: distances to the meant path; taught_missed_max_m:
-    of the meant path to the taught one, so that nothing was left out; taught_axis_error_max_rad: tool axis against that
-    of the nearest meant point; taught_length_m.
+    recorded_deviation_max_m, _rms_m; taught_deviation_max_m, _rms_m: distances to the meant path;
+    taught_missed_max_m: of the meant path to the taught one, so that nothing was left out;
+    taught_axis_error_max_rad: tool axis against that of the nearest meant point; taught_length_m.
     """
     raw = distance_to_line(recorded, meant.positions_work)
     off = distance_to_line(taught.positions_work, meant.positions_work)

@@ -2,8 +2,9 @@
 
     tau = wg (g(q) + tare) + kc fc s(qd) + kv fv qd + alpha M(q) qdd_f
 
-s is tanh(qd / vs); with the start-up assist the sign of the hand's torque, as a momentum observer sees it, takes its
-place at standstill. qdd_f is the low-passed difference of the measured speed. Coriolis torques are left out.
+s is tanh(qd / vs); with the start-up assist the sign of the hand's torque, as a momentum observer sees it,
+takes its place at standstill. qdd_f is the low-passed difference of the measured speed. Coriolis torques are
+left out.
 """
 
 from __future__ import annotations
@@ -32,9 +33,11 @@ class Belief(NamedTuple):
     chain: ChainModel
     coulomb: Array  #: Coulomb friction [N m], shape (n,)
     viscous: Array  #: Viscous friction [N m s/rad], shape (n,)
-    creep: Array  #: Speed at which a joint creeps under its full Coulomb friction before it breaks away [rad/s], (n,)
+    #: Speed at which a joint creeps under its full Coulomb friction before it breaks away [rad/s], (n,)
+    creep: Array
     torque_limit: Array  #: Of the motors [N m], shape (n,)
-    driving: Array  #: More Coulomb friction by the weight a joint holds, when it moves against it [-], shape (n,)
+    #: More Coulomb friction by the weight a joint holds, when it moves against it [-], shape (n,)
+    driving: Array
     driven: Array  #: When it moves with it [-], shape (n,)
 
 
@@ -80,7 +83,8 @@ def build_memory(joints: int) -> GuidingMemory:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: float, first: bool) -> None:
-    """Quantise positions [rad], difference them to speeds, these to filtered accelerations; ``first``: none before."""
+    """Quantise positions [rad], difference them to speeds, these to filtered accelerations; ``first``: none
+    before."""
     for j in range(memory.q.shape[0]):
         read = gains.encoder * math.floor(q[j] / gains.encoder + 0.5) if gains.encoder > 0.0 else q[j]
         qd = 0.0 if first else (read - memory.q[j]) / dt
@@ -90,7 +94,9 @@ def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: floa
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def guide_by_hand(belief: Belief, gains: GuidingGains, memory: GuidingMemory, share: float, dt: float) -> None:
+def guide_by_hand(
+    belief: Belief, gains: GuidingGains, memory: GuidingMemory, share: float, dt: float
+) -> None:
     """One step of the law: q, qd and qdd of the memory are read, everything else in it is written.
 
     ``share``: of the compensation that is granted: 1, less near the speed limits.
@@ -123,13 +129,17 @@ def dry_friction(belief: Belief, memory: GuidingMemory, j: int, qd: float) -> fl
 def _observe(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> None:
     """Momentum observer of the hand's torque, from the torque given in the last step.
 
-    r = K (M qd - int (tau - g - tare - friction + r) dt). Friction of a joint that creeps is taken as steep viscous
+    r = K (M qd - int (tau - g - tare - friction + r) dt). Friction of a joint that creeps is taken as steep
+    viscous
     friction: its pre-sliding motion is how the observer detects the hand at standstill.
     """
     chain_torque(belief.chain, memory.q, memory.still, memory.qd, 0.0, memory.part)
     for j in range(memory.q.shape[0]):
         qd = memory.qd[j]
-        held = dry_friction(belief, memory, j, qd) * min(max(qd / belief.creep[j], -1.0), 1.0) + belief.viscous[j] * qd
+        held = (
+            dry_friction(belief, memory, j, qd) * min(max(qd / belief.creep[j], -1.0), 1.0)
+            + belief.viscous[j] * qd
+        )
         given = memory.torque[j] - memory.weight[j] - gains.tare * memory.tare[j] - held
         memory.impulse[j] += dt * (given + memory.external[j])
         memory.external[j] = gains.observer * (memory.part[j] - memory.impulse[j])
@@ -147,7 +157,8 @@ def _onset(belief: Belief, gains: GuidingGains, memory: GuidingMemory, j: int) -
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _feel(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> float:
-    """Whether a hand is on the tool, fading: without one friction is left to the joints, and they stop and stay."""
+    """Whether a hand is on the tool, fading: without one friction is left to the joints, and they stop and
+    stay."""
     if gains.felt == 0.0:
         return 1.0
     felt = False
@@ -183,7 +194,8 @@ MODES: Final[Mapping[str, Mode]] = MappingProxyType(
 
 
 def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
-    """The law's gains in a mode of `MODES`, at a control period ``dt`` [s]; InputError for an unknown mode."""
+    """The law's gains in a mode of `MODES`, at a control period ``dt`` [s]; InputError for an unknown
+    mode."""
     if mode not in MODES:
         raise unknown_name("mode", mode, MODES)
     m = MODES[mode]
@@ -209,14 +221,16 @@ GUARDS: Final[Mapping[int, str]] = MappingProxyType(
     {
         JOINT_SPEED: "a joint is faster than guide.joint_speed_limit_rad_s",
         TOOL_SPEED: "the tool is faster than guide.tool_speed_limit_m_s",
-        ENERGY: "the compensation has lent more energy than guide.energy_limit_j: it drives the arm by itself",
+        ENERGY: "the compensation has lent more energy than guide.energy_limit_j: it drives the arm by "
+        "itself",
         UNSTABLE: "the simulation is unstable: lower simulation.timestep_s",
         TOUCH: "links touch",
         JOINT_END: "a joint is at its end",
     }
 )
 """Reasons of a protective stop, by code."""
-FADE_FROM: Final = 0.9  #: Share of a speed limit from which compensation fades: the joints' own friction brakes [-]
+#: Share of a speed limit from which compensation fades: the joints' own friction brakes [-]
+FADE_FROM: Final = 0.9
 
 
 class Lent(Record):
@@ -246,9 +260,15 @@ def fade_out(limits: GuidingLimits, qd: Array, tool_speed: float) -> float:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def watch_guiding(
-    limits: GuidingLimits, belief: Belief, gains: GuidingGains, memory: GuidingMemory, tool_speed: float, dt: float
+    limits: GuidingLimits,
+    belief: Belief,
+    gains: GuidingGains,
+    memory: GuidingMemory,
+    tool_speed: float,
+    dt: float,
 ) -> int:
-    """Add the energy lent in a step to ``limits.lent``; returns the code of the guard that stops the arm, or 0.
+    """Add the energy lent in a step to ``limits.lent``; returns the code of the guard that stops the arm, or
+    0.
 
     ``memory``: after the law's step; ``tool_speed``: of the tool point [m/s].
     """

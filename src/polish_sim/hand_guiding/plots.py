@@ -12,7 +12,19 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.metrics import PROCESS, fed, numbers
 from polish_sim.analysis.run_record import RunRecord
-from polish_sim.analysis.style import BLUE, DASHES, GREEN, GREY, ORANGE, PINK, SKY, head, line_look, new_figure, styled
+from polish_sim.analysis.style import (
+    BLUE,
+    DASHES,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    SKY,
+    head,
+    line_look,
+    new_figure,
+    styled,
+)
 from polish_sim.arrays import Array
 from polish_sim.hand_guiding.figures import distance_to_line
 from polish_sim.planning.toolpath import arc_length
@@ -40,13 +52,21 @@ def plot_guiding(record: RunRecord) -> Figure:
             continue
         _draw_paper(axes, {mode for mode, *_ in names})
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
-        axes.set(xlabel="time from the move's start [s]", ylabel=f"{_words(direction, pace)}\nforce of the hand [N]")
+        axes.set(
+            xlabel="time from the move's start [s]",
+            ylabel=f"{_words(direction, pace)}\nforce of the hand [N]",
+        )
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     highest = max([float(np.max(line.get_ydata())) for axes in grid.flat for line in axes.lines], default=1.0)
     grid[0, 0].set_ylim(0.0, 1.05 * highest)
-    dashed = any(axes.lines for axes in grid.flat) and not PAPER_N.keys().isdisjoint(mode for mode, *_ in names)
-    facts = ["numbers: largest while it moves", *(["thin dotted: peaks of paper 3, another robot"] if dashed else [])]
+    dashed = any(axes.lines for axes in grid.flat) and not PAPER_N.keys().isdisjoint(
+        mode for mode, *_ in names
+    )
+    facts = [
+        "numbers: largest while it moves",
+        *(["thin dotted: peaks of paper 3, another robot"] if dashed else []),
+    ]
     head(figure, "Force of a hand that guides the arm, by mode", facts)
     return figure
 
@@ -54,7 +74,9 @@ def plot_guiding(record: RunRecord) -> Figure:
 @styled
 def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
     """Draw the moves several runs of ``teach`` have in common over each other."""
-    common = [name for name in records[0].metrics["moves"] if all(name in r.metrics["moves"] for r in records)]
+    common = [
+        name for name in records[0].metrics["moves"] if all(name in r.metrics["moves"] for r in records)
+    ]
     figure = new_figure(9.0, 2.8 * max(len(common), 1) + 0.8)
     grid = figure.subplots(max(len(common), 1), 1, squeeze=False, sharex=True)
     for axes, name in zip(grid[:, 0], common, strict=False):
@@ -63,7 +85,9 @@ def plot_guiding_runs(records: Sequence[RunRecord]) -> Figure:
             axes.plot(time, force, label=record.name, **line_look(number))
         axes.set(ylabel=f"{name.replace('_', ' ')}\nforce [N]")
     grid[-1, 0].set(xlabel="time from the move's start [s]")
-    head(figure, "Force of a hand that guides the arm", [] if common else ["no move in common"], legend=grid[0])
+    head(
+        figure, "Force of a hand that guides the arm", [] if common else ["no move in common"], legend=grid[0]
+    )
     return figure
 
 
@@ -93,7 +117,10 @@ def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
     """Time from the move's start and norm of the hand's force, from just before the move to just after."""
     log = record.log
     of_case = numbers(log, "case") == case
-    time, force = numbers(log, "time_s")[of_case], np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1)
+    time, force = (
+        numbers(log, "time_s")[of_case],
+        np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1),
+    )
     moving = log["phase"].astype(np.int8)[of_case] == PROCESS
     if not moving.any():
         return np.zeros(0), np.zeros(0)
@@ -131,7 +158,9 @@ def plot_taught(record: RunRecord) -> Figure:
     for line, off, color, label in ((meant, recorded, GREY, "recorded"), (taught, taught, BLUE, "taught")):
         s = arc_length(line)
         along.plot(100.0 * s / s[-1], 1e3 * distance_to_line(off, meant), color=color, lw=1.0, label=label)
-    along.axhline(1e3 * record.metrics["taught_deviation_rms_m"], color=ORANGE, lw=0.9, ls="--", label="taught, rms")
+    along.axhline(
+        1e3 * record.metrics["taught_deviation_rms_m"], color=ORANGE, lw=0.9, ls="--", label="taught, rms"
+    )
     along.set(xlabel="share of the way [%]", ylabel="distance from what was meant [mm]", ylim=(0.0, None))
     m = record.metrics
     facts = [

@@ -67,7 +67,8 @@ class MoveTable(NamedTuple):
 
 
 def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
-    """The moves a scenario asks for; only the last one is followed for long after the hand has released it."""
+    """The moves a scenario asks for; only the last one is followed for long after the hand has released
+    it."""
     if guide.mode and guide.mode not in MODES:
         raise unknown_name("mode", guide.mode, MODES)
     if guide.direction and guide.direction not in DIRECTIONS:
@@ -81,7 +82,8 @@ def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
 
 
 def minimum_jerk(share: Array) -> tuple[Array, Array]:
-    """Way and speed of a minimum-jerk move of unit length and duration at shares of its time, clipped to 0..1."""
+    """Way and speed of a minimum-jerk move of unit length and duration at shares of its time, clipped to
+    0..1."""
     u = np.clip(share, 0.0, 1.0)
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * u**2 * (1.0 - u) ** 2
 
@@ -98,7 +100,9 @@ def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> M
     rotations = np.tile(T_base_home[:3, :3], (len(t), 1, 1))
     grip = ((t >= HOLD_S) & (t < end)).astype(float)
     servos = np.clip((HOLD_S + RELEASE_S - t) / RELEASE_S, 0.0, 1.0)
-    phase = np.where((t >= begin) & (t < begin + move.duration), MOVING, np.where(t < end, HELD, OFF)).astype(np.int8)
+    phase = np.where((t >= begin) & (t < begin + move.duration), MOVING, np.where(t < end, HELD, OFF)).astype(
+        np.int8
+    )
     return MoveTable(HandMotion(positions, velocities, rotations, grip), servos, phase)
 
 
@@ -125,7 +129,10 @@ def trace_of_move(play: PlayedMove) -> Trace:
     n, nothing = len(rows), np.zeros(len(rows))
     error = play.table.motion.positions[:n] - rows["tool"]
     off = np.linalg.norm(error, axis=1)
-    turned = Rotation.from_matrix(play.table.motion.rotations[:n]) * Rotation.from_matrix(rows["R_base_tool"]).inv()
+    turned = (
+        Rotation.from_matrix(play.table.motion.rotations[:n])
+        * Rotation.from_matrix(rows["R_base_tool"]).inv()
+    )
     way = arc_length(rows["tool"])
     return Trace(
         rows["time"], play.table.phase[:n], nothing, off, off, turned.magnitude(), rows["tool"],
@@ -157,10 +164,15 @@ def _columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[str, A
     }
 
 
-def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float) -> dict[str, Any]:
-    """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of the run."""
+def figures_of_moves(
+    scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float
+) -> dict[str, Any]:
+    """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of
+    the run."""
     figures: dict[str, Any] = {}
-    measured = [measure_move(_rows_in(play, MOVING)["force"], _is_whole(play), play.run.lent_j) for play in played]
+    measured = [
+        measure_move(_rows_in(play, MOVING)["force"], _is_whole(play), play.run.lent_j) for play in played
+    ]
     for play, values in zip(played, measured, strict=True):
         figures |= {f"{_name(play.move)}_{name}": value for name, value in values.items()}
     last = played[-1].move.mode
@@ -172,7 +184,11 @@ def figures_of_moves(scenario: Scenario, played: Sequence[PlayedMove], asked: in
     forces = {_name(play.move): values for play, values in zip(played, measured, strict=True)}
     figures |= compare_modes(forces) | {"moves": list(forces), "model": scenario.guide.model_file or "exact"}
     steps = sum(len(play.run.rows) for play in played)
-    stops = [f"{_name(play.move).replace('_', ' ')}: {play.run.stop_reason}" for play in played if play.run.stop_reason]
+    stops = [
+        f"{_name(play.move).replace('_', ' ')}: {play.run.stop_reason}"
+        for play in played
+        if play.run.stop_reason
+    ]
     whole = [play.run.stop_reason is None and len(play.run.rows) == len(play.table.servos) for play in played]
     figures |= free_figures(scenario, None, steps, steps * scenario.simulation.timestep_s, wall)
     return figures | {
@@ -200,8 +216,9 @@ def _name(move: Move) -> str:
 def run_teach(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     """Let a hand move the arm in every mode, direction and pace asked for, and measure its force.
 
-    Returns one log of all moves, their figures, and the modes beside each other; part, plan and controller play no
-    role. Raises PolishSimError if a mode or direction is unknown, the model cannot be read, a move cannot be reached.
+    Returns one log of all moves, their figures, and the modes beside each other; part, plan and controller
+    play no role. Raises PolishSimError if a mode or direction is unknown, the model cannot be read, a move
+    cannot be reached.
     """
     observer = observer or Silent()
     moves, hand = moves_of(scenario.guide, scenario.hand), hand_of(scenario.hand)

@@ -1,4 +1,5 @@
-"""From a recorded way of the tool to a path: filtered, simplified, fitted, put on the part (recording -> ToolPath)."""
+"""From a recorded way of the tool to a path: filtered, simplified, fitted, put on the part (recording ->
+ToolPath)."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from polish_sim.spatial import unit
 DEGREE: Final = 3
 MOVING_SHARE: Final = 0.2  #: A hand slower than this share of its usual speed has not begun, or has ended [-]
 SHORTEST_M: Final = 0.01  #: Less way than this teaches nothing [m]
-EVEN_M: Final = 0.0005  #: The recording is fitted at places this far apart, so that a slow hand does not weigh more [m]
+#: The recording is fitted at places this far apart, so that a slow hand does not weigh more [m]
+EVEN_M: Final = 0.0005
 
 
 class Recording(NamedTuple):
@@ -38,7 +40,9 @@ class Taught(NamedTuple):
     off_surface: float  #: Largest distance by which the fitted way was moved onto the part [m]
 
 
-def teach_path(record: Recording, surface: Surface, filter_hz: float, tolerance: float, spacing: float) -> Taught:
+def teach_path(
+    record: Recording, surface: Surface, filter_hz: float, tolerance: float, spacing: float
+) -> Taught:
     """Make a path, all of it process, from a recording.
 
     Args:
@@ -61,11 +65,14 @@ def teach_path(record: Recording, surface: Surface, filter_hz: float, tolerance:
 def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
     """A path through points of a part, all of it process; the part's normals are the tool axes."""
     along = unit(np.gradient(found.positions, axis=0))
-    return _path(found.positions, found.normals, surface.normal_curvature(found.facets, found.barycentric, along))
+    return _path(
+        found.positions, found.normals, surface.normal_curvature(found.facets, found.barycentric, along)
+    )
 
 
 def simplified(points: Array, tolerance: float) -> Indices:
-    """Rising indices of a polyline (n, 3) within ``tolerance`` [m] of all its points (Douglas and Peucker)."""
+    """Rising indices of a polyline (n, 3) within ``tolerance`` [m] of all its points (Douglas and
+    Peucker)."""
     kept, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
     while stack:
         first, last = stack.pop()
@@ -122,6 +129,10 @@ def _path(positions: Array, axes: Array, curvature: Array) -> ToolPath:
     positions, axes, curvature = positions[moved], axes[moved], curvature[moved]
     n = len(positions)
     return ToolPath(
-        positions.copy(), axes.copy(), arc_length(positions), np.zeros(n, np.int64), np.full(n, PROCESS, np.int8),
+        positions.copy(),
+        axes.copy(),
+        arc_length(positions),
+        np.zeros(n, np.int64),
+        np.full(n, PROCESS, np.int8),
         curvature.copy(),
-    )  # fmt: skip
+    )

@@ -1,4 +1,5 @@
-"""The robots that are identified: the cell's simulated arm, played and logged, and any robot a log is from."""
+"""The robots that are identified: the cell's simulated arm, played and logged, and any robot a log is
+from."""
 
 from __future__ import annotations
 
@@ -48,12 +49,14 @@ class Arm:
     scenario: Scenario
     truth: TorqueModel  #: With the parameters of the compiled model, hidden from the identification
     carried: Array  #: Tool and head, known from the payload's calibration, shape (6, 10)
-    elastic: bool  #: Whether its joints are: torques are the motors' then, positions those of the servos' encoders
+    #: Whether its joints are: torques are the motors' then, positions those of the servos' encoders
+    elastic: bool
     servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
     clearance: RobotClearance
     load: CarriedLoad | None = None  #: Bolted to the last link, part of the truth
     head: SprungHead | None = None  #: Of an elastic arm's tool
-    bent: tuple[ChainGeometry, ...] = ()  #: An elastic arm's chain with each number of its table off by its tolerance
+    #: An elastic arm's chain with each number of its table off by its tolerance
+    bent: tuple[ChainGeometry, ...] = ()
 
     def known(self, drawing: Drawing) -> KnownArm:
         """What an identification of the elastic arm knows of it beforehand."""
@@ -62,18 +65,24 @@ class Arm:
 
 
 def build_arm(
-    terms: tuple[str, ...], scenario: Scenario = SCENARIO, load: CarriedLoad | None = None, warm_at: float = math.inf
+    terms: tuple[str, ...],
+    scenario: Scenario = SCENARIO,
+    load: CarriedLoad | None = None,
+    warm_at: float = math.inf,
 ) -> Arm:
     """Compile the cell in free space and read its arm; the robot's gravity compensation must be exact.
 
-    ``terms``: of the torque model; ``load``: what is bolted to the last link besides. Elastic joints have for truth
-    their rotors and the friction of their motors without load, as warm as they are at ``warm_at`` [s].
+    ``terms``: of the torque model; ``load``: what is bolted to the last link besides. Elastic joints have for
+    truth their rotors and the friction of their motors without load, as warm as they are at ``warm_at`` [s].
     """
     elastic, real = is_real(scenario), scenario.robot.real
     model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
     if elastic:
         warm = 1.0 + real.cold_friction * math.exp(-warm_at / real.warming_s)
-        model.dof_armature[:6], model.dof_frictionloss[:6] = real.rotor_kg_m2, warm * np.array(real.coulomb_nm)
+        model.dof_armature[:6], model.dof_frictionloss[:6] = (
+            real.rotor_kg_m2,
+            warm * np.array(real.coulomb_nm),
+        )
         model.dof_damping.reshape(model.nv, -1)[:6, 0] = warm * np.array(real.viscous_nm_s_rad)
     if load is not None:
         carry(model, LAST_LINK, load)
@@ -82,7 +91,9 @@ def build_arm(
     gains = -model.actuator_biasprm[:, 2]
     clearance = RobotClearance(model, 6, also=("head_pad",))
     head, bent = (_head_of(model), _bent(model, real)) if elastic else (None, ())
-    return Arm(scenario, TorqueModel(chain, terms), carried, elastic, gains.copy(), clearance, load, head, bent)
+    return Arm(
+        scenario, TorqueModel(chain, terms), carried, elastic, gains.copy(), clearance, load, head, bent
+    )
 
 
 def _head_of(model: mujoco.MjModel) -> SprungHead:
@@ -96,7 +107,9 @@ def _head_of(model: mujoco.MjModel) -> SprungHead:
 
 
 def _bent(model: mujoco.MjModel, real: RealArmConfig) -> tuple[ChainGeometry, ...]:
-    sizes = np.repeat([real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad], 6)
+    sizes = np.repeat(
+        [real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad], 6
+    )
     links = [model.body(f"link_{number}") for number in range(1, 7)]
     joints, chains = [model.joint(name) for name in ARM_JOINTS], []
     for step in np.diag(sizes):
@@ -107,13 +120,15 @@ def _bent(model: mujoco.MjModel, real: RealArmConfig) -> tuple[ChainGeometry, ..
 
 
 def motion_limits() -> MotionLimits:
-    """Limits of exciting motions: the shoulder stays above, nearly full speed, the servos' torques less a tenth."""
+    """Limits of exciting motions: the shoulder stays above, nearly full speed, the servos' torques less a
+    tenth."""
     turns = [[-0.9, 0.9], [-0.95, -0.05], [-0.85, 0.85], *[[-0.9, 0.9]] * 3]
     return MotionLimits(np.array(turns) * np.pi, np.full(6, 3.0), np.full(6, 12.0), 0.9 * _TORQUE)
 
 
 def believe(arm: Arm, rng: np.random.Generator) -> Drawing:
-    """A plausible drawing of the arm: links some 15% off as a whole, friction and rotors 30% off, the tool known."""
+    """A plausible drawing of the arm: links some 15% off as a whole, friction and rotors 30% off, the tool
+    known."""
     chain, n = arm.truth.chain, 6
     own = (chain.parameters - arm.carried) * np.exp(_LINK_DOUBT * rng.normal(size=(n, 1)))
     friction = arm.truth.truth()[10 * n :]
@@ -122,7 +137,8 @@ def believe(arm: Arm, rng: np.random.Generator) -> Drawing:
 
 
 def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> RobotLog:
-    """Play a periodic motion, entered and left along its own path, on the servos and log whole periods without noise.
+    """Play a periodic motion, entered and left along its own path, on the servos and log whole periods
+    without noise.
 
     The log has ``rate`` [Hz], its time zero is the motion's.
     """
@@ -132,16 +148,18 @@ def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> R
     log = play_states(arm, states)
     first, every = round(RAMP_S / STEP_S), round(1.0 / (rate * STEP_S))
     rows = slice(first, first + round(span / STEP_S), every)
-    return RobotLog(np.asarray(t[rows] - RAMP_S), log.q[rows], log.torque[rows], log.gears and log.gears.rows(rows))
+    return RobotLog(
+        np.asarray(t[rows] - RAMP_S), log.q[rows], log.torque[rows], log.gears and log.gears.rows(rows)
+    )
 
 
 def play_states(arm: Arm, states: States) -> RobotLog:
     """Play joint targets, one a physics step, and log positions and torques, gravity included.
 
-    The engine's step is implicit in speed: the torque that moves the robot is the servo's at the end of the step.
-    Its positions are half a step ahead of its speeds, so the change of speed over a step belongs to the step's
-    first position. The engine compensates gravity, a real servo must hold it, so it is added. Of elastic joints the
-    motors' torques are logged as they are.
+    The engine's step is implicit in speed: the torque that moves the robot is the servo's at the end of the
+    step. Its positions are half a step ahead of its speeds, so the change of speed over a step belongs to the
+    step's first position. The engine compensates gravity, a real servo must hold it, so it is added. Of
+    elastic joints the motors' torques are logged as they are.
     """
     load = arm.load
     bolt_on = None if load is None else lambda model: carry(model, LAST_LINK, load)
@@ -149,7 +167,9 @@ def play_states(arm: Arm, states: States) -> RobotLog:
     time: Array = np.arange(len(played.q)) * np.float64(STEP_S)
     if arm.elastic:
         step = arm.scenario.robot.real.encoder_rad
-        return RobotLog(time, played.read, played.torque, Gears(read_by(played.motor, step), read_by(played.q, step)))
+        return RobotLog(
+            time, played.read, played.torque, Gears(read_by(played.motor, step), read_by(played.q, step))
+        )
     change = np.diff(played.qd, axis=0, append=played.qd[-1:])
     given = played.torque - arm.servo_damping * change
     return RobotLog(time, played.q, given + _gravity(arm, played.q))
@@ -177,7 +197,8 @@ def cell_arm() -> LoggedRobot:
 
 
 def robot_of_file(file: Path, joints: Sequence[str] | None = None) -> LoggedRobot:
-    """A robot of a user's own MJCF; joints not named are held where the model starts, with None all are the chain's.
+    """A robot of a user's own MJCF; joints not named are held where the model starts, with None all are the
+    chain's.
 
     Raises InputError if the file is no model, or holds no serial chain of hinges and slides; names the joint.
     """

@@ -1,13 +1,16 @@
-"""Dynamics of an arm with elastic joints: rigid links behind gears whose two sides have encoders of their own.
+"""Dynamics of an arm with elastic joints: rigid links behind gears whose two sides have encoders of their
+own.
 
-    tau = Ia a + fv w + fc s(w) + f0 + (1 + e'(motor) + load) T,   load = ld where T drives, -ln where it is driven
+    tau = Ia a + fv w + fc s(w) + f0 + (1 + e'(motor) + load) T
+    load = ld where T drives, -ln where it is driven
     T = Y(link) pi + the sprung head's share + dY/dtable pi (table - nominal one)
 
-Motor side and link side are measured, so neither the springs nor their hysteresis have to be known. Only e', the slope
-of the gears' error, tells the size of T from the friction that grows with it: links and load could else be scaled
-together. What the arm is built off its table bends the weight's lever arms; it is fitted along, with the table's
-tolerance as prior knowledge. The parameters are those of `TorqueModel` with all its terms, the two shares of load and
-the bends behind them; Gauss-Newton on torques and columns that are low-passed alike.
+Motor side and link side are measured, so neither the springs nor their hysteresis have to be known. Only e',
+the slope of the gears' error, tells the size of T from the friction that grows with it: links and load could
+else be scaled together. What the arm is built off its table bends the weight's lever arms; it is fitted
+along, with the table's tolerance as prior knowledge. The parameters are those of `TorqueModel` with all its
+terms, the two shares of load and the bends behind them; Gauss-Newton on torques and columns that are
+low-passed alike.
 """
 
 from __future__ import annotations
@@ -34,11 +37,14 @@ from polish_sim.identification.regressor import FULL, States, TorqueModel, rando
 from polish_sim.motion.kinematics import jacobian, link_frames
 from polish_sim.motion.serial_chain import ChainGeometry
 
-LOW_PASS_HZ: Final = 30.0  #: Of torques and columns that are fitted: above, encoder steps are all there is to see
+#: Of torques and columns that are fitted: above, encoder steps are all there is to see
+LOW_PASS_HZ: Final = 30.0
 BAND_HZ: Final = 250.0  #: Of the states columns are made of
-PREDICTED_HZ: Final = 130.0  #: Of the states torques are predicted from: less loses the gears' ripple, more adds steps
+#: Of the states torques are predicted from: less loses the gears' ripple, more adds steps
+PREDICTED_HZ: Final = 130.0
 BLOCK_S: Final = 0.2  #: How long residuals may be alike
-LIKELY: Final = 0.3  #: Size of these shares before anything is measured: decides only where gears show no error
+#: Size of these shares before anything is measured: decides only where gears show no error
+LIKELY: Final = 0.3
 LOADS: Final = 2  #: Parameters of friction by load, a joint
 _ORDER: Final = 8
 _ROUNDS: Final = 5
@@ -46,7 +52,8 @@ _SAMPLES: Final = 200
 
 
 class SprungHead(NamedTuple):
-    """The polishing head on its spring: known of the tool, and no part of a rigid link above its resonance."""
+    """The polishing head on its spring: known of the tool, and no part of a rigid link above its
+    resonance."""
 
     mass: float  #: [kg]
     stiffness: float  #: [N/m]
@@ -78,9 +85,13 @@ def one_period(log: RobotLog, period: float) -> RobotLog:
     rows = round(period / float(np.mean(np.diff(log.time))))
 
     def mean(values: Array) -> Array:
-        return np.asarray(values[: len(values) // rows * rows].reshape(-1, rows, values.shape[1]).mean(axis=0))
+        return np.asarray(
+            values[: len(values) // rows * rows].reshape(-1, rows, values.shape[1]).mean(axis=0)
+        )
 
-    return RobotLog(log.time[:rows], mean(log.q), mean(log.torque), Gears(*(mean(side) for side in log.gears)))
+    return RobotLog(
+        log.time[:rows], mean(log.q), mean(log.torque), Gears(*(mean(side) for side in log.gears))
+    )
 
 
 def elastic_base(model: TorqueModel) -> BaseParameters:
@@ -115,8 +126,11 @@ class Found(NamedTuple):
 class ElasticMotion:
     """One period of a motion, and the arm's torques in it as a function of parameters."""
 
-    def __init__(self, arm: KnownArm, gears: GearFit, log: RobotLog, band: float, sprung: bool = False) -> None:
-        """``sprung``: what gears pass on faster than `LOW_PASS_HZ` is read from their twist, where springs are known.
+    def __init__(
+        self, arm: KnownArm, gears: GearFit, log: RobotLog, band: float, sprung: bool = False
+    ) -> None:
+        """``sprung``: what gears pass on faster than `LOW_PASS_HZ` is read from their twist, where springs
+        are known.
 
         That needs no second derivative of encoder steps, but is no function of the links' parameters.
         """
@@ -167,7 +181,8 @@ class ElasticFit(NamedTuple):
     estimate: Estimate  #: Of `elastic_base`
     numbers: Found
     loads_std: Array  #: Shape (n, 2)
-    bound: Array  #: Cramér-Rao bound of base parameters and loads at the torques' noise: variances, shape (r + 2 n,)
+    #: Cramér-Rao bound of base parameters and loads at the torques' noise: variances, shape (r + 2 n,)
+    bound: Array
 
     def against(self, base: BaseParameters, full: Array, loads: Array) -> dict[str, float]:
         """Figures of base parameters and loads against the true ones, (p,) and (n, 2)."""
@@ -178,8 +193,11 @@ class ElasticFit(NamedTuple):
         return {"error_over_crb": over, "interval_coverage": float(np.mean(held))}
 
 
-def fit_elastic(motion: ElasticMotion, base: BaseParameters, torque: Array, sigma: Array, periods: int) -> ElasticFit:
-    """Fit torques (m, n) [N m], the mean of ``periods`` periods whose noise is expected to be ``sigma`` (n,)."""
+def fit_elastic(
+    motion: ElasticMotion, base: BaseParameters, torque: Array, sigma: Array, periods: int
+) -> ElasticFit:
+    """Fit torques (m, n) [N m], the mean of ``periods`` periods whose noise is expected to be ``sigma``
+    (n,)."""
     fit = _Fit(motion, base, torque)
     x, r, n = np.zeros(fit.size), base.rank, motion.model.joints
     for number in range(_ROUNDS):
@@ -205,16 +223,21 @@ def fit_elastic(motion: ElasticMotion, base: BaseParameters, torque: Array, sigm
     )  # fmt: skip
     shown = slice(0, r + LOADS * n)
     std = np.sqrt(np.diag(covariance))[shown]
-    return ElasticFit(estimate, fit.found(x), std[r:].reshape(LOADS, n).T, np.diag(inverse_of(of_period))[shown])
+    return ElasticFit(
+        estimate, fit.found(x), std[r:].reshape(LOADS, n).T, np.diag(inverse_of(of_period))[shown]
+    )
 
 
 def _normal(pieces: list[tuple[Array, Array]], noise: Array) -> tuple[Array, Array]:
     H = sum((a / s).T @ (a / s) for (a, _left), s in zip(pieces, noise, strict=True))
-    return np.asarray(H), np.asarray(sum(a.T @ left / s**2 for (a, left), s in zip(pieces, noise, strict=True)))
+    return np.asarray(H), np.asarray(
+        sum(a.T @ left / s**2 for (a, left), s in zip(pieces, noise, strict=True))
+    )
 
 
 def _clustered(pieces: list[tuple[Array, Array]], fit: _Fit, C: Array) -> Array:
-    """Covariance of a fit whose residuals may be alike within a block of one joint (sandwich); ``C``: were they not."""
+    """Covariance of a fit whose residuals may be alike within a block of one joint (sandwich); ``C``: were
+    they not."""
     scores = []
     for (a, left), s, block in zip(pieces, fit.noise, fit.blocks, strict=True):
         used, which = np.unique(block, return_inverse=True)
@@ -273,7 +296,8 @@ class _Fit:
         """Of every joint the samples' columns and what the parameters leave of their torques."""
         left = self.torque - self.low(self.motion.torques(self.found(x)))[self.rows]
         return [
-            (self.low(self.columns(x, j))[self.rows][moving], left[moving, j]) for j, moving in enumerate(self.moving.T)
+            (self.low(self.columns(x, j))[self.rows][moving], left[moving, j])
+            for j, moving in enumerate(self.moving.T)
         ]
 
     def information(self, x: Array, sigma: Array) -> Array:

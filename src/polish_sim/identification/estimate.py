@@ -2,8 +2,8 @@
 
 Base parameters are the identifiable combinations of parameters. Columns of stacked regressors are taken
 in a fixed order; one that the earlier ones can make joins them in combination: W_dependent = W_base K,
-theta = pi_base + K pi_dependent (paper 3). Samples are gathered as normal equations joint by joint, so that the
-weights of the joints, their torque noise, can be found from the residuals.
+theta = pi_base + K pi_dependent (paper 3). Samples are gathered as normal equations joint by joint, so that
+the weights of the joints, their torque noise, can be found from the residuals.
 """
 
 from __future__ import annotations
@@ -19,15 +19,18 @@ from polish_sim.errors import IdentificationError
 from polish_sim.identification.regressor import PIECE, States, TorqueModel, random_states
 
 INDEPENDENT: Final = 1e-8  #: A column is new if this share of its length stands off the earlier ones
-STANDSTILL: Final = 0.1  #: Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size
-TURNING: Final = 0.06  #: While any joint is slower [rad/s] no torque gets weight: all feel how its friction reverses
+#: Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size
+STANDSTILL: Final = 0.1
+#: While any joint is slower [rad/s] no torque gets weight: all feel how its friction reverses
+TURNING: Final = 0.06
 STANDING: Final = (0.01, 0.5)  #: Slower than this [rad/s], [rad/s^2], a joint stands: no friction reverses
 INTERVAL_95: Final = 1.959964  #: Half width of a 95% interval in standard deviations
 LONGEST: Final = 0.1  #: Correlations are followed over this share of the samples at most
 _SAMPLES: Final = 200
 _CLEAN: Final = 1e-9
 _ROUNDS: Final = 4
-_HIDDEN: Final = 1e-5  #: Share of the scaled regressor's largest singular value below which a direction is hidden
+#: Share of the scaled regressor's largest singular value below which a direction is hidden
+_HIDDEN: Final = 1e-5
 
 
 class BaseParameters(NamedTuple):
@@ -77,7 +80,9 @@ def base_of_rows(W: Array) -> BaseParameters:
 
 def base_names(base: BaseParameters, names: Sequence[str]) -> tuple[str, ...]:
     """Write every base parameter as a sum of the p named parameters: ``Izz2 + 0.181 m3 + ...``."""
-    return tuple(_sum(row, int(column), names) for row, column in zip(base.combination, base.columns, strict=True))
+    return tuple(
+        _sum(row, int(column), names) for row, column in zip(base.combination, base.columns, strict=True)
+    )
 
 
 def _sum(row: Array, own: int, names: Sequence[str]) -> str:
@@ -94,7 +99,8 @@ def identifiable(base: BaseParameters) -> tuple[str, ...]:
     hidden = np.linalg.norm(base.null_space(), axis=1)
     seen = np.linalg.norm(base.combination, axis=0) > _CLEAN
     return tuple(
-        "no" if not some else "alone" if off < 1e-7 else "combined" for some, off in zip(seen, hidden, strict=True)
+        "no" if not some else "alone" if off < 1e-7 else "combined"
+        for some, off in zip(seen, hidden, strict=True)
     )
 
 
@@ -159,8 +165,10 @@ class Estimate:
     sigma: Array  #: Torque noise found in the residuals [N m], shape (n,)
     r_squared: Array  #: Share of each torque's variance that is explained, shape (n,)
     condition: float  #: Of the stacked regressor as it stands, in SI units
-    condition_equilibrated: float  #: Of the stacked regressor with rows in units of noise and columns of unit length
-    inefficiency: Array | None = None  #: Samples worth one independent sample, (n,); None where noise is taken as white
+    #: Of the stacked regressor with rows in units of noise and columns of unit length
+    condition_equilibrated: float
+    #: Samples worth one independent sample, (n,); None where noise is taken as white
+    inefficiency: Array | None = None
 
     @property
     def std(self) -> Array:
@@ -178,7 +186,11 @@ def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:
     The weights are the residuals' own noise, or ``sigma`` (n,), the torques' noise [N m], where it is known.
     """
     n = len(sums.products)
-    noise = np.sqrt(np.maximum(sums.torque_squares, 1e-30) / np.maximum(sums.samples, 1.0)) if sigma is None else sigma
+    noise = (
+        np.sqrt(np.maximum(sums.torque_squares, 1e-30) / np.maximum(sums.samples, 1.0))
+        if sigma is None
+        else sigma
+    )
     for _round in range(_ROUNDS):
         H = information(sums, noise)
         covariance = inverse_of(H)
@@ -223,14 +235,17 @@ def require_excited(sums: JointSums, names: Sequence[str], model: TorqueModel) -
     still = [model.chain.joints[j] for j in range(model.joints) if sums.samples[j] == 0]
     said = f" {', '.join(still)} did not move, or never faster than {STANDSTILL:g} rad/s." if still else ""
     raise IdentificationError(
-        f"the motion excites {len(names) - hidden.shape[1]} of {len(names)} base parameters.{said} Not identifiable, "
-        f"or only in combination: {', '.join(unknown)}. Move every joint, at different speeds, in different poses of "
-        "the others."
+        f"the motion excites {len(names) - hidden.shape[1]} of {len(names)} base parameters.{said} Not "
+        f"identifiable, or only in combination: {', '.join(unknown)}. Move every joint, at different speeds, "
+        "in different poses of the others."
     )
 
 
-def held_out_error(model: TorqueModel, base: BaseParameters, theta: Array, states: States, exact: Array) -> Array:
-    """Torque errors on a motion that was not fitted: rms error / range of the torque, shape (n,); NaN is left out."""
+def held_out_error(
+    model: TorqueModel, base: BaseParameters, theta: Array, states: States, exact: Array
+) -> Array:
+    """Torque errors on a motion that was not fitted: rms error / range of the torque, shape (n,); NaN is left
+    out."""
     return torque_error(model.regressor(states)[:, :, base.columns] @ theta, exact)
 
 
@@ -241,8 +256,8 @@ def torque_error(given: Array, exact: Array) -> Array:
     return np.asarray(np.sqrt(np.nanmean(off**2, axis=0)) / reach)
 
 
-# Noise that is not white. The inefficiency g = 1 + 2 (rho_1 + rho_2 + ...) of the residuals' correlations is the
-# number of samples worth one independent sample; covariances grow by it.
+# Noise that is not white. The inefficiency g = 1 + 2 (rho_1 + rho_2 + ...) of the residuals' correlations is
+# the number of samples worth one independent sample; covariances grow by it.
 
 
 def estimate_widened(
@@ -250,8 +265,8 @@ def estimate_widened(
 ) -> Estimate:
     """Estimate base parameters with intervals that count correlations between successive residuals.
 
-    ``states`` and ``torque`` [N m], (m, n): the samples of the normal equations in their order. Every joint's samples
-    are weighed by its noise and inefficiency; ``sigma`` of the estimate is the noise alone.
+    ``states`` and ``torque`` [N m], (m, n): the samples of the normal equations in their order. Every joint's
+    samples are weighed by its noise and inefficiency; ``sigma`` of the estimate is the noise alone.
     """
     found = estimate(sums)
     left = torque - model.torque_of_base(states, base.columns, found.theta)

@@ -1,7 +1,8 @@
 """Exciting motions for identification: Fourier series under limits, found by gradient descent.
 
 Limits enter as squared excess; the motion found is then shrunk until it respects every limit at
-every sample of a fine grid. Gradients are exact: the regressor's own derivatives, chained with the series' basis.
+every sample of a fine grid. Gradients are exact: the regressor's own derivatives, chained with the series'
+basis.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ class ExcitationTask:
     parameters: Array  #: All parameters as believed, for the torques' limits, shape (p,)
     sigma: Array  #: Expected torque noise [N m], shape (n,)
     limits: MotionLimits
-    use: Array  #: The task's own matrix G: mean of Y^T W Y over the motions that will be predicted, shape (r, r)
+    #: The task's own matrix G: mean of Y^T W Y over the motions that will be predicted, shape (r, r)
+    use: Array
     clearance: ClearanceCheck | None = None
 
 
@@ -77,7 +79,8 @@ class Excitation(NamedTuple):
 
 
 def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: Array) -> Array:
-    """G of a task: its mean information, so that trace(C G) is the predicted torques' summed variance in sigma^2."""
+    """G of a task: its mean information, so that trace(C G) is the predicted torques' summed variance in
+    sigma^2."""
     Y = model.regressor(states)[:, :, base.columns] / sigma[:, None]
     flat = Y.reshape(-1, base.rank)
     return np.asarray(flat.T @ flat / len(states.q))
@@ -108,7 +111,8 @@ def allowed_motions(task: ExcitationTask, rng: np.random.Generator) -> Iterator[
 
 
 def shrunk(motion: FourierMotion, task: ExcitationTask) -> FourierMotion | None:
-    """The motion with amplitudes as large as every limit allows; None if it must shrink below a few tenths."""
+    """The motion with amplitudes as large as every limit allows; None if it must shrink below a few
+    tenths."""
     factor = 1.0
     for samples in (GRID, FINE):
         t = np.arange(samples) / samples * motion.period
@@ -125,11 +129,13 @@ def _allowed(states: States, task: ExcitationTask) -> bool:
     return task.clearance is None or bool(np.all(task.clearance(states.q).distance >= task.limits.clearance))
 
 
-def design(task: ExcitationTask, rng: np.random.Generator, starts: int = 1, iterations: int = 300) -> Excitation:
+def design(
+    task: ExcitationTask, rng: np.random.Generator, starts: int = 1, iterations: int = 300
+) -> Excitation:
     """Find the motion of the least mean variance predicted on the task, under all limits; see `i_optimal`.
 
-    ``starts``: random motions to begin from; ``iterations``: of the search from each. Raises IdentificationError if no
-    start led to a motion within the limits.
+    ``starts``: random motions to begin from; ``iterations``: of the search from each. Raises
+    IdentificationError if no start led to a motion within the limits.
     """
     search = Search(task)
     best: Excitation | None = None
@@ -143,7 +149,9 @@ def design(task: ExcitationTask, rng: np.random.Generator, starts: int = 1, iter
             if best is None or value < best.value:
                 best = Excitation(motion, value, search.evaluations)
     if best is None:
-        raise IdentificationError("no exciting motion keeps clear of the surroundings: widen the limits or start anew.")
+        raise IdentificationError(
+            "no exciting motion keeps clear of the surroundings: widen the limits or start anew."
+        )
     return best._replace(evaluations=search.evaluations)
 
 
@@ -170,7 +178,11 @@ class Search:
         states = States(*(part @ coefficients.T for part in self.basis))
         slopes = task.model.regressor_slopes(states)
         value, by_state = self._judge(states, slopes)
-        for price, slope in (self._motion_price(states), self._torque_price(states, slopes), self._near_price(states)):
+        for price, slope in (
+            self._motion_price(states),
+            self._torque_price(states, slopes),
+            self._near_price(states),
+        ):
             value += price
             by_state = by_state + slope
         parts = np.split(by_state, 3, axis=1)
@@ -182,7 +194,11 @@ class Search:
         cost = np.inf
         for _restart in range(_RESTARTS):
             found = minimize(
-                self.cost, x, jac=True, method="L-BFGS-B", options={"maxiter": iterations, "maxcor": 20, "ftol": 1e-6}
+                self.cost,
+                x,
+                jac=True,
+                method="L-BFGS-B",
+                options={"maxiter": iterations, "maxcor": 20, "ftol": 1e-6},
             )
             x, gain, cost = found.x, cost - found.fun, float(found.fun)
             iterations -= int(found.nit)
@@ -202,7 +218,9 @@ class Search:
         H[np.diag_indices_from(H)] *= 1.0 + 1e-12
         judged = i_optimal(H, task.use)
         pull = Y @ judged.slope
-        by_state = np.einsum("mdjr,mjr->md", slopes[..., columns], 2.0 * weight[:, :, None] * pull, optimize=True)
+        by_state = np.einsum(
+            "mdjr,mjr->md", slopes[..., columns], 2.0 * weight[:, :, None] * pull, optimize=True
+        )
         of_speed = slice(task.model.joints, 2 * task.model.joints)
         by_state[:, of_speed] += np.sum(pull * Y, axis=2) * weight_slope * 2.0 * states.qd / STANDSTILL**2
         return judged.value, by_state
@@ -210,7 +228,11 @@ class Search:
     def _motion_price(self, states: States) -> tuple[float, Array]:
         limits = self.task.limits
         tight = MotionLimits(
-            limits.position, _MARGIN * limits.speed, _MARGIN * limits.acceleration, limits.torque, limits.clearance
+            limits.position,
+            _MARGIN * limits.speed,
+            _MARGIN * limits.acceleration,
+            limits.torque,
+            limits.clearance,
         )
         over = tight.excess(states)
         unit = States(0.5 * np.ptp(tight.position, axis=1), tight.speed, tight.acceleration)

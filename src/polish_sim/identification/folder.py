@@ -1,4 +1,5 @@
-"""What an identification leaves in its folder: model, tables, figures, plots of its motion and of a held-out one."""
+"""What an identification leaves in its folder: model, tables, figures, plots of its motion and of a held-out
+one."""
 
 from __future__ import annotations
 

@@ -21,12 +21,15 @@ FREQUENCY: Final = 0.1  #: Of the first harmonic [Hz]: a period of 10 s
 
 
 def fourier_basis(t: Array, frequency: float = FREQUENCY, harmonics: int = HARMONICS) -> States:
-    """Values and derivatives of one unit of each coefficient (1, a_1.., b_1..) at times t [s], (m, 1 + 2 k) each."""
+    """Values and derivatives of one unit of each coefficient (1, a_1.., b_1..) at times t [s], (m, 1 + 2 k)
+    each."""
     w = 2.0 * np.pi * frequency * np.arange(1, harmonics + 1)
     phase = np.outer(t, w)
     c, s = np.cos(phase), np.sin(phase)
     one = np.ones((len(t), 1))
-    return States(np.hstack([one, s / w, -c / w]), np.hstack([0.0 * one, c, s]), np.hstack([0.0 * one, -w * s, w * c]))
+    return States(
+        np.hstack([one, s / w, -c / w]), np.hstack([0.0 * one, c, s]), np.hstack([0.0 * one, -w * s, w * c])
+    )
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,9 @@ class FourierMotion:
 
     def __call__(self, t: Array) -> States:
         """States at times t [s], shape (m,)."""
-        return States(*(part @ self.coefficients.T for part in fourier_basis(t, self.frequency, self.harmonics)))
+        return States(
+            *(part @ self.coefficients.T for part in fourier_basis(t, self.frequency, self.harmonics))
+        )
 
     def scaled(self, factor: float) -> FourierMotion:
         """The same motion with all amplitudes times a factor, about the same centre."""
@@ -60,7 +65,8 @@ class FourierMotion:
 def fit_fourier(t: Array, q: Array, frequency: float, harmonics: int) -> FourierMotion:
     """Fit a series to measured positions (m, n) at times (m,), whose derivatives are then those of the fit.
 
-    ``frequency``: of the first harmonic [Hz]; more ``harmonics`` than were commanded, because the servos add their own.
+    ``frequency``: of the first harmonic [Hz]; more ``harmonics`` than were commanded, because the servos add
+    their own.
     """
     basis = fourier_basis(t, frequency, harmonics).q
     solution = np.linalg.solve(basis.T @ basis, basis.T @ q)
@@ -68,9 +74,11 @@ def fit_fourier(t: Array, q: Array, frequency: float, harmonics: int) -> Fourier
 
 
 def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float) -> States:
-    """The motion entered from rest and left to rest along its own path, its clock started and stopped smoothly.
+    """The motion entered from rest and left to rest along its own path, its clock started and stopped
+    smoothly.
 
-    The clock runs at full speed from ``ramp``, the motion's time zero, to ``end - ramp``; at ``end`` [s] it stands.
+    The clock runs at full speed from ``ramp``, the motion's time zero, to ``end - ramp``; at ``end`` [s] it
+    stands.
     """
     up, down = np.clip(t / ramp, 0.0, 1.0), np.clip((end - t) / ramp, 0.0, 1.0)
     # The clock's speed rises as 3 x^2 - 2 x^3; its integral over the ramp is half the ramp.
@@ -79,7 +87,9 @@ def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float
         np.where(t > end - ramp, end - 1.5 * ramp - ramp * (down**3 - 0.5 * down**4), t - ramp),
     )  # fmt: skip
     speed = (3.0 * up**2 - 2.0 * up**3) * (3.0 * down**2 - 2.0 * down**3)
-    change = np.where(t < ramp, 6.0 * (up - up**2), np.where(t > end - ramp, -6.0 * (down - down**2), 0.0)) / ramp
+    change = (
+        np.where(t < ramp, 6.0 * (up - up**2), np.where(t > end - ramp, -6.0 * (down - down**2), 0.0)) / ramp
+    )
     states = motion(clock)
     rate, rise = speed[:, None], change[:, None]
     return States(states.q, states.qd * rate, states.qdd * rate**2 + states.qd * rise)
@@ -88,11 +98,13 @@ def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float
 class Clearance(NamedTuple):
     """How far the robot is from itself and its surroundings."""
 
-    distance: Array  #: Distance of each pair of bodies that could touch [m], negative inside, shape (m, pairs)
+    #: Distance of each pair of bodies that could touch [m], negative inside, shape (m, pairs)
+    distance: Array
     slope: Array  #: Its derivatives by the joints [m/rad], shape (m, pairs, n)
 
 
-ClearanceCheck = Callable[[Array], Clearance]  #: From poses (m, n) [rad] to clearances; the cell's one asks MuJoCo
+#: From poses (m, n) [rad] to clearances; the cell's one asks MuJoCo
+ClearanceCheck = Callable[[Array], Clearance]
 
 
 @dataclass(frozen=True)
@@ -106,11 +118,14 @@ class MotionLimits:
     clearance: float = 0.02  #: [m]
 
     def excess(self, states: States) -> States:
-        """By how much positions, speeds and accelerations go beyond, in shares of the limits, signed; 0 inside."""
+        """By how much positions, speeds and accelerations go beyond, in shares of the limits, signed; 0
+        inside."""
         center, half = self.position.mean(axis=1), 0.5 * np.ptp(self.position, axis=1)
         ratios = ((states.q - center) / half, states.qd / self.speed, states.qdd / self.acceleration)
         return States(*(np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0) for ratio in ratios))
 
     def holds(self, states: States, torque: Array) -> bool:
         """Whether a motion respects position, speed, acceleration and torque at every sample."""
-        return not any(np.any(part) for part in self.excess(states)) and bool(np.all(np.abs(torque) <= self.torque))
+        return not any(np.any(part) for part in self.excess(states)) and bool(
+            np.all(np.abs(torque) <= self.torque)
+        )

@@ -3,9 +3,10 @@
     torque = J a + fv w + s(w) (fc + load |T|) + (1 + e') (T + D d(twist)/dt),   T = K(twist) + Th h
     twist = motor - link + e(motor) - offset
 
-K has three slopes, its knees, the periods of the gear's error e and the twist over which hysteresis h builds up are
-the catalogue's. Torques are fitted against twists, not the other way: the encoders' steps are small beside the twist,
-the torques' noise is not beside the torque. Both sides are low-passed alike, which acceleration asks for.
+K has three slopes, its knees, the periods of the gear's error e and the twist over which hysteresis h builds
+up are the catalogue's. Torques are fitted against twists, not the other way: the encoders' steps are small
+beside the twist, the torques' noise is not beside the torque. Both sides are low-passed alike, which
+acceleration asks for.
 """
 
 from __future__ import annotations
@@ -27,12 +28,29 @@ LOW_PASS_HZ: Final = 30.0
 SAMPLED_HZ: Final = 100.0  #: Of what is fitted
 BLOCK_S: Final = 0.2  #: How long residuals may be alike
 FORGOTTEN: Final = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
-SEEN: Final = 0.7  #: A slope is fitted where a first estimate of the torque goes beyond this share of its knee
+#: A slope is fitted where a first estimate of the torque goes beyond this share of its knee
+SEEN: Final = 0.7
 KNOWN: Final = 0.1  #: A slope whose standard deviation is a larger share of it is not known
 SURE: Final = 0.03  #: Standard deviation below which a share of friction by load counts as known
 CONFOUNDED: Final = 1e6  #: Condition number of the fit from which its parameters are not separable
 _ENDS_S: Final = 0.2  #: Left out at both ends of the log, where the low-pass has no past or future
-_NAMES: Final = ("Jr", "fvr", "fcr", "ldr", "ldn", "D", "Th", "offset", "es", "ec", "es2", "ec2", "Ka", "Kb", "Kc")
+_NAMES: Final = (
+    "Jr",
+    "fvr",
+    "fcr",
+    "ldr",
+    "ldn",
+    "D",
+    "Th",
+    "offset",
+    "es",
+    "ec",
+    "es2",
+    "ec2",
+    "Ka",
+    "Kb",
+    "Kc",
+)
 _UNITS: Final = ("kg m^2", "N m s/rad", "N m", "-", "-", "N m s/rad", "N m", *["rad"] * 5, *["N m/rad"] * 3)
 _TYPICAL: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 10.0, 1.0, *[1e-4] * 5, *[1e4] * 3])
 _FIRST: Final = 12  #: Where the slopes begin in these
@@ -40,14 +58,16 @@ _LOADS, _ERRORS = slice(3, 5), slice(8, _FIRST)  #: Where friction by load is, a
 
 
 class GearFit(NamedTuple):
-    """What was found of n gears, in the order rotor, friction, load's share, damping, hysteresis, error, slopes."""
+    """What was found of n gears, in the order rotor, friction, load's share, damping, hysteresis, error,
+    slopes."""
 
     values: Array  #: Shape (n, 15); NaN where the motion does not show it
     std: Array  #: Shape (n, 15)
     truth: Array  #: Of the simulated arm, shape (n, 15); NaN where it is not a setting
 
     def rows(self) -> list[ParameterRow]:
-        """The numbers for the table of parameters: rotor, friction, damping, hysteresis and slopes of every joint."""
+        """The numbers for the table of parameters: rotor, friction, damping, hysteresis and slopes of every
+        joint."""
         chosen = [k for k in range(len(_NAMES)) if not 7 <= k < _FIRST]
         return [
             ParameterRow(
@@ -62,7 +82,8 @@ class GearFit(NamedTuple):
         return np.nan_to_num(self.values[:, _ERRORS])
 
     def torques(self, real: RealArmConfig, sides: Gears, dt: float) -> Array:
-        """What the gears' springs, hysteresis and damping pass on, (m, n) [N m]; NaN where no slope is known."""
+        """What the gears' springs, hysteresis and damping pass on, (m, n) [N m]; NaN where no slope is
+        known."""
         torques = np.full(sides.motor.shape, np.nan)
         for j in np.flatnonzero(np.isfinite(self.values[:, _FIRST])):
             x = self.values[j]
@@ -85,7 +106,8 @@ class GearFit(NamedTuple):
         return np.asarray(self.truth[:, _LOADS])
 
     def loads_known(self) -> Array:
-        """Shares of friction by load, shape (n, 2): of gears that bear too little to show theirs the others' mean."""
+        """Shares of friction by load, shape (n, 2): of gears that bear too little to show theirs the others'
+        mean."""
         loads, std = self.values[:, _LOADS], self.std[:, _LOADS]
         weights = np.where(std < SURE, 1.0 / std**2, 0.0)
         mean = (weights * loads).sum(axis=0) / weights.sum(axis=0)
@@ -102,7 +124,9 @@ class GearFit(NamedTuple):
             "gear_stiffness_std_nm_rad": _listed(std),
             "gear_slopes_found": int(found.sum()),
             "gear_stiffness_error_max": float(np.nanmax(off / true)) if found.any() else math.nan,
-            "gear_interval_coverage": float(np.mean((off <= INTERVAL_95 * std)[found])) if found.any() else math.nan,
+            "gear_interval_coverage": float(np.mean((off <= INTERVAL_95 * std)[found]))
+            if found.any()
+            else math.nan,
         }
 
 
@@ -111,7 +135,8 @@ def _listed(values: Array) -> list[list[float | None]]:
 
 
 def fit_gears(log: RobotLog, real: RealArmConfig, period: float = 0.0) -> GearFit:
-    """Find the gears of a log with both sides' encoders; of ``real`` what a catalogue says is used, the rest is truth.
+    """Find the gears of a log with both sides' encoders; of ``real`` what a catalogue says is used, the rest
+    is truth.
 
     Slopes beyond the logged torques, and parameters that the log does not determine, are NaN.
     """
@@ -158,13 +183,16 @@ class _Gear:
         self._slope = waves * np.column_stack([c, -s, 2.0 * (c**2 - s**2), -4.0 * s * c])
         self._every = max(1, round(1.0 / (SAMPLED_HZ * self._dt)))
         self._counts = self._moving()
-        self._phase = ((log.time % period) if period else log.time - log.time[0])[:: self._every][self._counts]
+        self._phase = ((log.time % period) if period else log.time - log.time[0])[:: self._every][
+            self._counts
+        ]
 
     def _low(self, signal: Array) -> Array:
         return np.asarray(sosfiltfilt(self._sos, signal))
 
     def _moving(self) -> Bools:
-        """Which of the samples that are fitted count: the motor does not reverse within the low-pass's reach."""
+        """Which of the samples that are fitted count: the motor does not reverse within the low-pass's
+        reach."""
         reach, ends = round(0.5 / LOW_PASS_HZ / self._dt), round(_ENDS_S / self._dt)
         near = np.convolve(np.abs(self._speed) < TURNING, np.ones(2 * reach + 1), "same") < 0.5
         near[:ends] = near[-ends:] = False
@@ -172,17 +200,22 @@ class _Gear:
         return np.asarray(near[:: self._every])
 
     def fit(self) -> tuple[Array, Array]:
-        """Numbers found and their standard deviations, as many as slopes are reached, shape (13,) to (15,)."""
+        """Numbers found and their standard deviations, as many as slopes are reached, shape (13,) to
+        (15,)."""
         start = self._start()
         least = np.where(np.arange(len(start)) < _FIRST, -np.inf, 1.0)
         found = least_squares(
-            lambda x: self._left(x)[self._counts], start, bounds=(least, np.inf), x_scale=_TYPICAL[: len(start)],
+            lambda x: self._left(x)[self._counts],
+            start,
+            bounds=(least, np.inf),
+            x_scale=_TYPICAL[: len(start)],
             max_nfev=20,
-        )  # fmt: skip
+        )
         return found.x, self._deviations(found.jac, found.fun)
 
     def _deviations(self, slopes: Array, left: Array) -> Array:
-        """Standard deviations of a fit whose residuals may be alike for ``BLOCK_S`` and from period to period."""
+        """Standard deviations of a fit whose residuals may be alike for ``BLOCK_S`` and from period to
+        period."""
         deviations, size = np.full(slopes.shape[1], np.inf), np.linalg.norm(slopes, axis=0)
         seen = size > 0.0
         if np.linalg.cond(slopes[:, seen] / size[seen]) > CONFOUNDED:
@@ -226,7 +259,8 @@ def _error_of(phase: Array) -> Array:
 
 
 def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:
-    """Torque of a spring [N m] whose slopes change at two torques; what slopes are not given are the last one's."""
+    """Torque of a spring [N m] whose slopes change at two torques; what slopes are not given are the last
+    one's."""
     first, second, third = (slopes[min(k, len(slopes) - 1)] for k in range(3))
     bend, size = knees[0] / first, np.abs(twist)
     width = (knees[1] - knees[0]) / second

@@ -92,8 +92,8 @@ def run_identification(
 ) -> Identification:
     """Design an exciting motion, play it on the simulated arm, and identify the arm from what is measured.
 
-    ``use``: motion the identified model is for; random motions under the same limits if None. Returns parameters,
-    figures against the truth, and a held-out motion.
+    ``use``: motion the identified model is for; random motions under the same limits if None. Returns
+    parameters, figures against the truth, and a held-out motion.
     """
     observer = observer or Silent()
     # The fifth is not used; without it the payload of a seed would be another.
@@ -108,7 +108,10 @@ def run_identification(
     design_s = time.process_time() - started
     observer.stage(f"play {settings.periods} periods and one of another motion")
     log = with_noise(
-        play_motion(arm, excitation.motion, settings.periods, settings.rate), settings.encoder_step, sigma, streams[2]
+        play_motion(arm, excitation.motion, settings.periods, settings.rate),
+        settings.encoder_step,
+        sigma,
+        streams[2],
     )
     other_log = play_motion(arm, other, 1, settings.rate)
     observer.stage("estimate")
@@ -145,9 +148,18 @@ def run_identification(
         weighed = weigh_block(sums, task.base, excitation.motion, settings, streams[5])
         figures |= weighed.figures
     return Identification(
-        arm.truth, base, found, full, drawing, held_out, figures, base.combination @ truth, excitation.motion, weighed,
+        arm.truth,
+        base,
+        found,
+        full,
+        drawing,
+        held_out,
+        figures,
+        base.combination @ truth,
+        excitation.motion,
+        weighed,
         gears,
-    )  # fmt: skip
+    )
 
 
 def _design(
@@ -187,8 +199,11 @@ class _FittedArm(NamedTuple):
     predicted: Predictions
 
 
-def _fit_elastic(arm: Arm, log: RobotLog, other: RobotLog, drawing: Drawing, settings: IdentifySettings) -> _FittedArm:
-    """First the gears, whose error tells friction by load from the links' size; then links, rotors and friction."""
+def _fit_elastic(
+    arm: Arm, log: RobotLog, other: RobotLog, drawing: Drawing, settings: IdentifySettings
+) -> _FittedArm:
+    """First the gears, whose error tells friction by load from the links' size; then links, rotors and
+    friction."""
     real = arm.scenario.robot.real
     gears, base, known = fit_gears(log, real, PERIOD), elastic_base(arm.truth), arm.known(drawing)
     mean = one_period(log, PERIOD)
@@ -200,7 +215,9 @@ def _fit_elastic(arm: Arm, log: RobotLog, other: RobotLog, drawing: Drawing, set
     torques = [held.torques(numbers) for numbers in (fit.numbers, fit.numbers._replace(full=full), nothing)]
     gears = gears.with_loads(fit.numbers.loads, fit.loads_std)
     against = fit.against(base, arm.truth.truth(), gears.true_loads())
-    return _FittedArm(base, fit.estimate, full, gears, against, lambda _states: (torques[0], torques[1], torques[2]))
+    return _FittedArm(
+        base, fit.estimate, full, gears, against, lambda _states: (torques[0], torques[1], torques[2])
+    )
 
 
 def _rigid_predictions(
@@ -213,7 +230,9 @@ def _rigid_predictions(
     return predicted
 
 
-def _hold_out(log: RobotLog, period: float, predicted: Predictions, sigma: Array, rng: np.random.Generator) -> HeldOut:
+def _hold_out(
+    log: RobotLog, period: float, predicted: Predictions, sigma: Array, rng: np.random.Generator
+) -> HeldOut:
     states = periodic_states(log, period)
     measured = with_noise(log, 0.0, sigma, rng).torque
     # Where any joint reverses, the engine's friction has no sign; torques of moving joints are compared.
@@ -232,7 +251,8 @@ def _rigid_error(model: TorqueModel, full: Array, states: States) -> Array:
 def measure_fit(
     model: TorqueModel, base: BaseParameters, found: Estimate, full: Array, held_out: HeldOut
 ) -> dict[str, Any]:
-    """Figures every identification has; held-out errors are rms error / range of the torque, joint by joint."""
+    """Figures every identification has; held-out errors are rms error / range of the torque, joint by
+    joint."""
     exact = held_out.exact
     nrms, consistent, drawn = (
         torque_error(given, exact) for given in (held_out.found, held_out.consistent, held_out.drawn)
@@ -301,8 +321,8 @@ def _require_moving(model: TorqueModel, states: States) -> None:
     silent = [joint for j, joint in enumerate(model.chain.joints) if not counts[:, j].any()]
     if silent:
         raise IdentificationError(
-            f"the last fifth of the log, which is held out, has no usable torque of {', '.join(silent)}: the joint "
-            "stands still or reverses there. Let every joint move until the end of the log."
+            f"the last fifth of the log, which is held out, has no usable torque of {', '.join(silent)}: the "
+            "joint stands still or reverses there. Let every joint move until the end of the log."
         )
 
 

@@ -1,7 +1,7 @@
 """Logs of a robot: joint positions and torques over time, simulated or from a CSV that is checked.
 
-Columns ``time_s``, and for joint 1 ``q1_rad``, ``torque1_nm`` (of a slide ``q1_m``, ``force1_n``) and so on; others are
-left out.
+Columns ``time_s``, and for joint 1 ``q1_rad``, ``torque1_nm`` (of a slide ``q1_m``, ``force1_n``) and so on;
+others are left out.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ class RobotLog(NamedTuple):
 
 
 def periodic_states(log: RobotLog, period: float) -> States:
-    """States of a log of a periodic motion: a Fourier series fitted to its positions, and that series' derivatives."""
+    """States of a log of a periodic motion: a Fourier series fitted to its positions, and that series'
+    derivatives."""
     return fit_fourier(log.time, log.q, 1.0 / period, HARMONICS_FITTED)(log.time)
 
 
@@ -73,9 +74,12 @@ def spline_states(log: RobotLog, knots: float = 0.05) -> States:
 
 TURN: Final = 2.0 * np.pi
 _GAP: Final = 3.0  #: Steps longer than this many usual ones are gaps
-_SLOWEST_S: Final = 0.02  #: Between two samples, at most: splines with a knot every 0.05 s need more of them than knots
-_FLAT: Final = 0.01  #: Share of samples at exactly the largest torque from which a drive is taken as saturated
-_PILED: Final = 3.0  #: Samples at the largest torque by those at the next smaller: saturation, not coarse steps
+#: Between two samples, at most: splines with a knot every 0.05 s need more of them than knots
+_SLOWEST_S: Final = 0.02
+#: Share of samples at exactly the largest torque from which a drive is taken as saturated
+_FLAT: Final = 0.01
+#: Samples at the largest torque by those at the next smaller: saturation, not coarse steps
+_PILED: Final = 3.0
 _LEAST_SAMPLES: Final = 500
 _ARM: Final = (HINGE,) * 6
 
@@ -99,8 +103,8 @@ def read_robot_log(
         joints: Names of the joints in a user's model, shape (n,), to name those of a log that has fewer.
 
     Raises:
-        InputError: A column or a value is missing, time does not increase or is in other units, there are gaps, the
-            period does not fit, angles look like degrees, a torque is saturated; names the place.
+        InputError: A column or a value is missing, time does not increase or is in other units, there are
+            gaps, the period does not fit, angles look like degrees, a torque is saturated; names the place.
     """
     q_names, torque_names = log_columns(kinds)
     columns = Columns.read(file, "sample", "joint positions and torques over time")
@@ -111,8 +115,8 @@ def read_robot_log(
     log = RobotLog(values[:, 0], values[:, 1 : 1 + len(kinds)], values[:, 1 + len(kinds) :])
     if len(log.time) < _LEAST_SAMPLES:
         raise InputError(
-            f"'{file}' holds {len(log.time)} samples; an identification takes at least {_LEAST_SAMPLES}, better 10 s "
-            "at 250 Hz or more."
+            f"'{file}' holds {len(log.time)} samples; an identification takes at least {_LEAST_SAMPLES}, "
+            "better 10 s at 250 Hz or more."
         )
     _check_order(file, log.time, lines)
     if period is None:
@@ -159,8 +163,8 @@ def _check_steps(file: Path, time: Array, lines: Sequence[int]) -> None:
     if np.any(gaps):
         row = int(np.argmax(gaps)) + 1
         raise InputError(
-            f"'{file}', line {lines[row]}: a gap of {step[row - 1]:.3g} s, {int(gaps.sum())} in all; samples are "
-            f"{usual:.3g} s apart. Accelerations are unknown across a gap: log without, or give --period "
+            f"'{file}', line {lines[row]}: a gap of {step[row - 1]:.3g} s, {int(gaps.sum())} in all; samples "
+            f"are {usual:.3g} s apart. Accelerations are unknown across a gap: log without, or give --period "
             "if the motion repeats."
         )
 
@@ -171,13 +175,14 @@ def _check_period(file: Path, time: Array, period: float) -> None:
     least = (2 * HARMONICS_FITTED + 1) * usual
     if period > span + _GAP * usual:
         raise InputError(
-            f"--period {period:g}: '{file}' holds {span:.4g} s, less than one period (s). Log a whole one, or leave "
-            "--period out."
+            f"--period {period:g}: '{file}' holds {span:.4g} s, less than one period (s). Log a whole one, "
+            "or leave --period out."
         )
     if period < least:
         raise InputError(
-            f"--period {period:g}: samples of '{file}' are {usual:.3g} s apart, too few in a period. Give the time (s, "
-            f"{least:.3g} or more here) after which the whole motion repeats, and time_s in seconds."
+            f"--period {period:g}: samples of '{file}' are {usual:.3g} s apart, too few in a period. Give "
+            f"the time (s, {least:.3g} or more here) after which the whole motion repeats, and time_s in "
+            "seconds."
         )
 
 
@@ -186,19 +191,21 @@ def _check_units(file: Path, log: RobotLog, names: Sequence[str]) -> None:
     if np.any(far > 1.05 * TURN):
         joint = int(np.argmax(far))
         raise InputError(
-            f"'{file}': {names[joint]} reaches {far[joint]:.4g}, more than a turn. Are these degrees? Give radians; "
-            "of a joint that has turned further subtract whole turns."
+            f"'{file}': {names[joint]} reaches {far[joint]:.4g}, more than a turn. Are these degrees? Give "
+            "radians; of a joint that has turned further subtract whole turns."
         )
 
 
 def _check_saturation(file: Path, log: RobotLog, names: Sequence[str]) -> None:
     for name, torque in zip(names, np.abs(log.torque).T, strict=True):
         if np.ptp(torque) == 0.0:
-            raise InputError(f"'{file}': {name} is {torque[0]:g} in every sample: log the torques the joints took.")
+            raise InputError(
+                f"'{file}': {name} is {torque[0]:g} in every sample: log the torques the joints took."
+            )
         levels, counts = np.unique(torque, return_counts=True)
         piled = counts[-1] > _PILED * counts[-2]
         if piled and counts[-1] > _FLAT * len(torque):
             raise InputError(
-                f"'{file}': {name} stands at {levels[-1]:.4g} in {100 * counts[-1] / len(torque):.0f}% of the samples: "
-                "the drive is saturated there and the model does not hold. Move more slowly."
+                f"'{file}': {name} stands at {levels[-1]:.4g} in {100 * counts[-1] / len(torque):.0f}% of "
+                "the samples: the drive is saturated there and the model does not hold. Move more slowly."
             )

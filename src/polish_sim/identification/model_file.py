@@ -24,7 +24,8 @@ _TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", 
 
 
 def write_portable(file: Path, xml: str) -> Path:
-    """Write a model whose folders are absolute, as MuJoCo saves it; copies of its files go to `ASSETS` beside it."""
+    """Write a model whose folders are absolute, as MuJoCo saves it; copies of its files go to `ASSETS` beside
+    it."""
     root = ElementTree.fromstring(xml)
     compiler = root.find("compiler")
     folders = {} if compiler is None else compiler.attrib
@@ -78,7 +79,8 @@ def read_robot_model(file: Path) -> mujoco.MjModel:
 def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> str:
     """A robot's complete MJCF with identified numbers; meshes are found where the source has them.
 
-    ``found``: physically consistent, or the model would not compile; ``source``: its MJCF, the shipped robot's if None.
+    ``found``: physically consistent, or the model would not compile; ``source``: its MJCF, the shipped
+    robot's if None.
     """
     file = source or robot_model_path()
     spec = _read(file)
@@ -102,7 +104,8 @@ def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path 
 
 
 def friction_by_load(file: Path) -> Array:
-    """Friction by load of an identified model's joints, driving and driven, shape (2, n); 0 where it has none."""
+    """Friction by load of an identified model's joints, driving and driven, shape (2, n); 0 where it has
+    none."""
     model = read_robot_model(file)
     names = [model.numeric(k).name for k in range(model.nnumeric)]
     if BY_LOAD not in names:
@@ -110,8 +113,11 @@ def friction_by_load(file: Path) -> Array:
     return np.array(model.numeric(BY_LOAD).data).reshape(2, -1)
 
 
-def write_identified(folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> Path:
-    """Write ``identified.xml`` with copies of its meshes, so that the folder may be moved; see `identified_xml`."""
+def write_identified(
+    folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None
+) -> Path:
+    """Write ``identified.xml`` with copies of its meshes, so that the folder may be moved; see
+    `identified_xml`."""
     return write_portable(folder / "identified.xml", identified_xml(joints, found, source))
 
 

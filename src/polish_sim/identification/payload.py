@@ -1,7 +1,7 @@
 """A payload as one more body on the last link: its mass, centre and inertia from a second run.
 
-tau_loaded = Y theta + Y_n pi: the last link's own ten columns Y_n, beside the base parameters theta of the arm, found
-in the run without payload or known beforehand.
+tau_loaded = Y theta + Y_n pi: the last link's own ten columns Y_n, beside the base parameters theta of the
+arm, found in the run without payload or known beforehand.
 """
 
 from __future__ import annotations
@@ -28,16 +28,24 @@ from polish_sim.identification.physical import is_consistent, parameters_of, pse
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.robot_model import CarriedLoad
 from polish_sim.identification.settings import IdentifySettings
-from polish_sim.motion.serial_chain import LINK_PARAMETERS, inertia_at_origin, link_parameters, packed, point_inertia
+from polish_sim.motion.serial_chain import (
+    LINK_PARAMETERS,
+    inertia_at_origin,
+    link_parameters,
+    packed,
+    point_inertia,
+)
 
 BODY_NAMES: Final = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 BODY_UNITS: Final = ("kg", "m", "m", "m", *["kg m^2"] * 6)
 _LOWER: Final = np.tril_indices(4)
-_THIN: Final = 1e-6  #: Share of its size a body that cannot exist is thickened by before the nearest that can is sought
+#: Share of its size a body that cannot exist is thickened by before the nearest that can is sought
+_THIN: Final = 1e-6
 
 
 class Body(NamedTuple):
-    """Mass, centre and inertia about the centre in the last link's own frame, as `BODY_NAMES`; shape (10,) each."""
+    """Mass, centre and inertia about the centre in the last link's own frame, as `BODY_NAMES`; shape (10,)
+    each."""
 
     values: Array
     std: Array
@@ -83,7 +91,9 @@ class Payload:
 def body_of(parameters: Array, origin: Array) -> Array:
     """Mass, centre and inertia about the centre of ten parameters about an origin (3,), shape (10,)."""
     mass, center = parameters[0], parameters[1:4] / parameters[0]
-    return np.array([mass, *(center + origin), *packed(inertia_at_origin(parameters) - point_inertia(mass, center))])
+    return np.array(
+        [mass, *(center + origin), *packed(inertia_at_origin(parameters) - point_inertia(mass, center))]
+    )
 
 
 def fit_payload(
@@ -91,8 +101,8 @@ def fit_payload(
 ) -> Payload:  # fmt: skip
     """Estimate a payload from two runs, arm and payload at once.
 
-    ``empty``: normal equations of the run without payload, in the base; ``states`` and ``torque`` [N m], (m, n), with
-    it. Raises IdentificationError, naming it, if the motions leave a parameter unknown.
+    ``empty``: normal equations of the run without payload, in the base; ``states`` and ``torque`` [N m], (m,
+    n), with it. Raises IdentificationError, naming it, if the motions leave a parameter unknown.
     """
     both = BaseParameters(np.append(base.columns, _last_link(model)), np.zeros((0, 0)))
     sums = sum_samples(model, both, states, torque).plus(_widened(empty))
@@ -104,7 +114,8 @@ def fit_payload_on_known_arm(
 ) -> Payload:
     """Estimate a payload from one run of an arm whose base parameters ``theta`` (r,) are known.
 
-    The intervals count noise only, as if the arm were known exactly. Arguments and errors else as in `fit_payload`.
+    The intervals count noise only, as if the arm were known exactly. Arguments and errors else as in
+    `fit_payload`.
     """
     alone = BaseParameters(_last_link(model), np.zeros((0, 0)))
     left = torque - model.torque_of_base(states, base.columns, theta)
@@ -152,14 +163,20 @@ def random_block(mass: float, rng: np.random.Generator) -> CarriedLoad:
 
 
 def guessed_load(mass: float, origin: Array) -> Array:
-    """Ten parameters believed of a payload before it is weighed, a point ahead of the link, about an origin (3,)."""
+    """Ten parameters believed of a payload before it is weighed, a point ahead of the link, about an origin
+    (3,)."""
     return link_parameters(mass, np.array([0.0, 0.0, 2.0 * _AHEAD]) - origin, np.zeros((3, 3)))
 
 
 def weigh_block(
-    empty: JointSums, base: BaseParameters, motion: FourierMotion, settings: IdentifySettings, rng: np.random.Generator
+    empty: JointSums,
+    base: BaseParameters,
+    motion: FourierMotion,
+    settings: IdentifySettings,
+    rng: np.random.Generator,
 ) -> Weighed:
-    """Play the motion again with a block on the simulated arm, and find the block; ``empty`` is the run without it."""
+    """Play the motion again with a block on the simulated arm, and find the block; ``empty`` is the run
+    without it."""
     load = random_block(settings.payload, rng)
     arm, sigma = build_arm(settings.terms, settings.scenario, load), np.array(settings.sigma)
     log = play_motion(arm, motion, settings.periods, settings.rate)
@@ -172,7 +189,8 @@ def weigh_block(
 def weigh_from_logs(
     robot: LoggedRobot, empty: tuple[RobotLog, States] | None, loaded: tuple[RobotLog, States]
 ) -> Weighed:
-    """Find what a robot carries from its logs; without a run ``empty`` the robot's model is taken as exact."""
+    """Find what a robot carries from its logs; without a run ``empty`` the robot's model is taken as
+    exact."""
     model, base = robot.model, base_of(robot.model)
     log, states = loaded
     if empty is None:

@@ -1,8 +1,8 @@
 """From base parameters to full ones a real body can have: pseudo-inertia above zero, friction not below.
 
-A body's pseudo-inertia J = [[Sigma, m c], [m c^T, m]], Sigma = tr(I)/2 - I, is positive exactly if a distribution of
-mass has these parameters. J = L L^T + a share of the drawing's, so every fit is consistent; directions without effect
-on torques stay at the drawing.
+A body's pseudo-inertia J = [[Sigma, m c], [m c^T, m]], Sigma = tr(I)/2 - I, is positive exactly if a
+distribution of mass has these parameters. J = L L^T + a share of the drawing's, so every fit is consistent;
+directions without effect on torques stay at the drawing.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ def parameters_of(J: Array) -> Array:
 
 
 def is_consistent(parameters: Array) -> bool:
-    """Whether every link's parameters (n, 10) belong to a body with mass everywhere positive, or to no body at all."""
+    """Whether every link's parameters (n, 10) belong to a body with mass everywhere positive, or to no body
+    at all."""
     return all(float(np.linalg.eigvalsh(pseudo_inertia(link))[0]) > 0.0 for link in parameters if link.any())
 
 
@@ -66,7 +67,9 @@ def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, dr
 
     def residuals(x: Array) -> Array:
         pi = fit.parameters(x)
-        return np.concatenate([whiten @ (base.combination @ pi - found.theta), (pi - drawing.parameters) / size])
+        return np.concatenate(
+            [whiten @ (base.combination @ pi - found.theta), (pi - drawing.parameters) / size]
+        )
 
     def slopes(x: Array) -> Array:
         J = fit.slopes(x)
@@ -89,7 +92,9 @@ class _ConsistentFit:
         """The numbers of the drawing."""
         links = [_root(J)[_LOWER] for J in self._drawn]
         friction = self._drawing.parameters[10 * self._model.joints :]
-        return np.concatenate([*links, np.where(self._not_negative, np.sqrt(np.maximum(friction, 1e-4)), friction)])
+        return np.concatenate(
+            [*links, np.where(self._not_negative, np.sqrt(np.maximum(friction, 1e-4)), friction)]
+        )
 
     def parameters(self, x: Array) -> Array:
         """All parameters, shape (p,)."""
@@ -97,7 +102,9 @@ class _ConsistentFit:
         links = []
         for number, numbers in enumerate(x[: 10 * n].reshape(n, 10)):
             L = _lower(numbers)
-            links.append(parameters_of(L @ L.T + _FLOOR * self._drawn[number]) + self._drawing.carried[number])
+            links.append(
+                parameters_of(L @ L.T + _FLOOR * self._drawn[number]) + self._drawing.carried[number]
+            )
         friction = x[10 * n :]
         return np.concatenate([*links, np.where(self._not_negative, friction**2, friction)])
 
@@ -127,7 +134,8 @@ class _ConsistentFit:
 
 
 def _root(J: Array) -> Array:
-    """L of a drawn pseudo-inertia less its floor; a body without thickness gets some, none at all stays none."""
+    """L of a drawn pseudo-inertia less its floor; a body without thickness gets some, none at all stays
+    none."""
     size = float(np.trace(J))
     if size <= 0.0:
         return np.zeros((4, 4))

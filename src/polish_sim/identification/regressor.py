@@ -1,9 +1,9 @@
 """Joint torques as a linear function of their parameters: rigid links, friction, rotors, offsets (paper 3).
 
-tau = Y(q, qd, qdd) pi + diag(qd) fv + diag(tanh(qd / vs)) fc + diag(qdd) Ia + f0. Y is Newton-Euler in link frames:
-link j's wrench about its own origin is B_j pi_j, its share at joint k is s_kj . B_j pi_j, where
-s_kj = (z_k x r_kj; z_k) is the joint's screw at that origin, in the link's axes. The kernel takes complex numbers too,
-for derivatives by a complex step (`regressor_derivatives`).
+tau = Y(q, qd, qdd) pi + diag(qd) fv + diag(tanh(qd / vs)) fc + diag(qdd) Ia + f0. Y is Newton-Euler in link
+frames: link j's wrench about its own origin is B_j pi_j, its share at joint k is s_kj . B_j pi_j, where
+s_kj = (z_k x r_kj; z_k) is the joint's screw at that origin, in the link's axes. The kernel takes complex
+numbers too, for derivatives by a complex step (`regressor_derivatives`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ SIGN_WIDTH: Final = 0.02  #: Speed over which the sign of Coulomb friction is sm
 
 
 def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
-    """Y (m, n, 10 n) of states (m, n) [rad or m]: torques [N m or N] per unit of each link's ten parameters."""
+    """Y (m, n, 10 n) of states (m, n) [rad or m]: torques [N m or N] per unit of each link's ten
+    parameters."""
     m, n = q.shape
     Y = np.zeros((m, n, 10 * n))
     states = (np.ascontiguousarray(part, np.float64) for part in (q, qd, qdd))
@@ -51,9 +52,11 @@ def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array)
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _fill_regressors(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> None:  # type: ignore[no-untyped-def]
-    """Fill regressors (m, n, 10 n) of m real or complex states (m, n); blocks below the diagonal are left as they are.
+    """Fill regressors (m, n, 10 n) of m real or complex states (m, n); blocks below the diagonal are left as
+    they are.
 
-    ``motion`` (6, 3) has w, dw, a and the turn from link to link, ``screws`` (2, n, 3) axes and arms of the joints.
+    ``motion`` (6, 3) has w, dw, a and the turn from link to link, ``screws`` (2, n, 3) axes and arms of the
+    joints.
     """
     w, dw, a = motion[0], motion[1], motion[2]
     for row in range(q.shape[0]):
@@ -75,7 +78,11 @@ def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> N
     zx, zy, zz = chain.axis[j, 0], chain.axis[j, 1], chain.axis[j, 2]
     fixed = chain.rotation[j]
     # Where the new origin lies, seen from the old one, in the old axes.
-    px, py, pz = chain.position[j, 0] + 0.0 * q, chain.position[j, 1] + 0.0 * q, chain.position[j, 2] + 0.0 * q
+    px, py, pz = (
+        chain.position[j, 0] + 0.0 * q,
+        chain.position[j, 1] + 0.0 * q,
+        chain.position[j, 2] + 0.0 * q,
+    )
     if not hinge:
         px += q * (fixed[0, 0] * zx + fixed[0, 1] * zy + fixed[0, 2] * zz)
         py += q * (fixed[1, 0] * zx + fixed[1, 1] * zy + fixed[1, 2] * zz)
@@ -179,7 +186,8 @@ class JointTerm(NamedTuple):
     symbol: str
     unit: str
     value: Callable[[States], Array]  #: Shape (m, n)
-    slope: Callable[[States], States]  #: Its derivatives by the joint's position, speed and acceleration, (m, n) each
+    #: Its derivatives by the joint's position, speed and acceleration, (m, n) each
+    slope: Callable[[States], States]
     truth: Callable[[SerialChain], Array]  #: What the robot's model says, shape (n,)
 
 
@@ -241,11 +249,16 @@ class TorqueModel:
     @property
     def units(self) -> tuple[str, ...]:
         """The unit of every column's parameter, rotations assumed."""
-        return (*(LINK_UNITS * self.joints), *(TERMS[term].unit for term in self.terms for _ in range(self.joints)))
+        return (
+            *(LINK_UNITS * self.joints),
+            *(TERMS[term].unit for term in self.terms for _ in range(self.joints)),
+        )
 
     def truth(self) -> Array:
         """The parameters the chain's own model has, shape (p,)."""
-        return np.concatenate([self.chain.parameters.ravel(), *(TERMS[term].truth(self.chain) for term in self.terms)])
+        return np.concatenate(
+            [self.chain.parameters.ravel(), *(TERMS[term].truth(self.chain) for term in self.terms)]
+        )
 
     def regressor(self, states: States) -> Array:
         """Regressor of all columns, shape (m, n, p)."""
@@ -258,7 +271,8 @@ class TorqueModel:
         return Y
 
     def regressor_slopes(self, states: States) -> Array:
-        """Derivatives of the regressor by position, speed and acceleration of each joint, shape (m, 3 n, n, p)."""
+        """Derivatives of the regressor by position, speed and acceleration of each joint, shape (m, 3 n, n,
+        p)."""
         n = self.joints
         slopes = np.zeros((len(states.q), 3 * n, n, self.columns))
         slopes[..., : 10 * n] = regressor_derivatives(self.chain.geometry, *states)

@@ -11,7 +11,14 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.identification.fourier import Clearance
-from polish_sim.motion.serial_chain import HINGE, SLIDE, ChainGeometry, SerialChain, link_parameters, point_inertia
+from polish_sim.motion.serial_chain import (
+    HINGE,
+    SLIDE,
+    ChainGeometry,
+    SerialChain,
+    link_parameters,
+    point_inertia,
+)
 
 ARM_JOINTS = (
     "shoulder_pan_joint",
@@ -26,11 +33,11 @@ _KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): HINGE, int(mujoco.mjtJoint.mjJNT_SLI
 
 
 def read_chain(model: mujoco.MjModel, joints: Sequence[str] | None = None) -> SerialChain:
-    """Read a serial chain, its armature and friction from a compiled model; what is welded to a link counts as part of
-    it.
+    """Read a serial chain, its armature and friction from a compiled model; what is welded to a link counts
+    as part of it.
 
-    ``joints``: others are held where the model starts; None: all are the chain's. Raises InputError, naming the joint,
-    if the chain branches or closes, or a joint is neither hinge nor slide.
+    ``joints``: others are held where the model starts; None: all are the chain's. Raises InputError, naming
+    the joint, if the chain branches or closes, or a joint is neither hinge nor slide.
     """
     chosen = _joint_ids(model, joints)
     owner = _owners(model, chosen)
@@ -41,11 +48,15 @@ def read_chain(model: mujoco.MjModel, joints: Sequence[str] | None = None) -> Se
     mujoco.mj_comPos(model, data)
     dofs = model.jnt_dofadr[chosen]
     return SerialChain(
-        _geometry(model, data, chosen), _inertias(model, data, chosen, owner), model.dof_armature[dofs].copy(),
-        model.dof_damping.reshape(model.nv, -1)[dofs, 0].copy(), model.dof_frictionloss[dofs].copy(),
-        tuple(model.joint(j).name for j in chosen), tuple(model.body(model.jnt_bodyid[j]).name for j in chosen),
+        _geometry(model, data, chosen),
+        _inertias(model, data, chosen, owner),
+        model.dof_armature[dofs].copy(),
+        model.dof_damping.reshape(model.nv, -1)[dofs, 0].copy(),
+        model.dof_frictionloss[dofs].copy(),
+        tuple(model.joint(j).name for j in chosen),
+        tuple(model.body(model.jnt_bodyid[j]).name for j in chosen),
         model.jnt_pos[chosen].copy(),
-    )  # fmt: skip
+    )
 
 
 def own_parameters(model: mujoco.MjModel, joints: Sequence[str]) -> Array:
@@ -69,10 +80,14 @@ def _joint_ids(model: mujoco.MjModel, joints: Sequence[str] | None) -> list[int]
         raise InputError("the model has no joint: there is nothing to identify.")
     for j in chosen:
         if not names[j]:
-            raise InputError(f"joint {j + 1} of the model has no name: name every joint that is to be identified.")
+            raise InputError(
+                f"joint {j + 1} of the model has no name: name every joint that is to be identified."
+            )
         if int(model.jnt_type[j]) not in _KINDS:
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
-            raise InputError(f"joint '{names[j]}' is a {kind} joint: only hinges and slides can be identified.")
+            raise InputError(
+                f"joint '{names[j]}' is a {kind} joint: only hinges and slides can be identified."
+            )
     return chosen
 
 
@@ -85,8 +100,8 @@ def _owners(model: mujoco.MjModel, chosen: Sequence[int]) -> list[int]:
             if model.jnt_bodyid[joint] == body:
                 if owner[body] != number - 1:
                     raise InputError(
-                        f"the chain branches at joint '{model.joint(joint).name}': only a serial chain can be "
-                        "identified. Name the joints of one branch."
+                        f"the chain branches at joint '{model.joint(joint).name}': only a serial chain can "
+                        "be identified. Name the joints of one branch."
                     )
                 owner[body] = number
     return owner
@@ -96,12 +111,17 @@ def _refuse_loops(model: mujoco.MjModel, chosen: Sequence[int]) -> None:
     for tendon in range(model.ntendon):
         first = int(model.tendon_adr[tendon])
         wraps = range(first, first + int(model.tendon_num[tendon]))
-        ties = [w for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT and model.wrap_objid[w] in chosen]
+        ties = [
+            w
+            for w in wraps
+            if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT and model.wrap_objid[w] in chosen
+        ]
         if ties:
             name = model.tendon(tendon).name or "without a name"
             joint = model.joint(int(model.wrap_objid[ties[0]])).name
             raise InputError(
-                f"the tendon ({name}) ties joint '{joint}' to others: a chain with a closed loop cannot be identified."
+                f"the tendon ({name}) ties joint '{joint}' to others: a chain with a closed loop cannot be "
+                "identified."
             )
     if model.neq:
         name = model.equality(0).name or "without a name"
@@ -125,7 +145,9 @@ def _geometry(model: mujoco.MjModel, data: mujoco.MjData, chosen: Sequence[int])
     return ChainGeometry(kind, position, rotation, axis, model.opt.gravity.copy())
 
 
-def _inertias(model: mujoco.MjModel, data: mujoco.MjData, chosen: Sequence[int], owner: Sequence[int]) -> Array:
+def _inertias(
+    model: mujoco.MjModel, data: mujoco.MjData, chosen: Sequence[int], owner: Sequence[int]
+) -> Array:
     parameters = np.zeros((len(chosen), 10))
     for body in range(1, model.nbody):
         if owner[body] >= 0 and model.body_mass[body] > 0.0:

@@ -28,7 +28,8 @@ class IdentifySettings:
 
     periods: int = 5  #: Of 10 s each
     rate: float = 1000.0  #: Of the log [Hz]
-    sigma: tuple[float, ...] = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)  #: White noise of the torques [N m], joint by joint
+    #: White noise of the torques [N m], joint by joint
+    sigma: tuple[float, ...] = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
     encoder: float = 4.8e-5  #: Step of an ideal arm's encoders [rad]: 17 bits a turn
     terms: tuple[str, ...] = FULL
     iterations: int = 300  #: Of the search for an exciting motion
@@ -50,14 +51,16 @@ class IdentifySettings:
     def __post_init__(self) -> None:
         if not 0.0 <= self.payload <= LARGEST_PAYLOAD:
             raise InputError(
-                f"--payload {self.payload:g}: wanted 0 to {LARGEST_PAYLOAD:g} kg, what the arm carries beside its tool."
+                f"--payload {self.payload:g}: wanted 0 to {LARGEST_PAYLOAD:g} kg, what the arm carries "
+                "beside its tool."
             )
         if self.periods < 1:
             raise InputError(f"--periods {self.periods}: at least one whole period must be logged.")
 
 
 def _identify(error: float, predicted: float = 0.0285) -> tuple[Claim, ...]:
-    """Claims of an identification; the error on a motion that was not fitted falls with the periods logged."""
+    """Claims of an identification; the error on a motion that was not fitted falls with the periods
+    logged."""
     return (
         Claim("nrms_heldout_mean", "error held out / range of the torque", "%", 100.0, "-", high=error),
         Claim("nrms_heldout_consistent_mean", "the same, bodies that can exist", "%", 100.0),

@@ -33,8 +33,9 @@ _TURN_S: Final = 0.02  #: The least time between two poses of a path: where the 
 def use_states(source: Path) -> States:
     """States of the motion an identified model is for, at most some two thousand of them.
 
-    ``source``: a run folder, a log or trajectory (npz), a CSV of joint positions over time, or any path or plan. Raises
-    InputError if it is none of these, ReachError, naming the place, if the arm cannot follow the path.
+    ``source``: a run folder, a log or trajectory (npz), a CSV of joint positions over time, or any path or
+    plan. Raises InputError if it is none of these, ReachError, naming the place, if the arm cannot follow the
+    path.
     """
     moves = [_states_of(time, q) for time, q in _moves(source)]
     states = States(*(np.concatenate(part) for part in zip(*moves, strict=True)))
@@ -43,7 +44,8 @@ def use_states(source: Path) -> States:
 
 
 def _moves(source: Path) -> list[tuple[Array, Array]]:
-    """Moves one after the other, each with times of its own; those a run broke off at their first pose left out."""
+    """Moves one after the other, each with times of its own; those a run broke off at their first pose left
+    out."""
     time, q, case = _joints_over_time(source)
     moves = [(time[case == k], q[case == k]) for k in np.unique(case)]
     moves = [move for move in moves if len(move[0]) >= _POSES]

@@ -1,4 +1,5 @@
-"""A job's file: setups x regions x passes (JOB.toml -> Job). Keys inside a pass are those of `polish-sim config`."""
+"""A job's file: setups x regions x passes (JOB.toml -> Job). Keys inside a pass are those of
+`polish-sim config`."""
 
 from __future__ import annotations
 
@@ -51,7 +52,9 @@ class PassHead:
     tool: str = key("spindle-pad", "of the tool library, see 'polish-sim list tools'")
     grit: int = key(0, "grit of the abrasive, 0 = unknown; for the operator", 0, 10000)
     change_s: float = key(30.0, "time to mount tool and abrasive, where they change [s]", 0.0, 1e5)
-    edge_force: float = key(1.0, "share of the force at the region's border, rising to 1 over edge_m [-]", 0.1, 1.0)
+    edge_force: float = key(
+        1.0, "share of the force at the region's border, rising to 1 over edge_m [-]", 0.1, 1.0
+    )
     edge_m: float = key(0.01, "see edge_force [m]", 0.001, 0.2)
 
 
@@ -117,7 +120,9 @@ def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, Tool], file: 
         with at(f"setup {s}"):
             found, inner = _split(setup, SetupHead(), ("regions", "pass", "pose"))
             regions, passes = inner.get("regions", ["auto"]), inner.get("pass", [])
-            if not (isinstance(regions, list) and regions and all(isinstance(region, str) for region in regions)):
+            if not (
+                isinstance(regions, list) and regions and all(isinstance(region, str) for region in regions)
+            ):
                 raise ConfigError("'regions' must be a list of regions, e.g. [\"auto\"].")
             if not (isinstance(passes, list) and passes):
                 raise ConfigError("it has no [[setup.pass]].")
@@ -131,9 +136,14 @@ def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, Tool], file: 
 
 
 def _pass(
-    base: Scenario, number: tuple[int, int, int], setup: SetupHead, region: str, asked: Any, tools: Mapping[str, Tool],
+    base: Scenario,
+    number: tuple[int, int, int],
+    setup: SetupHead,
+    region: str,
+    asked: Any,
+    tools: Mapping[str, Tool],
     folder: Path,
-) -> Pass:  # fmt: skip
+) -> Pass:
     head, inner = _split(asked, PassHead(), ("zone", *SECTIONS))
     if head.tool not in tools:
         raise unknown_name("tool", head.tool, tools)

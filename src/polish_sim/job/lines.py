@@ -32,7 +32,8 @@ def at(place: str) -> Iterator[None]:
 
 
 def line_of(message: str, text: str) -> int:
-    """Where the key or word stands that a message names first; without one, where the table it names begins."""
+    """Where the key or word stands that a message names first; without one, where the table it names
+    begins."""
     lines = [line.partition("#")[0] for line in text.splitlines()]
     place, begin = re.search(r"setup[ _](\d+)(?:.{1,12}?pass[ _](\d+))?", message), 0
     for head, count in zip(("[[setup]]", "[[setup.pass]]"), place.groups() if place else (), strict=False):
@@ -41,7 +42,9 @@ def line_of(message: str, text: str) -> int:
             begin = heads[int(count) - 1]
     for word in re.findall(r"'([^']+)'", message) + re.findall(r"[a-z_]+\.[a-z_0-9]+", message):
         *table, name = re.split(r"[.:] ?", word)
-        start = next((number for number, line in enumerate(lines) if line.strip() == f"[{'.'.join(table)}]"), begin)
+        start = next(
+            (number for number, line in enumerate(lines) if line.strip() == f"[{'.'.join(table)}]"), begin
+        )
         value = re.escape(Path(word).name)
         known = rf"(^|[\s{{.\[]){re.escape(name)}\s*[=\].]|[\"']([^\"']*[/:])?{value}[\"']"
         order = (*range(start, len(lines)), *range(start))

@@ -7,8 +7,9 @@ from html import escape
 from typing import Any
 
 STYLE = (
-    "body{font:15px sans-serif;margin:2em;}table{border-collapse:collapse}td,th{padding:.3em .8em;"
-    "border-bottom:1px solid #ccc;text-align:right}td:first-child,th:first-child{text-align:left}td{white-space:nowrap}"
+    "body{font:15px sans-serif;margin:2em;}table{border-collapse:collapse}td,th{padding:.3em "
+    ".8em;border-bottom:1px solid "
+    "#ccc;text-align:right}td:first-child,th:first-child{text-align:left}td{white-space:nowrap}"
 )
 
 
@@ -16,16 +17,28 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
     """The page of a job from what job.json says."""
     f = figures
     totals = [
-        ["robot, simulated", f"{f['cycle_time_s']:.1f}"], ["robot, planned", f"{f['planned_cycle_time_s']:.1f}"],
-        ["  in contact", f"{f['contact_time_s']:.1f}"], ["  air, landing, lifts", f"{f['air_time_s']:.1f}"],
-        ["operator: clamping, turning, changing", f"{f['operator_s']:.1f}"], ["whole", f"{f['whole_s']:.1f}"],
-    ]  # fmt: skip
+        ["robot, simulated", f"{f['cycle_time_s']:.1f}"],
+        ["robot, planned", f"{f['planned_cycle_time_s']:.1f}"],
+        ["  in contact", f"{f['contact_time_s']:.1f}"],
+        ["  air, landing, lifts", f"{f['air_time_s']:.1f}"],
+        ["operator: clamping, turning, changing", f"{f['operator_s']:.1f}"],
+        ["whole", f"{f['whole_s']:.1f}"],
+    ]
     passes = [
-        [p["folder"], p["tool"], p["grit"] or "-", f"{p['cycle_time_s']:.1f}", f"{p['planned_cycle_time_s']:.1f}",
-         f"{p['contact_time_s']:.1f}", f"{p['abrasive_path_m']:.0f}", f"{100.0 * p['abrasive_left']:.0f}",
-         f"{100.0 * (p['removal_cv'] or 0.0):.1f}", p["protective_stop"] or ""]
+        [
+            p["folder"],
+            p["tool"],
+            p["grit"] or "-",
+            f"{p['cycle_time_s']:.1f}",
+            f"{p['planned_cycle_time_s']:.1f}",
+            f"{p['contact_time_s']:.1f}",
+            f"{p['abrasive_path_m']:.0f}",
+            f"{100.0 * p['abrasive_left']:.0f}",
+            f"{100.0 * (p['removal_cv'] or 0.0):.1f}",
+            p["protective_stop"] or "",
+        ]
         for p in f["passes"]
-    ]  # fmt: skip
+    ]
     regions = [
         [
             r["region"],
@@ -34,8 +47,18 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
         ]
         for r in f["regions"]
     ]
-    heads = ["pass", "tool", "grit", "time, s", "planned, s", "contact, s", "abrasive path, m", "abrasive left, %",
-             "removal std, %", "stopped"]  # fmt: skip
+    heads = [
+        "pass",
+        "tool",
+        "grit",
+        "time, s",
+        "planned, s",
+        "contact, s",
+        "abrasive path, m",
+        "abrasive left, %",
+        "removal std, %",
+        "stopped",
+    ]
     sums = ["region, all passes", "pressure x way, N/m", "std / mean, %", "a pad's radius inside, %"]
     return (
         f'<!doctype html><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'

@@ -1,7 +1,7 @@
 """Plan, simulate and measure a job's passes one after the other; what is done is on disk (Job -> folder).
 
-A pass under way writes a piece of its record every simulated second. After a stop or a kill it goes on behind the last
-whole piece: the tool lands there, and its force rises over a pad's diameter.
+A pass under way writes a piece of its record every simulated second. After a stop or a kill it goes on behind
+the last whole piece: the tool lands there, and its force rises over a pad's diameter.
 """
 
 from __future__ import annotations
@@ -113,8 +113,10 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
         planned_s = planned_s if parts else cycle_time(cell.strokes)
         pieces = folder / "pieces" / str(len(parts))
         before = _read_pieces(pieces)
-        reached = max((float(piece.trace["path_s_m"][-1]) for piece in before if piece.trace["phase"][-1] >= FED),
-                      default=None)  # fmt: skip
+        reached = max(
+            (float(piece.trace["path_s_m"][-1]) for piece in before if piece.trace["phase"][-1] >= FED),
+            default=None,
+        )
         played = before if reached is not None else _play(cell, pieces, observer)
         parts.append(measure_run(scenario, task, cell, part, cell.result(played)))
         starts, ends = plan.path.s[np.transpose(stretches(plan.path.process))]
@@ -170,7 +172,9 @@ def zoned(one: Pass, scenario: Scenario, plan: PlanResult) -> PlanResult:
         force = force * np.interp(away, [0.0, one.head.edge_m], [one.head.edge_force, 1.0])
     for zone in one.zones:
         region = select_region(plan.surface, plan.mesh, zone.region, asked.feature_angle_rad)
-        off = np.linalg.norm(region.surface.closest(path.positions_work).positions - path.positions_work, axis=1)
+        off = np.linalg.norm(
+            region.surface.closest(path.positions_work).positions - path.positions_work, axis=1
+        )
         force = np.where(off < ON_ZONE_M, force * zone.force, force)
         feed = np.where(off < ON_ZONE_M, feed * zone.feed, feed)
     if one.head.edge_force == 1.0 and not one.zones:
@@ -200,7 +204,8 @@ def _read_pieces(folder: Path) -> list[Played]:
 
 
 def summed(maps: list[RemovalMap], left: float = 1.0) -> RemovalMap:
-    """What several runs took off together, on the nodes of the first, times what is ``left`` of the abrasive."""
+    """What several runs took off together, on the nodes of the first, times what is ``left`` of the
+    abrasive."""
     first = maps[0]
     total = np.zeros(len(first.exposure))
     for each in maps:
@@ -208,19 +213,31 @@ def summed(maps: list[RemovalMap], left: float = 1.0) -> RemovalMap:
     return replace(first, exposure=total)
 
 
-def _write(one: Pass, folder: Path, parts: list[RunResult], worn: float, left: float, planned_s: float) -> None:
+def _write(
+    one: Pass, folder: Path, parts: list[RunResult], worn: float, left: float, planned_s: float
+) -> None:
     last, maps = parts[-1], [result.removal for result in parts if result.removal is not None]
     scenario, removal = last.scenario, summed(maps, left)
     simulated = sum(result.figures["simulated_s"] for result in parts)
     fed = sum(float((result.trace.phase == 2).sum()) for result in parts) * scenario.simulation.timestep_s
     work = removal_work(maps)
     figures = {
-        **last.figures, **measure_removal(removal, scenario.pad.radius_m), "cycle_time_s": simulated,
-        "planned_cycle_time_s": planned_s, "contact_time_s": fed, "air_time_s": simulated - fed, "pieces": len(parts),
-        "abrasive_path_m": work / scenario.process.contact_force_n, "sliding_work_after_nm": worn + work,
-        "abrasive_left": left, "area_m2": float(removal.areas.sum()), "grit": one.head.grit, "tool": one.head.tool,
-        "wall_s": 0.0, "real_time_factor": 0.0,
-    }  # fmt: skip
+        **last.figures,
+        **measure_removal(removal, scenario.pad.radius_m),
+        "cycle_time_s": simulated,
+        "planned_cycle_time_s": planned_s,
+        "contact_time_s": fed,
+        "air_time_s": simulated - fed,
+        "pieces": len(parts),
+        "abrasive_path_m": work / scenario.process.contact_force_n,
+        "sliding_work_after_nm": worn + work,
+        "abrasive_left": left,
+        "area_m2": float(removal.areas.sum()),
+        "grit": one.head.grit,
+        "tool": one.head.tool,
+        "wall_s": 0.0,
+        "real_time_factor": 0.0,
+    }
     with _whole_folder(folder / "run") as draft:
         write_record(draft, RunRecord(scenario.experiment, scenario, figures, last.log, last.path, removal))
     shutil.rmtree(folder / "pieces")
@@ -252,16 +269,36 @@ def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
     total = {name: sum(row.figures[name] for row in rows) for name in keys}
     area = sum(row.figures["area_m2"] for row in rows)
     return {
-        "job_sha256": job.sha256, "parts": job.head.parts, **total, "operator_s": operator,
+        "job_sha256": job.sha256,
+        "parts": job.head.parts,
+        **total,
+        "operator_s": operator,
         "whole_s": total["cycle_time_s"] + operator,
         "area_per_hour_m2": 3600.0 * area / (total["cycle_time_s"] + operator),
-        "passes": [{"folder": row.folder, **{k: row.figures[k] for k in PASS_KEYS}} for row in rows], "regions": sums,
-    }  # fmt: skip
+        "passes": [{"folder": row.folder, **{k: row.figures[k] for k in PASS_KEYS}} for row in rows],
+        "regions": sums,
+    }
 
 
 PASS_KEYS: Final = (
-    *("tool", "grit", "cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s", "pieces", "path_done"),
-    *("abrasive_path_m", "abrasive_left", "removal_cv", "removal_cv_inside", "force_rms_error_n", "protective_stop"),
+    *(
+        "tool",
+        "grit",
+        "cycle_time_s",
+        "planned_cycle_time_s",
+        "contact_time_s",
+        "air_time_s",
+        "pieces",
+        "path_done",
+    ),
+    *(
+        "abrasive_path_m",
+        "abrasive_left",
+        "removal_cv",
+        "removal_cv_inside",
+        "force_rms_error_n",
+        "protective_stop",
+    ),
 )
 
 

@@ -1,4 +1,5 @@
-"""The tool library: what turns on the arm's end, as settings of the scenario (tools.toml -> Tool -> table)."""
+"""The tool library: what turns on the arm's end, as settings of the scenario (tools.toml -> Tool ->
+table)."""
 
 from __future__ import annotations
 
@@ -23,12 +24,16 @@ KINDS: Final = (SPINDLE, ORBITAL, BELT)
 class Tool:
     """A tool."""
 
-    kind: str = key(SPINDLE, "spindle: the pad turns; orbital: it runs on a small orbit; belt: its cover slides")
+    kind: str = key(
+        SPINDLE, "spindle: the pad turns; orbital: it runs on a small orbit; belt: its cover slides"
+    )
     text: str = key("", "what it is")
     radius_m: float = key(0.025, "radius of its face [m]", 0.001, 0.2)
     stiffness_n_m: float = key(20000.0, "stiffness of the whole face pressed flat [N/m]", 100.0, 1e7)
     head_stiffness_n_m: float = key(20000.0 / 3.0, "spring behind it [N/m]", 100.0, 1e6)
-    moved_kg: float = key(0.3, "mass behind which that spring is, which the sensor carries too [kg]", 0.01, 10.0)
+    moved_kg: float = key(
+        0.3, "mass behind which that spring is, which the sensor carries too [kg]", 0.01, 10.0
+    )
     speed_rpm: float = key(6000.0, "speed of spindle or orbit [1/min]", 0.0, 60000.0)
     speed_most_rpm: float = key(15000.0, "largest speed allowed [1/min]", 0.0, 60000.0)
     orbit_m: float = key(0.0, "radius of the orbit [m]", 0.0, 0.02)
@@ -45,19 +50,26 @@ class Tool:
     @property
     def slide_m_s(self) -> float:
         """Speed at which all of the face slides, beside the turning [m/s]: |v| averaged over the orbit."""
-        return {SPINDLE: 0.0, ORBITAL: self.orbit_m * self.speed_rpm * math.tau / 60.0, BELT: self.belt_m_s}[self.kind]
+        return {SPINDLE: 0.0, ORBITAL: self.orbit_m * self.speed_rpm * math.tau / 60.0, BELT: self.belt_m_s}[
+            self.kind
+        ]
 
     def settings(self) -> dict[str, Any]:
         """The tool as a table of the scenario.
 
-        A quick orbit leaves hardly any friction along the feed: Coulomb's law is smoothed over the sliding speed.
+        A quick orbit leaves hardly any friction along the feed: Coulomb's law is smoothed over the sliding
+        speed.
         """
         slide = self.slide_m_s
         pad = {"radius_m": self.radius_m, "stiffness_n_m": self.stiffness_n_m, "slide_m_s": slide}
         if slide > 0.0:
             pad["friction_smoothing_m_s"] = slide
         head = {"stiffness_n_m": self.head_stiffness_n_m, "mass_kg": self.moved_kg}
-        return {"pad": pad, "head": head, "spindle": {"speed_rpm": self.speed_rpm if self.kind == SPINDLE else 0.0}}
+        return {
+            "pad": pad,
+            "head": head,
+            "spindle": {"speed_rpm": self.speed_rpm if self.kind == SPINDLE else 0.0},
+        }
 
     def left(self, work: float) -> float:
         """Share of its removal that is left after sliding ``work`` [N m]."""
@@ -71,8 +83,8 @@ class Tool:
         """
         if not self.force_least_n <= force <= self.force_most_n:
             raise ConfigError(
-                f"'contact_force_n' of {number_text(force)} N is outside {number_text(self.force_least_n)} to "
-                f"{number_text(self.force_most_n)} N, which '{name}' allows."
+                f"'contact_force_n' of {number_text(force)} N is outside {number_text(self.force_least_n)} "
+                f"to {number_text(self.force_most_n)} N, which '{name}' allows."
             )
 
 
@@ -96,7 +108,9 @@ def _tools(file: Path) -> dict[str, Tool]:
             if tool.kind not in KINDS:
                 raise unknown_name(f"kind of the tool '{name}'", tool.kind, KINDS)
             if tool.kind != SPINDLE and tool.slide_m_s == 0.0:
-                raise ConfigError(f"the tool '{name}' does not slide: set '{name}.orbit_m' and speed_rpm, or belt_m_s.")
+                raise ConfigError(
+                    f"the tool '{name}' does not slide: set '{name}.orbit_m' and speed_rpm, or belt_m_s."
+                )
             if tool.speed_rpm > tool.speed_most_rpm:
                 raise ConfigError(f"'{name}.speed_rpm' is above its speed_most_rpm.")
             tools[name] = tool

@@ -1,8 +1,8 @@
 """Joint angles and their first three derivatives along a tool motion.
 
 With x' the tool's twist (linear; angular) and J q' = x', each further derivative of q solves the same system:
-J q'' = x'' - J' q', J q''' = x''' - 2 J' q'' - J'' q'. What is subtracted is the tool's own acceleration and jerk when
-the joints have none, found by adding the links' motions up from the base.
+J q'' = x'' - J' q', J q''' = x''' - 2 J' q'' - J'' q'. What is subtracted is the tool's own acceleration and
+jerk when the joints have none, found by adding the links' motions up from the base.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class ArmState(Record):
     q: Vector6  #: Joint angles [rad]
     axes: Links  #: Unit joint axes
     links: Links
-    """From joint k's axis to the next one's, the last to the tool point [m]; their sum, from the base's origin, is the
-    tool point."""
+    """From joint k's axis to the next one's, the last to the tool point [m]; their sum, from the base's
+    origin, is the tool point."""
     jacobian: Matrix6  #: Joint speeds to (linear; angular) velocity of the tool point
     inverse: Matrix6
     twists: Rates  #: Wanted (linear; angular) velocity of the tool and its next two derivatives
@@ -92,7 +92,9 @@ def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b:
     a, b, c = t[row, 3] - a, t[row, 4] - b, t[row, 5] - c
     m = state.inverse
     for i in range(6):
-        state.rates[row, i] = m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3] * a + m[i, 4] * b + m[i, 5] * c
+        state.rates[row, i] = (
+            m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3] * a + m[i, 4] * b + m[i, 5] * c
+        )
 
 
 @njit(cache=True, error_model="numpy", _nrt=False, inline="always")

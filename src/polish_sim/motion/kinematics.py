@@ -1,9 +1,9 @@
 """Kinematics of the arm: from joint angles to poses and velocities of the tool, and back.
 
-The arm is its table of standard Denavit-Hartenberg parameters, T_i = Rz(q_i + offset_i) Tz(d_i) Tx(a_i) Rx(alpha_i).
-The nominal table is that of the maker of the arm in use (``arms.py``); an arm as built has its own, which every
-function of forward kinematics takes as an argument. The flange frame is DH frame 6. The inverse is in closed form for
-the nominal table, and by Newton's method from there for another.
+The arm is its table of standard Denavit-Hartenberg parameters, T_i = Rz(q_i + offset_i) Tz(d_i) Tx(a_i)
+Rx(alpha_i). The nominal table is that of the maker of the arm in use (``arms.py``); an arm as built has its
+own, which every function of forward kinematics takes as an argument. The flange frame is DH frame 6. The
+inverse is in closed form for the nominal table, and by Newton's method from there for another.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from polish_sim.kernel_cache import njit
 from polish_sim.spatial import inverse
 
 NOMINAL = np.stack([np.zeros((6,))] * 3 + [np.pi / 2 * np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])])
-"""Table of the arm in use: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6); `motion.makes` sets it."""
+"""Table of the arm in use: joint offsets [rad], d [m], a [m], alpha [rad], shape (4, 6); `motion.makes` sets
+it."""
 _label = [""]
 
 
@@ -34,7 +35,9 @@ def set_nominal(d: Sequence[float], a: Sequence[float], label: str) -> None:
     NOMINAL.setflags(write=False)
 
 
-JOINT_LIMITS = np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
+JOINT_LIMITS = (
+    np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
+)
 """Lowest and highest joint angle [rad], shape (6, 2)."""
 CLOSE: Final = 1e-12  #: Newton's method ends when the flange pose is reached to this [m] and [rad]
 _MOST_ROUNDS: Final = 10
@@ -44,7 +47,8 @@ _MOST_ROUNDS: Final = 10
 
 
 def joint_rows(table: Array) -> Array:
-    """A table as kernels take it: offset [rad], d [m], a [m], cosine and sine of alpha of each joint, shape (6, 5)."""
+    """A table as kernels take it: offset [rad], d [m], a [m], cosine and sine of alpha of each joint, shape
+    (6, 5)."""
     offset, d, a, alpha = table
     # The cosine of pi/2 in floating point would tilt the nominal axes by 6e-17.
     cosine = np.where(np.abs(np.cos(alpha)) < 1e-16, 0.0, np.cos(alpha))
@@ -53,7 +57,8 @@ def joint_rows(table: Array) -> Array:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def advance_frame(T: Array, row: Array, angle: float) -> None:
-    """Carry frame i - 1, (3, 4) or (4, 4), over one joint at an ``angle`` [rad], in place; ``row`` of `joint_rows`."""
+    """Carry frame i - 1, (3, 4) or (4, 4), over one joint at an ``angle`` [rad], in place; ``row`` of
+    `joint_rows`."""
     c, s = math.cos(angle + row[0]), math.sin(angle + row[0])
     for i in range(3):
         x, y, z = T[i, 0], T[i, 1], T[i, 2]
@@ -66,13 +71,15 @@ def advance_frame(T: Array, row: Array, angle: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _fill_frames(rows: Array, q: Array, frames: Array) -> None:
-    """Frames of n configurations: all seven, shape (n, 7, 4, 4), or the flange's alone; they begin as the identity."""
+    """Frames of n configurations: all seven, shape (n, 7, 4, 4), or the flange's alone; they begin as the
+    identity."""
     last = frames.shape[1] - 1
     for i in range(q.shape[0]):
         for k in range(6):
             if last:
                 for row in range(3):
-                    for column in range(4):  # assigned as a slice, numba would compile a page of strings for its error
+                    # assigned as a slice, numba would compile a page of strings for its error
+                    for column in range(4):
                         frames[i, k + 1, row, column] = frames[i, k, row, column]
             advance_frame(frames[i, min(k + 1, last)], rows[k], q[i, k])
 
@@ -85,20 +92,22 @@ def _frames(q: Array, table: Array, count: int) -> Array:
 
 
 def link_frames(q: Array, table: Array = NOMINAL) -> Array:
-    """Poses of DH frames 0 (base) to 6 (flange) in the base, (..., 7, 4, 4), at joint angles ``q`` (..., 6) [rad]."""
+    """Poses of DH frames 0 (base) to 6 (flange) in the base, (..., 7, 4, 4), at joint angles ``q`` (..., 6)
+    [rad]."""
     return _frames(q, table, 7)
 
 
 def forward(q: Array, table: Array = NOMINAL) -> Array:
-    """Pose of the flange T_base_flange, (..., 4, 4), at angles ``q`` (..., 6) [rad] of an arm with a table (4, 6)."""
+    """Pose of the flange T_base_flange, (..., 4, 4), at angles ``q`` (..., 6) [rad] of an arm with a table
+    (4, 6)."""
     return np.asarray(_frames(q, table, 1)[..., 0, :, :])
 
 
 def jacobian(q: Array, point_flange: Array, table: Array = NOMINAL) -> Array:
     """Geometric Jacobian (..., 6, 6), base frame, of a point fixed in the flange, ``point_flange`` (3,) [m].
 
-    It maps joint speeds [rad/s] at angles ``q`` (..., 6) [rad] to the point's velocity [m/s] (rows 0-2) and the
-    flange's angular velocity [rad/s] (rows 3-5).
+    It maps joint speeds [rad/s] at angles ``q`` (..., 6) [rad] to the point's velocity [m/s] (rows 0-2) and
+    the flange's angular velocity [rad/s] (rows 3-5).
     """
     return _jacobian_of(link_frames(q, table), point_flange)
 
@@ -111,10 +120,11 @@ def _jacobian_of(frames: Array, point_flange: Array) -> Array:
 
 
 def smallest_singular_values(q: Array, point_flange: Array) -> Array:
-    """Smallest singular value (n,) of the Jacobian, in its mixed units of metres and radians: 0 at a singularity.
+    """Smallest singular value (n,) of the Jacobian, in its mixed units of metres and radians: 0 at a
+    singularity.
 
-    At angles ``q`` (n, 6) [rad] and the tool point ``point_flange`` (3,) [m]. A tool twist of size v can need joint
-    speeds of v divided by it.
+    At angles ``q`` (n, 6) [rad] and the tool point ``point_flange`` (3,) [m]. A tool twist of size v can need
+    joint speeds of v divided by it.
     """
     return np.asarray(np.linalg.svd(jacobian(q, point_flange), compute_uv=False)[:, 5])
 
@@ -131,10 +141,12 @@ def link_poses(table: Array) -> Array:
 
 
 def table_slopes(frames: Array, points: Array) -> Array:
-    """Derivative (n, 3, 24) of points (n, 3) [m] that move with the flange with respect to the table's 24 numbers.
+    """Derivative (n, 3, 24) of points (n, 3) [m] that move with the flange with respect to the table's 24
+    numbers.
 
-    The table is taken row by row. Offset and d act about and along z of the frame before, a and alpha along and
-    about x of the frame behind. ``frames`` are those of `link_frames`, (n, 7, 4, 4), in the points' frame.
+    The table is taken row by row. Offset and d act about and along z of the frame before, a and alpha along
+    and about x of the frame behind. ``frames`` are those of `link_frames`, (n, 7, 4, 4), in the points'
+    frame.
     """
     z, x = frames[:, :6, :3, 2], frames[:, 1:, :3, 0]
     about_z = np.cross(z, points[:, None] - frames[:, :6, :3, 3])
@@ -142,12 +154,14 @@ def table_slopes(frames: Array, points: Array) -> Array:
     return np.concatenate([about_z, z, x, about_x], axis=1).transpose(0, 2, 1)
 
 
-# Inverse in closed form. The up to eight solutions differ in three signs: the side of the pan axis the wrist is on,
-# and the signs of the angles of wrist 2 and elbow. A continuous motion changes a sign only at a singularity, so along
-# a path one solution is enough. Angles come from atan2 of two exact terms, not from acos: accurate near singularities.
+# Inverse in closed form. The up to eight solutions differ in three signs: the side of the pan axis the wrist
+# is on, and the signs of the angles of wrist 2 and elbow. A continuous motion changes a sign only at a
+# singularity, so along a path one solution is enough. Angles come from atan2 of two exact terms, not from
+# acos: accurate near singularities.
 
 _TURN = 2.0 * math.pi
-_REACH_SLACK = 1e-9  #: How far a squared sine may be negative by rounding before a pose counts as out of reach [-]
+#: How far a squared sine may be negative by rounding before a pose counts as out of reach [-]
+_REACH_SLACK = 1e-9
 _WRIST_ALIGNED = 1e-9  #: Sine of wrist 2 below which only the sum of wrist 1 and wrist 3 is given [-]
 
 
@@ -201,10 +215,11 @@ def _near(angle: float, reference: float) -> float:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def solve_on_branch(lengths: Array, T: Array, q_near: Array, q: Array) -> bool:
-    """Write joint angles ``q`` (6,) [rad] that bring the flange to ``T`` (4, 4), closed form; False if there are none.
+    """Write joint angles ``q`` (6,) [rad] that bring the flange to ``T`` (4, 4), closed form; False if there
+    are none.
 
-    ``q_near`` (6,) [rad], which may be ``q`` itself, says which branch and which full turns; ``lengths`` is the
-    arm's, of `arm_lengths`.
+    ``q_near`` (6,) [rad], which may be ``q`` itself, says which branch and which full turns; ``lengths`` is
+    the arm's, of `arm_lengths`.
     """
     side = lengths[4] * math.cos(q_near[1]) + lengths[5] * math.cos(q_near[1] + q_near[2])
     side += lengths[2] * math.sin(q_near[1] + q_near[2] + q_near[3])
@@ -254,17 +269,19 @@ def inverse_on_branch(T: Array, q_near: Array, q: Array) -> bool:
 
 
 def inverse_all(T_base_flange: Array, q6_if_aligned: float) -> Array:
-    """All joint angles (8, 6), in [-pi, pi], that bring the flange to a pose (4, 4), in closed form; NaN where none.
+    """All joint angles (8, 6), in [-pi, pi], that bring the flange to a pose (4, 4), in closed form; NaN
+    where none.
 
-    Rows 0-3 and 4-7 have the two pan angles, within them rows 0-1 and 2-3 the two signs of wrist 2, even and odd
-    rows those of the elbow. ``q6_if_aligned`` is wrist 3 where the pose leaves it free (wrist 2 at 0 or 180 deg)
-    [rad].
+    Rows 0-3 and 4-7 have the two pan angles, within them rows 0-1 and 2-3 the two signs of wrist 2, even and
+    odd rows those of the elbow. ``q6_if_aligned`` is wrist 3 where the pose leaves it free (wrist 2 at 0 or
+    180 deg) [rad].
     """
     return np.asarray(solve_all(arm_lengths(), T_base_flange, q6_if_aligned))
 
 
 def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
-    """The solution (6,) [rad] closest to ``q_near`` (6,) [rad] in the sum of squared differences; NaN if there is none.
+    """The solution (6,) [rad] closest to ``q_near`` (6,) [rad] in the sum of squared differences; NaN if
+    there is none.
 
     Only those inside the joint limits count if ``within_limits``.
     """
@@ -282,19 +299,22 @@ def _into_limits(angle: float, lowest: float, highest: float) -> float:
 
 
 def inverse_near(T_base_flange: Array, q_near: Array) -> Array:
-    """Joint angles (6,) [rad] inside the limits that bring the flange to T_base_flange (4, 4), closest to ``q_near``.
+    """Joint angles (6,) [rad] inside the limits that bring the flange to T_base_flange (4, 4), closest to
+    ``q_near``.
 
     Raises:
         ReachError: The flange cannot be brought there.
     """
-    q = nearest_solution(np.ascontiguousarray(T_base_flange, dtype=float), np.asarray(q_near, dtype=float), True)
+    q = nearest_solution(
+        np.ascontiguousarray(T_base_flange, dtype=float), np.asarray(q_near, dtype=float), True
+    )
     if np.isnan(q).any():
         x, y, z = 1e3 * np.asarray(T_base_flange)[:3, 3]
         d4, d5, a2, a3 = 1e3 * np.abs(arm_lengths()[[1, 2, 4, 5]])
         raise ReachError(
-            f"the {_label[0]} cannot bring its flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame with "
-            f"the wanted direction: its wrist reaches {a2 + a3 + d5:.0f} mm from the shoulder and not closer than "
-            f"{d4:.0f} mm to its own axis. Move the part or turn the tool."
+            f"the {_label[0]} cannot bring its flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame "
+            f"with the wanted direction: its wrist reaches {a2 + a3 + d5:.0f} mm from the shoulder and not "
+            f"closer than {d4:.0f} mm to its own axis. Move the part or turn the tool."
         )
     return q
 
@@ -317,7 +337,8 @@ def inverse_with_table(table: Array, T_base_flange: Array, q: Array) -> Array:
     worst = int(np.abs(off).max(axis=1).argmax())
     raise ReachError(
         f"an arm with this table cannot bring its flange to pose {worst + 1} of {len(q)}: "
-        f"{np.abs(off[worst]).max():.1g} m or rad are left. It is near a singularity: move the part or turn the tool."
+        f"{np.abs(off[worst]).max():.1g} m or rad are left. It is near a singularity: move the part or turn "
+        "the tool."
     )
 
 
@@ -338,13 +359,15 @@ class JointPath:
     first_unreachable: int | None  #: Index of the first pose out of reach, or None
     first_beyond_limit: int | None  #: Index of the first pose at which a joint is outside its limits, or None
     limit_joint: int | None  #: The joint (0-5) that is outside its limits there, or None
-    largest_step: float  #: Largest change of a joint between neighbouring poses [rad]; large near a singularity
+    #: Largest change of a joint between neighbouring poses [rad]; large near a singularity
+    largest_step: float
     largest_step_index: int  #: Index of the pose that this step ends at (0: `q_start` to the first pose)
     point_flange: Array  #: The tool point on the flange [m], shape (3,)
 
     @cached_property
     def singular_values(self) -> Array:
-        """Smallest singular value of the Jacobian at the tool point up to the first pose out of reach, mixed units."""
+        """Smallest singular value of the Jacobian at the tool point up to the first pose out of reach, mixed
+        units."""
         return smallest_singular_values(self.q[: self.first_unreachable], self.point_flange)
 
     @property
@@ -360,7 +383,8 @@ class JointPath:
 
 @njit(cache=True, error_model="numpy")
 def _follow(lengths: Array, T_base_flange: Array, q_start: Array, q: Array) -> None:
-    """Write joint angles (n, 6) along the poses, each the solution closest to the last one, up to one out of reach."""
+    """Write joint angles (n, 6) along the poses, each the solution closest to the last one, up to one out of
+    reach."""
     last = q_start
     for i in range(q.shape[0]):
         last = _nearest_solution(lengths, T_base_flange[i], last, False)

@@ -75,7 +75,8 @@ def _tool_pose(segment: Segment, u: float, T: Array) -> None:
 
 @njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 def _segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
-    """Write first to third derivative of the tool's pose by u, as twists (3, 6): only the roll's axis turns."""
+    """Write first to third derivative of the tool's pose by u, as twists (3, 6): only the roll's axis
+    turns."""
     n, a, roll = segment.turn_axis, segment.angle, segment.roll
     ox, oy, oz = T_base_tool[0, 2], T_base_tool[1, 2], T_base_tool[2, 2]
     px, py, pz = a * (n[1] * oz - n[2] * oy), a * (n[2] * ox - n[0] * oz), a * (n[0] * oy - n[1] * ox)
@@ -83,7 +84,11 @@ def _segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None
         twists[0, i] = segment.length * segment.direction[i]
         twists[1, i] = 0.0
         twists[2, i] = 0.0
-    twists[0, 3], twists[0, 4], twists[0, 5] = a * n[0] + roll * ox, a * n[1] + roll * oy, a * n[2] + roll * oz
+    twists[0, 3], twists[0, 4], twists[0, 5] = (
+        a * n[0] + roll * ox,
+        a * n[1] + roll * oy,
+        a * n[2] + roll * oz,
+    )
     twists[1, 3], twists[1, 4], twists[1, 5] = roll * px, roll * py, roll * pz
     twists[2, 3] = roll * a * (n[1] * pz - n[2] * py)
     twists[2, 4] = roll * a * (n[2] * px - n[0] * pz)
@@ -144,7 +149,8 @@ def _keep_rates(state: ArmState, out: JointRates, row: int) -> None:
 def _fill_rates(
     chain: Chain, nodes: Array, arm: Arm, segment: Segment, state: ArmState, out: JointRates
 ) -> tuple[int, int]:
-    """Rates at every node of every segment in order; (status, row) of the first that fails, or (REACHED, -1)."""
+    """Rates at every node of every segment in order; (status, row) of the first that fails, or (REACHED,
+    -1)."""
     state.q[:] = arm.q_start
     for k in range(chain.lengths.shape[0]):
         _copy_segment(chain, k, segment)
@@ -160,7 +166,8 @@ def _fill_rates(
 
 
 def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
-    """Joint angles and derivatives by progress at the same ``nodes`` (m,) of each of n segments, shape (n, m, 6).
+    """Joint angles and derivatives by progress at the same ``nodes`` (m,) of each of n segments, shape (n, m,
+    6).
 
     The chain is in the work frame; see `chebyshev_nodes`. Divide by length^k for derivatives by arc length.
 
@@ -186,9 +193,9 @@ def chebyshev_nodes(count: int) -> Array:
 def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, arm: Arm) -> JointRates:
     """Joint motion (n, 6) of a tool motion given with its derivatives in time, exact at every sample.
 
-    Tool points (n, 3) [m] and R_work_tool (n, 3, 3) are dense enough to stay on one branch of the arm. ``linear`` holds
-    velocity, acceleration and jerk of the tool point, ``angular`` the spatial angular velocity and its first two
-    derivatives, (3, n, 3) each, SI, work frame.
+    Tool points (n, 3) [m] and R_work_tool (n, 3, 3) are dense enough to stay on one branch of the arm.
+    ``linear`` holds velocity, acceleration and jerk of the tool point, ``angular`` the spatial angular
+    velocity and its first two derivatives, (3, n, 3) each, SI, work frame.
 
     Raises:
         ReachError: A sample cannot be reached, or is singular.
@@ -233,5 +240,9 @@ def unreachable(status: int, segment: int, tip_work: Array) -> ReachError:
     if status == UNREACHABLE:
         return ReachError(f"the arm cannot reach {place}. Move the part or turn the tool.")
     if status == BEYOND:
-        return ReachError(f"a joint leaves its range in {place}. Begin with the joint turned back, or turn the tool.")
-    return ReachError(f"the arm is singular in {place}: joints would have to jump. Move the part or turn the tool.")
+        return ReachError(
+            f"a joint leaves its range in {place}. Begin with the joint turned back, or turn the tool."
+        )
+    return ReachError(
+        f"the arm is singular in {place}: joints would have to jump. Move the part or turn the tool."
+    )

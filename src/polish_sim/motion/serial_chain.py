@@ -1,7 +1,7 @@
 """A serial chain of rigid links as arrays: what a torque model of a robot is made of.
 
-Frame i turns with link i: its origin lies on the axis of joint i, its orientation is the body's. Frame i - 1 of the
-first joint is the base frame.
+Frame i turns with link i: its origin lies on the axis of joint i, its orientation is the body's. Frame i - 1
+of the first joint is the base frame.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class SerialChain(NamedTuple):
 
 
 def link_parameters(mass: float, center: Array, inertia: Array) -> Array:
-    """Ten parameters (10,) of a link about its frame's origin from mass [kg], centre and inertia about the centre.
+    """Ten parameters (10,) of a link about its frame's origin from mass [kg], centre and inertia about the
+    centre.
 
     ``center`` (3,) [m] and ``inertia`` (3, 3) [kg m^2] are in the link's axes.
     """
@@ -70,7 +71,8 @@ def inertia_at_origin(parameters: Array) -> Array:
 
 # Joint torques of a chain of hinges for a motion, by Newton-Euler: out and back along the links.
 #
-# Paper 3's recursion; the same sums as the regressor's, but of one set of parameters and without forming the matrix.
+# Paper 3's recursion; the same sums as the regressor's, but of one set of parameters and without forming the
+# matrix.
 
 
 class ChainModel(NamedTuple):
@@ -80,7 +82,8 @@ class ChainModel(NamedTuple):
     parameters: Array  #: Ten a link about its origin, shape (n, 10)
     armature: Array  #: Inertia of the rotors on the joints' side [kg m^2], shape (n,)
     turns: Array  #: Frame i in frame i - 1, shape (n, 3, 3)
-    motion: Array  #: Angular velocity and acceleration, linear acceleration of the links' origins, shape (n + 1, 3, 3)
+    #: Angular velocity and acceleration, linear acceleration of the links' origins, shape (n + 1, 3, 3)
+    motion: Array
     wrench: Array  #: Force and moment of a link about its origin, shape (n + 1, 2, 3)
 
 

@@ -52,8 +52,8 @@ class Pace(NamedTuple):
 def time_path(table: trajectory.PathTable, pace: Pace) -> TimedPath:
     """Follow a path at constant speed, from rest to rest with limited jerk along it.
 
-    The pace's speed is that at a feed share of 1; the path's bends are not slowed for. Where the feed share is below
-    its greatest one, the motion's rates say so.
+    The pace's speed is that at a feed share of 1; the path's bends are not slowed for. Where the feed share
+    is below its greatest one, the motion's rates say so.
     """
     top = pace.speed * float(table.feed_share.max())
     if table.length > 0.0:
@@ -64,9 +64,16 @@ def time_path(table: trajectory.PathTable, pace: Pace) -> TimedPath:
         boxes, clock, places, speeds = (0.0, 0.0, 0.0), row_times(0.0), np.zeros(2), np.zeros(2)
     n = len(clock)
     motion = TimedPath(
-        float(clock[1] - clock[0]), sum(boxes), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)),
-        places, speeds, np.ones(n),
-    )  # fmt: skip
+        float(clock[1] - clock[0]),
+        sum(boxes),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 4)),
+        np.empty((n, 3)),
+        places,
+        speeds,
+        np.ones(n),
+    )
     _fill(table, motion)
     feed = pace.speed * np.interp(places, np.arange(len(table.positions)) * table.spacing, table.feed_share)
     return with_feed(motion, feed, pace.acceleration / top)
@@ -82,7 +89,8 @@ def with_feed(motion: TimedPath, feed: Array, rate_change: float) -> TimedPath:
 
 
 def row_times(duration: float) -> Array:
-    """Times of the rows of a motion [s], shape (n,), n at least 2; a motion of no duration gets two equal ones."""
+    """Times of the rows of a motion [s], shape (n,), n at least 2; a motion of no duration gets two equal
+    ones."""
     rows = min(max(2, math.ceil(duration / ROW_S) + 1), MOST_ROWS)
     return np.linspace(0.0, duration if duration > 0.0 else ROW_S, rows)
 
@@ -105,7 +113,12 @@ def _rest_to_rest(t: Array, length: float, boxes: tuple[float, float, float]) ->
 def _fill(table: trajectory.PathTable, motion: TimedPath) -> None:
     for i in range(len(motion.places)):
         trajectory.sample_path(
-            table, motion.places[i], motion.positions[i], motion.velocities[i], motion.quaternions[i], motion.spins[i]
+            table,
+            motion.places[i],
+            motion.positions[i],
+            motion.velocities[i],
+            motion.quaternions[i],
+            motion.spins[i],
         )
         for axis in range(3):
             motion.velocities[i, axis] *= motion.speeds[i]
@@ -114,12 +127,19 @@ def _fill(table: trajectory.PathTable, motion: TimedPath) -> None:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def sample_motion(
-    motion: TimedPath, clock: float, position: Array, velocity: Array, quaternion: Array, spin: Array, place: Array
+    motion: TimedPath,
+    clock: float,
+    position: Array,
+    velocity: Array,
+    quaternion: Array,
+    spin: Array,
+    place: Array,
 ) -> None:
     """Evaluate a motion at its own time ``clock`` [s] (clamped to its ends).
 
-    Written are the tool point [m] and its velocity [m/s], (3,) each, R_base_tool as unit quaternion wxyz (4,),
-    angular velocity ``spin`` [rad/s], (3,), and arc length [m] and its rate [m/s], ``place`` (2,) or longer.
+    Written are the tool point [m] and its velocity [m/s], (3,) each, R_base_tool as unit quaternion wxyz
+    (4,), angular velocity ``spin`` [rad/s], (3,), and arc length [m] and its rate [m/s], ``place`` (2,) or
+    longer.
     """
     share = min(max(clock, 0.0), motion.duration) / motion.spacing
     row = min(int(share), motion.positions.shape[0] - 2)
@@ -146,8 +166,8 @@ def sample_rate(motion: TimedPath, clock: float) -> float:
 def time_schedule(motion: SmoothMotion, marks: Array) -> TimedPath:
     """Sample a motion along a chain in the base frame densely.
 
-    ``marks`` (segments + 1,) [m], rising, are the arc lengths at the chain's way points: the motion's places go from
-    mark to mark as its segments progress.
+    ``marks`` (segments + 1,) [m], rising, are the arc lengths at the chain's way points: the motion's places
+    go from mark to mark as its segments progress.
     """
     clock = row_times(motion.end)
     seen = motion.sample(clock)
@@ -168,8 +188,10 @@ def time_schedule(motion: SmoothMotion, marks: Array) -> TimedPath:
 def marks_on(chain: Chain, tips: Array, rotations: Array, s: Array) -> Array:
     """Arc lengths of a chain's way points [m], shape (segments + 1,).
 
-    Each is one of the points the chain was made of, in order: ``tips`` (m, 3) [m], ``rotations`` (m, 3, 3), at arc
-    lengths ``s`` (m,) [m].
+    Each is one of the points the chain was made of, in order: ``tips`` (m, 3) [m], ``rotations`` (m, 3, 3),
+    at arc lengths ``s`` (m,) [m].
     """
-    own, raw = (np.hstack([p, R.reshape(-1, 9)]) for p, R in ((chain.tips, chain.rotations), (tips, rotations)))
+    own, raw = (
+        np.hstack([p, R.reshape(-1, 9)]) for p, R in ((chain.tips, chain.rotations), (tips, rotations))
+    )
     return s[rows_among(own, raw)]

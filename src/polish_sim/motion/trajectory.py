@@ -37,10 +37,10 @@ def build_path_table(
 ) -> PathTable:
     """Resample poses to equal steps of arc length; cubic in position, shortest turn in orientation.
 
-    ``positions`` are (n, 3) [m], repeated points are dropped; ``rotations`` R_base_tool (n, 3, 3). ``s`` (n,) [m],
-    strictly increasing, is the arc length to go by: a pressed path keeps that of the surface; the points' own if not
-    given. ``curvature`` (n,) [1/m] is the normal curvature along the path, ``pass_index`` (n,) the turn of each
-    point; zero if not given. Rows are about ``spacing`` [m] apart.
+    ``positions`` are (n, 3) [m], repeated points are dropped; ``rotations`` R_base_tool (n, 3, 3). ``s`` (n,)
+    [m], strictly increasing, is the arc length to go by: a pressed path keeps that of the surface; the
+    points' own if not given. ``curvature`` (n,) [1/m] is the normal curvature along the path, ``pass_index``
+    (n,) the turn of each point; zero if not given. Rows are about ``spacing`` [m] apart.
     """
     own = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
     place = own if s is None else s - s[0]
@@ -70,15 +70,17 @@ def build_path_table(
 
 
 def at_rows(table: PathTable, s: Array, values: Array) -> Array:
-    """Values (n,) given at arc lengths ``s`` (n,) [m] of a table's points, interpolated linearly at its rows."""
+    """Values (n,) given at arc lengths ``s`` (n,) [m] of a table's points, interpolated linearly at its
+    rows."""
     return np.interp(np.arange(len(table.positions)) * table.spacing, s - s[0], values)
 
 
 def with_feed_share(table: PathTable, s: Array, feed_share: Array, braking: float = math.inf) -> PathTable:
-    """Give a table a feed that changes along the path, linear between the points it was made of, at ``s`` (n,) [m].
+    """Give a table a feed that changes along the path, linear between the points it was made of, at ``s``
+    (n,) [m].
 
-    ``feed_share`` (n,) is positive, a share of the stroke's feed. Half its square falls by ``braking`` per length
-    [1/m] at most: before a slow place the feed falls early enough.
+    ``feed_share`` (n,) is positive, a share of the stroke's feed. Half its square falls by ``braking`` per
+    length [1/m] at most: before a slow place the feed falls early enough.
     """
     feed = at_rows(table, s, feed_share)
     return table._replace(feed_share=slowed_before(feed, 2.0 * braking * table.spacing))
@@ -86,7 +88,8 @@ def with_feed_share(table: PathTable, s: Array, feed_share: Array, braking: floa
 
 @njit(cache=True)
 def slowed_before(speeds: Array, gain: float) -> Array:
-    """Lower speeds (n,) before slow places so that their square falls by no more than ``gain`` from row to row."""
+    """Lower speeds (n,) before slow places so that their square falls by no more than ``gain`` from row to
+    row."""
     out = speeds.copy()
     for row in range(len(out) - 2, -1, -1):
         out[row] = min(out[row], math.sqrt(out[row + 1] ** 2 + gain))
@@ -116,8 +119,11 @@ def _turning(quaternions: Array, step: float) -> Array:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def blend_cubic(points: Array, slopes: Array, row: int, u: float, h: float, point: Array, slope: Array) -> None:
-    """Cubic Hermite interpolation a share ``u`` of the way from a row to the next, ``h`` apart, with its derivative.
+def blend_cubic(
+    points: Array, slopes: Array, row: int, u: float, h: float, point: Array, slope: Array
+) -> None:
+    """Cubic Hermite interpolation a share ``u`` of the way from a row to the next, ``h`` apart, with its
+    derivative.
 
     ``points`` and their derivatives ``slopes`` are (n, 3), ``point`` and ``slope`` (3,) are written.
     """
@@ -149,11 +155,14 @@ def normalize(quaternion: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def sample_path(table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array) -> int:
-    """Evaluate a path at arc length ``s`` [m] (clamped to its ends); returns the row of the table at or before it.
+def sample_path(
+    table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array
+) -> int:
+    """Evaluate a path at arc length ``s`` [m] (clamped to its ends); returns the row of the table at or
+    before it.
 
-    Written are the tool point [m] and its derivative ``tangent``, (3,) each, R_base_tool as unit quaternion wxyz
-    (4,), and the rotation per arc length ``turning`` [rad/m], (3,).
+    Written are the tool point [m] and its derivative ``tangent``, (3,) each, R_base_tool as unit quaternion
+    wxyz (4,), and the rotation per arc length ``turning`` [rad/m], (3,).
     """
     place = min(max(s, 0.0), table.length) / table.spacing
     row = min(int(place), table.positions.shape[0] - 2)
@@ -167,7 +176,8 @@ def sample_path(table: PathTable, s: float, position: Array, tangent: Array, qua
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def sample_column(table: PathTable, column: Array, s: float) -> float:
-    """A column of the rows at arc length ``s`` [m] (clamped to the path's ends); exact between equal values."""
+    """A column of the rows at arc length ``s`` [m] (clamped to the path's ends); exact between equal
+    values."""
     place = min(max(s, 0.0), table.length) / table.spacing
     row = min(int(place), column.shape[0] - 2)
     return float(column[row] + (place - row) * (column[row + 1] - column[row]))

@@ -1,7 +1,8 @@
 """What a page shows, and how it becomes one HTML file (typed data -> text).
 
-The data is one compressed block: numbers rounded to 16 bits over their range, as differences, byte by byte. The page's
-own code is beside this file: ``page.html``, ``page.css``, ``scene.js``, ``plots.js`` and ``page.js``.
+The data is one compressed block: numbers rounded to 16 bits over their range, as differences, byte by byte.
+The page's own code is beside this file: ``page.html``, ``page.css``, ``scene.js``, ``plots.js`` and
+``page.js``.
 """
 
 from __future__ import annotations
@@ -145,15 +146,22 @@ def cylinder(radius: float, length: float, start: float) -> tuple[Array, Ints]:
     rings = [np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(SIDES, z)], axis=1)
              for z in (start, start + length)]  # fmt: skip
     vertices = np.concatenate([*rings, [[0.0, 0.0, start], [0.0, 0.0, start + length]]])
-    beside, top, low, high = (k + 1) % SIDES, k + SIDES, np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    beside, top, low, high = (
+        (k + 1) % SIDES,
+        k + SIDES,
+        np.full(SIDES, 2 * SIDES),
+        np.full(SIDES, 2 * SIDES + 1),
+    )
     faces = [(k, beside, top), (beside, beside + SIDES, top), (beside, k, low), (top, beside + SIDES, high)]
     return vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]).astype(np.int32)
 
 
 def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[Body], Array]:
-    """Bodies and joints (n, 5) that carry a tool through points (n, 3) [m] by its unit axes away from the part (n, 3).
+    """Bodies and joints (n, 5) that carry a tool through points (n, 3) [m] by its unit axes away from the
+    part (n, 3).
 
-    Three slides and two hinges behind each other; z of the last body points into the part. The tool does not spin.
+    Three slides and two hinges behind each other; z of the last body points into the part. The tool does not
+    spin.
     """
     tilt = np.arccos(np.clip(axes[:, 2], -1.0, 1.0))
     turn = np.unwrap(np.where(np.sin(tilt) > 1e-6, np.arctan2(axes[:, 1], axes[:, 0]), 0.0))
@@ -175,9 +183,24 @@ def tables_page(
     none = np.empty(0)
     still = Motion(none, np.empty((0, 1)), np.empty((0, 3)), none, none, none, none, none)
     return Page(
-        title, about, "", None, bodies=[], solids=[], part_body=-1, motion=still, path=np.empty((0, 3)), contact=none,
-        wear=None, plots=[], tables=tables, notes=notes, command="", made="", charts=charts or {},
-    )  # fmt: skip
+        title,
+        about,
+        "",
+        None,
+        bodies=[],
+        solids=[],
+        part_body=-1,
+        motion=still,
+        path=np.empty((0, 3)),
+        contact=none,
+        wear=None,
+        plots=[],
+        tables=tables,
+        notes=notes,
+        command="",
+        made="",
+        charts=charts or {},
+    )
 
 
 class Fine(NamedTuple):
@@ -194,7 +217,9 @@ def page_html(page: Page) -> str:
     # The data is base64, and so is every name in it; only the title stands in the page as text.
     block = zlib.compress(len(head).to_bytes(4, "little") + head + b"".join(blocks), 6)
     files = resources.files("polish_sim.page")
-    text = {name: files.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *SCRIPTS)}
+    text = {
+        name: files.joinpath(name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *SCRIPTS)
+    }
     parts = {
         "TITLE": html.escape(page.title),
         "STYLE": text["page.css"],
@@ -235,7 +260,14 @@ def _array(table: NDArray[Any], size: int, blocks: list[bytes]) -> dict[str, Any
     planes = differences.view(np.uint8).reshape(*differences.shape, 8)
     at = sum(map(len, blocks))
     blocks.append(np.ascontiguousarray(np.moveaxis(planes[:, :, :size], 2, 0)).tobytes())
-    return {"$": at, "n": len(table), "k": table.shape[1], "size": size, "low": low.tolist(), "step": step.tolist()}
+    return {
+        "$": at,
+        "n": len(table),
+        "k": table.shape[1],
+        "size": size,
+        "low": low.tolist(),
+        "step": step.tolist(),
+    }
 
 
 # And back.
@@ -258,17 +290,23 @@ def read_page(file: Path) -> Page:
         data["bodies"] = [Body(**body) for body in data["bodies"]]
         data["solids"] = [Solid(**solid) for solid in data["solids"]]
         data["wear"] = data["wear"] and Wear(**data["wear"])
-        data["plots"] = [Plot(**{**plot, "lines": [Line(**line) for line in plot["lines"]]}) for plot in data["plots"]]
+        data["plots"] = [
+            Plot(**{**plot, "lines": [Line(**line) for line in plot["lines"]]}) for plot in data["plots"]
+        ]
         data["others"] = [Other(**{**other, "motion": Motion(**other["motion"])}) for other in data["others"]]
         return Page(**data)
     except (OSError, ValueError, KeyError, TypeError, zlib.error) as error:
-        raise InputError(f"cannot read the page '{file}': {error}. Delete it to see the run without.") from error
+        raise InputError(
+            f"cannot read the page '{file}': {error}. Delete it to see the run without."
+        ) from error
 
 
 def _values(entry: Mapping[str, Any], block: bytes, start: int) -> NDArray[Any]:
     """An array as ``_array`` took it in, (n,) or (n, k)."""
     n, k, size = entry["n"], entry["k"], entry["size"]
-    planes = np.frombuffer(block, np.uint8, n * k * size, start + entry["$"]).reshape(size, k, n).astype(np.int64)
+    planes = (
+        np.frombuffer(block, np.uint8, n * k * size, start + entry["$"]).reshape(size, k, n).astype(np.int64)
+    )
     levels = np.cumsum(np.tensordot(256 ** np.arange(size), planes, axes=1), axis=1).T % 256**size
     low, step = np.array(entry["low"]), np.array(entry["step"])
     if size == 4 and not low.any() and (step == 1.0).all():

@@ -1,4 +1,5 @@
-"""Whether a request can be met, and region, step-over and pad fit (errors before planning, notes after it)."""
+"""Whether a request can be met, and region, step-over and pad fit (errors before planning, notes after
+it)."""
 
 from __future__ import annotations
 
@@ -28,10 +29,11 @@ ORDERS: Final = ("inward", "outward")
 DIRECTIONS: Final = ("climb", "conventional")
 
 NARROWEST = 0.5
-"""A region narrower than this share of the pad's diameter, seen from above, cannot carry it; a wider one is planned,
-with a note where the pad hangs over."""
+"""A region narrower than this share of the pad's diameter, seen from above, cannot carry it; a wider one is
+planned, with a note where the pad hangs over."""
 
-START_REACH = 0.1  #: A start asked for may be off the part by this share of the part's size, as a region's point may
+#: A start asked for may be off the part by this share of the part's size, as a region's point may
+START_REACH = 0.1
 FAR_START = 2.0  #: A path that begins more than this many step-overs from there is noted
 
 FEW = 20  #: One vertex in this many is measured against the border
@@ -105,11 +107,13 @@ def check_request(region: Region, pad: PadConfig, mesh: PartMesh) -> Region:
 
 
 def edge_distance(pad: PadConfig, force: float) -> float:
-    """How far the middle of a pad has to keep from two edges at a right angle so that it does not sink off them [m].
+    """How far the middle of a pad has to keep from two edges at a right angle so that it does not sink off
+    them [m].
 
-    The pad sinks in until its area on the part carries the ``force`` [N]; what is as near to an edge as the pad is deep
-    is pushed aside. Lengths in pad radii r: some depth t has to carry F / (k r) <= t S(e - t), with S(u) the share of
-    a disc that is on the part, its middle u within both edges. The default pad under 20 N: 0.12 r, 3 mm.
+    The pad sinks in until its area on the part carries the ``force`` [N]; what is as near to an edge as the
+    pad is deep is pushed aside. Lengths in pad radii r: some depth t has to carry F / (k r) <= t S(e - t),
+    with S(u) the share of a disc that is on the part, its middle u within both edges. The default pad under
+    20 N: 0.12 r, 3 mm.
     """
     x, y = np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 201)])
     beyond = np.sort(np.minimum(x, y)[np.hypot(x, y) <= 1.0])
@@ -124,14 +128,16 @@ def edge_distance(pad: PadConfig, force: float) -> float:
 def too_small(mesh: PartMesh, width: float, pad: PadConfig, force: float) -> PlanError:
     """The error for a region this wide [m] on which a pad would sink off the edges."""
     return PlanError(
-        f"the region, {1e3 * width:.3g} mm wide, is too small for {force:.3g} N: a pad of {2e3 * pad.radius_m:.3g} mm "
-        f"would sink off an edge nearer than {1e3 * edge_distance(pad, force):.2g} mm to its middle. Set a smaller "
+        f"the region, {1e3 * width:.3g} mm wide, is too small for {force:.3g} N: a pad of "
+        f"{2e3 * pad.radius_m:.3g} mm would sink off an edge nearer than "
+        f"{1e3 * edge_distance(pad, force):.2g} mm to its middle. Set a smaller "
         f"--contact-force.{in_another_unit(mesh, width, 4.0 * edge_distance(pad, force))}"
     )
 
 
 def in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
-    """The units in which a region would be wide enough [m], and the part's size in them; empty if it is, or none is."""
+    """The units in which a region would be wide enough [m], and the part's size in them; empty if it is, or
+    none is."""
     if width >= wanted or mesh.path.suffix.lower() in ENDINGS:
         return ""
     size = float(np.ptp(mesh.vertices, axis=0).max())
@@ -177,7 +183,8 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
 
 
 def width_between_borders(ground: Ground) -> float:
-    """How wide a region is between its borders in the mean: places on a strip are a quarter of that off them [m]."""
+    """How wide a region is between its borders in the mean: places on a strip are a quarter of that off them
+    [m]."""
     mesh, some = ground.mesh, slice(None, None, FEW if len(ground.mesh.vertices) > 100 * FEW else 1)
     distances = CurveSet(border_curves(mesh)).nearest(mesh.vertices[some]).nearest.distances
     return 4.0 * float(np.average(distances, weights=mesh.vertex_areas[some]))
@@ -188,9 +195,13 @@ def lean_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[
     if access is None or plan.avoid != TILT:
         return []
     if access.leaning is None:
-        return [f"leaning the tool (--avoid tilt) lets a pad of {2e3 * pad.radius_m:.3g} mm touch no more: it stands "
-                "upright"]  # fmt: skip
-    return [f"{1e4 * access.gained_m2:.3g} cm^2 more are reached because the tool leans {access.leaning.note}"]
+        return [
+            f"leaning the tool (--avoid tilt) lets a pad of {2e3 * pad.radius_m:.3g} mm touch no more: it "
+            "stands upright"
+        ]
+    return [
+        f"{1e4 * access.gained_m2:.3g} cm^2 more are reached because the tool leans {access.leaning.note}"
+    ]
 
 
 def wall_notes(quality: Quality) -> list[str]:

@@ -27,7 +27,8 @@ UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
 EVEN = 0.2  #: A path is pressed in if its depth stays within this share of the median ...
 MOSTLY_EVEN = 0.6  #: ... along this share of it
 SLACK, LEAST_SHARE = 0.1, 0.3
-"""In the right unit a path runs at most this share of the part's size beyond it, and measures at least that share."""
+"""In the right unit a path runs at most this share of the part's size beyond it, and measures at least that
+share."""
 
 
 class Offset(NamedTuple):
@@ -35,7 +36,8 @@ class Offset(NamedTuple):
 
     feet: Array  #: Closest points of the part [m], shape (n, 3)
     heights: Array  #: Along the tool axis [m], positive outside, shape (n,)
-    sideways: Array  #: Across it [m], shape (n,): beyond the part's edge the pad hangs over, which is no error
+    #: Across it [m], shape (n,): beyond the part's edge the pad hangs over, which is no error
+    sideways: Array
     outward: float  #: Share of the points whose tool axis points out of the part
 
 
@@ -59,27 +61,30 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = (
 def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float, sideways: float) -> None:
     """Refuse a path that does not belong on a part.
 
-    It may be off the surface by ``height`` [m] along the tool axis, and run beyond the part's edge by ``sideways`` [m].
+    It may be off the surface by ``height`` [m] along the tool axis, and run beyond the part's edge by
+    ``sideways`` [m].
 
     Raises:
         PlanError: It is further off; says by how much, and the likely reason.
     """
     if len(offset.heights) == 0:
-        raise PlanError("the path has no points in contact. Mark points as 'process', or give x, y, z, i, j, k.")
+        raise PlanError(
+            "the path has no points in contact. Mark points as 'process', or give x, y, z, i, j, k."
+        )
     middle = float(np.median(offset.heights))
     highest, furthest = float(np.abs(offset.heights).max()), float(offset.sideways.max())
     if highest <= height and furthest <= sideways:
         if offset.outward < 0.5:
             todo = _other_unit(mesh, path) or "Turn the axes round (-i, -j, -k)."
             raise PlanError(
-                f"the tool axis points into '{mesh.name}' along {100.0 * (1.0 - offset.outward):.0f}% of the path, "
-                f"wanted: from the part to the tool, as CLDATA. {todo}"
+                f"the tool axis points into '{mesh.name}' along {100.0 * (1.0 - offset.outward):.0f}% of the "
+                f"path, wanted: from the part to the tool, as CLDATA. {todo}"
             )
         return
     away = (
-        f"the path does not lie on '{mesh.name}': along the tool axis it is {1e3 * offset.heights.min():+.2f} to "
-        f"{1e3 * offset.heights.max():+.2f} mm off the surface (median {1e3 * middle:+.2f} mm, allowed "
-        f"{1e3 * height:g} mm), sideways up to {1e3 * furthest:.1f} mm. "
+        f"the path does not lie on '{mesh.name}': along the tool axis it is "
+        f"{1e3 * offset.heights.min():+.2f} to {1e3 * offset.heights.max():+.2f} mm off the surface (median "
+        f"{1e3 * middle:+.2f} mm, allowed {1e3 * height:g} mm), sideways up to {1e3 * furthest:.1f} mm. "
     )
     even = np.abs(offset.heights - middle) < EVEN * abs(middle)
     raise PlanError(away + (_other_unit(mesh, path) or _reason(mesh, path, middle, float(even.mean()))))
@@ -105,7 +110,10 @@ def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
 def _reason(mesh: PartMesh, path: ToolPath, middle: float, even: float) -> str:
     if even > MOSTLY_EVEN:
         side = "pressed in already" if middle < 0.0 else "lifted off"
-        return f"It is {side} by {1e3 * abs(middle):.2f} mm along most of it: give the path on the surface itself."
+        return (
+            f"It is {side} by {1e3 * abs(middle):.2f} mm along most of it: give the path on the surface "
+            "itself."
+        )
     sizes = np.ptp(path.positions_work[path.process], axis=0), np.ptp(mesh.vertices, axis=0)
     own, part = (" x ".join(f"{1e3 * value:.0f}" for value in size) for size in sizes)
     return f"It measures {own} mm, the part {part} mm: made on another part, or in another frame?"
@@ -146,13 +154,15 @@ def inspect_path(
     pad: PadConfig | None = None,
     observer: PlanObserver | None = None,
 ) -> Inspection:
-    """Measure any path on a part: coverage, time under the pad, spacing, crossings, corners, places out of reach.
+    """Measure any path on a part: coverage, time under the pad, spacing, crossings, corners, places out of
+    reach.
 
-    The path is on the surface, in the work frame, not pressed in. Region and step-over are found from it without a
-    ``plan``; force and feed of ``process`` count where it has none of its own.
+    The path is on the surface, in the work frame, not pressed in. Region and step-over are found from it
+    without a ``plan``; force and feed of ``process`` count where it has none of its own.
 
     Raises:
-        PolishSimError: The part cannot be used, or the path does not lie on it; says by how much and what to do.
+        PolishSimError: The part cannot be used, or the path does not lie on it; says by how much and what to
+            do.
     """
     process, pad = process or ProcessConfig(), pad or PadConfig()
     notes: list[str] = []
@@ -197,7 +207,8 @@ def guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
         )
         return 2.0 * pad.radius_m
     notes.append(
-        f"step-over taken from the path: {1e3 * found:.4g} mm, the median distance of its turns (--stepover sets it)"
+        f"step-over taken from the path: {1e3 * found:.4g} mm, the median distance of its turns (--stepover "
+        "sets it)"
     )
     return found
 
@@ -211,7 +222,8 @@ def _bridges(region: Region, plan: PlanConfig) -> list[Surface]:
 def _region_of(
     region: Region, surface: Surface, mesh: PartMesh, plan: PlanConfig, offset: Offset, notes: list[str]
 ) -> tuple[Region, PlanConfig]:
-    """The region asked for; where that is automatic and the path runs elsewhere, the smooth face under the path."""
+    """The region asked for; where that is automatic and the path runs elsewhere, the smooth face under the
+    path."""
     share = _share_on(region, plan, offset)
     if share >= MOSTLY:
         return region, plan
@@ -221,11 +233,13 @@ def _region_of(
             there = replace(plan, region=name)
             region = choose_region(mesh, surface, there)
             if _share_on(region, there, offset) >= MOSTLY:
-                notes.append(f"the path runs on another face than the largest that looks up: the one at {name[6:]} mm")
+                notes.append(
+                    f"the path runs on another face than the largest that looks up: the one at {name[6:]} mm"
+                )
                 return region, there
     raise PlanError(
-        f"only {100.0 * share:.0f}% of the path lies on the region '{plan.region}' of this part. Set --region to what "
-        "the path covers: point:X,Y,Z of a face, 'top', 'all' or a box; and check --up."
+        f"only {100.0 * share:.0f}% of the path lies on the region '{plan.region}' of this part. Set "
+        "--region to what the path covers: point:X,Y,Z of a face, 'top', 'all' or a box; and check --up."
     )
 
 
@@ -242,7 +256,9 @@ def _findings(quality: Quality, offset: Offset, pad: PadConfig) -> list[str]:
     warning = pad_in_part_warning(quality.figures)
     if warning:
         away = 1e3 * float(quality.pad_in_part.reaches.max())
-        notes.append(f"{warning}: keep the path {away:.3g} mm further from what stands there, or take a smaller pad")
+        notes.append(
+            f"{warning}: keep the path {away:.3g} mm further from what stands there, or take a smaller pad"
+        )
     if offset.sideways.max() > OFF_PART_M:
         notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
     if len(quality.crossings):

@@ -105,7 +105,8 @@ class PlanResult:
     proof: Mapping[str, Any] | None = None  #: What it was proven for, as path.json has it; None if it was not
 
     def along(self, path: ToolPath, mends: Sequence[Mend]) -> PlanResult:
-        """The plan with another path on the same region; ``mends`` say where and why it is slower or shorter."""
+        """The plan with another path on the same region; ``mends`` say where and why it is slower or
+        shorter."""
         cuts = (
             *self.cuts,
             *(CutOut(mend.why.partition(":")[0], mend.places) for mend in mends if mend.what == LEFT_OUT),
@@ -113,12 +114,19 @@ class PlanResult:
         quality = self.ready.measure(path, cuts)
         notes = (*(note for note in self.notes if note not in self.area.notes), *quality.area.notes)
         return replace(
-            self, path=path, figures={**self.figures, **quality.figures}, notes=notes, area=quality.area, cuts=cuts,
-            in_part=quality.pad_in_part.positions, mends=(*self.mends, *mends),
-        )  # fmt: skip
+            self,
+            path=path,
+            figures={**self.figures, **quality.figures},
+            notes=notes,
+            area=quality.area,
+            cuts=cuts,
+            in_part=quality.pad_in_part.positions,
+            mends=(*self.mends, *mends),
+        )
 
     def behind(self, s: float) -> PlanResult:
-        """The plan from an arc length ``s`` [m] of its path on: the tool lands there, and its force rises gradually.
+        """The plan from an arc length ``s`` [m] of its path on: the tool lands there, and its force rises
+        gradually.
 
         Raises:
             PlanError: Nothing of the path in contact is left behind it.
@@ -128,7 +136,8 @@ class PlanResult:
         if remaining is None:
             end = float(path.s[path.process][-1])
             raise PlanError(
-                f"nothing of the path is left behind {1e3 * s:.4g} mm, it ends at {1e3 * end:.4g} mm (--from)."
+                f"nothing of the path is left behind {1e3 * s:.4g} mm, it ends at {1e3 * end:.4g} mm "
+                "(--from)."
             )
         left = remaining.path
         force = left.force_at(left.s, self.tool.force)
@@ -174,7 +183,8 @@ def plan_mesh(
     spent_s: float = 0.0,
     fixture: Fixture | None = None,
 ) -> PlanResult:
-    """As `plan_part`, on a mesh that is there already; spent_s: time its loading took, counted in plan_time_s [s]."""
+    """As `plan_part`, on a mesh that is there already; spent_s: time its loading took, counted in plan_time_s
+    [s]."""
     process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
     begin = time.perf_counter() - spent_s
     check_stepover(plan, pad)
@@ -230,7 +240,8 @@ def measure_given_path(
     observer: PlanObserver | None = None,
     cuts: tuple[CutOut, ...] = (),
 ) -> PlanResult:
-    """Load a part and measure a path in the work frame that was made before on it, by the plan's region and step-over.
+    """Load a part and measure a path in the work frame that was made before on it, by the plan's region and
+    step-over.
 
     ``cuts`` are what was cut out of it then.
 
@@ -252,8 +263,9 @@ def measure_given_path(
     off = float(np.min(away, axis=0).max())
     if off > OFF_PART_M:
         raise PlanError(
-            f"the path lies up to {1e3 * off:.2f} mm off the surface of this part, more than {1e3 * OFF_PART_M:g} mm. "
-            "Was it made on another part, in another unit, or already pressed in? Give the path on the surface itself."
+            f"the path lies up to {1e3 * off:.2f} mm off the surface of this part, more than "
+            f"{1e3 * OFF_PART_M:g} mm. Was it made on another part, in another unit, or already pressed in? "
+            "Give the path on the surface itself."
         )
     return given.result(with_way_down(path, plan.clearance_m), quality, wall_notes(quality), cuts)
 
@@ -310,9 +322,25 @@ class PreparedRegion:
 
 
 PAD_CHOICES: Final = ("auto", "stepover", "given")  #: What is chosen: pad and step-over, the pad, nothing
-PAD_SIZES_M: Final = (0.05, 0.04, 0.03, 0.025, 0.02, 0.016, 0.012, 0.01, 0.008, 0.006, 0.005, 0.004, 0.003, 0.002)
+PAD_SIZES_M: Final = (
+    0.05,
+    0.04,
+    0.03,
+    0.025,
+    0.02,
+    0.016,
+    0.012,
+    0.01,
+    0.008,
+    0.006,
+    0.005,
+    0.004,
+    0.003,
+    0.002,
+)
 """Diameters a pad is chosen from."""
-MOST_SUNK: Final = 0.25  #: A pad is not chosen that the force presses in by more than this share of its radius
+#: A pad is not chosen that the force presses in by more than this share of its radius
+MOST_SUNK: Final = 0.25
 
 
 def prepare_region(
@@ -329,7 +357,9 @@ def prepare_region(
         if hanging_over is not None and 2.0 * taken.radius_m > width:
             continue
         kept = (
-            "" if asked.edge_margin_m == plan.edge_margin_m else f", {1e3 * asked.edge_margin_m:.2g} mm off the edges"
+            ""
+            if asked.edge_margin_m == plan.edge_margin_m
+            else f", {1e3 * asked.edge_margin_m:.2g} mm off the edges"
         )
         if kept and tool.force > MOST_SUNK * taken.stiffness_n_m * taken.radius_m:
             refused.append(too_small(mesh, width, taken, tool.force))
@@ -347,8 +377,9 @@ def prepare_region(
             width = min(width, between)
             continue
         note = (
-            f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm{kept} chosen: the "
-            f"default pad of {2e3 * pad.radius_m:.3g} mm does not fit the region, {1e3 * width:.3g} mm wide "
+            f"pad of {2e3 * taken.radius_m:.3g} mm and step-over {1e3 * asked.stepover_m:.3g} mm{kept} "
+            f"chosen: the default pad of {2e3 * pad.radius_m:.3g} mm does not fit the region, "
+            f"{1e3 * width:.3g} mm wide "
             f"(--pad-diameter).{in_another_unit(mesh, widest_piece(region), pad.radius_m)}"
         )
         notes = () if taken is pad else (note,)
@@ -359,15 +390,20 @@ def prepare_region(
 
 
 def _is_free(pad: PadConfig) -> bool:
-    """Whether a pad may be replaced by a smaller one: nothing named it (``choice``), and it is the default one."""
+    """Whether a pad may be replaced by a smaller one: nothing named it (``choice``), and it is the default
+    one."""
     return pad.choice != "given" and pad.radius_m == PadConfig().radius_m
 
 
-def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Iterator[tuple[PadConfig, PlanConfig]]:
-    """The pads to try on a region this wide [m], each with its plan; several only if the default pad was not asked for.
+def _pads(
+    pad: PadConfig, plan: PlanConfig, width: float, force: float
+) -> Iterator[tuple[PadConfig, PlanConfig]]:
+    """The pads to try on a region this wide [m], each with its plan; several only if the default pad was not
+    asked for.
 
-    The default pad is left out where it is wider than the region and a smaller one is not; then come the sizes from the
-    list that are no wider, with the default step-over in proportion, and as far off the edges as ``force`` [N] asks.
+    The default pad is left out where it is wider than the region and a smaller one is not; then come the
+    sizes from the list that are no wider, with the default step-over in proportion, and as far off the edges
+    as ``force`` [N] asks.
     """
     if pad.choice not in PAD_CHOICES:
         raise unknown_name("choice of the pad", pad.choice, PAD_CHOICES)
@@ -380,7 +416,10 @@ def _pads(pad: PadConfig, plan: PlanConfig, width: float, force: float) -> Itera
         wanted = standard * size / diameter if chosen else plan.stepover_m
         stepover, small = min(wanted, size), replace(pad, radius_m=0.5 * size)
         margin = edge_distance(small, force) + plan.tool_clearance_m - 0.5 * stepover
-        yield small, replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin), overrun_m=0.0)
+        yield (
+            small,
+            replace(plan, stepover_m=stepover, edge_margin_m=max(plan.edge_margin_m, margin), overrun_m=0.0),
+        )
 
 
 ON_SURFACE_M: Final = 1e-6  #: Places this close to a surface are on it [m]
@@ -426,7 +465,8 @@ def given_region(
 
 
 def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadConfig) -> float:
-    """Share of the region, 0 to 1, under the pad's contact disc when the tool was fed up to arc length ``s`` [m]."""
+    """Share of the region, 0 to 1, under the pad's contact disc when the tool was fed up to arc length ``s``
+    [m]."""
     done = plan.path.s <= s + 1e-6
     if done[plan.path.process].all():
         return float(plan.figures["coverage"])
@@ -451,9 +491,11 @@ def choose_region(mesh: PartMesh, surface: Surface, plan: PlanConfig) -> Region:
 def measure_path(
     path: ToolPath, region: Region, stepover: float, pad_radius: float = 0.025, contact_force: float = 20.0
 ) -> dict[str, Any]:
-    """Measure how well a path covers a region, by turns a step-over [m] apart: figures as in metrics.json, SI.
+    """Measure how well a path covers a region, by turns a step-over [m] apart: figures as in metrics.json,
+    SI.
 
-    The pad of ``pad_radius`` [m] is pressed with ``contact_force`` [N] where the path has no force of its own.
+    The pad of ``pad_radius`` [m] is pressed with ``contact_force`` [N] where the path has no force of its
+    own.
     """
     ground = prepare_ground(region, PlanConfig(stepover_m=stepover))
     process, pad = ProcessConfig(contact_force_n=contact_force), PadConfig(radius_m=pad_radius)

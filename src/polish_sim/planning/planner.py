@@ -35,7 +35,8 @@ from polish_sim.planning.quality.leaning import Leaning
 from polish_sim.planning.quality.tool_room import Tool, ground_under, pressed_places
 from polish_sim.planning.toolpath import ToolPath, arc_length, stretches
 
-CUT_APART: Final = 0.1  #: Spacing along a stroke at which the tool is checked for being in the part [pad radii]
+#: Spacing along a stroke at which the tool is checked for being in the part [pad radii]
+CUT_APART: Final = 0.1
 NO_WAY: Final = "the tool cannot come there without running into the part"
 TOO_NARROW: Final = "too narrow for a turn half a step-over inside its border"
 CUT_HERE: Final = "cut where the path would cross itself"
@@ -63,8 +64,9 @@ class Placed(NamedTuple):
 def plan_path(region: Region, plan: PlanConfig, on_progress: Report | None = None) -> ToolPath:
     """Cover a region with a tool path on the surface, with approach, lead-in, lead-out and retract.
 
-    ``plan`` has the pattern, the step-over and all other wishes: ``PlanConfig(pattern="raster", stepover_m=0.01)``.
-    ``on_progress`` is called with the share of the region covered so far.
+    ``plan`` has the pattern, the step-over and all other wishes:
+    ``PlanConfig(pattern="raster", stepover_m=0.01)``. ``on_progress`` is called with the share of the region
+    covered so far.
 
     Raises:
         InputError: Unknown pattern, lead-in, order or direction.
@@ -99,11 +101,13 @@ def plan_on(
     found = _cover(ground, plan, on_progress or (lambda share: None))
     if not any(found):
         raise PlanError(
-            f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half of it "
-            "inside the border. Set a smaller step-over or a larger region."
+            f"the region is too narrow for a step-over of {plan.stepover_m * 1e3:.4g} mm: no turn fits half "
+            "of it inside the border. Set a smaller step-over or a larger region."
         )
     cuts = [
-        CutOut(TOO_NARROW, piece.mesh.vertices) for piece, runs in zip(ground.pieces, found, strict=True) if not runs
+        CutOut(TOO_NARROW, piece.mesh.vertices)
+        for piece, runs in zip(ground.pieces, found, strict=True)
+        if not runs
     ]
     done = uncross([run for runs in found for run in runs], plan.stepover_m)
     cuts.append(CutOut(CUT_HERE, done.cuts))
@@ -175,9 +179,9 @@ def assemble(
             moves += placed.moves
     if not moves:
         raise PlanError(
-            f"the tool can reach no stroke of the path without running into the part, the first is at "
-            f"{place_in_mm(runs[0].positions[0])}. Choose a region that is open to the outside (--region), or a lower "
-            "approach (--set plan.clearance_m=...)."
+            "the tool can reach no stroke of the path without running into the part, the first is at "
+            f"{place_in_mm(runs[0].positions[0])}. Choose a region that is open to the outside (--region), "
+            "or a lower approach (--set plan.clearance_m=...)."
         )
     positions, axes, segment, pass_index = concatenate(moves)
     path = ToolPath(positions, axes, arc_length(positions), pass_index, segment, np.concatenate(curvature))
@@ -190,7 +194,8 @@ def assemble(
 def _clear_of_part(
     run: SurfaceRun, whole: ContactRun, plan: PlanConfig, air: Air, cuts: list[CutOut]
 ) -> Sequence[ContactRun]:
-    """The stretches of a stroke on which no body of the tool is in the part; appends the others to ``cuts``."""
+    """The stretches of a stroke on which no body of the tool is in the part; appends the others to
+    ``cuts``."""
     if air.tool is None:
         return [whole]
     move, points = whole.process, run.points
@@ -202,12 +207,18 @@ def _clear_of_part(
     if not len(hit):
         return [whole]
     for number in np.unique(found.bodies[hit]):
-        cuts.append(CutOut(too_near(*air.tool.pairs[number]), places.middles[hit[found.bodies[hit] == number]]))
+        cuts.append(
+            CutOut(too_near(*air.tool.pairs[number]), places.middles[hit[found.bodies[hit] == number]])
+        )
     clear = np.ones(len(move.positions), dtype=bool)
-    for first, last in zip(rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True):
+    for first, last in zip(
+        rows[np.maximum(hit - 1, 0)], rows[np.minimum(hit + 1, len(rows) - 1)], strict=True
+    ):
         clear[first : last + 1] = False
     s = arc_length(move.positions)
-    return [whole.rows(first, last) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m]
+    return [
+        whole.rows(first, last) for first, last in stretches(clear) if s[last] - s[first] > plan.stepover_m
+    ]
 
 
 def _place(whole: ContactRun, previous: Move | None, plan: PlanConfig, air: Air) -> Placed | None:

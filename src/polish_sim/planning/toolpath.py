@@ -17,15 +17,19 @@ APPROACH, LEAD_IN, PROCESS, LINK, LEAD_OUT, RETRACT = range(len(SEGMENTS))
 
 @dataclass(frozen=True)
 class ToolPath:
-    """The path of the tool point on the nominal surface, with lead-in and lead-out; not pressed into the part."""
+    """The path of the tool point on the nominal surface, with lead-in and lead-out; not pressed into the
+    part."""
 
     positions_work: Array  #: Tool point in the work frame [m], shape (n, 3)
-    axes_work: Array  #: Unit tool axis from the part to the tool (the outward normal unless tilted), shape (n, 3)
+    #: Unit tool axis from the part to the tool (the outward normal unless tilted), shape (n, 3)
+    axes_work: Array
     s: Array  #: Arc length from the first point [m], strictly increasing, shape (n,)
     pass_index: Indices  #: Turn of the spiral or line of the raster the point belongs to, shape (n,)
     segment: NDArray[np.int8]  #: Code of the segment, an index into `SEGMENTS`, shape (n,)
-    curvature: Array  #: Normal curvature of the surface along the path [1/m], positive on a convex part, shape (n,)
-    force: Array | None = None  #: Contact force to hold at each point [N], shape (n,); None: as the process says
+    #: Normal curvature of the surface along the path [1/m], positive on a convex part, shape (n,)
+    curvature: Array
+    #: Contact force to hold at each point [N], shape (n,); None: as the process says
+    force: Array | None = None
     feed: Array | None = None  #: Feed at each point [m/s], shape (n,); None: as the process says
 
     def __post_init__(self) -> None:
@@ -41,7 +45,9 @@ class ToolPath:
 
     def rows(self, kept: Bools) -> ToolPath:
         """The path of some of its points only, mask (n,); arc lengths stay."""
-        columns: dict[str, Any] = {name: column[kept] for name, column in vars(self).items() if column is not None}
+        columns: dict[str, Any] = {
+            name: column[kept] for name, column in vars(self).items() if column is not None
+        }
         return ToolPath(**columns)
 
     def force_at(self, s: Array, usual: float) -> Array:
@@ -66,7 +72,8 @@ def arc_length(positions: Array) -> Array:
 
 
 def interpolate(where: Array, s: Array, columns: Array) -> Array:
-    """Columns (n, k) given at growing ``s`` (n,), linearly in between, at places ``where`` (m,): shape (m, k)."""
+    """Columns (n, k) given at growing ``s`` (n,), linearly in between, at places ``where`` (m,): shape (m,
+    k)."""
     return np.stack([np.interp(where, s, column) for column in columns.T], axis=1)
 
 
@@ -79,7 +86,8 @@ def stretches(wanted: Bools) -> list[tuple[int, int]]:
 def pressed(path: ToolPath, depth: float | Array) -> ToolPath:
     """Move the process points into the part against the tool axis: D = F / k (paper 1, section 1.5).
 
-    ``depth`` is D [m], positive into the part, one for all points or (n,). Lead-in and lead-out stay where they are.
+    ``depth`` is D [m], positive into the part, one for all points or (n,). Lead-in and lead-out stay where
+    they are.
     """
     moved = path.positions_work - np.where(path.process, depth, 0.0)[:, None] * path.axes_work
     return replace(path, positions_work=moved, s=arc_length(moved))

@@ -41,7 +41,8 @@ FINE_LATENCIES = tuple(0.001 * n for n in range(1, 121))
 
 
 def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
-    """The force law of a scenario's controller made linear, settled on springs ``scale`` times as stiff as drawn.
+    """The force law of a scenario's controller made linear, settled on springs ``scale`` times as stiff as
+    drawn.
 
     It settles on an ideal arm: it is to be the law of this cell though it may swing there.
     """
@@ -53,7 +54,8 @@ def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
 
 
 def linear_loop(scenario: Scenario, swing: float = 0.0) -> Loop:
-    """Open loop L(z) of a scenario, the law settled on its springs; elastic gears swing by ``swing`` [rad]."""
+    """Open loop L(z) of a scenario, the law settled on its springs; elastic gears swing by ``swing``
+    [rad]."""
     setup = setup_of(scenario, elastic_arm(scenario, swing=swing) if is_real(scenario) else None)
     return force_loop(setup, linear_law_of(scenario, scenario.head.spring_scale))
 
@@ -107,17 +109,20 @@ def measure_border(
 
 
 def border_line(scenario: Scenario, name: str, scales: Sequence[float]) -> Array:
-    """Latency up to which the linear model of a controller is stable [s], for each scale of the springs, shape (n,).
+    """Latency up to which the linear model of a controller is stable [s], for each scale of the springs,
+    shape (n,).
 
-    The law is the one that has settled on these springs at the scenario's latency; where it does not settle, the one
-    settled on the springs of the drawing.
+    The law is the one that has settled on these springs at the scenario's latency; where it does not settle,
+    the one settled on the springs of the drawing.
     """
     drawn = _at(scenario, name, 1.0, scenario.sensor.latency_s + scenario.robot.command_latency_s)
     setup, longest = setup_of(drawn), np.zeros(len(scales))
     at_home = linear_law_of(drawn)
     for k, scale in enumerate(scales):
         law = linear_law_of(drawn, scale)
-        longest[k] = longest_latency(with_springs(setup, scale), law if law.settled else at_home, FINE_LATENCIES)
+        longest[k] = longest_latency(
+            with_springs(setup, scale), law if law.settled else at_home, FINE_LATENCIES
+        )
     return longest
 
 
@@ -134,12 +139,14 @@ def _at(scenario: Scenario, name: str, scale: float, latency: float) -> Scenario
 
 # The map of where a force loop is stable: springs over latency, model and cell.
 
-REACH = (2.0, 20.0, 0.2, 5.0)  #: Latency [ms] and scale of the springs a controller should bear without retuning
+#: Latency [ms] and scale of the springs a controller should bear without retuning
+REACH = (2.0, 20.0, 0.2, 5.0)
 
 
 @styled
 def plot_border(border: Border) -> Figure:
-    """Draw, controller by controller, where the cell came to rest and where the linear model says it should."""
+    """Draw, controller by controller, where the cell came to rest and where the linear model says it
+    should."""
     names = list(border.rests)
     figure = new_figure(1.2 + 3.4 * len(names), 4.6)
     panels = figure.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]
@@ -159,8 +166,12 @@ def plot_border(border: Border) -> Figure:
 def _draw_line(axes: Axes, border: Border, name: str) -> None:
     top = 2e3 * float(border.latencies.max())
     latest = np.minimum(1e3 * border.lines[name], top)
-    axes.fill_betweenx(border.line_scales, latest, top, color=ORANGE, alpha=0.10, lw=0, label="unstable by the model")
-    axes.plot(np.where(latest < top, latest, np.nan), border.line_scales, color=BLUE, lw=1.6, label="border, model")
+    axes.fill_betweenx(
+        border.line_scales, latest, top, color=ORANGE, alpha=0.10, lw=0, label="unstable by the model"
+    )
+    axes.plot(
+        np.where(latest < top, latest, np.nan), border.line_scales, color=BLUE, lw=1.6, label="border, model"
+    )
 
 
 def _draw_runs(axes: Axes, border: Border, name: str) -> None:

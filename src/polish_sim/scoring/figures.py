@@ -1,7 +1,7 @@
 """The figures of a scorecard row, from the exact contact force at every step.
 
-Force is the exact contact force along the tool axis (tool frame, pressing positive), never a sensor's reading. Each
-definition is stated once, in ``DEFINITIONS``; a figure that is not defined for a run is None.
+Force is the exact contact force along the tool axis (tool frame, pressing positive), never a sensor's
+reading. Each definition is stated once, in ``DEFINITIONS``; a figure that is not defined for a run is None.
 """
 
 from __future__ import annotations
@@ -26,37 +26,40 @@ from polish_sim.arrays import Array
 from polish_sim.log import Trace
 
 STEADY_AFTER_S: Final = 0.5  #: The steady window of a hold begins this long after first contact [s]
-SLOW_S: Final = 0.25  #: A moving mean over this keeps how the force follows the part and takes oscillation away [s]
-LARGEST_OSCILLATION: Final = 0.1  #: Amplitude a stable loop may swing with, as a share of the wanted force [-]
+#: A moving mean over this keeps how the force follows the part and takes oscillation away [s]
+SLOW_S: Final = 0.25
+#: Amplitude a stable loop may swing with, as a share of the wanted force [-]
+LARGEST_OSCILLATION: Final = 0.1
 LEAST_ALLOWED_N: Final = 2.0  #: The amplitude allowed at small forces [N]
 LARGEST_GROWTH: Final = 2.0  #: Of the amplitude from the third to the last quarter of the window [-]
 QUIET_N: Final = 0.5  #: Growth below this amplitude is noise [N]
 
 DEFINITIONS: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "force": "exact contact force along the tool axis, in the tool frame, at every physics step; error = force "
-        "minus the force wanted at that place",
-        "window": "hold cases: from 0.5 s after first contact (force above 0.5 N) to the end of the hold; path cases: "
-        "phase 2, from the start of the feed at the first process point to the last",
-        "settling_1n_s": "hold cases: from first contact to the moment after which the error stays inside +-1 N to the "
-        "end of the hold; null if it never does, and in path cases",
-        "overshoot_n": "largest force above the wanted one from first contact to the end of the hold; in path cases to "
-        "the start of the feed; 0 if none",
+        "force": "exact contact force along the tool axis, in the tool frame, at every physics step; error "
+        "= force minus the force wanted at that place",
+        "window": "hold cases: from 0.5 s after first contact (force above 0.5 N) to the end of the hold; "
+        "path cases: phase 2, from the start of the feed at the first process point to the last",
+        "settling_1n_s": "hold cases: from first contact to the moment after which the error stays inside "
+        "+-1 N to the end of the hold; null if it never does, and in path cases",
+        "overshoot_n": "largest force above the wanted one from first contact to the end of the hold; in "
+        "path cases to the start of the feed; 0 if none",
         "rms_error_n": "root mean square of the error in the window",
         "p95_error_n": "95th percentile of the error's magnitude in the window",
         "max_error_n": "largest magnitude of the error in the window",
         "peak_force_n": "largest force from first contact to the retract",
         "contact_lost_s": "time with a force of at most 0.5 N between touch-down (phase 2) and the retract",
-        "stable": "no protective stop, the job done to its end, no contact lost, and no oscillation: the force minus "
-        "its moving mean over 0.25 s has in the last half of the window an amplitude (rms times sqrt 2) of at most 10% "
-        "of the wanted force or 2 N, whichever is larger, and in the last quarter at most twice that of the quarter "
-        "before it or 0.5 N",
+        "stable": "no protective stop, the job done to its end, no contact lost, and no oscillation: the "
+        "force minus its moving mean over 0.25 s has in the last half of the window an amplitude "
+        "(rms times sqrt 2) of at most 10% of the wanted force or 2 N, whichever is larger, and "
+        "in the last quarter at most twice that of the quarter before it or 0.5 N",
         "duration": "simulated time of the run [s]",
         "mean_error_n": "mean of the error in the window",
         "std_n": "standard deviation of the error in the window",
         "oscillation_n": "the amplitude by which `stable` judges",
         "slowed": "path cases: share of the wanted feed the controller did not drive, ramps included [-]",
-        "peaks_error_n": "path cases: mean over the curvature peaks of the path of the largest error within 15 mm",
+        "peaks_error_n": "path cases: mean over the curvature peaks of the path of the largest error within "
+        "15 mm",
     }
 )
 """What each figure of a row means."""
@@ -92,14 +95,17 @@ def measure_score(trace: Trace, wanted: Array, moving: bool, whole: bool) -> dic
         "contact_lost_s": lost,
         "oscillation_n": swing[0],
     }
-    allowed = max(LEAST_ALLOWED_N, LARGEST_OSCILLATION * float(np.median(wanted[held][window])) if len(steady) else 0.0)
+    allowed = max(
+        LEAST_ALLOWED_N, LARGEST_OSCILLATION * float(np.median(wanted[held][window])) if len(steady) else 0.0
+    )
     calm = swing[0] <= allowed and swing[2] <= max(LARGEST_GROWTH * swing[1], QUIET_N)
     known = {name: None if math.isnan(value) else value for name, value in figures.items()}
     return known | {"stable": bool(whole and lost == 0.0 and calm)}
 
 
 def oscillation(time: Array, error: Array) -> tuple[float, float, float]:
-    """Amplitude of the fast part of an error [N]: over the last half of the window, its third and its last quarter.
+    """Amplitude of the fast part of an error [N]: over the last half of the window, its third and its last
+    quarter.
 
     NaN where the window is shorter than two moving means; time evenly spaced [s], (n,).
     """
@@ -128,9 +134,17 @@ def spread(values: Sequence[float | None]) -> Spread:
 
 
 FIGURES: Final = (
-    "settling_1n_s", "overshoot_n", "rms_error_n", "p95_error_n", "max_error_n", "peak_force_n", "contact_lost_s",
-    "oscillation_n", "mean_error_n", "std_n",
-)  # fmt: skip
+    "settling_1n_s",
+    "overshoot_n",
+    "rms_error_n",
+    "p95_error_n",
+    "max_error_n",
+    "peak_force_n",
+    "contact_lost_s",
+    "oscillation_n",
+    "mean_error_n",
+    "std_n",
+)
 """What `measure_score` measures beside ``stable``."""
 
 

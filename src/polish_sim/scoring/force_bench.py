@@ -40,15 +40,18 @@ class Rest(NamedTuple):
 class Border(NamedTuple):
     """Stability over springs and latency, controller by controller."""
 
-    scales: Array  #: Springs of head and pad by what plan and controller take them for, in the cell [-], shape (n,)
+    #: Springs of head and pad by what plan and controller take them for, in the cell [-], shape (n,)
+    scales: Array
     latencies: Array  #: Sensor and command together, in the cell [s], shape (m,)
     rests: dict[str, list[list[Rest]]]  #: How each run ended, by controller, latency and scale
     line_scales: Array  #: Springs, for the linear model [-], shape (k,)
-    lines: dict[str, Array]  #: Latency up to which the linear model is stable [s], by controller (k,); inf: always
+    #: Latency up to which the linear model is stable [s], by controller (k,); inf: always
+    lines: dict[str, Array]
 
 
 def judge_rest(force: Array, wanted: float, dt: float) -> Rest:
-    """Whether a constant force [N], (n,), has settled, from its last two windows; too short a hold is not at rest."""
+    """Whether a constant force [N], (n,), has settled, from its last two windows; too short a hold is not at
+    rest."""
     rows = round(WINDOW_S / dt)
     if len(force) < 2 * rows:
         return Rest(False, False, math.inf, math.nan, math.nan)
@@ -62,10 +65,17 @@ def judge_rest(force: Array, wanted: float, dt: float) -> Rest:
 
 
 QUIET = (
-    "part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0", "spindle.speed_rpm=0",
-    "sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_drift_n_s=0", "sensor.torque_drift_nm_s=0",
-    "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",
-)  # fmt: skip
+    "part.displacement_m=0",
+    "part.rotation_rad=0",
+    "part.form_error_m=0",
+    "spindle.speed_rpm=0",
+    "sensor.force_noise_n=0",
+    "sensor.torque_noise_nm=0",
+    "sensor.force_drift_n_s=0",
+    "sensor.torque_drift_nm_s=0",
+    "sensor.force_quantum_n=0",
+    "sensor.torque_quantum_nm=0",
+)
 START_HEIGHT = 0.002  # of the tool above the part [m]
 APPROACH_SPEED = 0.004  # [m/s]
 FORCE_LIMIT_N = 90.0
@@ -79,7 +89,8 @@ class Bench(NamedTuple):
 
 
 def quiet(scenario: Scenario) -> Scenario:
-    """A scenario of ``force`` without noise, on the part as drawn, come down to slowly; forces stop nothing early."""
+    """A scenario of ``force`` without noise, on the part as drawn, come down to slowly; forces stop nothing
+    early."""
     calm = override(scenario, list(QUIET))
     return replace(
         calm,
@@ -89,7 +100,8 @@ def quiet(scenario: Scenario) -> Scenario:
 
 
 def build_bench(scenario: Scenario) -> Bench:
-    """Place the part of a scenario, for cells that differ in latencies and controllers, and in no softer springs."""
+    """Place the part of a scenario, for cells that differ in latencies and controllers, and in no softer
+    springs."""
     calm = quiet(scenario)
     place = place_force(calm)
     low = place.path.positions_work.copy()
@@ -100,7 +112,8 @@ def build_bench(scenario: Scenario) -> Bench:
 
 
 class LouderLaw:
-    """A controller whose answer along the tool axis is multiplied while it presses: the loop's gain, at its input."""
+    """A controller whose answer along the tool axis is multiplied while it presses: the loop's gain, at its
+    input."""
 
     def __init__(self, controller: Controller, gain: float) -> None:
         self._controller, self._gain = controller, gain
@@ -127,8 +140,8 @@ class LouderLaw:
 def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = True) -> Rest:
     """Press on the part, hold, and see whether the force settles; a protective stop counts as unstable.
 
-    Noise and part errors of the scenario are taken out. ``gain``: on the controller's answer along the tool axis;
-    ``friction``: Coulomb friction of the joints; without it the loop is linear but for its limits.
+    Noise and part errors of the scenario are taken out. ``gain``: on the controller's answer along the tool
+    axis; ``friction``: Coulomb friction of the joints; without it the loop is linear but for its limits.
     """
     calm = quiet(scenario)
     cell = build_cell(calm, bench.place, bench.part)

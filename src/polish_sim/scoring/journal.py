@@ -1,7 +1,8 @@
-"""One row of the scorecard: a case, a controller and a seed become figures. A row depends on its scenario alone.
+"""One row of the scorecard: a case, a controller and a seed become figures. A row depends on its scenario
+alone.
 
-On disk a row counts as long as the key beside it is the key of the row that is wanted: the whole scenario, the user's
-files and the package's own source enter it. Change any of them, and the row is measured anew.
+On disk a row counts as long as the key beside it is the key of the row that is wanted: the whole scenario,
+the user's files and the package's own source enter it. Change any of them, and the row is measured anew.
 """
 
 from __future__ import annotations
@@ -18,7 +19,14 @@ from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments.assembly import Workplace, build_cell, build_part, config_hash, modelled_depth, place_key
+from polish_sim.experiments.assembly import (
+    Workplace,
+    build_cell,
+    build_part,
+    config_hash,
+    modelled_depth,
+    place_key,
+)
 from polish_sim.experiments.force import hold_done, place_force
 from polish_sim.experiments.part_setup import path_done
 from polish_sim.experiments.surface import prepare_surface
@@ -46,7 +54,8 @@ class Task(NamedTuple):
 
 
 def measure_row(task: Task) -> Row:
-    """Run one row's scenario and measure it: case, controller, seed, `DEFINITIONS`, protective_stop and duration.
+    """Run one row's scenario and measure it: case, controller, seed, `DEFINITIONS`, protective_stop and
+    duration.
 
     A run that could not be set up says why as its protective_stop and has no figures.
     """
@@ -94,8 +103,12 @@ def measured(task: Task, place: Workplace, run: CellRun) -> Row:
 
 def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> Row:
     trace, force = run.trace, scenario.process.contact_force_n
-    wanted = place.path.force_at(trace.path_s_m, force) if task.case.moving else np.full(len(trace.time_s), force)
-    figures = measure_score(trace, wanted, task.case.moving, run.stop_reason is None and _done(task, place, run))
+    wanted = (
+        place.path.force_at(trace.path_s_m, force) if task.case.moving else np.full(len(trace.time_s), force)
+    )
+    figures = measure_score(
+        trace, wanted, task.case.moving, run.stop_reason is None and _done(task, place, run)
+    )
     fed = trace.phase == PROCESS
     path_s = trace.path_s_m[fed]
     if not task.case.moving:
@@ -106,7 +119,8 @@ def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> 
 
 
 def _slowed(scenario: Scenario, path_s: Array) -> float | None:
-    """Share of the wanted feed that was not driven [-]; the places on the path at the steps of the feed, shape (n,)."""
+    """Share of the wanted feed that was not driven [-]; the places on the path at the steps of the feed,
+    shape (n,)."""
     planned = len(path_s) * scenario.simulation.timestep_s * scenario.process.feed_m_s
     return 1.0 - float(path_s[-1] - path_s[0]) / planned if len(path_s) > 1 else None
 
@@ -126,9 +140,11 @@ _NOTHING: Final[Row] = dict.fromkeys((*FIGURES, "peaks_error_n", "slowed")) | {"
 
 
 def keys_of(tasks: Iterable[Task]) -> dict[Task, str]:
-    """What each row depends on, as a hash: scenario, the files it names (see `config_hash`), this package's source."""
+    """What each row depends on, as a hash: scenario, the files it names (see `config_hash`), this package's
+    source."""
     hashes: dict[Path, str] = {}
     words = {
-        task: (package_hash(), config_hash(task.scenario, hashes), task.case.name, task.entry.label) for task in tasks
+        task: (package_hash(), config_hash(task.scenario, hashes), task.case.name, task.entry.label)
+        for task in tasks
     }
     return {task: hashlib.sha256("|".join(said).encode()).hexdigest()[:24] for task, said in words.items()}

@@ -2,12 +2,12 @@
 
 Along the tool axis, small motions about a state of contact::
 
-    command -> latency -> joint servos -> (rotors -> gears ->) arm x --head spring, damper--> head y --pad--> F
-    F + mount's and head's inertia -> low-pass -> latency -> reading
+    command -> latency -> joint servos -> (rotors -> gears ->) arm x --head spring, damper--> head y --pad-->
+    F F + mount's and head's inertia -> low-pass -> latency -> reading
 
-The model is discrete at the control cycle and takes the cell's own order of computing (semi-implicit steps, forces
-explicit, damping implicit), so that borders of stability come out of its eigenvalues exactly, delays included.
-Coulomb friction is not linear and left out; the hysteresis of gears is taken at one amplitude.
+The model is discrete at the control cycle and takes the cell's own order of computing (semi-implicit steps,
+forces explicit, damping implicit), so that borders of stability come out of its eigenvalues exactly, delays
+included. Coulomb friction is not linear and left out; the hysteresis of gears is taken at one amplitude.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ Complex = NDArray[np.complex128]
 
 
 class Arm(NamedTuple):
-    """The arm along the tool axis: n coordinates whose springs and dampers pull a tool, and a drive that moves them."""
+    """The arm along the tool axis: n coordinates whose springs and dampers pull a tool, and a drive that
+    moves them."""
 
     mass: Array  #: Without the head [kg or kg m^2], shape (n, n)
     stiffness: Array  #: Of gears and servos, shape (n, n)
@@ -44,14 +45,16 @@ class Arm(NamedTuple):
 def one_mass(mount_mass: float = 1.7) -> Arm:
     """The ideal arm as one mass on its servos; the numbers are those of ``force``'s pose.
 
-    Reduced from the compiled model's six joints (mass matrix, kp and kv of the servos): velocity and felt inertia
-    agree with them within 5% from 1 to 150 Hz (1.5% rms); a chirp in the cell agrees with the six joints within 1%.
-    ``mount_mass``: see `Arm`.
+    Reduced from the compiled model's six joints (mass matrix, kp and kv of the servos): velocity and felt
+    inertia agree with them within 5% from 1 to 150 Hz (1.5% rms); a chirp in the cell agrees with the six
+    joints within 1%. ``mount_mass``: see `Arm`.
     """
     mass = 8.26  # of arm and tool mount along the tool axis [kg]
     omega, damping = 213.0, 0.976  # of the servos: sqrt(kp / inertia) [rad/s], damping ratio [-]
     k, d, unit = mass * omega**2, 2.0 * damping * omega * mass, np.ones(1)
-    return Arm(mass * np.eye(1), k * np.eye(1), d * np.eye(1), k * unit, d * unit, unit, unit, unit, 1.0, mount_mass)
+    return Arm(
+        mass * np.eye(1), k * np.eye(1), d * np.eye(1), k * unit, d * unit, unit, unit, unit, 1.0, mount_mass
+    )
 
 
 FORCE_POSE: Final = np.array([1.3009, -1.5168, 1.9295, -1.9834, -1.5708, 2.8717])
@@ -62,9 +65,10 @@ SWINGS: Final = (0.0, 2e-5, 5e-5, 1e-4, 2e-4)  #: Amplitudes of the gears' twist
 def elastic_arm(scenario: Scenario, swing: float = 0.0) -> Arm:
     """The arm with gears and rotors about the pose of ``force``, loaded by its weight and the contact force.
 
-    Hysteresis is taken at an amplitude of the gears' twist [rad]: a part of its torque is elastic, a part damps (by
-    harmonic balance, about 20 Hz). Coulomb friction of the motors and of the pad is left out; it damps. The host's
-    loops across the tool axis are left out, too, and so is the slow correction of servos on the links' side.
+    Hysteresis is taken at an amplitude of the gears' twist [rad]: a part of its torque is elastic, a part
+    damps (by harmonic balance, about 20 Hz). Coulomb friction of the motors and of the pad is left out; it
+    damps. The host's loops across the tool axis are left out, too, and so is the slow correction of servos on
+    the links' side.
     """
     about = joints_about(scenario, FORCE_POSE[None])[0]
     arm, J, axis = about.arm, about.jacobian, about.axis
@@ -119,7 +123,8 @@ def setup_of(scenario: Scenario, arm: Arm | None = None) -> LoopSetup:
 
 
 class Plant(NamedTuple):
-    """s' = A s + B a with the command a acting in this step [m/s]; outputs before the step. Each row of shape (m,)."""
+    """s' = A s + B a with the command a acting in this step [m/s]; outputs before the step. Each row of shape
+    (m,)."""
 
     A: Array  #: Shape (m, m)
     B: Array  #: Shape (m,)
@@ -134,8 +139,8 @@ class Plant(NamedTuple):
 def build_plant(setup: LoopSetup) -> Plant:
     """The cell's step along the tool axis as matrices.
 
-    States: coordinates of the arm and place of the head y [m], their velocities, commanded place [m], set points of the
-    servos [m, m/s], the engine's last force at the sensor [N] and its low-passed value [N].
+    States: coordinates of the arm and place of the head y [m], their velocities, commanded place [m], set
+    points of the servos [m, m/s], the engine's last force at the sensor [N] and its low-passed value [N].
     """
     arm, h, n = setup.arm, setup.dt, len(setup.arm.mass)
     N, size = n + 1, 2 * n + 7
@@ -147,7 +152,12 @@ def build_plant(setup: LoopSetup) -> Plant:
     D += setup.head_damping * np.outer(squeezed, squeezed)
     step = h * np.linalg.inv(mass + h * D)
     # Rows over the states, and the command at the end.
-    move, contact, goal, rate = np.zeros((size, size + 1)), np.zeros(size + 1), np.zeros(size + 1), np.zeros(size + 1)
+    move, contact, goal, rate = (
+        np.zeros((size, size + 1)),
+        np.zeros(size + 1),
+        np.zeros(size + 1),
+        np.zeros(size + 1),
+    )
     contact[n], contact[N + n] = setup.pad_stiffness, setup.pad_damping
     # The command moves the servos' goal before they pull.
     goal[[set_point, place, size]] = 1.0 - arm.lag, arm.lag, arm.lag * h
@@ -168,7 +178,9 @@ def build_plant(setup: LoopSetup) -> Plant:
     velocity, position, head, moved = np.zeros((4, size))
     velocity[N : N + n], position[:n], head[n] = arm.host, arm.host, 1.0
     moved[:n], moved[[n, place, set_point]] = arm.path, 1.0
-    return Plant(move[:, :size], move[:, size], move[filtered, :size], velocity, position, contact[:size], head, moved)
+    return Plant(
+        move[:, :size], move[:, size], move[filtered, :size], velocity, position, contact[:size], head, moved
+    )
 
 
 def plant_response(plant: Plant, row: Array, z: Complex) -> Complex:

@@ -12,7 +12,8 @@ from polish_sim.arrays import Array
 from polish_sim.scoring.loop_model import Complex, LinearLaw, LoopSetup, build_plant, plant_response
 
 NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
-Response = Callable[[Array], Complex]  #: Open loop L(j omega) of frequencies (n,) [rad/s]; the closed loop is 1 + L = 0
+#: Open loop L(j omega) of frequencies (n,) [rad/s]; the closed loop is 1 + L = 0
+Response = Callable[[Array], Complex]
 
 
 class Margins(NamedTuple):
@@ -22,12 +23,13 @@ class Margins(NamedTuple):
     phase: float  #: The loop may lag this much more at any crossover [rad]
     delay: float  #: The loop may be this much later [s]
     crossover: float  #: Highest frequency at which the loop's gain is one [rad/s]; NaN when it never is
-    phase_crossover: float  #: Frequency at which it would oscillate if the gain grew [rad/s]; NaN when it never would
+    #: Frequency at which it would oscillate if the gain grew [rad/s]; NaN when it never would
+    phase_crossover: float
 
 
 def margins(loop: Response) -> Margins:
-    """Gain, phase and delay margin of a stable loop from its open-loop response, 0.1 rad/s to the host's Nyquist
-    frequency; infinite without a crossover of that kind.
+    """Gain, phase and delay margin of a stable loop from its open-loop response, 0.1 rad/s to the host's
+    Nyquist frequency; infinite without a crossover of that kind.
     """
     omega = np.geomspace(0.1, NYQUIST, 1500)
     response = loop(omega)
@@ -85,7 +87,8 @@ def response_of(loop: Loop, dt: float) -> Response:
 
 
 def contour(dt: float) -> Complex:
-    """Upper half of the circle |z| = exp(SLOWEST dt), which keeps clear of the integrators at z = 1, shape (n,)."""
+    """Upper half of the circle |z| = exp(SLOWEST dt), which keeps clear of the integrators at z = 1, shape
+    (n,)."""
     omega = np.concatenate([[0.0], np.geomspace(1e-2, math.pi / dt, 1200)])
     return np.exp((SLOWEST + 1j * omega) * dt)
 
@@ -109,7 +112,8 @@ class Latency(NamedTuple):
 
 
 def share_latency(total: float) -> Latency:
-    """Share a latency [s] between sensor and command as the default cell does (8 = 2 + 6 ms), in whole milliseconds."""
+    """Share a latency [s] between sensor and command as the default cell does (8 = 2 + 6 ms), in whole
+    milliseconds."""
     sensor_ms = max(round(250.0 * total), SHORTEST_SENSOR_MS)
     return Latency(sensor_ms / 1000.0, max(round(1000.0 * total) - sensor_ms, 0) / 1000.0)
 
@@ -117,17 +121,21 @@ def share_latency(total: float) -> Latency:
 def with_latency(setup: LoopSetup, latency: Latency) -> LoopSetup:
     """The same loop with other latencies."""
     return setup._replace(
-        command_steps=round(latency.command / setup.dt), sensor_steps=max(0, round(latency.sensor / setup.dt) - 1)
+        command_steps=round(latency.command / setup.dt),
+        sensor_steps=max(0, round(latency.sensor / setup.dt) - 1),
     )
 
 
 def with_springs(setup: LoopSetup, scale: float) -> LoopSetup:
     """The same loop with the springs of head and pad ``scale`` times as stiff."""
-    return setup._replace(head_stiffness=scale * setup.head_stiffness, pad_stiffness=scale * setup.pad_stiffness)
+    return setup._replace(
+        head_stiffness=scale * setup.head_stiffness, pad_stiffness=scale * setup.pad_stiffness
+    )
 
 
 def longest_latency(setup: LoopSetup, law: LinearLaw, totals: Sequence[float]) -> float:
-    """The last of rising total latencies [s] before the first unstable one; 0 if none, infinite if all are stable."""
+    """The last of rising total latencies [s] before the first unstable one; 0 if none, infinite if all are
+    stable."""
     z, plant = contour(setup.dt), build_plant(setup)
     force = law.by_force(z) * plant_response(plant, plant.reading, z)
     motion = law.by_motion(z) * plant_response(plant, plant.velocity, z)

@@ -1,8 +1,8 @@
 """A control law of the force loop made linear by asking it: any controller, the shipped ones and a user's.
 
-The law is let down onto the modelled plant until it presses steadily, so that what it estimates has settled. Then its
-inputs are frozen and one of them is nudged for a single cycle; how the answer differs from the unnudged one is its
-impulse response.
+The law is let down onto the modelled plant until it presses steadily, so that what it estimates has settled.
+Then its inputs are frozen and one of them is nudged for a single cycle; how the answer differs from the
+unnudged one is its impulse response.
 """
 
 from __future__ import annotations
@@ -33,11 +33,13 @@ AXIS = -1.0  # tool z points down in the base frame
 
 
 class MeasuredLaw(NamedTuple):
-    """Changes of the answer from step to step after a nudge of one cycle; they must have died away at the end."""
+    """Changes of the answer from step to step after a nudge of one cycle; they must have died away at the
+    end."""
 
     force: Array  #: Of the reading [m/(s N)], shape (n,)
     motion: Array  #: Of the tool's velocity [-], shape (n,)
-    settled: bool  #: Whether the law pressed steadily with the wanted force before the nudge; else it is not its law
+    #: Whether the law pressed steadily with the wanted force before the nudge; else it is not its law
+    settled: bool
 
     def by_force(self, z: Complex) -> Complex:
         """Of the force reading [m/(s N)]."""
@@ -48,7 +50,9 @@ class MeasuredLaw(NamedTuple):
         return _sum_up(self.motion, z)
 
 
-def measure_law(controller: Controller, setup: LoopSetup, force: float, nominal_stiffness: float) -> MeasuredLaw:
+def measure_law(
+    controller: Controller, setup: LoopSetup, force: float, nominal_stiffness: float
+) -> MeasuredLaw:
     """Impulse responses of a controller, which is reset, about steady pressing with a force [N] on a plant.
 
     ``nominal_stiffness``: what the plan takes head and pad for, in series [N/m].
@@ -58,7 +62,9 @@ def measure_law(controller: Controller, setup: LoopSetup, force: float, nominal_
     for nudge_n, nudge_m_s in ((NUDGE_N, 0.0), (0.0, NUDGE_M_S)):
         nudged, _ = _answers(controller, setup, force, nominal_stiffness, nudge_n, nudge_m_s)
         kernels.append(np.diff(nudged - at_rest, prepend=0.0) / (nudge_n + nudge_m_s))
-    settled = abs(reading - force) < SETTLED * force and abs(float(at_rest[0])) < SETTLED * force / setup.stiffness
+    settled = (
+        abs(reading - force) < SETTLED * force and abs(float(at_rest[0])) < SETTLED * force / setup.stiffness
+    )
     return MeasuredLaw(kernels[0], kernels[1], settled)
 
 
@@ -74,7 +80,8 @@ def flat_course(force: float, stiffness: float) -> Course:
 def _answers(
     controller: Controller, setup: LoopSetup, force: float, stiffness: float, nudge_n: float, nudge_m_s: float
 ) -> tuple[Array, float]:
-    """Speeds along the tool axis asked for after a nudge [m/s], inputs frozen, shape (n,), and the frozen reading."""
+    """Speeds along the tool axis asked for after a nudge [m/s], inputs frozen, shape (n,), and the frozen
+    reading."""
     stand = _Stand(setup, force, stiffness)
     prepare = getattr(controller, "prepare", None)
     if callable(prepare):
@@ -95,7 +102,8 @@ def _along(answer: Array) -> float:
 
 
 def _sum_up(kernel: Array, z: Complex) -> Complex:
-    """Transfer of a law whose answer's changes after an impulse are ``kernel``: sum kernel_n z^-n / (1 - 1/z)."""
+    """Transfer of a law whose answer's changes after an impulse are ``kernel``: sum kernel_n z^-n / (1 -
+    1/z)."""
     blocks = np.pad(kernel, (0, -len(kernel) % _BLOCK)).reshape(-1, _BLOCK)
     sums = np.exp(-np.outer(np.log(z), np.arange(_BLOCK))) @ blocks.T
     total, step = np.zeros_like(z), z ** -float(_BLOCK)

@@ -34,11 +34,13 @@ _FAR: Final = 4.0
 
 
 @styled
-def plot_score(rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], asked: Sequence[Asked] = ()) -> Figure:
+def plot_score(
+    rows: Sequence[Mapping[str, Any]], cases: Mapping[str, bool], asked: Sequence[Asked] = ()
+) -> Figure:
     """Draw settling, RMS and largest error and overshoot of every run.
 
-    A run that is not stable is a cross, one whose figure is undefined stands at the right border. ``cases``: names from
-    top to bottom, and whether the tool is fed along a path in them; ``asked``: the figures asked.
+    A run that is not stable is a cross, one whose figure is undefined stands at the right border. ``cases``:
+    names from top to bottom, and whether the tool is fed along a path in them; ``asked``: the figures asked.
     """
     labels = list(dict.fromkeys(row["controller"] for row in rows))
     figure = new_figure(12.0, 1.5 + _ROW_INCH * len(cases) * (1.0 if len(labels) < 3 else 1.3))
@@ -88,7 +90,13 @@ def _draw_ratios(axes: Axes, y: int, by_case: Mapping[str, float]) -> None:
         # A name stands towards the middle of the panel.
         side = "left" if by_case[case] < _FAR else "right"
         axes.annotate(
-            case, (by_case[case], y), xytext=(0, 5), textcoords="offset points", ha=side, fontsize=7.0, color=GREY
+            case,
+            (by_case[case], y),
+            xytext=(0, 5),
+            textcoords="offset points",
+            ha=side,
+            fontsize=7.0,
+            color=GREY,
         )
 
 
@@ -133,7 +141,9 @@ def _legend(labels: Sequence[str], limits: bool) -> list[Line2D]:
         Line2D([], [], marker=MARKS[i % len(MARKS)], ls="", ms=5, color=SERIES[i % len(SERIES)], label=label)
         for i, label in enumerate(labels)
     ]
-    marks.append(Line2D([], [], marker="x", ls="", ms=4, color=GREY, label="not stable (right border: no figure)"))
+    marks.append(
+        Line2D([], [], marker="x", ls="", ms=4, color=GREY, label="not stable (right border: no figure)")
+    )
     if limits:
         marks.append(Line2D([], [], color=GREEN, lw=1.8, label="asked"))
     return marks

@@ -30,15 +30,17 @@ def _grid() -> tuple[Case, ...]:
 
 REACH_CASES: Final = (
     Case("reach-step", "20 N on a flat plate, approach 20 mm/s, held 4 s", "force", (APPROACH_20,)),
-    Case("reach-freeform-10", "the main job as it is: freeform, 8 mm step-over, whole path at 10 mm/s", "surface"),
     Case(
-        "reach-freeform-30", "the main job at 30 mm/s, whole path", "surface", ("process.feed_m_s=0.03",)
+        "reach-freeform-10",
+        "the main job as it is: freeform, 8 mm step-over, whole path at 10 mm/s",
+        "surface",
     ),
+    Case("reach-freeform-30", "the main job at 30 mm/s, whole path", "surface", ("process.feed_m_s=0.03",)),
     *_grid(),
     Case(
         "reach-random",
-        "freeform, 16 mm step-over, whole path at 20 to 60 mm/s, landing at 5 to 20 mm/s, the part up to 3 mm and "
-        "2 deg off and bent by up to 0.5 mm",
+        "freeform, 16 mm step-over, whole path at 20 to 60 mm/s, landing at 5 to 20 mm/s, the part up to 3 "
+        "mm and 2 deg off and bent by up to 0.5 mm",
         "surface",
         ("plan.stepover_m=0.016", "safety.offset_limit_m=0.01"),
         (
@@ -50,7 +52,7 @@ REACH_CASES: Final = (
         ),
         repeats=10,
     ),
-)  # fmt: skip
+)
 """One case, or a grid of them, for each row asked."""
 
 
@@ -97,9 +99,15 @@ _SPRING_TEXT: Final = "springs x 0.2-5, latency 2-20 ms: "
 
 REACH: Final = (
     *(Asked(label, "reach-step", figure, most, unit, known) for label, figure, most, unit, known in _STEP),
-    *(Asked(label, "reach-freeform-10", figure, most, unit, known) for label, figure, most, unit, known in _FREEFORM),
+    *(
+        Asked(label, "reach-freeform-10", figure, most, unit, known)
+        for label, figure, most, unit, known in _FREEFORM
+    ),
     Asked("freeform 30 mm/s: max error", "reach-freeform-30", "max_error_n", 3.0, "N"),
-    *(Asked(_SPRING_TEXT + label, "reach-springs-*", figure, most, unit) for label, figure, most, unit in _OF_GRID),
+    *(
+        Asked(_SPRING_TEXT + label, "reach-springs-*", figure, most, unit)
+        for label, figure, most, unit in _OF_GRID
+    ),
     Asked("200 random freeform runs: contact lost", "reach-random", "contact_lost_s", 0.0, "s"),
 )
 """The rows asked; payload and faults have commands of their own, see docs/score.md."""

@@ -40,11 +40,14 @@ class Score:
 
 def list_tasks(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> list[Task]:
     """All rows of a score."""
-    return [Task(case, entry, seed) for entry in entries for case in cases for seed in range(seeds * case.repeats)]
+    return [
+        Task(case, entry, seed) for entry in entries for case in cases for seed in range(seeds * case.repeats)
+    ]
 
 
 def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> dict[str, Any]:
-    """What a score is of, to compare it with another: controllers, cases, seeds, one hash of all they depend on."""
+    """What a score is of, to compare it with another: controllers, cases, seeds, one hash of all they depend
+    on."""
     digest = hashlib.sha256()
     for key in keys_of(list_tasks(cases, entries, seeds)).values():
         digest.update(key.encode())
@@ -58,10 +61,13 @@ def asked_for(cases: Sequence[Case], entries: Sequence[Entry], seeds: int) -> di
 
 
 def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
-    """Refuse, before anything runs, a controller that cannot be made or a setting that does not fit the config."""
+    """Refuse, before anything runs, a controller that cannot be made or a setting that does not fit the
+    config."""
     labels = [entry.label for entry in entries]
     if len(set(labels)) < len(labels):
-        raise InputError(f"'{labels[-1]}' would be compared with itself. Name another controller with --against.")
+        raise InputError(
+            f"'{labels[-1]}' would be compared with itself. Name another controller with --against."
+        )
     for entry in entries:
         for case in cases:
             scenario = case.scenario(entry, 0)
@@ -84,13 +90,15 @@ def run_score(
 ) -> Score:
     """Measure all rows that are not there yet; Ctrl-C ends it early with what is there.
 
-    Rows do not depend on the ``workers`` or their number; those of the same scenarios that are in the folder already
-    are taken over. Seeds count up from 0.
+    Rows do not depend on the ``workers`` or their number; those of the same scenarios that are in the folder
+    already are taken over. Seeds count up from 0.
     """
     rows, interrupted = dict[Task, Row](), False
     tasks = keys_of(list_tasks(cases, entries, seeds))
     try:
-        fill_rows(rows, tasks, Rows(folder), measure_row, lambda task: setup_key(task.scenario), workers, heard)
+        fill_rows(
+            rows, tasks, Rows(folder), measure_row, lambda task: setup_key(task.scenario), workers, heard
+        )
     except KeyboardInterrupt:
         interrupted = True
     ordered = tuple(rows[task] for task in tasks if task in rows)
@@ -98,7 +106,8 @@ def run_score(
 
 
 def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Entry:
-    """An entry for a controller as a user names it; a file's path is made absolute, for other processes to find it.
+    """An entry for a controller as a user names it; a file's path is made absolute, for other processes to
+    find it.
 
     ``settings``: ``KEY=VALUE`` of the config that belong to it; ``remark``: added to its name in tables.
     """

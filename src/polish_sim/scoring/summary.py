@@ -75,7 +75,8 @@ def summarize(cases: Sequence[Case], entries: Sequence[Entry], rows: Sequence[Ro
 
 
 def worst_case(summaries: Sequence[Summary], entry: Entry) -> dict[str, Any] | None:
-    """The case a controller does worst in: most unstable runs, then the largest error beside the wanted force.
+    """The case a controller does worst in: most unstable runs, then the largest error beside the wanted
+    force.
 
     case, seed, stable, max_error_n and protective_stop of the worst run there; None without rows.
     """
@@ -105,7 +106,8 @@ def number(value: float | None) -> str:
 
 
 def overview(summaries: Sequence[Summary], means: bool = True) -> Table:
-    """A row per case and controller: worst of every figure, if asked its mean, and how many runs were stable."""
+    """A row per case and controller: worst of every figure, if asked its mean, and how many runs were
+    stable."""
     several = len({summary.entry for summary in summaries}) > 1
     headings = ["case", *(["controller"] if several else []), *(SHOWN.values() if means else SHORT), "stable"]
     rows, before = [], ""
@@ -124,7 +126,8 @@ def breaking(summaries: Sequence[Summary], entry: Entry) -> list[str]:
         if summary.entry == entry and summary.breaks:
             why = "; ".join(summary.reasons) or _weakness(summary)
             lines.append(
-                f"{summary.case.name}: {len(summary.rows) - summary.stable} of {len(summary.rows)} runs, {why}"
+                f"{summary.case.name}: {len(summary.rows) - summary.stable} of {len(summary.rows)} runs, "
+                f"{why}"
             )
     return lines
 
@@ -136,7 +139,11 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     for v in verdicts:
         shares = v.asked.figure == "stable"
         asked = "all" if shares else f"<= {v.asked.most:g}"
-        worst = f"{100.0 * (v.worst or 0.0):.4g}%" if shares else ("never" if v.worst is None else number(v.worst))
+        worst = (
+            f"{100.0 * (v.worst or 0.0):.4g}%"
+            if shares
+            else ("never" if v.worst is None else number(v.worst))
+        )
         mean = NONE if shares else number(v.mean)
         last = [str(v.runs), v.worst_case or NONE, "yes" if v.met else "NO"]
         rows.append([v.asked.label, v.asked.unit, v.asked.published, asked, worst, mean, *last])
@@ -154,7 +161,8 @@ def worst_line(score: Score, entry: Entry) -> str:
 
 
 def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]], ablated: bool = False) -> str:
-    """The whole score as a Markdown page; ``ablated``: every controller but the first lacks one of its laws."""
+    """The whole score as a Markdown page; ``ablated``: every controller but the first lacks one of its
+    laws."""
     summaries = summarize(score.cases, score.entries, score.rows)
     names = " and ".join(f"`{entry.label}`" for entry in score.entries)
     parts = [f"# Score of {names}", _intro(score)]
@@ -172,7 +180,9 @@ def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]], 
     definitions = "\n".join(f"- **{name}**: {text}" for name, text in DEFINITIONS.items())
     parts.append(f"## Definitions\n\n{definitions}")
     if ablated:
-        parts.append(f"## What each law of `{score.entries[0].label}` is worth\n\n{ablation_table(score).markdown}")
+        parts.append(
+            f"## What each law of `{score.entries[0].label}` is worth\n\n{ablation_table(score).markdown}"
+        )
     return "\n\n".join(parts) + "\n"
 
 
@@ -186,7 +196,9 @@ def _intro(score: Score) -> str:
 def _case_part(score: Score, summaries: Sequence[Summary], index: int) -> str:
     case = score.cases[index]
     own = [summary for summary in summaries if summary.case == case]
-    headings = ["figure"] + [f"`{s.entry.label}` mean" for s in own] + [f"`{s.entry.label}` worst" for s in own]
+    headings = (
+        ["figure"] + [f"`{s.entry.label}` mean" for s in own] + [f"`{s.entry.label}` worst" for s in own]
+    )
     rows = []
     for figure, label in SHOWN.items():
         spreads = [s.figures.get(figure, Spread(None, None)) for s in own]
@@ -195,13 +207,20 @@ def _case_part(score: Score, summaries: Sequence[Summary], index: int) -> str:
     rows.append(["stable", *("" for _ in own), *(_stable(s) for s in own), *([""] if len(own) == 2 else [])])
     headings += ["worst, change"] if len(own) == 2 else []
     keys = ", ".join(f"`{setting}`" for setting in case.settings) or "the defaults"
-    return f"### {case.name}\n\n{case.text}. `run {case.experiment}` with {keys}.\n\n{Table(headings, rows).markdown}"
+    return (
+        f"### {case.name}\n\n{case.text}. `run {case.experiment}` with "
+        f"{keys}.\n\n{Table(headings, rows).markdown}"
+    )
 
 
 def _cell(summary: Summary, figure: str, means: bool) -> str:
     spread = summary.figures.get(figure, Spread(None, None))
     worst = _worst(spread, figure, summary.case.moving)
-    return f"{number(spread.mean)} / {worst}" if means and spread.mean is not None and len(summary.rows) > 1 else worst
+    return (
+        f"{number(spread.mean)} / {worst}"
+        if means and spread.mean is not None and len(summary.rows) > 1
+        else worst
+    )
 
 
 def _worst(spread: Spread, figure: str, moving: bool) -> str:
@@ -242,7 +261,8 @@ _NOTHING: Final = 5e-4  # a smaller change counts as zero
 
 
 def ablations(entry: Entry) -> list[Entry]:
-    """The controller without one of its laws, once for each; InputError if it has none that could be left out."""
+    """The controller without one of its laws, once for each; InputError if it has none that could be left
+    out."""
     laws = _laws(entry)
     return [
         Entry(
@@ -255,21 +275,28 @@ def ablations(entry: Entry) -> list[Entry]:
 
 
 def ablation_table(score: Score, places: bool = True) -> Table:
-    """For each law: how much each figure grows without it, on average and in the case it grows most (named if asked).
+    """For each law: how much each figure grows without it, on average and in the case it grows most (named if
+    asked).
 
     ``score``: its first controller is the whole one and the others lack a law each.
     """
-    headings = ["law left out", *(f"{label}: mean, most" if places else label for label in _ABLATION_KEYS.values())]
+    headings = [
+        "law left out",
+        *(f"{label}: mean, most" if places else label for label in _ABLATION_KEYS.values()),
+    ]
     rows = []
     for law, pairs in _laws_left_out(score):
-        changes = [{case: after - before for case, before, after in _means(pairs, key)} for key in _ABLATION_KEYS]
+        changes = [
+            {case: after - before for case, before, after in _means(pairs, key)} for key in _ABLATION_KEYS
+        ]
         more = sum(with_it.stable - without.stable for with_it, without in pairs)
         rows.append([law, *(_told(change, places) for change in changes), f"{more:+d}"])
     return Table([*headings, "unstable runs"], rows)
 
 
 def ablation_ratios(score: Score) -> dict[str, dict[str, dict[str, float]]]:
-    """Each figure without a law by what it is with it, by law, figure and case; where both are known and not zero."""
+    """Each figure without a law by what it is with it, by law, figure and case; where both are known and not
+    zero."""
     return {
         law: {
             key: {case: after / before for case, before, after in _means(pairs, key) if before and after}

@@ -2,10 +2,11 @@
 
     maximise f(run(x)) over x in stated ranges
 
-x is the part, the seed, how the part lies, the springs, latencies, approach speed and feed (`RANGES`). An evolution of
-vectors (`scipy.optimize.differential_evolution`) looks for each of the three figures in turn; every run counts for all
-of them. A run lands on a part and feeds for two seconds, set up as `run surface` sets it up, so that its config
-repeats it. This is falsification: what is found is a counterexample, what is not found is no proof.
+x is the part, the seed, how the part lies, the springs, latencies, approach speed and feed (`RANGES`). An
+evolution of vectors (`scipy.optimize.differential_evolution`) looks for each of the three figures in turn;
+every run counts for all of them. A run lands on a part and feeds for two seconds, set up as `run surface`
+sets it up, so that its config repeats it. This is falsification: what is found is a counterexample, what is
+not found is no proof.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.scenario_file import merge
 
 PARTS: Final = ("plate", "sphere_100", "freeform")
-STIFFER: Final = (0.25, 0.5, 1.0, 2.0, 4.0)  #: Springs as they are by what plan and controller take them for [-]
+#: Springs as they are by what plan and controller take them for [-]
+STIFFER: Final = (0.25, 0.5, 1.0, 2.0, 4.0)
 RANGES: Final[Mapping[str, tuple[float, float]]] = {
     "part": (0.0, len(PARTS) - 1e-9),
     "head.spring_scale": (0.0, len(STIFFER) - 1e-9),
@@ -67,7 +69,8 @@ class _Enough(Exception):
 
 
 def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], None]) -> Worst:
-    """Search with a number of runs of a ``scenario``'s controller and settings; Ctrl-C returns what was found."""
+    """Search with a number of runs of a ``scenario``'s controller and settings; Ctrl-C returns what was
+    found."""
     tasks: dict[str, SurfaceTask] = {}
     found: dict[str, Found] = {}
     done, stops = 0, 0
@@ -91,9 +94,15 @@ def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], N
             keys = len(RANGES)
             generations = max(1, math.ceil(budget / (GROWN * keys)) - 1)
             differential_evolution(
-                lambda x, number=number: -run(x)[number], list(RANGES.values()), popsize=GROWN, maxiter=generations,
-                tol=0.0, polish=False, rng=np.random.default_rng(number), init="sobol",
-            )  # fmt: skip
+                lambda x, number=number: -run(x)[number],
+                list(RANGES.values()),
+                popsize=GROWN,
+                maxiter=generations,
+                tol=0.0,
+                polish=False,
+                rng=np.random.default_rng(number),
+                init="sobol",
+            )
     except (_Enough, KeyboardInterrupt):
         pass
     return Worst(found, done, stops)
@@ -103,7 +112,9 @@ def worst_base(controller: str) -> Scenario:
     """The scenario of a search: `surface`, landing from close by and fed for a moment."""
     table = {"plan": {"clearance_m": 0.01, "stepover_m": 0.02}, "process": {"max_feed_s": FEED_S}}
     return merge(
-        default_scenario("surface"), {**table, "controller": {"name": controller}, "safety": {"proof": "none"}}, ""
+        default_scenario("surface"),
+        {**table, "controller": {"name": controller}, "safety": {"proof": "none"}},
+        "",
     )
 
 

@@ -43,7 +43,8 @@ class MotionPeaks(NamedTuple):
 
     tip: tuple[Peak, ...]  #: Norms of the tip's derivatives [m/s..]
     axis: tuple[Peak, ...]  #: Norms of the axis' angular velocity without spin and its derivatives [rad/s..]
-    joints: tuple[tuple[Peak, ...], ...]  #: Of each order the six joints, without sign [rad/s..]; empty without a robot
+    #: Of each order the six joints, without sign [rad/s..]; empty without a robot
+    joints: tuple[tuple[Peak, ...], ...]
 
 
 class Motion(NamedTuple):
@@ -51,7 +52,8 @@ class Motion(NamedTuple):
 
     times: Array  #: [s], shape (n,)
     tool: Samples
-    q: Array  #: Joint angles and three derivatives in time [rad/s^k], shape (4, n, 6); none without a robot: (4, n, 0)
+    #: Joint angles and three derivatives in time [rad/s^k], shape (4, n, 6); none without a robot: (4, n, 0)
+    q: Array
 
     @property
     def tip_rates(self) -> Array:
@@ -65,8 +67,8 @@ class Motion(NamedTuple):
 
 
 def sample_motion(motion: SmoothMotion, times: Array, arm: Arm | None) -> Motion:
-    """Tool and joints at rising times [s], exact at every one, dense enough for the arm, if there is one, to be
-    followed.
+    """Tool and joints at rising times [s], exact at every one, dense enough for the arm, if there is one, to
+    be followed.
 
     Raises ReachError, naming the place, if the arm cannot be there, or only singularly.
     """
@@ -77,7 +79,8 @@ def sample_motion(motion: SmoothMotion, times: Array, arm: Arm | None) -> Motion
 
 
 def sample_in_blocks(motion: SmoothMotion, times: Iterator[Array], arm: Arm | None) -> Iterator[Motion]:
-    """`sample_motion` block by block, so that long motions need little memory; each begins where the last ended."""
+    """`sample_motion` block by block, so that long motions need little memory; each begins where the last
+    ended."""
     for block in times:
         seen = sample_motion(motion, block, arm)
         yield seen
@@ -85,7 +88,8 @@ def sample_in_blocks(motion: SmoothMotion, times: Iterator[Array], arm: Arm | No
 
 
 def stretch_times(edges: Array) -> Iterator[Array]:
-    """Times in every stretch between ``edges`` (n,) [s], in which all rates are smooth, blocks of rising times."""
+    """Times in every stretch between ``edges`` (n,) [s], in which all rates are smooth, blocks of rising
+    times."""
     widths = np.diff(edges)
     begins, widths = edges[:-1][widths > SHORTEST_S], widths[widths > SHORTEST_S]
     least = NODES if len(widths) <= MANY else FEWEST
@@ -137,7 +141,8 @@ class Measured(NamedTuple):
 def measure_smoothing(
     rule: str, motion: SmoothMotion, raw: Chain, arm: Arm | None, limits: SmoothingLimits, plan_s: float
 ) -> Measured:
-    """Measure a motion, planned by a rule in ``plan_s`` [s], against its path ``raw`` and limits; or ReachError."""
+    """Measure a motion, planned by a rule in ``plan_s`` [s], against its path ``raw`` and limits; or
+    ReachError."""
     return Measured(rule, motion, find_peaks(motion, arm), measure_deviation(motion, raw), limits, plan_s)
 
 
@@ -224,7 +229,8 @@ def _deviation(place: Place, unit: str, locate: Locate) -> dict[str, Any]:
 
 
 def even_times(end: float, rate: float) -> Iterator[Array]:
-    """Times of a motion of duration ``end`` [s] at a rate [Hz], blocks (k,) of rising times; the last is its end."""
+    """Times of a motion of duration ``end`` [s] at a rate [Hz], blocks (k,) of rising times; the last is its
+    end."""
     # The end is its own sample; one that rounding puts beside it is left out.
     count = int(np.ceil(end * rate - 1e-6))
     for begin in range(0, count + 1, BLOCK):
@@ -233,11 +239,11 @@ def even_times(end: float, rate: float) -> Iterator[Array]:
 
 
 def write_trajectory(folder: Path, motions: Iterable[Motion]) -> int:
-    """Write a motion, block by block, as NPZ (to the last bit) and CSV (to 1e-9 m and rad); returns the number of
-    samples.
+    """Write a motion, block by block, as NPZ (to the last bit) and CSV (to 1e-9 m and rad); returns the
+    number of samples.
 
-    Positions and tool axes are those of the path's frame, the axis from the part to the tool, as in path files; without
-    a robot there are no joint angles.
+    Positions and tool axes are those of the path's frame, the axis from the part to the tool, as in path
+    files; without a robot there are no joint angles.
     """
     blocks: list[tuple[Array, ...]] = []
     with (folder / CSV).open("w", encoding="utf-8", newline="\n") as file:
@@ -249,7 +255,9 @@ def write_trajectory(folder: Path, motions: Iterable[Motion]) -> int:
             np.savetxt(file, np.column_stack(block[:4]) + 0.0, fmt="%.9f", delimiter=",")
             blocks.append(tuple(np.array(column) for column in block))
     names = ("time_s", "tip_m", "axis", "q_rad", "qd_rad_s")
-    columns = {name: np.concatenate(parts) for name, parts in zip(names, zip(*blocks, strict=True), strict=True)}
+    columns = {
+        name: np.concatenate(parts) for name, parts in zip(names, zip(*blocks, strict=True), strict=True)
+    }
     kept = {name: column for name, column in columns.items() if column.size}
     np.savez_compressed(folder / NPZ, allow_pickle=False, **kept)
     return len(columns["time_s"])

@@ -50,13 +50,17 @@ def path_without_robot(points: WayPoints) -> PlacedPath:
 def place_path(points: WayPoints, up: Array | None, pose: tuple[float, ...]) -> PlacedPath:
     """Lay a path before the robot as `run surface` does, and check that the arm follows it, else ReachError.
 
-    ``up``: side of the work frame that is turned up, None: the one most tool axes point to; ``pose``: of the work frame
-    in the robot's base [m, rad], empty: chosen.
+    ``up``: side of the work frame that is turned up, None: the one most tool axes point to; ``pose``: of the
+    work frame in the robot's base [m, rad], empty: chosen.
     """
     rows = distinct_rows(points)
     positions, axes = points.path.positions_work[rows], points.path.axes_work[rows]
     side = _main_side(axes) if up is None else up
-    placements = given_placement(pose) if pose else default_placements(positions, side, float((positions @ side).min()))
+    placements = (
+        given_placement(pose)
+        if pose
+        else default_placements(positions, side, float((positions @ side).min()))
+    )
     cures = (
         "or smooth the tool's motion alone with --no-joints",
         "Move the path with --part-pose X,Y,Z,RX,RY,RZ (mm, deg).",
@@ -78,13 +82,15 @@ def distinct_rows(points: WayPoints) -> Indices:
     turned = np.linalg.norm(np.diff(axes, axis=0), axis=1) > SAME_RAD
     rows = np.flatnonzero(np.concatenate([[True], moved | turned]))
     if len(rows) < 2:
-        raise SmoothingError(f"'{points.file}': all points are the same: there is no way to go. Give two that differ.")
+        raise SmoothingError(
+            f"'{points.file}': all points are the same: there is no way to go. Give two that differ."
+        )
     half = np.flatnonzero(_turns(axes[rows]) > HALF_TURN)
     if len(half):
         first, second = (points.place(int(rows[half[0] + k])) for k in range(2))
         raise SmoothingError(
-            f"'{points.file}': the tool axis turns by 180 deg between {first} and {second}: which way round is not "
-            "given. Put a point between them."
+            f"'{points.file}': the tool axis turns by 180 deg between {first} and {second}: which way round "
+            "is not given. Put a point between them."
         )
     return rows
 
@@ -129,7 +135,8 @@ def _turns(axes: Array) -> Array:
 def follow_path(
     points: WayPoints, rows: Indices, placements: Iterator[Array], otherwise: str, cure: str
 ) -> tuple[Reach, Way, Array]:
-    """Lay a path before the robot at the first placement that reaches it, and follow all of it with the joints.
+    """Lay a path before the robot at the first placement that reaches it, and follow all of it with the
+    joints.
 
     Args:
         points: The path.
@@ -139,8 +146,8 @@ def follow_path(
         cure: Advice if the arm leaves the path on the way.
 
     Returns:
-        The reach, the way with points in between, and joint angles along it [rad], shape (m, 6); or a ReachError that
-        names the first place out of reach.
+        The reach, the way with points in between, and joint angles along it [rad], shape (m, 6); or a
+        ReachError that names the first place out of reach.
     """
     way, tool = way_between(points.path.positions_work[rows], points.path.axes_work[rows]), tool_on_flange()
     reach = find_reach(way.positions, way.axes, placements, tool, above_table=True, otherwise=otherwise)
@@ -150,8 +157,8 @@ def follow_path(
     if failure is not None:
         end = points.place(int(rows[way.ends[failure.point]]))
         raise ReachError(
-            f"'{points.file}': on the way to {end}, at {place_in_mm(way.positions[failure.point])} of the path: "
-            f"{failure.reason}. {cure}"
+            f"'{points.file}': on the way to {end}, at {place_in_mm(way.positions[failure.point])} of the "
+            f"path: {failure.reason}. {cure}"
         )
     return reach, way, np.asarray(joints.q)
 
@@ -170,7 +177,8 @@ class SmoothingTask(NamedTuple):
     limits: SmoothingLimits
     tolerance: float  #: Largest distance of the tip from the path [m]; 0: exact stops at corners
     axis_tolerance: float  #: Largest angle of the tool axis to its path [rad]
-    feeds: Array | None = None  #: Largest speed of the tip on each segment [m/s], inf where it has none, (segments,)
+    #: Largest speed of the tip on each segment [m/s], inf where it has none, (segments,)
+    feeds: Array | None = None
 
 
 def smooth_path(task: SmoothingTask, rule: str) -> SmoothMotion:
@@ -181,7 +189,8 @@ def smooth_path(task: SmoothingTask, rule: str) -> SmoothMotion:
 
 
 def feeds_on_way(path: ToolPath, rows: Indices) -> Array | None:
-    """Feed of the point each segment goes to, infinite in the air [m/s], (segments,); None if the path has none."""
+    """Feed of the point each segment goes to, infinite in the air [m/s], (segments,); None if the path has
+    none."""
     if path.feed is None:
         return None
     in_air = np.isin(path.segment[rows[1:]], (APPROACH, RETRACT))
@@ -189,7 +198,8 @@ def feeds_on_way(path: ToolPath, rows: Indices) -> Array | None:
 
 
 def prepare_rule(task: SmoothingTask, rule: str) -> None:
-    """Have a rule compiled before its time is taken, on the first segments of the path; its failures come later."""
+    """Have a rule compiled before its time is taken, on the first segments of the path; its failures come
+    later."""
     few = task.placed._replace(chain=part_of(task.placed.chain, slice(0, FEW)))
     feeds = None if task.feeds is None else task.feeds[:FEW].copy()
     try:

@@ -24,7 +24,8 @@ SUFFIX: Final = ("/s", "/s²", "/s³")
 LOOKS: Final = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))
 DEGREES: Final = 180.0 / np.pi
 MICRO: Final = 1e6
-NEAR: Final = 0.4  #: A limit is drawn to scale if the curve reaches this share of it; others are only labelled
+#: A limit is drawn to scale if the curve reaches this share of it; others are only labelled
+NEAR: Final = 0.4
 SHOWN: Final = 6  #: Corners in the figure
 LEAST_VIEW_M: Final = 5e-6  #: Half the width of a view is this at least
 VIEW: Final = 2.5  #: Half the width of a view in distances of the corner from the tip
@@ -67,7 +68,9 @@ def plot_deviation(
     """Distance of tip and tool axis from the path over time, with tolerances [m, rad]; one curve a rule."""
     figure = new_figure(11.0, 5.4)
     grid = figure.subplots(2, 1, sharex=True, squeeze=False)
-    for k, (scale, label) in enumerate(((MICRO, "tip off the path [µm]"), (1e3 * DEGREES, "axis off its path [mdeg]"))):
+    for k, (scale, label) in enumerate(
+        ((MICRO, "tip off the path [µm]"), (1e3 * DEGREES, "axis off its path [mdeg]"))
+    ):
         axes, tolerance = grid[k, 0], scale * tolerances[k]
         top = _draw(axes, curves, [scale * curve.deviation[k] for curve in curves], 0.9)
         axes.axhline(tolerance, color=GREEN, lw=1.0, ls="--", label="tolerance")
@@ -79,7 +82,8 @@ def plot_deviation(
 
 @styled
 def plot_joints(curves: Sequence[Curves], limits: LimitValues, title: str, facts: Sequence[str]) -> Figure:
-    """Share of their limits the joints use over time, of the one that uses most, and each one's largest; by rule."""
+    """Share of their limits the joints use over time, of the one that uses most, and each one's largest; by
+    rule."""
     figure = new_figure(11.0, 7.0)
     grid = figure.subplots(3, 2, sharex="col", sharey="row", width_ratios=(3.0, 1.0))
     for order, (over_time, by_joint) in enumerate(grid):
@@ -151,7 +155,8 @@ def way_past(raw: Chain, motion: SmoothMotion) -> Way:
 
 
 def path_turns(raw: Chain) -> Array:
-    """Angle the tip's path turns by at every way point [rad], 0 where it begins, ends or stays, shape (n + 1,)."""
+    """Angle the tip's path turns by at every way point [rad], 0 where it begins, ends or stays, shape (n +
+    1,)."""
     old, new = raw.directions[:-1], raw.directions[1:]
     turns = np.arctan2(np.linalg.norm(np.cross(old, new), axis=1), np.sum(old * new, axis=1))
     turns[(raw.lengths[:-1] == 0.0) | (raw.lengths[1:] == 0.0)] = 0.0
@@ -159,7 +164,8 @@ def path_turns(raw: Chain) -> Array:
 
 
 def chosen_corners(turns: Array, way: Way, deviation: Deviation) -> list[tuple[int, str]]:
-    """Up to six way points to be shown with what is special about them: the worst, then typical ones by their turn.
+    """Up to six way points to be shown with what is special about them: the worst, then typical ones by their
+    turn.
 
     ``turns`` are those of the path (n + 1,) [rad].
     """
@@ -181,8 +187,8 @@ def view_corner(
 ) -> CornerView:
     """See a corner (way point and what is special about it) from near, in the plane of its two segments.
 
-    ``rows`` are the file's rows of the way points, for the name; ``turn`` is the path's [rad], ``tolerance`` the
-    tip's [m].
+    ``rows`` are the file's rows of the way points, for the name; ``turn`` is the path's [rad], ``tolerance``
+    the tip's [m].
     """
     k, name = corner
     frame, first = _flat_frame(raw.tips, k), ways[0]
@@ -225,7 +231,9 @@ def _tips_near(way: Way, corner: int, radius: float) -> Array:
 
 
 @styled
-def plot_corners(views: Sequence[CornerView], labels: Sequence[str], title: str, facts: Sequence[str]) -> Figure:
+def plot_corners(
+    views: Sequence[CornerView], labels: Sequence[str], title: str, facts: Sequence[str]
+) -> Figure:
     """Up to six corners: way points, the tolerance about them, and the tip's way; deviations in µm."""
     columns = 2 if len(views) == 4 else min(3, max(len(views), 1))
     rows = -(-max(len(views), 1) // columns)
@@ -264,7 +272,9 @@ def _draw_corner(axes: Axes, view: CornerView, labels: Sequence[str]) -> None:
     for way, label, (colour, dashes) in list(zip(view.ways, labels, LOOKS, strict=False))[::-1]:
         axes.plot(MICRO * way[:, 0], MICRO * way[:, 1], color=colour, ls=dashes, lw=1.4, label=label)
     axes.set_aspect("equal")
-    axes.set(xlim=(-half, half), ylim=(-half, half), xlabel="along the old segment [µm]", ylabel="across [µm]")
+    axes.set(
+        xlim=(-half, half), ylim=(-half, half), xlabel="along the old segment [µm]", ylabel="across [µm]"
+    )
 
 
 def _tube(start: Array, end: Array, radius: float) -> Outline:

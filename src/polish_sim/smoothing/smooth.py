@@ -107,15 +107,30 @@ def trace_of_rule(play: RulePlay) -> Trace:
     turned = Rotation.from_matrix(wanted_frames) * Rotation.from_matrix(frames).inv()
     nothing = np.zeros(n)
     return Trace(
-        time, np.full(n, PLAYED, np.int8), nothing, np.linalg.norm(off, axis=1), np.linalg.norm(across, axis=1),
-        turned.magnitude(), tips, _speed(tips, time), place, np.zeros((n, 3)), nothing, nothing, off, np.zeros((n, 3)),
-    )  # fmt: skip
+        time,
+        np.full(n, PLAYED, np.int8),
+        nothing,
+        np.linalg.norm(off, axis=1),
+        np.linalg.norm(across, axis=1),
+        turned.magnitude(),
+        tips,
+        _speed(tips, time),
+        place,
+        np.zeros((n, 3)),
+        nothing,
+        nothing,
+        off,
+        np.zeros((n, 3)),
+    )
 
 
 def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, Array]:
     """Columns of the log."""
     time, played, targets = play.seen.time[::every], play.played, play.targets
-    (tips, frames), (wanted, wanted_frames) = _tool(played.q[::every], played.table), _tool(targets.q[::every])
+    (tips, frames), (wanted, wanted_frames) = (
+        _tool(played.q[::every], played.table),
+        _tool(targets.q[::every]),
+    )
     read = {"encoder_q_rad": played.read[::every]} if real else {}
     return {
         "time_s": time,
@@ -149,11 +164,12 @@ def _speed(positions: Array, time: Array) -> Array:
 
 
 def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResult:
-    """Play a path with every rule on the robot's joint servos, in free space, and compare how far the joints lag.
+    """Play a path with every rule on the robot's joint servos, in free space, and compare how far the joints
+    lag.
 
-    Returns a log of all rules at their own cycle times, figures at these and at the slowest rule's cycle time.
-    Controller, part, pad and sensor play no role. Raises PolishSimError if the path cannot be read, reached or
-    smoothed.
+    Returns a log of all rules at their own cycle times, figures at these and at the slowest rule's cycle
+    time. Controller, part, pad and sensor play no role. Raises PolishSimError if the path cannot be read,
+    reached or smoothed.
     """
     observer = observer or Silent()
     task = prepare_smooth(scenario)
@@ -167,15 +183,25 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
     started = time.perf_counter()
     own = [play_rule(scenario, task, name, motion) for name, motion in made.items()]
     slowest = max(motion.end for motion in made.values())
-    even = [play_rule(scenario, task, name, motion.stretched(slowest / motion.end)) for name, motion in made.items()]
+    even = [
+        play_rule(scenario, task, name, motion.stretched(slowest / motion.end))
+        for name, motion in made.items()
+    ]
     figures: dict[str, Any] = {}
     for play, (name, motion) in zip(own, made.items(), strict=True):
         figures |= _named(name, "", {"cycle_time_s": motion.end} | _peaks_over_limits(play, task.limits))
     for plays, when in ((own, ""), (even, "_at_equal_time")):
         figures |= _compared({play.seen.rule: play.seen for play in plays}, task.limits, when)
-    figures |= {"rules": list(made), "joint_jerk_limits_rad_s3": list(task.limits.joint_jerk), "equal_time_s": slowest}
+    figures |= {
+        "rules": list(made),
+        "joint_jerk_limits_rad_s3": list(task.limits.joint_jerk),
+        "equal_time_s": slowest,
+    }
     plays, wall = own + even, time.perf_counter() - started
-    simulated, steps = sum(float(play.seen.time[-1]) for play in plays), sum(len(play.seen.time) for play in plays)
+    simulated, steps = (
+        sum(float(play.seen.time[-1]) for play in plays),
+        sum(len(play.seen.time) for play in plays),
+    )
     figures |= free_figures(scenario, task.arm.T_base_work, steps, simulated, wall)
     return RunResult(scenario, log_of_rules(own, scenario), trace_of_rule(own[-1]), figures, None, False)
 
@@ -201,7 +227,9 @@ def _compared(known: dict[str, PlayedRule], limits: SmoothingLimits, when: str) 
     for rule, play in known.items():
         figures |= _named(rule, when, measure_tracking(play))
         if rule != REFERENCE:
-            figures |= _named(rule, when, compare_tracking(play, known[REFERENCE], np.array(limits.joint_jerk)))
+            figures |= _named(
+                rule, when, compare_tracking(play, known[REFERENCE], np.array(limits.joint_jerk))
+            )
     return figures
 
 

@@ -70,11 +70,12 @@ def measure_tracking(play: PlayedRule) -> dict[str, Any]:
 
 
 def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array) -> dict[str, Any]:
-    """Compare a rule's tracking errors with the reference rule's on the same path; ``jerk_limits`` (6,) [rad/s^3].
+    """Compare a rule's tracking errors with the reference rule's on the same path; ``jerk_limits`` (6,)
+    [rad/s^3].
 
     jerk_peaks: how many of the reference there are; at_peaks: their ``AtPeak``; reduction_largest,
-    reduction_largest_joint (1 to 6) and reduction_median over them; rise_largest: 0 if no error rises; reduction_max
-    and reduction_rms: of the whole path's errors, one value a joint.
+    reduction_largest_joint (1 to 6) and reduction_median over them; rise_largest: 0 if no error rises;
+    reduction_max and reduction_rms: of the whole path's errors, one value a joint.
     """
     found = list(at_peaks(play, reference, jerk_limits))
     shares = np.array([peak.reduction for peak in found])
@@ -91,7 +92,9 @@ def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array
         **{
             f"reduction_{kind}": [
                 1.0 - a / b if b > 0.0 else math.nan
-                for a, b in zip(own[f"tracking_error_{kind}_rad"], other[f"tracking_error_{kind}_rad"], strict=True)
+                for a, b in zip(
+                    own[f"tracking_error_{kind}_rad"], other[f"tracking_error_{kind}_rad"], strict=True
+                )
             ]
             for kind in ("max", "rms")
         },
@@ -99,7 +102,8 @@ def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array
 
 
 def at_peaks(play: PlayedRule, reference: PlayedRule, jerk_limits: Array) -> Iterator[AtPeak]:
-    """Errors of two rules on the stretches of the path where the reference's joint jerk peaks, joint by joint."""
+    """Errors of two rules on the stretches of the path where the reference's joint jerk peaks, joint by
+    joint."""
     around = round(AROUND_S / _step(reference.time))
     for joint in range(reference.jerk.shape[1]):
         for row in jerk_peaks(reference, joint, float(jerk_limits[joint])):
@@ -127,12 +131,15 @@ def _step(time: Array) -> float:
 
 @styled
 def plot_tracking(record: RunRecord) -> Figure | None:
-    """Draw what rules make of the tracking error where the reference's joint jerk peaks; None without such a peak.
+    """Draw what rules make of the tracking error where the reference's joint jerk peaks; None without such a
+    peak.
 
     On the left the peak at which ``spline`` gains most, on the right all of them.
     """
     played, limits = _played(record), record.metrics.get("joint_jerk_limits_rad_s3")
-    peaks = {rule: [AtPeak(*row) for row in record.metrics.get(f"{_key(rule)}_at_peaks") or []] for rule in RULES}
+    peaks = {
+        rule: [AtPeak(*row) for row in record.metrics.get(f"{_key(rule)}_at_peaks") or []] for rule in RULES
+    }
     if limits is None or not all(rule == REFERENCE or (peaks[rule] and rule in played) for rule in RULES):
         return None
     figure = new_figure(11.0, 5.2)
@@ -147,7 +154,9 @@ def plot_tracking(record: RunRecord) -> Figure | None:
     for sign in (-1.0, 1.0):
         jerk.axhline(sign * limits[best.joint], color=GREEN, lw=0.8, ls="--", label="limit")
     jerk.set(ylabel="jerk asked [rad/s³]")
-    jerk.set_title(f"{JOINT_NAMES[best.joint]}, {best.place:.3f} m along the path", fontsize=9.0, fontweight="normal")
+    jerk.set_title(
+        f"{JOINT_NAMES[best.joint]}, {best.place:.3f} m along the path", fontsize=9.0, fontweight="normal"
+    )
     error.set(xlabel="along the path, from the jerk peak [mm]", ylabel="tracking error [µrad]")
     for side, (rule, mark) in enumerate((("joint-jerk", "o"), ("spline", "^"))):
         joints = [peak.joint + 0.24 * (side - 0.5) for peak in peaks[rule]]
@@ -178,7 +187,9 @@ def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
         shares = record.metrics.get("spline_reduction_max")
         if shares is not None:
             place = np.arange(6) + width * (k - 0.5 * (len(records) - 1))
-            axes.bar(place, 100.0 * np.array(shares), 0.9 * width, color=SERIES[k % len(SERIES)], label=record.name)
+            axes.bar(
+                place, 100.0 * np.array(shares), 0.9 * width, color=SERIES[k % len(SERIES)], label=record.name
+            )
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_xticks(range(6), TICKS)
     axes.set(ylabel="reduction of the largest error [%]")
@@ -193,7 +204,9 @@ def _played(record: RunRecord) -> dict[str, PlayedRule]:
     columns = [numbers(log, "time_s"), numbers(log, "path_s_m"), numbers(log, "target_q_rad") - read,
                numbers(log, "target_qddd_rad_s3")]  # fmt: skip
     rows = {rule: numbers(log, "rule") == names.index(rule) for rule in RULES if rule in names}
-    return {rule: PlayedRule(rule, *(column[at] for column in columns)) for rule, at in rows.items() if at.any()}
+    return {
+        rule: PlayedRule(rule, *(column[at] for column in columns)) for rule, at in rows.items() if at.any()
+    }
 
 
 def _key(rule: str) -> str:

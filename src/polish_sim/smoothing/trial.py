@@ -1,8 +1,10 @@
-"""The trial of paper 4, as far as it is known: a path of 24 segments and 535 mm, its limits, and the arm that does it.
+"""The trial of paper 4, as far as it is known: a path of 24 segments and 535 mm, its limits, and the arm that
+does it.
 
-The paper's own path, its robot's dimensions and its joint limits (table 1) are lost. Known are the number of segments,
-their total length, the tool's limits (the defaults of `SmoothingLimits`) and tolerances of 0.02 mm and 0.02 deg. This
-path stands in for it: four alike arms round a dome, with turns from 30 to 90 deg both ways and legs from 15 to 30 mm.
+The paper's own path, its robot's dimensions and its joint limits (table 1) are lost. Known are the number of
+segments, their total length, the tool's limits (the defaults of `SmoothingLimits`) and tolerances of 0.02 mm
+and 0.02 deg. This path stands in for it: four alike arms round a dome, with turns from 30 to 90 deg both ways
+and legs from 15 to 30 mm.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, six
 from polish_sim.spatial import rotation_to_axis, transform, unit
 
 TRIAL_LIMITS = SmoothingLimits(joint_acceleration=six(3.0))
-"""The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the paper's."""
+"""The paper's limits of the tool; of the joints such as just bind on this path, as the lost ones did on the
+paper's."""
 
 LENGTH = 0.535  #: Of the whole path [m]
 DOME = 0.3  #: Radius of the dome the tool stands square to [m]

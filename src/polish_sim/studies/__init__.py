@@ -1,1 +1,2 @@
-"""Studies: many runs of one experiment over settings and seeds (study -> rows -> table, page), and tuned gains."""
+"""Studies: many runs of one experiment over settings and seeds (study -> rows -> table, page), and tuned
+gains."""

@@ -1,4 +1,5 @@
-"""The page of a sweep: parallel coordinates, response curves with bands, worst runs, Pareto front (rows -> HTML)."""
+"""The page of a sweep: parallel coordinates, response curves with bands, worst runs, Pareto front (rows ->
+HTML)."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ MOST_BINS: Final = 40  #: More values of a setting than this are put together by
 
 
 def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> str:
-    """The page of a sweep's rows as HTML; ``columns`` by name, of runs of this study and of others in its folder."""
+    """The page of a sweep's rows as HTML; ``columns`` by name, of runs of this study and of others in its
+    folder."""
     outcomes, axes = list(columns["outcome"]), [axis.key for axis in study.axes if axis.key in columns]
     claims = _differing(study, columns)
     goals = [claims[name] for name in PREFERRED if name in claims][:2] or list(claims.values())[:2]
@@ -53,11 +55,17 @@ def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> str:
             plot_front(front, goals)
         )
         tables["Pareto front"] = [[*axes, *(f"{claim.label} [{claim.unit}]" for claim in goals)]] + [
-            [*map(_word, point), *(number_text(value * claim.scale, 4) for value, claim in zip(at, goals, strict=True))]
+            [
+                *map(_word, point),
+                *(number_text(value * claim.scale, 4) for value, claim in zip(at, goals, strict=True)),
+            ]
             for point, at, best in front
             if best
         ]
-    tables["Ended"] = [["", "runs"], *([word, str(outcomes.count(word))] for word in (DONE, STOPPED, FAILED, LOST))]
+    tables["Ended"] = [
+        ["", "runs"],
+        *([word, str(outcomes.count(word))] for word in (DONE, STOPPED, FAILED, LOST)),
+    ]
     tables["Worst runs"] = worst_runs(study, columns, goals)
     about = f"{count_text(len(outcomes), 'run')} of {study.base.experiment}, {study.base.controller.label}"
     return page_html(tables_page(f"sweep: {', '.join(axes) or 'seeds'}", about, tables, [], charts))
@@ -67,15 +75,22 @@ def _differing(study: Study, columns: Mapping[str, Sequence[Any]]) -> dict[str, 
     """The experiment's figures that are not the same in all runs."""
     claims = {claim.figure: claim for claim in claims_shown([study.base]) if claim.figure in columns}
     values = {name: _numbers(columns[name]) for name in claims}
-    return {name: claims[name] for name, v in values.items() if np.isfinite(v).any() and np.nanmax(v) > np.nanmin(v)}
+    return {
+        name: claims[name]
+        for name, v in values.items()
+        if np.isfinite(v).any() and np.nanmax(v) > np.nanmin(v)
+    }
 
 
 def _numbers(values: Sequence[Any]) -> Array:
     return np.array([math.nan if value is None else float(value) for value in values])
 
 
-def worst_runs(study: Study, columns: Mapping[str, Sequence[Any]], goals: Sequence[Claim]) -> list[Sequence[str]]:
-    """Runs that failed or stopped, then those with the largest figure, each with the command that repeats it."""
+def worst_runs(
+    study: Study, columns: Mapping[str, Sequence[Any]], goals: Sequence[Claim]
+) -> list[Sequence[str]]:
+    """Runs that failed or stopped, then those with the largest figure, each with the command that repeats
+    it."""
     rank = {FAILED: 3.0, LOST: 3.0, STOPPED: 2.0}
     first = _numbers(columns[goals[0].figure]) if goals else np.zeros(len(columns["outcome"]))
     size = np.nan_to_num(first * (-1.0 if goals and goals[0].more_is_better else 1.0), nan=math.inf)
@@ -163,7 +178,9 @@ def _places(values: Sequence[Any], unit: float = 1.0) -> tuple[Array, list[tuple
 
 
 @styled
-def plot_parallel(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], claims: Sequence[Claim]) -> Figure:
+def plot_parallel(
+    columns: Mapping[str, Sequence[Any]], axes: Sequence[str], claims: Sequence[Claim]
+) -> Figure:
     """Every run as a line across settings and figures, coloured by the first figure."""
     columns_shown = [(axis, columns[axis], 1.0) for axis in axes]
     columns_shown += [(f"{c.label} [{c.unit}]", columns[c.figure], c.scale) for c in claims]
@@ -185,7 +202,13 @@ def plot_parallel(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], cla
         plot.axvline(place, color=GREY, lw=1.0)
         for share, word in ticks:
             plot.annotate(
-                word, (place, share), (-3, 0), textcoords="offset points", ha="right", va="center", fontsize=8.0
+                word,
+                (place, share),
+                (-3, 0),
+                textcoords="offset points",
+                ha="right",
+                va="center",
+                fontsize=8.0,
             )
     plot.set(xlim=(-0.3, at.shape[1] - 0.9), ylim=(-0.05, 1.05), yticks=[])
     plot.set_xticks(range(at.shape[1]), [name for name, _, _ in columns_shown], rotation=12, ha="right")
@@ -211,7 +234,9 @@ def plot_responses(columns: Mapping[str, Sequence[Any]], axes: Sequence[str], cl
         plot.set_xticks([share for share, _ in ticks], [word for _, word in ticks])
         plot.set(xlabel=axis)
     low, high = np.quantile(values[known], (0.02, 0.98))
-    panels[0].set(ylabel=f"{claim.label} [{claim.unit}]", ylim=(low - 0.1 * (high - low), high + 0.1 * (high - low)))
+    panels[0].set(
+        ylabel=f"{claim.label} [{claim.unit}]", ylim=(low - 0.1 * (high - low), high + 0.1 * (high - low))
+    )
     return figure
 
 
@@ -228,7 +253,11 @@ def plot_front(front: Sequence[tuple[tuple[Any, ...], Array, bool]], goals: Sequ
         if best:
             name = ", ".join(map(_word, values))
             plot.annotate(
-                name, (scales[0] * point[0], scales[1] * point[1]), (5, 5), textcoords="offset points", fontsize=8.0
+                name,
+                (scales[0] * point[0], scales[1] * point[1]),
+                (5, 5),
+                textcoords="offset points",
+                fontsize=8.0,
             )
     plot.set(**{f"{x}label": f"{claim.label} [{claim.unit}]" for x, claim in zip("xy", goals, strict=True)})
     return figure

@@ -1,4 +1,5 @@
-"""A study: what is varied, how it is sampled, and the runs that makes (words or study.toml -> Study -> runs)."""
+"""A study: what is varied, how it is sampled, and the runs that makes (words or study.toml -> Study ->
+runs)."""
 
 from __future__ import annotations
 
@@ -96,9 +97,13 @@ class Study:
             raise unknown_name("sample", self.sample, SAMPLES)
         keys = [axis.key for axis in self.axes]
         if len(set(keys)) < len(keys):
-            raise InputError(f"'{next(key for key in keys if keys.count(key) > 1)}' is varied twice: give one --vary.")
+            raise InputError(
+                f"'{next(key for key in keys if keys.count(key) > 1)}' is varied twice: give one --vary."
+            )
         if {"seed", "experiment"} & set(keys):
-            raise InputError("a study is of one experiment and counts seeds with --seeds: vary something else.")
+            raise InputError(
+                "a study is of one experiment and counts seeds with --seeds: vary something else."
+            )
         if self.sample == "grid" and self.count:
             raise InputError(
                 "--count is for --sample random, sobol or lhs: a grid has as many points as its axes make."
@@ -108,7 +113,9 @@ class Study:
         for axis in self.axes:
             if self.sample == "grid" and not axis.values:
                 ends = ":".join(axis.text.split(":")[:2])
-                raise InputError(f"--vary {axis.key}={axis.text}: a grid needs steps, e.g. {axis.key}={ends}:lin5.")
+                raise InputError(
+                    f"--vary {axis.key}={axis.text}: a grid needs steps, e.g. {axis.key}={ends}:lin5."
+                )
         count = self.seeds * (self.count or math.prod(len(axis.values) for axis in self.axes))
         if count > MOST_RUNS:
             raise InputError(f"that makes {count} runs, more than {MOST_RUNS}. Give fewer values or seeds.")
@@ -131,7 +138,8 @@ class Study:
 
 
 def read_axis(text: str) -> Axis:
-    """``KEY=a,b,c``, ``KEY=[a, b]`` (TOML), ``KEY=low:high:lin5``, ``:log5``; ``KEY=low:high`` of samples only.
+    """``KEY=a,b,c``, ``KEY=[a, b]`` (TOML), ``KEY=low:high:lin5``, ``:log5``; ``KEY=low:high`` of samples
+    only.
 
     Raises:
         InputError: If it is none of that.
@@ -175,7 +183,9 @@ def _range_of(key: str, text: str, low: float, high: float, log: bool, count: in
         raise InputError(f"--vary {key}={text}: {count} steps; write 2 or more.")
     axis = Axis(key, text, (), low, high, log)
     # A last share of 1 gives the end itself, whatever the roundings.
-    steps = tuple(axis.at(k / (count - 1)) if k < count - 1 else high for k in range(count)) if count > 1 else ()
+    steps = (
+        tuple(axis.at(k / (count - 1)) if k < count - 1 else high for k in range(count)) if count > 1 else ()
+    )
     return axis._replace(values=tuple(float(f"{value:.12g}") for value in steps))
 
 
@@ -193,17 +203,24 @@ def to_text(study: Study) -> str:
     settings = {key: parse_value(value) for key, _, value in (word.partition("=") for word in words)}
     return toml_text(
         {
-            "experiment": study.base.experiment, "seeds": study.seeds, "first_seed": study.base.seed,
-            "sample": study.sample, "count": study.count, "settings": settings,
-            "vary": {axis.key: axis.text if not math.isnan(axis.low) else list(axis.values) for axis in study.axes},
+            "experiment": study.base.experiment,
+            "seeds": study.seeds,
+            "first_seed": study.base.seed,
+            "sample": study.sample,
+            "count": study.count,
+            "settings": settings,
+            "vary": {
+                axis.key: axis.text if not math.isnan(axis.low) else list(axis.values) for axis in study.axes
+            },
         },
         {
-            "sample": "grid, random, sobol or lhs", "count": "points of a sample; 0 for a grid",
+            "sample": "grid, random, sobol or lhs",
+            "count": "points of a sample; 0 for a grid",
             "settings": "what differs from the experiment's defaults",
             "vary": 'lists, or "low:high:log5", "low:high:lin5"',
         },
         ["A sweep: polish-sim sweep study.toml continues it, adds what was added here, and repeats nothing."],
-    )  # fmt: skip
+    )
 
 
 def read_study(file: Path) -> Study:
@@ -229,7 +246,11 @@ def read_study(file: Path) -> Study:
     base = override(default_scenario(table["experiment"]), settings)
     axes = tuple(_axis_of(key, value, file) for key, value in _flat(table.get("vary", {})))
     return Study(
-        replace(base, seed=counts["first_seed"]), axes, counts["seeds"], table.get("sample", "grid"), counts["count"]
+        replace(base, seed=counts["first_seed"]),
+        axes,
+        counts["seeds"],
+        table.get("sample", "grid"),
+        counts["count"],
     )
 
 
@@ -237,7 +258,9 @@ def _axis_of(key: str, value: Any, file: Path) -> Axis:
     if isinstance(value, str):
         return read_axis(f"{key}={value}")
     if not isinstance(value, list) or not value:
-        raise ConfigError(f"'{key}' under [vary] in '{file}' must be a list of values or a text such as '0.1:1:log5'.")
+        raise ConfigError(
+            f"'{key}' under [vary] in '{file}' must be a list of values or a text such as '0.1:1:log5'."
+        )
     return Axis(key, value_text(value), _frozen(value))
 
 

@@ -1,4 +1,5 @@
-"""Runs of a study as rows on disk: each is appended as it comes, and the table of all is written anew now and then."""
+"""Runs of a study as rows on disk: each is appended as it comes, and the table of all is written anew now and
+then."""
 
 from __future__ import annotations
 
@@ -27,7 +28,14 @@ from polish_sim.workers import Heard, Result, Workers, do_all, local_copy
 RUNS: Final = "runs.parquet"
 RUN_FOLDERS: Final = "runs"  #: Of logs, where they are wanted
 DONE, STOPPED, FAILED, LOST = "done", "stopped", "failed", "lost"
-_NOT_FIGURES: Final = ("protective_stop", "protective_stop_at", "T_base_work", "wall_s", "real_time_factor", "seed")
+_NOT_FIGURES: Final = (
+    "protective_stop",
+    "protective_stop_at",
+    "T_base_work",
+    "wall_s",
+    "real_time_factor",
+    "seed",
+)
 _PAUSE_S: Final = 60.0  #: Between two writings of the table, at least
 _SHARE: Final = 50.0  #: Pause over the time one takes, at least
 
@@ -35,13 +43,18 @@ _PLANS = Memory()
 
 
 def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
-    """Simulate one run and give its row; a run that cannot be done says why. ``logs``: where its folder goes."""
+    """Simulate one run and give its row; a run that cannot be done says why. ``logs``: where its folder
+    goes."""
     key, run = task
     begun = time.perf_counter()
     row = begun_row(study, task) | {"outcome": FAILED, "reason": None}
     try:
         scenario = study.scenario(run)
-        plan = _given_plan(scenario) if scenario.plan.file and experiment(scenario.experiment).along_plan else None
+        plan = (
+            _given_plan(scenario)
+            if scenario.plan.file and experiment(scenario.experiment).along_plan
+            else None
+        )
         result = run_experiment(scenario, plan)
     except PolishSimError as error:
         row["reason"] = str(error)
@@ -54,13 +67,25 @@ def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
             figures = {**result.figures, "versions": package_versions()}
             folder = logs / key
             folder.mkdir(parents=True, exist_ok=True)
-            write_record(folder, RunRecord(scenario.experiment, result.scenario, figures, result.log, result.path,
-                                           result.removal))  # fmt: skip
-        row |= {"outcome": STOPPED if result.stop_reason else DONE, "reason": result.figures["protective_stop"]}
+            write_record(
+                folder,
+                RunRecord(
+                    scenario.experiment, result.scenario, figures, result.log, result.path, result.removal
+                ),
+            )
+        row |= {
+            "outcome": STOPPED if result.stop_reason else DONE,
+            "reason": result.figures["protective_stop"],
+        }
         row |= {name: v for name, v in result.figures.items() if name not in _NOT_FIGURES and _is_cell(v)}
         row["loop_wall_s"] = result.figures["wall_s"]
     wall = time.perf_counter() - begun
-    return row | {"wall_s": wall, "host": platform.node(), "versions": _versions(), "source": package_hash()[:12]}
+    return row | {
+        "wall_s": wall,
+        "host": platform.node(),
+        "versions": _versions(),
+        "source": package_hash()[:12],
+    }
 
 
 def begun_row(study: Study, task: tuple[str, Run]) -> Row:

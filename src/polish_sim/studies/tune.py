@@ -1,7 +1,7 @@
 """Search of a controller's parameters on cases of the score, judged on seeds and cases the search never saw.
 
-A trial is scored on its cheap cases first, the holds; it is given up where they already break a condition, or, of a
-goal that is the worst of all rows, where they are worse than the best trial.
+A trial is scored on its cheap cases first, the holds; it is given up where they already break a condition,
+or, of a goal that is the worst of all rows, where they are worse than the best trial.
 """
 
 from __future__ import annotations
@@ -24,11 +24,21 @@ from polish_sim.scoring.journal import Task, keys_of, measure_row, setup_key
 from polish_sim.workers import Workers, fill_rows
 
 SAMPLERS: Final = ("tpe", "cmaes")
-TRAINING: Final = ("step-20", "approach-20", "stiffness-0.5", "stiffness-2", "latency-12", "noise-1", "flat-30")
+TRAINING: Final = (
+    "step-20",
+    "approach-20",
+    "stiffness-0.5",
+    "stiffness-2",
+    "latency-12",
+    "noise-1",
+    "flat-30",
+)
 """The cases the search sees unless others are named; the rest of the battery is held out."""
 HELD_OUT_SEED: Final = 1000  #: The first seed the search does not see
-BROKEN: Final = 1e6  #: Added to the goal of a trial that breaks a condition, beside the share of its rows that do
-WIDE: Final = 4.0  #: A range that is not given goes from the shipped value by this to the shipped value times this
+#: Added to the goal of a trial that breaks a condition, beside the share of its rows that do
+BROKEN: Final = 1e6
+#: A range that is not given goes from the shipped value by this to the shipped value times this
+WIDE: Final = 4.0
 BY_LOG: Final = 8.0  #: Ratio of a range's ends from which it is searched by logarithm
 
 
@@ -119,7 +129,8 @@ class Search:
 
 
 def read_over(controller: str, words: Sequence[str]) -> tuple[Searched, ...]:
-    """The parameters that ``NAME`` or ``NAME=low:high`` name: those of an own class, else keys under ``controller``.
+    """The parameters that ``NAME`` or ``NAME=low:high`` name: those of an own class, else keys under
+    ``controller``.
 
     A key is named by its beginning, as ``force_p`` for ``force_p_m_sn``.
 
@@ -127,9 +138,15 @@ def read_over(controller: str, words: Sequence[str]) -> tuple[Searched, ...]:
         InputError: If a name is unknown or not a number's, or its range is missing or wrong.
     """
     shipped = controller in CONTROLLERS
-    usual = dict(_numbers(ControllerConfig(), "")) if shipped else {
-        name: (p.default, p.low, p.high) for name, p in own_parameters(controller).items() if _is_number(p.default)
-    }  # fmt: skip
+    usual = (
+        dict(_numbers(ControllerConfig(), ""))
+        if shipped
+        else {
+            name: (p.default, p.low, p.high)
+            for name, p in own_parameters(controller).items()
+            if _is_number(p.default)
+        }
+    )
     found = []
     for word in words:
         name, _, span = word.partition("=")
@@ -137,9 +154,13 @@ def read_over(controller: str, words: Sequence[str]) -> tuple[Searched, ...]:
         if len(near) != 1:
             raise unknown_name("parameter to tune", name, usual)
         value, low, high = usual[near[0]]
-        least, most = _span(word, span) if span else _around(name, float(value), low, high, declared=not shipped)
+        least, most = (
+            _span(word, span) if span else _around(name, float(value), low, high, declared=not shipped)
+        )
         if not low <= least < most <= high:
-            raise InputError(f"--over {word}: its range must be within {number_text(low)} to {number_text(high)}.")
+            raise InputError(
+                f"--over {word}: its range must be within {number_text(low)} to {number_text(high)}."
+            )
         found.append(Searched(f"controller.{'' if shipped else 'own.'}{near[0]}", least, most, float(value)))
     return tuple(found)
 
@@ -230,11 +251,13 @@ class Scorer:
         return [rows[task] for task in tasks if task in rows]
 
 
-def search_best(search: Search, trials: int, scorer: Scorer, heard: Callable[[int, str], None]) -> dict[str, float]:
+def search_best(
+    search: Search, trials: int, scorer: Scorer, heard: Callable[[int, str], None]
+) -> dict[str, float]:
     """Search with a number of ``trials``, the shipped values first; the best values by key.
 
-    The sampler of each trial is seeded by its number: a search that was interrupted makes the same trials again, whose
-    rows are kept. ``heard`` gets each trial's number and how it went.
+    The sampler of each trial is seeded by its number: a search that was interrupted makes the same trials
+    again, whose rows are kept. ``heard`` gets each trial's number and how it went.
 
     Raises:
         InputError: If no trial keeps the conditions.
@@ -245,9 +268,11 @@ def search_best(search: Search, trials: int, scorer: Scorer, heard: Callable[[in
     study = optuna.create_study()
     study.enqueue_trial({p.key: min(max(p.shipped, p.low), p.high) for p in search.over})
     for number in range(trials):
-        study.sampler = optuna.samplers.TPESampler(seed=number, n_startup_trials=10) if search.sampler == "tpe" else (
-            optuna.samplers.CmaEsSampler(seed=number)
-        )  # fmt: skip
+        study.sampler = (
+            optuna.samplers.TPESampler(seed=number, n_startup_trials=10)
+            if search.sampler == "tpe"
+            else (optuna.samplers.CmaEsSampler(seed=number))
+        )
         trial = study.ask()
         values = {p.key: trial.suggest_float(p.key, p.low, p.high, log=p.log) for p in search.over}
         value, whole = score_trial(search, values, _best_of(study), scorer)
@@ -258,7 +283,9 @@ def search_best(search: Search, trials: int, scorer: Scorer, heard: Callable[[in
         heard(number + 1, f"{how}{_value_text(value)}; best {_value_text(_best_of(study))}")
     if not _best_of(study) < BROKEN:
         names = ", ".join(condition.figure for condition in search.conditions)
-        raise InputError(f"no trial keeps what it is subject to ({names}) in all cases. Search wider, or ask less.")
+        raise InputError(
+            f"no trial keeps what it is subject to ({names}) in all cases. Search wider, or ask less."
+        )
     return dict(study.best_params)
 
 
@@ -271,7 +298,9 @@ def _value_text(value: float) -> str:
     return "not kept" if value >= BROKEN else number_text(value, 4)
 
 
-def score_trial(search: Search, values: Mapping[str, float], best: float, scorer: Scorer) -> tuple[float, bool]:
+def score_trial(
+    search: Search, values: Mapping[str, float], best: float, scorer: Scorer
+) -> tuple[float, bool]:
     """The goal of some values, and whether all cases were run for it."""
     rows: list[Row] = []
     stages, entry = search.stages(), search.entry(values)
@@ -305,7 +334,10 @@ class Verdict(NamedTuple):
 def judge_tuned(search: Search, best: Mapping[str, float], seeds: int, scorer: Scorer) -> list[Verdict]:
     """Shipped and tuned values side by side: where the search looked, on other seeds, and in other cases."""
     fresh = range(HELD_OUT_SEED, HELD_OUT_SEED + seeds)
-    places = [("seen by the search", search.cases, range(search.seeds)), ("held-out seeds", search.cases, fresh)]
+    places = [
+        ("seen by the search", search.cases, range(search.seeds)),
+        ("held-out seeds", search.cases, fresh),
+    ]
     if search.held_out:
         places.append(("held-out cases and seeds", search.held_out, fresh))
     verdicts = []

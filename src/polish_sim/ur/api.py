@@ -113,8 +113,11 @@ class Robot(Protocol):
         """0: normal, 1: near a singularity, 2: too near."""
         ...
 
-    def direct_torque(self, tau: Array, friction_comp: bool, viscous: Array | None, coulomb: Array | None) -> None:
-        """Joint torques without gravity for one step [N m]; friction scales, where given, replace the switch."""
+    def direct_torque(
+        self, tau: Array, friction_comp: bool, viscous: Array | None, coulomb: Array | None
+    ) -> None:
+        """Joint torques without gravity for one step [N m]; friction scales, where given, replace the
+        switch."""
         ...
 
     def zero_ftsensor(self) -> None:
@@ -198,7 +201,8 @@ class Listener(Protocol):
         ...
 
     def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
-        """A message for the pendant; a blocking one is closed from the dashboard (``Machine.close_popup``)."""
+        """A message for the pendant; a blocking one is closed from the dashboard
+        (``Machine.close_popup``)."""
         ...
 
     def started(self, name: str) -> None:

@@ -1,9 +1,10 @@
-"""Force mode: along selected axes of a task frame the arm presses, along the others it follows its set-points.
+"""Force mode: along selected axes of a task frame the arm presses, along the others it follows its
+set-points.
 
     v <- (1 - damping) v + scaling / M (F_wanted - F) h        every h = 2 ms,
 
-the law of the controller ``force-mode`` on each axis; see there what of it is public. The mass M turns with the radius
-of gyration `GYRATION_M`.
+the law of the controller ``force-mode`` on each axis; see there what of it is public. The mass M turns with
+the radius of gyration `GYRATION_M`.
 """
 
 from __future__ import annotations
@@ -33,7 +34,11 @@ class Compliance:
     def set(self, frame: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
         """Take a task frame (a pose in the base frame) and what to press with there."""
         self._frame, self.kind = matrix_of(frame), kind
-        self.selection, self.wrench, self.limits = np.asarray(selection) != 0, np.asarray(wrench), np.abs(limits)
+        self.selection, self.wrench, self.limits = (
+            np.asarray(selection) != 0,
+            np.asarray(wrench),
+            np.abs(limits),
+        )
 
     def axes(self, p: Array, twist: Array) -> Array:
         """The task frame's axes (3, 3) with the TCP at ``p`` moving with a ``twist``."""

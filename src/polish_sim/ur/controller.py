@@ -16,7 +16,17 @@ from polish_sim.ur.api import Listener
 from polish_sim.ur.link import Link
 from polish_sim.ur.physics import TICK_S
 from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, SAFETY_MODE, TEXT, message
-from polish_sim.ur.robot import IDLE, NORMAL, PAUSED, PLAYING, POWER_OFF, PROTECTIVE, RUNNING, STOPPED, SimulatedRobot
+from polish_sim.ur.robot import (
+    IDLE,
+    NORMAL,
+    PAUSED,
+    PLAYING,
+    POWER_OFF,
+    PROTECTIVE,
+    RUNNING,
+    STOPPED,
+    SimulatedRobot,
+)
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
@@ -27,7 +37,8 @@ if TYPE_CHECKING:
 VERSIONS: Final = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000), "5.26": (5, 26, 0, 130000)}
 """PolyScope versions a controller may say it is: major, minor, bug fix, build."""
 UNLOCK_TICKS: Final = 2500  #: The dashboard unlocks a protective stop 5 s after it
-WAIT_TICKS: Final = 500  #: Other ports, whose clients wait 5 s at most, 1 s after it; the robot's time is not public
+#: Other ports, whose clients wait 5 s at most, 1 s after it; the robot's time is not public
+WAIT_TICKS: Final = 500
 GONE_TICKS: Final = 100  #: A programme whose RTDE client has gone goes on for so long
 PROTECTIVE_CODE, WARNING = 209, 2  #: Of the message that a protective stop was triggered
 KEPT: Final = 1000  #: Lines of the controller's log that are kept, and messages of a tick
@@ -40,8 +51,11 @@ Start = Callable[["Program", Listener, str], "Machine"]
 class Controller(Listener):
     """What all ports of one robot share."""
 
-    def __init__(self, robot: SimulatedRobot, version: str, start: Start, reader: Executor | None = None) -> None:
-        """``reader`` reads programmes beside the clock, in a process; without one time stands while they are read."""
+    def __init__(
+        self, robot: SimulatedRobot, version: str, start: Start, reader: Executor | None = None
+    ) -> None:
+        """``reader`` reads programmes beside the clock, in a process; without one time stands while they are
+        read."""
         self.robot, self.version, self._start, self._reader = robot, VERSIONS[version], start, reader
         self.torque_constants = np.array(used_arm().torque_constants)  #: [N m/A]
         self.link = Link(robot.cell.scenario)
@@ -108,7 +122,8 @@ class Controller(Listener):
     # Programmes.
 
     def run(self, source: str, client: str) -> None:
-        """Start a programme in the place of the one that runs; one of ``sec`` beside it. Nothing while unpowered."""
+        """Start a programme in the place of the one that runs; one of ``sec`` beside it. Nothing while
+        unpowered."""
         from polish_sim.ur.script.translate import read
 
         if not _beside(source):
@@ -178,8 +193,11 @@ class Controller(Listener):
         return ready
 
     def client_gone(self, session: Any) -> None:
-        """An RTDE client has gone: a programme that hears of its registers is stopped unless it comes back."""
-        if self.machine is not None and any(self.claimed.get(name) is session for name in self.robot.inputs_read):
+        """An RTDE client has gone: a programme that hears of its registers is stopped unless it comes
+        back."""
+        if self.machine is not None and any(
+            self.claimed.get(name) is session for name in self.robot.inputs_read
+        ):
             self._orphan = self.robot.ticks
 
     def client_back(self) -> None:
@@ -202,7 +220,8 @@ class Controller(Listener):
         self.robot.mode = mode
 
     def unlock(self, after: int = WAIT_TICKS) -> bool:
-        """Leave a protective stop that is ``after`` ticks old: the dashboard must ask again, other ports wait."""
+        """Leave a protective stop that is ``after`` ticks old: the dashboard must ask again, other ports
+        wait."""
         soon = self.robot.ticks - self._stopped_at < after
         self._unlocking = soon and after == WAIT_TICKS
         if self.robot.safety == PROTECTIVE and not soon:
@@ -276,8 +295,8 @@ def _beside(source: str) -> bool:
 class Programs:
     """Programmes and commands in the text a client sends to a script port, in pieces of any size.
 
-    A programme starts with ``def`` or ``sec`` in the first column and ends with ``end`` there; a line outside is a
-    command to the controller, or a programme of one line.
+    A programme starts with ``def`` or ``sec`` in the first column and ends with ``end`` there; a line outside
+    is a command to the controller, or a programme of one line.
     """
 
     LONGEST: Final = 2_000_000  #: Characters of a programme

@@ -1,4 +1,5 @@
-"""The kinematics a controller needs in every tick, compiled: poses as a UR gives them, and its tool's Jacobian."""
+"""The kinematics a controller needs in every tick, compiled: poses as a UR gives them, and its tool's
+Jacobian."""
 
 from __future__ import annotations
 
@@ -65,14 +66,17 @@ def _tool_at(rows: Array, q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
     for k in range(6):
         for i in range(3):
             a, b = (i + 1) % 3, (i + 2) % 3
-            J[i, k] = frames[k, a, 2] * (T[b, 3] - frames[k, b, 3]) - frames[k, b, 2] * (T[a, 3] - frames[k, a, 3])
+            J[i, k] = frames[k, a, 2] * (T[b, 3] - frames[k, b, 3]) - frames[k, b, 2] * (
+                T[a, 3] - frames[k, a, 3]
+            )
             J[3 + i, k] = frames[k, i, 2]
     return T, J
 
 
 @njit(cache=True, error_model="numpy")
 def joint_speeds(J: Array, twist: Array) -> Array:
-    """Joint speeds (6,) [rad/s] for a twist of the tool (6,); exact away from singularities, damped near them."""
+    """Joint speeds (6,) [rad/s] for a twist of the tool (6,); exact away from singularities, damped near
+    them."""
     gram = J @ J.T
     least = max(np.linalg.eigvalsh(gram)[0], 0.0)
     damping = max(SINGULAR**2 - least, 0.0)

@@ -21,8 +21,8 @@ STREAM: Final = 0x4C494E4B  #: Of the random numbers
 class Link:
     """What RTDE clients send arrives at the next tick.
 
-    On an arm that is not ideal the line falls silent for ``robot.real.missed_s``, on average every ``missed_every_s``:
-    what either side sends meanwhile arrives when that is over.
+    On an arm that is not ideal the line falls silent for ``robot.real.missed_s``, on average every
+    ``missed_every_s``: what either side sends meanwhile arrives when that is over.
     """
 
     def __init__(self, scenario: Scenario) -> None:

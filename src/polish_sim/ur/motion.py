@@ -1,6 +1,7 @@
 """How a controller's set-points move: from tick to tick the next joint angles, for every kind of motion.
 
-A drive is asked once a tick. It gets joint angles [rad] and speeds [rad/s] and answers the next angles, all (6,).
+A drive is asked once a tick. It gets joint angles [rad] and speeds [rad/s] and answers the next angles, all
+(6,).
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ class Profile(NamedTuple):
 
 
 def profile(length: float, a: float, v: float, t: float) -> Profile:
-    """The profile at a speed ``v`` and an acceleration ``a``, or in a time ``t`` [s] where that is above 0."""
+    """The profile at a speed ``v`` and an acceleration ``a``, or in a time ``t`` [s] where that is above
+    0."""
     if length < 1e-9:
         return Profile(0.0, 0.0, max(t, 0.0))
     if t > 0.0:
@@ -90,15 +92,22 @@ class JointWay(Way):
 class ToolWay(Way):
     """The TCP along a line, or a circle through ``via``, turning about one axis."""
 
-    def __init__(self, start: Array, first: Array, last: Array, tcp: Array, via: Array | None, fixed: bool) -> None:
+    def __init__(
+        self, start: Array, first: Array, last: Array, tcp: Array, via: Array | None, fixed: bool
+    ) -> None:
         """Start at joint angles, there the TCP is at a pose ``first``; poses are transforms (4, 4)."""
         self._inverse, self._q = inverse(tcp), start.copy()
         self._p, self._R = first[:3, 3].copy(), Rotation.from_matrix(first[:3, :3])
-        way, self._turn = last[:3, 3] - self._p, (Rotation.from_matrix(last[:3, :3]) * self._R.inv()).as_rotvec()
+        way, self._turn = (
+            last[:3, 3] - self._p,
+            (Rotation.from_matrix(last[:3, :3]) * self._R.inv()).as_rotvec(),
+        )
         self._way, self._axis, self._angle = way, np.zeros(3), 0.0
         if via is not None:
             self._on_circle(via[:3, 3] - self._p, way, fixed)
-        self.reach = float(np.linalg.norm(way)) if via is None else self._angle * float(np.linalg.norm(self._arm))
+        self.reach = (
+            float(np.linalg.norm(way)) if via is None else self._angle * float(np.linalg.norm(self._arm))
+        )
         self.length = max(self.reach, LEVER_M * float(np.linalg.norm(self._turn)))
         self.end = inverse_near(self.pose(1.0) @ self._inverse, start) if via is None else self._followed()
 
@@ -150,7 +159,8 @@ class _Under(NamedTuple):
 
 
 class Moves(Drive):
-    """One move after the other; where the next begins before the last has ended, what is left of that is added."""
+    """One move after the other; where the next begins before the last has ended, what is left of that is
+    added."""
 
     def __init__(self) -> None:
         self._under: list[tuple[_Under, float]] = []

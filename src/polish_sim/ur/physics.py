@@ -1,4 +1,5 @@
-"""The cell under a robot's own controller: its loop, with joint set-points in the place of target, law and speedl."""
+"""The cell under a robot's own controller: its loop, with joint set-points in the place of target, law and
+speedl."""
 
 from __future__ import annotations
 
@@ -64,7 +65,8 @@ class Order(Record):
 def follow(  # type: ignore[no-untyped-def]
     cell: CellKernel, arm: RealArm | None, recorder: Recorder, order: Order, draws: Array, steps: int
 ) -> None:
-    """Run the cell for ``steps`` physics steps under an ``order``; ``draws`` as of `polish_sim.cell.loop.advance`.
+    """Run the cell for ``steps`` physics steps under an ``order``; ``draws`` as of
+    `polish_sim.cell.loop.advance`.
 
     A joint commanded by torque has its servo's set-point where the servo gives that torque.
     """
@@ -112,8 +114,8 @@ def clear_away(cell: Cell) -> None:
 class Rig:
     """A cell whose arm follows orders; what happens is recorded to files of no name until `result`.
 
-    The guards that watch a planned stroke are off; those of force, torque, sensor, part and links are the robot's
-    safety functions.
+    The guards that watch a planned stroke are off; those of force, torque, sensor, part and links are the
+    robot's safety functions.
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -166,10 +168,11 @@ class Rig:
     def result(self, wall_s: float, points: Array, s: Array, most_s: float = math.inf) -> CellRun:
         """Everything recorded, as the run of a cell.
 
-        The place on the path of each step in contact is that of the nearest of its ``points`` (n, 3) [m], base frame,
-        which lie at arc lengths ``s`` (n,) [m]. A client says nothing of what it is about: the pad counts as working
-        from when `SEATED` of the set force is first reached to when that is last so, before it is lifted for
-        `LIFTED_S` or longer; a shorter gap is lost contact. ``most_s`` after its begin the work is over.
+        The place on the path of each step in contact is that of the nearest of its ``points`` (n, 3) [m],
+        base frame, which lie at arc lengths ``s`` (n,) [m]. A client says nothing of what it is about: the
+        pad counts as working from when `SEATED` of the set force is first reached to when that is last so,
+        before it is lifted for `LIFTED_S` or longer; a shorter gap is lost contact. ``most_s`` after its
+        begin the work is over.
         """
         contents = []
         for file in self.files:
@@ -186,7 +189,9 @@ class Rig:
         trace["phase"] = np.where(pressing, TOUCH_PHASE, 0)
         seated = np.flatnonzero(force >= SEATED * self.cell.scenario.process.contact_force_n)
         touching = seconds[pressing]
-        for some in np.split(seated, np.flatnonzero(_lifted(seconds[seated], touching)) + 1) if len(seated) else ():
+        for some in (
+            np.split(seated, np.flatnonzero(_lifted(seconds[seated], touching)) + 1) if len(seated) else ()
+        ):
             trace["phase"][some[0] : some[-1] + 1] = PROCESS_PHASE
         if len(seated):
             trace["phase"][seconds > seconds[seated[0]] + most_s] = RETRACT_PHASE
@@ -205,7 +210,8 @@ class Rig:
 
 
 def _lifted(seated: Array, touching: Array) -> NDArray[np.bool_]:
-    """Whether the pad was off the part for `LIFTED_S` between each two times (n,) [s] it was seated; shape (n - 1,)."""
+    """Whether the pad was off the part for `LIFTED_S` between each two times (n,) [s] it was seated; shape (n
+    - 1,)."""
     gaps = np.diff(touching) >= LIFTED_S
     begins, ends = touching[:-1][gaps], touching[1:][gaps]
     return np.asarray(np.searchsorted(begins, seated[1:]) > np.searchsorted(ends, seated[:-1], side="right"))

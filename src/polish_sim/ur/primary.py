@@ -29,40 +29,104 @@ def version_message(controller: Controller) -> bytes:
     """What a client hears first."""
     major, minor, bugfix, build = controller.version
     name = b"URControl"
-    body = struct.pack(">B", len(name)) + name + struct.pack(">BBii", major, minor, bugfix, build) + b"01-01-2026"
+    body = (
+        struct.pack(">B", len(name))
+        + name
+        + struct.pack(">BBii", major, minor, bugfix, build)
+        + b"01-01-2026"
+    )
     return message(VERSION, int(1e6 * controller.robot.time_s), body)
 
 
 def robot_state(controller: Controller, configuration: bool) -> bytes:
-    """The state of robot, joints, tool and boards; with kinematics and ``configuration``, which do not change."""
+    """The state of robot, joints, tool and boards; with kinematics and ``configuration``, which do not
+    change."""
     r, playing = controller.robot, controller.robot.runtime
     stopped = r.safety != 1
     parts = [
-        _part(0, ">Q7?bB3db", int(1e6 * r.time_s), True, True, controller.powered, False, stopped, playing == 2,
-              playing == 4, r.mode, 0, r.speed_fraction, r.speed_fraction if playing == 2 else 0.0, 1.0, 0),
+        _part(
+            0,
+            ">Q7?bB3db",
+            int(1e6 * r.time_s),
+            True,
+            True,
+            controller.powered,
+            False,
+            stopped,
+            playing == 2,
+            playing == 4,
+            r.mode,
+            0,
+            r.speed_fraction,
+            r.speed_fraction if playing == 2 else 0.0,
+            1.0,
+            0,
+        ),
         _joints(controller),
         _part(2, ">BBddfBffB", 0, 0, 0.0, 0.0, 48.0, r.tool_voltage, 0.0, 30.0, controller.joint_mode),
-        _part(3, ">iiBBddbbddffffBBbIBBB", r.digital_in, r.digital_out, 0, 0, 0.0, 0.0, *r.analog_domain, *r.analog_out,
-              30.0, 48.0, 0.5, 0.0, r.safety, 0, 0, 0, 0, 0, 0),
+        _part(
+            3,
+            ">iiBBddbbddffffBBbIBBB",
+            r.digital_in,
+            r.digital_out,
+            0,
+            0,
+            0.0,
+            0.0,
+            *r.analog_domain,
+            *r.analog_out,
+            30.0,
+            48.0,
+            0.5,
+            0.0,
+            r.safety,
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+        ),
         _part(4, ">12d", *r.actual_tcp_pose, *r.tcp_offset),
         _part(7, ">7d", *r.tcp_force, 0.0),
         _part(8, ">BBBB", 0, 0, 0, 0),
-    ]  # fmt: skip
+    ]
     if configuration:
         theta, d, a, alpha = NOMINAL
         parts.append(_part(5, ">6I24dI", *range(6), *theta, *a, *d, *alpha, 0))
         limits = np.column_stack([np.full(6, np.pi), np.full(6, 40.0)])
         parts.append(
-            _part(6, ">12d12d5d24d4i2h", *JOINT_LIMITS.ravel(), *limits.ravel(), 1.05, 1.4, 0.25, 1.2, 0.05, *a, *d,
-                  *alpha, *theta, 0, BOX, used_arm().type_number, SUB_TYPE, 0, 0)
-        )  # fmt: skip
+            _part(
+                6,
+                ">12d12d5d24d4i2h",
+                *JOINT_LIMITS.ravel(),
+                *limits.ravel(),
+                1.05,
+                1.4,
+                0.25,
+                1.2,
+                0.05,
+                *a,
+                *d,
+                *alpha,
+                *theta,
+                0,
+                BOX,
+                used_arm().type_number,
+                SUB_TYPE,
+                0,
+                0,
+            )
+        )
     return _framed(ROBOT_STATE, b"".join(parts))
 
 
 def _joints(controller: Controller) -> bytes:
     r, joints = controller.robot, []
     for q, target, qd, torque in zip(r.actual_q, r.target_q, r.actual_qd, r.joint_torques, strict=True):
-        joints.append(struct.pack(">3d4fB", q, target, qd, torque / 10.0, 48.0, 30.0, 30.0, controller.joint_mode))
+        joints.append(
+            struct.pack(">3d4fB", q, target, qd, torque / 10.0, 48.0, 30.0, 30.0, controller.joint_mode)
+        )
     return _framed(1, b"".join(joints))
 
 

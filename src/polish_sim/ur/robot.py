@@ -1,4 +1,5 @@
-"""The simulated controller's robot: modes, motions, force mode, safety, registers and payload on the cell's physics."""
+"""The simulated controller's robot: modes, motions, force mode, safety, registers and payload on the cell's
+physics."""
 
 from __future__ import annotations
 
@@ -59,13 +60,16 @@ class SimulatedRobot(Robot):
         self._delay = round(cell.scenario.robot.command_latency_s / TICK_S)
         self._coming: deque[tuple[int, Callable[[], None]]] = deque()  #: Streamed goals, and when they act
         self.compliance: Compliance | None = None
-        self._mode_settings = Compliance(baselines.mode_mass_kg, baselines.mode_damping, baselines.mode_gain_scaling)
+        self._mode_settings = Compliance(
+            baselines.mode_mass_kg, baselines.mode_damping, baselines.mode_gain_scaling
+        )
         self.registers: dict[str, dict[str, list[Any]]] = {
             side: {"int": [0] * 48, "double": [0.0] * 48, "bool": [False] * 128} for side in ("in", "out")
         }
         self.inputs_read: set[str] = set()  #: Names of registers a programme has read
         self.written = dict[str, int]()  #: Tick in which a client last wrote an input, by its name
-        self.watchdog: tuple[str, int, str] | None = None  #: Input, ticks it may stay unwritten, and what then happens
+        #: Input, ticks it may stay unwritten, and what then happens
+        self.watchdog: tuple[str, int, str] | None = None
         self.digital_in, self.digital_out = 0, 0
         self.analog_out, self.analog_domain, self.tool_voltage = [0.004, 0.004], [0, 0], 0
         self.external: Array = np.zeros(6)
@@ -73,7 +77,8 @@ class SimulatedRobot(Robot):
         self._data = mujoco.MjData(cell.model)
         # Views of what changes in every tick: to look a field of a record up takes as long as the physics.
         self._order = {
-            name: getattr(self.rig.order, name) for name in ("begin", "end", "speed", "read", "read_speed", "felt")
+            name: getattr(self.rig.order, name)
+            for name in ("begin", "end", "speed", "read", "read_speed", "felt")
         }
         state = cell.state
         self._seen = state.measurement.rotation, state.measurement.wrench, state.measurement.position
@@ -208,7 +213,9 @@ class SimulatedRobot(Robot):
 
     def movec(self, via: Array, to: Array, a: float, v: float, r: float, mode: int) -> None:
         """See the protocol."""
-        self._move(lambda start: tool_way(start, self._pose_at(start), to, self._tcp, via, mode == 1), a, v, 0.0, r)
+        self._move(
+            lambda start: tool_way(start, self._pose_at(start), to, self._tcp, via, mode == 1), a, v, 0.0, r
+        )
 
     def move_done(self) -> bool:
         """See the protocol."""
@@ -295,7 +302,9 @@ class SimulatedRobot(Robot):
         least = float(np.linalg.svd(jacobian(self.actual_q, self.tcp_offset[:3]), compute_uv=False)[-1])
         return 2 if least < 0.02 else 1 if least < 0.06 else 0
 
-    def direct_torque(self, tau: Array, friction_comp: bool, viscous: Array | None, coulomb: Array | None) -> None:
+    def direct_torque(
+        self, tau: Array, friction_comp: bool, viscous: Array | None, coulomb: Array | None
+    ) -> None:
         """See the protocol; without elastic joints there is no friction to compensate.
 
         The arm carries itself and the tool it has; what is added is the weight of another payload than that.
@@ -364,7 +373,9 @@ class SimulatedRobot(Robot):
         """
         g = np.asarray(direction, dtype=float)
         if abs(abs(float(g[2])) - 9.81) > 0.05 or np.abs(g[:2]).max() > 0.05:
-            raise ValueError("set_gravity: the cell's robot stands upright, gravity is 9.81 m/s^2 along its z axis")
+            raise ValueError(
+                "set_gravity: the cell's robot stands upright, gravity is 9.81 m/s^2 along its z axis"
+            )
 
     # Safety.
 
@@ -376,7 +387,8 @@ class SimulatedRobot(Robot):
         self._coast(STOP_A)
 
     def unlock(self) -> None:
-        """Leave a protective stop; the arm may back off from what stopped it, and is watched once nothing does."""
+        """Leave a protective stop; the arm may back off from what stopped it, and is watched once nothing
+        does."""
         self.safety, self._unlocked_at, self._drive = NORMAL, self.ticks, None
         self.rig.unlock()
 

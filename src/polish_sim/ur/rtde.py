@@ -1,4 +1,5 @@
-"""Port 30004, the Real-Time Data Exchange: versions 1 and 2, recipes, registers claimed by one client at a time."""
+"""Port 30004, the Real-Time Data Exchange: versions 1 and 2, recipes, registers claimed by one client at a
+time."""
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ def _registers(side: str) -> dict[str, tuple[str, Callable[[Controller], Any]]]:
         return lambda c: c.robot.registers[side][kind][index]
 
     def packed(first: int) -> Callable[[Controller], Any]:
-        return lambda c: sum(bit << k for k, bit in enumerate(c.robot.registers[side]["bool"][first : first + 32]))
+        return lambda c: sum(
+            bit << k for k, bit in enumerate(c.robot.registers[side]["bool"][first : first + 32])
+        )
 
     name = f"{side}put"
     for index in range(48):
@@ -129,12 +132,19 @@ FIELDS: Final[Mapping[str, tuple[str, Callable[[Controller], Any]]]] = {
 """Output fields: type and value."""
 
 SETTINGS: Final[Mapping[str, str]] = {
-    "speed_slider_mask": "UINT32", "speed_slider_fraction": "DOUBLE",
-    **{f"{group}_digital_output{end}": "UINT8"
-       for group in ("standard", "configurable", "tool") for end in ("", "_mask")},
-    "standard_analog_output_mask": "UINT8", "standard_analog_output_type": "UINT8",
-    "standard_analog_output_0": "DOUBLE", "standard_analog_output_1": "DOUBLE", "external_force_torque": "VECTOR6D",
-}  # fmt: skip
+    "speed_slider_mask": "UINT32",
+    "speed_slider_fraction": "DOUBLE",
+    **{
+        f"{group}_digital_output{end}": "UINT8"
+        for group in ("standard", "configurable", "tool")
+        for end in ("", "_mask")
+    },
+    "standard_analog_output_mask": "UINT8",
+    "standard_analog_output_type": "UINT8",
+    "standard_analog_output_0": "DOUBLE",
+    "standard_analog_output_1": "DOUBLE",
+    "external_force_torque": "VECTOR6D",
+}
 """Input fields that are no registers: type."""
 
 
@@ -187,7 +197,9 @@ def apply_inputs(controller: Controller, values: Mapping[str, Any]) -> None:
         robot.digital_out = robot.digital_out & ~mask | bits & mask
     for index in (0, 1):
         if values.get("standard_analog_output_mask", 0) >> index & 1:
-            robot.input_output("standard_analog_out", index, values.get(f"standard_analog_output_{index}", 0.0))
+            robot.input_output(
+                "standard_analog_out", index, values.get(f"standard_analog_output_{index}", 0.0)
+            )
             robot.analog_domain[index] = values.get("standard_analog_output_type", 0) >> index & 1
     if "external_force_torque" in values and np.isfinite(values["external_force_torque"]).all():
         robot.external = np.array(values["external_force_torque"])
@@ -259,7 +271,9 @@ class RtdeSession:
         names, number = _names(body), 0
         claimed = self.controller.claimed
         types = [
-            IN_USE if claimed.get(name, self) is not self and name != "external_force_torque" else _input_type(name)
+            IN_USE
+            if claimed.get(name, self) is not self and name != "external_force_torque"
+            else _input_type(name)
             for name in names
         ]
         if not {NOT_FOUND, IN_USE} & set(types) and names and len(self.inputs) < MOST_RECIPES:

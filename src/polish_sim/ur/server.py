@@ -147,7 +147,8 @@ class Pace:
     """How well the clock was kept."""
 
     ticks: int = 0
-    late: dict[float, int] = field(default_factory=lambda: dict.fromkeys(BOUNDS_S, 0))  #: By more than each bound
+    #: By more than each bound
+    late: dict[float, int] = field(default_factory=lambda: dict.fromkeys(BOUNDS_S, 0))
     worst_s: float = 0.0
     given_up: int = 0  #: Times the server was too far behind and went on from there
 
@@ -158,7 +159,9 @@ class Server:
     def __init__(self, controllers: dict[str, Controller], real_time: bool = True, offset: int = 0) -> None:
         self._controllers, self._real_time, self.pace = controllers, real_time, Pace()
         self._selector = selectors.DefaultSelector()
-        self._clients: dict[Controller, list[_Client]] = {controller: [] for controller in controllers.values()}
+        self._clients: dict[Controller, list[_Client]] = {
+            controller: [] for controller in controllers.values()
+        }
         self._listening: list[socket.socket] = []
         try:
             for address, controller in controllers.items():
@@ -177,8 +180,9 @@ class Server:
             listening.listen(CLIENTS)
         except OSError as error:
             raise InputError(
-                f"port {port + offset} of {address} cannot be used: {error.strerror or error}. Another simulated or "
-                "real controller may use it: stop that one, or take another --address (127.0.0.2)."
+                f"port {port + offset} of {address} cannot be used: {error.strerror or error}. Another "
+                "simulated or real controller may use it: stop that one, or take another --address "
+                "(127.0.0.2)."
             ) from error
         listening.setblocking(False)
         self._selector.register(listening, selectors.EVENT_READ, (controller, port))
@@ -220,9 +224,12 @@ class Server:
         for controller, clients in self._clients.items():
             controller.tick()
             for client in list(clients):
-                if client.session is None or (isinstance(client.session, RtdeSession) and not client.session.started):
+                if client.session is None or (
+                    isinstance(client.session, RtdeSession) and not client.session.started
+                ):
                     continue
-                # A slow reader misses states; what it misses of messages or data would be a gap: it is dropped.
+                # A slow reader misses states; what it misses of messages or data would be a gap: it is
+                # dropped.
                 if client.unsent and client.port == REALTIME:
                     continue
                 for package in client.session.packages():

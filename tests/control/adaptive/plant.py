@@ -1,4 +1,5 @@
-"""A plant in closed form: late commands, the tool an integrator, a spring to press on, a late and noisy sensor."""
+"""A plant in closed form: late commands, the tool an integrator, a spring to press on, a late and noisy
+sensor."""
 
 from __future__ import annotations
 
@@ -34,7 +35,11 @@ class Run(NamedTuple):
 
 
 def land(
-    controller: CompiledController, plant: Plant, approach: float = 0.02, seconds: float = 1.5, set_force: float = 20.0
+    controller: CompiledController,
+    plant: Plant,
+    approach: float = 0.02,
+    seconds: float = 1.5,
+    set_force: float = 20.0,
 ) -> Run:
     """Come down on the spring at ``approach`` [m/s]; the target's contact begins when 2 N are measured."""
     rng, blend = np.random.default_rng(0), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)

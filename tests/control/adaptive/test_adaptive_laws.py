@@ -21,7 +21,13 @@ from polish_sim.control.adaptive.force_loop import (
     under_way,
 )
 from polish_sim.control.adaptive.gains import LAWS, PressMemory, adaptive_gains
-from polish_sim.control.adaptive.landing import own_force, quickest_stop, refine_stiffness, restart_fit, watch_air
+from polish_sim.control.adaptive.landing import (
+    own_force,
+    quickest_stop,
+    refine_stiffness,
+    restart_fit,
+    watch_air,
+)
 from tests.control.signals import DT, measurement_at_rest
 
 GAINS = adaptive_gains(AdaptiveConfig())
@@ -29,7 +35,8 @@ STILL = measurement_at_rest()
 
 
 def test_a_ramp_is_shown_as_late_as_the_sensor_is() -> None:
-    """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), half a cycle for the hold."""
+    """A ramp of speed v through latency T and corner f lags by v (T + 1/(2 pi f)), half a cycle for the
+    hold."""
     memory, speed = PressMemory(), 0.02
     for k in range(400):
         seen = as_sensed(GAINS, memory, speed * k * DT, 3.0, DT)
@@ -59,7 +66,8 @@ def test_the_dampers_force_builds_up_within_its_lag() -> None:
 @pytest.mark.parametrize("cycles", [4, 9, 15, 25])
 @pytest.mark.parametrize("speed", [0.002, 0.02])
 def test_the_commands_delay_is_measured_on_the_way_down(cycles: int, speed: float) -> None:
-    """A command shows in the encoders ``cycles`` later; when the next one is chosen, one less are under way."""
+    """A command shows in the encoders ``cycles`` later; when the next one is chosen, one less are under
+    way."""
     memory = PressMemory()
     memory.delay.delay = GAINS.command_delay
     commands = [min(speed, 0.05 * k * DT) for k in range(1500)]
@@ -78,7 +86,9 @@ def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness: float
     speed, found, k = 0.02, [], 0
     while stiffness * speed * k * DT < 8.0:
         path = speed * k * DT
-        found.append(refine_stiffness(GAINS, memory, 5000.0, path, stiffness * path + 0.25 * rng.normal(), speed, DT))
+        found.append(
+            refine_stiffness(GAINS, memory, 5000.0, path, stiffness * path + 0.25 * rng.normal(), speed, DT)
+        )
         k += 1
     assert found[0] == pytest.approx(25000.0)
     assert min(found) > 0.9 * min(stiffness, 25000.0)

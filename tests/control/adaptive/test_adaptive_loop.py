@@ -1,4 +1,5 @@
-"""The composed law on a spring in closed form: it lands fast on any spring at any delay, and follows a rising part."""
+"""The composed law on a spring in closed form: it lands fast on any spring at any delay, and follows a rising
+part."""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ def without(law: str) -> str:
 
 @pytest.mark.parametrize("scale", [0.2, 1.0, 5.0])
 @pytest.mark.parametrize("delays", [(2, 1), (8, 2), (17, 5)])
-def test_it_lands_on_any_spring_at_any_delay_without_being_told(scale: float, delays: tuple[int, int]) -> None:
+def test_it_lands_on_any_spring_at_any_delay_without_being_told(
+    scale: float, delays: tuple[int, int]
+) -> None:
     plant = Plant(stiffness=5000.0 * scale, command_delay=delays[0], sensor_delay=delays[1])
     run = land(adaptive(), plant)
     # What cannot strike on stiff springs takes its time for the 20 mm that soft ones give by.
@@ -55,7 +58,8 @@ def test_it_lands_on_other_forces(set_force: float) -> None:
 
 @pytest.mark.parametrize("rise", [-0.004, 0.004])
 def test_a_part_that_rises_steadily_leaves_what_it_rises_within_the_lags(rise: float) -> None:
-    """The observer's rate is the integral action; what stays is k v (command 9 + sensor 3 + low-pass 2 ms) = 0.28 N."""
+    """The observer's rate is the integral action; what stays is k v (command 9 + sensor 3 + low-pass 2 ms) =
+    0.28 N."""
     run = land(adaptive(), Plant(rise=rise), seconds=2.0)
     assert np.abs(run.force[(run.time > 0.6) & (run.time < 0.7)] - 20.0).max() > 0.4
     np.testing.assert_allclose(run.force[-200:] - 20.0, 5000.0 * rise * 0.014, rtol=0.25)
@@ -88,7 +92,8 @@ def test_the_law_stiffness_is_what_holds_a_spring_five_times_as_stiff() -> None:
 
 
 def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air() -> None:
-    """The sequence takes noise for contact half a metre above the part: the tool continues at its approach speed."""
+    """The sequence takes noise for contact half a metre above the part: the tool continues at its approach
+    speed."""
     controller, rng = adaptive(), np.random.default_rng(0)
     controller.reset(0.001)
     m, t = measurement_at_rest(), target_to_press()

@@ -1,4 +1,5 @@
-"""What the path contributes: each law against its closed form, and what it is worth on a plant in closed form."""
+"""What the path contributes: each law against its closed form, and what it is worth on a plant in closed
+form."""
 
 from __future__ import annotations
 
@@ -80,7 +81,12 @@ def granted(ahead: Ahead, error: float, memory: PathMemory) -> float:
 
 
 def sent(
-    ahead: Ahead, s: float, look_ahead: float = 0.0, ratio: float = 1.0, R: Array = ALONG, wanted: Array = ALONG
+    ahead: Ahead,
+    s: float,
+    look_ahead: float = 0.0,
+    ratio: float = 1.0,
+    R: Array = ALONG,
+    wanted: Array = ALONG,
 ) -> float:
     """Rate along tool z that the feed-forward asks of a tool at ``R`` where ``wanted`` is aimed at [m/s]."""
     m = measurement_at_rest()
@@ -123,8 +129,12 @@ def test_the_rate_is_that_of_the_place_where_the_command_will_act() -> None:
 
 
 def test_an_axis_that_lags_behind_runs_into_the_part_and_is_held_back() -> None:
-    """Leaning 1 deg against the feed, the tool's own z sees the motion: v sin(1 deg); a wanted lean is no lag."""
-    ahead, R = seen_with(surplus=np.zeros(200)), Rotation.from_rotvec([0.0, math.radians(1.0), 0.0]).as_matrix()
+    """Leaning 1 deg against the feed, the tool's own z sees the motion: v sin(1 deg); a wanted lean is no
+    lag."""
+    ahead, R = (
+        seen_with(surplus=np.zeros(200)),
+        Rotation.from_rotvec([0.0, math.radians(1.0), 0.0]).as_matrix(),
+    )
     assert sent(ahead, 0.05, R=R) == pytest.approx(0.06 * math.sin(math.radians(1.0)))
     assert sent(ahead, 0.05, R=R, wanted=R) == pytest.approx(0.0, abs=1e-9)
 
@@ -141,7 +151,8 @@ def test_turning_is_led_by_its_change_over_the_look_ahead() -> None:
 
 
 def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles() -> None:
-    """Tool point at v round a bend of radius R, centre l above it: v^2 / R + l (v / R)^2, towards the part."""
+    """Tool point at v round a bend of radius R, centre l above it: v^2 / R + l (v / R)^2, towards the
+    part."""
     v, radius, height = 0.06, 0.06, 0.1226
     m = measurement_at_rest()
     # Over a convex part, z into it: moving along x the axis turns about -y.
@@ -176,7 +187,9 @@ def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibratio
     assert share[1000] * 0.03 / 0.06 == pytest.approx(2.0 * math.pi * 12.0 / 200.0, rel=0.01)
     assert share[0] == share[-1] == 1.0
     rigid = abilities(AdaptiveConfig(arm_mode_hz=0.0))
-    assert followable_share(course_of(np.zeros(2000), feed=0.03)._replace(turning=turning), rigid)[1000] == 1.0
+    assert (
+        followable_share(course_of(np.zeros(2000), feed=0.03)._replace(turning=turning), rigid)[1000] == 1.0
+    )
 
 
 def test_a_steep_slope_is_fed_so_slowly_that_its_unforeseen_part_stays_within_the_budget() -> None:
@@ -235,7 +248,8 @@ def test_on_the_first_turn_nothing_is_fed_forward() -> None:
 def level(ahead: Ahead, true_tilt: Array, noise: float, friction: float = 0.0, seconds: float = 6.0) -> Array:
     """Close the loop on a part tilted about tool x and y [rad]; corrections (n, 2) [rad].
 
-    The pad's moment is its tilt stiffness times what is left of the tilt, seen about the tool point behind a spring.
+    The pad's moment is its tilt stiffness times what is left of the tilt, seen about the tool point behind a
+    spring.
     """
     rng, state, m = np.random.default_rng(1), NormalMemory(), measurement_at_rest()
     track = []
@@ -243,7 +257,9 @@ def level(ahead: Ahead, true_tilt: Array, noise: float, friction: float = 0.0, s
         moment = -3.125 * (true_tilt - [state.tilt_x, state.tilt_y])
         travel = 20.0 / NORMAL.head_stiffness
         m.wrench[:3] = friction, -0.5 * friction, 20.0
-        m.wrench[3:5] = moment + travel * np.array([m.wrench[1], -m.wrench[0]]) + noise * rng.standard_normal(2)
+        m.wrench[3:5] = (
+            moment + travel * np.array([m.wrench[1], -m.wrench[0]]) + noise * rng.standard_normal(2)
+        )
         level_by_moment(ahead, m, fed_at(0.05), NORMAL, 0.001, state)
         track.append([state.tilt_x, state.tilt_y])
     return np.array(track)
@@ -255,7 +271,9 @@ def test_a_tilted_part_is_found_and_friction_does_not_matter() -> None:
 
 
 def test_a_ramp_of_eight_degrees_is_within_its_reach_and_no_more_than_ten() -> None:
-    assert level(nothing_ahead(), np.array([0.0, math.radians(8.0)]), 0.0)[-1, 1] == pytest.approx(0.1396, abs=1e-3)
+    assert level(nothing_ahead(), np.array([0.0, math.radians(8.0)]), 0.0)[-1, 1] == pytest.approx(
+        0.1396, abs=1e-3
+    )
     assert np.linalg.norm(level(nothing_ahead(), np.array([0.4, 0.4]), 0.0)[-1]) == pytest.approx(0.17)
 
 
@@ -294,7 +312,9 @@ def test_the_planned_axis_is_turned_about_the_tools_own_axes() -> None:
 
 
 def controller(laws: str) -> AdaptiveController:
-    return hybrid_adaptive(replace(CONFIG, adaptive=AdaptiveConfig(laws="touch-down stiffness inertia " + laws)))
+    return hybrid_adaptive(
+        replace(CONFIG, adaptive=AdaptiveConfig(laws="touch-down stiffness inertia " + laws))
+    )
 
 
 def wave(s: float) -> float:

@@ -1,4 +1,5 @@
-"""A wavy track in closed form: the tool is fed along x and presses on a spring whose ground rises and falls."""
+"""A wavy track in closed form: the tool is fed along x and presses on a spring whose ground rises and
+falls."""
 
 from __future__ import annotations
 
@@ -23,9 +24,18 @@ def course_of(surplus: Array, neighbour: Array | None = None, feed: float = 0.06
     n = len(surplus)
     zero = np.zeros(n)
     return Course(
-        SPACING, FORCE / SPRING + surplus, surplus, zero + SPRING, np.zeros((n, 2)), np.full((n, 2), 3.125), zero, zero,
-        np.zeros((n, 3)), zero + feed, np.full(n, -1) if neighbour is None else neighbour.astype(np.int64),
-    )  # fmt: skip
+        SPACING,
+        FORCE / SPRING + surplus,
+        surplus,
+        zero + SPRING,
+        np.zeros((n, 2)),
+        np.full((n, 2), 3.125),
+        zero,
+        zero,
+        np.zeros((n, 3)),
+        zero + feed,
+        np.full(n, -1) if neighbour is None else neighbour.astype(np.int64),
+    )
 
 
 def follow(
@@ -35,7 +45,8 @@ def follow(
     feed: float = 0.06,
     noise: float = 0.0,
 ) -> tuple[Array, Array]:
-    """Land, then feed along a track that lies ``depth(s)`` [m] deeper than flat; places [m] and force errors [N]."""
+    """Land, then feed along a track that lies ``depth(s)`` [m] deeper than flat; places [m] and force errors
+    [N]."""
     blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
     m, t = measurement_at_rest(), target_to_press(FORCE)
     controller.reset(DT)

@@ -16,14 +16,20 @@ from polish_sim.motion.rules.limits import SmoothingLimits, six
 Array = NDArray[np.float64]
 
 LIMITS = SmoothingLimits(
-    tip_speed=math.inf, tip_acceleration=0.6, tip_jerk=15.0, axis_speed=2.0, axis_acceleration=6.0, axis_jerk=300.0,
+    tip_speed=math.inf,
+    tip_acceleration=0.6,
+    tip_jerk=15.0,
+    axis_speed=2.0,
+    axis_acceleration=6.0,
+    axis_jerk=300.0,
     joint_jerk=six(600.0),
-)  # fmt: skip
+)
 TOLERANCES = (1e-4, math.radians(0.2))
 
 
 def stroke(tips: Array, turns: Array | None = None) -> tuple[Chain, Array]:
-    """A chain through tips (n, 3) [m] with frames turned by rotation vectors (n, 3), and arc lengths at its points."""
+    """A chain through tips (n, 3) [m] with frames turned by rotation vectors (n, 3), and arc lengths at its
+    points."""
     frames = Rotation.from_rotvec(np.zeros_like(tips) if turns is None else turns).as_matrix()
     chain = build_chain(tips, frames)
     return chain, np.concatenate([[0.0], np.cumsum(chain.lengths)])
@@ -39,7 +45,9 @@ def random_stroke(rng: np.random.Generator) -> tuple[Chain, Array]:
     """Steps of one size and turns of one size, both random: smooth and jagged ones."""
     n = int(rng.integers(4, 30))
     step, turn = 10.0 ** rng.uniform(-4, -2), 10.0 ** rng.uniform(-3, -1)
-    return stroke(np.cumsum(step * rng.normal(size=(n, 3)), axis=0), np.cumsum(turn * rng.normal(size=(n, 3)), axis=0))
+    return stroke(
+        np.cumsum(step * rng.normal(size=(n, 3)), axis=0), np.cumsum(turn * rng.normal(size=(n, 3)), axis=0)
+    )
 
 
 def distance_from(points: Array, tips: Array) -> Array:

@@ -1,4 +1,5 @@
-"""The law of time: as fast as closed forms say, never faster, and within every limit between its knots too."""
+"""The law of time: as fast as closed forms say, never faster, and within every limit between its knots
+too."""
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ def test_from_rest_to_rest_on_a_line_takes_hardly_longer_than_the_least_time(len
 
 def test_a_circle_is_followed_at_the_speed_its_acceleration_allows() -> None:
     radius = 0.025
-    motion = time_spline(plan(*stroke(circle(radius, 3.0)), 1.0, unlimited(tip_acceleration=0.6, tip_jerk=1e3)))
+    motion = time_spline(
+        plan(*stroke(circle(radius, 3.0)), 1.0, unlimited(tip_acceleration=0.6, tip_jerk=1e3))
+    )
     middle = motion.speeds[len(motion.speeds) // 3 : 2 * len(motion.speeds) // 3]
     best = math.sqrt(0.6 * radius)
     assert np.all(middle <= best * 1.003)  # the curve cuts chords' corners: its radius is that much larger
@@ -44,7 +47,8 @@ def test_a_circle_is_followed_at_the_speed_its_acceleration_allows() -> None:
 
 @pytest.mark.parametrize("feed", [0.03, 0.06, 0.1])
 def test_on_a_smooth_stroke_the_feed_is_kept_but_for_its_ends(feed: float) -> None:
-    """R 25 mm asks for v^2 / R = 0.4 m/s^2 and v^3 / R^2 = 1.6 m/s^3 at 100 mm/s: within the cell's limits."""
+    """R 25 mm asks for v^2 / R = 0.4 m/s^2 and v^3 / R^2 = 1.6 m/s^3 at 100 mm/s: within the cell's
+    limits."""
     motion = time_spline(plan(*stroke(circle(0.025, 4.0)), feed))
     kept = np.diff(motion.places)[motion.speeds[1:] >= 0.999 * feed].sum() / motion.places[-1]
     assert kept > 0.95
@@ -79,7 +83,9 @@ def test_the_passage_is_smooth_and_its_derivatives_are_its_own() -> None:
     assert v.min() >= 0.0
 
 
-def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Counted in knots of the programmes that were solved: the processor's clock is not asked."""
     solved: list[int] = []
     plan_law = law_module.plan_law

@@ -1,4 +1,5 @@
-"""The rule `spline` on any path: never slower than stops, within every limit, as fast as known bounds allow."""
+"""The rule `spline` on any path: never slower than stops, within every limit, as fast as known bounds
+allow."""
 
 from __future__ import annotations
 
@@ -32,7 +33,9 @@ def test_random_paths_keep_every_limit_and_take_no_longer_than_stops(number: int
 def test_the_trial_is_within_two_percent_of_the_best_symmetric_corners() -> None:
     """12.998 s: corners by the convex programme of `benchmarks.corner_program`, tool only."""
     chain = build_chain(*trial_path())
-    assert smooth_by_spline(chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, None).end == pytest.approx(13.0, rel=0.02)
+    assert smooth_by_spline(chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, None).end == pytest.approx(
+        13.0, rel=0.02
+    )
     with_arm = smooth_by_spline(chain, TRIAL_LIMITS, TOLERANCE, AXIS_TOLERANCE, trial_arm())
     assert with_arm.end <= 1.02 * 13.08
 
@@ -57,7 +60,9 @@ def test_a_path_that_turns_back_turns_within_two_tolerances_of_the_point() -> No
 
 def test_a_feed_of_a_segment_holds_on_it() -> None:
     chain, _ = stroke(np.array([[0.0, 0, 0], [0.03, 0, 0], [0.06, 0.01, 0], [0.09, 0.01, 0]]))
-    motion = smooth_by_spline(chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, None, np.array([math.inf, 0.01, math.inf]))
+    motion = smooth_by_spline(
+        chain, LIMITS, TOLERANCE, AXIS_TOLERANCE, None, np.array([math.inf, 0.01, math.inf])
+    )
     seen = motion.sample(np.linspace(0.0, motion.end, 20001))
     speeds = np.linalg.norm(seen.tips[:, 1], axis=1)
     inside = (seen.tips[:, 0, 0] > 0.031) & (seen.tips[:, 0, 0] < 0.059)

@@ -1,7 +1,9 @@
 """What the drawing says the tool will have to do, done before the loops see an error.
 
-The planned target is pressed in by F / k of flat contact. On a bend or a border the pad touches in part and has to go
-deeper: ``slope`` times the feed is a velocity along the tool axis that a force loop would find out about late.
+The planned target is pressed in by F / k of flat contact. On a bend or a border the pad touches in part and
+has to go
+deeper: ``slope`` times the feed is a velocity along the tool axis that a force loop would find out about
+late.
 """
 
 from __future__ import annotations
@@ -48,7 +50,8 @@ class Ahead(NamedTuple):
 
 
 def rows_ahead(course: Course, share: Array) -> NDArray[np.void]:
-    """A course for the compiled laws, shape (n,) of ``AheadRow``, with the ``share`` (n,) of `followable_share`."""
+    """A course for the compiled laws, shape (n,) of ``AheadRow``, with the ``share`` (n,) of
+    `followable_share`."""
     rows = np.zeros(len(course.depth), AheadRow.dtype)
     smooth = gaussian_filter1d(course.surplus, SMOOTHING_M / course.spacing, mode="nearest")
     rows["surplus"], rows["stiffness"], rows["share"] = smooth, course.stiffness, share
@@ -98,13 +101,20 @@ def _scale(ratio: float) -> float:
 
 @kernel
 def planned_press_rate(
-    ahead: Ahead, m: Measurement, t: Target, wanted: Array, look_ahead: float, ratio: float, gains: FeedForwardGains
+    ahead: Ahead,
+    m: Measurement,
+    t: Target,
+    wanted: Array,
+    look_ahead: float,
+    ratio: float,
+    gains: FeedForwardGains,
 ) -> float:
-    """Velocity along the tool's own z that keeps the force as the path is followed, ``look_ahead`` [s] from now [m/s].
+    """Velocity along the tool's own z that keeps the force as the path is followed, ``look_ahead`` [s] from
+    now [m/s].
 
-    Two parts: the depth that changes along the path, and the planned motion seen along an axis that is not where it
-    should be; a tool that lags behind a bend runs out of, or into, the part. ``wanted`` (3, 3) is the R_base_tool
-    the turning loop aims at, ``ratio`` the drawn stiffness by the real one.
+    Two parts: the depth that changes along the path, and the planned motion seen along an axis that is not
+    where it should be; a tool that lags behind a bend runs out of, or into, the part. ``wanted`` (3, 3) is
+    the R_base_tool the turning loop aims at, ``ratio`` the drawn stiffness by the real one.
     """
     speed = t.speed
     if speed <= 0.0 or not t.contact or not gains.on:
@@ -118,7 +128,8 @@ def planned_press_rate(
 
 @kernel
 def lead_turning(ahead: Ahead, t: Target, gains: FeedForwardGains, out: Array) -> None:
-    """Turn as the plan will when the command acts: add the change of the planned turning rate to ``out[3:6]``."""
+    """Turn as the plan will when the command acts: add the change of the planned turning rate to
+    ``out[3:6]``."""
     speed = t.speed
     if speed <= 0.0 or ahead.rows.shape[0] < 2 or not gains.on:
         return
@@ -131,8 +142,10 @@ def lead_turning(ahead: Ahead, t: Target, gains: FeedForwardGains, out: Array) -
 
 # Slow the feed where the loops could not follow: what the drawing says, and what the force says.
 
-UNFORESEEN = 0.3  #: Share of a planned motion that a displaced and bent part makes differently from its drawing [-]
-OF_LIMIT = 0.5  #: Share of the robot's acceleration limits the path may use; the rest is for the force loop [-]
+#: Share of a planned motion that a displaced and bent part makes differently from its drawing [-]
+UNFORESEEN = 0.3
+#: Share of the robot's acceleration limits the path may use; the rest is for the force loop [-]
+OF_LIMIT = 0.5
 
 
 class Abilities(NamedTuple):
@@ -157,11 +170,12 @@ class FeedGains(Record):
 def followable_share(course: Course, can: Abilities) -> Array:
     """Share of the planned feed at which force and axis stay within the budget, from the drawing, (n,).
 
-    Limits on the speed v: the unforeseen part of the planned rate ``slope v`` costs the force loop an error of
-    ``k slope v / w_c``; the rate changes by ``slope' v^2``, the path bends by ``bending v^2`` and the axis turns faster
-    by ``turning' v^2``, all within a share of the robot's accelerations; the joints, which turn about as fast as the
-    tool, must not let the gears' error come at the arm's vibration. Where the plan itself is as slow, all of it is
-    granted. Before a slow place the share falls in time, at the rate at which it may grow.
+    Limits on the speed v: the unforeseen part of the planned rate ``slope v`` costs the force loop an error
+    of ``k slope v / w_c``; the rate changes by ``slope' v^2``, the path bends by ``bending v^2`` and the axis
+    turns faster by ``turning' v^2``, all within a share of the robot's accelerations; the joints, which turn
+    about as fast as the tool, must not let the gears' error come at the arm's vibration. Where the plan
+    itself is as slow, all of it is granted. Before a slow place the share falls in time, at the rate at which
+    it may grow.
     """
     if len(course.depth) < 3:
         return np.ones(len(course.depth))
@@ -198,8 +212,8 @@ def _eased(share: Array, gain: Array) -> Array:
 def granted_feed(ahead: Ahead, t: Target, error: float, gains: FeedGains) -> float:
     """Share of the planned feed to grant now, 0 to 1.
 
-    The drawing's share, lowered while the averaged force ``error`` [N] is beyond the budget: twice the budget halves
-    it.
+    The drawing's share, lowered while the averaged force ``error`` [N] is beyond the budget: twice the budget
+    halves it.
     """
     if not gains.on or not t.contact:
         return 1.0

@@ -1,16 +1,17 @@
 """The force loop: crossover and observer from stiffness, delay, noise and unknown mass; the observer itself.
 
-The tool's travel z is known at once and almost exactly, the force late and noisy. Between two readings the force
-changes by k z, so the observer keeps what the travel does not explain, b (where the part is, in newtons), and its
-rate r (a part that rises or sinks):
+The tool's travel z is known at once and almost exactly, the force late and noisy. Between two readings the
+force changes by k z, so the observer keeps what the travel does not explain, b (where the part is, in
+newtons), and its rate r (a part that rises or sinks):
 
-    F = b + k z,    e = reading - own forces - (b + k z as sensed),    db/dt = r + 2 w_o e,    dr/dt = w_o^2 e.
+    F = b + k z,    e = reading - own forces - (b + k z as sensed),    db/dt = r + 2 w_o e
+    dr/dt = w_o^2 e.
 
-The command is u = w_c ((F_set - F) / k - travel under way) - r / k. With the right k the loop is an integrator on the
-encoders, w_c / s with the command's delay taken out by the travel under way. A resting part leaves no error; one that
-rises at a speed v leaves k v T, T the lags of command and sensor (0.2 N at 4 mm/s): to extrapolate it costs a tenth
-more noise and half the damping on soft springs at 20 ms. A limited command winds nothing up, because the observer sees
-the travel that was really done.
+The command is u = w_c ((F_set - F) / k - travel under way) - r / k. With the right k the loop is an
+integrator on the encoders, w_c / s with the command's delay taken out by the travel under way. A resting part
+leaves no error; one that rises at a speed v leaves k v T, T the lags of command and sensor (0.2 N at 4 mm/s):
+to extrapolate it costs a tenth more noise and half the damping on soft springs at 20 ms. A limited command
+winds nothing up, because the observer sees the travel that was really done.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ class Pace(NamedTuple):
 def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age: float) -> Pace:
     """Crossover and observer corner the loop can afford.
 
-    w_c delay <= ``delay_share``; 2 w_c w_o m / k <= 1/2 for a mass m that may be unaccounted for; w_o falls with
-    ``noise``, the deviation of a reading in the air [N]. At first, by ``age`` since contact [s], the observer is
-    quick.
+    w_c delay <= ``delay_share``; 2 w_c w_o m / k <= 1/2 for a mass m that may be unaccounted for; w_o falls
+    with ``noise``, the deviation of a reading in the air [N]. At first, by ``age`` since contact [s], the
+    observer is quick.
     """
     crossover = min(g.crossover, g.delay_share / delay)
     observer = g.observer * min(1.0, (g.noise / max(noise, 1e-3)) ** _NOISE_POWER)
@@ -66,15 +67,19 @@ def begin_contact(memory: PressMemory, stiffness: float, path: float, force: flo
 
 @kernel
 def change_stiffness(memory: PressMemory, stiffness: float, path: float) -> None:
-    """Believe another stiffness [N/m] without a jump of what the sensor should show at travel ``path`` [m]."""
+    """Believe another stiffness [N/m] without a jump of what the sensor should show at travel ``path``
+    [m]."""
     memory.force.slow -= (stiffness - memory.force.stiffness) * path
     memory.force.at_no_travel -= (stiffness - memory.force.stiffness) * path
     memory.force.stiffness = stiffness
 
 
 @kernel
-def observe_force(memory: PressMemory, corner: float, path: float, reading: float, landed: float, dt: float) -> float:
-    """Take in one ``reading`` [N], less the tool's own forces, at travel ``path`` [m] as sensed; the force now [N].
+def observe_force(
+    memory: PressMemory, corner: float, path: float, reading: float, landed: float, dt: float
+) -> float:
+    """Take in one ``reading`` [N], less the tool's own forces, at travel ``path`` [m] as sensed; the force
+    now [N].
 
     ``corner`` is w_o [rad/s], ``landed`` the weight of the rate's learning, 0 to 1.
     """
@@ -85,15 +90,17 @@ def observe_force(memory: PressMemory, corner: float, path: float, reading: floa
     return float(state.at_no_travel + state.stiffness * state.travel)
 
 
-# The arm swings on its gears, the encoders of its motors hardly: the law ``inertia`` does not know of it, and of the
-# tool's swinging mass the observer makes a force. 2 w_c w_o m / k of the command, times the resonance, comes back with
-# the command's sign turned round. Nothing else has to be known fast there: a notch takes it out of b + r / w_c, which
-# is what the sensor adds to the travel. Ramps pass late by 2 / w, which the rate makes up for.
+# The arm swings on its gears, the encoders of its motors hardly: the law ``inertia`` does not know of it, and
+# of the tool's swinging mass the observer makes a force. 2 w_c w_o m / k of the command, times the resonance,
+# comes back with the command's sign turned round. Nothing else has to be known fast there: a notch takes it
+# out of b + r / w_c, which is what the sensor adds to the travel. Ramps pass late by 2 / w, which the rate
+# makes up for.
 
 
 @kernel
 def correction(g: AdaptiveGains, memory: PressMemory, crossover: float, landed: float, dt: float) -> float:
-    """What is added to k z [N]: b and, at a weight ``landed``, its rate's share, without the arm's vibration."""
+    """What is added to k z [N]: b and, at a weight ``landed``, its rate's share, without the arm's
+    vibration."""
     state, turn = memory.force, g.arm_mode * dt
     lead = 1.0 / crossover + (2.0 / g.arm_mode if turn > 0.0 else 0.0)
     added = state.at_no_travel + lead * landed * state.rate
@@ -104,9 +111,10 @@ def correction(g: AdaptiveGains, memory: PressMemory, crossover: float, landed: 
 
 # The command's delay, measured on the way down, and the travel that is under way because of it.
 #
-# At a steady speed u the tool lags behind the commands by u tau, whatever tau is made of (network, robot, servo):
-# tau = (sum of the commands - travel done) / u, exact with encoders alone. While the loop runs, what was commanded in
-# the last tau seconds is on its way: the loop counts it as done (a Smith predictor for an integrator).
+# At a steady speed u the tool lags behind the commands by u tau, whatever tau is made of (network, robot,
+# servo): tau = (sum of the commands - travel done) / u, exact with encoders alone. While the loop runs, what
+# was commanded in the last tau seconds is on its way: the loop counts it as done (a Smith predictor for an
+# integrator).
 
 _REST = 2e-4  # slower than this the tool is at rest [m/s]
 _SLOWEST = 1e-3  # command from which the delay is measured [m/s]
@@ -154,10 +162,10 @@ def under_way(memory: PressMemory, dt: float) -> float:
 
 # Filters of known phase cost: what the host knows is shown to it as late and as smooth as the force.
 #
-# The wrist sensor low-passes the force (80 Hz) and delivers it 2 ms late, about 4 ms of lag in all. Instead of
-# filtering the force still more and paying for it in phase, everything it is compared with, the tool's travel and the
-# tool's own forces, goes through a copy of that filter. What is compared then belongs to the same instant; no loop is
-# closed on the filtered signal alone, so the filter costs no phase.
+# The wrist sensor low-passes the force (80 Hz) and delivers it 2 ms late, about 4 ms of lag in all. Instead
+# of filtering the force still more and paying for it in phase, everything it is compared with, the tool's
+# travel and the tool's own forces, goes through a copy of that filter. What is compared then belongs to the
+# same instant; no loop is closed on the filtered signal alone, so the filter costs no phase.
 
 
 class Sensed(NamedTuple):

@@ -20,7 +20,8 @@ from polish_sim.control.loops import StrikeGains
 from polish_sim.errors import ConfigError
 from polish_sim.kernels import Matrix3, Record
 
-LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning", "normal")  #: Each may be left out
+#: Each may be left out
+LAWS = ("touch-down", "stiffness", "inertia", "feed-forward", "feed", "learning", "normal")
 
 
 class AdaptiveGains(Record):
@@ -53,15 +54,28 @@ def adaptive_gains(config: AdaptiveConfig) -> AdaptiveGains:
     """The gains a configuration asks for; raises as `laws_of`."""
     on = laws_of(config)
     return AdaptiveGains(
-        stiffness=config.stiffness_n_m, damping=config.damping_n_s_m, damping_lag=config.damping_lag_s,
-        mass=config.tool_mass_kg, mass_doubt=config.tool_mass_doubt, mass_height=config.tool_center_m,
-        sensor_latency=config.sensor_latency_s, sensor_hz=config.sensor_bandwidth_hz, noise=config.usual_noise_n,
-        command_delay=config.command_delay_s, crossover=config.crossover_rad_s, observer=config.observer_rad_s,
-        delay_share=config.delay_share, speed=config.top_speed_m_s, acceleration=config.acceleration_m_s2,
-        stiff_first=config.stiff_first, touch_down="touch-down" in on,
-        estimates="stiffness" in on, inertia="inertia" in on, arm_mode=2.0 * math.pi * config.arm_mode_hz,
+        stiffness=config.stiffness_n_m,
+        damping=config.damping_n_s_m,
+        damping_lag=config.damping_lag_s,
+        mass=config.tool_mass_kg,
+        mass_doubt=config.tool_mass_doubt,
+        mass_height=config.tool_center_m,
+        sensor_latency=config.sensor_latency_s,
+        sensor_hz=config.sensor_bandwidth_hz,
+        noise=config.usual_noise_n,
+        command_delay=config.command_delay_s,
+        crossover=config.crossover_rad_s,
+        observer=config.observer_rad_s,
+        delay_share=config.delay_share,
+        speed=config.top_speed_m_s,
+        acceleration=config.acceleration_m_s2,
+        stiff_first=config.stiff_first,
+        touch_down="touch-down" in on,
+        estimates="stiffness" in on,
+        inertia="inertia" in on,
+        arm_mode=2.0 * math.pi * config.arm_mode_hz,
         strike=strike_gains(config),
-    )  # fmt: skip
+    )
 
 
 def laws_of(config: AdaptiveConfig) -> frozenset[str]:
@@ -73,7 +87,9 @@ def laws_of(config: AdaptiveConfig) -> frozenset[str]:
     named = frozenset(config.laws.replace(",", " ").split())
     unknown = sorted(named - set(LAWS))
     if unknown:
-        raise ConfigError(f"controller.adaptive.laws: there is no law '{unknown[0]}'. Laws: {', '.join(LAWS)}.")
+        raise ConfigError(
+            f"controller.adaptive.laws: there is no law '{unknown[0]}'. Laws: {', '.join(LAWS)}."
+        )
     return named
 
 
@@ -193,15 +209,22 @@ def path_gains(config: AdaptiveConfig) -> PathGains:
         FeedGains(config.feed_error_n, FEED_AVERAGE_S, config.feed_least, "feed" in on),
         LearningGains(config.learning_length_m, 0.0, FADE_S, config.learning_gain, "learning" in on),
         NormalGains(
-            config.normal_rate_1_s, config.normal_limit_rad, config.normal_turning_rad_s, config.head_stiffness_n_m,
-            config.pad_tilt_stiffness_nm_rad, "normal" in on,
+            config.normal_rate_1_s,
+            config.normal_limit_rad,
+            config.normal_turning_rad_s,
+            config.head_stiffness_n_m,
+            config.pad_tilt_stiffness_nm_rad,
+            "normal" in on,
         ),
-    )  # fmt: skip
+    )
 
 
 def abilities(config: AdaptiveConfig) -> Abilities:
     """What the feed law counts on."""
     return Abilities(
-        config.feed_error_n, config.crossover_rad_s, config.acceleration_m_s2, config.angular_acceleration_rad_s2,
+        config.feed_error_n,
+        config.crossover_rad_s,
+        config.acceleration_m_s2,
+        config.angular_acceleration_rad_s2,
         math.pi * config.arm_mode_hz / config.gear_waves if config.arm_mode_hz else math.inf,
-    )  # fmt: skip
+    )

@@ -1,13 +1,14 @@
 """Law ``touch-down``: notice the part, press on it as fast as robot and springs allow, stop at the set force.
 
-Contact is what the air was not: in the air the reading's mean is learned, and its noise, from what a low-pass takes off
-and from what it leaves (values beyond two deviations count as two: a rising force must not pass for noise). The part is
-there once the reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz for slow ones), leaves the mean by
-five standard deviations. Where it falls back it was noise, and the approach continues.
+Contact is what the air was not: in the air the reading's mean is learned, and its noise, from what a low-pass
+takes off and from what it leaves (values beyond two deviations count as two: a rising force must not pass for
+noise). The part is there once the reading, at one of two low-passes (30 Hz for fast approaches, 5 Hz for slow
+ones), leaves the mean by five standard deviations. Where it falls back it was noise, and the approach
+continues.
 
-The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without overshoot:
-v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach and grows with the
-evidence of contact. Nothing is integrated until the force has landed.
+The speed then follows from the travel still to go, as for the quickest stop at an acceleration a without
+overshoot: v = w x near the end, v = sqrt(2 a (x - a / 2 w^2)) before. It starts at the speed of the approach
+and grows with the evidence of contact. Nothing is integrated until the force has landed.
 
 Whatever stiffness is believed, the tool cannot strike: its speed stays below `loops.strike_limit`.
 """
@@ -76,7 +77,8 @@ def fast_rise(memory: PressMemory) -> float:
 
 @kernel
 def _deviation(memory: PressMemory) -> float:
-    """Of the faster low-passed reading in the air: that of white noise, or what was measured if that is more [N]."""
+    """Of the faster low-passed reading in the air: that of white noise, or what was measured if that is more
+    [N]."""
     return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air.variance, memory.air.fast_variance))
 
 
@@ -126,7 +128,8 @@ def quickest_stop(g: AdaptiveGains, travel: float, crossover: float, limit: floa
 
 @kernel
 def note_landing(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float) -> None:
-    """Keep how far the landing is over: it ends once the wanted speed [m/s] is small, and the rate is faded in."""
+    """Keep how far the landing is over: it ends once the wanted speed [m/s] is small, and the rate is faded
+    in."""
     if not g.touch_down:
         memory.force.landed = 1.0
     elif abs(speed) < _LANDED:
@@ -135,11 +138,12 @@ def note_landing(g: AdaptiveGains, memory: PressMemory, speed: float, dt: float)
 
 # Law ``stiffness``: dF/dz from the tool's own motion while it lands, stiff until proven soft.
 #
-# Least squares of force over travel, both as the sensor shows them, with a memory of 50 ms. What is used is the upper
-# end of the estimate, k + 2 sigma / sqrt(sum (z - mean)^2): wide at the first touch, when the travel says nothing yet,
-# and within a fraction of a millimetre at the slope itself. A spring taken for stiffer than it is makes the loop slow,
-# never unstable. Only motion the controller made itself counts (faster than 4 mm/s, while it lands): later, travel
-# follows the part and its slope against the force says nothing about springs.
+# Least squares of force over travel, both as the sensor shows them, with a memory of 50 ms. What is used is
+# the upper end of the estimate, k + 2 sigma / sqrt(sum (z - mean)^2): wide at the first touch, when the
+# travel says nothing yet, and within a fraction of a millimetre at the slope itself. A spring taken for
+# stiffer than it is makes the loop slow, never unstable. Only motion the controller made itself counts
+# (faster than 4 mm/s, while it lands): later, travel follows the part and its slope against the force says
+# nothing about springs.
 
 _MEMORY = 0.05  # [s]
 _EXCITED = 0.004  # slower motion teaches nothing [m/s]
@@ -156,12 +160,18 @@ def restart_fit(memory: PressMemory, path: float, force: float) -> None:
 
 @kernel
 def refine_stiffness(
-    g: AdaptiveGains, memory: PressMemory, nominal: float, path: float, force: float, pressing: float, dt: float
+    g: AdaptiveGains,
+    memory: PressMemory,
+    nominal: float,
+    path: float,
+    force: float,
+    pressing: float,
+    dt: float,
 ) -> float:
     """Take in travel ``path`` [m] and ``force`` [N] as sensed; upper end of what the stiffness may be [N/m].
 
-    It is within 0.1 to 10 times the ``nominal`` one, and ``stiff_first`` times it while the travel says nothing.
-    ``pressing`` is the present speed into the part [m/s].
+    It is within 0.1 to 10 times the ``nominal`` one, and ``stiff_first`` times it while the travel says
+    nothing. ``pressing`` is the present speed into the part [m/s].
     """
     fit = memory.fit
     if abs(pressing) > _EXCITED:
@@ -184,20 +194,24 @@ def refine_stiffness(
 
 # Law ``inertia``: forces the sensor reads that no part exerts, from the tool's own motion.
 #
-# The wrist sensor carries the tool: it reads m dv/dt besides the contact. The head's damper presses c v into a part
-# while it moves. On a bend the tool is accelerated along its axis though its speed along it stays zero: the tool point
-# goes round the bend, the mass centre round the tool point. All of it follows from the encoders:
+# The wrist sensor carries the tool: it reads m dv/dt besides the contact. The head's damper presses c v into
+# a part while it moves. On a bend the tool is accelerated along its axis though its speed along it stays
+# zero: the tool point goes round the bend, the mass centre round the tool point. All of it follows from the
+# encoders:
 #
 #     own = m (dv/dt - (w x z).v + l w^2) + c v,
 #
-# the damper's share through the pole of damper and springs. Without dv/dt a force loop of crossover w_c behind an
-# observer w_o feeds 2 w_c w_o m / k of its command back at any frequency, whatever the part: 0.64 with 2 kg, 5000 N/m
-# and 20 rad/s each. The turning terms are 0.7 N at 60 mm/s on a bend of 60 mm radius.
+# the damper's share through the pole of damper and springs. Without dv/dt a force loop of crossover w_c
+# behind an observer w_o feeds 2 w_c w_o m / k of its command back at any frequency, whatever the part: 0.64
+# with 2 kg, 5000 N/m and 20 rad/s each. The turning terms are 0.7 N at 60 mm/s on a bend of 60 mm radius.
 
 
 @kernel
-def own_force(g: AdaptiveGains, memory: PressMemory, m: Measurement, speed: float, pressing: float, dt: float) -> float:
-    """Force along tool z that the sensor reads from the tool's motion alone [N], at a ``speed`` along its axis [m/s].
+def own_force(
+    g: AdaptiveGains, memory: PressMemory, m: Measurement, speed: float, pressing: float, dt: float
+) -> float:
+    """Force along tool z that the sensor reads from the tool's motion alone [N], at a ``speed`` along its
+    axis [m/s].
 
     ``pressing`` is the speed at which the head is pressed in, 0 in the air [m/s].
     """

@@ -91,10 +91,18 @@ def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type:
 
 @kernel
 def turn(
-    h: HybridGains, p: PathGains, ahead: Ahead, path: PathMemory, m: Measurement, t: Target, hybrid: HybridMemory,
-    dt: float, twist: Array,
-) -> None:  # fmt: skip
-    """Angular part of the twist: to the planned axis, corrected by the surface's normal from the pad's moment."""
+    h: HybridGains,
+    p: PathGains,
+    ahead: Ahead,
+    path: PathMemory,
+    m: Measurement,
+    t: Target,
+    hybrid: HybridMemory,
+    dt: float,
+    twist: Array,
+) -> None:
+    """Angular part of the twist: to the planned axis, corrected by the surface's normal from the pad's
+    moment."""
     level_by_moment(ahead, m, t, p.normal, dt, path.normal)
     tilted_target(t, path.normal, path.wanted)
     if p.normal.on:
@@ -106,18 +114,32 @@ def turn(
 
 @kernel
 def expected_rate(
-    p: PathGains, ahead: Ahead, path: PathMemory, m: Measurement, t: Target, look_ahead: float, ratio: float, dt: float
+    p: PathGains,
+    ahead: Ahead,
+    path: PathMemory,
+    m: Measurement,
+    t: Target,
+    look_ahead: float,
+    ratio: float,
+    dt: float,
 ) -> float:
-    """Speed along tool z that drawing and neighbour turn say the path asks for ``look_ahead`` [s] from now [m/s]."""
+    """Speed along tool z that drawing and neighbour turn say the path asks for ``look_ahead`` [s] from now
+    [m/s]."""
     planned = drawing.planned_press_rate(ahead, m, t, path.wanted, look_ahead, ratio, p.forward)
     return planned + learned_rate(ahead, t, look_ahead, p.learning, dt, path.neighbour)
 
 
 @kernel
 def look_back(
-    p: PathGains, memory: PressMemory, ahead: Ahead, path: PathMemory, m: Measurement, t: Target, ratio: float,
+    p: PathGains,
+    memory: PressMemory,
+    ahead: Ahead,
+    path: PathMemory,
+    m: Measurement,
+    t: Target,
+    ratio: float,
     dt: float,
-) -> float:  # fmt: skip
+) -> float:
     """Learn from the observed force where the surface is; share of the planned feed to grant [-]."""
     state = memory.force
     if not memory.air.touches or state.stiffness == 0.0:
@@ -145,8 +167,9 @@ def press(
 ) -> float:
     """Speed along tool z [m/s]: the laws along z in turn.
 
-    ``by_position`` is what the position law asks for, the answer in the air; ``expected`` is the speed the path asks
-    for at this moment to keep the force, ``expected_then`` the same when today's command acts [m/s].
+    ``by_position`` is what the position law asks for, the answer in the air; ``expected`` is the speed the
+    path asks for at this moment to keep the force, ``expected_then`` the same when today's command acts
+    [m/s].
     """
     force_loop.expect_delay(g, memory)
     speed = along_z(m, m.twist)
@@ -163,9 +186,13 @@ def press(
     if g.estimates and state.landed < _LANDING:
         stiffness = landing.refine_stiffness(g, memory, g.stiffness, seen.path, reading, pressing, dt)
         force_loop.change_stiffness(memory, stiffness, seen.path)
-    pace = force_loop.pace_of(g, state.stiffness, memory.delay.delay, math.sqrt(memory.air.variance), state.age)
+    pace = force_loop.pace_of(
+        g, state.stiffness, memory.delay.delay, math.sqrt(memory.air.variance), state.age
+    )
     force_loop.observe_force(memory, pace.observer, seen.path, reading, state.landed, dt)
-    force = state.stiffness * state.travel + force_loop.correction(g, memory, pace.crossover, state.landed, dt)
+    force = state.stiffness * state.travel + force_loop.correction(
+        g, memory, pace.crossover, state.landed, dt
+    )
     # What the path will have asked for until then is no travel into the part.
     asked = 0.5 * (expected + expected_then) * memory.delay.delay
     coming = force_loop.under_way(memory, dt) - asked
@@ -182,7 +209,8 @@ def press(
 def _touches(
     g: AdaptiveGains, memory: PressMemory, t: Target, planned: float, path: float, reading: float, dt: float
 ) -> bool:
-    """Whether the tool touches: as the target says or the reading shows; noise counts only until it falls back."""
+    """Whether the tool touches: as the target says or the reading shows; noise counts only until it falls
+    back."""
     air, controlled = memory.air, t.contact
     if air.target_contact and not controlled:
         air.watched, air.touches = 0.0, False
@@ -231,5 +259,6 @@ class AdaptiveController(CompiledController):
 
 
 def hybrid_adaptive(config: ControllerConfig) -> AdaptiveController:
-    """The controller for a real polishing cell, of laws that `controller.adaptive.laws` can leave out one by one."""
+    """The controller for a real polishing cell, of laws that `controller.adaptive.laws` can leave out one by
+    one."""
     return AdaptiveController(config)

@@ -1,7 +1,8 @@
 """The real surface, learned along the path and fed to the next turn.
 
-A part lies a millimetre off and is bent. Where the force is right the tool's height says where the surface really is;
-the neighbouring turn, a step-over away, meets nearly the same error, and the slope of what was learned is known ahead.
+A part lies a millimetre off and is bent. Where the force is right the tool's height says where the surface
+really is; the neighbouring turn, a step-over away, meets nearly the same error, and the slope of what was
+learned is known ahead.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ class LearningGains(Record):
 
     length: float  #: Length over which the offset is averaged, and its slope taken to either side [m]
     sensor_delay: float  #: Age of the measured force [s]
-    fade_s: float  #: Time in which the feed-forward fades in where a neighbour is known and out where it is lost [s]
+    #: Time in which the feed-forward fades in where a neighbour is known and out where it is lost [s]
+    fade_s: float
     gain: float  #: Share of the neighbour's slope that is fed forward [-]
     on: bool  #: False leaves the law out
 
@@ -41,12 +43,14 @@ class NeighbourMemory(Record):
 
 
 @kernel
-def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: float, state: LearningMemory) -> None:
+def learn(
+    ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: float, state: LearningMemory
+) -> None:
     """Remember how much deeper than planned the real surface lies at the present place.
 
-    The average lags its length behind, and the force is as old as the sensor's delay: it is stored where it belongs.
-    ``offset`` [m] is the tool beyond the target along the planned axis, plus (wanted - measured force) / stiffness,
-    less what was planned, see ``planned_surplus``.
+    The average lags its length behind, and the force is as old as the sensor's delay: it is stored where it
+    belongs. ``offset`` [m] is the tool beyond the target along the planned axis, plus (wanted - measured
+    force) / stiffness, less what was planned, see ``planned_surplus``.
     """
     speed = t.speed
     if not t.contact or speed <= 0.0 or ahead.rows.shape[0] < 2:
@@ -70,7 +74,8 @@ def learn(ahead: Ahead, t: Target, offset: float, gains: LearningGains, dt: floa
 def learned_rate(
     ahead: Ahead, t: Target, look_ahead: float, gains: LearningGains, dt: float, state: NeighbourMemory
 ) -> float:
-    """Velocity along the tool axis that the neighbouring turn says will be needed ``look_ahead`` [s] from now [m/s].
+    """Velocity along the tool axis that the neighbouring turn says will be needed ``look_ahead`` [s] from now
+    [m/s].
 
     A cycle ``dt`` of 0 leaves the fading as it is.
     """
@@ -100,14 +105,15 @@ def _neighbour(ahead: Ahead, s: float) -> int:
 
 # The real surface's normal, from the moment of the pad's pressure.
 #
-# A pad that stands aslant presses with one side: the moment about the middle of its face, by the stiffness against
-# tilting that the drawing promises at this place, is the angle. Friction acts in the face and has no part in it, once
-# the measured moment is moved from the tool point to the face. What moment a border or a bend causes on the drawing is
-# taken off, so that the tool does not roll over an edge.
+# A pad that stands aslant presses with one side: the moment about the middle of its face, by the stiffness
+# against tilting that the drawing promises at this place, is the angle. Friction acts in the face and has no
+# part in it, once the measured moment is moved from the tool point to the face. What moment a border or a
+# bend causes on the drawing is taken off, so that the tool does not roll over an edge.
 
 
 MOMENT_HZ = 3.0
-"""Low-pass on the moment [Hz]: the tool swings sideways on the arm's gears, and its inertia is in the moment."""
+"""Low-pass on the moment [Hz]: the tool swings sideways on the arm's gears, and its inertia is in the
+moment."""
 
 
 class NormalGains(Record):
@@ -166,7 +172,8 @@ def level_by_moment(
 
 @kernel
 def _rate(moment: float, stiffness: float, gains: NormalGains) -> float:
-    """Rate of the correction [rad/s]; slower where only a part of the pad touches and the moment says less."""
+    """Rate of the correction [rad/s]; slower where only a part of the pad touches and the moment says
+    less."""
     whole = max(stiffness / gains.pad_tilt_stiffness, 1e-3)
     rate = -gains.rate * whole * moment / gains.pad_tilt_stiffness
     return min(max(rate, -gains.turning_limit), gains.turning_limit)
@@ -174,7 +181,8 @@ def _rate(moment: float, stiffness: float, gains: NormalGains) -> float:
 
 @kernel
 def tilted_target(t: Target, state: NormalMemory, R_out: Array) -> None:
-    """The planned orientation with the correction: ``R_out`` = R_target turned by the state about its own x and y."""
+    """The planned orientation with the correction: ``R_out`` = R_target turned by the state about its own x
+    and y."""
     a, b = state.tilt_x, state.tilt_y
     angle = math.sqrt(a * a + b * b)
     if angle < 1e-9:

@@ -1,9 +1,10 @@
 """Tables of two arms, with their bases and the tracker's targets on their flanges, from tracked poses.
 
-Each arm by least squares of where the tracker saw the target, with prior knowledge: the nominal table and how far a
-built arm may be from it. That also fixes what no measurement shows, such as sliding three parallel axes along
-themselves. Of arms with elastic joints whose weight is known, the gears are found along: how much each winds up below,
-between and above its catalogue's knees, and its error by the rotor's angle, once and twice a period.
+Each arm by least squares of where the tracker saw the target, with prior knowledge: the nominal table and how
+far a built arm may be from it. That also fixes what no measurement shows, such as sliding three parallel axes
+along themselves. Of arms with elastic joints whose weight is known, the gears are found along: how much each
+winds up below, between and above its catalogue's knees, and its error by the rotor's angle, once and twice a
+period.
 """
 
 from __future__ import annotations
@@ -17,7 +18,16 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.fit import Problem, solve
-from polish_sim.calibration.tables import JOINTS, XYZ_MM, Calibration, Kind, Measured, mm_texts, read_table, write_table
+from polish_sim.calibration.tables import (
+    JOINTS,
+    XYZ_MM,
+    Calibration,
+    Kind,
+    Measured,
+    mm_texts,
+    read_table,
+    write_table,
+)
 from polish_sim.config import RealArmConfig
 from polish_sim.dual.calibration.bases import ROBOTS, robots_of
 from polish_sim.dual.calibration.matched_points import kabsch, moved_frame, point_slopes, relative_frame
@@ -37,9 +47,9 @@ _LIKELY: Final = np.repeat([[*[1e-4] * 3, *[3e-4] * 4], [*[6e-4] * 3, *[3e-4] * 
 ARM: Final = Kind(
     "arm",
     "two arms",
-    "Two arms' Denavit-Hartenberg tables as found: joint offsets [rad], d [m], a [m], alpha [rad], six each, and "
-    "transform, the follower's base in the master's, which goes with them. `pair` names the two robots it is true for. "
-    "true_...: of simulated robots only.",
+    "Two arms' Denavit-Hartenberg tables as found: joint offsets [rad], d [m], a [m], alpha [rad], six "
+    "each, and transform, the follower's base in the master's, which goes with them. `pair` names the two "
+    "robots it is true for. true_...: of simulated robots only.",
 )
 FAR_M, FAR_RAD = 0.01, 0.02  #: No built arm is farther off its table than this [m], [rad]
 JOINTS_DEG: Final = tuple(f"q{k}_deg" for k in range(1, 7))
@@ -72,11 +82,13 @@ class ArmEstimate(NamedTuple):
     T_tracker_base: Array  #: Shape (4, 4)
     target: Array  #: On the flange [m], shape (3,)
     residuals: Array  #: Seen minus predicted [m], shape (n, 3)
-    base_covariance: Array  #: Of the base's origin [m] and rotation [rad], tracker axes, whatever the table is, (6, 6)
+    #: Of the base's origin [m] and rotation [rad], tracker axes, whatever the table is, (6, 6)
+    base_covariance: Array
     gears: Array = _RIGID  #: What joints turn by a unit of each column of `gear_columns`, shape (6, 7)
 
     def links_at(self, q: Array, weight: Array | None = None) -> Array:
-        """Angles of the links (n, 6) [rad] with the encoders at ``q``, under torques that hold the weight (n, 6)."""
+        """Angles of the links (n, 6) [rad] with the encoders at ``q``, under torques that hold the weight (n,
+        6)."""
         return q if weight is None else q + np.sum(gear_columns(q, weight) * self.gears, axis=2)
 
     def target_at(self, q: Array, weight: Array | None = None) -> Array:
@@ -86,7 +98,8 @@ class ArmEstimate(NamedTuple):
 
 
 def gear_columns(q: Array, weight: Array) -> Array:
-    """What turns the links off their encoders: torque by parts between the knees, error once and twice, (n, 6, 7)."""
+    """What turns the links off their encoders: torque by parts between the knees, error once and twice, (n,
+    6, 7)."""
     size, way = np.abs(weight), -np.sign(weight)
     first, second = np.array(CATALOGUE.knee_1_nm), np.array(CATALOGUE.knee_2_nm)
     parts = (np.minimum(size, first), np.clip(size, first, second) - first, np.maximum(size - second, 0.0))
@@ -96,9 +109,11 @@ def gear_columns(q: Array, weight: Array) -> Array:
 
 
 def fit_arm(tracked: TrackedArm, noise: float, tolerance: Tolerance | None = None) -> ArmEstimate:
-    """The most probable table, base and target of an arm, from twenty poses or more with all joints well moved.
+    """The most probable table, base and target of an arm, from twenty poses or more with all joints well
+    moved.
 
-    ``noise``: of one coordinate of the tracker [m]; ``tolerance``: of the nominal table. Fewer poses: CalibrationError.
+    ``noise``: of one coordinate of the tracker [m]; ``tolerance``: of the nominal table. Fewer poses:
+    CalibrationError.
     """
     tolerance = tolerance or Tolerance()
     spread = np.repeat([tolerance.angle, tolerance.length, tolerance.length, tolerance.angle], 6)
@@ -112,11 +127,12 @@ def fit_placement(tracked: TrackedArm) -> ArmEstimate:
 
 
 def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
-    """Least squares; ``spread``: standard deviation of each unknown about its nominal value (75,), 0 keeps it there."""
+    """Least squares; ``spread``: standard deviation of each unknown about its nominal value (75,), 0 keeps it
+    there."""
     if len(tracked.q) < LEAST_POSES:
         raise CalibrationError(
-            f"{len(tracked.q)} poses cannot determine an arm's table (33 unknowns): give {LEAST_POSES} or more, "
-            "60 are good."
+            f"{len(tracked.q)} poses cannot determine an arm's table (33 unknowns): give {LEAST_POSES} or "
+            "more, 60 are good."
         )
     free = spread > 0.0
     prior = 1.0 / spread[free]
@@ -142,7 +158,9 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
     arm = solve(Problem(residuals, slopes, moved), _start(tracked))
     rows = slopes(arm)[:, 0]
     covariance = np.asarray(np.linalg.pinv(rows.T @ rows)[:6, :6], dtype=np.float64)
-    return arm._replace(residuals=tracked.seen - arm.target_at(tracked.q, tracked.weight), base_covariance=covariance)
+    return arm._replace(
+        residuals=tracked.seen - arm.target_at(tracked.q, tracked.weight), base_covariance=covariance
+    )
 
 
 def _start(tracked: TrackedArm) -> ArmEstimate:
@@ -151,7 +169,8 @@ def _start(tracked: TrackedArm) -> ArmEstimate:
     stretch = float(np.linalg.norm(np.std(tracked.seen, axis=0)) / np.linalg.norm(np.std(own, axis=0)))
     if not 0.5 < stretch < 2.0:
         raise CalibrationError(
-            f"the tracker saw the target move {stretch:.3g} times as far as the arm did: are units mixed (mm, m)?"
+            f"the tracker saw the target move {stretch:.3g} times as far as the arm did: are units mixed "
+            "(mm, m)?"
         )
     T = kabsch(tracked.seen, own)
     return ArmEstimate(NOMINAL, T, np.zeros(3), tracked.seen - apply(T, own), np.zeros((6, 6)))
@@ -181,7 +200,8 @@ class PairTables(NamedTuple):
 
     @property
     def bases(self) -> tuple[Array, Array]:
-        """The follower's base in the master's, (4, 4), and its covariance, (6, 6): with these tables and no others."""
+        """The follower's base in the master's, (4, 4), and its covariance, (6, 6): with these tables and no
+        others."""
         master, follower = (self.arms[robot] for robot in ROBOTS)
         return relative_frame(
             master.T_tracker_base, master.base_covariance, follower.T_tracker_base, follower.base_covariance
@@ -199,9 +219,14 @@ def fit_pair(tracked: Mapping[str, TrackedArm], noise: float | None, tolerance: 
 
     Raises CalibrationError for too few poses or mixed units.
     """
-    found = {robot: fit_arm(one, USUAL_NOISE if noise is None else noise, tolerance) for robot, one in tracked.items()}
+    found = {
+        robot: fit_arm(one, USUAL_NOISE if noise is None else noise, tolerance)
+        for robot, one in tracked.items()
+    }
     if noise is None:
-        found = {robot: fit_arm(one, residual_rms([found[robot]]), tolerance) for robot, one in tracked.items()}
+        found = {
+            robot: fit_arm(one, residual_rms([found[robot]]), tolerance) for robot, one in tracked.items()
+        }
     return PairTables(found)
 
 
@@ -221,7 +246,9 @@ def held_out_rms(tracked: Mapping[str, TrackedArm], noise: float, tolerance: Tol
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
-def pair_figures(tracked: Mapping[str, TrackedArm], found: PairTables, tolerance: Tolerance) -> dict[str, Any]:
+def pair_figures(
+    tracked: Mapping[str, TrackedArm], found: PairTables, tolerance: Tolerance
+) -> dict[str, Any]:
     """A calibration under the names of metrics.json.
 
     residual_rms_m is of one coordinate, nominal_rms_m the distance left if only base and target are fitted,
@@ -289,9 +316,9 @@ def _tables(read: Calibration, prefix: str) -> dict[str, Array]:
     for robot, table in tables.items():
         if (np.abs(table - NOMINAL) > limits).any():
             raise CalibrationError(
-                f"'{read.file}': {prefix}{robot}_table is more than {1e3 * FAR_M:g} mm or {np.degrees(FAR_RAD):.1f} "
-                "deg off the maker's table: it is another robot's, or its rows or units are mixed (offsets, d, a, "
-                "alpha; rad and m)."
+                f"'{read.file}': {prefix}{robot}_table is more than {1e3 * FAR_M:g} mm or "
+                f"{np.degrees(FAR_RAD):.1f} deg off the maker's table: it is another robot's, or its rows or "
+                "units are mixed (offsets, d, a, alpha; rad and m)."
             )
     return tables
 
@@ -299,8 +326,8 @@ def _tables(read: Calibration, prefix: str) -> dict[str, Array]:
 def read_tracked(file: Path) -> Mapping[str, TrackedArm]:
     """Read where a tracker saw the targets on both flanges, pose by pose.
 
-    Columns: robot; q1_rad to q6_rad, or q1_deg to q6_deg; x_mm, y_mm, z_mm (or in m) of the target. Raises InputError
-    for a missing file, column or robot, mixed units or an invalid value.
+    Columns: robot; q1_rad to q6_rad, or q1_deg to q6_deg; x_mm, y_mm, z_mm (or in m) of the target. Raises
+    InputError for a missing file, column or robot, mixed units or an invalid value.
     """
     columns = Measured.read(file, "measurement", "tracked poses of two arms")
     robots = robots_of(columns)

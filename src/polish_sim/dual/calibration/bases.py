@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools
 from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
-from polish_sim.dual.calibration.circle import BaseFrame, Circle, base_from_meeting_axes, fit_circle_without_outliers
+from polish_sim.dual.calibration.circle import (
+    BaseFrame,
+    Circle,
+    base_from_meeting_axes,
+    fit_circle_without_outliers,
+)
 from polish_sim.dual.calibration.matched_points import relative_frame
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.tables import csv_text
@@ -23,11 +28,16 @@ ROBOTS = ("master", "follower")
 BASE: Final = Kind(
     "base",
     "two bases",
-    "The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the origin xyz "
-    "[m] and small rotation xyz [rad], master axes. `pair` names the two robots it is true for. "
+    "The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the "
+    "origin xyz [m] and small rotation xyz [rad], master axes. `pair` names the two robots it is true for. "
     "true_transform: of simulated robots only.",
 )
-_NAMES: Final[Mapping[str, str]] = {"1": "master", "2": "follower", "master": "master", "follower": "follower"}
+_NAMES: Final[Mapping[str, str]] = {
+    "1": "master",
+    "2": "follower",
+    "master": "master",
+    "follower": "follower",
+}
 
 
 class Group(NamedTuple):
@@ -47,7 +57,8 @@ class BaseCalibration(NamedTuple):
     noise: float  #: Standard deviation of one coordinate of one measurement [m]
     groups: tuple[Group, ...]
     circles: Mapping[str, tuple[Circle, ...]]  #: Circles of axes 1 and 2, robot by robot
-    frames: Mapping[str, BaseFrame]  #: The bases seen by the tracker, with the gap between their axes, robot by robot
+    #: The bases seen by the tracker, with the gap between their axes, robot by robot
+    frames: Mapping[str, BaseFrame]
 
 
 @dataclass(frozen=True)
@@ -85,20 +96,30 @@ class AxisArcs:
             )
             frames[robot] = _named(f"the {robot}", base_from_meeting_axes, *circles[robot])
         groups = [
-            Group(f"{robot}, axis {axis + 1}", self.arcs[robot][axis], np.linalg.norm(c.residuals, axis=1), c.used)
+            Group(
+                f"{robot}, axis {axis + 1}",
+                self.arcs[robot][axis],
+                np.linalg.norm(c.residuals, axis=1),
+                c.used,
+            )
             for robot in ROBOTS
             for axis, c in enumerate(circles[robot])
         ]
         each = [c.noise for pair in circles.values() for c in pair]
         master, follower = (frames[robot] for robot in ROBOTS)
         T, covariance = relative_frame(master.T, master.covariance, follower.T, follower.covariance)
-        return BaseCalibration(T, covariance, float(np.sqrt(np.mean(np.square(each)))), tuple(groups), circles, frames)
+        return BaseCalibration(
+            T, covariance, float(np.sqrt(np.mean(np.square(each)))), tuple(groups), circles, frames
+        )
 
     def table(self, found: BaseCalibration) -> str:
-        """Points, distances along the radius and the axis, and whether each was used, as CSV that reads back."""
+        """Points, distances along the radius and the axis, and whether each was used, as CSV that reads
+        back."""
         rows = []
         for robot in ROBOTS:
-            for axis, (points, circle) in enumerate(zip(self.arcs[robot], found.circles[robot], strict=True), 1):
+            for axis, (points, circle) in enumerate(
+                zip(self.arcs[robot], found.circles[robot], strict=True), 1
+            ):
                 for point, e, used in zip(points, circle.residuals, circle.used, strict=True):
                     rows.append([robot, axis, *mm_texts((*point, *e)), int(used)])
         return csv_text(["robot", "axis", *XYZ_MM, "residual_radial_mm", "residual_axial_mm", "used"], rows)
@@ -139,14 +160,20 @@ def base_figures(found: BaseCalibration) -> dict[str, Any]:
     }
 
 
-def write_base_calibration(file: Path, found: BaseCalibration, pair: str, T_true: Array | None = None) -> None:
-    """Write calibration.toml; ``pair`` names the two robots, ``T_true`` is the true frame of simulated ones."""
+def write_base_calibration(
+    file: Path, found: BaseCalibration, pair: str, T_true: Array | None = None
+) -> None:
+    """Write calibration.toml; ``pair`` names the two robots, ``T_true`` is the true frame of simulated
+    ones."""
     true = {} if T_true is None else {"true_transform": np.asarray(T_true).tolist()}
-    write_table(file, BASE, {"pair": pair} | base_figures(found) | true | {"covariance": found.covariance.tolist()})
+    write_table(
+        file, BASE, {"pair": pair} | base_figures(found) | true | {"covariance": found.covariance.tolist()}
+    )
 
 
 def read_base_calibration(file: Path, pair: str) -> CalibratedBases:
-    """Read where the follower's base is from a calibration.toml of `calibrate base`, for the robots named ``pair``.
+    """Read where the follower's base is from a calibration.toml of `calibrate base`, for the robots named
+    ``pair``.
 
     Raises InputError for a file that is no calibration of bases, CalibrationError for that of another pair.
     """
@@ -165,7 +192,8 @@ def read_base_measurements(file: Path) -> AxisArcs:
 
 
 def robots_of(columns: Measured) -> NDArray[np.str_]:
-    """Whose measurement each line is, master or follower, (n,); InputError for another name or a missing robot."""
+    """Whose measurement each line is, master or follower, (n,); InputError for another name or a missing
+    robot."""
     columns.need(["robot"], "whose measurement a line is: master or follower (or 1, 2)")
     texts = columns.texts["robot"]
     robots = np.array([_NAMES.get(text.lower(), "") for text in texts])
@@ -173,7 +201,7 @@ def robots_of(columns: Measured) -> NDArray[np.str_]:
     for robot in ROBOTS:
         if not (robots == robot).any():
             raise InputError(
-                f"'{columns.file}' holds no measurement of the {robot}: both robots must be seen from the same place "
-                "of the tracker."
+                f"'{columns.file}' holds no measurement of the {robot}: both robots must be seen from the "
+                "same place of the tracker."
             )
     return robots

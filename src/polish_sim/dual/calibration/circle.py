@@ -1,8 +1,10 @@
-"""A robot's base from two circles: those a tracker's target runs while axis 1, then axis 2 of the robot turns.
+"""A robot's base from two circles: those a tracker's target runs while axis 1, then axis 2 of the robot
+turns.
 
-z1 is the first axis. x runs along the common normal of both axes, z1 x z2: on this arm the axes meet, so that the
-normal's foot is where they meet, but its direction is as good. The origin lies d1 below the foot on the first axis:
-its height follows from the robot's table, not from this measurement. Joint angles are not used (paper 2).
+z1 is the first axis. x runs along the common normal of both axes, z1 x z2: on this arm the axes meet, so that
+the normal's foot is where they meet, but its direction is as good. The origin lies d1 below the foot on the
+first axis: its height follows from the robot's table, not from this measurement. Joint angles are not used
+(paper 2).
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ class Circle:
     """A circle in space and the axis it was run about."""
 
     center: Array  #: [m], shape (3,)
-    frame: Array  #: Columns u, v in the plane and the axis n, about which the points run in the positive sense, (3, 3)
+    #: Columns u, v in the plane and the axis n, about which the points run in the positive sense, (3, 3)
+    frame: Array
     radius: float  #: [m]
     covariance: Array  #: Of the centre [m] and the tilt of the axis towards u and v [rad], shape (5, 5)
     noise: float  #: Standard deviation of one coordinate of a point [m]
@@ -66,7 +69,8 @@ class _Shape(NamedTuple):
 
 
 def fit_circle(points: Array, noise: float | None = None, used: Bools | None = None) -> Circle:
-    """Circle through points in the order they were run, least squares of their distances along radius and axis.
+    """Circle through points in the order they were run, least squares of their distances along radius and
+    axis.
 
     Args:
         points: In the order of a rising joint angle, which gives the axis its sense [m], shape (n, 3).
@@ -85,7 +89,8 @@ def fit_circle(points: Array, noise: float | None = None, used: Bools | None = N
     arc = float(angle.max() - angle.min())
     if arc < LEAST_ARC:
         raise CalibrationError(
-            f"an arc of {np.degrees(arc):.0f} deg is too short to determine an axis: turn the joint by 120 deg or more."
+            f"an arc of {np.degrees(arc):.0f} deg is too short to determine an axis: turn the joint by 120 "
+            "deg or more."
         )
     turn = np.eye(6)
     turn[:3, :3] = frame
@@ -94,7 +99,8 @@ def fit_circle(points: Array, noise: float | None = None, used: Bools | None = N
 
 
 def fit_circle_without_outliers(points: Array, noise: float | None = None) -> Circle:
-    """The same, leaving out points too far off to be noise; CalibrationError also if those are more than a quarter."""
+    """The same, leaving out points too far off to be noise; CalibrationError also if those are more than a
+    quarter."""
     check_arc_points(points)
     problem = _problem(points)
     return fit_circle(points, noise, agreeing(problem, solve(problem, _start(points)), "points of the arc"))
@@ -110,19 +116,25 @@ def check_arc_points(points: Array) -> None:
         )
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[0] < 1e-3 * np.sqrt(len(points)):
-        raise CalibrationError("all points of the arc are in one place: did the joint turn while they were recorded?")
+        raise CalibrationError(
+            "all points of the arc are in one place: did the joint turn while they were recorded?"
+        )
     if spread[1] < 5e-3 * spread[0]:
         raise CalibrationError(
-            "all points of the arc lie on a line: no circle goes through them. Turn one joint alone by 120 deg or more."
+            "all points of the arc lie on a line: no circle goes through them. Turn one joint alone by 120 "
+            "deg or more."
         )
 
 
 def _start(points: Array) -> _Shape:
-    """Plane by SVD, in it the linear least squares of x^2 + y^2 = 2 a x + 2 b y + c; axis by the sense of rotation."""
+    """Plane by SVD, in it the linear least squares of x^2 + y^2 = 2 a x + 2 b y + c; axis by the sense of
+    rotation."""
     mean = points.mean(axis=0)
     _, _, (u, v, _) = np.linalg.svd(points - mean, full_matrices=False)
     x, y = (points - mean) @ u, (points - mean) @ v
-    a, b, c = np.linalg.lstsq(np.column_stack([2.0 * x, 2.0 * y, np.ones_like(x)]), x**2 + y**2, rcond=None)[0]
+    a, b, c = np.linalg.lstsq(np.column_stack([2.0 * x, 2.0 * y, np.ones_like(x)]), x**2 + y**2, rcond=None)[
+        0
+    ]
     center = mean + a * u + b * v
     arms = points - center
     if np.sum(np.cross(arms[:-1], arms[1:]) @ np.cross(u, v)) < 0.0:
@@ -152,7 +164,8 @@ class BaseFrame(NamedTuple):
     """A robot's base as the tracker sees it."""
 
     T: Array  #: T_tracker_base [m], shape (4, 4)
-    covariance: Array  #: Of the origin's displacement [m] and a small rotation [rad], tracker axes, shape (6, 6)
+    #: Of the origin's displacement [m] and a small rotation [rad], tracker axes, shape (6, 6)
+    covariance: Array
     gap: float  #: Distance between the two axes [m]; 0 on a perfect arm
     meets: bool  #: Whether it was used that the axes meet and are square
 
@@ -160,8 +173,8 @@ class BaseFrame(NamedTuple):
 def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
     """Base frame of an arm and its covariance, to first order in the noise of the circles of joints 1 and 2.
 
-    Joint 2 turns with joint 1 at zero, all others are at zero, points in rising order. Raises CalibrationError for axes
-    nearly parallel or not square, or circles that cannot be the arm's.
+    Joint 2 turns with joint 1 at zero, all others are at zero, points in rising order. Raises
+    CalibrationError for axes nearly parallel or not square, or circles that cannot be the arm's.
     """
     _check_axes(first, second)
     return _base(first, second, np.zeros(10), block_diag(first.covariance, second.covariance), meets=False)
@@ -170,9 +183,10 @@ def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
 def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     """The same, with what the arm's table says: axes 1 and 2 meet and are square.
 
-    Both circles are adjusted to that by their covariances. Where they contradict the table by more than noise explains
-    (one in a million), the arm is not as its table says, and the frame is that of `base_from_circles`. Raises
-    CalibrationError, too, if the axes miss each other as those of one arm never do.
+    Both circles are adjusted to that by their covariances. Where they contradict the table by more than noise
+    explains (one in a million), the arm is not as its table says, and the frame is that of
+    `base_from_circles`. Raises CalibrationError, too, if the axes miss each other as those of one arm never
+    do.
     """
     _check_axes(first, second)
     C = block_diag(first.covariance, second.covariance)
@@ -182,8 +196,8 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     if off @ np.linalg.solve(S, off) > chdtri(2, CHANCE):
         if abs(off[0]) > LARGEST_GAP:
             raise CalibrationError(
-                f"axes 1 and 2 miss each other by {1e3 * abs(off[0]):.4g} mm, here they meet: arcs of two robots "
-                "taken for one's, or a tracker, target or stand that moved in between?"
+                f"axes 1 and 2 miss each other by {1e3 * abs(off[0]):.4g} mm, here they meet: arcs of two "
+                "robots taken for one's, or a tracker, target or stand that moved in between?"
             )
         return base_from_circles(first, second)
     gain = C @ G.T @ np.linalg.inv(S)
@@ -241,39 +255,40 @@ def _frame(first: Circle, second: Circle, step: Array) -> Array:
 def _check_axes(first: Circle, second: Circle) -> None:
     """Refuse circles that are not those of the arm's axes 1 and 2.
 
-    Radii are compared with those of the stretched arm, give or take the target's place on the flange: a wrong unit is
-    far off. On which side of the axes the circles lie shows a mirror image, and points recorded backwards: with all
-    joints at zero the flange is d4 + d6 out along axis 2 and d5 below it.
+    Radii are compared with those of the stretched arm, give or take the target's place on the flange: a wrong
+    unit is far off. On which side of the axes the circles lie shows a mirror image, and points recorded
+    backwards: with all joints at zero the flange is d4 + d6 out along axis 2 and d5 below it.
     """
     angle = _angle(first.axis, second.axis)
     if min(angle, np.pi - angle) < LEAST_AXES_ANGLE:
         raise CalibrationError(
-            f"axes 1 and 2 are nearly parallel ({np.degrees(angle):.1f} deg): they have no common normal. Was the "
-            "same joint turned twice?"
+            f"axes 1 and 2 are nearly parallel ({np.degrees(angle):.1f} deg): they have no common normal. "
+            "Was the same joint turned twice?"
         )
     reach = abs(NOMINAL[2].sum())
     wanted = (np.hypot(reach, NOMINAL[1, 3] + NOMINAL[1, 5]), np.hypot(reach, NOMINAL[1, 4]))
     for axis, (circle, radius) in enumerate(zip((first, second), wanted, strict=True), 1):
         if abs(circle.radius - radius) > RADIUS_SLACK:
             raise CalibrationError(
-                f"the circle of axis {axis} has a radius of {1e3 * circle.radius:.4g} mm; with the arm stretched out "
-                f"(all other joints at zero) it is about {1e3 * radius:.0f} mm. Wrong unit, or joints not at zero?"
+                f"the circle of axis {axis} has a radius of {1e3 * circle.radius:.4g} mm; with the arm "
+                f"stretched out (all other joints at zero) it is about {1e3 * radius:.0f} mm. Wrong unit, or "
+                "joints not at zero?"
             )
     if abs(angle - 0.5 * np.pi) > SQUARE_TOLERANCE:
         raise CalibrationError(
-            f"axes 1 and 2 are {np.degrees(angle):.2f} deg apart, on this arm they are square: did another joint or "
-            "the robot's stand move?"
+            f"axes 1 and 2 are {np.degrees(angle):.2f} deg apart, on this arm they are square: did another "
+            "joint or the robot's stand move?"
         )
     foot = _frame(first, second, np.zeros(10))[:3, 3] + NOMINAL[1, 0] * first.axis
     backwards_2 = float((second.center - foot) @ second.axis) < 0.0
     backwards_1 = float((first.center - foot) @ first.axis) > 0.0
     if backwards_1 and backwards_2:
         raise CalibrationError(
-            "the circles are the mirror image of the arm's: the measurements are left-handed. Two columns are swapped, "
-            "one has the wrong sign, or both arcs were recorded with falling joint angles."
+            "the circles are the mirror image of the arm's: the measurements are left-handed. Two columns "
+            "are swapped, one has the wrong sign, or both arcs were recorded with falling joint angles."
         )
     if backwards_1 or backwards_2:
         raise CalibrationError(
-            f"the arc of axis {1 if backwards_1 else 2} runs against the joint's positive sense: give its points in "
-            "the order of rising joint angle, the target within 90 mm of the flange's centre line."
+            f"the arc of axis {1 if backwards_1 else 2} runs against the joint's positive sense: give its "
+            "points in the order of rising joint angle, the target within 90 mm of the flange's centre line."
         )

@@ -15,12 +15,14 @@ LARGEST_STRETCH = 0.02  #: How far the same distances may differ in both frames,
 
 
 def moved_frame(T: Array, step: Array) -> Array:
-    """A frame (4, 4) after a displacement of its origin and a rotation about it, outer axes, (6,) [m], [rad]."""
+    """A frame (4, 4) after a displacement of its origin and a rotation about it, outer axes, (6,) [m],
+    [rad]."""
     return transform(Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3])
 
 
 def point_slopes(T: Array, points: Array) -> Array:
-    """How points (n, 3) that move with a frame T move with a step of it, see `moved_frame`, shape (n, 3, 6)."""
+    """How points (n, 3) that move with a frame T move with a step of it, see `moved_frame`, shape (n, 3,
+    6)."""
     J = np.zeros((len(points), 3, 6))
     J[:, :, :3] = np.eye(3)
     # Column j of the turn: e_j x r.
@@ -29,9 +31,12 @@ def point_slopes(T: Array, points: Array) -> Array:
 
 
 def check_matched(points_a: Array, points_b: Array) -> None:
-    """Refuse points that give no frame: fewer than three, on a line, of unlike distances (units), or mirrored."""
+    """Refuse points that give no frame: fewer than three, on a line, of unlike distances (units), or
+    mirrored."""
     if points_a.shape != points_b.shape or points_a.ndim != 2 or points_a.shape[1] != 3:
-        raise CalibrationError(f"matched points need the same shape (n, 3); got {points_a.shape}, {points_b.shape}.")
+        raise CalibrationError(
+            f"matched points need the same shape (n, 3); got {points_a.shape}, {points_b.shape}."
+        )
     if len(points_a) < LEAST_POINTS:
         raise CalibrationError(
             f"{len(points_a)} points give no frame: three not on a line are the least, ten are good."
@@ -46,8 +51,8 @@ def check_matched(points_a: Array, points_b: Array) -> None:
     stretch = float(np.median(spreads[0][:2] / spreads[1][:2]))
     if abs(stretch - 1.0) > LARGEST_STRETCH:
         raise CalibrationError(
-            f"the same distances are {stretch:.4g} times as long in one frame as in the other: are units mixed (mm, m, "
-            "inch), or the points not in the same order?"
+            f"the same distances are {stretch:.4g} times as long in one frame as in the other: are units "
+            "mixed (mm, m, inch), or the points not in the same order?"
         )
     # A mirror image that fits far better than any rotation shows a left-handed frame.
     a, b = points_a - points_a.mean(axis=0), points_b - points_b.mean(axis=0)
@@ -59,13 +64,14 @@ def check_matched(points_a: Array, points_b: Array) -> None:
     turned = float(np.sum(a**2) + np.sum(b**2) - 2.0 * (values[0] + values[1] - values[2]))
     if turned > 25.0 * mirrored:
         raise CalibrationError(
-            "the points fit a mirror image, not a rotation: one of the frames is left-handed. Two columns are swapped "
-            "or one has the wrong sign."
+            "the points fit a mirror image, not a rotation: one of the frames is left-handed. Two columns "
+            "are swapped or one has the wrong sign."
         )
 
 
 def kabsch(points_a: Array, points_b: Array) -> Array:
-    """T_a_b of points seen in a and in b, each (n, 3), in closed form (Kabsch); unchecked, see `check_matched`."""
+    """T_a_b of points seen in a and in b, each (n, 3), in closed form (Kabsch); unchecked, see
+    `check_matched`."""
     mean_a, mean_b = points_a.mean(axis=0), points_b.mean(axis=0)
     U, _, Vt = np.linalg.svd((points_a - mean_a).T @ (points_b - mean_b))
     R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
@@ -96,6 +102,7 @@ def relative_frame(
 
 
 def point_covariance(covariance: Array, offset: Array) -> Array:
-    """Covariance (3, 3) [m^2] of a point fixed in a frame, ``offset`` (3,) [m] from its origin, outer axes."""
+    """Covariance (3, 3) [m^2] of a point fixed in a frame, ``offset`` (3,) [m] from its origin, outer
+    axes."""
     J = np.concatenate([np.eye(3), -skew(offset)], axis=1)
     return np.asarray(J @ covariance @ J.T)

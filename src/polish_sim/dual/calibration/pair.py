@@ -1,12 +1,12 @@
 """Bases, tool and part of two robots in one least squares.
 
-Found one by one each has its own error, and on the part the errors add up. A closing touch, the tool's tip at a mark of
-the part the other robot holds, measures their sum at the workplace:
+Found one by one each has its own error, and on the part the errors add up. A closing touch, the tool's tip at
+a mark of the part the other robot holds, measures their sum at the workplace:
 
     T_master_follower (R_2 p + t_2) = T_master_flange T_flange_work m
 
-All measurements are weighted by their covariance: maximum likelihood for Gaussian noise, to first order in the errors
-of what was found one by one, and the Cramér-Rao bound is met.
+All measurements are weighted by their covariance: maximum likelihood for Gaussian noise, to first order in
+the errors of what was found one by one, and the Cramér-Rao bound is met.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from polish_sim.spatial import apply
 SOURCES: Final = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise
 INSTRUMENTS: Final = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
 """What each source is measured with."""
-LEAST_NOISE: Final = 1e-9  #: Smaller standard deviations are taken as this [m], [rad]: rounding is not much below
+#: Smaller standard deviations are taken as this [m], [rad]: rounding is not much below
+LEAST_NOISE: Final = 1e-9
 BASES, TIP, PART = slice(0, 6), slice(6, 9), slice(9, 15)
-"""Places of the unknowns: displacement and small turn of the follower's base (master axes) and of the part (flange
-axes), displacement of the tip between them."""
+"""Places of the unknowns: displacement and small turn of the follower's base (master axes) and of the part
+(flange axes), displacement of the tip between them."""
 
 
 class PairParts(NamedTuple):
@@ -44,7 +45,8 @@ class PairParts(NamedTuple):
 
 
 class ClosingTouches(NamedTuple):
-    """The follower's tip brought to marks of the part the master holds; flange poses as the robots say them."""
+    """The follower's tip brought to marks of the part the master holds; flange poses as the robots say
+    them."""
 
     T_master_flange: Array  #: Of the master in its base, shape (n, 4, 4)
     T_follower_flange: Array  #: Of the follower in its base, shape (n, 4, 4)
@@ -57,7 +59,8 @@ class PairAdjustment(NamedTuple):
     T_master_follower: Array  #: Shape (4, 4)
     tip: Array  #: On the follower's flange [m], shape (3,)
     T_flange_work: Array  #: The part on the master's flange, shape (4, 4)
-    informations: Mapping[str, Array]  #: Information of each of `SOURCES` on the 15 unknowns, (15, 15); they add up
+    #: Information of each of `SOURCES` on the 15 unknowns, (15, 15); they add up
+    informations: Mapping[str, Array]
 
     @property
     def covariance(self) -> Array:
@@ -122,7 +125,9 @@ def _whitening(covariance: Array) -> Array:
     return np.linalg.inv(np.linalg.cholesky(covariance + LEAST_NOISE**2 * np.eye(covariance.shape[-1])))
 
 
-def _rows(chain: _Chain, parts: PairParts, marks_work: Array, closing: ClosingTouches) -> list[tuple[Array, Array]]:
+def _rows(
+    chain: _Chain, parts: PairParts, marks_work: Array, closing: ClosingTouches
+) -> list[tuple[Array, Array]]:
     """Derivatives (..., 15) and residuals (...) of each source [m], [rad]."""
     T_mf, tip, T_fw = chain
     turned = Rotation.from_matrix(T_mf[:3, :3] @ parts.T_master_follower[:3, :3].T).as_rotvec()

@@ -1,8 +1,8 @@
 """A tool's frame on the flange: its tip from touches of one fixed point, its axes from moves along them.
 
-Every touch says R_i p + t_i = c with p the tip in the flange frame and c the point in the base frame (paper 2).
-Solved for both at once: differences between successive touches, as the paper has it, lose a fifth to a third of the
-information.
+Every touch says R_i p + t_i = c with p the tip in the flange frame and c the point in the base frame (paper
+2). Solved for both at once: differences between successive touches, as the paper has it, lose a fifth to a
+third of the information.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ LEAST_SINE = 0.1  #: Least sine of the angle between the two moves
 TCP: Final = Kind(
     "tcp",
     "a tool frame",
-    "The tool on the flange: its tip [m] and axes (unit quaternion wxyz), with standard deviations (_std), covariance "
-    "of the tip [m^2, flange axes]. rotation_rad_std: small rotations about the tool's x, y, z.",
+    "The tool on the flange: its tip [m] and axes (unit quaternion wxyz), with standard deviations (_std), "
+    "covariance of the tip [m^2, flange axes]. rotation_rad_std: small rotations about the tool's x, y, z.",
 )
 KIND_COLUMN, TOUCH, START, ALONG_X, IN_XZ = "kind", "touch", "start", "along_x", "in_xz"
 MOVES: Final = (START, ALONG_X, IN_XZ)
@@ -54,7 +54,8 @@ KINDS: Final = (TOUCH, *MOVES)
 
 
 class ToolPoint(Fit[Array]):
-    """Tip and touched point: x [m], shape (6,); residuals: tip minus touched point, base frame [m], shape (n, 3)."""
+    """Tip and touched point: x [m], shape (6,); residuals: tip minus touched point, base frame [m], shape (n,
+    3)."""
 
     @property
     def point(self) -> Array:
@@ -73,10 +74,12 @@ class ToolPoint(Fit[Array]):
 
 
 def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools | None = None) -> ToolPoint:
-    """Tip and touched point by least squares, efficient for equal Gaussian noise: covariance sigma^2 (A^T A)^-1.
+    """Tip and touched point by least squares, efficient for equal Gaussian noise: covariance sigma^2 (A^T
+    A)^-1.
 
-    ``noise``: standard deviation of one coordinate of a touch [m], None takes it from the residuals; ``used``: touches
-    to use, (n,), None uses all. Raises CalibrationError if the orientations cannot determine the tip.
+    ``noise``: standard deviation of one coordinate of a touch [m], None takes it from the residuals;
+    ``used``: touches to use, (n,), None uses all. Raises CalibrationError if the orientations cannot
+    determine the tip.
     """
     check_touches(touches.R if used is None else touches.R[used])
     return ToolPoint(**vars(fit(_problem(touches), np.zeros(6), noise, used)))
@@ -85,8 +88,8 @@ def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools
 def fit_tool_point_without_outliers(touches: ToolTouches, noise: float | None = None) -> ToolPoint:
     """The same, leaving out touches too far off to be noise; with six touches or fewer all are used.
 
-    Raises CalibrationError, too, if columns are swapped, more than a quarter of the touches do not fit, or, with
-    unknown noise, no tip explains them.
+    Raises CalibrationError, too, if columns are swapped, more than a quarter of the touches do not fit, or,
+    with unknown noise, no tip explains them.
     """
     check_touches(touches.R)
     refuse_swapped(touches)
@@ -112,21 +115,24 @@ class ToolOrientation(NamedTuple):
 def tip_positions_flange(T_base_flange: Array, point_flange: Array) -> Array:
     """Where the tip was, from the first pose's tip on, axes of the first flange [m], shape (m, 3).
 
-    The flange should keep its orientation; what it turned by mistake is allowed for. ``T_base_flange``: the start
-    first, (m, 4, 4); ``point_flange``: the tip in the flange frame [m], (3,).
+    The flange should keep its orientation; what it turned by mistake is allowed for. ``T_base_flange``: the
+    start first, (m, 4, 4); ``point_flange``: the tip in the flange frame [m], (3,).
     """
     tips = T_base_flange[:, :3, :3] @ point_flange + T_base_flange[:, :3, 3]
     return np.asarray((tips - tips[0]) @ T_base_flange[0, :3, :3])
 
 
 def orientation_from_three_points(points: Array, noise: float) -> ToolOrientation:
-    """Tool axes from a start, a move along the tool's +x and a move in its x-z plane, z positive (Gram-Schmidt).
+    """Tool axes from a start, a move along the tool's +x and a move in its x-z plane, z positive
+    (Gram-Schmidt).
 
-    ``points``: the three tip positions, flange axes [m], (3, 3); ``noise``: of one coordinate [m]; the covariance is to
-    first order. Raises CalibrationError for moves too short or both along one line.
+    ``points``: the three tip positions, flange axes [m], (3, 3); ``noise``: of one coordinate [m]; the
+    covariance is to first order. Raises CalibrationError for moves too short or both along one line.
     """
     if points.shape != (3, 3):
-        raise CalibrationError(f"an orientation from three points needs the shape (3, 3); got {points.shape}.")
+        raise CalibrationError(
+            f"an orientation from three points needs the shape (3, 3); got {points.shape}."
+        )
     along, across = points[1] - points[0], points[2] - points[0]
     lengths = np.linalg.norm([along, across], axis=1)
     if lengths.min() < LEAST_MOVE:
@@ -138,7 +144,8 @@ def orientation_from_three_points(points: Array, noise: float) -> ToolOrientatio
     height = across - (across @ x) * x
     if np.linalg.norm(height) < LEAST_SINE * lengths[1]:
         raise CalibrationError(
-            "the move along x and the move in the x-z plane are nearly parallel: the second must leave the x axis."
+            "the move along x and the move in the x-z plane are nearly parallel: the second must leave the x "
+            "axis."
         )
     z = height / np.linalg.norm(height)
     R = np.column_stack([x, np.cross(z, x), z])
@@ -149,8 +156,8 @@ def orientation_from_three_points(points: Array, noise: float) -> ToolOrientatio
 def _three_point_slopes(R: Array, length: float, across: Array) -> Array:
     """Derivative of the rotation about the tool's axes by the three points, shape (3, 9).
 
-    With x turned by (y.dx) y + (z.dx) z over the length: phi_z = y.dx / L, phi_y = -z.dx / L; z turns towards y by what
-    the second move shows less what x took along.
+    With x turned by (y.dx) y + (z.dx) z over the length: phi_z = y.dx / L, phi_y = -z.dx / L; z turns towards
+    y by what the second move shows less what x took along.
     """
     x, y, z = R.T
     height, run = float(across @ z), float(across @ x)
@@ -177,7 +184,8 @@ class ToolFrameEstimate:
     """Where the tool's tip is and how the tool stands, on the flange."""
 
     tip: ToolPoint
-    orientation: ToolOrientation | None  #: None if no moves were measured: the tool then stands as the flange does
+    #: None if no moves were measured: the tool then stands as the flange does
+    orientation: ToolOrientation | None
 
     @property
     def T_flange_tool(self) -> Array:
@@ -189,9 +197,9 @@ class ToolFrameEstimate:
 def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> ToolFrameEstimate:
     """Tip and axes of a tool; touches too far off to be noise are left out.
 
-    ``noise``: standard deviation of one coordinate of the tip [m]; None takes it from the touches' residuals. Raises
-    CalibrationError if poses or moves cannot determine the frame, or touches do not fit each other; with unknown noise
-    also for columns swapped and touches no tip explains.
+    ``noise``: standard deviation of one coordinate of the tip [m]; None takes it from the touches' residuals.
+    Raises CalibrationError if poses or moves cannot determine the frame, or touches do not fit each other;
+    with unknown noise also for columns swapped and touches no tip explains.
     """
     tip = fit_tool_point_without_outliers(measured.touches, noise)
     if len(measured.T_base_flange_moves) == 0:
@@ -200,7 +208,9 @@ def fit_tool_frame(measured: ToolMeasurements, noise: float | None = None) -> To
     return ToolFrameEstimate(tip, orientation_from_three_points(points, float(tip.noise[0])))
 
 
-def tool_figures(measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None) -> dict[str, Any]:
+def tool_figures(
+    measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None
+) -> dict[str, Any]:
     """An estimate under the names of calibration.toml and metrics.json; ``noise``: true one [m], if known."""
     tip, orientation = found.tip, found.orientation
     figures: dict[str, Any] = {
@@ -242,8 +252,8 @@ def read_tool_measurements(file: Path) -> ToolMeasurements:
     """Read flange poses of touches and moves of a real robot.
 
     Columns in any order: position of the flange ``x_mm..z_mm`` or ``x_m..z_m`` and its orientation as in
-    `read_readings`; ``kind`` says what a line is, by default a touch: ``start``, ``along_x`` and ``in_xz`` give the
-    axes. Raises InputError naming the line.
+    `read_readings`; ``kind`` says what a line is, by default a touch: ``start``, ``along_x`` and ``in_xz``
+    give the axes. Raises InputError naming the line.
     """
     columns = Measured.read(file, "flange pose", "flange poses")
     T = transform(columns.rotations("the flange"), columns.reached_points("the position of the flange"))
@@ -258,7 +268,9 @@ def _kinds(columns: Measured) -> NDArray[np.str_]:
     if KIND_COLUMN not in columns.texts:
         return np.full(len(columns), TOUCH)
     kinds = np.array([text.lower() or TOUCH for text in columns.texts[KIND_COLUMN]])
-    columns.refuse(~np.isin(kinds, KINDS), lambda row: f"unknown kind '{kinds[row]}'. Known: {', '.join(KINDS)}.")
+    columns.refuse(
+        ~np.isin(kinds, KINDS), lambda row: f"unknown kind '{kinds[row]}'. Known: {', '.join(KINDS)}."
+    )
     return kinds
 
 
@@ -266,14 +278,15 @@ def _the_one(columns: Measured, kinds: NDArray[np.str_], kind: str) -> int:
     rows = np.flatnonzero(kinds == kind)
     if len(rows) != 1:
         raise InputError(
-            f"'{columns.file}' has {len(rows)} lines of the kind '{kind}', wanted one: the tool's axes are found from "
-            f"{START}, {ALONG_X} and {IN_XZ}, one line each."
+            f"'{columns.file}' has {len(rows)} lines of the kind '{kind}', wanted one: the tool's axes are "
+            f"found from {START}, {ALONG_X} and {IN_XZ}, one line each."
         )
     return int(rows[0])
 
 
 def tool_table(measured: ToolMeasurements, found: ToolFrameEstimate) -> str:
-    """Touches and moves, how far each touch is from the fit, and whether it was used, as CSV that reads back."""
+    """Touches and moves, how far each touch is from the fit, and whether it was used, as CSV that reads
+    back."""
     names = ["touch", KIND_COLUMN, *XYZ_MM, *QUATERNION, *(f"residual_{name}" for name in XYZ_MM), "used"]
     rows = []
     for k, T in enumerate(measured.touches.T_base_flange):

@@ -1,8 +1,8 @@
 """Touches of one fixed point with the tool's tip: which orientations to take, and what is refused.
 
-A touch says R_i p + t_i = c. Subtracting the mean of all leaves (R_i - mean R) p: the common part of the orientations
-gives no information. With M = I - mean(R)^T mean(R) the covariance of p is sigma^2 M^-1 / n (paper 2): the best is a
-mean rotation of zero, with 3D rms errors of sqrt(3 / n) sigma.
+A touch says R_i p + t_i = c. Subtracting the mean of all leaves (R_i - mean R) p: the common part of the
+orientations gives no information. With M = I - mean(R)^T mean(R) the covariance of p is sigma^2 M^-1 / n
+(paper 2): the best is a mean rotation of zero, with 3D rms errors of sqrt(3 / n) sigma.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from polish_sim.errors import CalibrationError
 
 TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
 LEAST_TOUCHES = 4
-LEAST_SPREAD = 0.05  #: Least square root of an eigenvalue of M [-]: poses that differ by 3 deg rms about some axis
+#: Least square root of an eigenvalue of M [-]: poses that differ by 3 deg rms about some axis
+LEAST_SPREAD = 0.05
 SUSPECT = 2e-3  #: Touches with smaller residuals are not suspected [m]
 LARGEST_LEFT = 5e-3  #: No touches by hand miss by more than this [m]
 _BETTER = 0.1
@@ -58,7 +59,8 @@ def touch_rows(R_base_flange: Array) -> Array:
 
 
 def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
-    """How far orientations (n, 3, 3) differ along each direction of the flange, least first, and those directions.
+    """How far orientations (n, 3, 3) differ along each direction of the flange, least first, and those
+    directions.
 
     Square roots of the eigenvalues of M, 0 to 1, shape (3,); the directions as columns (3, 3).
     """
@@ -68,7 +70,8 @@ def orientation_spread(R_base_flange: Array) -> tuple[Array, Array]:
 
 
 def check_touches(R_base_flange: Array) -> None:
-    """Refuse orientations (n, 3, 3) that cannot determine the tool point; names the direction that is unseen."""
+    """Refuse orientations (n, 3, 3) that cannot determine the tool point; names the direction that is
+    unseen."""
     count = len(R_base_flange)
     if count < LEAST_TOUCHES:
         raise CalibrationError(
@@ -82,11 +85,13 @@ def check_touches(R_base_flange: Array) -> None:
             f"{np.degrees(spread[2]):.2g} deg rms): tilt it and turn it between touches."
         )
     if spread[0] < LEAST_SPREAD:
-        x, y, z = directions[:, 0] * (1.0 if directions[np.argmax(np.abs(directions[:, 0])), 0] > 0.0 else -1.0)
+        x, y, z = directions[:, 0] * (
+            1.0 if directions[np.argmax(np.abs(directions[:, 0])), 0] > 0.0 else -1.0
+        )
         raise CalibrationError(
-            f"the direction ({x:.2f}, {y:.2f}, {z:.2f}) of the flange points the same way in all {count} touches: the "
-            "tool point along it is unknown. Poses that only spin, or a cone without a spin of its own, do that; "
-            "'calibrate tcp' without --data writes poses that do not."
+            f"the direction ({x:.2f}, {y:.2f}, {z:.2f}) of the flange points the same way in all {count} "
+            "touches: the tool point along it is unknown. Poses that only spin, or a cone without a spin of "
+            "its own, do that; 'calibrate tcp' without --data writes poses that do not."
         )
 
 
@@ -98,8 +103,8 @@ def refuse_swapped(touches: ToolTouches) -> None:
     for origins, named in column_orders(touches.origins):
         if _median_left(touches.R, origins) < _BETTER * left:
             raise CalibrationError(
-                f"the touches fit to {1e3 * left:.2g} mm only, but well if x, y, z are read as {named}: columns are "
-                "swapped or a sign is lost."
+                f"the touches fit to {1e3 * left:.2g} mm only, but well if x, y, z are read as {named}: "
+                "columns are swapped or a sign is lost."
             )
     for R, named in _orientations_otherwise(touches.R):
         if _median_left(R, touches.origins) < _BETTER * left:
@@ -111,9 +116,9 @@ def refuse_far_off(residuals: Array) -> None:
     left = float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
     if left > LARGEST_LEFT:
         raise CalibrationError(
-            f"no tip fits these touches: they leave {1e3 * left:.2g} mm rms. Wanted are positions and orientations of "
-            "the flange in the base, touch by touch, of one tool and one fixed point. Are orientations in another "
-            "order, in degrees, or those of another frame?"
+            f"no tip fits these touches: they leave {1e3 * left:.2g} mm rms. Wanted are positions and "
+            "orientations of the flange in the base, touch by touch, of one tool and one fixed point. Are "
+            "orientations in another order, in degrees, or those of another frame?"
         )
 
 
@@ -138,13 +143,15 @@ def _median_left(R: Array, origins: Array) -> float:
 def plan_touch_orientations(count: int, cone: float) -> Array:
     """Orientations R_base_flange (n, 3, 3) for touches of one point.
 
-    With the tool tilted by theta towards n azimuths 2 pi k / n and turned about itself by twice the azimuth, the mean
-    rotation is cos(theta) e_z e_z^T exactly, for every n >= 4: the best a cone of theta allows. The 3D rms error is
-    then sigma sqrt((2 + 1 / sin(theta)^2) / n), within 5% of the best possible from 62 deg on.
+    With the tool tilted by theta towards n azimuths 2 pi k / n and turned about itself by twice the azimuth,
+    the mean rotation is cos(theta) e_z e_z^T exactly, for every n >= 4: the best a cone of theta allows. The
+    3D rms error is then sigma sqrt((2 + 1 / sin(theta)^2) / n), within 5% of the best possible from 62 deg
+    on.
 
     Args:
         count: Number of touches, four or more.
-        cone: Angle of the flange's z axis from straight down [rad], 3 to 90 deg; outside it a CalibrationError.
+        cone: Angle of the flange's z axis from straight down [rad], 3 to 90 deg; outside it a
+            CalibrationError.
     """
     if count < LEAST_TOUCHES:
         raise CalibrationError(f"{count} touches are too few for a tool point: give {LEAST_TOUCHES} or more.")
@@ -163,7 +170,8 @@ def plan_touch_orientations(count: int, cone: float) -> Array:
 def point_error_bound(R_base_flange: Array, noise: float) -> float:
     """Least 3D rms error any unbiased estimate of the tip can have [m]: the Cramér-Rao bound.
 
-    ``R_base_flange``: of the touches, (n, 3, 3); ``noise``: standard deviation of one coordinate of a touch [m].
+    ``R_base_flange``: of the touches, (n, 3, 3); ``noise``: standard deviation of one coordinate of a touch
+    [m].
     """
     mean = R_base_flange.mean(axis=0)
     M = np.eye(3) - mean.T @ mean

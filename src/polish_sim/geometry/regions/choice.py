@@ -19,8 +19,8 @@ from polish_sim.geometry.regions.patches import connected, coverable, lies_open,
 from polish_sim.geometry.surface import Surface, connected_facets
 
 CHOICES = (
-    "auto, top, all, all:N,N,.../SIDE, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., polygon:FILE, "
-    "faces:FILE, under:REMOVAL.ply:SHARE (lengths in mm)"
+    "auto, top, all, all:N,N,.../SIDE, point:X,Y,Z, box:X0,Y0,Z0,X1,Y1,Z1, polygon:X,Y,Z;X,Y,Z;..., "
+    "polygon:FILE, faces:FILE, under:REMOVAL.ply:SHARE (lengths in mm)"
 )
 
 
@@ -32,7 +32,9 @@ def _parse_numbers(argument: str, count: int, form: str) -> list[float]:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
         name = form.partition(":")[0]
-        raise InputError(f"region '{name}:{argument}' is not {form} ({count} numbers in mm). Valid: {CHOICES}.")
+        raise InputError(
+            f"region '{name}:{argument}' is not {form} ({count} numbers in mm). Valid: {CHOICES}."
+        )
     return numbers
 
 
@@ -60,7 +62,11 @@ def parse_corners(argument: str) -> Array:
         InputError: Not a list of three or more corners.
     """
     named = ";" not in argument
-    lines = _read(Path(argument), "corners x, y, z in mm, one per line").splitlines() if named else argument.split(";")
+    lines = (
+        _read(Path(argument), "corners x, y, z in mm, one per line").splitlines()
+        if named
+        else argument.split(";")
+    )
     rows = [line.partition("#")[0].replace(",", " ").split() for line in lines]
     try:
         corners = np.array([[*map(float, row), 0.0][:3] for row in rows if row])
@@ -69,8 +75,8 @@ def parse_corners(argument: str) -> Array:
     whole = all(len(row) in (0, 2, 3) for row in rows)
     if not whole or corners.ndim != 2 or len(corners) < 3 or not np.isfinite(corners).all():
         raise InputError(
-            f"region 'polygon:{argument}' is not a polygon: give three or more corners X,Y,Z;X,Y,Z;... in mm, "
-            "or a text file with x, y, z of one corner per line ('#' for comments)."
+            f"region 'polygon:{argument}' is not a polygon: give three or more corners X,Y,Z;X,Y,Z;... in "
+            "mm, or a text file with x, y, z of one corner per line ('#' for comments)."
         )
     return corners * 1e-3
 
@@ -87,7 +93,9 @@ def read_facet_numbers(argument: str) -> Indices:
         words = [word for line in lines for word in line.partition("#")[0].replace(",", " ").split()]
         numbers = np.array([int(word) for word in words], dtype=np.int64)
     except (ValueError, OverflowError):
-        raise InputError(f"{path}: not a list of facet numbers (whole numbers from 0, '#' for comments).") from None
+        raise InputError(
+            f"{path}: not a list of facet numbers (whole numbers from 0, '#' for comments)."
+        ) from None
     if len(numbers) == 0:
         raise InputError(f"{path}: lists no facet numbers (whole numbers from 0, '#' for comments).")
     return numbers
@@ -108,10 +116,12 @@ def parse_patches(argument: str) -> PatchNumbers:
     """
     words, _, side = argument.partition("/")
     up = check_up(side)
-    if up is None or not all(word.isdecimal() and 0 < len(word) < 10 and int(word) for word in words.split(",")):
+    if up is None or not all(
+        word.isdecimal() and 0 < len(word) < 10 and int(word) for word in words.split(",")
+    ):
         raise InputError(
-            f"region 'all:{argument}' is not all:N,N,.../SIDE: numbers of patches from 1, and the side they were "
-            f"counted by, e.g. all:1,3/z. Valid: {CHOICES}."
+            f"region 'all:{argument}' is not all:N,N,.../SIDE: numbers of patches from 1, and the side they "
+            f"were counted by, e.g. all:1,3/z. Valid: {CHOICES}."
         )
     return PatchNumbers(np.array([int(word) for word in words.split(",")]), up)
 
@@ -120,7 +130,9 @@ def _read(path: Path, content: str) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}). Give a text file of {content}.") from None
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}). Give a text file of {content}."
+        ) from None
     except (UnicodeDecodeError, ValueError):
         raise InputError(f"{path}: is not a text file. Give a text file of {content}.") from None
 
@@ -163,12 +175,15 @@ def pick_patches(whole: Whole, argument: str) -> list[Clipped]:
     numbers, up = parse_patches(argument)
     patches = coverable(whole.kept, up)
     if numbers.max() > len(patches):
-        raise PlanError(f"region 'all:{argument}': the part has patches 1 to {len(patches)}, seen with that side up.")
+        raise PlanError(
+            f"region 'all:{argument}': the part has patches 1 to {len(patches)}, seen with that side up."
+        )
     return [patches[number - 1] for number in np.unique(numbers)]
 
 
 def pick_point(whole: Whole, argument: str) -> list[Clipped]:
-    """Pick the smooth face at a point; of one that goes round, what looks up with it or the way the point looks."""
+    """Pick the smooth face at a point; of one that goes round, what looks up with it or the way the point
+    looks."""
     point = parse_point(argument)
     found = whole.surface.closest(point[None])
     distance = float(np.linalg.norm(found.positions[0] - point))
@@ -191,11 +206,15 @@ def pick_faces(whole: Whole, argument: str) -> list[Clipped]:
     highest = int(whole.stl_facets.max())
     unknown = numbers[(numbers < 0) | (numbers > highest)]
     if len(unknown):
-        raise InputError(f"{argument}: facet {unknown[0]} does not exist; facets of the part run from 0 to {highest}.")
+        raise InputError(
+            f"{argument}: facet {unknown[0]} does not exist; facets of the part run from 0 to {highest}."
+        )
     # A facet of the file may be several of ours, and one that closes a hole is none of the file's.
     facets = np.flatnonzero(np.isin(whole.stl_facets, numbers)).astype(np.int32)
     if len(facets) == 0:
-        raise PlanError(f"{argument}: all facets it lists were dropped when the part was repaired. List others.")
+        raise PlanError(
+            f"{argument}: all facets it lists were dropped when the part was repaired. List others."
+        )
     return coverable(restricted(whole.kept, facets), whole.up)
 
 
@@ -239,7 +258,9 @@ def parse_under(argument: str) -> RemovalLimit:
     except ValueError:
         share = math.nan
     if not 0.0 < share < 10.0 or not file:
-        raise InputError(f"region 'under:{argument}' is not under:REMOVAL.ply:SHARE, e.g. under:removal.ply:0.8.")
+        raise InputError(
+            f"region 'under:{argument}' is not under:REMOVAL.ply:SHARE, e.g. under:removal.ply:0.8."
+        )
     return RemovalLimit(*read_vertex_column(Path(file), ("relative",)), share)
 
 
@@ -295,7 +316,9 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
     frame = _plane_across(whole.up, corners)
     flat = corners @ frame.T
     _check_polygon(flat, argument)
-    kept = looking(_between(whole, frame, flat.min(axis=0), flat.max(axis=0), f"polygon:{argument}"), whole.up)
+    kept = looking(
+        _between(whole, frame, flat.min(axis=0), flat.max(axis=0), f"polygon:{argument}"), whole.up
+    )
     for start, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
         side = end - start
         length = float(np.linalg.norm(side))
@@ -327,13 +350,16 @@ def _between(whole: Whole, frame: Array, low: Array, high: Array, choice: str) -
 
 
 def _plane_across(up: Array, corners: Array) -> Array:
-    """Two unit vectors across up, the first along the polygon's longest side seen from above, shape (2, 3)."""
+    """Two unit vectors across up, the first along the polygon's longest side seen from above, shape (2,
+    3)."""
     sides = np.roll(corners, -1, axis=0) - corners
     level = sides - (sides @ up)[:, None] * up
     length = np.linalg.norm(level, axis=1)
     longest = int(length.argmax())
     if length[longest] <= _ON_OUTLINE:
-        raise InputError("the region's polygon is a point seen from above. Give corners around an area, or set --up.")
+        raise InputError(
+            "the region's polygon is a point seen from above. Give corners around an area, or set --up."
+        )
     first = level[longest] / length[longest]
     return np.stack([first, np.cross(up, first)])
 
@@ -378,7 +404,8 @@ def _on_both_sides(a: Array, b: Array, p: Array, q: Array) -> Bools:
 
 
 def _inside(points: Array, polygon: Array) -> Bools:
-    """Whether points (n, 2) are within a closed polygon (k, 2): a ray from them crosses it an odd number of times."""
+    """Whether points (n, 2) are within a closed polygon (k, 2): a ray from them crosses it an odd number of
+    times."""
     odd = np.zeros(len(points), dtype=bool)
     for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         spans = (start[1] > points[:, 1]) != (end[1] > points[:, 1])
@@ -390,4 +417,6 @@ def _inside(points: Array, polygon: Array) -> Bools:
 
 def _nothing_in(choice: str, surface: Surface) -> PlanError:
     low, high = (place_in_mm(corner) for corner in surface.bounds)
-    return PlanError(f"the region '{choice}' contains nothing of the part, which lies between {low} and {high}.")
+    return PlanError(
+        f"the region '{choice}' contains nothing of the part, which lies between {low} and {high}."
+    )

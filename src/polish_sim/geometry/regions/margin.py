@@ -1,4 +1,5 @@
-"""Keeping away from edges: a region cut back from its border by a distance along the surface (patches -> patches)."""
+"""Keeping away from edges: a region cut back from its border by a distance along the surface (patches ->
+patches)."""
 
 from __future__ import annotations
 
@@ -11,7 +12,16 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import PlanError
 from polish_sim.geometry.bezier import EDGE_MIDDLES, edge_points
-from polish_sim.geometry.cut import Clipped, Cut, build_cut, clip, find_edges, halve_edges, spread_to_longest, then
+from polish_sim.geometry.cut import (
+    Clipped,
+    Cut,
+    build_cut,
+    clip,
+    find_edges,
+    halve_edges,
+    spread_to_longest,
+    then,
+)
 from polish_sim.geometry.regions.patches import connected
 from polish_sim.geometry.surface import Surface, enclosed, trace_border
 
@@ -28,7 +38,8 @@ class Room(Protocol):
 
     @property
     def length(self) -> float:
-        """Length of the line there is more room beyond, if known [m]: facets along it are no finer than a share."""
+        """Length of the line there is more room beyond, if known [m]: facets along it are no finer than a
+        share."""
 
     def at(self, points: Array) -> Array:
         """Room at points (n, 3) of the surface [m], shape (n,)."""
@@ -51,8 +62,8 @@ class BorderDistance(NamedTuple):
     def at(self, points: Array) -> Array:
         """Distances along the surface (n,) of points (n, 3) on it [m]; far from the reach straight ones.
 
-        The way is the straight line to the nearest point of the border, brought down to the surface at a few places
-        between which it is an arc; its length differs from the shortest way's in higher order only.
+        The way is the straight line to the nearest point of the border, brought down to the surface at a few
+        places between which it is an arc; its length differs from the shortest way's in higher order only.
         """
         feet = self._nearest(points)
         distances = np.linalg.norm(points - feet, axis=1)
@@ -90,7 +101,9 @@ def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indi
     parts = np.maximum(parts, 1.0).astype(np.int64)
     edge = np.repeat(np.arange(len(parts)), parts)
     step = np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)
-    starts, ends = (edge_points(a[edge], c[edge], b[edge], ((step + k) / parts[edge])[:, None]) for k in (0, 1))
+    starts, ends = (
+        edge_points(a[edge], c[edge], b[edge], ((step + k) / parts[edge])[:, None]) for k in (0, 1)
+    )
     tree, length = cKDTree(0.5 * (starts + ends)), float(np.linalg.norm(ends - starts, axis=1).sum())
     return BorderDistance(starts, ends, tree, reach, _is_flat(surface), length, surface)
 
@@ -117,9 +130,12 @@ def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
     return np.asarray((length * stretch).sum(axis=0))
 
 
-_FACETS_PER_MARGIN = 8.0  #: Facets that the new border crosses are cut down to this share of the margin where it bends
-_FACETS_ALONG = 1500.0  #: They are no smaller than this share of the border's length, however small the margin
-_STRAIGHT = 5e-3  #: Where the distance is linear over a facet up to this share of the margin, the border is straight
+#: Facets that the new border crosses are cut down to this share of the margin where it bends
+_FACETS_PER_MARGIN = 8.0
+#: They are no smaller than this share of the border's length, however small the margin
+_FACETS_ALONG = 1500.0
+#: Where the distance is linear over a facet up to this share of the margin, the border is straight
+_STRAIGHT = 5e-3
 _ON_LINE = 1e-4  #: Corners this close to the new border lie on it, relative to the margin
 _ROUNDS = 40
 _ZERO_ROUNDS = 12
@@ -127,7 +143,8 @@ _ZERO = 1e-7  #: Cut points are found to this share of the margin
 
 
 def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[Clipped]:
-    """Cut every patch back from its borders, by ``hole_margin`` [m] from those of holes; what is left, piece by piece.
+    """Cut every patch back from its borders, by ``hole_margin`` [m] from those of holes; what is left, piece
+    by piece.
 
     Raises:
         PlanError: Nothing is left.
@@ -147,15 +164,16 @@ def trim(patches: Sequence[Clipped], margin: float, hole_margin: float) -> list[
         left += kept
     if not left:
         raise PlanError(
-            f"nothing of the region is left {max(margin, hole_margin) * 1e3:.4g} mm inside its border: it is only "
-            f"about {2e3 * widest:.3g} mm wide. Set a smaller --edge-margin or --hole-margin, or choose another "
-            "--region."
+            f"nothing of the region is left {max(margin, hole_margin) * 1e3:.4g} mm inside its border: it is "
+            f"only about {2e3 * widest:.3g} mm wide. Set a smaller --edge-margin or --hole-margin, or choose "
+            "another --region."
         )
     return left
 
 
 def keep_roomy(patch: Clipped, room: Room, margin: float) -> tuple[list[Clipped], float]:
-    """Keep what of a patch has more room than a margin [m]: its connected pieces, and the most room there is [m]."""
+    """Keep what of a patch has more room than a margin [m]: its connected pieces, and the most room there is
+    [m]."""
     fine = then(patch, _refined(patch.surface, room, margin))
     values = _beyond_margin(fine.surface, room, margin)
     inner = then(fine, clip(fine.surface, values, on=_ON_LINE * margin))
@@ -163,12 +181,15 @@ def keep_roomy(patch: Clipped, room: Room, margin: float) -> tuple[list[Clipped]
 
 
 def _outer_and_holes(surface: Surface) -> tuple[tuple[Indices, Indices], tuple[Indices, Indices]]:
-    """Border edges (facets, edges) of a connected patch: of its outer loop, and of the others, which are holes."""
+    """Border edges (facets, edges) of a connected patch: of its outer loop, and of the others, which are
+    holes."""
     loops = [np.array(loop) for loop in trace_border(surface)]
     if not loops:
         none = np.empty(0, dtype=np.int64)
         return (none, none), (none, none)
-    sizes = [enclosed(surface.control[[*loop[:, 0], loop[0, 0]], [*loop[:, 1], loop[0, 1]]]) for loop in loops]
+    sizes = [
+        enclosed(surface.control[[*loop[:, 0], loop[0, 0]], [*loop[:, 1], loop[0, 1]]]) for loop in loops
+    ]
     outer = loops.pop(int(np.argmax(sizes)))
     holes = np.concatenate([np.empty((0, 2), dtype=np.int64), *loops])
     return (outer[:, 0], outer[:, 1]), (holes[:, 0], holes[:, 1])
@@ -179,14 +200,17 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
     longest = max(margin / _FACETS_PER_MARGIN, distance.length / _FACETS_ALONG)
     count = len(surface.faces)
     cut = Cut(
-        np.arange(count, dtype=np.int32), np.broadcast_to(np.eye(3), (count, 3, 3)), surface.faces.astype(np.int32)
+        np.arange(count, dtype=np.int32),
+        np.broadcast_to(np.eye(3), (count, 3, 3)),
+        surface.faces.astype(np.int32),
     )
     # Straight distances show well enough where small facets are needed.
     places, values = surface.vertices, distance.straight(surface.vertices)
     for _ in range(_ROUNDS):
         corners = places[cut.faces]
         size = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
-        # No value changes faster than the distance: the new border may run where no corner is farther from it.
+        # No value changes faster than the distance: the new border may run where no corner is farther from
+        # it.
         near = (np.abs(values[cut.faces] - margin).max(axis=1) <= size) & (size > longest)
         near[near] = _bends(surface, cut, values, np.flatnonzero(near), distance) > _STRAIGHT * margin
         if not near.any():
@@ -208,7 +232,8 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
 
 
 def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance: Room) -> Array:
-    """How far the distance is from linear over facets (k,), in the middle of edges and of the facet [m], shape (k,)."""
+    """How far the distance is from linear over facets (k,), in the middle of edges and of the facet [m],
+    shape (k,)."""
     worst = np.zeros(len(facets))
     for place in (*EDGE_MIDDLES, np.full(3, 1.0 / 3.0)):
         barycentric = place @ cut.barycentric[facets]
@@ -218,7 +243,8 @@ def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance:
 
 
 def _beyond_margin(surface: Surface, distance: Room, margin: float) -> Array:
-    """Distance beyond the margin as a quadratic over each facet whose zeros on edges are exact [m], shape (m, 6)."""
+    """Distance beyond the margin as a quadratic over each facet whose zeros on edges are exact [m], shape (m,
+    6)."""
     corner = distance.at(surface.vertices) - margin
     here = corner[surface.faces]
     middle = 0.5 * (here + np.roll(here, -1, axis=1))

@@ -19,7 +19,8 @@ SHARP_ANGLE = np.radians(60.0)  #: The tool does not go over creases that bend m
 
 
 def facing(surface: Surface) -> Array:
-    """Mean normal times the share of the area it stands for, shape (3,): length 1 for a plane, 0 for a ball."""
+    """Mean normal times the share of the area it stands for, shape (3,): length 1 for a plane, 0 for a
+    ball."""
     areas = surface.facet_areas
     return np.asarray(areas @ middle_points(surface).normals / max(float(areas.sum()), 1e-300))
 
@@ -42,7 +43,8 @@ def lies_open(surface: Surface) -> bool:
 
 
 def connected(kept: Clipped, passable: Bools | None = None) -> list[Clipped]:
-    """Take a surface apart into connected pieces, the largest first; ``passable`` (m, 3) marks the edges that join."""
+    """Take a surface apart into connected pieces, the largest first; ``passable`` (m, 3) marks the edges that
+    join."""
     piece = connected_facets(kept.surface, passable)
     order = np.argsort(piece, kind="stable").astype(np.int32)
     ends = np.cumsum(np.bincount(piece))
@@ -59,9 +61,9 @@ def restricted(kept: Clipped, facets: Ints) -> Clipped:
 def coverable(kept: Clipped, up: Array) -> list[Clipped]:
     """Take a surface apart into patches that lie open.
 
-    Pieces that are joined over gentle creases stay whole if they lie open; otherwise they are taken apart at every
-    crease, and what still goes round is cut along lines where it looks as much to one side as to the next, of the
-    six directions about ``up``.
+    Pieces that are joined over gentle creases stay whole if they lie open; otherwise they are taken apart at
+    every crease, and what still goes round is cut along lines where it looks as much to one side as to the
+    next, of the six directions about ``up``.
     """
     patches: list[Clipped] = []
     for piece in connected(kept, _gentle_edges(kept.surface)):
@@ -116,7 +118,9 @@ def _charts(kept: Clipped, up: Array) -> list[Clipped]:
         chart = kept
         for other in axes:
             if abs(float(axis @ other)) < 0.5 and len(chart.parents):
-                chart = then(chart, clip(chart.surface, chart.surface.normal_control @ (axis - other), on=1e-9))
+                chart = then(
+                    chart, clip(chart.surface, chart.surface.normal_control @ (axis - other), on=1e-9)
+                )
         if len(chart.parents):
             # What is left looks along the axis or against it.
             ahead = np.flatnonzero(middle_points(chart.surface).normals @ axis > 0.0).astype(np.int32)

@@ -47,7 +47,8 @@ class Choice(NamedTuple):
     """How a region is chosen."""
 
     pick: Callable[[Whole, str], list[Clipped]]  #: Patches of the part, from the argument
-    read: Callable[[str], object] = str  #: Reads the argument, to refuse a wrong one before the part is loaded
+    #: Reads the argument, to refuse a wrong one before the part is loaded
+    read: Callable[[str], object] = str
 
 
 PLAIN: Mapping[str, Choice] = {"auto": Choice(pick_auto), "top": Choice(pick_top), "all": Choice(pick_all)}
@@ -74,8 +75,8 @@ class Region:
     component, of each the outer one first."""
     area_m2: float
     up: Array
-    """Unit vector from where the region is looked at: away from the table; for a connected region that does not
-    look up, its mean normal. Shape (3,)."""
+    """Unit vector from where the region is looked at: away from the table; for a connected region that does
+    not look up, its mean normal. Shape (3,)."""
     notes: tuple[str, ...] = ()  #: What was left out or cut, for the user
 
     def components(self) -> tuple[Region, ...]:
@@ -104,8 +105,8 @@ def select_region(
         surface: The whole part's surface.
         mesh: The part it was fitted to.
         choice: ``auto`` the largest smooth face that looks up; ``top`` the largest connected piece that
-            looks up, over creases; ``all`` everything, in patches; ``all:N,N,.../SIDE`` some of these patches by their
-            numbers, counted with a side up; ``point:X,Y,Z`` the smooth face at a point;
+            looks up, over creases; ``all`` everything, in patches; ``all:N,N,.../SIDE`` some of these patches
+            by their numbers, counted with a side up; ``point:X,Y,Z`` the smooth face at a point;
             ``box:X0,Y0,Z0,X1,Y1,Z1`` the smooth faces that look up within a box; ``polygon:X,Y,Z;X,Y,Z;...``
             (or a file with a corner per line) those within a polygon seen from above; ``faces:FILE`` the
             facets whose numbers (from 0) in the part's file a text file lists. Lengths in mm, work frame.
@@ -132,7 +133,8 @@ def select_region(
 
 
 def patches_of(surface: Surface, mesh: PartMesh) -> list[Region]:
-    """All of a part in patches that lie open, in the order ``all:N,N,.../SIDE`` counts them with its side up."""
+    """All of a part in patches that lie open, in the order ``all:N,N,.../SIDE`` counts them with its side
+    up."""
     patches = pick_all(Whole(surface, mesh.up, mesh.stl_facets), "")
     return [_build_region(patch.surface, patch.parents, mesh.up) for patch in patches]
 
@@ -151,7 +153,8 @@ def cut_region(region: Region, room: Room, margin: float) -> Region | None:
 
 
 def check_choice(choice: str) -> None:
-    """Refuse an invalid choice of a region, see `select_region`, before the part is loaded; a file it names is read.
+    """Refuse an invalid choice of a region, see `select_region`, before the part is loaded; a file it names
+    is read.
 
     Raises:
         InputError: It cannot be understood; lists the valid ones.
@@ -176,7 +179,8 @@ def check_part_words(part: PartConfig, plan: PlanConfig) -> None:
 
 
 def _build_region(surface: Surface, facets: Ints, up: Array, notes: tuple[str, ...] = ()) -> Region:
-    """Make a region of a surface and the facets of the whole part (k,) it was cut from; pinched vertices are parted."""
+    """Make a region of a surface and the facets of the whole part (k,) it was cut from; pinched vertices are
+    parted."""
     surface = unpinch(surface)
     return Region(
         surface=surface,
@@ -235,5 +239,8 @@ def _without_slivers(patches: list[Clipped]) -> tuple[list[Clipped], tuple[str, 
         return patches, ()
     count, lost = int(np.count_nonzero(~large)), float(areas[~large].sum())
     what = "1 patch" if count == 1 else f"{count} patches"
-    note = f"left out {what} of the region, below {SLIVER_SHARE:.1%} of the largest: {lost * 1e6:.3g} mm^2 in all"
+    note = (
+        f"left out {what} of the region, below {SLIVER_SHARE:.1%} of the largest: {lost * 1e6:.3g} mm^2 "
+        "in all"
+    )
     return [patch for patch, keep in zip(patches, large, strict=True) if keep], (note,)

@@ -1,4 +1,5 @@
-"""Repairs of single facets: drop empty and double ones, flip slivers and needles, split T-junctions (Skin -> Skin)."""
+"""Repairs of single facets: drop empty and double ones, flip slivers and needles, split T-junctions (Skin ->
+Skin)."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ SLIVER = 1e-6  #: Facets lower than this share of the part's size have no meanin
 NEEDLE = 0.1  #: A facet lower than this share of its longest edge is a needle
 ON_EDGE = 1e-5  #: A vertex closer to an edge than this share of the part's size lies on it
 _ROUNDS = 10
-_CALMER = 0.5  # the sharpest edge around must get this much smaller [rad / rad], so that creases stay where they are
+# the sharpest edge around must get this much smaller [rad / rad], so that creases stay where they are
+_CALMER = 0.5
 _DEEPEST = 0.03  # the new edge passes the old one at most at this share of its length
 _SAMPLE = 400  #: Edges by which candidates are guessed first
 _MOST_CANDIDATES = 5_000_000
@@ -65,7 +67,9 @@ def _drop_walls(skin: Skin, double: Bools) -> Skin:
     inner = wall[labels] & double
     if not inner.any():
         return skin
-    return skin.keep(~inner, f"dropped {inner.sum()} facets of walls inside the part, where solids meet face to face")
+    return skin.keep(
+        ~inner, f"dropped {inner.sum()} facets of walls inside the part, where solids meet face to face"
+    )
 
 
 def flip_slivers(skin: Skin) -> Skin:
@@ -112,10 +116,11 @@ def _edge_lengths(vertices: Array, faces: Ints) -> Array:
 
 
 def flip_needles(skin: Skin) -> Skin:
-    """Connect the corner of a needle that lies near its long edge with the facet beyond that edge instead; noted.
+    """Connect the corner of a needle that lies near its long edge with the facet beyond that edge instead;
+    noted.
 
-    A needle's normal is far off on a curved face. Edges are flipped only where both facets become rounder and the
-    sharpest bend around them clearly smaller: at creases nothing changes. No vertex is moved.
+    A needle's normal is far off on a curved face. Edges are flipped only where both facets become rounder and
+    the sharpest bend around them clearly smaller: at creases nothing changes. No vertex is moved.
     """
     faces, flipped = skin.faces.copy(), []
     for _ in range(_ROUNDS):
@@ -151,7 +156,12 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     sides = (facet, edge + 2), (other, back + 1), (facet, edge + 1), (other, back + 2)
     beyond = np.stack([adjacency.facets[which, side % 3] for which, side in sides], axis=1)
     before, after = _bend(normals[facet], normals[other]), _bend(normal_1, normal_2)
-    pairs: list[tuple[Any, Any]] = [(facet, normal_1), (other, normal_1), (facet, normal_2), (other, normal_2)]
+    pairs: list[tuple[Any, Any]] = [
+        (facet, normal_1),
+        (other, normal_1),
+        (facet, normal_2),
+        (other, normal_2),
+    ]
     for k, (old, new) in enumerate(pairs):
         inner = beyond[:, k] >= 0
         before = np.maximum(before, np.where(inner, _bend(normals[old], normals[beyond[:, k]]), 0.0))
@@ -216,7 +226,10 @@ def split_t_junctions(skin: Skin) -> Skin:
     if topology.find_edge_faults(faces).open >= len(border):
         return skin
     where = place(skin.vertices[[start[edge[0]], end[edge[0]]]])
-    notes = (*skin.notes, f"split {split} facets at T-junctions (vertices on their edges), the first at {where}")
+    notes = (
+        *skin.notes,
+        f"split {split} facets at T-junctions (vertices on their edges), the first at {where}",
+    )
     return Skin(skin.vertices, faces, source, notes)
 
 

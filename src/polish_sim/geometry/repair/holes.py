@@ -16,7 +16,8 @@ from polish_sim.geometry.repair.skin import Skin, place
 
 SMALL_HOLE = 0.05  #: Holes up to this share of the part's size across are closed ...
 LARGEST_CLOSED = 5e-3  #: ... if they are no wider than this [m]
-MISSING_FACET = 0.2  #: Holes of three or four edges, a missing facet or two, are closed up to this share of the size
+#: Holes of three or four edges, a missing facet or two, are closed up to this share of the size
+MISSING_FACET = 0.2
 _SHOWN = 3
 
 
@@ -31,7 +32,8 @@ class Hole(NamedTuple):
 def close_holes(skin: Skin) -> Skin:
     """Close small holes with plane-like patches; leave the larger ones open, with a note of place and size.
 
-    The longest border of each open piece is its rim, not a hole, unless the piece is closed but for small holes.
+    The longest border of each open piece is its rim, not a hole, unless the piece is closed but for small
+    holes.
     """
     holes = find_holes(skin)
     if not holes:
@@ -52,7 +54,9 @@ def close_holes(skin: Skin) -> Skin:
         notes.append(f"closed {count_text(len(small), 'small hole')}: {_describe(small)}")
     if large:
         edges = sum(len(hole.vertices) for hole in large)
-        notes.append(f"open surface: {edges} border edges in {count_text(len(large), 'line')}: {_describe(large)}")
+        notes.append(
+            f"open surface: {edges} border edges in {count_text(len(large), 'line')}: {_describe(large)}"
+        )
     return Skin(skin.vertices, faces, source, tuple(notes))
 
 
@@ -125,9 +129,9 @@ SMALL_FIN = 0.01  #: Loose fins up to this share of the part's area are dropped
 def separate_crowded(skin: Skin, path: Path) -> Skin:
     """Make every edge one of at most two facets.
 
-    Small fins, joined to such an edge and open at their ends, are dropped. Where solids touch along an edge, each
-    keeps its own two facets and its own vertices; where an odd number of sheets meet, those that are joined
-    around the edge's ends stay one, the others become sheets of their own.
+    Small fins, joined to such an edge and open at their ends, are dropped. Where solids touch along an edge,
+    each keeps its own two facets and its own vertices; where an odd number of sheets meet, those that are
+    joined around the edge's ends stay one, the others become sheets of their own.
 
     Raises:
         MeshError: Edges are left that belong to more than two facets; names how many, and where the first is.
@@ -141,8 +145,8 @@ def separate_crowded(skin: Skin, path: Path) -> Skin:
     faults = topology.find_edge_faults(skin.faces)
     if faults.crowded:
         raise MeshError(
-            f"{path}: the mesh is broken: {faults.crowded} edges are shared by more than two facets, the first "
-            f"at {place(skin.vertices[faults.first_crowded])}, so inside and outside are not defined. "
+            f"{path}: the mesh is broken: {faults.crowded} edges are shared by more than two facets, the "
+            f"first at {place(skin.vertices[faults.first_crowded])}, so inside and outside are not defined. "
             "Repair the part (make it one manifold solid) and export it again."
         )
     return skin
@@ -150,7 +154,9 @@ def separate_crowded(skin: Skin, path: Path) -> Skin:
 
 def _drop_fins(skin: Skin) -> Skin:
     """Drop small pieces between a crowded edge and the open."""
-    count, labels = topology.label_pieces(topology.facet_links(topology.find_adjacency(skin.faces)), len(skin.faces))
+    count, labels = topology.label_pieces(
+        topology.facet_links(topology.find_adjacency(skin.faces)), len(skin.faces)
+    )
     shared = topology.facets_at_edges(skin.faces)
     hangs, ends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     hangs[labels[(shared > 2).any(axis=1)]] = True
@@ -162,7 +168,9 @@ def _drop_fins(skin: Skin) -> Skin:
     gone = fins[labels]
     where = place(skin.vertices[skin.faces[np.argmax(gone)]])
     return skin.keep(
-        ~gone, f"dropped {gone.sum()} facets of {fins.sum()} loose fins on edges of other facets, the first at {where}"
+        ~gone,
+        f"dropped {gone.sum()} facets of {fins.sum()} loose fins on edges of other facets, the first at "
+        f"{where}",
     )
 
 
@@ -180,18 +188,28 @@ def _part_vertices(skin: Skin) -> Skin:
     ahead_a, ahead_b = 3 * (a // 3) + (a + 1) % 3, 3 * (b // 3) + (b + 1) % 3
     alike = start[a] == start[b]
     corners = np.concatenate(
-        [np.column_stack([a, np.where(alike, b, ahead_b)]), np.column_stack([ahead_a, np.where(alike, ahead_b, b)])]
+        [
+            np.column_stack([a, np.where(alike, b, ahead_b)]),
+            np.column_stack([ahead_a, np.where(alike, ahead_b, b)]),
+        ]
     )
     number, labels = topology.label_pieces(corners, 3 * len(skin.faces))
     vertices = np.empty((number, 3))
     vertices[labels] = skin.vertices[skin.faces.ravel()]
-    note = f"{len(crowded)} edges of more than two facets: pieces that touch there were separated, the first at {where}"
+    note = (
+        f"{len(crowded)} edges of more than two facets: pieces that touch there were separated, the "
+        f"first at {where}"
+    )
     return Skin(vertices, labels.reshape(-1, 3), skin.source, (*skin.notes, note))
 
 
 def _wedges(skin: Skin, group: Indices, start: Indices, end: Indices, inward: bool) -> Indices:
-    """Pair half-edges that bound the same solid wedge around their edge, shape (k, 2); none where that is not clear."""
-    a, b = skin.vertices[min(start[group[0]], end[group[0]])], skin.vertices[max(start[group[0]], end[group[0]])]
+    """Pair half-edges that bound the same solid wedge around their edge, shape (k, 2); none where that is not
+    clear."""
+    a, b = (
+        skin.vertices[min(start[group[0]], end[group[0]])],
+        skin.vertices[max(start[group[0]], end[group[0]])],
+    )
     way = (b - a) / np.linalg.norm(b - a)
     third = skin.vertices[skin.faces[group // 3, (group + 2) % 3]] - a
     across = third - (third @ way)[:, None] * way

@@ -12,21 +12,24 @@ from polish_sim.geometry.repair.skin import Noise, Skin
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
 
-NOISY = 0.01  #: A skin is noisy when its vertices scatter by more than this share of its edges about smooth pieces
+#: A skin is noisy when its vertices scatter by more than this share of its edges about smooth pieces
+NOISY = 0.01
 QUIET = 1e-3  #: What scatters by less than this share of the edges is drawn, not scanned
 SCANNED_SHARE = 0.2  #: A skin is looked at as scanned where at least this share of it scatters
 FEWEST_VERTICES = 500  #: Coarser parts are not looked at: what looks like noise may be their shape
 NEIGHBOURS = 32, 64, 128
-"""Vertices a smooth piece is fitted to: the most about which they scatter no more than about few. The noise left is
-about sqrt(6 / neighbours) of what it was."""
+"""Vertices a smooth piece is fitted to: the most about which they scatter no more than about few. The noise
+left is about sqrt(6 / neighbours) of what it was."""
 
-SLOPE_LEFT = 5.0  #: Noise left of the normals over noise / (reach sqrt(neighbours)): measured on spheres, 4.7 to 5.2
+#: Noise left of the normals over noise / (reach sqrt(neighbours)): measured on spheres, 4.7 to 5.2
+SLOPE_LEFT = 5.0
 _SAMPLE = 2000
 _PROBES = 14, 28
 _GROWTH = 1.4  # scatter that grows more than this from the smaller to the larger probe is the part's shape
 _OUTLIER = 3.0
 _SLACK = 1.1
-_MISFIT = 1.3  # a vertex stays where it is if the others scatter more than this about its piece: an edge of the part
+# a vertex stays where it is if the others scatter more than this about its piece: an edge of the part
+_MISFIT = 1.3
 _SAME_SIDE = np.cos(np.radians(25.0))  # normals further off belong to another side of an edge
 _ROUNDS = 2
 _BATCH = 2000
@@ -35,8 +38,8 @@ _BATCH = 2000
 def smooth_noise(skin: Skin) -> Skin:
     """Move the vertices of a noisy skin onto smooth pieces fitted to their neighbours; a note says how far.
 
-    Each vertex is moved along its normal onto a quadratic height function fitted to the vertices around it. Vertices
-    far from the fit (beyond an edge of the part, outliers) are left out of it step by step.
+    Each vertex is moved along its normal onto a quadratic height function fitted to the vertices around it.
+    Vertices far from the fit (beyond an edge of the part, outliers) are left out of it step by step.
     """
     used = np.unique(skin.faces)
     if len(used) < FEWEST_VERTICES:
@@ -47,27 +50,32 @@ def smooth_noise(skin: Skin) -> Skin:
     noise = _noise(skin, used, normals, QUIET * edge)
     if noise <= NOISY * edge:
         return skin
-    able = [count for count in NEIGHBOURS if _scatter(skin, used, normals, count, QUIET * edge) <= _SLACK * noise]
+    able = [
+        count for count in NEIGHBOURS if _scatter(skin, used, normals, count, QUIET * edge) <= _SLACK * noise
+    ]
     neighbours = max(able, default=NEIGHBOURS[0])
     vertices = skin.vertices
     for _ in range(_ROUNDS):
         moved = vertices.copy()
-        moved[used] = _fitted(vertices, used, _vertex_normals(vertices, skin.faces), neighbours, noise, used)[0]
+        moved[used] = _fitted(vertices, used, _vertex_normals(vertices, skin.faces), neighbours, noise, used)[
+            0
+        ]
         vertices = moved
     shift = np.linalg.norm(vertices - skin.vertices, axis=1)[used]
     reach = 0.5 * edge * np.sqrt(neighbours)
     left = Noise(noise * np.sqrt(6.0 / neighbours), SLOPE_LEFT * noise / (reach * np.sqrt(neighbours)))
     note = (
         f"scanned noise of {1e3 * noise:.2g} mm (rms, facet edges {1e3 * edge:.2g} mm): smoothed over about "
-        f"{1e3 * reach:.2g} mm, vertices moved by {1e3 * np.sqrt(np.mean(shift**2)):.2g} mm rms, "
-        f"at most {1e3 * shift.max():.2g} mm; {1e3 * left.offset:.2g} mm and {np.degrees(left.slope):.2g} deg of the "
+        f"{1e3 * reach:.2g} mm, vertices moved by {1e3 * np.sqrt(np.mean(shift**2)):.2g} mm rms, at most "
+        f"{1e3 * shift.max():.2g} mm; {1e3 * left.offset:.2g} mm and {np.degrees(left.slope):.2g} deg of the "
         "normals are left of it, within which strokes are smoothed"
     )
     return Skin(vertices, skin.faces, skin.source, (*skin.notes, note), left)
 
 
 def _noise(skin: Skin, used: Ints, normals: Array, quiet: float) -> float:
-    """Noise of the vertices along their normals, rms [m]; 0 where the scatter grows with the pieces: that is shape."""
+    """Noise of the vertices along their normals, rms [m]; 0 where the scatter grows with the pieces: that is
+    shape."""
     small, large = (_scatter(skin, used, normals, probe, quiet) for probe in _PROBES)
     return large if large <= _GROWTH * small else 0.0
 
@@ -75,8 +83,8 @@ def _noise(skin: Skin, used: Ints, normals: Array, quiet: float) -> float:
 def _scatter(skin: Skin, used: Ints, normals: Array, neighbours: int, quiet: float) -> float:
     """Median over a sample of places of the scatter about pieces fitted to a number of neighbours [m].
 
-    With the median, edges and corners of a part do not count while they are few, nor do places that scatter less than
-    ``quiet`` [m], such as the flat base a scan was closed with, while enough others are left.
+    With the median, edges and corners of a part do not count while they are few, nor do places that scatter
+    less than ``quiet`` [m], such as the flat base a scan was closed with, while enough others are left.
     """
     sample = used[:: max(len(used) // _SAMPLE, 1)]
     scatter = _fitted(skin.vertices, used, normals, neighbours, np.inf, sample)[1]
@@ -94,14 +102,17 @@ def _vertex_normals(vertices: Array, faces: Ints) -> Array:
     weighted = areas[:, None] * normals
     total = np.zeros((len(vertices), 3))
     for k in range(3):
-        total[:, k] = sum(np.bincount(faces[:, c], weights=weighted[:, k], minlength=len(vertices)) for c in range(3))
+        total[:, k] = sum(
+            np.bincount(faces[:, c], weights=weighted[:, k], minlength=len(vertices)) for c in range(3)
+        )
     return unit(total)
 
 
 def _fitted(
     vertices: Array, used: Ints, normals: Array, neighbours: int, noise: float, wanted: Ints
 ) -> tuple[Array, Array]:
-    """Wanted vertices moved onto their smooth pieces, shape (k, 3), and the scatter about them [m], shape (k,)."""
+    """Wanted vertices moved onto their smooth pieces, shape (k, 3), and the scatter about them [m], shape
+    (k,)."""
     tree = cKDTree(vertices[used])
     fits = []
     for begin in range(0, len(wanted), _BATCH):
@@ -113,7 +124,8 @@ def _fitted(
 
 
 def _fit(vertices: Array, normals: Array, wanted: Ints, near: Ints, noise: float) -> tuple[Array, Array]:
-    """Fit z = c + p x + q y + a x^2 + b x y + d y^2 around vertices, thrice with fewer outliers: steps, scatter [m]."""
+    """Fit z = c + p x + q y + a x^2 + b x y + d y^2 around vertices, thrice with fewer outliers: steps,
+    scatter [m]."""
     normal = normals[wanted]
     offsets = vertices[near] - vertices[wanted][:, None]
     reach = np.linalg.norm(offsets, axis=2).max(axis=1) + 1e-300

@@ -1,4 +1,5 @@
-"""The pieces a skin consists of: wound alike, turned outward, described; facets that cross (Skin -> Skin, notes)."""
+"""The pieces a skin consists of: wound alike, turned outward, described; facets that cross (Skin -> Skin,
+notes)."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ class Shells(NamedTuple):
 
     labels: Ints  #: Piece of each facet, shape (m,)
     closed: Bools  #: Pieces without border, shape (k,)
-    volumes: Array  #: Volume a closed piece encloses, negative where it looks inward; 0 for open ones [m^3], shape (k,)
+    #: Volume a closed piece encloses, negative where it looks inward; 0 for open ones [m^3], shape (k,)
+    volumes: Array
     low: Array  #: Lower corners of their bounding boxes [m], shape (k, 3)
     high: Array  #: Upper corners, shape (k, 3)
 
@@ -48,8 +50,8 @@ def wind_alike(skin: Skin, path: Path) -> Skin:
     agrees = start[a] != start[b]
     if agrees.all():
         return skin
-    # A piece with two sides falls apart into two mirrored ones if every facet stands in the graph twice, as it is
-    # and flipped.
+    # A piece with two sides falls apart into two mirrored ones if every facet stands in the graph twice, as
+    # it is and flipped.
     count = len(skin.faces)
     flipped = np.where(agrees, 0, count)
     here, there = a // 3, b // 3
@@ -76,7 +78,11 @@ def turn_outward(skin: Skin) -> Skin:
     if not wrong.any():
         return skin
     faces = np.where(wrong[shells.labels][:, None], skin.faces[:, ::-1], skin.faces)
-    what = "the whole part inside out: its" if len(wrong) == 1 else f"{wrong.sum()} of {len(wrong)} bodies: their"
+    what = (
+        "the whole part inside out: its"
+        if len(wrong) == 1
+        else f"{wrong.sum()} of {len(wrong)} bodies: their"
+    )
     notes = (*skin.notes, f"turned {what} normals pointed inward")
     return Skin(skin.vertices, np.ascontiguousarray(faces), skin.source, notes)
 
@@ -155,11 +161,15 @@ def describe_crossing_facets(skin: Skin) -> tuple[str, ...]:
         return ()
     where = place(skin.vertices[skin.faces[pairs[:, 0].min()]])
     count = f"{len(pairs)}" if len(pairs) < _MOST_PAIRS else f"at least {len(pairs)}"
-    return (f"self-intersecting: {count} pairs of facets pass through each other, the first at {where}; left as it is",)
+    return (
+        f"self-intersecting: {count} pairs of facets pass through each other, the first at {where}; left as "
+        "it is",
+    )
 
 
 def find_crossing_facets(vertices: Array, faces: Ints) -> Indices:
-    """Pairs of facets without a common vertex, one with an edge through the inside of the other, shape (k, 2)."""
+    """Pairs of facets without a common vertex, one with an edge through the inside of the other, shape (k,
+    2)."""
     corners = vertices[faces]
     pairs, found = [np.empty((0, 2), dtype=np.int64)], 0
     for a, b in _overlapping_boxes(corners.min(axis=1), corners.max(axis=1)):
@@ -211,7 +221,8 @@ def _by_size_and_place(low: Array, high: Array) -> Indices:
 
 
 def _pierced(a: Array, b: Array) -> Bools:
-    """Whether an edge of triangle b passes through the inside of a, (k, 3, 3); touching within rounding does not."""
+    """Whether an edge of triangle b passes through the inside of a, (k, 3, 3); touching within rounding does
+    not."""
     size = np.abs(a[:, 1:] - a[:, :1]).max(axis=(1, 2), initial=0.0)
     slack = (1e-9 * size * size * size)[:, None]
     heights = np.stack([_volume(a[:, 0], a[:, 1], a[:, 2], b[:, i]) for i in range(3)], axis=1)

@@ -1,4 +1,5 @@
-"""A triangle skin under repair, and the merging of a triangle soup to one (triangles -> vertices and faces)."""
+"""A triangle skin under repair, and the merging of a triangle soup to one (triangles -> vertices and
+faces)."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ class Skin(NamedTuple):
 
     vertices: Array  #: Vertices [m], shape (n, 3); some may be unused
     faces: Ints  #: Vertex indices, shape (m, 3)
-    source: Ints  #: The triangle of the file each facet stems from, -1 for facets that close holes, shape (m,)
+    #: The triangle of the file each facet stems from, -1 for facets that close holes, shape (m,)
+    source: Ints
     notes: tuple[str, ...] = ()  #: What was repaired, for the user
     noise: Noise = NOISELESS  #: Of a scan, what smoothing left of it
 
@@ -66,11 +68,16 @@ def merge_vertices(triangles: Array) -> tuple[Array, Ints, tuple[str, ...]]:
     faults = find_edge_faults(welded[~collapsed])
     if faults.open >= gaps or faults.crowded > find_edge_faults(faces).crowded:
         return vertices, faces, ()
-    return vertices, welded, (f"closed gaps up to {tolerance * 1e3:.1g} mm at {gaps - faults.open} border edges",)
+    return (
+        vertices,
+        welded,
+        (f"closed gaps up to {tolerance * 1e3:.1g} mm at {gaps - faults.open} border edges",),
+    )
 
 
 def number_rows(rows: NDArray[np.uint64]) -> tuple[Indices, Ints]:
-    """Number equal rows alike in the order of appearance: each number's first row (k,), each row's number (n,)."""
+    """Number equal rows alike in the order of appearance: each number's first row (k,), each row's number
+    (n,)."""
     mixed = np.zeros(len(rows), dtype=np.uint64)
     for column in rows.T:
         mixed = (mixed ^ column) * np.uint64(0x9E3779B97F4A7C15)

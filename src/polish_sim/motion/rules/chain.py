@@ -16,9 +16,9 @@ from polish_sim.spatial import rotation_to_axis, unit
 class Chain(NamedTuple):
     """n segments between n + 1 way points, in one frame; arrays a compiled kernel can take.
 
-    At progress u in [0, 1] of segment k the tip is at ``tips[k] + u lengths[k] directions[k]`` and the tool at
-    ``exp(u angles[k] turn_axes[k]) R_start[k] exp(u rolls[k] z)``: the tool axis runs along a great circle at constant
-    rate (paper 4, eq. 11), the roll about it is shared out evenly.
+    At progress u in [0, 1] of segment k the tip is at ``tips[k] + u lengths[k] directions[k]`` and the tool
+    at ``exp(u angles[k] turn_axes[k]) R_start[k] exp(u rolls[k] z)``: the tool axis runs along a great circle
+    at constant rate (paper 4, eq. 11), the roll about it is shared out evenly.
     """
 
     tips: Array  #: Way points [m], shape (n + 1, 3)
@@ -27,7 +27,8 @@ class Chain(NamedTuple):
     lengths: Array  #: [m], shape (n,)
     directions: Array  #: Unit directions of the tip; zero where the length is, shape (n, 3)
     angles: Array  #: Angle the tool axis turns by [rad], in [0, pi), shape (n,)
-    turn_axes: Array  #: Unit axis it turns about, square to both ends' tool axes; zero where the angle is, shape (n, 3)
+    #: Unit axis it turns about, square to both ends' tool axes; zero where the angle is, shape (n, 3)
+    turn_axes: Array
     rolls: Array  #: Turn about the tool axis that is left to the next way point's frame [rad], shape (n,)
 
 
@@ -40,10 +41,12 @@ STEEPEST = 0.99  #: The tool's x axis must stay this far off every tool axis (co
 def build_chain(tips: Array, rotations: Array) -> Chain:
     """Join way points (m, 3) [m] with tool frames (m, 3, 3), third column the axis into the part, to a chain.
 
-    Repeated points (tip and tool axis the same) are left out: it goes through ``~repeated_points(tips, rotations)``.
+    Repeated points (tip and tool axis the same) are left out: it goes through
+    ``~repeated_points(tips, rotations)``.
 
     Raises:
-        SmoothingError: Wrong shapes, values that are not finite, no rotations, or a tool axis that turns by 180 deg.
+        SmoothingError: Wrong shapes, values that are not finite, no rotations, or a tool axis that turns by
+            180 deg.
     """
     tips, rotations = np.ascontiguousarray(tips, dtype=float), np.ascontiguousarray(rotations, dtype=float)
     _check(tips, rotations)
@@ -51,7 +54,9 @@ def build_chain(tips: Array, rotations: Array) -> Chain:
     tips, rotations = tips[kept], rotations[kept]
     axes = unit(rotations[:, :, 2])
     n = len(tips) - 1
-    chain = Chain(tips, axes, rotations, np.zeros(n), np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros(n))
+    chain = Chain(
+        tips, axes, rotations, np.zeros(n), np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros(n)
+    )
     _fill_segments(chain)
     if n and chain.angles.max() > HALF_TURN:
         k, raw = int(chain.angles.argmax()), np.flatnonzero(kept)
@@ -64,7 +69,8 @@ def build_chain(tips: Array, rotations: Array) -> Chain:
 
 
 def chain_from_axes(tips: Array, axes: Array) -> Chain:
-    """Join way points (m, 3) [m] of a round tool with axes (m, 3) into the part: its frames turn about them least.
+    """Join way points (m, 3) [m] of a round tool with axes (m, 3) into the part: its frames turn about them
+    least.
 
     The tool's x axis stays near that axis of the frame the points are in which suits all best.
 
@@ -76,11 +82,15 @@ def chain_from_axes(tips: Array, axes: Array) -> Chain:
         raise SmoothingError(f"tool axes have shape {axes.shape}; (m, 3) is needed.")
     sizes = np.linalg.norm(axes, axis=1)
     if not np.all(sizes > 1e-9):
-        raise SmoothingError(f"the tool axis of way point {int(np.argmin(sizes > 1e-9))} (counted from 0) is zero.")
+        raise SmoothingError(
+            f"the tool axis of way point {int(np.argmin(sizes > 1e-9))} (counted from 0) is zero."
+        )
     directions = axes / sizes[:, None]
     along = np.abs(directions).max(axis=0)
     if along.min() > STEEPEST:
-        raise SmoothingError("tool axes point along x, y and z: no steady frame suits them all; give tool frames.")
+        raise SmoothingError(
+            "tool axes point along x, y and z: no steady frame suits them all; give tool frames."
+        )
     return build_chain(tips, rotation_to_axis(directions, np.eye(3)[int(along.argmin())]))
 
 
@@ -91,8 +101,8 @@ def part_of(chain: Chain, rows: slice) -> Chain:
 
 
 def repeated_points(tips: Array, rotations: Array) -> Bools:
-    """Which way points repeat the one before them, in tip and tool axis, shape (m,); a turn about the axis is kept
-    for the next one."""
+    """Which way points repeat the one before them, in tip and tool axis, shape (m,); a turn about the axis is
+    kept for the next one."""
     axes = unit(np.asarray(rotations, dtype=float)[:, :, 2])
     moved = np.linalg.norm(np.diff(tips, axis=0), axis=1) > SAME_PLACE
     turned = np.linalg.norm(np.diff(axes, axis=0), axis=1) > SAME_AXIS
@@ -101,7 +111,8 @@ def repeated_points(tips: Array, rotations: Array) -> Bools:
 
 
 def rows_among(points: Array, raw: Array) -> Indices:
-    """Row of each of some points (n, d) among the raw ones (m, d) they were chosen from, in the same order, shape (n,).
+    """Row of each of some points (n, d) among the raw ones (m, d) they were chosen from, in the same order,
+    shape (n,).
 
     Raises:
         SmoothingError: A point is not among the raw ones behind the row of the one before.
@@ -138,14 +149,19 @@ def _apart(one: Array, other: Array) -> bool:
 def _check(tips: Array, rotations: Array) -> None:
     if tips.ndim != 2 or tips.shape[1:] != (3,) or rotations.shape != (len(tips), 3, 3) or len(tips) == 0:
         raise SmoothingError(
-            f"way points have shape {tips.shape}, tool frames {rotations.shape}; (m, 3) and (m, 3, 3) are needed."
+            f"way points have shape {tips.shape}, tool frames {rotations.shape}; (m, 3) and (m, 3, 3) are "
+            "needed."
         )
     finite = np.isfinite(tips).all(axis=1) & np.isfinite(rotations).all(axis=(1, 2))
     if not finite.all():
-        raise SmoothingError(f"way point {int(np.argmin(finite))} (counted from 0) holds a value that is not finite.")
+        raise SmoothingError(
+            f"way point {int(np.argmin(finite))} (counted from 0) holds a value that is not finite."
+        )
     skewed = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2)) > 1e-6
     if skewed.any():
-        raise SmoothingError(f"the tool frame of way point {int(np.argmax(skewed))} (counted from 0) is no rotation.")
+        raise SmoothingError(
+            f"the tool frame of way point {int(np.argmax(skewed))} (counted from 0) is no rotation."
+        )
 
 
 @njit(cache=True, error_model="numpy")

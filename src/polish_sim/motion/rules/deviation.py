@@ -1,9 +1,11 @@
-"""How far a smoothed motion strays from its way points, whatever planned it (SmoothMotion, Chain -> Deviation).
+"""How far a smoothed motion strays from its way points, whatever planned it (SmoothMotion, Chain ->
+Deviation).
 
-Two measures are kept apart: *contour* is the largest distance of the trajectory from the polyline, *vertex* the largest
-distance of a way point from the trajectory. The trajectory is compared with the stretch of the polyline it is on at
-that time, so paths that cross themselves are measured right. The search samples every smooth span and narrows down
-the neighbourhoods of the largest samples: exact to rounding where a span has no more than a few local maxima.
+Two measures are kept apart: *contour* is the largest distance of the trajectory from the polyline, *vertex*
+the largest distance of a way point from the trajectory. The trajectory is compared with the stretch of the
+polyline it is on at that time, so paths that cross themselves are measured right. The search samples every
+smooth span and narrows down the neighbourhoods of the largest samples: exact to rounding where a span has no
+more than a few local maxima.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ SAMPLES, FEW_SAMPLES = 12, 2  #: Of each smooth span; of motions of more than ``
 MANY, BLOCK = 200_000, 100_000
 SHORTEST_S = 1e-9  #: A shorter span is rounding where pieces meet [s]
 NARROWED, ZOOM, ZOOMS = 32, 9, 14
-"""Largest samples whose neighbourhoods are narrowed down; places in one, and how often it shrinks, by 4 each time."""
+"""Largest samples whose neighbourhoods are narrowed down; places in one, and how often it shrinks, by 4 each
+time."""
 
 
 class Place(NamedTuple):
@@ -85,8 +88,15 @@ def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:
     m = len(raw.tips)
     best, low, high = np.full(m, np.inf), np.zeros(m), np.full(m, motion.end)
     for times in _sample_times(motion):
-        _nearest(raw.tips, np.ascontiguousarray(motion.sample(times).tips[:, 0]), *motion.under_way(times), times, best,
-                 low, high)  # fmt: skip
+        _nearest(
+            raw.tips,
+            np.ascontiguousarray(motion.sample(times).tips[:, 0]),
+            *motion.under_way(times),
+            times,
+            best,
+            low,
+            high,
+        )
     distances, nearest = np.zeros(m), low
     for first in range(0, m, BLOCK // ZOOM):
         rows = slice(first, first + BLOCK // ZOOM)
@@ -102,7 +112,8 @@ def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:
 
 
 def deviation_curve(motion: SmoothMotion, raw: Chain, times: Array) -> DeviationCurve:
-    """Measure a motion against the stretch of the way points it is on at each of some times [s], shape (n,)."""
+    """Measure a motion against the stretch of the way points it is on at each of some times [s], shape
+    (n,)."""
     seen, curve = motion.sample(times), DeviationCurve(np.zeros(len(times)), np.zeros(len(times)))
     tips, axes = np.ascontiguousarray(seen.tips[:, 0]), np.ascontiguousarray(seen.axes[:, 0])
     _fill_curve(raw, *motion.under_way(times), tips, axes, curve)
@@ -121,7 +132,8 @@ def _sample_times(motion: SmoothMotion) -> Iterator[Array]:
 
 
 def _narrowed(value: Callable[[Array], Array], low: Array, high: Array) -> tuple[Array, Array]:
-    """Largest values between times ``low`` and ``high`` (k,) [s], and where; ``value`` takes ``ZOOM`` times of each."""
+    """Largest values between times ``low`` and ``high`` (k,) [s], and where; ``value`` takes ``ZOOM`` times
+    of each."""
     rows = np.arange(len(low))
     for _ in range(ZOOMS):
         times = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, ZOOM)
@@ -133,9 +145,17 @@ def _narrowed(value: Callable[[Array], Array], low: Array, high: Array) -> tuple
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _nearest(
-    points: Array, tips: Array, first: Indices, stop: Indices, times: Array, best: Array, low: Array, high: Array
+    points: Array,
+    tips: Array,
+    first: Indices,
+    stop: Indices,
+    times: Array,
+    best: Array,
+    low: Array,
+    high: Array,
 ) -> None:
-    """Where the tip (n, 3) comes nearer to a way point of the segments under way than before: the times beside."""
+    """Where the tip (n, 3) comes nearer to a way point of the segments under way than before: the times
+    beside."""
     for i in range(tips.shape[0]):
         for r in range(first[i], min(stop[i] + 1, points.shape[0])):
             x, y, z = tips[i, 0] - points[r, 0], tips[i, 1] - points[r, 1], tips[i, 2] - points[r, 2]
@@ -145,7 +165,9 @@ def _nearest(
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_curve(raw: Chain, first: Indices, stop: Indices, tips: Array, axes: Array, curve: DeviationCurve) -> None:
+def _fill_curve(
+    raw: Chain, first: Indices, stop: Indices, tips: Array, axes: Array, curve: DeviationCurve
+) -> None:
     for i in range(tips.shape[0]):
         if stop[i] > first[i]:
             curve.tip[i] = tip_distance(raw, first[i], stop[i], tips[i])

@@ -1,10 +1,11 @@
 """A box filtered by two boxes: the closed form of one smoothed segment (paper 4, eq. 1-3), as cubic pieces.
 
-    S(t) = 1/(6 T1 T2 T3) SUM_A (-1)^|A| (t - T_A)_+^3,     A: subsets of {T1, T2, T3}, T_A: sum of its members
+    S(t) = 1/(6 T1 T2 T3) SUM_A (-1)^|A| (t - T_A)_+^3
+    A: subsets of {T1, T2, T3}, T_A: sum of its members
 
-That sum cancels where one time is small. Here the times are sorted, a >= b >= c, and a second form without differences
-of near numbers is used: S(t) = (H(t) - H(t - a)) / a, H the way of a speed that rises from 0 to 1 over b + c, and
-S(T - t) = 1 - S(t) beyond half time.
+That sum cancels where one time is small. Here the times are sorted, a >= b >= c, and a second form without
+differences of near numbers is used: S(t) = (H(t) - H(t - a)) / a, H the way of a speed that rises from 0 to 1
+over b + c, and S(T - t) = 1 - S(t) beyond half time.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ PIECES = 7  #: Cubic pieces of one segment at most
 def fir_schedule(starts: Array, triples: Array) -> Schedule:
     """Pieces of a chain whose segments are filtered boxes.
 
-    They begin at ``starts`` (n,) [s], not falling; their filter times ``triples`` (n, 3) [s] are in any order, not
-    negative, at least one positive.
+    They begin at ``starts`` (n,) [s], not falling; their filter times ``triples`` (n, 3) [s] are in any
+    order, not negative, at least one positive.
     """
     n = len(starts)
     segments, counts = np.repeat(np.arange(n), PIECES), np.zeros(n, dtype=np.int64)
@@ -42,7 +43,9 @@ def _write_all(
     for k in range(starts.shape[0]):
         row = PIECES * k
         rows = slice(row, row + PIECES)
-        counts[k] = box_pieces(triples[k, 0], triples[k, 1], triples[k, 2], durations[rows], coefficients[rows])
+        counts[k] = box_pieces(
+            triples[k, 0], triples[k, 1], triples[k, 2], durations[rows], coefficients[rows]
+        )
         time = starts[k]
         for i in range(row, row + counts[k]):
             begins[i] = time
@@ -58,10 +61,11 @@ def sorted_times(t1: float, t2: float, t3: float) -> tuple[float, float, float]:
 
 @njit(cache=True, error_model="numpy")
 def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: Array) -> int:
-    """Write the pieces of a box of length 1 filtered with three times [s] in any order, those of no duration left out.
+    """Write the pieces of a box of length 1 filtered with three times [s] in any order, those of no duration
+    left out.
 
-    Written are ``durations`` (7,) [s] and ``coefficients`` (7, 4), progress from each piece's start. Returns the number
-    of pieces.
+    Written are ``durations`` (7,) [s] and ``coefficients`` (7, 4), progress from each piece's start. Returns
+    the number of pieces.
     """
     a, b, c = sorted_times(t1, t2, t3)
     plateau = 1.0 / (a * b) if b > 0.0 else 0.0
@@ -77,7 +81,12 @@ def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: 
         elif i == 2 or i == 4:
             begin, length, acceleration, third = b, early - b, plateau, -jerk
         elif i == 3:
-            begin, length, acceleration, third = early, abs(a - b - c), left, -2.0 * jerk if a < b + c else 0.0
+            begin, length, acceleration, third = (
+                early,
+                abs(a - b - c),
+                left,
+                -2.0 * jerk if a < b + c else 0.0,
+            )
         if length <= 0.0:
             continue
         if i >= 4:  # mirrored in time
@@ -138,11 +147,12 @@ def _rise(b: float, c: float, t: float, rates: Array) -> None:
 
 
 def stop_times(length: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float, float]:
-    """Filter times a >= b >= c [s] of the time-optimal motion from rest to rest over a length; it takes their sum.
+    """Filter times a >= b >= c [s] of the time-optimal motion from rest to rest over a length; it takes their
+    sum.
 
-    The shortest profile is a three-box profile a >= b + c: c = acceleration / jerk; or c = b = cbrt(length / 2 jerk)
-    and a = 2 c, 4 cbrt(length / 2 jerk) in all, where neither acceleration nor speed is reached. Limits may be
-    infinite.
+    The shortest profile is a three-box profile a >= b + c: c = acceleration / jerk; or c = b = cbrt(length /
+    2 jerk) and a = 2 c, 4 cbrt(length / 2 jerk) in all, where neither acceleration nor speed is reached.
+    Limits may be infinite.
     """
     ramp = c = 0.0
     if math.isfinite(jerk):
@@ -156,14 +166,17 @@ def stop_times(length: float, speed: float, acceleration: float, jerk: float) ->
 
 # How far an overlapped corner strays, and how long segments may overlap for it (paper 4, eq. 12-14).
 #
-# The end of one segment, mirrored in time, and the begin of the next are both the way H of a speed that rises from 0 to
-# 1 over b + c, the two shorter of the three filter times. While both are under way the tip is ``V - v1 H1(T_c - t) d1 +
-# v2 H2(t) d2``: where H1 = H2 = h it is ``h |v2 d2 - v1 d1|`` from the vertex. So the overlap for a tolerance is the
-# sum of the two times at which H = tolerance / |v2 d2 - v1 d1|: eq. 13, if the filters are equal.
+# The end of one segment, mirrored in time, and the begin of the next are both the way H of a speed that rises
+# from 0 to
+# 1 over b + c, the two shorter of the three filter times. While both are under way the tip is
+# ``V - v1 H1(T_c - t) d1 + v2 H2(t) d2``: where H1 = H2 = h it is ``h |v2 d2 - v1 d1|`` from the vertex. So
+# the overlap for a tolerance is the sum of the two times at which H = tolerance / |v2 d2 - v1 d1|: eq. 13, if
+# the filters are equal.
 #
-# For symmetric corners this *vertex* error is exact, and the *contour* error, the distance from the polyline, is
-# ``vertex * cos(turn / 2)``. For others both are upper bounds. The tool axis is the same on a sphere, where the
-# distance is a little less: a bound again.
+# For symmetric corners this *vertex* error is exact, and the *contour* error, the distance from the polyline,
+# is
+# ``vertex * cos(turn / 2)``. For others both are upper bounds. The tool axis is the same on a sphere, where
+# the distance is a little less: a bound again.
 
 
 @njit(cache=True, error_model="numpy")
@@ -177,7 +190,8 @@ def rise_time(b: float, c: float, way: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def corner_speed(speed_1: float, speed_2: float, cosine: float) -> float:
-    """Size of the change of velocity |v2 d2 - v1 d1| (paper 4, eq. 12), for the cosine of the turn between them."""
+    """Size of the change of velocity |v2 d2 - v1 d1| (paper 4, eq. 12), for the cosine of the turn between
+    them."""
     return math.sqrt((speed_1 - speed_2) ** 2 + 2.0 * speed_1 * speed_2 * max(1.0 - cosine, 0.0))
 
 
@@ -185,9 +199,9 @@ def corner_speed(speed_1: float, speed_2: float, cosine: float) -> float:
 def corner_overlap(tolerance: float, change: float, b1: float, c1: float, b2: float, c2: float) -> float:
     """Longest overlap whose vertex error is within a tolerance (paper 4, eq. 13, for unlike filters too) [s].
 
-    ``tolerance`` is of the tip [m] or the axis [rad], ``change`` the `corner_speed` [m/s, rad/s], b and c the longer
-    and shorter filter time before (1) and after (2) the corner [s]. At most the shorter of b1 + c1 and b2 + c2, beyond
-    which speeds would add up on a straight path.
+    ``tolerance`` is of the tip [m] or the axis [rad], ``change`` the `corner_speed` [m/s, rad/s], b and c the
+    longer and shorter filter time before (1) and after (2) the corner [s]. At most the shorter of b1 + c1 and
+    b2 + c2, beyond which speeds would add up on a straight path.
     """
     whole = min(b1 + c1, b2 + c2)
     if change <= 0.0:

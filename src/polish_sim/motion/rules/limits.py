@@ -22,7 +22,8 @@ JOINT_SPEED = math.radians(180.0)  #: Every joint of the default arm, as its mak
 JOINT_ACCELERATION = 5.0
 """[rad/s^2]. The maker publishes torques, no accelerations. This is the value the maker's own
 public ROS driver gives to motion planners for all six joints and calls conservative."""
-JOINT_JERK = 100.0  #: [rad/s^3]; none is published. Reaches the acceleration in 0.05 s, as paper 4's tool does
+#: [rad/s^3]; none is published. Reaches the acceleration in 0.05 s, as paper 4's tool does
+JOINT_JERK = 100.0
 
 
 def six(value: float) -> tuple[float, ...]:
@@ -56,8 +57,9 @@ def joint_limit(default: float, unit: str) -> Any:
 class SmoothingLimits:
     """Largest speed, acceleration and jerk of tool tip, tool axis and joints; all positive, infinity allowed.
 
-    Tip limits are Euclidean norms of its time derivatives; axis limits those of the axis' angular velocity without
-    spin, o x o', and of its first and second derivative. The tool's defaults are those of paper 4's trial.
+    Tip limits are Euclidean norms of its time derivatives; axis limits those of the axis' angular velocity
+    without spin, o x o', and of its first and second derivative. The tool's defaults are those of paper 4's
+    trial.
     """
 
     tip_speed: float = limit(50.0, "mm_s", MM)  #: [m/s]
@@ -76,7 +78,8 @@ class SmoothingLimits:
             values = value if isinstance(spec.default, tuple) else (value,)
             if isinstance(spec.default, tuple) and len(values) != 6:
                 raise ConfigError(
-                    f"limit {spec.name} has {len(values)} values: it needs six, one a joint from base to flange."
+                    f"limit {spec.name} has {len(values)} values: it needs six, one a joint from base to "
+                    "flange."
                 )
             for j, each in enumerate(values):
                 if not each > 0.0:
@@ -96,11 +99,13 @@ SECTIONS = ("tip", "axis", "joint")  #: Of the TOML file, whose values have the 
 def load_limits(path: Path, base: SmoothingLimits | None = None) -> SmoothingLimits:
     """Read limits: sections [tip], [axis], [joint]; one left out keeps those of ``base`` or the defaults.
 
-    A section given must be whole: [tip] has ``speed_mm_s``, ``acceleration_mm_s2`` and ``jerk_mm_s3``; [axis] and
-    [joint] have ``speed_deg_s``, ``acceleration_deg_s2``, ``jerk_deg_s3``, of the joints one number or six.
+    A section given must be whole: [tip] has ``speed_mm_s``, ``acceleration_mm_s2`` and ``jerk_mm_s3``; [axis]
+    and [joint] have ``speed_deg_s``, ``acceleration_deg_s2``, ``jerk_deg_s3``, of the joints one number or
+    six.
 
     Raises:
-        ConfigError: The file cannot be read, or a key is unknown, missing, of the wrong type, zero or negative.
+        ConfigError: The file cannot be read, or a key is unknown, missing, of the wrong type, zero or
+            negative.
     """
     table = read_toml(path, "limits file", ConfigError)
     return replace(base or SmoothingLimits(), **_changes(table, str(path)))
@@ -115,7 +120,11 @@ def limits_toml(limits: SmoothingLimits) -> str:
             value = getattr(limits, spec.name)
             scale = spec.metadata["scale"]
             listed = isinstance(value, tuple)
-            text = "[" + ", ".join(f"{v / scale:.10g}" for v in value) + "]" if listed else f"{value / scale:.10g}"
+            text = (
+                "[" + ", ".join(f"{v / scale:.10g}" for v in value) + "]"
+                if listed
+                else f"{value / scale:.10g}"
+            )
             lines.append(f"{key} = {text}")
         lines.append("")
     return "\n".join(lines)
@@ -131,7 +140,9 @@ def _changes(table: dict[str, Any], place: str) -> dict[str, Any]:
     changes: dict[str, Any] = {}
     for section, values in table.items():
         if section not in SECTIONS or not isinstance(values, dict):
-            raise ConfigError(f"'{section}' in '{place}' is no section of limits. Known: [tip], [axis], [joint].")
+            raise ConfigError(
+                f"'{section}' in '{place}' is no section of limits. Known: [tip], [axis], [joint]."
+            )
         keys = _keys(section)
         for name in values:
             if name not in keys:
@@ -149,7 +160,9 @@ def _si(where: str, value: Any, spec: Field[Any], place: str) -> Any:
         return _positive(where, value, place) * scale
     listed = value if isinstance(value, list) else [value] * 6
     if len(listed) != 6:
-        raise ConfigError(f"'{where}' in '{place}' must be one number or six, one a joint; got {len(listed)}.")
+        raise ConfigError(
+            f"'{where}' in '{place}' must be one number or six, one a joint; got {len(listed)}."
+        )
     return tuple(_positive(where, v, place) * scale for v in listed)
 
 

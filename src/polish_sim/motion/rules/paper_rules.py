@@ -1,4 +1,5 @@
-"""The paper's way to a schedule: filter times by one rule for the joints, then neighbours overlapped in tolerance."""
+"""The paper's way to a schedule: filter times by one rule for the joints, then neighbours overlapped in
+tolerance."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm
 from polish_sim.motion.rules.schedule import Schedule, Smoothed
 from polish_sim.motion.segment_rates import JointRates, chain_rates, chebyshev_nodes
 
-NODES = chebyshev_nodes(9)  #: Progress at which joint derivatives are taken; the paper takes forward differences
+#: Progress at which joint derivatives are taken; the paper takes forward differences
+NODES = chebyshev_nodes(9)
 BLOCK = 4096  #: Segments whose joint derivatives are in memory at once
 
 
@@ -50,8 +52,8 @@ def rate_blocks(chain: Chain, arm: Arm) -> Iterator[tuple[slice, JointRates]]:
 
 
 TriplesAt = Callable[[Array, Indices], Array]
-"""(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others; infinite
-where the joints' curvature alone takes up a limit at that speed."""
+"""(speed (k,) [1/s], segments (k,)) -> filter times (k, 3) [s], the first at least the sum of the others;
+infinite where the joints' curvature alone takes up a limit at that speed."""
 
 BlockTriples = Callable[[ProgressLimits, JointRates, SmoothingLimits], Array]
 """(tool's limits, joint derivatives (k, nodes, 6), limits) -> filter times of k segments (k, 3) [s]."""
@@ -59,7 +61,8 @@ BlockTriples = Callable[[ProgressLimits, JointRates, SmoothingLimits], Array]
 _SLOWEST = 1e4  # times slower than the limit
 _COARSE, _FINE = 40, 12
 _GAINING = np.where(NODES < 0.5, 1.0, -1.0)[:, None]
-"""Sign of the acceleration of progress at the nodes: speed is gained in the first half, lost in the second."""
+"""Sign of the acceleration of progress at the nodes: speed is gained in the first half, lost in the
+second."""
 
 
 def filter_times(
@@ -78,16 +81,19 @@ def filter_times(
             triples[rows] = block_triples(ProgressLimits(*(column[rows] for column in tool)), rates, limits)
     if not np.all(triples.max(axis=1, initial=0.0) > 0.0):
         k = int(np.argmin(triples.max(axis=1)))
-        raise SmoothingError(f"nothing limits the motion along segment {k + 1}: give a speed, acceleration or jerk.")
+        raise SmoothingError(
+            f"nothing limits the motion along segment {k + 1}: give a speed, acceleration or jerk."
+        )
     return triples
 
 
 def fastest_triples(speed: Array, triples_at: TriplesAt) -> Array:
-    """Filter times of every segment at full speed, or at the lower speed that takes least time [s], shape (n, 3).
+    """Filter times of every segment at full speed, or at the lower speed that takes least time [s], shape (n,
+    3).
 
-    Full speed (n,) [1/s] is kept where it is reached (the paper's case). Where the segment is too short for it, or a
-    denominator of eq. 24, 25, 30 is not positive at it (the paper's absolute value hides that), slower ones are
-    searched.
+    Full speed (n,) [1/s] is kept where it is reached (the paper's case). Where the segment is too short for
+    it, or a denominator of eq. 24, 25, 30 is not positive at it (the paper's absolute value hides that),
+    slower ones are searched.
 
     Raises:
         SmoothingError: No speed keeps the limits.
@@ -132,8 +138,8 @@ def stop_triples(speed: Array, acceleration: Array, jerk: Array) -> Array:
 def overlapped(chain: Chain, triples: Array, tolerance: float, axis_tolerance: float) -> Schedule:
     """Let each segment begin before the last one has ended, as far as the tolerances of tip and axis allow.
 
-    No more than two are under way at once: a corner takes at most half of each neighbour's time. A tolerance of 0 stops
-    at each way point.
+    No more than two are under way at once: a corner takes at most half of each neighbour's time. A tolerance
+    of 0 stops at each way point.
     """
     overlaps = np.zeros(max(len(triples) - 1, 0))
     _fill_overlaps(chain, triples, tolerance, axis_tolerance, overlaps)
@@ -142,7 +148,9 @@ def overlapped(chain: Chain, triples: Array, tolerance: float, axis_tolerance: f
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
-def _fill_overlaps(chain: Chain, triples: Array, tolerance: float, axis_tolerance: float, overlaps: Array) -> None:
+def _fill_overlaps(
+    chain: Chain, triples: Array, tolerance: float, axis_tolerance: float, overlaps: Array
+) -> None:
     for k in range(overlaps.shape[0]):
         a1, b1, c1 = sorted_times(triples[k, 0], triples[k, 1], triples[k, 2])
         a2, b2, c2 = sorted_times(triples[k + 1, 0], triples[k + 1, 1], triples[k + 1, 2])
@@ -161,21 +169,31 @@ def _fill_overlaps(chain: Chain, triples: Array, tolerance: float, axis_toleranc
 
 
 def fir_rule(
-    block_triples: BlockTriples, chain: Chain, limits: SmoothingLimits, tolerance: float, axis_tolerance: float,
-    arm: Arm | None, feeds: Array | None = None,
-) -> Smoothed:  # fmt: skip
-    """A smoothing rule by a rule for the joints' share of the filter times (paper 4, eq. 12-14 do the rest)."""
+    block_triples: BlockTriples,
+    chain: Chain,
+    limits: SmoothingLimits,
+    tolerance: float,
+    axis_tolerance: float,
+    arm: Arm | None,
+    feeds: Array | None = None,
+) -> Smoothed:
+    """A smoothing rule by a rule for the joints' share of the filter times (paper 4, eq. 12-14 do the
+    rest)."""
     triples = filter_times(chain, limits, arm, feeds, block_triples)
     return Smoothed(chain, overlapped(chain, triples, tolerance, axis_tolerance))
 
 
 def block_triples(
-    tool: ProgressLimits, rates: JointRates, limits: SmoothingLimits, jerk_share: float = 0.0, signed: bool = False
+    tool: ProgressLimits,
+    rates: JointRates,
+    limits: SmoothingLimits,
+    jerk_share: float = 0.0,
+    signed: bool = False,
 ) -> Array:
     """Filter times of a block of k segments by one of the paper's rules [s], shape (k, 3).
 
-    ``rates`` are joint derivatives (k, nodes, 6). Acceleration is limited by eq. 24 if ``signed``, else by eq. 25; jerk
-    by a share of the joints' limits (eq. 30), with a share of 0 not at all.
+    ``rates`` are joint derivatives (k, nodes, 6). Acceleration is limited by eq. 24 if ``signed``, else by
+    eq. 25; jerk by a share of the joints' limits (eq. 30), with a share of 0 not at all.
     """
 
     def triples_at(speed: Array, rows: Indices) -> Array:
@@ -184,7 +202,9 @@ def block_triples(
         t2 = np.maximum(base[:, 1], second_time(speed, part, limits, signed))
         t3 = base[:, 2]
         if jerk_share > 0.0:
-            t3 = np.maximum(t3, third_time(speed, speed / t2, part, jerk_share * np.asarray(limits.joint_jerk)))
+            t3 = np.maximum(
+                t3, third_time(speed, speed / t2, part, jerk_share * np.asarray(limits.joint_jerk))
+            )
         return np.stack([np.maximum(1.0 / speed, t2 + t3), t2, t3], axis=1)
 
     # No joint is too fast either (eq. 18-20).
@@ -232,7 +252,8 @@ class Stops(NamedTuple):
 
 
 def plan_stops(chain: Chain, limits: SmoothingLimits, arm: Arm | None, feeds: Array | None) -> Stops:
-    """The fastest three boxes for every segment; joint limits are kept at `NODES`. Errors as of `filter_times`."""
+    """The fastest three boxes for every segment; joint limits are kept at `NODES`. Errors as of
+    `filter_times`."""
     q = np.zeros((len(chain.lengths) + 1, 6))
     begun = iter(range(0, len(chain.lengths), BLOCK))
 

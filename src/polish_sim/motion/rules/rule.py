@@ -12,11 +12,12 @@ from polish_sim.motion.rules.limits import Arm, SmoothingLimits
 from polish_sim.motion.rules.schedule import SmoothMotion
 
 Rule = Callable[[Chain, SmoothingLimits, float, float, Arm | None, Array | None], SmoothMotion]
-"""Plans the motion along a chain, within limits of tool and joints and tolerances of tip [m] and tool axis [rad].
+"""Plans the motion along a chain, within limits of tool and joints and tolerances of tip [m] and tool axis
+[rad].
 
-The rule says of which distance of the tip. An arm of None leaves the joints out. Last come the tip's largest speeds on
-the segments [m/s], shape (n,), infinite where there is none; None for no such limits. Raises a ReachError for a place
-out of reach or singular, a SmoothingError if no speed keeps the joint limits."""
+The rule says of which distance of the tip. An arm of None leaves the joints out. Last come the tip's largest
+speeds on the segments [m/s], shape (n,), infinite where there is none; None for no such limits. Raises a
+ReachError for a place out of reach or singular, a SmoothingError if no speed keeps the joint limits."""
 
 RULES: Mapping[str, Rule] = {
     "spline": FunctionOnUse("polish_sim.motion.spline.motion", "smooth_by_spline"),

@@ -19,8 +19,8 @@ class Schedule(NamedTuple):
     """Progress of every segment over time: 0 before its first piece, 1 after its last, cubic in each.
 
     Segments overlap at corners: while segment k ends, k + 1 already begins. The tip is the first way
-    point plus the sum of ``progress * length * direction``; the tool's rotation is composed in the same order,
-    ``... exp(b n_2) exp(a n_1) R_0``, later segments on the left, rolls added up.
+    point plus the sum of ``progress * length * direction``; the tool's rotation is composed in the same
+    order, ``... exp(b n_2) exp(a n_1) R_0``, later segments on the left, rolls added up.
     """
 
     segments: Indices  #: Segment each piece belongs to, not falling, shape (m,)
@@ -54,10 +54,12 @@ class SmoothMotion(Protocol):
         """Pose and rates of the tool at ``times`` (n,) [s]; at rest at the end and after it."""
 
     def under_way(self, times: Array) -> tuple[Indices, Indices]:
-        """First segment the motion is on or near at times (n,) [s], and the one past the last; none at rest."""
+        """First segment the motion is on or near at times (n,) [s], and the one past the last; none at
+        rest."""
 
     def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
-        """Arc length reached at rising times (n,) [s] and its rate; way points are at ``marks`` (segments + 1,) [m]."""
+        """Arc length reached at rising times (n,) [s] and its rate; way points are at ``marks`` (segments +
+        1,) [m]."""
 
     def stretched(self, factor: float) -> SmoothMotion:
         """The same in ``factor`` times the time: accelerations fall by its square, jerks by its cube."""
@@ -78,7 +80,9 @@ class Smoothed(NamedTuple):
     def edges(self) -> Array:
         """See `SmoothMotion`."""
         starts, end = self.schedule.starts, self.schedule.end
-        return np.unique(np.clip(np.concatenate([starts, starts + self.schedule.durations, [0.0, end]]), 0.0, end))
+        return np.unique(
+            np.clip(np.concatenate([starts, starts + self.schedule.durations, [0.0, end]]), 0.0, end)
+        )
 
     def sample(self, times: Array) -> Samples:
         """See `SmoothMotion`."""
@@ -100,14 +104,19 @@ class Smoothed(NamedTuple):
         """See `SmoothMotion`."""
         schedule, powers = self.schedule, factor ** -np.arange(4.0)
         slower = Schedule(
-            schedule.segments, schedule.starts * factor, schedule.durations * factor, schedule.coefficients * powers,
+            schedule.segments,
+            schedule.starts * factor,
+            schedule.durations * factor,
+            schedule.coefficients * powers,
             schedule.end * factor,
-        )  # fmt: skip
+        )
         return self._replace(schedule=slower)
 
 
 @njit(cache=True, error_model="numpy")
-def _mark(schedule: Schedule, index: ScheduleIndex, clock: Array, marks: Array, places: Array, speeds: Array) -> None:
+def _mark(
+    schedule: Schedule, index: ScheduleIndex, clock: Array, marks: Array, places: Array, speeds: Array
+) -> None:
     rates = np.empty(4)
     for i in range(len(clock)):
         first = np.searchsorted(index.all_ended, clock[i], side="right")
@@ -122,7 +131,8 @@ def _mark(schedule: Schedule, index: ScheduleIndex, clock: Array, marks: Array, 
 class ScheduleIndex(NamedTuple):
     """Where to find the pieces that matter at a time."""
 
-    first_pieces: Indices  #: First piece of each segment and, last, the number of pieces, shape (segments + 1,)
+    #: First piece of each segment and, last, the number of pieces, shape (segments + 1,)
+    first_pieces: Indices
     all_ended: Array  #: When the segment and all before it have ended [s], shape (segments,)
     none_begun: Array  #: Until when neither the segment nor any after it has begun [s], shape (segments,)
 
@@ -143,8 +153,8 @@ def index_schedule(chain: Chain, schedule: Schedule) -> ScheduleIndex:
 def sample_schedule(chain: Chain, schedule: Schedule, times: Array) -> Samples:
     """Pose and rates of the tool at ``times`` (n,) [s]; at rest before the start and after the end.
 
-    The composition is exact however many segments overlap: with A = exp(phi n) the angular velocity grows by ``w ->
-    n phi' + A w``, differentiated twice in closed form.
+    The composition is exact however many segments overlap: with A = exp(phi n) the angular velocity grows by
+    ``w -> n phi' + A w``, differentiated twice in closed form.
     """
     times = np.ascontiguousarray(times, dtype=float)
     n = len(times)
@@ -154,7 +164,8 @@ def sample_schedule(chain: Chain, schedule: Schedule, times: Array) -> Samples:
 
 
 def turning(axes: Array) -> Array:
-    """Angular velocity of the tool axis without spin, o x o', and its first two derivatives [rad/s^k], shape (n, 3, 3).
+    """Angular velocity of the tool axis without spin, o x o', and its first two derivatives [rad/s^k], shape
+    (n, 3, 3).
 
     ``axes`` are the axis and three derivatives, shape (n, 4, 3).
     """
@@ -166,7 +177,8 @@ def turning(axes: Array) -> Array:
 def _sample_all(
     chain: Chain, schedule: Schedule, index: ScheduleIndex, times: Array, out: Samples, room: Array
 ) -> None:
-    """Write pose and rates at every time; ``room`` (2, 4) is room for the progress of one segment and the roll."""
+    """Write pose and rates at every time; ``room`` (2, 4) is room for the progress of one segment and the
+    roll."""
     rates, roll = room[0], room[1]
     for n in range(times.shape[0]):
         tip, R, spin = out.tips[n], out.rotations[n], out.spins[n]
@@ -193,7 +205,8 @@ def _sample_all(
 
 @njit(cache=True, error_model="numpy")
 def roll_on(roll: tuple[float, float, float, float], R: Array, spin: Array, axis: Array) -> None:
-    """Put a roll, given with three derivatives, on frame ``R`` and its angular velocity; write ``axis`` (4, 3)."""
+    """Put a roll, given with three derivatives, on frame ``R`` and its angular velocity; write ``axis`` (4,
+    3)."""
     follow_axis(R, spin, axis)
     for i in range(3):
         spin[2, i] += roll[3] * axis[0, i] + 2.0 * roll[2] * axis[1, i] + roll[1] * axis[2, i]
@@ -228,7 +241,8 @@ def progress_at(schedule: Schedule, index: ScheduleIndex, k: int, time: float, r
 
 @njit(cache=True, error_model="numpy")
 def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None:
-    """Put one more turn about ``n`` on the left of frame ``R`` and of its angular velocity and derivatives."""
+    """Put one more turn about ``n`` on the left of frame ``R`` and of its angular velocity and
+    derivatives."""
     phi, phi_1, phi_2, phi_3 = angle * rates[0], angle * rates[1], angle * rates[2], angle * rates[3]
     cosine, sine = math.cos(phi), math.sin(phi)
     rest = 2.0 * math.sin(0.5 * phi) ** 2
@@ -272,7 +286,10 @@ def follow_axis(R: Array, spin: Array, axis: Array) -> None:
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         axis[2, i] = (
-            spin[1, j] * axis[0, k] - spin[1, k] * axis[0, j] + spin[0, j] * axis[1, k] - spin[0, k] * axis[1, j]
+            spin[1, j] * axis[0, k]
+            - spin[1, k] * axis[0, j]
+            + spin[0, j] * axis[1, k]
+            - spin[0, k] * axis[1, j]
         )
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

@@ -57,7 +57,8 @@ def norms(parts: Array) -> Array:
 
 
 def caps_of(bounded: Bounded) -> tuple[Array, Array]:
-    """Largest u' the speed limits allow, and the largest constant one all limits allow [m/s], shape (n,) each."""
+    """Largest u' the speed limits allow, and the largest constant one all limits allow [m/s], shape (n,)
+    each."""
     most = bounded.limits[:, None] / np.maximum(norms(bounded.rates), SLOWEST_TURN)
     speed, acceleration, jerk = most.min(axis=2)
     return speed, np.minimum(speed, np.minimum(np.sqrt(acceleration), np.cbrt(jerk)))
@@ -71,8 +72,8 @@ def jerk_from_rest(bounded: Bounded) -> float:
 def time_factors(bounded: Bounded, speed: Array, acceleration: Array, jerk: Array) -> Array:
     """How much more time a passage must take to keep the limits, wholly used, place by place.
 
-    ``speed`` is u' at the n places [m/s], ``acceleration`` and ``jerk`` are its derivatives, shape (n,) each; the
-    factors, shape (n,), are up to 1 where it keeps them.
+    ``speed`` is u' at the n places [m/s], ``acceleration`` and ``jerk`` are its derivatives, shape (n,) each;
+    the factors, shape (n,), are up to 1 where it keeps them.
     """
     x1, x2, x3 = bounded.rates
     v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]

@@ -1,8 +1,9 @@
 """A smooth curve of tool frames near a chain of way points (tips, frames -> Curve).
 
-Quintic B-splines, four times continuously differentiable, with control points taken from the chain at the Greville
-places (Schoenberg's approximation), and once more from what that leaves over: straight stretches are kept exactly,
-round ones nearly so. Knots are halved wherever the curve leaves the tolerance: corners get as short as they must.
+Quintic B-splines, four times continuously differentiable, with control points taken from the chain at the
+Greville places (Schoenberg's approximation), and once more from what that leaves over: straight stretches are
+kept exactly, round ones nearly so. Knots are halved wherever the curve leaves the tolerance: corners get as
+short as they must.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ def cross(f: Array, g: Array, sign: float, out: Array) -> None:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def normalize(f: Array, room: Array, out: Array) -> None:
-    """A vector over its length; ``room`` is (2, 4). With s its square, g = s^-1/2 follows from 2 s g' = -g s'."""
+    """A vector over its length; ``room`` is (2, 4). With s its square, g = s^-1/2 follows from 2 s g' = -g
+    s'."""
     s, g = room[0], room[1]
     dot(f, f, s)
     g[0] = 1.0 / math.sqrt(s[0])
@@ -73,7 +75,8 @@ def normalize(f: Array, room: Array, out: Array) -> None:
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Array) -> None:
-    """Write tool axes (n, 4, 3), frames (n, 3, 3) and spins (n, 3, 3) of jets (n, 4, 10); ``room`` is (4, 4, 3)."""
+    """Write tool axes (n, 4, 3), frames (n, 3, 3) and spins (n, 3, 3) of jets (n, 4, 10); ``room`` is (4, 4,
+    3)."""
     x, y, part, numbers = room[0], room[1], room[2], room[3].reshape(3, 4)
     for n in range(jets.shape[0]):
         z = axes[n]
@@ -94,8 +97,8 @@ def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Arra
 
 DEGREE = 5
 LONGEST_SPAN = 0.0025
-"""Between knots [m]: a bend is spread over six spans, more gains nothing at the feeds of polishing, and where bends are
-that long the curve is within micrometres of the chain."""
+"""Between knots [m]: a bend is spread over six spans, more gains nothing at the feeds of polishing, and where
+bends are that long the curve is within micrometres of the chain."""
 STEEPEST_GRADING = 2.0  #: Neighbouring knot spans differ by this factor at most
 MOST_HALVINGS = 24
 LOOKS = 8  #: Places per knot span at which the curve is compared with the chain
@@ -106,7 +109,8 @@ class Polyline(NamedTuple):
     """What a curve is drawn along: a chain over the way of its tip."""
 
     chain: Chain
-    u: Array  #: Parameter at the way points, rising; turns on the spot have a little way too [m], shape (n + 1,)
+    #: Parameter at the way points, rising; turns on the spot have a little way too [m], shape (n + 1,)
+    u: Array
     places: Array  #: Place on the path there [m], shape (n + 1,)
 
     def at(self, u: Array) -> Array:
@@ -118,7 +122,9 @@ class Polyline(NamedTuple):
         rolled = np.cos(roll) * R[:, :, 0] + np.sin(roll) * R[:, :, 1]
         n, angle = chain.turn_axes[k], (share * chain.angles[k])[:, None]
         turned = [
-            np.cos(angle) * v + np.sin(angle) * np.cross(n, v) + (1.0 - np.cos(angle)) * n * (n * v).sum(1)[:, None]
+            np.cos(angle) * v
+            + np.sin(angle) * np.cross(n, v)
+            + (1.0 - np.cos(angle)) * n * (n * v).sum(1)[:, None]
             for v in (rolled, R[:, :, 2])
         ]
         places = self.places[k] + share * (self.places[k + 1] - self.places[k])
@@ -127,8 +133,15 @@ class Polyline(NamedTuple):
     def slopes(self) -> tuple[Array, Array]:
         """Derivatives of `at` before and after every inner way point, shape (n - 1, 10) each."""
         chain, step = self.chain, np.diff(self.u)[:, None]
-        tips, turns = chain.lengths[:, None] * chain.directions / step, chain.angles[:, None] * chain.turn_axes / step
-        rolls, places, R = chain.rolls[:, None] / step, np.diff(self.places)[:, None] / step, chain.rotations[1:-1]
+        tips, turns = (
+            chain.lengths[:, None] * chain.directions / step,
+            chain.angles[:, None] * chain.turn_axes / step,
+        )
+        rolls, places, R = (
+            chain.rolls[:, None] / step,
+            np.diff(self.places)[:, None] / step,
+            chain.rotations[1:-1],
+        )
         sides = []
         for side in (slice(None, -1), slice(1, None)):
             spin = turns[side] + rolls[side] * R[:, :, 2]
@@ -165,12 +178,14 @@ def polyline_of(chain: Chain, places: Array) -> Polyline:
     return Polyline(chain, np.concatenate([[0.0], np.cumsum(steps)]), places)
 
 
-# A corner: the fastest way round one is a racing line. The tip swings out, in and out again within the tolerance
-# before it cuts the corner. Where jerk decides, its form over u is the same for every turn, but for the unit of length.
+# A corner: the fastest way round one is a racing line. The tip swings out, in and out again within the
+# tolerance before it cuts the corner. Where jerk decides, its form over u is the same for every turn, but for
+# the unit of length.
 
 
 class Swing(NamedTuple):
-    """The form of half a corner in units; its largest distance from the chain is 1 (`benchmarks.corner_shapes`)."""
+    """The form of half a corner in units; its largest distance from the chain is 1
+    (`benchmarks.corner_shapes`)."""
 
     gain: float  #: How fast corners are passed with it, by one another
     reach: float  #: Knots are stretched by this
@@ -191,7 +206,8 @@ SWINGS = (
 MOST_UNEQUAL = 4.0  #: Ratio of slopes up to which distances at a corner are taken square to its sides
 UNIT_SHARE = 0.999  #: Of what keeps the tolerance: swings are known to four digits
 LONGEST_UNIT = 0.001  #: A corner of a longer unit is a bend [m]
-LEAST_CORNER = 0.25  #: Corners that neighbours leave less of their unit than this are not rounded on their own
+#: Corners that neighbours leave less of their unit than this are not rounded on their own
+LEAST_CORNER = 0.25
 LEG_SHARE, END_SHARE = 0.45, 0.9  #: Of a segment that one corner may take, between two corners and at an end
 
 
@@ -211,7 +227,8 @@ class Corner(NamedTuple):
 
 
 def corner_units(line: Polyline, tolerance: float, axis_tolerance: float) -> Array:
-    """The unit the tolerances allow every inner way point's corner [m], infinite without one, shape (n - 1,)."""
+    """The unit the tolerances allow every inner way point's corner [m], infinite without one, shape (n -
+    1,)."""
     before, after = line.slopes()
     units = np.full(len(before), np.inf)
     for rows, most in ((slice(0, 3), tolerance), (slice(6, 9), axis_tolerance)):
@@ -225,9 +242,13 @@ def corner_units(line: Polyline, tolerance: float, axis_tolerance: float) -> Arr
 
 
 def _isolated(line: Polyline, k: int, unit: float, least: float) -> Corner | None:
-    """Way point k rounded on its own, with the swing that is fastest in the room there is; None below ``least``."""
+    """Way point k rounded on its own, with the swing that is fastest in the room there is; None below
+    ``least``."""
     steps, last = np.diff(line.u), len(line.u) - 2
-    room = min(steps[k - 1] * (END_SHARE if k == 1 else LEG_SHARE), steps[k] * (END_SHARE if k == last else LEG_SHARE))
+    room = min(
+        steps[k - 1] * (END_SHARE if k == 1 else LEG_SHARE),
+        steps[k] * (END_SHARE if k == last else LEG_SHARE),
+    )
     shares = [min(1.0, room / (unit * swing.knots[-1])) for swing in SWINGS]
     share, swing = max(zip(shares, SWINGS, strict=True), key=lambda fit: fit[1].gain * math.cbrt(fit[0]))
     if share < least:
@@ -239,15 +260,18 @@ def _isolated(line: Polyline, k: int, unit: float, least: float) -> Corner | Non
 def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
     """The curve with knots as far apart as the tolerances allow; it begins and ends at the line's ends.
 
-    ``tolerance`` is the largest distance of the tip from the chain [m], ``axis_tolerance`` that of the tool's axis
-    from its turns [rad]; both positive.
+    ``tolerance`` is the largest distance of the tip from the chain [m], ``axis_tolerance`` that of the tool's
+    axis from its turns [rad]; both positive.
 
     Raises:
         SmoothingError: There is none; names a place.
     """
     length, units = float(line.u[-1]), corner_units(line, tolerance, axis_tolerance)
     knots = np.linspace(0.0, length, max(2, int(np.ceil(length / LONGEST_SPAN)) + 1))
-    found = {int(k): _isolated(line, int(k) + 1, units[k], LEAST_CORNER) for k in np.flatnonzero(units < LONGEST_UNIT)}
+    found = {
+        int(k): _isolated(line, int(k) + 1, units[k], LEAST_CORNER)
+        for k in np.flatnonzero(units < LONGEST_UNIT)
+    }
     known = {k: corner for k, corner in found.items() if corner is not None}
     for _ in range(MOST_HALVINGS):
         corners = [known[k] for k in sorted(known)]
@@ -262,8 +286,9 @@ def fit_curve(line: Polyline, tolerance: float, axis_tolerance: float) -> Curve:
         known |= {k: corner for k in more if (corner := _isolated(line, k + 1, units[k], 0.0)) is not None}
         knots = _halved(knots, off)
     raise SmoothingError(
-        f"no smooth curve stays within {tolerance * 1e3:g} mm and {math.degrees(axis_tolerance):g} deg of the path at "
-        f"{place}. Widen the tolerances of the tip or the axis, or set both to 0 to stop at every point."
+        f"no smooth curve stays within {tolerance * 1e3:g} mm and {math.degrees(axis_tolerance):g} deg of "
+        f"the path at {place}. Widen the tolerances of the tip or the axis, or set both to 0 to stop at "
+        "every point."
     )
 
 
@@ -282,7 +307,8 @@ def _drawn(line: Polyline, knots: Array, corners: list[Corner]) -> BSpline:
     greville = np.convolve(t[1:-1], np.full(DEGREE, 1.0 / DEGREE), "valid")
     greville[0], greville[-1] = knots[0], knots[-1]
     once = line.at(greville)
-    # What a spline through these control points takes off a bend is put on them beforehand; corners have their own.
+    # What a spline through these control points takes off a bend is put on them beforehand; corners have
+    # their own.
     missing = (once - BSpline(t, once, DEGREE)(greville)) * ~_inside(greville, corners)[:, None]
     for corner in corners:
         points = corner.swing.points
@@ -312,7 +338,9 @@ def _with_corners(knots: Array, corners: list[Corner]) -> Array:
     while True:
         spans = np.diff(knots)
         beside = np.minimum(np.r_[np.inf, spans[:-1]], np.r_[spans[1:], np.inf])
-        steep = (spans > STEEPEST_GRADING * beside * (1.0 + 1e-9)) & ~_inside(0.5 * (knots[1:] + knots[:-1]), corners)
+        steep = (spans > STEEPEST_GRADING * beside * (1.0 + 1e-9)) & ~_inside(
+            0.5 * (knots[1:] + knots[:-1]), corners
+        )
         if not steep.any():
             return knots
         knots = _halved(knots, steep)

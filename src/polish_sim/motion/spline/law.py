@@ -1,9 +1,9 @@
 """The fastest law of time along a curve whose quantities keep their limits (Bounded -> u'^2).
 
-The unknown is b = u'^2, a quadratic spline of u. Acceleration is linear in b and its slope, jerk u' times something
-linear. The time is made least by an interior point method (Mehrotra, SIAM J. Optim. 2, 1992) on the squares of all
-norms, their curvature taken from the linear parts (Gauss and Newton): every step solves one matrix of five diagonals,
-so that the cost is proportional to the number of knots.
+The unknown is b = u'^2, a quadratic spline of u. Acceleration is linear in b and its slope, jerk u' times
+something linear. The time is made least by an interior point method (Mehrotra, SIAM J. Optim. 2, 1992) on the
+squares of all norms, their curvature taken from the linear parts (Gauss and Newton): every step solves one
+matrix of five diagonals, so that the cost is proportional to the number of knots.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from polish_sim.motion.spline.bounded import FIRST_PARTS, PARTS, SIZES, Bounded,
 
 # The square of the parameter's speed as a quadratic spline of the parameter (knots -> stencils).
 #
-# b(u) has one control value more than knots. At a knot b and its slope depend on two of them, on a span between knots
-# the second derivative, which is constant there, on three: control values k, k + 1 and k + 2 for row k.
+# b(u) has one control value more than knots. At a knot b and its slope depend on two of them, on a span
+# between knots the second derivative, which is constant there, on three: control values k, k + 1 and k + 2
+# for row k.
 
 
 class Squares(NamedTuple):
@@ -96,7 +97,8 @@ MOST_STEPS = 80
 GAP = 1e-4  #: Share of the time that may be left to the least one when the steps end
 KEPT = 1e-3  #: Of the squares of norms over their limits: what rows may be off then
 ROWS = 25
-"""Of every knot: eight quantities' acceleration, jerk at the begin and at the end of the span after it, and the cap."""
+"""Of every knot: eight quantities' acceleration, jerk at the begin and at the end of the span after it, and
+the cap."""
 KINDS = 3
 LEAST_SLACK = 0.1
 FIRST, FIRST_NEAR = (0.5, 0.1), (0.95, 0.01)
@@ -166,7 +168,9 @@ def plan_law(
     return Law(squares, (unknowns * size)[:-1], launch, launch) if found else None
 
 
-def _programme(squares: Squares, caps: Array, bounded: Bounded, size: Array, fixed: Bools, shares: Array) -> Programme:
+def _programme(
+    squares: Squares, caps: Array, bounded: Bounded, size: Array, fixed: Bools, shares: Array
+) -> Programme:
     """Arrange what `plan_law` is given."""
     n = len(caps)
     sizes = size[np.minimum(np.arange(n)[:, None] + np.arange(3), n + 1)]
@@ -176,7 +180,11 @@ def _programme(squares: Squares, caps: Array, bounded: Bounded, size: Array, fix
     jerk = limits[1] * np.minimum(shares[1:], shares[:-1])[:, None, None]
     forms, places, half = np.zeros((n, KINDS, PARTS, 3)), np.zeros((n, KINDS, 3)), 0.5 * squares.bends
     forms[:, 0] = (_outer(squares.values, x2) + 0.5 * _outer(squares.slopes, x1)) / acceleration
-    begin = _outer(squares.values[:-1], x3[:-1]) + 1.5 * _outer(squares.slopes[:-1], x2[:-1]) + _outer(half, x1[:-1])
+    begin = (
+        _outer(squares.values[:-1], x3[:-1])
+        + 1.5 * _outer(squares.slopes[:-1], x2[:-1])
+        + _outer(half, x1[:-1])
+    )
     end = _outer(squares.end_values, x3[1:]) + 1.5 * _outer(squares.end_slopes, x2[1:]) + _outer(half, x1[1:])
     forms[:-1, 1], forms[:-1, 2] = begin / jerk, end / jerk
     places[:, 0], places[:-1, 1], places[:-1, 2] = squares.values, squares.values[:-1], squares.end_values
@@ -280,7 +288,8 @@ def _add(H: Array, k: int, h00: float, h01: float, h02: float, h11: float, h12: 
 
 @njit(error_model="numpy", _nrt=False, forceinline=True)
 def _add_time(programme: Programme, work: Work, y: Array, k: int) -> float:
-    """Time of span k, twice its way over the sum of both ends' speeds; add its slope and curvature, convex in b."""
+    """Time of span k, twice its way over the sum of both ends' speeds; add its slope and curvature, convex in
+    b."""
     a0, a1, a2 = programme.squares[k, 1]
     c0, c1, c2 = programme.squares[k, 2]
     v = math.sqrt(a0 * y[k] + a1 * y[k + 1] + a2 * y[k + 2])
@@ -363,7 +372,9 @@ def _direct(programme: Programme, work: Work, y: Array, target: float, corrected
             s, z, rate = work.slack[k, i], work.weight[k, i], work.rates[k, i]
             moved = rate[0] * r[k] + rate[1] * r[k + 1] + rate[2] * r[k + 2]
             work.slack_step[k, i] = 1.0 - s - work.value[k, i] - moved
-            work.weight_step[k, i] = (target - corrected * work.both[k, i] - z * work.slack_step[k, i]) / s - z
+            work.weight_step[k, i] = (
+                target - corrected * work.both[k, i] - z * work.slack_step[k, i]
+            ) / s - z
     for k in range(m):
         z = work.lower[k]
         change = (target - corrected * work.lower_both[k] - z * r[k]) / y[k] - z
@@ -373,7 +384,8 @@ def _direct(programme: Programme, work: Work, y: Array, target: float, corrected
 
 @njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _longest(programme: Programme, work: Work, y: Array, part: float) -> tuple[float, float]:
-    """Largest shares, up to 1, of the steps of unknowns and of weights that keep ``part`` of what is positive."""
+    """Largest shares, up to 1, of the steps of unknowns and of weights that keep ``part`` of what is
+    positive."""
     by_y, by_weight = 1.0 / part, 1.0 / part
     for k in range(work.slack.shape[0]):
         for i in range(ROWS):
@@ -444,10 +456,11 @@ def factors_of_spans(law: Law, bounded: Bounded) -> Array:
 
 
 def fastest_law(knots: Array, look: Look, launch: Launch) -> tuple[Law, float] | None:
-    """The fastest law that keeps its limits between its knots too, and how much more time it still needs for that.
+    """The fastest law that keeps its limits between its knots too, and how much more time it still needs for
+    that.
 
-    Arguments as of `plan_law`; None where there is none. ``look`` gives what is bounded at places (n,) [m] and the
-    largest u' wanted there.
+    Arguments as of `plan_law`; None where there is none. ``look`` gives what is bounded at places (n,) [m]
+    and the largest u' wanted there.
     """
     shares, law, best, seen = np.ones(len(knots)), None, None, None
     for attempt in range(MOST_TRIES):
@@ -475,10 +488,11 @@ def fastest_law(knots: Array, look: Look, launch: Launch) -> tuple[Law, float] |
 # Where along a curve the law of time is solved for (knots of the curve -> knots of the law).
 
 KNOT_TIME = 0.02
-"""Most time between knots, short against that in which a limit's acceleration builds up; not where it is steady [s]."""
+"""Most time between knots, short against that in which a limit's acceleration builds up; not where it is
+steady [s]."""
 SETTLED = 0.3
-"""After a stretch that is passed more slowly than wanted, and before one, the speed has settled: several times what
-jerk limits take to build up an acceleration [s]."""
+"""After a stretch that is passed more slowly than wanted, and before one, the speed has settled: several
+times what jerk limits take to build up an acceleration [s]."""
 LAUNCH_PART = 0.3  #: Of the time in which the largest jerk passes the whole way that is launch, at most
 LAUNCH_SPEED = 0.6  #: Of the speed wanted at the ends, which the launch reaches half of
 LAUNCH_SHARE = 0.98  #: Of the largest jerk from rest
@@ -489,12 +503,14 @@ LAUNCH_GROWTH = 1.2
 """After it the time from rest grows by this factor from knot to knot, until knots are ``KNOT_TIME`` apart."""
 MUCH = 1.5  #: Ratio of what a quantity goes along u at both ends of a span from which the span is divided
 BENT, BEND_SPAN = 0.1, 3e-4
-"""Share of a limit a bend takes at the largest speed from which a span is divided, if it is longer than this [m]."""
+"""Share of a limit a bend takes at the largest speed from which a span is divided, if it is longer than this
+[m]."""
 SAME_KNOT = 2e-5  #: Knots nearer than this count as one [m]
 
 
 def divided(knots: Array, parts: int) -> Array:
-    """The knots and ``parts`` - 1 places in each of the spans between them [m], shape (spans * parts + 1,)."""
+    """The knots and ``parts`` - 1 places in each of the spans between them [m], shape (spans * parts +
+    1,)."""
     shares = np.arange(parts) / parts
     return np.append((knots[:-1, None] + shares * np.diff(knots)[:, None]).ravel(), knots[-1])
 
@@ -502,8 +518,8 @@ def divided(knots: Array, parts: int) -> Array:
 def launch_of(length: float, slowest: float, jerk: float, ends: Ends) -> Launch:
     """The launch of a motion over a length [m]: short beside the way, and until bends make themselves felt.
 
-    After it the speed still rises by as much again while the acceleration fades: that may not pass ``slowest``, the
-    smaller speed wanted at the ends [m/s]. ``jerk`` is the largest from rest [m/s^3].
+    After it the speed still rises by as much again while the acceleration fades: that may not pass
+    ``slowest``, the smaller speed wanted at the ends [m/s]. ``jerk`` is the largest from rest [m/s^3].
     """
     longest = min(LAUNCH_PART * math.cbrt(length / jerk), math.sqrt(LAUNCH_SPEED * slowest / jerk))
     launch = Launch(LAUNCH_SHARE * jerk, longest)
@@ -518,18 +534,24 @@ def launch_of(length: float, slowest: float, jerk: float, ends: Ends) -> Launch:
 
 
 def with_bends(knots: Array, bounded: Bounded, caps: Array) -> Array:
-    """Knots (n,) with three between in spans where the rates of tip or axis change much, or bends limit the speed."""
+    """Knots (n,) with three between in spans where the rates of tip or axis change much, or bends limit the
+    speed."""
     sizes = norms(bounded.rates)
     first, speed = sizes[0, :, :2], np.minimum(caps, caps_of(bounded)[1])[:, None]
     change = (np.maximum(first[1:], first[:-1]) > MUCH * np.minimum(first[1:], first[:-1])).any(axis=1)
-    used = np.maximum(sizes[1] * speed**2 / bounded.limits[1], sizes[2] * speed**3 / bounded.limits[2]).max(axis=1)
+    used = np.maximum(sizes[1] * speed**2 / bounded.limits[1], sizes[2] * speed**3 / bounded.limits[2]).max(
+        axis=1
+    )
     bent = (np.maximum(used[1:], used[:-1]) > BENT) & (np.diff(knots) > BEND_SPAN)
     which = change | bent
-    return np.union1d(knots, knots[:-1][which, None] + np.diff(knots)[which, None] * np.array([0.25, 0.5, 0.75]))
+    return np.union1d(
+        knots, knots[:-1][which, None] + np.diff(knots)[which, None] * np.array([0.25, 0.5, 0.75])
+    )
 
 
 def with_feed_changes(coarse: Array, changes: Array) -> Array:
-    """Knots (n,) with those where the wanted feed changes its course, unless there is one nearby already [m]."""
+    """Knots (n,) with those where the wanted feed changes its course, unless there is one nearby already
+    [m]."""
     right = np.clip(np.searchsorted(coarse, changes), 1, len(coarse) - 1)
     apart = np.minimum(np.abs(changes - coarse[right - 1]), np.abs(coarse[right] - changes))
     return np.union1d(coarse, changes[apart > SAME_KNOT])
@@ -568,7 +590,8 @@ def _growing(ways: Array, coarse: Array) -> Array:
 
 
 def _steady(coarse: Array, speeds: Array, caps: Array) -> Bools:
-    """Which spans (n - 1,) between knots are passed as fast as wanted, as are all within ``SETTLED`` of them."""
+    """Which spans (n - 1,) between knots are passed as fast as wanted, as are all within ``SETTLED`` of
+    them."""
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(coarse) / (speeds[1:] + speeds[:-1]))])
     slow = times[speeds < (1.0 - 1e-9) * caps]
     inside = np.searchsorted(slow, times[:-1] - SETTLED), np.searchsorted(slow, times[1:] + SETTLED)

@@ -1,4 +1,5 @@
-"""Way points followed as a smooth curve, with stops where these are faster (Chain, limits -> SplineMotion)."""
+"""Way points followed as a smooth curve, with stops where these are faster (Chain, limits ->
+SplineMotion)."""
 
 from __future__ import annotations
 
@@ -18,7 +19,15 @@ from polish_sim.motion.rules.paper_rules import Stops, plan_stops
 from polish_sim.motion.rules.schedule import Samples
 from polish_sim.motion.segment_rates import chebyshev_nodes
 from polish_sim.motion.spline.bounded import Bounded, bounded_quantities, jerk_from_rest, time_factors
-from polish_sim.motion.spline.curve import DEGREE, Curve, CurveRates, Polyline, curve_rates, fit_curve, polyline_of
+from polish_sim.motion.spline.curve import (
+    DEGREE,
+    Curve,
+    CurveRates,
+    Polyline,
+    curve_rates,
+    fit_curve,
+    polyline_of,
+)
 from polish_sim.motion.spline.law import (
     Law,
     around,
@@ -32,7 +41,8 @@ from polish_sim.motion.spline.law import (
 
 # The parameter as a function of time (Law -> u(t)).
 #
-# Where u'^2 is a parabola of u, u'' is linear in u, so that u(t) is made of hyperbolic or circular functions: exact.
+# Where u'^2 is a parabola of u, u'' is linear in u, so that u(t) is made of hyperbolic or circular functions:
+# exact.
 
 
 class Passage(NamedTuple):
@@ -72,22 +82,35 @@ def passage_at(passage: Passage, times: Array) -> Array:
     """u [m] and its first three derivatives at times from 0 to the duration [s], shape (4, m)."""
     i = np.clip(np.searchsorted(passage.times, times, side="right") - 1, 0, len(passage.speeds) - 1)
     t = np.minimum(times, passage.duration) - passage.times[i]
-    a, v, beta, j = (column[i] for column in (passage.accelerations, passage.speeds, passage.bends, passage.jerks))
+    a, v, beta, j = (
+        column[i] for column in (passage.accelerations, passage.speeds, passage.bends, passage.jerks)
+    )
     sine, rise = _waves(t, beta)
     speed = v * (1.0 + beta * rise) + a * sine + j * rise
     # Rounding may not let a piece reach into the next one, behind a stop.
     last = np.nextafter(passage.places[i + 1], -1.0)
-    return np.stack([
-        np.minimum(np.maximum(passage.places[i] + v * sine + a * rise + j * t**3 / 6.0, passage.places[i]), last),
-        speed, v * beta * sine + a * (1.0 + beta * rise) + j * t, beta * speed + j,
-    ])  # fmt: skip
+    return np.stack(
+        [
+            np.minimum(
+                np.maximum(passage.places[i] + v * sine + a * rise + j * t**3 / 6.0, passage.places[i]), last
+            ),
+            speed,
+            v * beta * sine + a * (1.0 + beta * rise) + j * t,
+            beta * speed + j,
+        ]
+    )
 
 
 def slowed(passage: Passage, factor: float) -> Passage:
     """The same way in ``factor`` times the time."""
     times, places, speeds, accelerations, bends, jerks = passage
     return Passage(
-        times * factor, places, speeds / factor, accelerations / factor**2, bends / factor**2, jerks / factor**3
+        times * factor,
+        places,
+        speeds / factor,
+        accelerations / factor**2,
+        bends / factor**2,
+        jerks / factor**3,
     )
 
 
@@ -140,10 +163,13 @@ class SplineMotion(NamedTuple):
         i = np.searchsorted(knots, u, side="right") - 1
         low, high = knots[np.maximum(i - REACH, 0)], knots[np.minimum(i + 1 + REACH, len(knots) - 1)]
         first = np.searchsorted(self.line.u, low + 1e-12, side="right") - 1
-        return np.maximum(first, 0), np.minimum(np.searchsorted(self.line.u, high - 1e-12), len(self.line.u) - 1)
+        return np.maximum(first, 0), np.minimum(
+            np.searchsorted(self.line.u, high - 1e-12), len(self.line.u) - 1
+        )
 
     def places_at(self, marks: Array, times: Array) -> tuple[Array, Array]:
-        """Arc length reached at rising times (n,) [s] and its rate; way points are at ``marks`` (segments + 1,) [m].
+        """Arc length reached at rising times (n,) [s] and its rate; way points are at ``marks`` (segments +
+        1,) [m].
 
         Marks that are the places the motion was planned with are reached by the curve itself, smoothly.
         """
@@ -224,7 +250,8 @@ def plan_spline(
     chain: Chain, places: Array, feed: Feed, limits: SmoothingLimits, tolerances: tuple[float, float],
     arm: Arm | None, of_tip: bool = False,
 ) -> SplineMotion:  # fmt: skip
-    """The fastest motion found along a smooth curve near a chain, no faster than a feed; never slower than stops.
+    """The fastest motion found along a smooth curve near a chain, no faster than a feed; never slower than
+    stops.
 
     Args:
         chain: The way points, at least one segment.
@@ -271,7 +298,8 @@ def plan_spline(
 
 
 def _slower(stretch: Stretch | None, lasting: Array, turns: Array) -> Indices:
-    """Inner way points where stops are faster, from middle to middle of their segments, and more so than beside them.
+    """Inner way points where stops are faster, from middle to middle of their segments, and more so than
+    beside them.
 
     Where there is no motion the way point with the largest of ``turns`` (segments - 1,).
     """
@@ -312,7 +340,9 @@ def _stretch(task: Task, chain: Chain, places: Array, a: int, b: int, stops: Sto
     launch = launch_of(curve.length, float(caps[[0, -1]].min()), jerk_from_rest(ends(np.zeros(1))), ends)
     for share in LAUNCH_SHARES:
         begun = launch._replace(duration=share * launch.duration)
-        found = fastest_law(law_knots(coarse, envelope(coarse, caps, bounded, begun), caps, begun), look, begun)
+        found = fastest_law(
+            law_knots(coarse, envelope(coarse, caps, bounded, begun), caps, begun), look, begun
+        )
         if found is not None:
             break
     if found is None or not math.isfinite(found[1]):
@@ -326,7 +356,9 @@ def _stop(task: Task, chain: Chain, places: Array, k: int, stops: Stops) -> Stre
     """One segment from rest to rest."""
     line = polyline_of(part_of(chain, slice(k, k + 1)), places[k : k + 2])
     length = float(line.u[-1])
-    knots = np.linspace(0.0, length, max(2, 1 + math.ceil((chain.angles[k] + abs(chain.rolls[k])) / STOP_STEP)))
+    knots = np.linspace(
+        0.0, length, max(2, 1 + math.ceil((chain.angles[k] + abs(chain.rolls[k])) / STOP_STEP))
+    )
     t = np.concatenate([np.full(DEGREE, 0.0), knots, np.full(DEGREE, length)])
     greville = np.convolve(t[1:-1], np.full(DEGREE, 1.0 / DEGREE), "valid")
     once = line.at(greville)
@@ -339,8 +371,11 @@ def _stop(task: Task, chain: Chain, places: Array, k: int, stops: Stops) -> Stre
 
 
 def _within_limits(task: Task, curve: Curve, passage: Passage, q: Array, spare: float = SPARE) -> Passage:
-    """A passage slowed as a whole by as much as any place of it needs; joints near ``q`` (6,) at its start."""
-    u, *moved = passage_at(passage, (passage.times[:-1, None] + FINAL_LOOKS * np.diff(passage.times)[:, None]).ravel())
+    """A passage slowed as a whole by as much as any place of it needs; joints near ``q`` (6,) at its
+    start."""
+    u, *moved = passage_at(
+        passage, (passage.times[:-1, None] + FINAL_LOOKS * np.diff(passage.times)[:, None]).ravel()
+    )
     return slowed(passage, max(1.0, spare * float(time_factors(task.bounded(curve, u, q), *moved).max())))
 
 

@@ -15,7 +15,8 @@ from polish_sim.kernel_cache import njit
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
-# Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built from.
+# Equal-distance stepping on a surface (paper 1, section 1.2, fig. 4): the one primitive all turns are built
+# from.
 
 ITERATIONS = 20
 TOLERANCE_M = 1e-11
@@ -33,11 +34,13 @@ class SurfaceQuery(Protocol):
 def step_on_surface(
     surface: SurfaceQuery, start: Array, normals: Array, directions: Array, distance: Array | float
 ) -> ClosestPoints:
-    """From points P (n, 3) on the surface go along ``directions`` (n, 3) to the points at a Euclidean distance S [m].
+    """From points P (n, 3) on the surface go along ``directions`` (n, 3) to the points at a Euclidean
+    distance S [m].
 
-    The end point lies in the plane spanned by direction t and normal n of the start, at P + a t + h n with a^2 + h^2
-    = S^2; Newton's method finds the height h at which it meets the surface. Directions have any length and any
-    normal part. Where the surface ends before S its closest border point is the end; zero distances stay.
+    The end point lies in the plane spanned by direction t and normal n of the start, at P + a t + h n with
+    a^2 + h^2 = S^2; Newton's method finds the height h at which it meets the surface. Directions have any
+    length and any normal part. Where the surface ends before S its closest border point is the end; zero
+    distances stay.
     """
     step = np.broadcast_to(np.asarray(distance, dtype=float), (len(start),))
     tangents = directions - normals * (directions * normals).sum(axis=1, keepdims=True)
@@ -75,11 +78,12 @@ def foot_on_chord(away: Array, chord: Array) -> tuple[Array, Array]:
 
 @njit(cache=True, error_model="numpy")
 def near_chords(positions, normals, knots, count, closed, points, index):  # type: ignore[no-untyped-def]
-    """Nearest points on the chords before and behind the points ``index`` (n,) of a polyline of ``count`` points.
+    """Nearest points on the chords before and behind the points ``index`` (n,) of a polyline of ``count``
+    points.
 
-    A closed polyline's ``positions`` (k, 3) [m], ``normals`` and arc lengths ``knots`` (k,) [m] repeat the first
-    point at the end. Returns arc lengths (n,), feet (n, 3), normals there, not normalised, (n, 3), and distances
-    (n,).
+    A closed polyline's ``positions`` (k, 3) [m], ``normals`` and arc lengths ``knots`` (k,) [m] repeat the
+    first point at the end. Returns arc lengths (n,), feet (n, 3), normals there, not normalised, (n, 3), and
+    distances (n,).
     """
     n = len(points)
     s, gap, foot, normal = np.empty(n), np.empty(n), np.empty((n, 3)), np.empty((n, 3))
@@ -96,7 +100,9 @@ def near_chords(positions, normals, knots, count, closed, points, index):  # typ
             share = min(max(along / max(length2, TINY), 0.0), 1.0)
             away2 = 0.0
             for c in range(3):
-                away2 += (points[i, c] - positions[k, c] - share * (positions[k + 1, c] - positions[k, c])) ** 2
+                away2 += (
+                    points[i, c] - positions[k, c] - share * (positions[k + 1, c] - positions[k, c])
+                ) ** 2
             if away2 < best:
                 best, best_k, best_share = away2, k, share
         gap[i] = np.sqrt(best)
@@ -154,7 +160,8 @@ class Curve:
         return Curve(self.positions[::-1], self.normals[::-1], self.closed)
 
     def even(self, spacing: float, least: int) -> Array:
-        """Arc lengths all round a closed curve at equal steps, about a ``spacing`` [m], ``least`` of them or more."""
+        """Arc lengths all round a closed curve at equal steps, about a ``spacing`` [m], ``least`` of them or
+        more."""
         return np.linspace(0.0, self.length, max(int(self.length / spacing), least), endpoint=False)
 
     def wrap(self, s: Array) -> Array:
@@ -180,18 +187,24 @@ class Curve:
     def between(self, first: float, last: float) -> tuple[Array, Array]:
         """Positions and normals from one arc length to a later one, the curve's own points between them."""
         knots = self.knots[:-1] if self.closed else self.knots
-        turns = np.arange(np.floor(first / self.length), np.floor(last / self.length) + 1) if self.closed else [0.0]
+        turns = (
+            np.arange(np.floor(first / self.length), np.floor(last / self.length) + 1)
+            if self.closed
+            else [0.0]
+        )
         inner = np.concatenate([knots + turn * self.length for turn in turns])
         margin = 1e-6 * self.length
         inner = inner[(inner > first + margin) & (inner < last - margin)]
         return self.at(np.concatenate([[first], inner, [last]]))
 
     def along(self, s: float, way: float) -> Array:
-        """Positions from an arc length on, over a way [m]; against the curve's direction if that is negative."""
+        """Positions from an arc length on, over a way [m]; against the curve's direction if that is
+        negative."""
         return self.between(s, s + way)[0] if way >= 0.0 else self.between(s + way, s)[0][::-1]
 
     def nearest(self, points: Array, limit: float = np.inf) -> Nearest:
-        """Nearest points of the curve, on its chords, to points (n, 3) [m]; beyond the limit [m] distances are inf."""
+        """Nearest points of the curve, on its chords, to points (n, 3) [m]; beyond the limit [m] distances
+        are inf."""
         both, order = self.tree.query(points, k=2, distance_upper_bound=limit)
         # Of two points equally far away the first, whichever rounding puts nearer.
         tie = np.isfinite(both[:, 1]) & (both[:, 1] < (1.0 + SAME) * both[:, 0])

@@ -1,7 +1,8 @@
-"""Offset curves on the surface that never interfere with the curve they come from (paper 1, section 1.3, fig. 5).
+"""Offset curves on the surface that never interfere with the curve they come from (paper 1, section 1.3, fig.
+5).
 
-Every point of the new curve is the equal-distance step from the nearest point of the old one. Where to try comes
-from the level line of the distance to *all* curves around, so that the far side of a neck is seen too.
+Every point of the new curve is the equal-distance step from the nearest point of the old one. Where to try
+comes from the level line of the distance to *all* curves around, so that the far side of a neck is seen too.
 """
 
 from __future__ import annotations
@@ -28,13 +29,16 @@ ROUNDING = 1e-6  #: Vertices above the level by no more than this share of the v
 class LevelLine(NamedTuple):
     """A piece of a level line, the higher values on its left."""
 
-    positions: Array  #: Points on edges of the triangulation [m], shape (n, 3); a closed line does not repeat its first
+    #: Points on edges of the triangulation [m], shape (n, 3); a closed line does not repeat its first
+    positions: Array
     normals: Array  #: Surface normals, not normalised, shape (n, 3)
     vertices: Indices  #: A vertex with a higher value beside each point, shape (n,)
     closed: bool
 
 
-def level_lines(mesh: Triangulation, values: Array, level: float, among: Indices | None = None) -> list[LevelLine]:
+def level_lines(
+    mesh: Triangulation, values: Array, level: float, among: Indices | None = None
+) -> list[LevelLine]:
     """Trace the lines on which a field interpolated over the triangles has the value ``level``.
 
     Its ``values`` (n,) are given at the vertices, those exactly on the level count as lower; only triangles
@@ -51,7 +55,8 @@ def level_lines(mesh: Triangulation, values: Array, level: float, among: Indices
     rising = np.argmax(~flags & np.roll(flags, -1, axis=1), axis=1)
     falling = np.argmax(flags & ~np.roll(flags, -1, axis=1), axis=1)
     rows = np.arange(len(triangles))
-    # Points lie on edges named (lower vertex, higher vertex); entering over the falling edge keeps higher left.
+    # Points lie on edges named (lower vertex, higher vertex); entering over the falling edge keeps higher
+    # left.
     enter = np.stack([triangles[rows, (falling + 1) % 3], triangles[rows, falling]], axis=1)
     leave = np.stack([triangles[rows, rising], triangles[rows, (rising + 1) % 3]], axis=1)
     count = len(mesh.vertices)
@@ -68,7 +73,8 @@ def level_lines(mesh: Triangulation, values: Array, level: float, among: Indices
 
 @njit(cache=True, error_model="numpy")
 def _walk(start, end, count):  # type: ignore[no-untyped-def]
-    """All points in the order of the lines they form, where each line ends in it, and how many lines are open."""
+    """All points in the order of the lines they form, where each line ends in it, and how many lines are
+    open."""
     follower, leaders = np.full(count, -1, np.int64), np.zeros(count, np.int64)
     for k in range(len(start)):
         follower[start[k]] = end[k]
@@ -153,7 +159,8 @@ def nearest_of(curves: Sequence[Curve], points: Array, limit: float = np.inf) ->
 
 
 def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLine, distance: float) -> Curve:
-    """Put a trial line, roughly the offset curve in order, exactly ``distance`` [m] away from the nearest curves.
+    """Put a trial line, roughly the offset curve in order, exactly ``distance`` [m] away from the nearest
+    curves.
 
     First with even control points; then with a spacing of equal chord error for the curvature found.
     """
@@ -165,12 +172,16 @@ def offset_curve(surface: SurfaceQuery, curves: Sequence[Curve], trial: LevelLin
 
 
 def adapted_spacing(curve: Curve, distance: float) -> Array:
-    """Chord lengths of equal chord error, s = sqrt(8 e / curvature), in order, that add up to the curve's length [m].
+    """Chord lengths of equal chord error, s = sqrt(8 e / curvature), in order, that add up to the curve's
+    length [m].
 
     The step-over ``distance`` [m] sets the scale of e and the limits of s.
     """
     reach = COARSEST * distance
-    ahead, behind = curve.tangents(curve.knots + 0.5 * reach, reach), curve.tangents(curve.knots - 0.5 * reach, reach)
+    ahead, behind = (
+        curve.tangents(curve.knots + 0.5 * reach, reach),
+        curve.tangents(curve.knots - 0.5 * reach, reach),
+    )
     curvature = np.linalg.norm(ahead - behind, axis=1) / reach
     wanted = np.sqrt(8.0 * CHORD_ERROR * distance / np.maximum(curvature, 1e-9))
     wanted = np.clip(wanted, FINEST * distance, _coarsest(distance))
@@ -178,7 +189,8 @@ def adapted_spacing(curve: Curve, distance: float) -> Array:
 
 
 def stations(s: Array, spacing: Array) -> Array:
-    """Arc lengths from the first to the last of ``s`` (n,) [m] as far apart as ``spacing`` (n,) [m] says there."""
+    """Arc lengths from the first to the last of ``s`` (n,) [m] as far apart as ``spacing`` (n,) [m] says
+    there."""
     # Chords per metre, summed along the curve, rise by one from point to point.
     rate = 1.0 / spacing
     progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
@@ -187,7 +199,8 @@ def stations(s: Array, spacing: Array) -> Array:
 
 
 def _coarsest(distance: float) -> float:
-    """Longest spacing of control points [m]; fine step-overs do with fewer, the path has points so far apart anyway."""
+    """Longest spacing of control points [m]; fine step-overs do with fewer, the path has points so far apart
+    anyway."""
     return max(COARSEST * distance, min(FINE_ENOUGH_M, COARSEST_OF_FINE * distance))
 
 

@@ -1,4 +1,5 @@
-"""The turns that cover a region, from its border inwards, and how they nest (Region -> tree of offset curves)."""
+"""The turns that cover a region, from its border inwards, and how they nest (Region -> tree of offset
+curves)."""
 
 from __future__ import annotations
 
@@ -10,15 +11,24 @@ import numpy as np
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.planning.curves.curve import Curve, SurfaceQuery
-from polish_sim.planning.curves.offset_curve import ROUNDING, CurveSet, LevelLine, level_lines, nearest_of, offset_curve
+from polish_sim.planning.curves.offset_curve import (
+    ROUNDING,
+    CurveSet,
+    LevelLine,
+    level_lines,
+    nearest_of,
+    offset_curve,
+)
 from polish_sim.planning.ground.triangulation import Triangulation
 
 # What is left of a region and how far it lies from the turns so far (Triangulation -> Front).
 #
-# A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept, and vertices
-# wait in the order in which their bounds fall due. So all turns together cost little more than a few looks per vertex.
+# A vertex is looked at only when the turns come near it: until then a lower bound of its distance is kept,
+# and vertices wait in the order in which their bounds fall due. So all turns together cost little more than a
+# few looks per vertex.
 
-BEYOND = 0.6  #: Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long
+#: Distances are exact up to this many step-overs beyond the next turn; edges are a third of one long
+BEYOND = 0.6
 SCOUTS = 1.5  #: Size of the cells in each of which far bounds are looked up for one vertex [step-overs]
 FAR = 6.0  #: Distance assumed for vertices that only see turns on the other side of the part [step-overs]
 Waiting = dict[int, list[Indices]]  #: Vertices by the number of the turn at which they are to be looked at
@@ -61,7 +71,8 @@ class Front:
         return distances
 
     def _at_least(self, rows: Indices, curves: CurveSet) -> Array:
-        """Lower bounds of the distances of vertices to turns: those of their scouts less the ways to them [m]."""
+        """Lower bounds of the distances of vertices to turns: those of their scouts less the ways to them
+        [m]."""
         scouts, which = np.unique(self._scouts[rows], return_inverse=True)
         points = self.mesh.vertices
         away = np.linalg.norm(points[rows] - points[scouts][which], axis=1)
@@ -120,10 +131,12 @@ def _select_rows(waiting: Waiting, chosen: Bools) -> Waiting:
     return {turn: parts for turn, parts in picked.items() if any(len(part) for part in parts)}
 
 
-THIN = 1.1  #: What is left inside a turn needs another one if its middle is further away than this many step-overs
+#: What is left inside a turn needs another one if its middle is further away than this many step-overs
+THIN = 1.1
 EVEN = 0.5  #: A ring's width may vary by this many step-overs for turns to run from border to border
 AT_BORDER = 0.05  #: The first turn may be off by this share of half a step-over before turns are stretched
-STRETCH = 0.03  #: Turns of a ring may be further apart by this share of the step-over for one less of them to do
+#: Turns of a ring may be further apart by this share of the step-over for one less of them to do
+STRETCH = 0.03
 Report = Callable[[float], None]  #: Called with the share of the work done, 0 to 1
 
 
@@ -161,19 +174,26 @@ def border_curves(mesh: Triangulation) -> tuple[Curve, ...]:
 
 
 def distance_to(mesh: Triangulation, rows: Indices, curves: Sequence[Curve], limit: float) -> Array:
-    """Distance (k,) [m] of vertices ``rows`` to the nearest curve on the same side of the part; inf past the limit."""
+    """Distance (k,) [m] of vertices ``rows`` to the nearest curve on the same side of the part; inf past the
+    limit."""
     feet = nearest_of(curves, mesh.vertices[rows], limit).nearest
     same_side = (feet.normals * mesh.normals[rows]).sum(axis=1) > 0.0
     return np.where(same_side, feet.distances, np.inf)
 
 
 def grow_turns(
-    surface: SurfaceQuery, mesh: Triangulation, borders: Sequence[Curve], first: float, stepover: float, report: Report
+    surface: SurfaceQuery,
+    mesh: Triangulation,
+    borders: Sequence[Curve],
+    first: float,
+    stepover: float,
+    report: Report,
 ) -> list[Turn]:
-    """Offset the borders inwards, turn after turn, until nothing is left; the outermost turns, the others below them.
+    """Offset the borders inwards, turn after turn, until nothing is left; the outermost turns, the others
+    below them.
 
-    The first turn runs ``first`` [m] from the border, the others a step-over [m] apart; ``report`` is called with
-    the share of the area done.
+    The first turn runs ``first`` [m] from the border, the others a step-over [m] apart; ``report`` is called
+    with the share of the area done.
     """
     roots = [Turn(curve) for curve in borders]
     front = Front(mesh, first, stepover)
@@ -199,8 +219,8 @@ def ring_turns(
 ) -> RingTurns | None:
     """Turns that fill a ring of even width from its outer to its inner border, half a step-over inside both.
 
-    For a whole number of turns to fit they are a little further apart than a step-over, or closer. None if the
-    ring's width varies by more than half a step-over.
+    For a whole number of turns to fit they are a little further apart than a step-over, or closer. None if
+    the ring's width varies by more than half a step-over.
     """
     outer, inner = borders
     if np.ptp(outer.nearest(inner.positions).distances) > 2.0 * EVEN * stepover:
@@ -224,7 +244,8 @@ def ring_turns(
 
 
 def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> tuple[list[Piece], Indices]:
-    """One step inwards: the pieces left, their new turns hung below those they come from; and the vertices covered."""
+    """One step inwards: the pieces left, their new turns hung below those they come from; and the vertices
+    covered."""
     step, curves = front.step(number), CurveSet(tuple(turn.curve for turn in piece.turns))
     waiting = {turn: list(parts) for turn, parts in piece.waiting.items()}
     near = _all_rows({number: waiting.pop(number, [])})
@@ -236,7 +257,9 @@ def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> t
     pieces = []
     for own, rest in _parts(front, piece, lines, waiting):
         rows = _all_rows(rest) if all(turn <= number + 1 for turn in rest) else None
-        if rows is not None and front.at_least(rows, number).max(initial=0.0) <= THIN * step * (1.0 + ROUNDING):
+        if rows is not None and front.at_least(rows, number).max(initial=0.0) <= THIN * step * (
+            1.0 + ROUNDING
+        ):
             continue
         turns = tuple(_new_turn(surface, front, piece, curves, line, step) for line in own if line.closed)
         if turns:

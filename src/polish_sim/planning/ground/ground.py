@@ -1,4 +1,5 @@
-"""A region made ready for planning: small holes closed by smooth patches, finely triangulated (Region -> Ground)."""
+"""A region made ready for planning: small holes closed by smooth patches, finely triangulated (Region ->
+Ground)."""
 
 from __future__ import annotations
 
@@ -48,7 +49,9 @@ def bridge_holes(region: Region, widest: float) -> Bridged:
     for rim in rims:
         surface = _close(surface, rim)
     loops = boundary_loops(surface)
-    return Bridged(replace(region, surface=surface, boundary_loops=loops), len(region.surface.faces), len(rims))
+    return Bridged(
+        replace(region, surface=surface, boundary_loops=loops), len(region.surface.faces), len(rims)
+    )
 
 
 def _diameter(surface: Surface, rim: _Rim) -> float:
@@ -106,7 +109,9 @@ def _middle(points: Array, normals: Array) -> tuple[Array, Array]:
 def _edge_point(start: Array, end: Array, start_normal: Array, end_normal: Array) -> Array:
     """Control point of the curve between two points along the surface (paper 1, eq. 3, 4)."""
     chord = end - start
-    return edge_control(start, end, unit(into_plane(chord, start_normal)), unit(into_plane(chord, end_normal)))
+    return edge_control(
+        start, end, unit(into_plane(chord, start_normal)), unit(into_plane(chord, end_normal))
+    )
 
 
 EDGES_PER_STEPOVER = 3.0
@@ -134,13 +139,14 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
     """Close small holes and triangulate finely enough to separate the turns.
 
     Raises:
-        PlanError: The region, or a piece of it, has no border, or the step-over is not positive or larger than it.
+        PlanError: The region, or a piece of it, has no border, or the step-over is not positive or larger
+            than it.
     """
     size = float(np.linalg.norm(np.diff(region.surface.bounds, axis=0)))
     if not 0.0 < plan.stepover_m < size:
         raise PlanError(
-            f"a step-over of {plan.stepover_m * 1e3:.4g} mm does not fit: it must be positive and smaller than the "
-            f"region, which measures {size * 1e3:.4g} mm across. Set another step-over."
+            f"a step-over of {plan.stepover_m * 1e3:.4g} mm does not fit: it must be positive and smaller "
+            f"than the region, which measures {size * 1e3:.4g} mm across. Set another step-over."
         )
     pieces, holes = [], 0
     for component in region.components():
@@ -164,11 +170,15 @@ def _together(region: Region, pieces: Sequence[Piece], holes: int) -> Ground:
     surfaces = [piece.region.surface for piece in pieces]
     firsts = np.cumsum([0] + [len(surface.faces) for surface in surfaces])
     own = [first + np.arange(piece.part_facets) for first, piece in zip(firsts, pieces, strict=False)]
-    added = [np.arange(a + piece.part_facets, b) for a, b, piece in zip(firsts, firsts[1:], pieces, strict=False)]
+    added = [
+        np.arange(a + piece.part_facets, b) for a, b, piece in zip(firsts, firsts[1:], pieces, strict=False)
+    ]
     order = np.concatenate([*own, *added])
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
-    beside = join([Clipped(surface, np.arange(len(surface.faces), dtype=np.int32)) for surface in surfaces]).surface
+    beside = join(
+        [Clipped(surface, np.arange(len(surface.faces), dtype=np.int32)) for surface in surfaces]
+    ).surface
     joined = Region(
         surface=beside.restrict(order.astype(np.int32)),
         facets=np.concatenate([piece.region.facets[: piece.part_facets] for piece in pieces]),
@@ -181,9 +191,13 @@ def _together(region: Region, pieces: Sequence[Piece], holes: int) -> Ground:
     mesh = Triangulation(
         vertices=np.concatenate([mesh.vertices for mesh in meshes]),
         normals=np.concatenate([mesh.normals for mesh in meshes]),
-        triangles=np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
+        triangles=np.concatenate(
+            [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
+        ),
         areas=np.concatenate([mesh.areas for mesh in meshes]),
-        owners=place[np.concatenate([mesh.owners + first for mesh, first in zip(meshes, firsts, strict=False)])],
+        owners=place[
+            np.concatenate([mesh.owners + first for mesh, first in zip(meshes, firsts, strict=False)])
+        ],
     )
     return Ground(joined, mesh, sum(piece.part_facets for piece in pieces), holes, tuple(pieces))
 
@@ -194,10 +208,12 @@ def _together(region: Region, pieces: Sequence[Piece], holes: int) -> Ground:
 class Footprint(NamedTuple):
     """A region's vertices seen along its up, and its widths square to each side of their convex hull."""
 
-    frame: Array  #: Columns: the picture's two axes in the work frame, shape (3, 2); how they are turned means nothing
+    #: Columns: the picture's two axes in the work frame, shape (3, 2); how they are turned means nothing
+    frame: Array
     points: Array  #: The vertices in the picture [m], shape (n, 2)
     ways: Array  #: Unit directions square to the hull's sides, in the picture, shape (k, 2)
-    widths: Array  #: The region's width along each of them [m], shape (k,); the least of all widths is among them
+    #: The region's width along each of them [m], shape (k,); the least of all widths is among them
+    widths: Array
 
 
 def footprint(region: Region) -> Footprint:

@@ -1,4 +1,5 @@
-"""A region continued past its border, for a pad whose middle leaves the part (Region -> Region with a skirt)."""
+"""A region continued past its border, for a pad whose middle leaves the part (Region -> Region with a
+skirt)."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from polish_sim.geometry.surface import Surface, boundary_loops, build_surface, 
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
 
-SHARPEST: Final = 0.6  #: Least cosine of half the turn at a corner of the border that is continued to a point [-]
+#: Least cosine of half the turn at a corner of the border that is continued to a point [-]
+SHARPEST: Final = 0.6
 
 
 def with_skirt(region: Region, width: float) -> Region:

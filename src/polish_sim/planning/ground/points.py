@@ -1,6 +1,7 @@
 """Points sorted into the cells of a grid, for kernels that visit what lies near, and points thinned evenly.
 
-The grid only speeds a search up: every visitor tests exact distances, so no answer depends on where cells begin.
+The grid only speeds a search up: every visitor tests exact distances, so no answer depends on where cells
+begin.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class PointGrid(NamedTuple):
 
 
 def build_point_grid(points: Array, cell: float) -> PointGrid:
-    """Sort points (n, 3) [m], at least one, into cells of a side [m]; larger ones where they spread too far for it."""
+    """Sort points (n, 3) [m], at least one, into cells of a side [m]; larger ones where they spread too far
+    for it."""
     low = points.min(axis=0)
     spread = points.max(axis=0) - low
     cell = max(cell, float(spread.max()) / MOST_ACROSS, 1e-9)
@@ -60,7 +62,8 @@ class Thinned(NamedTuple):
 
 
 def thin(points: Array, spacing: float) -> Thinned:
-    """Keep points (n, 3) [m] no closer than a spacing [m] to each other, every other one within it of one kept."""
+    """Keep points (n, 3) [m] no closer than a spacing [m] to each other, every other one within it of one
+    kept."""
     grid = build_point_grid(points, spacing)
     cells = ((points - grid.low) / grid.cell).astype(np.int64)
     kept = np.flatnonzero(_keep(points, cells, grid.size, spacing))

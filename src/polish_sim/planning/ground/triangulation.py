@@ -1,4 +1,5 @@
-"""The region as one fine conforming triangulation (Region -> where distances are looked up and areas summed)."""
+"""The region as one fine conforming triangulation (Region -> where distances are looked up and areas
+summed)."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from polish_sim.geometry.topology import counting_order, facets_at_edges, label_
 
 MAX_TRIANGLES = 1_500_000
 ALIKE = 1.0 + 1e-9  #: Lengths that differ by less are equal: rounding must not decide how patches are split
-MOST_ROUNDS = 40  #: Every round halves the longest edges; patches that do not fit each other end the splitting here
+#: Every round halves the longest edges; patches that do not fit each other end the splitting here
+MOST_ROUNDS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,8 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
     if wanted > 4 * MAX_TRIANGLES:
         raise PlanError(
             f"the region ({surface.facet_areas.sum() * 1e4:.4g} cm^2) is too large for so fine a step-over: "
-            f"triangles of {longest_edge * 1e3:.3g} mm would be needed. Set a larger step-over or a smaller region."
+            f"triangles of {longest_edge * 1e3:.3g} mm would be needed. Set a larger step-over or a smaller "
+            "region."
         )
     owners = np.arange(len(surface.faces))
     corners = np.broadcast_to(np.eye(3), (len(owners), 3, 3))
@@ -88,7 +91,8 @@ def triangulate(surface: Surface, longest_edge: float) -> Triangulation:
         long = _long_edges(vertices, triangles, longest_edge)
         if not long.any() or len(triangles) > 2 * MAX_TRIANGLES:
             break
-        # Corner by corner, so that of the two triangles at an edge the one of the lower corner evaluates its middle.
+        # Corner by corner, so that of the two triangles at an edge the one of the lower corner evaluates its
+        # middle.
         corner, row = np.nonzero(long)
         ends = np.stack([triangles[row, corner], triangles[row, (corner + 1) % 3]])
         keys = ends.min(axis=0) * len(vertices) + ends.max(axis=0)
@@ -109,7 +113,8 @@ def half_edges(triangles: Indices) -> Indices:
 
 
 def each_once(edges: Indices, count: int) -> Indices:
-    """Edges (k, 2) between ``count`` vertices without doubles, whichever way they run, in order, shape (e, 2)."""
+    """Edges (k, 2) between ``count`` vertices without doubles, whichever way they run, in order, shape (e,
+    2)."""
     ends = np.sort(edges, axis=1)
     keys = np.sort(ends[:, 0] * count + ends[:, 1])  # np.unique hashes, which takes longer
     return np.stack(np.divmod(keys[np.diff(keys, prepend=-1) > 0], count), axis=1)
@@ -133,7 +138,11 @@ def _split(
         rows = np.flatnonzero(many == number)
         # Turn each triangle so that its split edges stand first.
         lead = split[rows] >= 0
-        turn = np.argmax(lead & ~np.roll(lead, 1, axis=1), axis=1) if number < 3 else np.zeros(len(rows), dtype=int)
+        turn = (
+            np.argmax(lead & ~np.roll(lead, 1, axis=1), axis=1)
+            if number < 3
+            else np.zeros(len(rows), dtype=int)
+        )
         order = (turn[:, None] + np.arange(3)) % 3
         ids = np.concatenate(
             [np.take_along_axis(triangles[rows], order, 1), np.take_along_axis(split[rows], order, 1)], axis=1
@@ -142,7 +151,11 @@ def _split(
         where = np.concatenate([where, 0.5 * (where + np.roll(where, -1, axis=1))], axis=1)
         for piece in pieces(ids, vertices):
             out.append(
-                (np.take_along_axis(ids, piece, 1), np.take_along_axis(where, piece[:, :, None], 1), owners[rows])
+                (
+                    np.take_along_axis(ids, piece, 1),
+                    np.take_along_axis(where, piece[:, :, None], 1),
+                    owners[rows],
+                )
             )
     return tuple(np.concatenate(parts) for parts in zip(*out, strict=True))  # type: ignore[return-value]
 
@@ -169,7 +182,9 @@ def _split_three(ids: Indices, vertices: Array) -> list[Indices]:
     return _rows(ids, (0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
 
 
-def _finish(surface: Surface, vertices: Array, triangles: Indices, corners: Array, owners: Indices) -> Triangulation:
+def _finish(
+    surface: Surface, vertices: Array, triangles: Indices, corners: Array, owners: Indices
+) -> Triangulation:
     """Normals from one triangle around each vertex, areas of the flat triangles."""
     place = np.zeros(len(vertices), dtype=np.int64)
     place[triangles.ravel()[::-1]] = np.arange(triangles.size)[::-1]

@@ -1,4 +1,5 @@
-"""How the tool approaches the part and leaves it: lead-in, lead-out, approach and retract (paper 1, 1.4, fig. 14)."""
+"""How the tool approaches the part and leaves it: lead-in, lead-out, approach and retract (paper 1, 1.4, fig.
+14)."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ LEAD_SHARE = 1.0 / 3.0  #: Height of the lead-in as a share of the clearance
 RAMP = np.radians(20.0)  #: Angle of the tangent lead-in to the surface [rad]
 SPACING_M = 1e-3
 LeadShape = Callable[[float], Array]
-"""Maps a height [m] to points (distance back along the path, height above the part) [m], shape (n, 2), top first."""
+"""Maps a height [m] to points (distance back along the path, height above the part) [m], shape (n, 2), top
+first."""
 
 
 class Move(NamedTuple):
@@ -66,8 +68,8 @@ def with_leads(
 ) -> list[Move]:
     """Put approach and lead-in before a process move and lead-out and retract after it: five moves.
 
-    ``shape`` is how the tool lands, ``shape_out`` how it leaves, mirrored, the same if not given. The first point is
-    ``clearance`` [m] above the part along the tool axis, the last ``clearance_out`` or as much.
+    ``shape`` is how the tool lands, ``shape_out`` how it leaves, mirrored, the same if not given. The first
+    point is ``clearance`` [m] above the part along the tool axis, the last ``clearance_out`` or as much.
     """
     lead_in, approach = landing(process, True, shape, clearance)
     lead_out, retract = landing(process, False, shape_out or shape, clearance_out or clearance)
@@ -111,12 +113,14 @@ def evenly(first: float, last: float, length: float) -> Array:
     return np.linspace(first, last, max(int(np.ceil(length / SPACING_M)), 2) + 1)
 
 
-# Which lead-in and lead-out a stroke gets: the one asked for where it keeps clear of the part (Move -> LeadShape).
+# Which lead-in and lead-out a stroke gets: the one asked for where it keeps clear of the part (Move ->
+# LeadShape).
 
 TOLERANCE_M = 2e-4  #: On its lead the pad may stand this much deeper in the part than where it lands [m]
 APART_M = 3e-4  #: On its lead the tool point keeps this far from the part, but at most half its height [m]
 ROUNDING_M = 1e-9
-LOWER = (1.0, 0.5, 0.25, 0.12)  #: Shares of the clearance from which a straight lead begins, tried in this order
+#: Shares of the clearance from which a straight lead begins, tried in this order
+LOWER = (1.0, 0.5, 0.25, 0.12)
 FURTHER = 14  #: Points further along that are tried as the end of a stroke
 NEAR = 3  #: Points tried when only the pad's rim touches
 LONGEST_CUT = 0.45  #: No end of a stroke is shortened by more than this share of it
@@ -133,7 +137,8 @@ class Air(NamedTuple):
     alone: Surface | None = None  #: The part without a fixture, if it has one: the tool knows that by itself
 
     def has_room(self, line: Array, axes: Array, presses: Places | None = None) -> bool:
-        """Whether the tool is nowhere in the part along points (n, 3), pressed as it is at a place or not at all."""
+        """Whether the tool is nowhere in the part along points (n, 3), pressed as it is at a place or not at
+        all."""
         if self.tool is None:
             return True
         rows = every(line, CHECKED_APART * self.tool.pad.radius_m)
@@ -158,12 +163,15 @@ class ChosenLeads(NamedTuple):
 
 
 def choose_leads(process: Move, name: str, air: Air, stepover: float) -> ChosenLeads | None:
-    """Keep the lead asked for unless the pad would run into the part on it; then come straight along the axis.
+    """Keep the lead asked for unless the pad would run into the part on it; then come straight along the
+    axis.
 
-    A pad on a hollow already stands in the part with its rim where it presses, and next to a wall it does so on any
-    lead: a lead hits when the pad stands deeper on it, or on the straight way above it, than where it touches down.
-    Where even the straight lead hits, it begins lower; where that hits too, the stroke is shortened, a ``stepover`` [m]
-    at a time. The tool point itself never enters the part, and it can always come from outside in a straight line.
+    A pad on a hollow already stands in the part with its rim where it presses, and next to a wall it does so
+    on any
+    lead: a lead hits when the pad stands deeper on it, or on the straight way above it, than where it touches
+    down. Where even the straight lead hits, it begins lower; where that hits too, the stroke is shortened, a
+    ``stepover`` [m] at a time. The tool point itself never enters the part, and it can always come from
+    outside in a straight line.
 
     None if the tool can land on no part of the stroke, or leave from none.
     """
@@ -174,8 +182,11 @@ def choose_leads(process: Move, name: str, air: Air, stepover: float) -> ChosenL
     return ChosenLeads(start, end)
 
 
-def _choose(process: Move, at_start: bool, name: str, air: Air, ball: Ball, stepover: float) -> Landing | None:
-    """The first landing that is clear: as asked, straight, from lower, further along; last with the pad in a wall."""
+def _choose(
+    process: Move, at_start: bool, name: str, air: Air, ball: Ball, stepover: float
+) -> Landing | None:
+    """The first landing that is clear: as asked, straight, from lower, further along; last with the pad in a
+    wall."""
     rows = _rows_along(process, at_start, stepover)
     straight: list[tuple[LeadShape, float]] = [(normal_lead, share * air.clearance) for share in LOWER]
     point_only = air._replace(pad_radius=0.0)
@@ -195,7 +206,8 @@ def _choose(process: Move, at_start: bool, name: str, air: Air, ball: Ball, step
 
 
 def _rows_along(process: Move, at_start: bool, stepover: float) -> list[int]:
-    """Points of a stroke further and further from its end: half a step-over, then always half as far again."""
+    """Points of a stroke further and further from its end: half a step-over, then always half as far
+    again."""
     s = arc_length(process.positions)
     away = 0.5 * stepover * 1.5 ** np.arange(FURTHER)
     away = away[away < LONGEST_CUT * s[-1]]
@@ -203,7 +215,9 @@ def _rows_along(process: Move, at_start: bool, stepover: float) -> list[int]:
     return [int(row) for row in rows if 0 < row < len(s) - 1]
 
 
-def _is_clear(process: Move, at_start: bool, shape: LeadShape, clearance: float, air: Air, ball: Ball) -> bool:
+def _is_clear(
+    process: Move, at_start: bool, shape: LeadShape, clearance: float, air: Air, ball: Ball
+) -> bool:
     """Whether neither the lead nor the way out from it runs into the part."""
     end = slice(0, 1) if at_start else slice(-1, None)
     landed = float(rim_depths(air.part, process.positions[end], process.axes[end], air.pad_radius)[0])

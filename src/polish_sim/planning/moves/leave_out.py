@@ -35,8 +35,9 @@ class _Block(NamedTuple):
 def leave_out(path: ToolPath, gone: Bools, plan: PlanConfig, air: Air) -> Remaining | None:
     """Lift the tool over rows of a path (m,) in contact; stretches shorter than a step-over go with them.
 
-    Strokes before the first that changes stay as they are. Every other stretch that stays gets leads clear of the part
-    and a way to it through the air, as in planning; one that has none goes too. None if nothing stays.
+    Strokes before the first that changes stay as they are. Every other stretch that stays gets leads clear of
+    the part and a way to it through the air, as in planning; one that has none goes too. None if nothing
+    stays.
     """
     blocks: list[_Block] = []
     begin, same = 0, True
@@ -51,7 +52,9 @@ def leave_out(path: ToolPath, gone: Bools, plan: PlanConfig, air: Air) -> Remain
             blocks.append(_Block(places, axes, path.segment[rows], path.pass_index[rows], rows))
         else:
             for kept in stretches(~gone[first : last + 1]):
-                block = _placed(path, first + kept[0], first + kept[1], plan, air, blocks[-1] if blocks else None)
+                block = _placed(
+                    path, first + kept[0], first + kept[1], plan, air, blocks[-1] if blocks else None
+                )
                 blocks += [] if block is None else [block]
         begin = end + 1
     if not blocks:
@@ -59,7 +62,9 @@ def leave_out(path: ToolPath, gone: Bools, plan: PlanConfig, air: Air) -> Remain
     whole = _Block(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
     s, origin = arc_length(whole.positions), whole.source
     wishes = [None if column is None else column[origin] for column in (path.force, path.feed)]
-    left = ToolPath(whole.positions, whole.axes, s, whole.passes, whole.segment, path.curvature[origin], *wishes)
+    left = ToolPath(
+        whole.positions, whole.axes, s, whole.passes, whole.segment, path.curvature[origin], *wishes
+    )
     moving = np.diff(s, prepend=-1.0) > 0.0
     lost = path.process.copy()
     lost[origin[whole.segment == PROCESS]] = False

@@ -1,4 +1,5 @@
-"""A run with its tool axes: what the tool does in contact from one lift to the next (SurfaceRun -> ContactRun)."""
+"""A run with its tool axes: what the tool does in contact from one lift to the next (SurfaceRun ->
+ContactRun)."""
 
 from __future__ import annotations
 
@@ -24,11 +25,12 @@ PER_WINDOW = 64  #: Samples on the length over which axes are averaged
 
 
 def lean(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
-    """Turn unit normals (n, 3) by an angle ``lead`` [rad] towards the feed and ``tilt`` [rad] to its left: tool axes.
+    """Turn unit normals (n, 3) by an angle ``lead`` [rad] towards the feed and ``tilt`` [rad] to its left:
+    tool axes.
 
-    A positive lead tips the tool's body forward, the way it is fed, so that the pad's heel presses more; a positive
-    tilt tips it to the left of the feed seen from outside. Each angle is seen square to the other one's plane: the
-    axis is n + tan(lead) t + tan(tilt) (n x t), t the feed directions (n, 3).
+    A positive lead tips the tool's body forward, the way it is fed, so that the pad's heel presses more; a
+    positive tilt tips it to the left of the feed seen from outside. Each angle is seen square to the other
+    one's plane: the axis is n + tan(lead) t + tan(tilt) (n x t), t the feed directions (n, 3).
     """
     along = unit(tangents - normals * (tangents * normals).sum(axis=1, keepdims=True))
     across = np.cross(normals, along)
@@ -36,7 +38,8 @@ def lean(normals: Array, tangents: Array, lead: float, tilt: float) -> Array:
 
 
 def soften_creases(normals: Array, s: Array, reach: float) -> Array:
-    """Let the axis turn over a crease on a stretch instead of at a point; elsewhere it stays the normal (n, 3).
+    """Let the axis turn over a crease on a stretch instead of at a point; elsewhere it stays the normal (n,
+    3).
 
     Along arc lengths ``s`` (n,) [m] the turn begins and ends ``reach`` [m] from the crease.
     """
@@ -56,8 +59,9 @@ def soften_creases(normals: Array, s: Array, reach: float) -> Array:
 def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: float) -> Array:
     """Average unit tool axes (n, 3) along one run over a length [m] of the path; 0 leaves them as they are.
 
-    No axis is turned by more than ``bound`` [rad], less where it would otherwise lean further than `STEEPEST` from
-    the surface's normal, so that smoothing turns no tool into the part. ``s`` (n,) [m] are the arc lengths.
+    No axis is turned by more than ``bound`` [rad], less where it would otherwise lean further than `STEEPEST`
+    from the surface's normal, so that smoothing turns no tool into the part. ``s`` (n,) [m] are the arc
+    lengths.
     """
     if length <= 0.0 or bound <= 0.0:
         return axes
@@ -74,7 +78,9 @@ def smooth_axes(axes: Array, normals: Array, s: Array, length: float, bound: flo
 
 def _averaged(vectors: Array, s: Array, even: Array, window: int) -> Array:
     """Means of vectors (n, 3) given at ``s`` (n,) over ``even`` evenly spaced places, at ``s`` again."""
-    return interpolate(s, even, uniform_filter1d(interpolate(even, s, vectors), window, axis=0, mode="nearest"))
+    return interpolate(
+        s, even, uniform_filter1d(interpolate(even, s, vectors), window, axis=0, mode="nearest")
+    )
 
 
 def angles_between(first: Array, second: Array) -> Array:
@@ -99,11 +105,13 @@ class ContactRun(NamedTuple):
         return self._replace(process=self.process.rows(kept), curvature=self.curvature[kept])
 
 
-def give_axes(run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leaning | None = None) -> ContactRun:
+def give_axes(
+    run: SurfaceRun, plan: PlanConfig, first_pass: int, leaning: Leaning | None = None
+) -> ContactRun:
     """Set the tool on a run: along the normal, softened over creases, leaned by lead and tilt, smoothed.
 
-    The run is in the direction it is walked; ``first_pass`` numbers the first of its passes. ``leaning`` turns the tool
-    away from what stands beside it besides.
+    The run is in the direction it is walked; ``first_pass`` numbers the first of its passes. ``leaning``
+    turns the tool away from what stands beside it besides.
     """
     s = arc_length(run.positions)
     tangents = unit(np.gradient(run.positions, axis=0))

@@ -42,9 +42,15 @@ def travel(first: Move, second: Move, air: Air) -> tuple[Move, bool]:
 
 
 def _ways(
-    ends: tuple[Array, Array], axes: tuple[Array, Array], up: Array, clearance: float, part: Surface, kept: float
+    ends: tuple[Array, Array],
+    axes: tuple[Array, Array],
+    up: Array,
+    clearance: float,
+    part: Surface,
+    kept: float,
 ) -> Iterator[Sequence[Array]]:
-    """Corners of the ways to try: at rising heights, then round the part, last above everything, unchecked."""
+    """Corners of the ways to try: at rising heights, then round the part, last above everything,
+    unchecked."""
     start, end = ends
     top = float((part.vertices @ up).max()) + clearance
     low = max(float(start @ up), float(end @ up))
@@ -73,7 +79,8 @@ def _round(ends: tuple[Array, Array], directions: tuple[Array, Array], ball: Bal
 
 
 def _leave(point: Array, axis: Array, radius: float) -> Array:
-    """Where a line from a point along an axis leaves a ball about the origin; the point itself if it is outside."""
+    """Where a line from a point along an axis leaves a ball about the origin; the point itself if it is
+    outside."""
     inner = float(point @ axis)
     under = inner**2 - float(point @ point) + radius**2
     return point + axis * max(np.sqrt(under) - inner, 0.0) if under > 0.0 else point
@@ -116,10 +123,10 @@ class Tour(NamedTuple):
 def order_blocks(ends: Array, free: bool, start: Array | None = None) -> Tour:
     """Order blocks so that the way from the end of each to the beginning of the next is short overall.
 
-    Nearest neighbour first, then stretches of the order are turned round (2-opt) and single blocks moved (or-opt) as
-    long as that helps. The first block stays the first: the given one, or the one nearest to ``start`` (3,) [m].
-    ``ends`` (n, 2, 3) [m] are where each block begins and ends; those that are ``free`` may be walked from their
-    end.
+    Nearest neighbour first, then stretches of the order are turned round (2-opt) and single blocks moved
+    (or-opt) as long as that helps. The first block stays the first: the given one, or the one nearest to
+    ``start`` (3,) [m]. ``ends`` (n, 2, 3) [m] are where each block begins and ends; those that are ``free``
+    may be walked from their end.
     """
     order, flips = nearest_neighbours(ends, free, start)
     if len(order) > 2:
@@ -159,7 +166,8 @@ def _way(ends: Array, order: Indices, flips: Indices, first: int, last: int) -> 
 
 @njit(cache=True, error_model="numpy")
 def _turn_round(order: Indices, flips: Indices, i: int, j: int, free: bool) -> None:
-    """Walk the blocks from place i to place j in the opposite order, each from its other end if that is free."""
+    """Walk the blocks from place i to place j in the opposite order, each from its other end if that is
+    free."""
     while i < j:
         order[i], order[j] = order[j], order[i]
         flips[i], flips[j] = flips[j], flips[i]

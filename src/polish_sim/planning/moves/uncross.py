@@ -1,7 +1,8 @@
-"""The net under the patterns: where strands still cross, one of them is cut and the tool lifts (runs -> runs).
+"""The net under the patterns: where strands still cross, one of them is cut and the tool lifts (runs ->
+runs).
 
-The other strand covers the place, so nothing stays unpolished. A piece beyond a cut that only goes where other
-strands cover everything is dropped instead of lifting for it.
+The other strand covers the place, so nothing stays unpolished. A piece beyond a cut that only goes where
+other strands cover everything is dropped instead of lifting for it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from polish_sim.planning.quality.located import Strands
 from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import unit
 
-CUT = 0.15  #: A strand is cut this far on either side of a crossing, in step-overs; twice as far every round after
+#: A strand is cut this far on either side of a crossing, in step-overs; twice as far every round after
+CUT = 0.15
 ROUNDS = 6
 AT_PLACE = 0.1  #: Strands that pass a crossing within this many step-overs are looked at
 FINE = 0.02  #: Spacing at which they are looked for, in step-overs

@@ -38,8 +38,8 @@ def height_to_keep(part: Surface, tops: Array, clearance: float) -> float:
 def way_out(part: Surface, ball: Ball, point: Array, axis: Array, up: Array, kept: float) -> Array | None:
     """Find a straight way from a lifted tool at ``point`` (3,) [m] to outside the ball around the part.
 
-    Returns a unit direction (3,): up if that is free, else the tool's axis, else the one nearest to it; None without
-    any. The tool keeps ``kept`` [m] from the part.
+    Returns a unit direction (3,): up if that is free, else the tool's axis, else the one nearest to it; None
+    without any. The tool keeps ``kept`` [m] from the part.
     """
     if kept <= 0.0:
         return None
@@ -78,7 +78,8 @@ RIM_POINTS = 24
 
 
 def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -> Array:
-    """How deep the middle or the rim of the pad's face stands in the part [m], 0 where it is clear, shape (n,).
+    """How deep the middle or the rim of the pad's face stands in the part [m], 0 where it is clear, shape
+    (n,).
 
     Tool points and unit axes are (n, 3) each; a ``radius`` of 0 looks at the tool point only.
     """

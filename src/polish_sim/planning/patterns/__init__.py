@@ -14,9 +14,12 @@ if TYPE_CHECKING:
 class Pattern(NamedTuple):
     """A way to cover a region, and what the planner may do with its runs."""
 
-    plan: Callable[[PatternRequest], list[SurfaceRun]]  #: Maps a request to runs on the surface, one lift after each
-    listens: tuple[str, ...] = ()  #: Which of order, direction, start and raster_direction of `PlanConfig` it obeys
-    one_way: bool = True  #: Whether each of its runs must be walked the way it is; the first given stays the first
+    #: Maps a request to runs on the surface, one lift after each
+    plan: Callable[[PatternRequest], list[SurfaceRun]]
+    #: Which of order, direction, start and raster_direction of `PlanConfig` it obeys
+    listens: tuple[str, ...] = ()
+    #: Whether each of its runs must be walked the way it is; the first given stays the first
+    one_way: bool = True
 
 
 def _runs(pattern: str) -> Callable[[PatternRequest], list[SurfaceRun]]:

@@ -1,4 +1,5 @@
-"""Closed loops one inside the other, each closed exactly, joined by short slanting steps (pattern; Region -> runs)."""
+"""Closed loops one inside the other, each closed exactly, joined by short slanting steps (pattern; Region ->
+runs)."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ from polish_sim.planning.patterns.run import (
 STEP_LENGTH = 1.25  #: Length of the step from loop to loop along them, in step-overs
 SHARE_OF_LOOP = 0.15  #: It is at most this share of the smaller loop
 FURTHEST_STEP = 1.8  #: Where a loop's neighbour is further away than this many step-overs the tool is lifted
-CORNER = 30.0  #: A wish to step far from corners: a corner costs as much as this many step-overs from the wanted start
+#: A wish to step far from corners: a corner costs as much as this many step-overs from the wanted start
+CORNER = 30.0
 
 
 def contour_runs(request: PatternRequest) -> list[SurfaceRun]:
@@ -61,7 +63,8 @@ def _mean(ring: Array, window: int) -> Array:
 
 
 def _starts(loops: Sequence[Curve], stepover: float, outward: bool, plan: PlanConfig) -> list[float]:
-    """Where each loop begins: on a line traced outwards from the innermost, nearest point to nearest point."""
+    """Where each loop begins: on a line traced outwards from the innermost, nearest point to nearest
+    point."""
     lines = _lines_outwards(loops, stepover, outward)
     if plan.start and not outward:
         lines = np.concatenate([lines, _lines_from(loops, np.array(plan.start), stepover)], axis=1)
@@ -77,7 +80,8 @@ def _starts(loops: Sequence[Curve], stepover: float, outward: bool, plan: PlanCo
 
 
 def _lines_outwards(loops: Sequence[Curve], stepover: float, outward: bool) -> Array:
-    """Lines from places all round the innermost loop, each step leading on so that it slants; arc lengths (k, n)."""
+    """Lines from places all round the innermost loop, each step leading on so that it slants; arc lengths (k,
+    n)."""
     sign = 1.0 if outward else -1.0
     lines = [np.linspace(0.0, loops[-1].length, CANDIDATES, endpoint=False)]
     for inner, outer in zip(loops[:0:-1], loops[-2::-1], strict=True):
@@ -87,7 +91,8 @@ def _lines_outwards(loops: Sequence[Curve], stepover: float, outward: bool) -> A
 
 
 def _lines_from(loops: Sequence[Curve], start: Array, stepover: float) -> Array:
-    """Lines inwards from places of the outermost loop near a start (3,), likewise; they may run into corners."""
+    """Lines inwards from places of the outermost loop near a start (3,), likewise; they may run into
+    corners."""
     lines = [places_near(loops[0], start[None], stepover)]
     for outer, inner in pairwise(loops):
         lines.append(inner.nearest(outer.at(lines[-1] + _step_length(inner, outer, stepover))[0]).s)
@@ -125,7 +130,9 @@ def _joined(
     runs = []
     for part in parts:
         points = surface.closest(np.concatenate([positions for positions, _ in part]))
-        runs.append(SurfaceRun(surface, points, np.repeat([number for _, number in part], [len(p) for p, _ in part])))
+        runs.append(
+            SurfaceRun(surface, points, np.repeat([number for _, number in part], [len(p) for p, _ in part]))
+        )
     return runs
 
 

@@ -1,10 +1,11 @@
 """Spirals around holes: in and out again in one stroke, evenly spaced (nested turns -> runs).
 
-A spiral ends in the middle of what it covers. Where holes divide a region there are several such middles, and a stroke
-can begin in one and end in another; to pass through a third it has to wind out again beside its way in. So the turns
-are joined as in a connected Fermat spiral.
+A spiral ends in the middle of what it covers. Where holes divide a region there are several such middles, and
+a stroke can begin in one and end in another; to pass through a third it has to wind out again beside its way
+in. So the turns are joined as in a connected Fermat spiral.
 
-Where turns of different borders meet, the gap between them is any share of a step-over. It is spread over the strands
+Where turns of different borders meet, the gap between them is any share of a step-over. It is spread over the
+strands
 around: each point moves towards the wider of the gaps on its two sides, and towards what is not covered.
 """
 
@@ -29,7 +30,8 @@ from polish_sim.planning.quality.spacing import along, neighbours_beside
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
 
-SHALLOWEST = 1.0  #: A place whose middle is this far from the turns [step-overs] gets a loop; others are closed evenly
+#: A place whose middle is this far from the turns [step-overs] gets a loop; others are closed evenly
+SHALLOWEST = 1.0
 ROUNDS, AFTERWARDS = 40, 20  #: Rounds of moving strands, and once more after the last places have got strokes
 MOST_STROKES = 2  #: Places that no strand can be moved to, for which the tool is lifted, at most
 SPACING = 1.0 / 8.0  #: Spacing of the points that move, in step-overs
@@ -76,20 +78,26 @@ def _sampled(surface: Surface, lines: Sequence[Array], stepover: float) -> Sampl
     ends = np.cumsum([len(line) for line in lines])[:-1]
     on = surface.closest(np.concatenate(lines))
     pairs = zip(np.split(on.positions, ends), np.split(on.normals, ends), strict=True)
-    return Strands([Curve(positions, normals, False) for positions, normals in pairs]).sample(SPACING * stepover)
+    return Strands([Curve(positions, normals, False) for positions, normals in pairs]).sample(
+        SPACING * stepover
+    )
 
 
 def _moved(mesh: Triangulation, path: Samples, free: Bools, stepover: float) -> list[Array]:
     """The lines after one round."""
     tangents = unit(along(path))
     sides = np.cross(path.normals, tangents)
-    left, right = (_gaps(path, tangents, beside, stepover) for beside in neighbours_beside(path, sides, stepover))
+    left, right = (
+        _gaps(path, tangents, beside, stepover) for beside in neighbours_beside(path, sides, stepover)
+    )
     balance = RATE * (left - right)
     drawn, places = _drawn(mesh, path, sides, stepover)
     out = []
     for first, last in zip(path.first[:-1], path.first[1:], strict=True):
         rows = slice(first, last)
-        shift, pull, count = (averaged_twice(part[rows], WINDOW, "nearest") for part in (balance, drawn, places))
+        shift, pull, count = (
+            averaged_twice(part[rows], WINDOW, "nearest") for part in (balance, drawn, places)
+        )
         move = shift + DRAWN * pull / np.maximum(count, FEW)
         move = np.where(free[rows], np.clip(move, -MOST * stepover, MOST * stepover), 0.0)
         out.append(path.points[rows] + move[:, None] * sides[rows])
@@ -97,7 +105,8 @@ def _moved(mesh: Triangulation, path: Samples, free: Bools, stepover: float) -> 
 
 
 def _gaps(path: Samples, tangents: Array, beside: Indices, stepover: float) -> Array:
-    """Distance to the neighbour on one side as far as it counts; a step-over where there is none [m], shape (n,)."""
+    """Distance to the neighbour on one side as far as it counts; a step-over where there is none [m], shape
+    (n,)."""
     gap = np.linalg.norm(path.points[beside] - path.points, axis=1)
     alongside = np.abs((tangents[beside] * tangents).sum(axis=1)) > ALONGSIDE
     gap = np.where(alongside, np.minimum(gap, WIDEST * stepover), np.minimum(gap, stepover))
@@ -105,7 +114,8 @@ def _gaps(path: Samples, tangents: Array, beside: Indices, stepover: float) -> A
 
 
 def _drawn(mesh: Triangulation, path: Samples, sides: Array, stepover: float) -> tuple[Array, Array]:
-    """How far what is not covered lies off to the left of each point, summed [m], and how many places that are."""
+    """How far what is not covered lies off to the left of each point, summed [m], and how many places that
+    are."""
     distance, nearest = cKDTree(path.points).query(mesh.vertices)
     far = np.flatnonzero(distance > UNCOVERED * stepover)
     at = nearest[far]

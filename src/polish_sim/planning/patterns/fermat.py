@@ -1,13 +1,16 @@
-"""Connected Fermat spirals: one continuous stroke over a region with any number of holes (pattern; Region -> runs).
+"""Connected Fermat spirals: one continuous stroke over a region with any number of holes (pattern; Region ->
+runs).
 
-Turns grow from all borders; a tree of neighbouring turns is cut into pockets, each an in-and-out double spiral, and
-each pocket hangs in a gap of the turn beside it, so that the whole tree is one line (Zhao et al. 2016, Connected
-Fermat Spirals for Layered Fabrication; here on a curved surface and with the seam of each pocket kept straight).
+Turns grow from all borders; a tree of neighbouring turns is cut into pockets, each an in-and-out double
+spiral, and each pocket hangs in a gap of the turn beside it, so that the whole tree is one line (Zhao et al.
+2016, Connected Fermat Spirals for Layered Fabrication; here on a curved surface and with the seam of each
+pocket kept straight).
 
-Seen from the seam the turns are parallel levels 0, 1, 2 ...; each is cut. Its left end at level k goes over to the
-right end at level k + 2, so that two spirals run inwards one inside the other. The innermost two left ends are joined
-by a U-turn: there the way in becomes the way out. The outermost two right ends are joined by another U-turn where the
-pocket is joined to a turn of another one; otherwise the whole path begins and ends there.
+Seen from the seam the turns are parallel levels 0, 1, 2 ...; each is cut. Its left end at level k goes over
+to the right end at level k + 2, so that two spirals run inwards one inside the other. The innermost two left
+ends are joined by a U-turn: there the way in becomes the way out. The outermost two right ends are joined by
+another U-turn where the pocket is joined to a turn of another one; otherwise the whole path begins and ends
+there.
 """
 
 from __future__ import annotations
@@ -27,7 +30,8 @@ from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, fi
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
 
-TIP, CLEAR = 0.4, 0.45  #: Width of a U-turn beside a line that crosses, and its distance from that line, in levels
+#: Width of a U-turn beside a line that crosses, and its distance from that line, in levels
+TIP, CLEAR = 0.4, 0.45
 FREE = 0.4  #: Levels a crossing line has sunk where the path begins or ends beside it
 TIPS_APART = 0.4  #: Distance of two U-turns' tips that face each other, in step-overs
 LINE_POINTS, TURN_POINTS = 64, 24
@@ -71,7 +75,9 @@ class Levels(NamedTuple):
 
     def end(self, level: int, x: float, right: bool) -> End:
         """The end of a turn on one side of its cut."""
-        return End(self.turns[level], self.s[level] + self.signs[level] * x, right == (self.signs[level] > 0.0))
+        return End(
+            self.turns[level], self.s[level] + self.signs[level] * x, right == (self.signs[level] > 0.0)
+        )
 
 
 def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam:
@@ -94,7 +100,9 @@ def build_seam(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Seam
 def _levels(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Levels:
     """The turns in order, each with the side of its seam on which its arc length grows."""
     row, signs = tuple(curves[turn] for turn in pocket.turns), [1.0]
-    headings = [curve.tangents(np.array([s]), 0.25 * stepover)[0] for curve, s in zip(row, pocket.s, strict=True)]
+    headings = [
+        curve.tangents(np.array([s]), 0.25 * stepover)[0] for curve, s in zip(row, pocket.s, strict=True)
+    ]
     for before, here in pairwise(headings):
         signs.append(signs[-1] if before @ here > 0.0 else -signs[-1])
     return Levels(row, pocket.turns, pocket.s, tuple(signs), pocket.bands)
@@ -127,7 +135,8 @@ def _round(levels: Levels, stepover: float) -> _Bow:
 
 
 def _hook(band: float, stepover: float) -> _Bow:
-    """Beside a line that crosses from (0, 0) to (1, 2): narrow at its tip, so that it reaches far into the wedge."""
+    """Beside a line that crosses from (0, 0) to (1, 2): narrow at its tip, so that it reaches far into the
+    wedge."""
     return _bow(0.5 * (TIP + CLEAR), TIP, 0.5 * TIP * stepover / band, 0.5 * (1.0 + CLEAR))
 
 
@@ -182,21 +191,28 @@ def fermat_runs(request: PatternRequest) -> list[SurfaceRun]:
             break
         # Only loops that close gaps may be left out: those beside a crossing.
         closing = [turn for turn in turns if id(turn) in loops]
-        crowded = {id(t) for t in closing if np.isfinite(t.curve.nearest(where, CROWDED * stepover).distances).any()}
+        crowded = {
+            id(t) for t in closing if np.isfinite(t.curve.nearest(where, CROWDED * stepover).distances).any()
+        }
         if not crowded:
             break
         turns = [turn for turn in turns if id(turn) not in crowded]
     return runs + _strokes_between(request, lines, runs)
 
 
-def _strokes_between(request: PatternRequest, lines: Sequence[Run], runs: Sequence[SurfaceRun]) -> list[SurfaceRun]:
-    """Strokes of their own through long places left between turns of different borders, where they cross nothing."""
+def _strokes_between(
+    request: PatternRequest, lines: Sequence[Run], runs: Sequence[SurfaceRun]
+) -> list[SurfaceRun]:
+    """Strokes of their own through long places left between turns of different borders, where they cross
+    nothing."""
     longer, added = finish_middle(request.mesh, lines, request.stepover), list[SurfaceRun]()
     for k, line in enumerate(longer):
         fresh = line.positions[len(lines[k].positions) if k < len(lines) else 0 :]
         if len(fresh) < 2 or arc_length(fresh)[-1] < WORTH_A_STROKE * request.stepover:
             continue
-        stroke = finish_run(request.region.surface, Run(fresh, np.zeros(len(fresh), dtype=np.int64)), request.stepover)
+        stroke = finish_run(
+            request.region.surface, Run(fresh, np.zeros(len(fresh), dtype=np.int64)), request.stepover
+        )
         if not len(find_crossings([run.curve for run in (*runs, *added, stroke)])):
             added.append(stroke)
     return added

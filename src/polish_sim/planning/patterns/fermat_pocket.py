@@ -1,7 +1,7 @@
 """A tree of turns cut into pockets (Tree -> pockets).
 
-A pocket is a row of turns, each beside the next, with one line across all of them: the seam along which they become
-a double spiral (Zhao et al. 2016, Connected Fermat Spirals for Layered Fabrication).
+A pocket is a row of turns, each beside the next, with one line across all of them: the seam along which they
+become a double spiral (Zhao et al. 2016, Connected Fermat Spirals for Layered Fabrication).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Indices
 from polish_sim.planning.curves.curve import Curve
 
-# How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns -> Tree).
+# How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns ->
+# Tree).
 
 SAMPLES = 4  #: Samples per step-over along the turns
 BESIDE = 1.3  #: Turns nearer than this many step-overs are neighbours
@@ -90,11 +91,13 @@ def grow_tree(curves: Sequence[Curve], contacts: Sequence[Contact], root: int) -
     return Tree(tuple(map(tuple, children)), tuple(parent_of), lengths)
 
 
-BAND, SHARE_OF_TURN = 8.0, 0.35  #: Largest length of a seam along a turn: in step-overs, and as a share of the turn
+#: Largest length of a seam along a turn: in step-overs, and as a share of the turn
+BAND, SHARE_OF_TURN = 8.0, 0.35
 STEEPEST, GROWTH = 3.2, 1.0
-"""Its length on the innermost turn, and on the outermost of a pocket joined to another one, in step-overs: where
-a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be short. From turn to
-turn it grows by no more than the second, so that the lines that cross keep their distance."""
+"""Its length on the innermost turn, and on the outermost of a pocket joined to another one, in step-overs:
+where a U-turn lies in the wedge between two turns and a line that crosses them, the wedge had better be
+short. From turn to turn it grows by no more than the second, so that the lines that cross keep their
+distance."""
 NARROW, SHARE_OF_LOOP = 2.0, 0.5  #: The same for two turns, which are joined by U-turns alone
 ROOM = 0.5  #: Step-overs kept clear beside a seam
 SLACK = 0.25  #: By how much turns may miss their distance where a seam crosses them, in step-overs
@@ -196,7 +199,9 @@ def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
     return Pocket(parent, tuple(row), best, _even_bands(layout, row, best, parent >= 0))
 
 
-def _even_bands(layout: Layout, row: Sequence[int], line: Sequence[float], hanging: bool) -> tuple[float, ...]:
+def _even_bands(
+    layout: Layout, row: Sequence[int], line: Sequence[float], hanging: bool
+) -> tuple[float, ...]:
     """Length of a seam on each turn of a row, much the same from turn to turn as seen along the seam [m]."""
     step, last = layout.stepover, len(row) - 1
     if last <= 1:
@@ -233,9 +238,13 @@ def _step(layout: Layout, row: Sequence[int], child: int, lines: _Lines) -> _Lin
     points = here.at(lines.s[:, -1])[0]
     foot = there.nearest(points)
     narrow = (
-        lines.narrow + _misfit(layout, row[-1], child, lines.s[:, -1], NARROW) + _use(layout, child, foot.s, NARROW)
+        lines.narrow
+        + _misfit(layout, row[-1], child, lines.s[:, -1], NARROW)
+        + _use(layout, child, foot.s, NARROW)
     )
-    wide = lines.wide + _misfit(layout, row[-1], child, lines.s[:, -1], BAND) + _use(layout, child, foot.s, BAND)
+    wide = (
+        lines.wide + _misfit(layout, row[-1], child, lines.s[:, -1], BAND) + _use(layout, child, foot.s, BAND)
+    )
     if len(row) > 1:
         # The next turn must lie on the other side than the last.
         back = layout.curves[row[-2]].at(lines.s[:, -2])[0] - points

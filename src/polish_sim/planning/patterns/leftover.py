@@ -25,10 +25,12 @@ WORTH_A_LINK = 0.1  #: Smallest uncovered area a run is led into, in squared ste
 WORTH_A_LIFT = 0.5  #: Smallest uncovered area the tool is lifted for, in squared step-overs
 LONGEST_LINK = 12.0  #: Longest way from a run's end into an uncovered place, in step-overs
 CLEAR = 0.2  #: How near a link may pass other turns, in step-overs
-OFF = 0.4  #: How far a link may be from the region's nearest vertex, in step-overs; vertices are a third of one apart
+#: How far a link may be from the region's nearest vertex, in step-overs; vertices are a third of one apart
+OFF = 0.4
 DEEP = 0.8  #: A line through the middle of a place ends where the nearest turn comes this much closer
 DEEPEST = 2.5  #: Distances to turns are measured up to this many step-overs
-PAYS = 0.1  #: A run continues into a place that is at least this many step-overs wide on average along its way
+#: A run continues into a place that is at least this many step-overs wide on average along its way
+PAYS = 0.1
 MOST_LINES = 64
 SAME = 1e-6  #: Areas and ways that differ by less than this share are the same
 TRACE = 0.1  #: Spacing of the points turns are compared by, in step-overs
@@ -73,7 +75,8 @@ def finish_middle(mesh: Triangulation, runs: Sequence[Run], stepover: float) -> 
 def _uncovered_places(
     mesh: Triangulation, rest: Indices, distance: Array, tried: Bools, stepover: float
 ) -> Iterator[tuple[Bools, float]]:
-    """The largest connected place not covered and not tried yet, and its area [m^2], as long as there are any."""
+    """The largest connected place not covered and not tried yet, and its area [m^2], as long as there are
+    any."""
     for _ in range(MOST_LINES):
         place, area = _largest_place(mesh, rest, (distance > STRICT * stepover) & ~tried)
         if area < WORTH_A_LINK * stepover**2:
@@ -130,7 +133,8 @@ def _largest(values: Array | Indices) -> int:
 
 
 def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Array, stepover: float) -> Array:
-    """Longest way through a place along the line furthest from everything covered, (n, 3); a point if compact."""
+    """Longest way through a place along the line furthest from everything covered, (n, 3); a point if
+    compact."""
     rows = np.flatnonzero(place)
     number = np.full(len(place), -1)
     number[rows] = np.arange(len(rows))
@@ -166,8 +170,11 @@ def _finite(values: Array) -> Array:
     return np.where(np.isfinite(values), values, -1.0)
 
 
-def _lead_into(mesh: Triangulation, traces: Sequence[Array], line: Array, stepover: float) -> tuple[int, Array]:
-    """The run that can go on into a line without crossing anything, and the points it adds; -1 if none can."""
+def _lead_into(
+    mesh: Triangulation, traces: Sequence[Array], line: Array, stepover: float
+) -> tuple[int, Array]:
+    """The run that can go on into a line without crossing anything, and the points it adds; -1 if none
+    can."""
     offers: list[tuple[float, int, Array]] = []
     for number, trace in enumerate(traces):
         heading = unit((trace[-1] - trace[-min(10, len(trace))])[None])[0]
@@ -189,7 +196,8 @@ def _lead_into(mesh: Triangulation, traces: Sequence[Array], line: Array, stepov
 
 
 def _swung_into(trace: Array, way: Array, stepover: float) -> Array:
-    """A way with an arc before it that leaves a trace straight ahead and runs into the way along it, (n, 3)."""
+    """A way with an arc before it that leaves a trace straight ahead and runs into the way along it, (n,
+    3)."""
     start, end = trace[-1], way[0]
     length = float(np.linalg.norm(end - start))
     back, ahead = trace[-min(LEAN, len(trace))], way[min(LEAN, len(way)) - 1]
@@ -203,7 +211,8 @@ def _swung_into(trace: Array, way: Array, stepover: float) -> Array:
 
 
 def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
-    """Ways to follow a line: from either end, or from its nearest point to the further end; with a handicap [m]."""
+    """Ways to follow a line: from either end, or from its nearest point to the further end; with a handicap
+    [m]."""
     nearest = int(np.linalg.norm(line - start, axis=1).argmin())
     ahead, back = line[nearest:], line[nearest::-1]
     part = ahead if len(ahead) > len(back) else back

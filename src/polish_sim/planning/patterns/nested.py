@@ -12,7 +12,14 @@ from polish_sim.arrays import Array
 from polish_sim.geometry.surface import enclosed
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.offset_curve import LevelLine, level_lines, nearest_of
-from polish_sim.planning.curves.turns import RingTurns, Turn, border_curves, distance_to, grow_turns, ring_turns
+from polish_sim.planning.curves.turns import (
+    RingTurns,
+    Turn,
+    border_curves,
+    distance_to,
+    grow_turns,
+    ring_turns,
+)
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.patterns.run import PatternRequest
 from polish_sim.planning.quality.coverage import STRICT
@@ -20,11 +27,13 @@ from polish_sim.spatial import unit
 
 WORTH_A_LOOP = 0.15  #: Smallest uncovered area that gets a loop, in squared step-overs
 EDGE, DEEP_EDGE = 0.53, 0.68
-"""Such a place begins this many step-overs from the turns, just more than the middle between two of them; where it is
-deep the loop lies further in, so that it also covers the middle, but no further than the second."""
+"""Such a place begins this many step-overs from the turns, just more than the middle between two of them;
+where it is deep the loop lies further in, so that it also covers the middle, but no further than the
+second."""
 INNER = 0.5  #: A loop leaves no more than this many step-overs to the middle of its place
 PASSES = 2  #: Searches for places: what the first loops leave may be a place of its own
-WIDER = 0.12  #: Distance its loop keeps outside it [step-overs]: it must not run back on itself where it is thin
+#: Distance its loop keeps outside it [step-overs]: it must not run back on itself where it is thin
+WIDER = 0.12
 TAIL = 0.3  #: Where a turn runs back along itself nearer than this many step-overs, a loop replaces its tail
 SLIVER = 0.1  #: A turn is a sliver if its mean width, area by length, is below this [step-overs]
 SHORTEST = 1.0  #: A loop is no shorter than this many step-overs
@@ -64,7 +73,8 @@ class Grown(NamedTuple):
 
 
 def grown_turns(request: PatternRequest) -> Grown:
-    """Turns from all borders inwards, their tails cut off; on a ring of even width from the outer border only."""
+    """Turns from all borders inwards, their tails cut off; on a ring of even width from the outer border
+    only."""
     surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
     borders, spaced = border_curves(mesh), RingTurns(0.5 * stepover, stepover)
     ring = ring_turns(surface, mesh, borders, stepover) if len(borders) == 2 else None
@@ -109,16 +119,20 @@ def chains(roots: Sequence[Turn], stepover: float, shortest: float = 0.0) -> lis
 
 
 CANDIDATES = 96  #: Lines across the turns that are tried
-NEAR_START = 4  #: Step-overs along a turn from the start asked for within which a path may begin, to avoid corners
+#: Step-overs along a turn from the start asked for within which a path may begin, to avoid corners
+NEAR_START = 4
 
 
 def places_near(turn: Curve, start: Array, stepover: float) -> Array:
     """Arc lengths of places of a turn near a start (1, 3) [m]."""
-    return turn.wrap(turn.nearest(start).s + stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1))
+    return turn.wrap(
+        turn.nearest(start).s + stepover * np.linspace(-NEAR_START, NEAR_START, 4 * NEAR_START + 1)
+    )
 
 
 def without_tails(curve: Curve, width: float) -> Curve:
-    """A closed curve without the parts that run out and back along themselves, both sides nearer than ``width`` [m]."""
+    """A closed curve without the parts that run out and back along themselves, both sides nearer than
+    ``width`` [m]."""
     while len(curve.positions) > 8:
         pairs = cKDTree(curve.positions).query_pairs(width, output_type="ndarray")
         along = np.abs(np.diff(curve.knots[pairs], axis=1)[:, 0])
@@ -143,7 +157,9 @@ def _without_slivers(roots: Sequence[Turn], stepover: float) -> list[Turn]:
     """The turns without those too thin to go round; gaps they leave are closed like any other."""
 
     def kept(turns: Sequence[Turn]) -> list[Turn]:
-        return [t for t in turns if t.children or _area(t.curve.positions) > SLIVER * stepover * t.curve.length]
+        return [
+            t for t in turns if t.children or _area(t.curve.positions) > SLIVER * stepover * t.curve.length
+        ]
 
     for turn in reversed(list(all_turns(roots))):
         turn.children = kept(turn.children)
@@ -170,7 +186,11 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, sha
         place = labels == label
         open_area = mesh.vertex_areas[place & (distance > STRICT * stepover)].sum()
         deepest = float(distance[place].max())
-        if open_area < WORTH_A_LOOP * stepover**2 or at_border[place].any() or deepest < shallowest * stepover:
+        if (
+            open_area < WORTH_A_LOOP * stepover**2
+            or at_border[place].any()
+            or deepest < shallowest * stepover
+        ):
             continue
         edge = float(np.clip(deepest - (INNER - WIDER) * stepover, EDGE * stepover, DEEP_EDGE * stepover))
         for line in level_lines(mesh, np.where(place, distance, 0.0), edge):

@@ -1,8 +1,9 @@
-"""How far a spiral has gone from each turn towards the next one (matched turns -> shares; paper 1, section 1.3).
+"""How far a spiral has gone from each turn towards the next one (matched turns -> shares; paper 1, section
+1.3).
 
-The spiral leaves its first turn within a short band, because that turn follows the border. Each further turn is
-parallel to the one before, band included, and as it may come a little nearer or stay a little further away, the
-way inwards spreads from the band over the whole turn, until the spiral is Archimedean.
+The spiral leaves its first turn within a short band, because that turn follows the border. Each further turn
+is parallel to the one before, band included, and as it may come a little nearer or stay a little further
+away, the way inwards spreads from the band over the whole turn, until the spiral is Archimedean.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from polish_sim.planning.curves.curve import Curve, Nearest
 # Which places of neighbouring turns lie beside each other (two nested turns -> pairs in order).
 
 ODD = 0.1  #: Feet whose distance differs from the step-over by more than this share belong to another turn
-ARM = 2.5  #: Where neighbouring turns are further apart than this many step-overs, one of them runs into an arm
+#: Where neighbouring turns are further apart than this many step-overs, one of them runs into an arm
+ARM = 2.5
 SAME = 2e-3  #: Pairs this near to each other, in step-overs, are one
 
 
@@ -33,13 +35,13 @@ class Match(NamedTuple):
 def match_turns(outer: Curve, inner: Curve, outer_seam: float, inner_seam: float, stepover: float) -> Match:
     """Pair the points of an inner turn with their nearest points on the outer one, and the other way round.
 
-    Round a corner the outer turn has points that are nearest to none of the inner one's; they all belong to the inner
-    corner. So a share of the way from each pair's outer to its inner place is again a parallel turn. Where the outer
-    turn runs into an arm the inner one does not follow, or the inner one is the offset of yet another turn, the places
-    between are shared out evenly and marked.
+    Round a corner the outer turn has points that are nearest to none of the inner one's; they all belong to
+    the inner corner. So a share of the way from each pair's outer to its inner place is again a parallel
+    turn. Where the outer turn runs into an arm the inner one does not follow, or the inner one is the offset
+    of yet another turn, the places between are shared out evenly and marked.
 
-    The turns begin at arc lengths ``outer_seam`` and ``inner_seam`` [m], whose nearest point on the outer turn is
-    the first. Every point of both turns is among the pairs.
+    The turns begin at arc lengths ``outer_seam`` and ``inner_seam`` [m], whose nearest point on the outer
+    turn is the first. Every point of both turns is among the pairs.
     """
     feet, heads = outer.nearest(inner.positions), inner.nearest(outer.positions)
     on_outer = _from_seam(outer, np.concatenate([feet.s, outer.knots[:-1]]), outer_seam) / outer.length
@@ -73,7 +75,8 @@ def _one_step(feet: Nearest, stepover: float) -> Bools:
 
 
 def _shared_out(outer: Array, inner: Array, beside: Bools, own: Bools) -> tuple[Array, Array]:
-    """Give places that lie beside none a partner between those of their neighbours; own: place is the inner's."""
+    """Give places that lie beside none a partner between those of their neighbours; own: place is the
+    inner's."""
     order = np.flatnonzero(beside)[np.argsort((outer + inner)[beside], kind="stable")]
     known_outer = np.concatenate([[0.0], np.maximum.accumulate(outer[order]), [1.0]])
     known_inner = np.concatenate([[0.0], np.maximum.accumulate(inner[order]), [1.0]])
@@ -86,7 +89,8 @@ def _from_seam(curve: Curve, s: Array, seam: float) -> Array:
     return np.asarray(np.mod(s - seam, curve.length))
 
 
-SPREAD = 0.08  #: Share of the way inwards that moves from band to whole turn, per turn; spacing changes by half of it
+#: Share of the way inwards that moves from band to whole turn, per turn; spacing changes by half of it
+SPREAD = 0.08
 FLATTEST = 1e-3  #: Smaller curvatures of a turn count as this one, times the step-over
 SAMPLES = 16  #: Samples of the share per step-over along a turn
 
@@ -112,10 +116,11 @@ class Shares(NamedTuple):
 def spread_shares(
     lengths: Sequence[float], matches: Sequence[Match], band: float, to_border: bool, stepover: float
 ) -> list[Shares]:
-    """Shares of all turns of a spiral, from their ``lengths`` [m], outermost first, and the matches of neighbours.
+    """Shares of all turns of a spiral, from their ``lengths`` [m], outermost first, and the matches of
+    neighbours.
 
-    The spiral leaves its first turn within the length ``band`` [m] around the first seam; the last turn may follow a
-    border too (``to_border``).
+    The spiral leaves its first turn within the length ``band`` [m] around the first seam; the last turn may
+    follow a border too (``to_border``).
     """
     amounts = _amounts([bool(match.beside.all()) for match in matches], to_border)
     step = _first_step(_grid(lengths[0], stepover), band)
@@ -168,12 +173,15 @@ def _seen_from(outer: Shares, match: Match, grid: Array) -> Shares:
 def _parallel(step: Shares, match: Match, height: float, stepover: float) -> Shares:
     """A step that keeps one step-over [m] from the step on the turn outside it.
 
-    Its line is the upper envelope of circles around the outer one. Where turns get shorter inwards they bend about a
+    Its line is the upper envelope of circles around the outer one. Where turns get shorter inwards they bend
+    about a
     middle: the circles are laid down in polar coordinates. ``height`` is the step's, in step-overs.
     """
     grid = np.linspace(0.0, step.length, len(step.values))
     beside = Shares(np.interp(grid, match.inner, match.outer) / match.outer[-1], step.length)
-    longer = (beside.around(grid + stepover) - beside.around(grid - stepover)) * match.outer[-1] / (2.0 * stepover)
+    longer = (
+        (beside.around(grid + stepover) - beside.around(grid - stepover)) * match.outer[-1] / (2.0 * stepover)
+    )
     radius = 1.0 / np.maximum(longer - 1.0, FLATTEST)  # of the turn, in step-overs
     best = step.values.copy()
     for reach in np.linspace(0.02, 0.9, 45):

@@ -1,7 +1,8 @@
 """Zig-zag along the border's inside, and a turn along the border itself (pattern; Region -> runs).
 
-Lines side by side are cut where they come near the border; from line to line the path follows the border. One closed
-turn half a step-over inside the border covers what the lines' ends leave; it is joined to the zig-zag without a lift.
+Lines side by side are cut where they come near the border; from line to line the path follows the border. One
+closed turn half a step-over inside the border covers what the lines' ends leave; it is joined to the zig-zag
+without a lift.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from polish_sim.spatial import unit
 # distance on the surface, not in a projection.
 
 MOST = 1.55  #: Largest distance of the first and the last line from the border [step-overs]
-REACH = 6.0  #: A line's ends are thought to go on straight for this many step-overs where its neighbour is longer
-ROUNDING = 1e-6  #: Differences below this share of a step-over, or of a length, are rounding and decide nothing
+#: A line's ends are thought to go on straight for this many step-overs where its neighbour is longer
+REACH = 6.0
+#: Differences below this share of a step-over, or of a length, are rounding and decide nothing
+ROUNDING = 1e-6
 AS_NARROW = 1e-6  #: Ways across a region that differ by less than this share of its size are equally narrow
 
 
@@ -75,8 +78,11 @@ def _short_axis(region: Region) -> Array:
 def _both_sides(
     region: Region, mesh: Triangulation, heights: Array, level: float, stepover: float, report: Report
 ) -> tuple[list[list[Curve]], float, float]:
-    """Offset the section at a height to both sides; how much is left beyond the last lines above and below [m]."""
-    middle = [Curve(line.positions, unit(line.normals), False) for line in _open(level_lines(mesh, heights, level))]
+    """Offset the section at a height to both sides; how much is left beyond the last lines above and below
+    [m]."""
+    middle = [
+        Curve(line.positions, unit(line.normals), False) for line in _open(level_lines(mesh, heights, level))
+    ]
     if not middle:
         raise PlanError(
             "lines side by side do not fit this region: none across its middle runs from border to border. "
@@ -145,7 +151,8 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
 
 
 BORDER_TURN = 0.5  #: Distance of the border turn from the border, in step-overs
-GIVES_WAY = 0.5  #: A line this much too near to a border in passing bends round it, in step-overs; else it is cut
+#: A line this much too near to a border in passing bends round it, in step-overs; else it is cut
+GIVES_WAY = 0.5
 SHORTEST = 0.3  #: A piece of a line shorter than this many step-overs is left out
 LEAD = 1.2  #: Step-overs over which the border turn leads over into a line that runs the same way
 LATER = 0.4  #: How much further on the border turn begins where it ends by leading over [step-overs]
@@ -165,7 +172,10 @@ def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
     turns, ends = (_inside(request, borders, distance * stepover) for distance in (BORDER_TURN, ENDS))
     lines = _parallel_lines(request)
     pieces = [
-        p for number, row in enumerate(lines) for line in row for p in _cut(number, line, borders, ends, stepover)
+        p
+        for number, row in enumerate(lines)
+        for line in row
+        for p in _cut(number, line, borders, ends, stepover)
     ]
     strokes = walk(pieces, ends, stepover, request.plan.start)
     runs = _with_turns(strokes, turns, stepover)
@@ -175,13 +185,17 @@ def raster_runs(request: PatternRequest) -> list[SurfaceRun]:
 def _inside(request: PatternRequest, borders: Sequence[Curve], distance: float) -> list[Curve]:
     """Closed curves at a distance from all borders, the longest first."""
     mesh = request.mesh
-    values = np.minimum(distance_to(mesh, np.arange(len(mesh.vertices)), borders, 3.0 * distance), 3.0 * distance)
+    values = np.minimum(
+        distance_to(mesh, np.arange(len(mesh.vertices)), borders, 3.0 * distance), 3.0 * distance
+    )
     lines = [line for line in level_lines(mesh, values, distance) if line.closed]
     curves = [offset_curve(request.region.surface, borders, line, distance) for line in lines]
     return sorted(curves, key=lambda curve: -curve.length)
 
 
-def _cut(number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curve], stepover: float) -> list[LinePiece]:
+def _cut(
+    number: int, line: Curve, borders: Sequence[Curve], ends: Sequence[Curve], stepover: float
+) -> list[LinePiece]:
     """The pieces of a line that keep away from the border."""
     s = np.linspace(0.0, line.length, max(int(line.length / (0.05 * stepover) + 1e-6), 8) + 1)
     points = line.at(s)[0]
@@ -211,7 +225,8 @@ def _between(first: Array, second: Array, depth: Array) -> Array:
 
 
 def _with_turns(strokes: Sequence[ZigZag], turns: Sequence[Curve], stepover: float) -> list[Run]:
-    """Border turns joined to the strokes: one before a stroke's beginning, others where a stroke passes by."""
+    """Border turns joined to the strokes: one before a stroke's beginning, others where a stroke passes
+    by."""
     waiting, runs = list(turns), []
     for stroke in strokes:
         positions = stroke.positions
@@ -255,7 +270,9 @@ def _turn_between(turn: Curve, positions: Array, place: Array, stepover: float) 
     )
     leave, come = max(int(leave), 0), min(int(come), len(along) - 1)
     out, back = turn.nearest(positions[[leave, come]]).s
-    with_it = float(turn.tangents(np.array([out]), 0.25 * stepover)[0] @ (positions[come] - positions[leave])) > 0.0
+    with_it = (
+        float(turn.tangents(np.array([out]), 0.25 * stepover)[0] @ (positions[come] - positions[leave])) > 0.0
+    )
     if with_it:
         lap = turn.between(float(back), float(back + np.mod(out - back, turn.length)))[0][::-1]
     else:

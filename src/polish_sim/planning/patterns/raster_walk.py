@@ -37,7 +37,8 @@ class ZigZag(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Ends:
-    """Ends of the pieces on the curves along the border: piece k begins at end 2 k and stops at end 2 k + 1."""
+    """Ends of the pieces on the curves along the border: piece k begins at end 2 k and stops at end 2 k +
+    1."""
 
     curves: Sequence[Curve]
     curve: Indices  #: Which curve each end lies on, shape (n,)
@@ -58,8 +59,11 @@ class _Ends:
         return found
 
 
-def walk(pieces: Sequence[LinePiece], curves: Sequence[Curve], stepover: float, start: Sequence[float]) -> list[ZigZag]:
-    """Walk the pieces of lines, by the number of their line, turning round along the border curves on which they end.
+def walk(
+    pieces: Sequence[LinePiece], curves: Sequence[Curve], stepover: float, start: Sequence[float]
+) -> list[ZigZag]:
+    """Walk the pieces of lines, by the number of their line, turning round along the border curves on which
+    they end.
 
     The walk begins near ``start`` (3,) [m]; empty = at the first line. Each stroke ends where no piece of a
     neighbouring line begins nearby.
@@ -68,7 +72,9 @@ def walk(pieces: Sequence[LinePiece], curves: Sequence[Curve], stepover: float, 
         return []
     tips = np.concatenate([piece.positions[[0, -1]] for piece in pieces])
     feet = nearest_of(curves, tips)
-    ends = _Ends(curves, feet.curve, feet.nearest.s, cKDTree(np.concatenate([piece.positions for piece in pieces])))
+    ends = _Ends(
+        curves, feet.curve, feet.nearest.s, cKDTree(np.concatenate([piece.positions for piece in pieces]))
+    )
     waiting = set(range(len(pieces)))
     begin, heading = _first_end(pieces, tips, start)
     strokes = []
@@ -77,7 +83,8 @@ def walk(pieces: Sequence[LinePiece], curves: Sequence[Curve], stepover: float, 
         if waiting:
             lowest = min(waiting, key=lambda k: (heading * pieces[k].line, k))
             begin = min(
-                (2 * lowest, 2 * lowest + 1), key=lambda end: len(_onwards(pieces, ends, waiting, end, stepover))
+                (2 * lowest, 2 * lowest + 1),
+                key=lambda end: len(_onwards(pieces, ends, waiting, end, stepover)),
             )
     return strokes
 
@@ -134,12 +141,15 @@ def _stroke(
 
 
 def _rounded(before: Array, way: Array, after: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Round both corners of a way from line to line; what is left of the line before, the way, and the line after."""
+    """Round both corners of a way from line to line; what is left of the line before, the way, and the line
+    after."""
     length = arc_length(way)[-1]
     arm = min(radius, 0.5 * length, 0.45 * arc_length(before)[-1], 0.45 * arc_length(after)[-1])
     before, after = _without_end(before, arm), _without_end(after[::-1], arm)[::-1]
     middle = _without_end(_without_end(way, arm)[::-1], arm)[::-1]
-    turn = np.concatenate([fillet(before[-1], way[0], middle[0]), middle, fillet(middle[-1], way[-1], after[0])])
+    turn = np.concatenate(
+        [fillet(before[-1], way[0], middle[0]), middle, fillet(middle[-1], way[-1], after[0])]
+    )
     return before, turn, after
 
 

@@ -26,7 +26,8 @@ SHARPENING = 2.0  #: How often what rounding takes off a corner is put on before
 FINE = 1.0 / 40.0  #: Spacing of the points that are smoothed, as a share of the step-over
 WHOLE = 1e-6  #: Numbers of intervals this little above a whole one count as that one: rounding
 CHORD_ERROR_M = 5e-7
-CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3  #: Equal chord error within these limits of the finished path's spacing [m]
+#: Equal chord error within these limits of the finished path's spacing [m]
+CLOSEST_M, FURTHEST_M = 2.5e-4, 1e-3
 
 
 class Run(NamedTuple):
@@ -69,12 +70,14 @@ def numbered(parts: Sequence[Array]) -> Run:
 def join(first: Run, second: Run) -> Run:
     """Two runs one after the other, without a lift."""
     return Run(
-        np.concatenate([first.positions, second.positions]), np.concatenate([first.pass_index, second.pass_index])
+        np.concatenate([first.positions, second.positions]),
+        np.concatenate([first.pass_index, second.pass_index]),
     )
 
 
 def dense(positions: Array, spacing: float, least: int = 0) -> Array:
-    """Points of a polyline no further apart than a spacing [m], its corners cut by at most half of it, (n, 3).
+    """Points of a polyline no further apart than a spacing [m], its corners cut by at most half of it, (n,
+    3).
 
     They are the ends of that many chords or more.
     """
@@ -84,7 +87,8 @@ def dense(positions: Array, spacing: float, least: int = 0) -> Array:
 
 
 def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
-    """Round the corners over half a step-over [m], space the points for equal chord error, put them on the surface."""
+    """Round the corners over half a step-over [m], space the points for equal chord error, put them on the
+    surface."""
     knots = arc_length(run.positions)
     distinct = np.concatenate([[True], np.diff(knots) > 1e-9])
     knots, positions, passes = knots[distinct], run.positions[distinct], run.pass_index[distinct]

@@ -1,7 +1,8 @@
 """One continuous spiral: nested turns joined without a lift (turns -> runs; paper 1, section 1.3, fig. 6).
 
-Turns are offset curves at multiples of the step-over from the border. The spiral goes from each to the next: within
-a short band on the first turn, which follows the border, and over more and more of the way round further in.
+Turns are offset curves at multiples of the step-over from the border. The spiral goes from each to the next:
+within a short band on the first turn, which follows the border, and over more and more of the way round
+further in.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from polish_sim.planning.patterns.run import PatternRequest, Run, SurfaceRun, fi
 from polish_sim.planning.quality.crossings import find_crossings
 from polish_sim.planning.toolpath import arc_length
 
-# Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns -> seams).
+# Where a spiral steps from turn to turn: a line across all turns that keeps away from corners (turns ->
+# seams).
 
 LONGEST, SHORTEST = 8.0, 2.5  #: Limits of the length of the first step inwards, in step-overs
 SHARE_OF_PATH = 0.03  #: The step takes this share of the whole path, within the limits
@@ -32,9 +34,10 @@ ROOM = 0.5  #: Step-overs kept between a step and a corner
 GOAL_PRICE = 1.0  #: Price of ending a step-over away from the wanted place, in steps over corners
 START_PRICE = 30.0  #: Price of beginning a step-over away from the start asked for
 ODD, OVER_CORNER = 0.1, 0.5
-"""A line across turns costs where its steps differ from a step-over by more than the first; where the path shall begin
-somewhere they may go over corners, where they are longer."""
-HEAD = 0.3  #: Where beside its first step inwards the line begins, as a share of the step: it must not touch itself
+"""A line across turns costs where its steps differ from a step-over by more than the first; where the path
+shall begin somewhere they may go over corners, where they are longer."""
+#: Where beside its first step inwards the line begins, as a share of the step: it must not touch itself
+HEAD = 0.3
 CORNER = np.radians(30.0)  #: Turning within half a step-over that counts as a corner [rad]
 SAME = 1e-6  #: Prices this close are equal; the first place along the turn wins
 
@@ -49,9 +52,10 @@ class Seams(NamedTuple):
 def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: Array, inner: Array) -> Seams:
     """Find a line across all nested turns, outermost first, along which their steps inwards avoid corners.
 
-    Lines are traced outwards from points of the innermost turn, nearest point to nearest point; outwards they never run
-    into a corner. The one furthest from corners wins. The innermost turn should end near one of ``goals`` (g, 3)
-    [m]; ``outer`` and ``inner``, (1, 3) or (0, 3) [m], are where the outermost turn shall begin and the innermost end.
+    Lines are traced outwards from points of the innermost turn, nearest point to nearest point; outwards they
+    never run into a corner. The one furthest from corners wins. The innermost turn should end near one of
+    ``goals`` (g, 3) [m]; ``outer`` and ``inner``, (1, 3) or (0, 3) [m], are where the outermost turn shall
+    begin and the innermost end.
 
     Returns beginnings and the length of the first step.
     """
@@ -81,7 +85,8 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
 
 
 def _outwards(curves: Sequence[Curve], stepover: float) -> Array:
-    """Lines from places all round the innermost turn, nearest point to nearest point; arc lengths (k, n) [m]."""
+    """Lines from places all round the innermost turn, nearest point to nearest point; arc lengths (k, n)
+    [m]."""
     count = min(CANDIDATES, max(int(curves[-1].length / (0.25 * stepover)), 8))
     lines = [np.linspace(0.0, curves[-1].length, count, endpoint=False)]
     for inner, outer in pairwise(reversed(curves)):
@@ -115,7 +120,8 @@ def _alone(curves: Sequence[Curve], stepover: float) -> list[Array]:
 
 
 def _room(curve: Curve, s: Array, corners: Array) -> Array:
-    """How far places are from the nearest of the corners of a closed curve; half its length if it has none [m]."""
+    """How far places are from the nearest of the corners of a closed curve; half its length if it has none
+    [m]."""
     if len(corners) == 0:
         return np.full(len(s), 0.5 * curve.length)
     ordered = np.sort(np.mod(corners, curve.length))
@@ -140,7 +146,8 @@ JOINING_SAME = 1e-5  #: Shares this little below nothing are nothing
 
 
 def _first_break(matches: Sequence[Match], band: float, stepover: float) -> int:
-    """Number of turns that can be joined: up to the first whose step inwards would leave the next turn's side."""
+    """Number of turns that can be joined: up to the first whose step inwards would leave the next turn's
+    side."""
     reach = 0.5 * band + JOINING_ROOM * stepover
     for i, match in enumerate(matches):
         on_step = np.zeros(len(match.beside), dtype=bool)
@@ -154,7 +161,8 @@ def _first_break(matches: Sequence[Match], band: float, stepover: float) -> int:
 def _join_turns(
     curves: Sequence[Curve], seams: Seams, matches: Sequence[Match], to_border: bool, stepover: float
 ) -> Run:
-    """Wind from the outermost of closed turns to the innermost; to_border: whether that one follows a border."""
+    """Wind from the outermost of closed turns to the innermost; to_border: whether that one follows a
+    border."""
     if not matches:
         return numbered([curves[0].between(seams.s[0], seams.s[0] + curves[0].length - GAP * stepover)[0]])
     shares = spread_shares([curve.length for curve in curves], matches, seams.band, to_border, stepover)
@@ -165,7 +173,9 @@ def _join_turns(
     return numbered(parts)
 
 
-def _round(curves: Sequence[Curve], seams: Array, matches: Sequence[Match], share_of: Shares, i: int) -> Array:
+def _round(
+    curves: Sequence[Curve], seams: Array, matches: Sequence[Match], share_of: Shares, i: int
+) -> Array:
     """Once round along a turn, drifting inwards."""
     ahead = matches[i]
     share = share_of.at(ahead.outer)
@@ -209,10 +219,10 @@ SPIRAL_SHORTEST = 1.0  #: Turns shorter than this many step-overs are left to wh
 def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     """Cover a region with spirals between its border and its middle, one where the region allows.
 
-    Spirals are laid inwards, counter-clockwise seen from outside; then what is not done yet lies on the left. Walked
-    backwards they lead outwards, and what is not done yet still lies on the left. To have it on the right (climb)
-    they are laid clockwise. Around holes they wind in and out in one stroke, except with climb: of the two ways one
-    would have it on the wrong side.
+    Spirals are laid inwards, counter-clockwise seen from outside; then what is not done yet lies on the left.
+    Walked backwards they lead outwards, and what is not done yet still lies on the left. To have it on the
+    right (climb) they are laid clockwise. Around holes they wind in and out in one stroke, except with climb:
+    of the two ways one would have it on the wrong side.
     """
     plan, mesh, stepover = request.plan, request.mesh, request.stepover
     roots, pitch, to_border = grown_turns(request)
@@ -225,8 +235,11 @@ def spiral_runs(request: PatternRequest) -> list[SurfaceRun]:
     start, nowhere = np.reshape(plan.start, (-1, 3)), np.empty((0, 3))
     lines: list[Run] = []
     if len(waiting) > 1 and len(border_curves(mesh)) > 1 and plan.direction != "climb":
-        doubled = [finish_run(request.region.surface, line, stepover) for line in double_spirals(request, roots)]
-        if doubled and not _crossings(doubled):  # on narrow or folded ground strands may be moved past each other
+        doubled = [
+            finish_run(request.region.surface, line, stepover) for line in double_spirals(request, roots)
+        ]
+        # on narrow or folded ground strands may be moved past each other
+        if doubled and not _crossings(doubled):
             return _in_order(doubled, outward)
     while waiting:
         chain = waiting.pop(0)
@@ -250,7 +263,8 @@ def _in_order(runs: list[SurfaceRun], outward: bool) -> list[SurfaceRun]:
 
 
 def _finished(request: PatternRequest, lines: Sequence[Run], longer: Sequence[Run]) -> list[SurfaceRun]:
-    """Finished runs; what was added to a line becomes one of its own, or is taken back, where it crosses something."""
+    """Finished runs; what was added to a line becomes one of its own, or is taken back, where it crosses
+    something."""
 
     def finish(line: Run) -> SurfaceRun:
         return finish_run(request.region.surface, line, request.stepover)
@@ -274,7 +288,8 @@ def _finished(request: PatternRequest, lines: Sequence[Run], longer: Sequence[Ru
 
 
 def _shortened(line: Run, begun: int, stepover: float) -> Iterator[Run]:
-    """What follows a point of a line, and the same without its first step-overs, as long as one is left of it."""
+    """What follows a point of a line, and the same without its first step-overs, as long as one is left of
+    it."""
     ahead = arc_length(line.positions[begun:])
     for skipped in range(4):
         rows = begun + np.flatnonzero(ahead >= skipped * stepover)

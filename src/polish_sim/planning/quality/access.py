@@ -31,8 +31,8 @@ SCOUTED_APART: Final = 0.25  #: Spacing of the places checked first [pad radii];
 LITTLE: Final = 0.4  #: Little room, in pad radii
 FINE: Final = 0.02  #: There, vertices closer than this [pad radii] are checked once
 TURN_INSIDE: Final = 0.45
-"""Least distance of the outermost turn from the region's border [step-overs]: the border may be that much nearer to
-a wall than the pad."""
+"""Least distance of the outermost turn from the region's border [step-overs]: the border may be that much
+nearer to a wall than the pad."""
 HOLLOW: Final = "too hollow for the pad"
 TRIM, TILT = "trim", "tilt"
 AVOID: Final = (TRIM, TILT)
@@ -86,9 +86,9 @@ class ToolRoom:
 def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan: PlanConfig) -> Access | None:
     """Find the part of a region that the tool reaches; None if it reaches all of it.
 
-    Where its middle may go it keeps a clearance from what stands beside it, pressed in as far as the pad yields; what
-    the pad touches from there is within reach. ``ground`` is the region asked for, prepared, ``region`` the same as it
-    was selected.
+    Where its middle may go it keeps a clearance from what stands beside it, pressed in as far as the pad
+    yields; what the pad touches from there is within reach. ``ground`` is the region asked for, prepared,
+    ``region`` the same as it was selected.
 
     Raises:
         PlanError: It is nothing.
@@ -158,7 +158,9 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     rows = np.flatnonzero((leaned & (least >= 0.0))[near])
     if len(rows):
         at = np.flatnonzero(near)[rows]
-        touched[pressed_from(mesh, at, leans[at], UnderPad(*(column[rows] for column in under)), room.tool)] = 1.0
+        touched[
+            pressed_from(mesh, at, leans[at], UnderPad(*(column[rows] for column in under)), room.tool)
+        ] = 1.0
     return _Reach(rooms, hollow, np.where(hollow & (least < 0.0), 0.0, touched), room.leaning)
 
 
@@ -181,20 +183,22 @@ def _refuse_nothing(least: Array, rooms: Array, hollow: Bools, ground: Ground, t
     best, diameter = int(least.argmax()), 2e3 * tool.pad.radius_m
     place, (body, beside) = place_in_mm(ground.mesh.vertices[best]), tool.pairs[int(rooms[best].argmin())]
     why = (
-        f"even at {place} it is hollow of less than {1e3 * hollow_radius(tool.pad):.3g} mm radius, which a pad of "
-        f"{diameter:.3g} mm does not follow"
+        f"even at {place} it is hollow of less than {1e3 * hollow_radius(tool.pad):.3g} mm radius, which a "
+        f"pad of {diameter:.3g} mm does not follow"
         if hollow[best]
-        else f"where it has most room, at {place}, its {body} would still come {-1e3 * least[best]:.3g} mm too close "
-        f"to the {beside} beside it (pad {diameter:.3g} mm)"
+        else f"where it has most room, at {place}, its {body} would still come {-1e3 * least[best]:.3g} mm "
+        f"too close to the {beside} beside it (pad {diameter:.3g} mm)"
     )
     frame = " Is --fixture in the part's own frame and unit?" if beside == FIXTURE else ""
     raise PlanError(
-        f"the tool reaches no place of the region: {why}. Set a smaller --pad-diameter or another --region.{frame}"
+        f"the tool reaches no place of the region: {why}. Set a smaller --pad-diameter or another "
+        f"--region.{frame}"
     )
 
 
 def _touched(ground: Ground, least: Array, radius: float) -> Array:
-    """Share of each vertex' ground the pad touches from where its middle has room: what is within a radius, (v,)."""
+    """Share of each vertex' ground the pad touches from where its middle has room: what is within a radius,
+    (v,)."""
     vertices, edges = ground.mesh.vertices, ground.mesh.edges
     roomy = least >= 0.0
     crossed = edges[roomy[edges[:, 0]] != roomy[edges[:, 1]]]

@@ -1,4 +1,5 @@
-"""Where every cm^2 of the region asked for is: polished, or left out for one reason (AskedRegion -> AreaAccount)."""
+"""Where every cm^2 of the region asked for is: polished, or left out for one reason (AskedRegion ->
+AreaAccount)."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ class AskedRegion:
 
     ground: Ground  #: All of it, prepared
     reasons: tuple[str, ...] = ()
-    why: Indices | None = None  #: Number of each vertex's reason, -1: it may be polished, shape (v,); None: all may be
+    #: Number of each vertex's reason, -1: it may be polished, shape (v,); None: all may be
+    why: Indices | None = None
     touched: Array | None = None  #: Share of each vertex's area that the pad can touch, shape (v,); None: all
     unreachable_m2: float = 0.0  #: The area it cannot touch
 
@@ -90,17 +92,20 @@ class AreaAccount:
     def notes(self) -> list[str]:
         """What is left out, why, and where."""
         return [
-            f"left out {1e4 * row.area_m2:.3g} cm^2 of the region, at {place_in_mm(row.place)} and about: {reason}"
+            f"left out {1e4 * row.area_m2:.3g} cm^2 of the region, at {place_in_mm(row.place)} and about: "
+            f"{reason}"
             for reason, row in self.left_out.items()
             if row.area_m2 > WORTH_A_NOTE * self.region_m2
         ]
 
 
-def account_for(asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Sequence[CutOut] = ()) -> AreaAccount:
+def account_for(
+    asked: AskedRegion, polished: Bools, pad: PadConfig, cuts: Sequence[CutOut] = ()
+) -> AreaAccount:
     """Sort the area of a region into rows.
 
-    What is not ``polished`` (v,) and was not left out before takes the reason of the nearest stretch within the pad's
-    radius that was left out; else it is at the region's border, or the pattern does not cover it.
+    What is not ``polished`` (v,) and was not left out before takes the reason of the nearest stretch within
+    the pad's radius that was left out; else it is at the region's border, or the pattern does not cover it.
     """
     mesh, areas, radius = asked.ground.mesh, asked.areas, pad.radius_m
     reasons = [*asked.reasons, *(cut.reason for cut in cuts), BORDER, UNCOVERED]
@@ -134,7 +139,8 @@ def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:
 
 
 def _within(sources: Array, points: Array, reach: float) -> Indices:
-    """Row of the source (k, 3) nearest to each point (n, 3), -1 where none is within reach [m], shape (n,)."""
+    """Row of the source (k, 3) nearest to each point (n, 3), -1 where none is within reach [m], shape
+    (n,)."""
     if not len(sources):
         return np.full(len(points), -1)
     found, nearest = cKDTree(sources).query(points, distance_upper_bound=reach)

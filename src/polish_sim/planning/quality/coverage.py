@@ -1,4 +1,5 @@
-"""Which places of the region the path passes within 0.55 step-overs: the strict coverage (path -> mask, shares)."""
+"""Which places of the region the path passes within 0.55 step-overs: the strict coverage (path -> mask,
+shares)."""
 
 from __future__ import annotations
 
@@ -22,11 +23,13 @@ STRICT = 0.55  #: A place counts as covered if the path passes within this many 
 CHORD = 0.15  #: Length of the chords the path is measured by, in step-overs
 
 
-SAMPLES = 100_000  #: Points on which the share of area is counted, one in each equal share of the region's area
+#: Points on which the share of area is counted, one in each equal share of the region's area
+SAMPLES = 100_000
 
 
 def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepover: float) -> Bools:
-    """Which points (k, 3) [m] are within 0.55 step-overs of a path's runs in contact, on its side of the part."""
+    """Which points (k, 3) [m] are within 0.55 step-overs of a path's runs in contact, on its side of the
+    part."""
     path = Strands(runs).sample(CHORD * stepover)
     limit = STRICT * stepover
     reach = float(np.hypot(limit, 0.5 * CHORD * stepover))
@@ -46,10 +49,11 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
 
 
 def strict_share(mesh: Triangulation, part_facets: int, runs: Sequence[Curve], stepover: float) -> float:
-    """Share of the region's area, 0 to 1, within 0.55 step-overs [m] of the path's runs, closed holes left out.
+    """Share of the region's area, 0 to 1, within 0.55 step-overs [m] of the path's runs, closed holes left
+    out.
 
-    Counted on points spread within every triangle: the vertices alone stand in rows, as paths do. Facets after the
-    first ``part_facets`` close holes.
+    Counted on points spread within every triangle: the vertices alone stand in rows, as paths do. Facets
+    after the first ``part_facets`` close holes.
     """
     own = np.flatnonzero(mesh.owners < part_facets)
     ends = np.cumsum(mesh.areas[own])
@@ -74,11 +78,13 @@ DONE_M = 1e-10
 
 
 def pad_depths(curvatures: Array, pad: PadConfig, force: float | Array, tilts: Array | None = None) -> Array:
-    """Depth (n,) [m] of the pad's middle at which the elastic foundation carries a force; below zero it stays off.
+    """Depth (n,) [m] of the pad's middle at which the elastic foundation carries a force; below zero it stays
+    off.
 
-    The disc of radius R is a bed of springs, K / (pi R^2) per area; over a place of principal curvatures k1, k2 (n,
-    2) [1/m], positive convex, the compression is delta - (k1 x^2 + k2 y^2) / 2 + a x + b y where that is positive, a
-    and b the tool axis' slopes along both directions, ``tilts`` (n, 2); None: it is the normal.
+    The disc of radius R is a bed of springs, K / (pi R^2) per area; over a place of principal curvatures k1,
+    k2 (n, 2) [1/m], positive convex, the compression is delta - (k1 x^2 + k2 y^2) / 2 + a x + b y where that
+    is positive, a and b the tool axis' slopes along both directions, ``tilts`` (n, 2); None: it is the
+    normal.
     """
     count = len(curvatures)
     mean_depths = np.broadcast_to(np.asarray(force, dtype=np.float64) / pad.stiffness_n_m, (count,))
@@ -97,7 +103,11 @@ def _solve(curvatures, tilts, mean_depths, springs):  # type: ignore[no-untyped-
         for q in range(len(springs)):
             x, y = springs[q, 0], springs[q, 1]
             # How far the part falls away from the pad's face.
-            falls[q] = 0.5 * (curvatures[i, 0] * x * x + curvatures[i, 1] * y * y) - tilts[i, 0] * x - tilts[i, 1] * y
+            falls[q] = (
+                0.5 * (curvatures[i, 0] * x * x + curvatures[i, 1] * y * y)
+                - tilts[i, 0] * x
+                - tilts[i, 1] * y
+            )
             highest = max(highest, falls[q])
         # The force rises convexly with the depth: Newton's method from full contact comes from above.
         depth = mean_depths[i] + highest
@@ -119,13 +129,17 @@ def _disc_points(radius: float) -> Array:
     """Points of equal area on a disc (sunflower) [m], shape (q, 2)."""
     k = np.arange(SPRINGS)
     angle = k * np.pi * (3.0 - np.sqrt(5.0))
-    return np.asarray(radius * np.sqrt((k[:, None] + 0.5) / SPRINGS) * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return np.asarray(
+        radius * np.sqrt((k[:, None] + 0.5) / SPRINGS) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    )
 
 
-# How long each place of a region is under the pad: its compressed disc carried along the path (path -> seconds).
+# How long each place of a region is under the pad: its compressed disc carried along the path (path ->
+# seconds).
 #
-# The disc moves in straight steps. Over each, the time a place lies within the disc's edge (a quadratic) and above its
-# pressed-in face (a line) is an interval known in closed form, so the times are exact for straight paths.
+# The disc moves in straight steps. Over each, the time a place lies within the disc's edge (a quadratic) and
+# above its pressed-in face (a line) is an interval known in closed form, so the times are exact for straight
+# paths.
 
 STEP = 0.1  #: Length of the pad's steps in pad radii
 CORNER = np.radians(10.0)  #: Waypoints at which the path turns by more end a step [rad]
@@ -168,13 +182,16 @@ def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Indices:
         marks = np.linspace(first, last, max(int(np.ceil((last - first) / spacing)), 1) + 1)
         near = np.searchsorted(s[stretch], marks[1:-1])
         rows.append(
-            stretch[np.unique(np.concatenate([[0], near, np.flatnonzero(corner[stretch]), [len(stretch) - 1]]))]
+            stretch[
+                np.unique(np.concatenate([[0], near, np.flatnonzero(corner[stretch]), [len(stretch) - 1]]))
+            ]
         )
     return np.concatenate(rows)
 
 
 def time_under_pad(points: Array, point_normals: Array, steps: PadSteps, radius: float) -> Array:
-    """Time each point (k, 3) [m] lies under the pad's compressed area [s], (k,); exactly zero where the pad never is.
+    """Time each point (k, 3) [m] lies under the pad's compressed area [s], (k,); exactly zero where the pad
+    never is.
 
     ``point_normals`` (k, 3) are the unit surface normals there.
     """
@@ -249,7 +266,8 @@ def _share_under(point, normal, a, b, axis, depth, radius):  # type: ignore[no-u
 
 # The time under the pad over a whole region, with its variation (Ground, path -> ExposureMap).
 
-TIMED_APART = 0.04  #: Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do
+#: Places at which the time is summed up lie this many pad radii apart, or as far as the vertices do
+TIMED_APART = 0.04
 OVER, UNDER = 2.0, 0.5  #: Over- and under-polished: longer (shorter) under the pad than this many medians
 
 

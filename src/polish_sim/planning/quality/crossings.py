@@ -1,9 +1,9 @@
 """Where a path crosses itself: segment against segment, seen along the surface normal (runs -> places).
 
-Two segments cross where they do so in the plane across their mean normal, on the same side and the same sheet of the
-part. Where they meet within a micron the later one counts as moved aside a little, all of it the same way. Pairs that
-follow each other over such places are one meeting: paths that cross there do so an odd number of times, those that only
-touch, or run together for a while and part to the side they came from, an even one.
+Two segments cross where they do so in the plane across their mean normal, on the same side and the same sheet
+of the part. Where they meet within a micron the later one counts as moved aside a little, all of it the same
+way. Pairs that follow each other over such places are one meeting: paths that cross there do so an odd number
+of times, those that only touch, or run together for a while and part to the side they came from, an even one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments_of
 from polish_sim.spatial import unit
 
-ASIDE = np.array([0.6143, 0.5517, 0.5642])  #: The way the later segment counts as moved, along no plane of a part
+#: The way the later segment counts as moved, along no plane of a part
+ASIDE = np.array([0.6143, 0.5517, 0.5642])
 
 
 def find_crossings(runs: Sequence[Curve]) -> Array:
@@ -46,7 +47,8 @@ def find_crossings(runs: Sequence[Curve]) -> Array:
 def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:
     """Pairs of segments that may meet, i < j, neighbours along the path left out.
 
-    Long segments are cut into pieces of the mean length; pieces that meet have middles within one such length.
+    Long segments are cut into pieces of the mean length; pieces that meet have middles within one such
+    length.
     """
     length = np.linalg.norm(chords.end - chords.start, axis=1)
     piece = float(length.mean())
@@ -68,7 +70,8 @@ class _Pairs(NamedTuple):
 
     places: Array  #: Where those that cross do so [m], shape (n, 3)
     across: Bools  #: Whether they cross, shape (n,)
-    meets: Bools  #: Which ends lie on the other one: the first one's start and end, the second one's, shape (4, n)
+    #: Which ends lie on the other one: the first one's start and end, the second one's, shape (4, n)
+    meets: Bools
 
 
 def _look_at(chords: Segments, i: Indices, j: Indices) -> _Pairs:
@@ -77,7 +80,9 @@ def _look_at(chords: Segments, i: Indices, j: Indices) -> _Pairs:
     mean_j = unit(chords.start_normals[j] + chords.end_normals[j])
     normal = unit(mean_i + mean_j)
     p, q = chords.start[i], chords.start[j]
-    u, v, w = (a - (a * normal).sum(axis=1)[:, None] * normal for a in (chords.end[i] - p, chords.end[j] - q, q - p))
+    u, v, w = (
+        a - (a * normal).sum(axis=1)[:, None] * normal for a in (chords.end[i] - p, chords.end[j] - q, q - p)
+    )
 
     def turn(a: Array, b: Array) -> Array:
         return np.asarray((np.cross(a, b) * normal).sum(axis=1))
@@ -97,15 +102,23 @@ def _look_at(chords: Segments, i: Indices, j: Indices) -> _Pairs:
     on_u, on_v = p + share_u * (chords.end[i] - p), q + share_v * (chords.end[j] - q)
     room = SAME_PLACE_M + _sag(chords, i) + _sag(chords, j)
     near = ((mean_i * mean_j).sum(axis=1) > 0.0) & (np.abs(((on_v - on_u) * normal).sum(axis=1)) <= room)
-    return _Pairs(0.5 * (on_u + on_v), near & crossed_i & crossed_j, near & np.concatenate([meets_i, meets_j]))
+    return _Pairs(
+        0.5 * (on_u + on_v), near & crossed_i & crossed_j, near & np.concatenate([meets_i, meets_j])
+    )
 
 
 def _chains(chords: Segments, i: Indices, j: Indices, meets: Bools) -> Ints:
-    """Label of the meeting each pair (n,) belongs to: pairs follow each other over a waypoint that lies on both."""
+    """Label of the meeting each pair (n,) belongs to: pairs follow each other over a waypoint that lies on
+    both."""
     follows, count = np.append(np.diff(chords.number) == 1, False), len(chords.number)
     code, links = i * count + j, [np.empty((0, 2), dtype=np.int64)]
     _, end_i, start_j, end_j = meets
-    for step_i, step_j, over in ((0, 1, end_j), (1, 0, end_i), (1, 1, end_i & end_j), (1, -1, end_i & start_j)):
+    for step_i, step_j, over in (
+        (0, 1, end_j),
+        (1, 0, end_i),
+        (1, 1, end_i & end_j),
+        (1, -1, end_i & start_j),
+    ):
         at = np.searchsorted(code, code + step_i * count + step_j).clip(max=len(code) - 1)
         there = over & (code[at] == code + step_i * count + step_j)
         there &= (follows[i] | (step_i == 0)) & (follows[j + min(step_j, 0)] | (step_j == 0))
@@ -114,7 +127,8 @@ def _chains(chords: Segments, i: Indices, j: Indices, meets: Bools) -> Ints:
 
 
 def _sag(chords: Segments, index: Indices) -> Array:
-    """How far a chord may stand off the surface: twice the arc's rise at the turn of its normals, and 5% [m]."""
+    """How far a chord may stand off the surface: twice the arc's rise at the turn of its normals, and 5%
+    [m]."""
     length = np.linalg.norm(chords.end[index] - chords.start[index], axis=1)
     bend = np.linalg.norm(chords.end_normals[index] - chords.start_normals[index], axis=1)
     return np.asarray(length * (0.25 * bend + 0.05))

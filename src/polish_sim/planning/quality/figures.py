@@ -21,10 +21,12 @@ from polish_sim.planning.quality.spacing import Stepover, measure_stepover, step
 from polish_sim.planning.quality.tool_room import PadInPart, find_pad_in_part
 from polish_sim.planning.toolpath import ToolPath, arc_length
 
-# How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path -> figures).
+# How suddenly a path turns: its sharpest corner in the surface, and the rate of its tool axis (path ->
+# figures).
 
 CORNER_M = 1e-3  #: A corner's angle is the one between the chords of this length before and after it [m]
-RATE_M = 1e-3  #: The axis rate is the turn over this length of the path [m]: shorter shows the digits of a file
+#: The axis rate is the turn over this length of the path [m]: shorter shows the digits of a file
+RATE_M = 1e-3
 
 
 class Peak(NamedTuple):
@@ -43,7 +45,8 @@ class AxisRate(NamedTuple):
 
 
 def _sharpest_corner(runs: Sequence[Curve]) -> Peak:
-    """Largest change of direction [rad] within the surface over 1 mm, and its place; 0 for paths shorter than 2 mm."""
+    """Largest change of direction [rad] within the surface over 1 mm, and its place; 0 for paths shorter than
+    2 mm."""
     best = Peak(0.0, runs[0].positions[0])
     for curve in runs:
         inside = (curve.knots >= CORNER_M) & (curve.knots <= curve.length - CORNER_M)
@@ -109,9 +112,10 @@ def measure_quality(
 ) -> Quality:
     """Measure a path on a region: figures by their names in the contract, SI, and maps.
 
-    path_length_m is the length in contact. The step-over [m] is planned or expected; ``process`` counts where the
-    path has no force or feed of its own; the tool may run into the whole ``part``, or the region if not given, and
-    into its ``fixture``. ``cuts`` are what was cut out of the path: reasons in the account of the region's area.
+    path_length_m is the length in contact. The step-over [m] is planned or expected; ``process`` counts where
+    the path has no force or feed of its own; the tool may run into the whole ``part``, or the region if not
+    given, and into its ``fixture``. ``cuts`` are what was cut out of the path: reasons in the account of the
+    region's area.
     """
     ground = asked.ground
     on = locate(ground, path, process)
@@ -201,7 +205,9 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
 
 def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
     corner, rate = _sharpest_corner(on.runs), quality.axis_rate.peak
-    lean = np.arctan2(np.linalg.norm(np.cross(on.axes, on.normals), axis=1), (on.axes * on.normals).sum(axis=1))
+    lean = np.arctan2(
+        np.linalg.norm(np.cross(on.axes, on.normals), axis=1), (on.axes * on.normals).sum(axis=1)
+    )
     return {
         "self_crossings": len(quality.crossings),
         "sharpest_corner_rad": corner.value,
@@ -216,12 +222,16 @@ def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
 def account_area(
     asked: AskedRegion, path: ToolPath, process: ProcessConfig, pad: PadConfig, cuts: Sequence[CutOut] = ()
 ) -> AreaAccount:
-    """Where every cm^2 of a region is after a path with ``cuts`` in it: what the pad presses on, and the rest."""
-    return account_for(asked, expose(asked.ground, locate(asked.ground, path, process), pad).times > 0.0, pad, cuts)
+    """Where every cm^2 of a region is after a path with ``cuts`` in it: what the pad presses on, and the
+    rest."""
+    return account_for(
+        asked, expose(asked.ground, locate(asked.ground, path, process), pad).times > 0.0, pad, cuts
+    )
 
 
 def part_figures(mesh: PartMesh, surface: Surface) -> dict[str, Any]:
-    """Facets of the part, how far its smooth surface stands off the middles of them, rms [m], and its area [m^2]."""
+    """Facets of the part, how far its smooth surface stands off the middles of them, rms [m], and its area
+    [m^2]."""
     area = float(surface.facet_areas.sum())
     return {"facets": len(mesh.faces), "fit_rms_m": fit_rms(mesh, surface), "part_area_m2": area}
 

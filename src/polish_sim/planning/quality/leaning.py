@@ -1,7 +1,8 @@
 """How the tool leans away from what stands beside it (room along the normals -> a lean for every place).
 
-A lean is a vector along the surface, the tangent of the angle long, the way the tool's upper end goes. It is found
-where spindle, sensor or wrist have no room and the pad has, and fades from there, so that the axis turns gradually.
+A lean is a vector along the surface, the tangent of the angle long, the way the tool's upper end goes. It is
+found where spindle, sensor or wrist have no room and the pad has, and fades from there, so that the axis
+turns gradually.
 
 A leaned pad presses with the side it leans to: its rim goes as deep as on the most hollow ground, no deeper.
 """
@@ -93,7 +94,8 @@ def _of(under: UnderPad, rows: Indices) -> UnderPad:
 
 
 def _away(room: RoomOf, places: Places, tool: Tool) -> Array:
-    """The way along the surface in which what is short of room gets more of it, unit vectors, shape (k, 3)."""
+    """The way along the surface in which what is short of room gets more of it, unit vectors, shape (k,
+    3)."""
     ways, step = perpendicular(places.axes), STEP * tool.pad.radius_m
     slope = np.zeros_like(places.axes)
     for way in (ways, np.cross(places.axes, ways)):
@@ -105,7 +107,9 @@ def _away(room: RoomOf, places: Places, tool: Tool) -> Array:
     return unit(slope)
 
 
-def _faded(mesh: Triangulation, rows: Indices, slopes: Array, away: Array, tool: Tool, steepest: float) -> Array:
+def _faded(
+    mesh: Triangulation, rows: Indices, slopes: Array, away: Array, tool: Tool, steepest: float
+) -> Array:
     """Leans of all vertices: those needed, and around them ever less, (v, 3)."""
     reach = max(FADES * tool.pad.radius_m, SHORTEST_M)
     near = cKDTree(mesh.vertices[rows])
@@ -127,7 +131,9 @@ def pressed_from(mesh: Triangulation, rows: Indices, leans: Array, under: UnderP
     """Vertices the leaned pad presses on from vertices ``rows`` (k,), leans (k, 3): the side it leans to."""
     kept = thin(mesh.vertices[rows], LEANED_APART * tool.pad.radius_m).kept
     rows, leans, under = rows[kept], leans[kept], _of(under, kept)
-    tilts = np.stack([(leans * way).sum(axis=1) for way in (under.principal, np.cross(under.normals, under.principal))])
+    tilts = np.stack(
+        [(leans * way).sum(axis=1) for way in (under.principal, np.cross(under.normals, under.principal))]
+    )
     depths = pad_depths(under.curvatures, tool.pad, tool.force, tilts.T)
     found = [np.empty(0, dtype=np.int64)]
     for row, lean, depth, near in zip(

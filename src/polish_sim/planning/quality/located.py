@@ -1,4 +1,5 @@
-"""A path beside the surface it belongs to: feet, normals, curvatures, forces and feeds (ToolPath -> PathOnSurface)."""
+"""A path beside the surface it belongs to: feet, normals, curvatures, forces and feeds (ToolPath ->
+PathOnSurface)."""
 
 from __future__ import annotations
 
@@ -53,7 +54,8 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None)
     stretches = tuple(rows for rows in every if len(rows) > 1)
     if not stretches:
         raise PlanError(
-            "no two neighbouring points of the path are in contact. Mark points as 'process', or give x,y,z,i,j,k."
+            "no two neighbouring points of the path are in contact. Mark points as 'process', or give "
+            "x,y,z,i,j,k."
         )
     positions = path.positions_work[index]
     foot = surface.closest(positions)
@@ -80,7 +82,9 @@ def with_points_between(path: ToolPath, longest: float = LONGEST_M) -> ToolPath:
     """Put points into chords in contact that are longer than wanted [m]; the polyline stays what it is."""
     chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
     pressing = path.process[1:] & path.process[:-1]
-    counts = np.where(pressing, np.maximum(np.ceil(chords / longest * (1.0 - 1e-9)), 1.0), 1.0).astype(np.int64)
+    counts = np.where(pressing, np.maximum(np.ceil(chords / longest * (1.0 - 1e-9)), 1.0), 1.0).astype(
+        np.int64
+    )
     if (counts == 1).all():
         return path
     row = np.repeat(np.arange(len(chords)), counts)
@@ -130,7 +134,9 @@ class Strands:
         self.lengths = np.array([run.length for run in runs])
         """Length of each run [m], shape (runs,)."""
         self._offsets = np.concatenate([[0.0], np.cumsum(self.lengths + _BETWEEN)[:-1]])
-        self._knots = np.concatenate([run.knots + offset for run, offset in zip(runs, self._offsets, strict=True)])
+        self._knots = np.concatenate(
+            [run.knots + offset for run, offset in zip(runs, self._offsets, strict=True)]
+        )
         self._positions = np.concatenate([run.positions for run in runs])
         self._normals = np.concatenate([run.normals for run in runs])
 
@@ -144,7 +150,9 @@ class Strands:
         share = np.where((where > self._knots[index]) & (span > 0.0), where - self._knots[index], 0.0)
         share = (share / np.where(span > 0.0, span, 1.0))[:, None]
         positions = self._positions[index] + share * (self._positions[index + 1] - self._positions[index])
-        return positions, unit(self._normals[index] + share * (self._normals[index + 1] - self._normals[index]))
+        return positions, unit(
+            self._normals[index] + share * (self._normals[index + 1] - self._normals[index])
+        )
 
     def sample(self, spacing: float) -> Samples:
         """Points no further apart than a spacing [m], three or more of each run, both ends among them."""

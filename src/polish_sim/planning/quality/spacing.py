@@ -1,4 +1,5 @@
-"""How far neighbouring turns of a path lie apart, and what step-over a foreign path was made with (runs -> figures)."""
+"""How far neighbouring turns of a path lie apart, and what step-over a foreign path was made with (runs ->
+figures)."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from polish_sim.spatial import unit
 
 SAMPLES = 8  #: Samples per step-over along the path
 OWN_STRETCH = 2.0  #: Points closer than this many step-overs along the path belong to the same turn
-FURTHEST = 2.0  #: A neighbour further away than this many step-overs is no neighbour; the coverage shows such gaps
+#: A neighbour further away than this many step-overs is no neighbour; the coverage shows such gaps
+FURTHEST = 2.0
 SHARP = np.radians(60.0)  #: Change of direction of a corner of 120 deg [rad]
 
 
@@ -31,7 +33,8 @@ class Stepover(NamedTuple):
     mean_m: float
     p95_m: float
     max_m: float
-    excluded: float  #: Share of the path left out: corners sharper than 120 deg and the last half turn of each run
+    #: Share of the path left out: corners sharper than 120 deg and the last half turn of each run
+    excluded: float
     distances_m: Array  #: All of them, shape (k,)
 
 
@@ -45,7 +48,9 @@ def measure_stepover(runs: Sequence[Curve], stepover: float) -> Stepover:
     sides = np.cross(path.normals, unit(along(path)))
     sides_of = neighbours_beside(path, sides, stepover)
     out = _corners(path) | _last_half_turns(path, sides_of)
-    found = [_refine(strands, path, beside, ~out & (beside >= 0) & ~out[beside], stepover) for beside in sides_of]
+    found = [
+        _refine(strands, path, beside, ~out & (beside >= 0) & ~out[beside], stepover) for beside in sides_of
+    ]
     return stepover_of(np.concatenate(found), float(out.mean()))
 
 
@@ -78,7 +83,8 @@ def _corners(path: Samples) -> Bools:
 
 
 def neighbours_beside(path: Samples, sides: Array, stepover: float) -> tuple[Indices, Indices]:
-    """The nearest sample of another turn on the left and on the right of each sample, -1 where there is none."""
+    """The nearest sample of another turn on the left and on the right of each sample, -1 where there is
+    none."""
     reach = FURTHEST * stepover
     grid = build_point_grid(path.points, 0.5 * reach)
     own = OWN_STRETCH * stepover
@@ -170,7 +176,8 @@ LOOP = 3.0  #: Least ratio of the distance along the path to the straight one fo
 
 
 def guess_stepover(path: ToolPath) -> float | None:
-    """Median distance between neighbouring turns of a path [m]; None if no stretch of it runs beside another."""
+    """Median distance between neighbouring turns of a path [m]; None if no stretch of it runs beside
+    another."""
     rows = [slice(first, last + 1) for first, last in stretches(path.process) if path.s[last] > path.s[first]]
     if not rows:
         return None

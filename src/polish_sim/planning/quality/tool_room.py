@@ -1,4 +1,5 @@
-"""Where the tool stands in the part: pad, shaft, spindle, sensor and wrist beside their work (path -> places)."""
+"""Where the tool stands in the part: pad, shaft, spindle, sensor and wrist beside their work (path ->
+places)."""
 
 from __future__ import annotations
 
@@ -41,8 +42,9 @@ BEHIND_PAD: Final = (
 """What stands above the pad in the model file with the head's spring at rest, up to the arm's fourth link."""
 HOLLOW_SHARE: Final = 0.2
 MOST_HOLLOW_M: Final = 0.005
-"""On hollow ground the part may stand above the pad's face by this share of its radius, and by no more than this [m]:
-the rim carries there, and with the ground more hollow than 2.5 pad radii the pad would be held off it."""
+"""On hollow ground the part may stand above the pad's face by this share of its radius, and by no more than
+this [m]: the rim carries there, and with the ground more hollow than 2.5 pad radii the pad would be held off
+it."""
 
 
 def most_hollow(pad: PadConfig) -> float:
@@ -74,8 +76,8 @@ class Standing(NamedTuple):
 
 PART, FIXTURE = "part", "fixture"
 UNSURE_M: Final = 0.003
-"""How far a part may lie otherwise in its fixture than drawn, and the arm with it: besides the clearance, the tool
-keeps this from the fixture, its pad only from what is below [m]."""
+"""How far a part may lie otherwise in its fixture than drawn, and the arm with it: besides the clearance, the
+tool keeps this from the fixture, its pad only from what is below [m]."""
 
 
 class Tool(NamedTuple):
@@ -115,7 +117,8 @@ class Tool(NamedTuple):
         return np.asarray(beyond - found.reaches)
 
     def _in_fixture(self, places: Places) -> Bools:
-        """Whether the pad is inside the fixture, far from its skin or not; of an open one nothing is inside."""
+        """Whether the pad is inside the fixture, far from its skin or not; of an open one nothing is
+        inside."""
         assert self.fixture is not None
         if self.fixture.surface.is_open:
             return np.zeros(len(places.middles), dtype=bool)
@@ -166,11 +169,13 @@ def ground_under(surface: Surface, facets: Ints, barycentric: Array) -> UnderPad
     return UnderPad(normals, bend.directions, np.stack([bend.k1, bend.k2], axis=1))
 
 
-def pressed_places(middles: Array, axes: Array, ground: UnderPad, pad: PadConfig, forces: float | Array) -> Places:
+def pressed_places(
+    middles: Array, axes: Array, ground: UnderPad, pad: PadConfig, forces: float | Array
+) -> Places:
     """The tool pressed on: the pad yields by F / k, over hollow ground or tilted by what that makes it.
 
-    Tool points (n, 3) [m] on the surface, unit axes (n, 3), forces [N], one or (n,). Ground more hollow than the pad
-    follows counts as the most it does.
+    Tool points (n, 3) [m] on the surface, unit axes (n, 3), forces [N], one or (n,). Ground more hollow than
+    the pad follows counts as the most it does.
     """
     yields = np.full(len(middles), forces / pad.stiffness_n_m)
     return Places(middles, axes, _own_heights(axes, ground, pad) + yields, yields)
@@ -182,7 +187,8 @@ RINGS = (0.25, 0.5, 0.75, 1.0)  #: Where on the pad its own place's hollow and t
 
 
 def _own_heights(axes: Array, ground: UnderPad, pad: PadConfig) -> Array:
-    """How high the place under the pad stands above its face by its curvatures and the tool's tilt [m], (n,)."""
+    """How high the place under the pad stands above its face by its curvatures and the tool's tilt [m],
+    (n,)."""
     radius = pad.radius_m
     second = np.cross(ground.normals, ground.principal)
     # A tool that lies along the part has no height of its own; it is in the part by its rim.
@@ -235,12 +241,15 @@ class PadInPart(NamedTuple):
         }
 
 
-def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig, fixture: Fixture | None = None) -> PadInPart:
+def find_pad_in_part(
+    on: PathOnSurface, part: Surface, pad: PadConfig, fixture: Fixture | None = None
+) -> PadInPart:
     """Carry the tool along the path and look for what of part and fixture stands where its bodies are.
 
-    The pad yields as far as the force presses it, F / k, and over a hollow place or tilted as far as that place's
-    curvatures and the tilt make it: what stands no higher than both together is polished, not run into, nor is what
-    the pad is in no deeper than it yields. A place more hollow than the pad follows counts as the most it does.
+    The pad yields as far as the force presses it, F / k, and over a hollow place or tilted as far as that
+    place's curvatures and the tilt make it: what stands no higher than both together is polished, not run
+    into, nor is what the pad is in no deeper than it yields. A place more hollow than the pad follows counts
+    as the most it does.
     """
     s = arc_length(on.positions)
     rows = rows_apart(on, s, CHECKED_APART * pad.radius_m)
@@ -251,7 +260,9 @@ def find_pad_in_part(on: PathOnSurface, part: Surface, pad: PadConfig, fixture: 
     way = np.where(np.diff(on.stretch_of[rows]) == 0, np.diff(s[rows]), 0.0)
     lengths = 0.5 * (np.append(way, 0.0) + np.append(0.0, way))
     hit = np.flatnonzero(found.depths)
-    bodies, beside = zip(*(tool.pairs[number] for number in found.bodies[hit]), strict=True) if len(hit) else ((), ())
+    bodies, beside = (
+        zip(*(tool.pairs[number] for number in found.bodies[hit]), strict=True) if len(hit) else ((), ())
+    )
     at = places.middles[hit], found.depths[hit], found.reaches[hit], lengths[hit]
     return PadInPart(*at, bodies, beside, pad.radius_m)
 
@@ -264,8 +275,8 @@ def pad_in_part_warning(figures: Mapping[str, Any]) -> str:
     length, place = figures["pad_in_part_length_m"], place_in_mm(np.array(figures["pad_in_part_at_m"]))
     body, beside = figures.get("pad_in_part_body") or "pad", figures.get("pad_in_part_beside") or PART
     return (
-        f"the {body} runs up to {1e3 * deepest:.3g} mm into the {beside} over {length:.3g} m of the path, worst at "
-        f"{place}"
+        f"the {body} runs up to {1e3 * deepest:.3g} mm into the {beside} over {length:.3g} m of the path, "
+        f"worst at {place}"
     )
 
 
@@ -286,7 +297,8 @@ class Intrusion(NamedTuple):
     """What is in the layers; zeros where there is nothing."""
 
     depths: Array
-    """How deep a disc stands in the part [m], shape (n,): behind the plane of a face, beside or below its edge."""
+    """How deep a disc stands in the part [m], shape (n,): behind the plane of a face, beside or below its
+    edge."""
     reaches: Array  #: How far the part reaches into a disc from its rim [m], shape (n,)
 
 
@@ -322,11 +334,15 @@ def _look(control, tree, discs, frames, deep):  # type: ignore[no-untyped-def]
             if _top_of_box(tree, node, discs.middles[i], discs.axes[i], -1.0) <= -high:
                 continue
             # What is further from the axis than what was found already adds nothing.
-            if _beside(tree, node, discs.middles[i], discs.axes[i]) >= radius - (depths[i] if deep else reaches[i]):
+            if _beside(tree, node, discs.middles[i], discs.axes[i]) >= radius - (
+                depths[i] if deep else reaches[i]
+            ):
                 continue
             if tree.right[node] >= 0:
                 one, two = tree.right[node], node + 1
-                if box_distance2(tree.low, tree.high, one, x, y, z) < box_distance2(tree.low, tree.high, two, x, y, z):
+                if box_distance2(tree.low, tree.high, one, x, y, z) < box_distance2(
+                    tree.low, tree.high, two, x, y, z
+                ):
                     one, two = two, one
                 nodes[top], nodes[top + 1] = one, two
                 top += 2
@@ -342,7 +358,8 @@ def _look(control, tree, discs, frames, deep):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _top_of_box(tree, node, middle, axis, up):  # type: ignore[no-untyped-def]
-    """Height of a box's highest corner above a disc's plane [m]; with ``up`` -1 of its lowest one, negative."""
+    """Height of a box's highest corner above a disc's plane [m]; with ``up`` -1 of its lowest one,
+    negative."""
     height = 0.0
     for k in range(3):
         corner = tree.high[node, k] if up * axis[k] > 0.0 else tree.low[node, k]
@@ -377,7 +394,10 @@ def _seen_from(patch, middle, frame, corner):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _distance_in_layer(corner, low, high, layer, cut):  # type: ignore[no-untyped-def]
     """Distance from the axis to the part of a triangle between two heights [m]; inf if there is none."""
-    if max(corner[0, 2], corner[1, 2], corner[2, 2]) <= low or min(corner[0, 2], corner[1, 2], corner[2, 2]) >= high:
+    if (
+        max(corner[0, 2], corner[1, 2], corner[2, 2]) <= low
+        or min(corner[0, 2], corner[1, 2], corner[2, 2]) >= high
+    ):
         return np.inf
     count = _cut_off(corner, 3, 1.0, low, layer)
     count = _cut_off(layer, count, -1.0, -high, cut)
@@ -417,7 +437,8 @@ def _cut_off(points, count, sign, limit, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _depth_behind(corner, radius):  # type: ignore[no-untyped-def]
-    """How deep the disc can be in the part at a face [m]: not deeper than the face is high, nor than its slope lets."""
+    """How deep the disc can be in the part at a face [m]: not deeper than the face is high, nor than its
+    slope lets."""
     highest = max(corner[0, 2], corner[1, 2], corner[2, 2])
     ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
     bx, by, bz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]

@@ -41,12 +41,25 @@ class BuiltIns(Sockets):
     def table(self) -> dict[str, Callable[..., Any]]:
         """All functions by name."""
         hidden = {"table", "close_all"}
-        words = (word for part in (BuiltIns, Sockets) for word in vars(part) if word[0] != "_" and word not in hidden)
+        words = (
+            word
+            for part in (BuiltIns, Sockets)
+            for word in vars(part)
+            if word[0] != "_" and word not in hidden
+        )
         found = {word: getattr(self, word) for word in words}
         maths = ("sin", "cos", "tan", "asin", "acos", "atan", "sqrt", "floor", "ceil", "exp")
         for name in maths:
             found[name] = _of_number(getattr(math, name))
-        for name in ("pose_trans", "pose_inv", "pose_add", "pose_sub", "pose_dist", "point_dist", "interpolate_pose"):
+        for name in (
+            "pose_trans",
+            "pose_inv",
+            "pose_add",
+            "pose_sub",
+            "pose_dist",
+            "point_dist",
+            "interpolate_pose",
+        ):
             found[name] = getattr(values, name)
         for name in ("wrench_trans", "norm", "rpy2rotvec", "rotvec2rpy"):
             found[name] = getattr(values, name)
@@ -246,7 +259,9 @@ class BuiltIns(Sockets):
         """Move in a line as ``movel``."""
         yield from self.movel(pose, a, v, 0, r)
 
-    def movec(self, pose_via: Any, pose_to: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0, mode: Any = 0) -> Waiting:
+    def movec(
+        self, pose_via: Any, pose_to: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0, mode: Any = 0
+    ) -> Waiting:
         """Move on a circle."""
         self._machine.take_robot()
         via = self._pose(pose_via)

@@ -39,7 +39,8 @@ class _Thread:
 
 
 class Machine:
-    """Runs one programme, given as text; ``tick`` comes from the clock, the rest from the ports, all in one thread.
+    """Runs one programme, given as text; ``tick`` comes from the clock, the rest from the ports, all in one
+    thread.
 
     Args:
         source: The programme, ``def`` or ``sec`` or bare statements; or what was made of it.

@@ -97,13 +97,16 @@ class _Lines:
             if token in ("(", "["):
                 depth += 1
                 if depth > DEEPEST:
-                    raise ScriptError(token.line, token.column, f"more than {DEEPEST} brackets within brackets")
+                    raise ScriptError(
+                        token.line, token.column, f"more than {DEEPEST} brackets within brackets"
+                    )
             elif token in (")", "]"):
                 depth = max(depth - 1, 0)
             elif token.type == "_NL" and (depth or before in self.OPEN_ENDED):
                 continue
             elif token.type == "SCOPE" and before not in ("_NL", ""):
-                yield type(token).new_borrow_pos("_NL", "\n", token)  # a statement may begin on another's last line
+                # a statement may begin on another's last line
+                yield type(token).new_borrow_pos("_NL", "\n", token)
             before = token.type
             yield token
 

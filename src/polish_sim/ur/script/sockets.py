@@ -57,7 +57,9 @@ class Sockets:
         """Connect; False if nobody listens, or the address is not the one the programme came from."""
         self.socket_close(socket_name)
         if address != self.client and not (address == "localhost" and self.client.startswith("127.")):
-            raise ValueError(f"sockets reach the sender of the programme, {self.client or 'none'}, not {address}")
+            raise ValueError(
+                f"sockets reach the sender of the programme, {self.client or 'none'}, not {address}"
+            )
         if len(self.lines) >= MOST_SOCKETS:
             raise ValueError(f"more than {MOST_SOCKETS} sockets")
         line = _Line(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
@@ -125,8 +127,11 @@ class Sockets:
             yield
         return None
 
-    def socket_read_binary_integer(self, size: Any, socket_name: Any = "socket_0", timeout: Any = 2.0) -> Waiting:
-        """Read integers in network order: ``[how many, first, ...]``; -1 first if they did not come. 0: no time-out."""
+    def socket_read_binary_integer(
+        self, size: Any, socket_name: Any = "socket_0", timeout: Any = 2.0
+    ) -> Waiting:
+        """Read integers in network order: ``[how many, first, ...]``; -1 first if they did not come. 0: no
+        time-out."""
         count = int(number(size))
         if not 0 < count <= MOST_INTEGERS:
             raise ValueError(f"1 to {MOST_INTEGERS} integers can be read, not {count}")
@@ -134,7 +139,9 @@ class Sockets:
         values = unpack(f">{count}i", data) if data else (0,) * count
         return List((count if data else -1, *values))
 
-    def socket_read_ascii_float(self, size: Any, socket_name: Any = "socket_0", timeout: Any = 2.0) -> Waiting:
+    def socket_read_ascii_float(
+        self, size: Any, socket_name: Any = "socket_0", timeout: Any = 2.0
+    ) -> Waiting:
         """Read ``(1.0, 2.0)``: ``[how many, first, ...]``; 0 first if they did not come."""
         count = int(number(size))
         data = yield from self._read(socket_name, timeout, lambda have: have.find(b")") + 1)

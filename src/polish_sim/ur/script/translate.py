@@ -1,7 +1,7 @@
 """From a tree of URScript to Python: functions that wait become generators, the others plain functions.
 
-A name of the programme gets a letter in front (``g_`` global, ``l_`` local, ``f_`` function, ``b_`` built-in), so that
-nothing of Python can be reached; every statement remembers its line and column.
+A name of the programme gets a letter in front (``g_`` global, ``l_`` local, ``f_`` function, ``b_``
+built-in), so that nothing of Python can be reached; every statement remembers its line and column.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ class _Translator:
     def __init__(self, built_ins: Mapping[str, Callable[..., Any]]) -> None:
         self.built_ins = built_ins
         self.routines: dict[str, _Routine] = {}
-        self.shared: dict[str, int] = {}  # variables of the programme, and the line from which on functions see them
+        # variables of the programme, and the line from which on functions see them
+        self.shared: dict[str, int] = {}
         self.lines: list[str] = []
         self.places: dict[int, tuple[int, int]] = {}
         self.here: _Routine | None = None
@@ -241,7 +242,9 @@ class _Translator:
             return getattr(self, f"_{tree.data}")(tree)
         if tree.type == "NAME":
             if tree not in self.here.own and tree not in self.shared:  # type: ignore[union-attr]
-                raise _refusal(tree, f"'{tree}' is never given a value.{did_you_mean(str(tree), self.shared)}")
+                raise _refusal(
+                    tree, f"'{tree}' is never given a value.{did_you_mean(str(tree), self.shared)}"
+                )
             return self._variable(str(tree))
         if tree.type == "NUMBER":
             return repr(_number(tree))
@@ -314,7 +317,9 @@ class _Translator:
         texts = [self._expression(argument) for argument in placed]
         if routine is not None:
             parameters = [str(parameter.children[0]) for parameter in routine.parameters]
-            needed = [str(parameter.children[0]) for parameter in routine.parameters if len(parameter.children) == 1]
+            needed = [
+                str(parameter.children[0]) for parameter in routine.parameters if len(parameter.children) == 1
+            ]
             mark, prefix, waits = "l_", "f_", routine.waits
         else:
             if name not in self.built_ins:
