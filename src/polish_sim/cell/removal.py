@@ -160,7 +160,7 @@ def place_nodes(surface: Surface, region: Region, part: RealPart, touch: Touch, 
         own[0][lost] += own[0][next_to] - mesh.vertices[next_to]
         own[1][lost] = own[1][next_to]
     others = on_real_part(part.field, beside.positions, beside.normals)
-    met = others[1].any(axis=1)
+    met = np.asarray(others[1].any(axis=1))
     positions, normals = (np.concatenate([a, b[met]]) for a, b in zip(own, others, strict=True))
     return Nodes(
         mesh, PressedNodes(positions, normals, np.concatenate([mesh.vertex_areas, beside.areas[met]]))

@@ -180,9 +180,8 @@ class NpzSource:
             for start in range(0, next(iter(lengths)), BLOCK):
                 count = min(BLOCK, next(iter(lengths)) - start)
                 parts = {m: self._read(streams[m], *heads[m], count) for m in members}
-                yield Block(
-                    np.stack([parts[m][:, column] for m, column in map(self._at.get, names)], 1), start + 1
-                )  # type: ignore[misc]
+                places = (self._at[name] for name in names)
+                yield Block(np.stack([parts[m][:, column] for m, column in places], 1), start + 1)
 
     def _read(self, stream: IO[bytes], shape: tuple[int, ...], dtype: Any, count: int) -> Array:
         wide = shape[1] if len(shape) > 1 else 1
