@@ -1,6 +1,7 @@
 """A real UR10e beside the simulated one: joints without contact, force control in contact.
 
     python -m benchmarks.real_arm joints --data FOLDER            # *.npz: logs of the joints
+    python -m benchmarks.real_arm identify --data FOLDER          # its dynamics, and what it carried
     python -m benchmarks.real_arm forces --data FOLDER            # force_mode_*.npz: curves of the force
     python -m benchmarks.real_arm forces --data FOLDER --picture FILE.png
     python -m benchmarks.real_arm laws --data FOLDER              # our laws on the same steps
@@ -21,6 +22,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -40,8 +42,14 @@ from polish_sim.compare.replay import SCENARIO, Payload, commands_of, rigid_torq
 from polish_sim.compare.show import plot_steps
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
-from polish_sim.exchange.robot_log import read_robot_recording
+from polish_sim.exchange.robot_log import ColumnMap, read_robot_recording
 from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.identification.arm import arm_of_table
+from polish_sim.identification.estimate import informative, torque_error
+from polish_sim.identification.identify import fit_samples, without_gears
+from polish_sim.identification.log_file import RobotLog, read_arm_log, smooth_states
+from polish_sim.identification.payload import weigh_from_logs
+from polish_sim.identification.regressor import States
 from polish_sim.scenario_file import override
 
 UR10E: Final = "robot.arm=ur10e"
@@ -77,6 +85,37 @@ def joint_rows(data: Path) -> Iterator[Row]:
         yield Row(
             f"{LOADED[0]}, payload {named}: torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-"
         )
+
+
+IDENTIFIED: Final = (*FITTED, "ident_30s_12harm")  #: Logs a model is fitted to; checked on others held out
+
+
+def identified_rows(data: Path) -> Iterator[Row]:
+    """Torques of logs that were not fitted, by rigid links with friction by speed and by gears' friction; and
+    the payload."""
+    robot = arm_of_table("ur10e")
+    logs = [read_arm_log(data / f"{name}.npz", "ur10e", ColumnMap()) for name in IDENTIFIED]
+    torque = np.concatenate([log.torque for log in logs])
+    parts = zip(*(smooth_states(log) for log in logs), strict=True)
+    states = States(*(np.concatenate(part) for part in parts))
+    geared, rigid = (
+        fit_samples(model, states, torque) for model in (robot.model, without_gears(robot.model))
+    )
+    for name in (name for name in HELD_OUT if name not in IDENTIFIED):
+        log = read_arm_log(data / f"{name}.npz", "ur10e", ColumnMap())
+        held = smooth_states(log)
+        measured = np.where(informative(held), log.torque, np.nan)
+        both = [100.0 * torque_error(fit.torque(held), measured) for fit in (geared, rigid)]
+        for j, (ours, plain) in enumerate(zip(*both, strict=True), 1):
+            yield Row(f"{name}, joint {j}: torque NRMS [%]", f"{ours:.3g}", f"{plain:.3g}")
+    whole = RobotLog(np.arange(len(torque)), states.q, torque), states
+    log = read_arm_log(data / f"{LOADED[0]}.npz", "ur10e", ColumnMap())
+    loaded = log, smooth_states(log)
+    masses = (
+        weigh_from_logs(replace(robot, model=fit.model), whole, loaded).figures for fit in (geared, rigid)
+    )
+    given = (f"{found['payload_mass_kg']:.3f} +- {found['payload_mass_std_kg']:.3f}" for found in masses)
+    yield Row(f"payload of {LOADED[1].mass} kg: mass found [kg]", *given)
 
 
 def _own_torques(scenario: Scenario, data: Path, name: str) -> Row:
@@ -280,13 +319,20 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("joints", "forces", "laws", "mass", "fit"))
+    parser.add_argument("what", choices=("joints", "identify", "forces", "laws", "mass", "fit"))
     parser.add_argument("--data", type=Path, required=True, help="folder of the published data")
     parser.add_argument("--picture", type=Path, help="forces: curve on curve")
     given = parser.parse_args()
     curves: list[tuple[str, ForceStep, ForceStep]] = []
-    rows = {"joints": joint_rows, "laws": law_rows, "mass": mass_rows, "fit": fit_rows}
+    rows = {
+        "joints": joint_rows,
+        "identify": identified_rows,
+        "laws": law_rows,
+        "mass": mass_rows,
+        "fit": fit_rows,
+    }
     made = force_rows(given.data, curves) if given.what == "forces" else rows[given.what](given.data)
-    print_rows(f"A real UR10e: {given.what}", made, ("simulated", "measured"))
+    sides = ("gears' friction", "by speed") if given.what == "identify" else ("simulated", "measured")
+    print_rows(f"A real UR10e: {given.what}", made, sides)
     if given.picture and curves:
         plot_steps(curves, "UR's force mode and force-mode").savefig(given.picture)

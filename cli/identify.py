@@ -13,6 +13,8 @@ from polish_sim.cli.output_folder import claimed
 from polish_sim.errors import InputError, count_text, leave_out
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from polish_sim.analysis.claim import Claim
     from polish_sim.cli.outcome import Outcome
     from polish_sim.config import RobotConfig
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from polish_sim.identification.payload import Weighed
     from polish_sim.identification.regressor import States
     from polish_sim.identification.settings import IdentifySettings
+
+    RunReader = Callable[[Path, LoggedRobot], tuple[RobotLog, States]]
 
 PANEL: Final = "Identification"
 FULL_PERIODS: Final = 5
@@ -39,6 +43,10 @@ SETTINGS: Final = ("periods", "starts", "seed", "payload")
         "docs/identification.md.", Path),
     Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float),
     Own("--model", PANEL, "FILE.xml", "MJCF of the robot of --data; without it the cell's arm.", Path),
+    Own("--arm", PANEL, "NAME", "The robot of --data: a bare arm of this make, ur5e or ur10e, its gears' "
+                                "friction fitted along; any log that compare reads, of torques or currents."),
+    Own("--map", PANEL, "FILE.toml", "With --arm: names of columns and units; docs/how_to_log.md.", Path),
+    Own("--run", PANEL, "NAME", "With --arm: which of several runs in an npz."),
     Own("--joints", PANEL, "NAMES", "Joints of --model that make the chain, with commas; default: all."),
     Own("--task", PANEL, "PLAN", "What the model is for: a plan or path, a run's folder, or joint positions "
                                  "over time (csv, npz).", Path),
@@ -53,7 +61,7 @@ SETTINGS: Final = ("periods", "starts", "seed", "payload")
 def identify(given: Given) -> int:
     """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a
     model."""
-    data, loaded, period = given["--data"], given["--payload-data"], given["--period"]
+    data, loaded = given["--data"], given["--payload-data"]
     _refuse_idle(given)
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.identification.settings import IdentifySettings
@@ -65,9 +73,9 @@ def identify(given: Given) -> int:
         return 0
     with claimed(given["--out"], "identify", given["--overwrite"]) as folder:
         if data is not None:
-            outcome = from_log(_robot(given), data, loaded, period, folder.draft)
+            outcome = from_log(_robot(given), data, loaded, _reader(given), folder.draft)
         elif loaded is not None:
-            outcome = weigh_alone(_robot(given), loaded, period, folder.draft)
+            outcome = weigh_alone(_robot(given), loaded, _reader(given), folder.draft)
         else:
             outcome = simulated(settings, folder.draft, given["--task"])
     return outcome.finish(folder.final, check=bool(given["--check"]))
@@ -107,12 +115,25 @@ def _refuse_idle(given: Given) -> None:
         raise InputError("--model belongs to --data or --report: what is simulated is the cell's arm.")
     if given["--joints"] is not None and model is None:
         raise InputError("--joints belongs to --model: the cell's arm has its six.")
+    _refuse_idle_arm(given)
+
+
+def _refuse_idle_arm(given: Given) -> None:
+    arm, of_arm = given["--arm"], [name for name in ("--map", "--run") if given[name] is not None]
+    if arm is None and of_arm:
+        raise InputError(f"{of_arm[0]} belongs to --arm.")
+    if arm is not None and given["--model"] is not None:
+        raise InputError("--arm and --model both name the robot: leave one out.")
+    if arm is not None and not given["--report"] and (given["--data"] or given["--payload-data"]) is None:
+        raise InputError("--arm belongs to --data or --report; a simulated one is --set robot.arm=NAME.")
 
 
 def _robot(given: Given) -> LoggedRobot:
     """The robot of ``--model`` and ``--joints``, or the cell's arm."""
-    from polish_sim.identification.arm import cell_arm, robot_of_file
+    from polish_sim.identification.arm import arm_of_table, cell_arm, robot_of_file
 
+    if given["--arm"] is not None:
+        return arm_of_table(given["--arm"])
     if given["--model"] is None:
         return cell_arm()
     joints = given["--joints"]
@@ -151,13 +172,8 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
     return tuple(c._replace(high=ELASTIC) if c.figure == "nrms_heldout_mean" else c for c in claims) + GEARS
 
 
-def from_log(
-    robot: LoggedRobot, file: Path, loaded: Path | None, period: float | None, draft: Path
-) -> Outcome:
-    """Identify a robot, and what it carries in a second log, from its own logs, and write its folder.
-
-    ``period``: after which the motion of both repeats [s]; None if it does not.
-    """
+def from_log(robot: LoggedRobot, file: Path, loaded: Path | None, read: RunReader, draft: Path) -> Outcome:
+    """Identify a robot, and what it carries in a second log, from its own logs, and write its folder."""
     from polish_sim.cli.outcome import Outcome
     from polish_sim.identification.folder import write_folder
     from polish_sim.identification.identify import identify_from_log
@@ -166,17 +182,22 @@ def from_log(
 
     with console.progress() as observer:
         observer.stage("read the log")
-        run = read_run(file, robot, period)
+        run = read(file, robot)
         observer.stage("fit the model")
         found = identify_from_log(robot, *run)
         if loaded is not None:
-            weighed = weigh_from_logs(robot, run, read_run(loaded, robot, period))
+            weighed = weigh_from_logs(robot, run, read(loaded, robot))
             found = replace(found, weighed=weighed, figures=found.figures | weighed.figures)
         observer.stage("draw")
-        write_folder(draft, found, robot.file)
+        write_folder(draft, found, robot.source)
     show(found)
     title = f"identification from {file.name}"
-    return Outcome(IDENTIFY["data"], title, {"this robot": found.figures}, notes=doubts(found))
+    return Outcome(
+        IDENTIFY["data" if robot.model.load is None else "gears"],
+        title,
+        {"this robot": found.figures},
+        notes=doubts(found),
+    )
 
 
 def doubts(found: Identification) -> tuple[str, ...]:
@@ -206,9 +227,10 @@ def show_identifiable(robot: LoggedRobot) -> None:
 def show(found: Identification) -> None:
     """Print friction, rotors and offsets, how well the rest is known, and the payload."""
     from polish_sim.identification.folder import rows_of
+    from polish_sim.identification.regressor import WAVES
 
     rows = rows_of(found)
-    alone = [row for row in rows if row.identifiable in ("alone", "gear")]
+    alone = [row for row in rows if row.identifiable in ("alone", "gear") and row.name[:3] not in WAVES]
     table = [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", _or_dash(r.true_value)] for r in alone]
     console.table("parameters identified alone", ["parameter", "unit", "value", "std", "true"], table)
     console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
@@ -220,18 +242,32 @@ def _or_dash(value: float) -> str:
     return "-" if value != value else f"{value:.5g}"
 
 
-def read_run(file: Path, robot: LoggedRobot, period: float | None) -> tuple[RobotLog, States]:
-    """A robot's log and its states."""
-    from polish_sim.identification.log_file import periodic_states, read_robot_log, spline_states
-
-    chain = robot.model.chain
-    log = read_robot_log(
-        file, chain.geometry.kind.tolist(), period, () if robot.file is None else chain.joints
+def _reader(given: Given) -> RunReader:
+    """How a robot's logs become samples and states, by ``--period``, ``--arm`` and its columns."""
+    from polish_sim.exchange.robot_log import ColumnMap, read_column_map
+    from polish_sim.identification.log_file import (
+        periodic_states,
+        read_arm_log,
+        read_robot_log,
+        smooth_states,
     )
-    return log, spline_states(log) if period is None else periodic_states(log, period)
+
+    period, arm = given["--period"], given["--arm"]
+    columns = read_column_map(given["--map"]) if given["--map"] else ColumnMap()
+
+    def read(file: Path, robot: LoggedRobot) -> tuple[RobotLog, States]:
+        chain = robot.model.chain
+        if arm is not None:
+            log = read_arm_log(file, arm, columns, given["--run"] or "")
+        else:
+            joints = () if robot.source is None else chain.joints
+            log = read_robot_log(file, chain.geometry.kind.tolist(), period, joints)
+        return log, smooth_states(log) if period is None else periodic_states(log, period)
+
+    return read
 
 
-def weigh_alone(robot: LoggedRobot, file: Path, period: float | None, draft: Path) -> Outcome:
+def weigh_alone(robot: LoggedRobot, file: Path, read: RunReader, draft: Path) -> Outcome:
     """Find a payload from one log, the robot's model believed as it is, and write the folder."""
     from polish_sim.analysis.run_record import METRICS, package_versions, write_json
     from polish_sim.cli.outcome import Outcome
@@ -241,7 +277,7 @@ def weigh_alone(robot: LoggedRobot, file: Path, period: float | None, draft: Pat
 
     with console.progress() as observer:
         observer.stage("read the log")
-        run = read_run(file, robot, period)
+        run = read(file, robot)
         observer.stage("fit the payload")
         weighed = weigh_from_logs(robot, None, run)
     write_payload(draft, weighed)

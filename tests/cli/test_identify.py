@@ -12,8 +12,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from polish_sim.arms import arm_table
 from polish_sim.cli.identify import asked_of
 from polish_sim.config import RobotConfig
+from polish_sim.identification.arm import arm_of_table
 from polish_sim.identification.excitation import random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel
@@ -94,6 +96,10 @@ def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:
         ),
         (["--report", "--out", "id"], "--out would change nothing with --report"),
         (["--joints", "a"], "--joints belongs to --model"),
+        (["--run", "a", "--data", "log.npz"], "--run belongs to --arm"),
+        (["--arm", "ur10e"], "--arm belongs to --data or --report"),
+        (["--arm", "ur11", "--report"], "unknown arm 'ur11'"),
+        (["--arm", "ur5e", "--data", "log.npz", "--model", "a.xml"], "both name the robot"),
         (["--set", "head.mass_kg=1"], "--set head.mass_kg=1 would change nothing in 'identify'"),
         (["--set", "robot.arm=ur10"], "unknown robot.arm 'ur10'"),
         (["--report", "--set", "robot.arm=ur5e"], "--set would change nothing with --report"),
@@ -180,3 +186,26 @@ def test_a_joint_that_stood_still_is_named(polish_sim: Tool, tmp_path: Path) -> 
     assert call.code == 2
     assert "wrist_2_joint did not move" in call.err
     assert not Path("found").exists()
+
+
+def test_a_log_of_currents_identifies_a_make_of_arm_with_its_gears(polish_sim: Tool, tmp_path: Path) -> None:
+    robot, known = arm_of_table("ur10e"), known_robot()
+    states = played(known.motion, 2)
+    torque = robot.model.torque(states, robot.model.truth())
+    torque += np.random.default_rng(904).normal(size=torque.shape) * SIGMA
+    current = torque / np.array(arm_table("ur10e").torque_constants)
+    columns = {"time_s": np.arange(len(torque)) / RATE, "q_rad": states.q, "current_a": current}
+    np.savez(tmp_path / "log.npz", **columns)
+    call = polish_sim("identify", "--data", tmp_path / "log.npz", "--arm", "ur10e", "--out", "found")
+    assert call.code == 0, call.err
+    figures = _metrics("found")
+    assert len(figures["nrms_heldout_rigid"]) == 6
+    model = mujoco.MjModel.from_xml_path("found/identified.xml")
+    assert model.body_mass.sum() == pytest.approx(robot.model.chain.parameters[:, 0].sum(), rel=0.5)
+    assert model.njnt == 6
+    # Without currents and torques there is nothing to fit.
+    np.savez(tmp_path / "bare.npz", time_s=columns["time_s"], q_rad=states.q)
+    call = polish_sim("identify", "--data", tmp_path / "bare.npz", "--arm", "ur10e", "--out", "none")
+    assert call.code == 2
+    assert "torque_nm" in call.err
+    assert not Path("none").exists()

@@ -9,9 +9,10 @@ import pytest
 
 from polish_sim.config import RobotConfig
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.arm import LoggedRobot, build_arm, play_states
+from polish_sim.identification.arm import LoggedRobot, arm_of_table, build_arm, play_states
 from polish_sim.identification.identify import Identification, identify_from_log, run_identification
-from polish_sim.identification.log_file import read_robot_log, spline_states
+from polish_sim.identification.log_file import RobotLog, read_robot_log, spline_states
+from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import FULL, States
 from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
 from polish_sim.scenario_file import override
@@ -85,3 +86,38 @@ def test_a_joint_that_rests_at_the_end_of_the_log_is_named(tmp_path: Path) -> No
     end = played(KNOWN.with_still(slice(2, 3)), 1)
     with pytest.raises(IdentificationError, match="no usable torque of elbow_joint"):
         _identified(tmp_path, joined(MOTION, end))
+
+
+GEARED = arm_of_table("ur10e")
+SHARES = np.array([0.05, 0.06, 0.07, 0.04, 0.03, 0.05])
+CARRIED = 2.8
+
+
+def _geared_log(seed: int, carried: float = 0.0) -> tuple[RobotLog, States]:
+    """A bare UR10e whose gears rub by load, root of speed and tooth, and torques with noise."""
+    chain = GEARED.model.chain
+    rubbing = np.array([[20.0, 9.0, 4.0, 0.5, 0.5, 0.3], SHARES, *[[0.2, 0.1, 0.1, 0.06, 0.1, 0.1]] * 4])
+    links = chain.parameters.copy()
+    links[5, 0] += carried
+    planted = np.concatenate([links.ravel(), GEARED.model.truth()[60:-36], rubbing.ravel()])
+    noise = np.random.default_rng(seed).normal(size=MOTION.q.shape) * SIGMA
+    time = np.arange(len(MOTION.q)) * (20.0 / len(MOTION.q))
+    return RobotLog(time, MOTION.q, GEARED.model.torque(MOTION, planted) + noise), MOTION
+
+
+def test_gears_that_rub_by_load_are_found_and_predicted_better_than_by_speed_alone() -> None:
+    found = identify_from_log(GEARED, *_geared_log(901))
+    columns = [found.model.names.index(f"fl{joint}") for joint in range(1, 7)]
+    at = np.searchsorted(found.base.columns, columns)
+    assert np.all(np.abs(found.found.theta[at] - SHARES) < 3.5 * found.found.std[at])
+    assert np.all(found.found.std[at[:3]] < 0.005)
+    figures = found.figures
+    assert np.all(np.array(figures["nrms_heldout"]) < np.array(figures["nrms_heldout_rigid"]))
+    # What is left is the noise: nothing of the gears is.
+    assert max(figures["residual_over_noise_heldout"]) < 1.1
+
+
+def test_what_geared_joints_carry_is_weighed_within_its_interval() -> None:
+    empty, loaded = _geared_log(902), _geared_log(903, CARRIED)
+    figures = weigh_from_logs(GEARED, empty, loaded).figures
+    assert abs(figures["payload_mass_kg"] - CARRIED) < 3.0 * figures["payload_mass_std_kg"]

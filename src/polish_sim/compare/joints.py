@@ -30,20 +30,11 @@ class JointComparison(NamedTuple):
     figures: dict[str, Any]
 
 
-def measured_torques(scenario: Scenario, log: RobotRecording) -> Array:
-    """Torques of a log, (n, 6): its own, or its currents by the arm's torque constants; (0, 6) if it has
-    neither."""
-    if "torque_nm" in log.values:
-        return log.values["torque_nm"]
-    if "current_a" in log.values:
-        return np.asarray(log.values["current_a"] * arm_table(scenario.robot.arm).torque_constants)
-    return np.empty((0, 6))
-
-
 def compare_joints(scenario: Scenario, log: RobotRecording, payload: Payload) -> JointComparison:
     """Replay a log and measure both sides alike; raises as `replay`."""
     scenario = warm(scenario)
-    played, measured = replay(scenario, log, payload), measured_torques(scenario, log)
+    played = replay(scenario, log, payload)
+    measured = log.torques(arm_table(scenario.robot.arm).torque_constants)
     q = log.values["q_rad"]
     figures: dict[str, Any] = {
         "motion_delay_s": delay(log.time, q, played.q),

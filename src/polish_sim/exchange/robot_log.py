@@ -100,6 +100,15 @@ class RobotRecording(NamedTuple):
             raise InputError(f"'{file}' holds no {name}. It has: {', '.join(self.values)}. {HOW_TO_MAP}")
         return self.values[name]
 
+    def torques(self, constants: Sequence[float]) -> Array:
+        """Torques of the joints (n, 6) [N m]: its own, or its currents by ``constants`` [N m/A]; (0, 6) if it
+        has neither."""
+        if "torque_nm" in self.values:
+            return self.values["torque_nm"]
+        if "current_a" in self.values:
+            return np.asarray(self.values["current_a"] * np.array(constants))
+        return np.empty((0, 6))
+
 
 HOW_TO_MAP: Final = (
     "Name columns with --map FILE.toml: [columns] with e.g. q_rad = 'joint_{i}' (i from 0) or a list."

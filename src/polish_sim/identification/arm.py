@@ -12,18 +12,19 @@ from typing import Final
 import mujoco
 import numpy as np
 
+from polish_sim.arms import ARMS
 from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.real_arm import is_real
-from polish_sim.cell.scene import bend_links, build_scene
+from polish_sim.cell.scene import arm_spec, bend_links, build_scene
 from polish_sim.config import RealArmConfig, Scenario
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, unknown_name
 from polish_sim.identification.elastic import KnownArm, SprungHead
 from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
 from polish_sim.identification.log_file import Gears, RobotLog, read_by
-from polish_sim.identification.model_file import read_robot_model
+from polish_sim.identification.model_file import RobotSource, read_robot_model
 from polish_sim.identification.physical import Drawing
-from polish_sim.identification.regressor import FULL, States, TorqueModel
+from polish_sim.identification.regressor import FULL, WAVES, States, TorqueModel
 from polish_sim.identification.robot_model import (
     ARM_JOINTS,
     LAST_LINK,
@@ -187,13 +188,30 @@ class LoggedRobot:
 
     model: TorqueModel  #: With the parameters of its drawing
     carried: Array  #: Part of the links that is known and stays: what is welded to them, shape (n, 10)
-    file: Path | None = None  #: Its MJCF; None for the cell's arm
+    source: RobotSource = None  #: Its MJCF; None for the cell's arm
 
 
 def cell_arm() -> LoggedRobot:
     """The cell's UR5e with sensor, spindle and head."""
     arm = build_arm(FULL)
     return LoggedRobot(arm.truth, arm.carried)
+
+
+def arm_of_table(name: str) -> LoggedRobot:
+    """A make of arm without a tool, on strain-wave gears, by its table; InputError if there is none such."""
+    if name not in ARMS:
+        raise unknown_name("arm", name, ARMS)
+    robot = replace(SCENARIO.robot, arm=name)
+    spec = arm_spec(replace(SCENARIO, robot=robot))
+    for key in list(spec.keys):
+        spec.delete(key)
+    spec.delete(spec.body("tool_mount"))
+    spec.modelname = name
+    chain = read_chain(spec.compile(), ARM_JOINTS)
+    teeth = round(2.0 * robot.real.gear_ratio)  # two more than the cup inside has
+    waves = (f"{wave}{count}" for count in (teeth - 2, teeth) for wave in WAVES)
+    model = TorqueModel(chain, (*FULL, "root", "load", *waves), chain.parameters.ravel())
+    return LoggedRobot(model, np.zeros_like(chain.parameters), spec)
 
 
 def robot_of_file(file: Path, joints: Sequence[str] | None = None) -> LoggedRobot:

@@ -17,7 +17,7 @@ from polish_sim.experiments.report import save_plots
 from polish_sim.identification.estimate import INTERVAL_95
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.identify import Identification
-from polish_sim.identification.model_file import IdentifiedJoints, write_identified
+from polish_sim.identification.model_file import IdentifiedJoints, RobotSource, write_identified
 from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed, body_of
 from polish_sim.identification.physical import ParameterRow, parameter_rows, parameters_csv
 from polish_sim.tables import csv_text
@@ -26,7 +26,7 @@ PAYLOAD_FILE: Final = "payload.csv"
 PAYLOAD_COLUMNS: Final = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")
 
 
-def write_folder(folder: Path, found: Identification, source: Path | None = None) -> None:
+def write_folder(folder: Path, found: Identification, source: RobotSource = None) -> None:
     """Write all files of an identification; ``source`` is the robot's MJCF, the shipped robot's if None."""
     (folder / "parameters.csv").write_text(parameters_csv(rows_of(found)), encoding="utf-8")
     write_identified(folder, found.model.chain.joints, _joints(found), source)
@@ -53,8 +53,15 @@ def _joints(found: Identification) -> IdentifiedJoints:
         friction.get("viscous"),
         friction.get("coulomb"),
         friction.get("armature"),
-        None if found.gears is None else found.gears.loads_known().T,
+        _by_load(found, friction.get("load")),
     )
+
+
+def _by_load(found: Identification, alike: Array | None) -> Array | None:
+    """Friction by load, driving and driven: of gears whose two sides were read, or ``alike`` both ways."""
+    if found.gears is not None:
+        return found.gears.loads_known().T
+    return None if alike is None else np.stack([alike, alike])
 
 
 def write_payload(folder: Path, weighed: Weighed) -> None:

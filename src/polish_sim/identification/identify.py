@@ -296,23 +296,51 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States) -> Iden
 
     Raises IdentificationError if the motion does not excite every base parameter.
     """
-    model, base = robot.model, base_of(robot.model)
-    drawing = Drawing(model.truth(), robot.carried)
     started = time.process_time()
     cut = round(len(log.time) * (1.0 - HELD_OUT))
     fitted, kept = slice(0, cut), slice(cut, None)
-    states_fitted, torque = states.rows(fitted), log.torque[fitted]
-    sums = sum_samples(model, base, states_fitted, torque)
-    require_rank(sums, base, model)
+    model, base, found = fit_samples(robot.model, states.rows(fitted), log.torque[fitted])
     _require_moving(model, states.rows(kept))
-    found = estimate_widened(model, base, sums, states_fitted, torque)
+    drawing = Drawing(model.truth(), robot.carried)
     fit_s = time.process_time() - started
     full = fit_consistent(model, base, found, drawing)
     held_out = _hold_out_log(log, states, kept, _rigid_predictions(model, base, found, full, drawing))
     figures: dict[str, Any] = measure_fit(model, base, found, full, held_out)
+    if model.load is not None:
+        rigid = fit_samples(without_gears(model), states.rows(fitted), log.torque[fitted])
+        plain = torque_error(rigid.torque(held_out.states), held_out.measured)
+        figures |= {"nrms_heldout_rigid": plain.tolist(), "nrms_heldout_rigid_mean": float(plain.mean())}
     figures |= {"error_over_crb": None, "interval_coverage": None, "design_s": None, "fit_s": fit_s}
     figures |= {"samples": len(log.time)}
     return Identification(model, base, found, full, drawing, held_out, figures)
+
+
+class Fitted(NamedTuple):
+    """A torque model and what was found of it in samples."""
+
+    model: TorqueModel
+    base: BaseParameters
+    found: Estimate
+
+    def torque(self, states: States) -> Array:
+        """Torques of states [N m], shape (m, n)."""
+        return self.model.torque_of_base(states, self.base.columns, self.found.theta)
+
+
+def fit_samples(model: TorqueModel, states: States, torque: Array) -> Fitted:
+    """Fit a model to states (m, n) and torques (m, n) [N m].
+
+    Raises IdentificationError if they do not excite every base parameter.
+    """
+    base = base_of(model)
+    sums = sum_samples(model, base, states, torque)
+    require_rank(sums, base, model)
+    return Fitted(model, base, estimate_widened(model, base, sums, states, torque))
+
+
+def without_gears(model: TorqueModel) -> TorqueModel:
+    """The model with friction by speed alone."""
+    return replace(model, terms=FULL, load=None)
 
 
 def _require_moving(model: TorqueModel, states: States) -> None:

@@ -13,13 +13,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 
+from polish_sim.arms import arm_table
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
+from polish_sim.exchange.robot_log import HOW_TO_MAP, ColumnMap, read_robot_recording
 from polish_sim.identification.fourier import fit_fourier
 from polish_sim.identification.regressor import States
 from polish_sim.motion.serial_chain import HINGE
 from polish_sim.tables import Columns
 
+KNOTS_S: Final = 0.05  #: Between two knots of a spline [s]
 HARMONICS_FITTED = 20  #: Of the measured positions: four times what is commanded, for what the servos add
 
 
@@ -60,7 +63,7 @@ def read_by(angle: Array, step: float) -> Array:
     return np.asarray(np.round(angle / step) * step) if step > 0.0 else angle
 
 
-def spline_states(log: RobotLog, knots: float = 0.05) -> States:
+def spline_states(log: RobotLog, knots: float = KNOTS_S) -> States:
     """States of any motion: derivatives of splines of degree five fitted to its positions.
 
     ``knots``: time between knots [s]; motion faster than about three of them is smoothed away.
@@ -70,6 +73,12 @@ def spline_states(log: RobotLog, knots: float = 0.05) -> States:
     t = np.concatenate([np.repeat(log.time[0], 6), inner, np.repeat(log.time[-1], 6)])
     spline = make_lsq_spline(log.time, log.q, t, k=5)
     return States(*(np.asarray(spline(log.time, nu=order)) for order in range(3)))
+
+
+def smooth_states(log: RobotLog) -> States:
+    """States of a log by splines whose knots stand ten samples apart, and no closer than `spline_states`
+    has them."""
+    return spline_states(log, max(KNOTS_S, 10.0 * float(np.median(np.diff(log.time)))))
 
 
 TURN: Final = 2.0 * np.pi
@@ -113,11 +122,7 @@ def read_robot_log(
     columns.need(names)
     values = columns.numbers(names)
     log = RobotLog(values[:, 0], values[:, 1 : 1 + len(kinds)], values[:, 1 + len(kinds) :])
-    if len(log.time) < _LEAST_SAMPLES:
-        raise InputError(
-            f"'{file}' holds {len(log.time)} samples; an identification takes at least {_LEAST_SAMPLES}, "
-            "better 10 s at 250 Hz or more."
-        )
+    _check_count(file, log.time)
     _check_order(file, log.time, lines)
     if period is None:
         _check_steps(file, log.time, lines)
@@ -126,6 +131,28 @@ def read_robot_log(
     _check_units(file, log, q_names)
     _check_saturation(file, log, torque_names)
     return log
+
+
+def read_arm_log(file: Path, arm: str, columns: ColumnMap, run: str = "") -> RobotLog:
+    """Read a log of a make of arm in any form `read_robot_recording` knows; its torques, or its currents.
+
+    Raises:
+        InputError: As of `read_robot_recording`, or it has neither, or too few samples.
+    """
+    recording = read_robot_recording(file, ("q_rad",), columns, run)
+    torque = recording.torques(arm_table(arm).torque_constants)
+    if not len(torque):
+        raise InputError(f"'{file}' has neither torque_nm nor current_a. {HOW_TO_MAP}")
+    _check_count(file, recording.time)
+    return RobotLog(recording.time, recording.values["q_rad"], torque)
+
+
+def _check_count(file: Path, time: Array) -> None:
+    if len(time) < _LEAST_SAMPLES:
+        raise InputError(
+            f"'{file}' holds {len(time)} samples; an identification takes at least {_LEAST_SAMPLES}, "
+            "better 10 s at 250 Hz or more."
+        )
 
 
 def _check_joints(file: Path, columns: Collection[str], kinds: Sequence[int], joints: Sequence[str]) -> None:

@@ -18,6 +18,8 @@ from polish_sim.identification.robot_model import ARM_JOINTS
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import inertia_at_origin, point_inertia
 
+RobotSource = Path | mujoco.MjSpec | None
+"""A robot's MJCF: a file, or a model not yet compiled; None: the shipped robot's file."""
 BY_LOAD: Final = "friction_by_load"  #: Name of its numbers in an identified model
 ASSETS: Final = "meshes"  #: Folder beside the model with copies of its files
 _TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
@@ -76,14 +78,14 @@ def read_robot_model(file: Path) -> mujoco.MjModel:
     return _compiled(_read(file), file)
 
 
-def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None) -> str:
+def identified_xml(joints: Sequence[str], found: IdentifiedJoints, source: RobotSource = None) -> str:
     """A robot's complete MJCF with identified numbers; meshes are found where the source has them.
 
     ``found``: physically consistent, or the model would not compile; ``source``: its MJCF, the shipped
     robot's if None.
     """
-    file = source or robot_model_path()
-    spec = _read(file)
+    file = source if isinstance(source, Path) else robot_model_path()
+    spec = source.copy() if isinstance(source, mujoco.MjSpec) else _read(file)
     spec.modelname = f"{FIRST if source is None else spec.modelname}_identified"
     # What is read from a string has no folder of its own.
     beside = Path(spec.modelfiledir).resolve()
@@ -114,7 +116,7 @@ def friction_by_load(file: Path) -> Array:
 
 
 def write_identified(
-    folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: Path | None = None
+    folder: Path, joints: Sequence[str], found: IdentifiedJoints, source: RobotSource = None
 ) -> Path:
     """Write ``identified.xml`` with copies of its meshes, so that the folder may be moved; see
     `identified_xml`."""

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from polish_sim.arrays import Array
 from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_names, identifiable
-from polish_sim.identification.regressor import TorqueModel
+from polish_sim.identification.regressor import FULL, TorqueModel
 from polish_sim.motion.serial_chain import inertia_at_origin, packed
 from polish_sim.tables import csv_text
 
@@ -23,7 +23,7 @@ _FLOOR: Final = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
 _THIN: Final = 1e-9  #: Share of its size a drawn body is thickened by, so that it has a root
 _PRIOR: Final = 1.0  #: How far from the drawing parameters are expected, in sizes of the drawing's
 _LOWER: Final = np.tril_indices(4)
-_NOT_NEGATIVE: Final = ("coulomb", "viscous", "armature")
+_NOT_NEGATIVE: Final = ("coulomb", "viscous", "armature", "load")
 
 
 def pseudo_inertia(parameters: Array) -> Array:
@@ -130,6 +130,9 @@ class _ConsistentFit:
             inertia = 0.5 * float(link[[4, 6, 9]].sum())
             arm = np.sqrt(inertia * link[0])
             sizes[10 * number : 10 * number + 10] = [link[0], *[arm] * 3, *[inertia] * 6]
+        # No drawing tells of a gear's friction: it may be as large as Coulomb's.
+        friction = sizes[10 * n :].reshape(-1, n)
+        friction[len(FULL) :] = friction[:1]
         return np.asarray(_PRIOR * np.maximum(sizes, 0.1))
 
 

@@ -1,9 +1,10 @@
 """Joint torques as a linear function of their parameters: rigid links, friction, rotors, offsets (paper 3).
 
-tau = Y(q, qd, qdd) pi + diag(qd) fv + diag(tanh(qd / vs)) fc + diag(qdd) Ia + f0. Y is Newton-Euler in link
-frames: link j's wrench about its own origin is B_j pi_j, its share at joint k is s_kj . B_j pi_j, where
-s_kj = (z_k x r_kj; z_k) is the joint's screw at that origin, in the link's axes. The kernel takes complex
-numbers too, for derivatives by a complex step (`regressor_derivatives`).
+tau = Y(q, qd, qdd) pi + diag(qd) fv + diag(tanh(qd / vs)) fc + diag(qdd) Ia + f0. A strain-wave gear adds
+diag(tanh(qd / vs)) (fr sqrt|qd| + fl |T| + waves of its teeth), T the torque it passes on. Y is Newton-Euler
+in link frames: link j's wrench about its own origin is B_j pi_j, its share at joint k is s_kj . B_j pi_j,
+where s_kj = (z_k x r_kj; z_k) is the joint's screw at that origin, in the link's axes. The kernel takes
+complex numbers too, for derivatives by a complex step (`regressor_derivatives`).
 """
 
 from __future__ import annotations
@@ -185,7 +186,7 @@ class JointTerm(NamedTuple):
 
     symbol: str
     unit: str
-    value: Callable[[States], Array]  #: Shape (m, n)
+    value: Callable[[States, Array], Array]  #: Of states and torques without friction (m, n), shape (m, n)
     #: Its derivatives by the joint's position, speed and acceleration, (m, n) each
     slope: Callable[[States], States]
     truth: Callable[[SerialChain], Array]  #: What the robot's model says, shape (n,)
@@ -196,26 +197,57 @@ def _slope_of_sign(states: States) -> States:
     return States(none, (1.0 - np.tanh(states.qd / SIGN_WIDTH) ** 2) / SIGN_WIDTH, none)
 
 
+def _sign(states: States) -> Array:
+    return np.asarray(np.tanh(states.qd / SIGN_WIDTH))
+
+
+def _undefined(states: States) -> States:
+    raise NotImplementedError("motions are designed for joints without gears.")
+
+
+def _none(chain: SerialChain) -> Array:
+    return np.zeros_like(chain.damping)
+
+
 TERMS: Final[dict[str, JointTerm]] = {
     "coulomb": JointTerm(
-        "fc", "N m", lambda x: np.tanh(x.qd / SIGN_WIDTH), _slope_of_sign, lambda chain: chain.frictionloss
+        "fc", "N m", lambda x, _load: _sign(x), _slope_of_sign, lambda chain: chain.frictionloss
     ),
     "viscous": JointTerm(
-        "fv", "N m s/rad", lambda x: x.qd, lambda x: States(0.0 * x.q, np.ones_like(x.q), 0.0 * x.q),
+        "fv", "N m s/rad", lambda x, _load: x.qd, lambda x: States(0.0 * x.q, np.ones_like(x.q), 0.0 * x.q),
         lambda chain: chain.damping,
     ),
     "armature": JointTerm(
-        "Ia", "kg m^2", lambda x: x.qdd, lambda x: States(0.0 * x.q, 0.0 * x.q, np.ones_like(x.q)),
+        "Ia", "kg m^2", lambda x, _load: x.qdd, lambda x: States(0.0 * x.q, 0.0 * x.q, np.ones_like(x.q)),
         lambda chain: chain.armature,
     ),
     "offset": JointTerm(
-        "f0", "N m", lambda x: np.ones_like(x.q), lambda x: States(0.0 * x.q, 0.0 * x.q, 0.0 * x.q),
-        lambda chain: np.zeros_like(chain.damping),
+        "f0", "N m", lambda x, _load: np.ones_like(x.q),
+        lambda x: States(0.0 * x.q, 0.0 * x.q, 0.0 * x.q), _none,
     ),
+    "root": JointTerm(
+        "fr", "N m (s/rad)^0.5", lambda x, _load: _sign(x) * np.sqrt(np.abs(x.qd)), _undefined, _none
+    ),
+    "load": JointTerm("fl", "", lambda x, load: _sign(x) * np.abs(load), _undefined, _none),
 }  # fmt: skip
 """Terms a model may have beside the rigid links."""
+
+
+WAVES: Final = {"cos": np.cos, "sin": np.sin}
+
+
+def term_of(name: str) -> JointTerm:
+    """A term by its name: of `TERMS`, or a wave of a gear's teeth, ``cos202``; InputError for others."""
+    if name in TERMS:
+        return TERMS[name]
+    wave, teeth = WAVES.get(name[:3]), name[3:]
+    if wave is None or not teeth.isdecimal():
+        raise unknown_name("torque term", name, TERMS)
+    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(int(teeth) * x.q), _undefined, _none)
+
+
 FULL: Final = ("coulomb", "viscous", "armature", "offset")
-"""All of them, in the order of the model's columns."""
+"""Of rigid joints, in the order of the model's columns."""
 
 
 @dataclass(frozen=True)
@@ -224,11 +256,13 @@ class TorqueModel:
 
     chain: SerialChain
     terms: tuple[str, ...] = FULL
+    load: Array | None = (
+        None  #: Of the links, as drawn, whose torque friction by load grows with, shape (10 n,)
+    )
 
     def __post_init__(self) -> None:
         for term in self.terms:
-            if term not in TERMS:
-                raise unknown_name("torque term", term, TERMS)
+            term_of(term)
 
     @property
     def joints(self) -> int:
@@ -244,20 +278,23 @@ class TorqueModel:
     def names(self) -> tuple[str, ...]:
         """A name for every column: ``m2``, ``Ixx3``, ``fv1``."""
         links = [f"{name}{link + 1}" for link in range(self.joints) for name in LINK_PARAMETERS]
-        return (*links, *(f"{TERMS[term].symbol}{j + 1}" for term in self.terms for j in range(self.joints)))
+        return (
+            *links,
+            *(f"{term_of(term).symbol}{j + 1}" for term in self.terms for j in range(self.joints)),
+        )
 
     @property
     def units(self) -> tuple[str, ...]:
         """The unit of every column's parameter, rotations assumed."""
         return (
             *(LINK_UNITS * self.joints),
-            *(TERMS[term].unit for term in self.terms for _ in range(self.joints)),
+            *(term_of(term).unit for term in self.terms for _ in range(self.joints)),
         )
 
     def truth(self) -> Array:
         """The parameters the chain's own model has, shape (p,)."""
         return np.concatenate(
-            [self.chain.parameters.ravel(), *(TERMS[term].truth(self.chain) for term in self.terms)]
+            [self.chain.parameters.ravel(), *(term_of(term).truth(self.chain) for term in self.terms)]
         )
 
     def regressor(self, states: States) -> Array:
@@ -266,8 +303,9 @@ class TorqueModel:
         Y = np.zeros((len(states.q), n, self.columns))
         Y[:, :, : 10 * n] = rigid_regressor(self.chain.geometry, *states)
         diagonal = np.arange(n)
+        load = np.zeros_like(states.q) if self.load is None else Y[:, :, : 10 * n] @ self.load
         for number, term in enumerate(self.terms):
-            Y[:, diagonal, n * (10 + number) + diagonal] = TERMS[term].value(states)
+            Y[:, diagonal, n * (10 + number) + diagonal] = term_of(term).value(states, load)
         return Y
 
     def regressor_slopes(self, states: States) -> Array:
@@ -278,7 +316,7 @@ class TorqueModel:
         slopes[..., : 10 * n] = regressor_derivatives(self.chain.geometry, *states)
         joints = np.arange(n)
         for number, term in enumerate(self.terms):
-            for part, values in enumerate(TERMS[term].slope(states)):
+            for part, values in enumerate(term_of(term).slope(states)):
                 slopes[:, part * n + joints, joints, n * (10 + number) + joints] = values
         return slopes
 

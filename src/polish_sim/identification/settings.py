@@ -97,6 +97,10 @@ IDENTIFY: Final[Mapping[str, tuple[Claim, ...]]] = {
     # The bound on the predicted error is for the default task, random motions under the same limits.
     "task": _identify(1.3e-3, math.inf),
     "data": _IDENTIFY_DATA,
+    "gears": (
+        *_IDENTIFY_DATA,
+        Claim("nrms_heldout_rigid_mean", "friction by speed alone: residual / range", "%", 100.0),
+    ),
     "payload-data": (
         Claim("payload_mass_std_kg", "mass, std", "g", 1e3),
         Claim("payload_consistent_as_found", "a body can have these numbers as found", "", 1.0),
