@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 from xml.etree import ElementTree
 
 import mujoco
@@ -18,7 +18,7 @@ from polish_sim.identification.robot_model import ARM_JOINTS
 from polish_sim.models import robot_model_path
 from polish_sim.motion.serial_chain import inertia_at_origin, point_inertia
 
-RobotSource = Path | mujoco.MjSpec | None
+RobotSource: TypeAlias = Path | mujoco.MjSpec | None
 """A robot's MJCF: a file, or a model not yet compiled; None: the shipped robot's file."""
 BY_LOAD: Final = "friction_by_load"  #: Name of its numbers in an identified model
 ASSETS: Final = "meshes"  #: Folder beside the model with copies of its files
