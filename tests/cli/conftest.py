@@ -18,6 +18,7 @@ from polish_sim.cli.main import commands
 
 Tool = Callable[..., Any]  # called with the words of a command line
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
+UNPROVEN = ("--proof", "none")  #: Where the proof is not what is tested
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import UNPROVEN, Tool, metrics_of
 from tests.planning.test_fixture import asked, wall
 
 
@@ -25,6 +25,7 @@ def test_a_plan_says_its_fixture_inspect_and_run_take_it_and_ask_for_it_when_it_
         "20",
         "--up",
         "z",
+        *UNPROVEN,
         "--out",
         "made",
     )
@@ -39,7 +40,7 @@ def test_a_plan_says_its_fixture_inspect_and_run_take_it_and_ask_for_it_when_it_
     area = metrics_of(folder)["unreachable_area_m2"]
     assert area > 0.0
     assert metrics_of(Path("seen"))["unreachable_area_m2"] == pytest.approx(area)
-    dry = polish_sim("run", "surface", "--path", folder, "--dry-run")
+    dry = polish_sim("run", "surface", "--path", folder, *UNPROVEN, "--dry-run")
     assert dry.code == 0
     assert "fixture" in dry.err + dry.out
     monkeypatch.chdir(tmp_path)

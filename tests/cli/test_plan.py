@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.cli.conftest import Tool
+from tests.cli.conftest import UNPROVEN, Tool
 
 FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
@@ -35,7 +35,7 @@ def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None
 
 def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: Tool) -> None:
     """Round the small sphere at 100 mm/s: by the tool's limits alone it would take 8% less."""
-    ideal = ("--set", "robot.arm=ideal", "--proof", "none")  # an elastic wrist would be slowed further
+    ideal = ("--set", "robot.arm=ideal", *UNPROVEN)  # an elastic wrist would be slowed further
     words = ("--stepover", "12", "--feed", "100", *ideal)
     assert polish_sim("plan", "sphere_50", *words, "--out", "plan")[0] == 0
     assert polish_sim("run", "surface", "--path", "plan", "--feed", "100", *ideal, "--out", "run")[0] == 0
@@ -59,6 +59,7 @@ def test_options_reach_the_plan(polish_sim: Tool) -> None:
         "10",
         "--tilt-angle",
         "5",
+        *UNPROVEN,
     )
     assert polish_sim("plan", "sphere_100", *words, "--out", "plan")[0] == 0
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
@@ -70,7 +71,7 @@ def test_options_reach_the_plan(polish_sim: Tool) -> None:
 
 
 def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim: Tool) -> None:
-    code, out, _ = polish_sim("plan", "saddle", "--stepover", "40", "--reach-map", "--out", "plan")
+    code, out, _ = polish_sim("plan", "saddle", "--stepover", "40", "--reach-map", *UNPROVEN, "--out", "plan")
     assert code == 0
     assert (Path("plan") / "reach_map.png").stat().st_size > 20_000
     metrics = json.loads(Path("plan/metrics.json").read_text())
@@ -90,7 +91,10 @@ def test_a_plan_out_of_reach_says_so(polish_sim: Tool) -> None:
 
 def test_overlap_is_in_percent_of_the_pad(polish_sim: Tool) -> None:
     assert (
-        polish_sim("plan", "sphere_100", "--overlap", "70", "--pad-diameter", "40", "--out", "plan")[0] == 0
+        polish_sim(
+            "plan", "sphere_100", "--overlap", "70", "--pad-diameter", "40", *UNPROVEN, "--out", "plan"
+        )[0]
+        == 0
     )
     assert json.loads(Path("plan/path.json").read_text())["stepover_m"] == pytest.approx(0.012)
 
@@ -129,7 +133,12 @@ def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_
     code, _, err = polish_sim("plan", "rod.stl", "--pad-diameter", "50", "--out", "plan")
     assert code == 2
     assert "narrower than half the pad: 20 mm across, the pad 50 mm" in err
-    assert polish_sim("plan", "rod.stl", "--pad-diameter", "20", "--stepover", "4", "--out", "plan")[0] == 0
+    assert (
+        polish_sim("plan", "rod.stl", "--pad-diameter", "20", "--stepover", "4", *UNPROVEN, "--out", "plan")[
+            0
+        ]
+        == 0
+    )
 
 
 def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim: Tool) -> None:
@@ -172,7 +181,7 @@ def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allow
     plate = trimesh.creation.box((160.0, 120.0, 20.0)).apply_translation([0, 0, -10])
     trimesh.boolean.union([plate, wall], engine="manifold").export("walled.stl")
     words = ("--region", "point:0,0,0", "--up", "z", "--pad-diameter", "12", "--stepover", "12")
-    assert polish_sim("plan", "walled.stl", *words, "--out", "plan")[0] == 0
+    assert polish_sim("plan", "walled.stl", *words, *UNPROVEN, "--out", "plan")[0] == 0
     run = [
         "run",
         "surface",
@@ -182,6 +191,7 @@ def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allow
         "50",
         "--set",
         "process.max_feed_s=0.5",
+        *UNPROVEN,
         "--out",
         "run",
     ]
@@ -203,7 +213,10 @@ def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_th
         both = [hole.apply_translation([x, 0, 0]), sink.apply_translation([x, 0, 6.001])]
         plate = trimesh.boolean.difference([plate, *both], engine="manifold")
     plate.export("plate.stl")
-    assert polish_sim("plan", "plate.stl", "--up", "z", "--edge-margin", "20", "--out", "plan")[0] == 0
+    assert (
+        polish_sim("plan", "plate.stl", "--up", "z", "--edge-margin", "20", *UNPROVEN, "--out", "plan")[0]
+        == 0
+    )
     metrics = json.loads(Path("plan/metrics.json").read_text())
     assert metrics["bridged_holes"] == 3
     assert metrics["region_area_m2"] == pytest.approx(0.120 * 0.060 - 3 * np.pi * 0.006**2, rel=0.01)
@@ -225,7 +238,7 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> Non
     cap = trimesh.creation.icosphere(subdivisions=4, radius=80.0)
     cap.update_faces(cap.triangles_center[:, 2] > 80.0 * np.cos(np.radians(75.0)))
     cap.export("cap.stl")
-    code, out, err = polish_sim("plan", "cap.stl", "--stepover", "30", "--out", "plan")
+    code, out, err = polish_sim("plan", "cap.stl", "--stepover", "30", *UNPROVEN, "--out", "plan")
     assert code == 0, err
     figures = json.loads(Path("plan/metrics.json").read_text())
     # Spherical caps of 46 and about 75 deg.
@@ -243,7 +256,7 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> Non
 def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim: Tool) -> None:
     # First and last turn half a step-over from the borders of a ring 40 mm wide: 25 mm to share out, by 12.5.
     trimesh.creation.annulus(20.0, 60.0, 10.0, sections=120).export("ring.stl")
-    code, out, err = polish_sim("plan", "ring.stl", "--stepover", "15", "--out", "plan")
+    code, out, err = polish_sim("plan", "ring.stl", "--stepover", "15", *UNPROVEN, "--out", "plan")
     assert code == 0, err
     apart = 1e3 * json.loads(Path("plan/metrics.json").read_text())["stepover_mean_m"]
     assert 11.5 < apart < 14.0

@@ -19,7 +19,7 @@ from polish_sim.cli.main import commands
 from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
 from polish_sim.models import workpiece_path
-from tests.cli.conftest import PROGRAM, Tool
+from tests.cli.conftest import PROGRAM, UNPROVEN, Tool
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
 PANELS = ("Part and region:", "Path:", "Landing and tool axis:", "Tool and process:", "Config:", "Output:")
@@ -88,7 +88,7 @@ def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
         "--edge-margin",
         "3",
     )
-    code, out, err = polish_sim("plan", "sphere_50", "--stepover", "20", *words, "--out", "plan")
+    code, out, err = polish_sim("plan", "sphere_50", "--stepover", "20", *words, *UNPROVEN, "--out", "plan")
     assert code == 0, err
     assert "through the air, leads included" in out
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
@@ -113,6 +113,7 @@ def test_a_dry_run_takes_the_same_options_checks_the_reach_and_writes_nothing(
         "tangent",
         "--tilt-angle",
         "4",
+        *UNPROVEN,
         "--dry-run",
     )
     code, out, err = polish_sim("run", "surface", "--part", "sphere_50", *words)
@@ -126,13 +127,14 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The plan of a user's own part, which lies beside it."""
     folder = tmp_path_factory.mktemp("planned")
     (folder / "mine.stl").write_bytes(workpiece_path("sphere_50").read_bytes())
-    words = ["plan", str(folder / "mine.stl"), "--stepover", "10", "--out", str(folder / "plan")]
+    words = ["plan", str(folder / "mine.stl"), "--stepover", "10", *UNPROVEN]
+    words += ["--out", str(folder / "plan")]
     assert execute(commands, words) == 0
     return folder / "plan"
 
 
 def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(polish_sim: Tool, plan: Path) -> None:
-    code, _, err = polish_sim("run", "surface", "--path", plan, *QUICK, "--out", "run")
+    code, _, err = polish_sim("run", "surface", "--path", plan, *QUICK, *UNPROVEN, "--out", "run")
     assert code == 0, err
     config = Path("run/config.toml").read_text()
     assert f'file = "{plan.parent / "mine.stl"}"' in config
@@ -168,14 +170,16 @@ def test_a_plan_of_a_part_that_is_not_there_any_more_asks_where_it_is(
     code, _, err = polish_sim("run", "surface", "--path", "plan", "--dry-run")
     assert code == 2
     assert "--part" in err
-    found = ("--part", plan.parent / "mine.stl", "--dry-run")
+    found = ("--part", plan.parent / "mine.stl", *UNPROVEN, "--dry-run")
     assert polish_sim("run", "surface", "--path", "plan", *found)[0] == 0
 
 
 def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_check(
     polish_sim: Tool, tmp_path: Path
 ) -> None:
-    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", *QUICK, "--check", "--out", "run")
+    code, _, err = polish_sim(
+        "run", "surface", "--part", "sphere_50", *QUICK, *UNPROVEN, "--check", "--out", "run"
+    )
     assert code == 1, err
     assert {"path.csv", "path.json", "path.png", "force.png"} <= {
         f.name for f in (tmp_path / "run").iterdir()

@@ -31,7 +31,7 @@ from polish_sim.page.page import page_html, read_page, tables_page
 from polish_sim.scenario_file import merge, override
 from polish_sim.scoring import BATTERY, user_entry
 from polish_sim.spatial import apply, inverse
-from tests.cli.conftest import in_browser
+from tests.cli.conftest import UNPROVEN, in_browser
 from tests.planning.shapes import shipped_plan
 
 LARGEST = 4_000_000
@@ -385,7 +385,9 @@ def test_many_seeds_have_bands_from_the_least_to_the_largest(surface: Made, hard
 
 
 def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim: Callable[..., Any]) -> None:
-    code, out, err = polish_sim("plan", "sphere_100", "--stepover", "20", "--feed", "40", "--out", "plan")
+    code, out, err = polish_sim(
+        "plan", "sphere_100", "--stepover", "20", "--feed", "40", *UNPROVEN, "--out", "plan"
+    )
     assert code == 0, err
     assert "to look at in a browser: plan/report.html" in out
     page, figures = read_page(Path("plan", PAGE)), read_json(Path("plan", "metrics.json"))

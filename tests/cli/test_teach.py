@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polish_sim.exchange import read_path
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import UNPROVEN, Tool, metrics_of
 
 SHORT = ("--set", "hand.off_s=2")
 
@@ -74,6 +74,7 @@ def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
         "taught/taught.csv",
         "--set",
         "process.max_feed_s=4",
+        *UNPROVEN,
         "--out",
         "polished",
     )
