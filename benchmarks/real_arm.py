@@ -42,12 +42,12 @@ from polish_sim.compare.replay import SCENARIO, Payload, commands_of, rigid_torq
 from polish_sim.compare.show import plot_steps
 from polish_sim.config import Scenario
 from polish_sim.errors import PolishSimError
-from polish_sim.exchange.robot_log import ColumnMap, read_robot_recording
+from polish_sim.exchange.robot_log import read_robot_recording
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.identification.arm import arm_of_table
 from polish_sim.identification.estimate import informative, torque_error
 from polish_sim.identification.identify import fit_samples, without_gears
-from polish_sim.identification.log_file import RobotLog, read_arm_log, smooth_states
+from polish_sim.identification.log_file import RobotLog, log_of_arm, smooth_states
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import States
 from polish_sim.scenario_file import override
@@ -94,7 +94,7 @@ def identified_rows(data: Path) -> Iterator[Row]:
     """Torques of logs that were not fitted, by rigid links with friction by speed and by gears' friction; and
     the payload."""
     robot = arm_of_table("ur10e")
-    logs = [read_arm_log(data / f"{name}.npz", "ur10e", ColumnMap()) for name in IDENTIFIED]
+    logs = [_arm_log(data, name) for name in IDENTIFIED]
     torque = np.concatenate([log.torque for log in logs])
     parts = zip(*(smooth_states(log) for log in logs), strict=True)
     states = States(*(np.concatenate(part) for part in parts))
@@ -102,20 +102,24 @@ def identified_rows(data: Path) -> Iterator[Row]:
         fit_samples(model, states, torque) for model in (robot.model, without_gears(robot.model))
     )
     for name in (name for name in HELD_OUT if name not in IDENTIFIED):
-        log = read_arm_log(data / f"{name}.npz", "ur10e", ColumnMap())
+        log = _arm_log(data, name)
         held = smooth_states(log)
         measured = np.where(informative(held), log.torque, np.nan)
         both = [100.0 * torque_error(fit.torque(held), measured) for fit in (geared, rigid)]
         for j, (ours, plain) in enumerate(zip(*both, strict=True), 1):
             yield Row(f"{name}, joint {j}: torque NRMS [%]", f"{ours:.3g}", f"{plain:.3g}")
     whole = RobotLog(np.arange(len(torque)), states.q, torque), states
-    log = read_arm_log(data / f"{LOADED[0]}.npz", "ur10e", ColumnMap())
+    log = _arm_log(data, LOADED[0])
     loaded = log, smooth_states(log)
     masses = (
         weigh_from_logs(replace(robot, model=fit.model), whole, loaded).figures for fit in (geared, rigid)
     )
     given = (f"{found['payload_mass_kg']:.3f} +- {found['payload_mass_std_kg']:.3f}" for found in masses)
     yield Row(f"payload of {LOADED[1].mass} kg: mass found [kg]", *given)
+
+
+def _arm_log(data: Path, name: str) -> RobotLog:
+    return log_of_arm(data / name, "ur10e", _log(data, name))
 
 
 def _own_torques(scenario: Scenario, data: Path, name: str) -> Row:

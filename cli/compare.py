@@ -15,6 +15,8 @@ from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError, leave_out
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from polish_sim.exchange.robot_log import RobotRecording
 
 PANEL: Final = "Log"
@@ -29,25 +31,33 @@ LogFile = Annotated[
 ]  # fmt: skip
 
 
-@takes(
-    Own(
-        "--map",
-        PANEL,
-        "FILE.toml",
-        "Names of columns and units where they are others'; docs/how_to_log.md.",
-        Path,
-    ),
+LOG_OPTIONS: Final = (
+    Own("--map", PANEL, "FILE.toml", "Names of columns and units where they are others'; "
+                                     "docs/how_to_log.md.", Path),
     Own("--run", PANEL, "NAME", "Which of several runs in an npz."),
     Own("--from", PANEL, "S", "First second of the log to use (s).", float, 0.0, unit=SECOND),
-    Own(
-        "--to",
-        PANEL,
-        "S",
-        "Last second (s); default: the end, 1000 s at 500 Hz at most.",
-        float,
-        0.0,
-        unit=SECOND,
-    ),
+    Own("--to", PANEL, "S", "Last second (s); default: the end, 1000 s at 500 Hz at most.", float, 0.0,
+        unit=SECOND),
+)  # fmt: skip
+"""What a robot's log is read by."""
+
+
+def read_log(file: Path, given: Given, need: Sequence[str]) -> RobotRecording:
+    """Read a robot's log by `LOG_OPTIONS`, with the quantities it needs; raises as `read_robot_recording`."""
+    from polish_sim.exchange.robot_log import ColumnMap, read_column_map, read_robot_recording
+
+    columns = read_column_map(given["--map"]) if given["--map"] else ColumnMap()
+    window = given["--from"] or 0.0, math.inf if given["--to"] is None else given["--to"]
+    log = read_robot_recording(file, need, columns, given["--run"] or "", window)
+    if not log.whole and given["--to"] is None:
+        console.note(
+            f"the log is long: its first {log.time[-1]:.0f} s from there are used; --from and --to choose."
+        )
+    return log
+
+
+@takes(
+    *LOG_OPTIONS,
     Own("--arm", PANEL, "NAME", "The robot's make, robot.arm; default: the cell's."),
     Own(
         "--payload",
@@ -68,20 +78,12 @@ LogFile = Annotated[
 def compare(real: LogFile, given: Given) -> int:
     """Replay a robot's log in the cell, measured beside simulated: joints, torques, friction, ripple; or
     forces."""
-    from polish_sim.exchange.robot_log import ColumnMap, read_column_map, read_robot_recording
-
-    columns = read_column_map(given["--map"]) if given["--map"] else ColumnMap()
-    beside, until = given["--beside"], math.inf if given["--to"] is None else given["--to"]
+    beside = given["--beside"]
     if beside is not None and (idle := [name for name in REPLAY if given[name] is not None]):
         raise InputError(leave_out(idle, "would change nothing with --beside"))
     if beside is None and given["--asked"] is not None:
         raise InputError("--asked belongs to --beside.")
-    window = given["--from"] or 0.0, until
-    log = read_robot_recording(real, () if beside else ("q_rad",), columns, given["--run"] or "", window)
-    if not log.whole and given["--to"] is None:
-        console.note(
-            f"the log is long: its first {log.time[-1]:.0f} s from there are used; --from and --to choose."
-        )
+    log = read_log(real, given, () if beside else ("q_rad",))
     with claimed(given["--out"], "compare", given["--overwrite"]) as folder:
         if beside is not None:
             _forces(real, log, beside, given, folder.draft)

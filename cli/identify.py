@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from polish_sim.arms import IDEAL
 from polish_sim.cli import console
+from polish_sim.cli.compare import LOG_OPTIONS, read_log
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.errors import InputError, count_text, leave_out
@@ -45,8 +46,6 @@ SETTINGS: Final = ("periods", "starts", "seed", "payload")
     Own("--model", PANEL, "FILE.xml", "MJCF of the robot of --data; without it the cell's arm.", Path),
     Own("--arm", PANEL, "NAME", "The robot of --data: a bare arm of this make, ur5e or ur10e, its gears' "
                                 "friction fitted along; any log that compare reads, of torques or currents."),
-    Own("--map", PANEL, "FILE.toml", "With --arm: names of columns and units; docs/how_to_log.md.", Path),
-    Own("--run", PANEL, "NAME", "With --arm: which of several runs in an npz."),
     Own("--joints", PANEL, "NAMES", "Joints of --model that make the chain, with commas; default: all."),
     Own("--task", PANEL, "PLAN", "What the model is for: a plan or path, a run's folder, or joint positions "
                                  "over time (csv, npz).", Path),
@@ -56,6 +55,7 @@ SETTINGS: Final = ("periods", "starts", "seed", "payload")
     Own("--payload-data", PANEL, "FILE.csv", "Log of the robot carrying a payload; without --data the "
                                              "robot's model is taken as it is.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify.", bool),
+    *(option._replace(panel="Log, with --arm") for option in LOG_OPTIONS),
     *("--seed", "--set", "--check", *OUTPUT_OPTIONS),
 )  # fmt: skip
 def identify(given: Given) -> int:
@@ -119,7 +119,7 @@ def _refuse_idle(given: Given) -> None:
 
 
 def _refuse_idle_arm(given: Given) -> None:
-    arm, of_arm = given["--arm"], [name for name in ("--map", "--run") if given[name] is not None]
+    arm, of_arm = given["--arm"], [option.name for option in LOG_OPTIONS if given[option.name] is not None]
     if arm is None and of_arm:
         raise InputError(f"{of_arm[0]} belongs to --arm.")
     if arm is not None and given["--model"] is not None:
@@ -243,22 +243,20 @@ def _or_dash(value: float) -> str:
 
 
 def _reader(given: Given) -> RunReader:
-    """How a robot's logs become samples and states, by ``--period``, ``--arm`` and its columns."""
-    from polish_sim.exchange.robot_log import ColumnMap, read_column_map
+    """How a robot's logs become samples and states."""
     from polish_sim.identification.log_file import (
+        log_of_arm,
         periodic_states,
-        read_arm_log,
         read_robot_log,
         smooth_states,
     )
 
     period, arm = given["--period"], given["--arm"]
-    columns = read_column_map(given["--map"]) if given["--map"] else ColumnMap()
 
     def read(file: Path, robot: LoggedRobot) -> tuple[RobotLog, States]:
         chain = robot.model.chain
         if arm is not None:
-            log = read_arm_log(file, arm, columns, given["--run"] or "")
+            log = log_of_arm(file, arm, read_log(file, given, ("q_rad",)))
         else:
             joints = () if robot.source is None else chain.joints
             log = read_robot_log(file, chain.geometry.kind.tolist(), period, joints)

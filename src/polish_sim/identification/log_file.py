@@ -16,7 +16,7 @@ from scipy.interpolate import make_lsq_spline
 from polish_sim.arms import arm_table
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
-from polish_sim.exchange.robot_log import HOW_TO_MAP, ColumnMap, read_robot_recording
+from polish_sim.exchange.robot_log import HOW_TO_MAP, RobotRecording
 from polish_sim.identification.fourier import fit_fourier
 from polish_sim.identification.regressor import States
 from polish_sim.motion.serial_chain import HINGE
@@ -133,18 +133,19 @@ def read_robot_log(
     return log
 
 
-def read_arm_log(file: Path, arm: str, columns: ColumnMap, run: str = "") -> RobotLog:
-    """Read a log of a make of arm in any form `read_robot_recording` knows; its torques, or its currents.
+def log_of_arm(file: Path, arm: str, recording: RobotRecording) -> RobotLog:
+    """The joints and torques, or currents, that a make of arm recorded; ``file`` is named in errors.
 
     Raises:
-        InputError: As of `read_robot_recording`, or it has neither, or too few samples.
+        InputError: It has neither torques nor currents, too few samples, or drives that stood at their limit.
     """
-    recording = read_robot_recording(file, ("q_rad",), columns, run)
     torque = recording.torques(arm_table(arm).torque_constants)
     if not len(torque):
         raise InputError(f"'{file}' has neither torque_nm nor current_a. {HOW_TO_MAP}")
     _check_count(file, recording.time)
-    return RobotLog(recording.time, recording.values["q_rad"], torque)
+    log = RobotLog(recording.time, recording.values["q_rad"], torque)
+    _check_saturation(file, log, log_columns(_ARM)[1])
+    return log
 
 
 def _check_count(file: Path, time: Array) -> None:
