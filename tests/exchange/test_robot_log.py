@@ -92,6 +92,16 @@ def test_a_window_of_a_log(tmp_path: Path) -> None:
     assert not read.whole
 
 
+@pytest.mark.parametrize(("window", "samples"), [((0.0, 0.9), 451), ((1.5, 3.0), 751)])
+def test_a_gap_outside_the_window_does_no_harm(
+    tmp_path: Path, window: tuple[float, float], samples: int
+) -> None:
+    torn = {name: np.delete(values, slice(500, 700), 0) for name, values in LOG.items()}
+    read = read_robot_recording(write_csv(tmp_path / "log.csv", torn), window=window)
+    assert abs(len(read.time) - samples) <= 1
+    assert np.all(np.diff(read.time) < 0.01)
+
+
 BAD = {
     "gap": (
         lambda log: {k: np.delete(v, slice(500, 700), 0) for k, v in log.items()},

@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.exchange.log_sources import LogSource, open_source
 from polish_sim.toml_text import read_toml
@@ -236,10 +236,11 @@ def _gather(
         begin = rows[0, 0] if math.isnan(begin) else begin
         steps = np.diff(rows[:, 0], prepend=rows[0, 0] - 1e-9 if math.isnan(last) else last)
         usual = usual or float(np.median(steps))
-        _check_steps(file, source.row, first, rows[:, 0], steps, usual)
         last = float(rows[-1, 0])
-        inside = rows[(rows[:, 0] - begin >= window[0]) & (rows[:, 0] - begin <= window[1])]
-        kept.append(inside[: MOST_ROWS - count])
+        inside = (rows[:, 0] - begin >= window[0]) & (rows[:, 0] - begin <= window[1])
+        joined = inside & np.append(inside[0] and count > 0, inside[:-1])
+        _check_steps(file, source.row, first, rows[:, 0], steps, usual, joined)
+        kept.append(rows[inside][: MOST_ROWS - count])
         count += len(kept[-1])
         if last - begin > window[1] or count == MOST_ROWS:
             whole = False
@@ -261,7 +262,10 @@ def _scaled(
         yield block.rows * factors, block.first
 
 
-def _check_steps(file: Path, row: str, first: int, time: Array, steps: Array, usual: float) -> None:
+def _check_steps(
+    file: Path, row: str, first: int, time: Array, steps: Array, usual: float, joined: Bools
+) -> None:
+    """Refuse time that does not increase, and gaps where both a row and the one before it are used."""
     bad = np.flatnonzero(~(steps > 0.0))
     if len(bad):
         at = int(bad[0])
@@ -272,7 +276,7 @@ def _check_steps(file: Path, row: str, first: int, time: Array, steps: Array, us
         raise InputError(
             f"'{file}': rows are {usual:.3g} s apart. Other units? --map with [units] {TIME} = 'ms' or 'ns'."
         )
-    gaps = np.flatnonzero((steps > _GAP_S) & (steps > _GAP_STEPS * usual))
+    gaps = np.flatnonzero(joined & (steps > _GAP_S) & (steps > _GAP_STEPS * usual))
     if len(gaps):
         at = int(gaps[0])
         raise InputError(
