@@ -32,6 +32,7 @@ CONTRACT = {
     "path_s_m": 0,
     "pass_index": 0,
     "phase": 0,
+    "host_depth_m": 0,
 }
 
 

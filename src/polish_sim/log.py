@@ -48,8 +48,10 @@ COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "path_s_m": (0, "m"),
         "pass_index": (0, "-"),
         "phase": (0, "-"),
+        "host_depth_m": (0, "m"),  # of the tool beyond its target along the target's axis, by the encoders
     }
 )
+NEWER: Final = ("host_depth_m",)  #: Columns that older runs' logs go without
 # Added after the run where they are known; older logs and other experiments go without.
 LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
     {
@@ -139,7 +141,7 @@ def read_log(path: Path) -> RunLog:
             columns = {name: archive[name] for name in archive.files}
     except UNREADABLE as error:
         raise InputError(f"cannot read the log '{path}': {error}. Was the run finished?") from error
-    missing = [name for name in COLUMNS if name not in columns]
+    missing = [name for name in COLUMNS if name not in columns and name not in NEWER]
     if missing:
         raise InputError(f"the log '{path}' lacks the columns {', '.join(missing)}: it is not a run's log.")
     for column in columns.values():

@@ -28,7 +28,7 @@ FILE_KEYS = (
         ("drag", "follow"),
     ),
     *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
-    *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal")),
+    *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal"), ("process", "learn")),
 )
 """Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a
 region may hold one."""
@@ -81,8 +81,9 @@ def override(base: Scenario, assignments: Sequence[str]) -> Scenario:
 def with_files(scenario: Scenario, folder: Path) -> Scenario:
     """Give the whole path of every file a scenario names from a folder."""
     for section, name in FILE_KEYS:
-        file = folder / getattr(getattr(scenario, section), name)
-        if file.is_file():
+        word = getattr(getattr(scenario, section), name)
+        file = folder / word
+        if word and file.exists():
             scenario = merge(scenario, {section: {name: str(file.resolve())}}, "")
     scenario = merge(scenario, {"plan": {"region": region_with_file(scenario.plan.region, folder)}}, "")
     file_name, _, class_name = scenario.controller.name.rpartition(":")

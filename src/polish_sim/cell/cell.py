@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ from polish_sim.cell.faults import (
 )
 from polish_sim.cell.gears import RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
-from polish_sim.cell.kernel import CellKernel, CellState, LawMemory
+from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson
 from polish_sim.cell.limits import check_rates, check_step_limits, with_implicit_friction
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import Observer, PythonLaw, Silent, interrupts_noted
@@ -75,6 +75,9 @@ class Played(NamedTuple):
     trace: NDArray[np.void]  #: ``TraceStep`` of every step
 
 
+NO_LESSON: Final = Lesson(np.zeros(0), 1.0, 0.0, 0)
+
+
 class PayloadErrors(NamedTuple):
     """Payload the host believes in against the tool as it is."""
 
@@ -117,9 +120,11 @@ class Cell:
         rng: np.random.Generator,
         course: Course | None = None,
         fixture: RealPart | None = None,
+        lesson: Lesson = NO_LESSON,
     ) -> None:
         register_engine()
         self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
+        self.lesson = lesson
         self.data = mujoco.MjData(model)
         self._set_joints(q_start)
         self.real_arm = self._build_real_arm(q_start)
@@ -431,6 +436,7 @@ class Cell:
             build_sample_line(state.sensor),
             build_request_line(state.speedl),
             LawMemory(nothing, nothing, *map(memory_of, (state.measurement, state.target, state.answer))),
+            self.lesson,
             scenario.simulation.control_every,
             state,
         )

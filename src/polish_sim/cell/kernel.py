@@ -72,6 +72,15 @@ class CellState(Record):
     scratch: Annotated[Array, (5, 3)]  #: Work array
 
 
+class Lesson(NamedTuple):
+    """What an earlier run along the same path learned."""
+
+    slope: Array  #: Change of the tool's depth per arc length, at equal steps of it, shape (n,) [-]
+    spacing: float  #: Arc length between rows [m]
+    lead: float  #: From a command to the tool's motion [s]
+    runs: int  #: Runs before this one, each learned from the one before
+
+
 class LawMemory(NamedTuple):
     """What a control law gets pointers to, as bytes."""
 
@@ -94,5 +103,6 @@ class CellKernel(NamedTuple):
     samples: Array  #: Of the wrist sensor, on their way to the host
     requests: RequestLine
     law: LawMemory
+    lesson: Lesson
     control_every: int  #: Physics steps a control cycle
     state: CellState

@@ -13,7 +13,7 @@ from polish_sim.cell import guards
 from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
 from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints, host_hears, read_encoders
-from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Status
+from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson, Status
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_exact, record_reading, record_state
 from polish_sim.cell.robot import (
@@ -84,6 +84,7 @@ def advance(  # type: ignore[no-untyped-def]
         status.waiting = False
         if due:
             ask_law(state, cell.law, law, t)
+            feed_learned(state, cell.lesson)
         command(state, cell.requests, e.ctrl, e.dt, t)
         finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
         if arm is not None:
@@ -255,6 +256,16 @@ def ask_law(state: CellState, memory: LawMemory, law, t: float) -> None:  # type
         trip(status, guards.CONTROLLER_ERROR, t)
     if status.stop == guards.NO_STOP and not status.mute:
         status.requests += 1
+
+
+@kernel
+def feed_learned(state: CellState, lesson: Lesson) -> None:
+    """Add to the law's answer the motion along the tool's axis that an earlier run found necessary here."""
+    t, answer = state.target, state.answer
+    row = int((t.s + t.speed * lesson.lead) / lesson.spacing)
+    if t.contact and t.speed > 0.0 and row < lesson.slope.shape[0]:
+        for i in range(3):
+            answer.twist[i] += lesson.slope[row] * t.speed * state.measurement.rotation[i, 2]
 
 
 @kernel

@@ -22,7 +22,7 @@ _AT = {name: start for name, (start, _width) in row_layout().items()}
 _TIME, _Q, _QD, _TORQUE = _AT["time_s"], _AT["q_rad"], _AT["qd_rad_s"], _AT["torque_nm"]
 _POSITION, _QUATERNION = _AT["tcp_position_m"], _AT["tcp_quaternion_wxyz"]
 _TARGET_POSITION, _TARGET_QUATERNION = _AT["target_position_m"], _AT["target_quaternion_wxyz"]
-_SPEED, _COMMAND = _AT["tcp_speed_m_s"], _AT["command_twist"]
+_DEPTH, _SPEED, _COMMAND = _AT["host_depth_m"], _AT["tcp_speed_m_s"], _AT["command_twist"]
 _MEASURED, _RAW, _TRUE = _AT["wrench_measured_tool"], _AT["wrench_raw_sensor"], _AT["wrench_true_tool"]
 _FORCE, _FORCE_MIN, _FORCE_MAX = _AT["normal_force_n"], _AT["normal_force_min_n"], _AT["normal_force_max_n"]
 _TRAVEL, _PATH, _PASS, _PHASE = _AT["pad_travel_m"], _AT["path_s_m"], _AT["pass_index"], _AT["phase"]
@@ -120,6 +120,9 @@ def record_state(
     quaternion_from_rotation(e.site_xmat[e.tool_site].reshape((3, 3)), row[_QUATERNION : _QUATERNION + 4])
     put(row, _TARGET_POSITION, target.position, 3)
     quaternion_from_rotation(target.rotation, row[_TARGET_QUATERNION : _TARGET_QUATERNION + 4])
+    row[_DEPTH] = 0.0
+    for i in range(3):
+        row[_DEPTH] += target.rotation[i, 2] * (m.position[i] - target.position[i])
     row[_SPEED] = speed
     put(row, _COMMAND, state.speedl.twist, 6)
     put(row, _MEASURED, m.wrench, 6)

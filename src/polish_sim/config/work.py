@@ -246,6 +246,11 @@ class ProcessConfig:
         "set points changed during the run, with commas: force_n=N@TIME or feed_m_s=M_S@TIME, seconds from "
         "the start, or @contact+TIME; empty = none",
     )
+    learn: str = key(
+        "",
+        "a run along the same path on the same part: its tool depths are fed forward; empty = none",
+        option=Option("--learn", TOOL, "RUN"),
+    )
     max_feed_s: float = key(0.0, "stop the feed after this long, 0 = the whole path [s]", 0.0, 1e6)
 
 

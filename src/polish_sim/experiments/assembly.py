@@ -9,8 +9,11 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+import numpy as np
+
 from polish_sim.calibration import read_calibrated_tool
 from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_scene, parse_events
+from polish_sim.cell.cell import NO_LESSON
 from polish_sim.cell.faults import parse_changes, planned_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
 from polish_sim.cell.real_arm import is_real
@@ -19,6 +22,7 @@ from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.cell.set_points import FORCE
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
+from polish_sim.experiments.learning import check_learning, read_lesson
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
     PAYLOAD_STREAM,
@@ -204,6 +208,13 @@ def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequ
     """`build_cell` with strokes made before."""
     streams = random_streams(scenario.seed)
     controller = build_controller(scenario.controller)
+    lesson = NO_LESSON
+    if scenario.process.learn:
+        lesson = read_lesson(scenario, place.path, place.reach)
+        # The part lies and the arm errs as before, the sensor's noise is another.
+        streams[SENSOR_STREAM] = np.random.default_rng(
+            np.random.SeedSequence(scenario.seed).spawn(len(streams) + lesson.runs)[-1]
+        )
     held_behind, fixture = (
         works_below(place.reach.T_base_work, place.path.axes_work),
         standing_fixture(scenario, place),
@@ -218,6 +229,7 @@ def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequ
         streams[SENSOR_STREAM],
         course_for(controller, scenario, place, strokes),
         None if fixture is None else fixture.part,
+        lesson,
     )
     believe_tool(cell, streams[PAYLOAD_STREAM])
     return cell
@@ -255,6 +267,8 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     parse_events(scenario.faults.events)
     is_real(scenario)
     row = experiment(scenario.experiment)
+    if scenario.process.learn and not row.plans:
+        raise InputError(f"process.learn is for 'run surface': leave it out of '{scenario.experiment}'.")
     if scenario.part.fixture_file and not row.fixtures:
         raise InputError(
             f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'."
@@ -272,7 +286,9 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
         _check_file(scenario.part.fixture_file, "fixture", "--fixture")
     check_rates(scenario)
     planned_events(scenario, row.on_part, two_robots=row.carried)
-    build_controller(scenario.controller)
+    controller = build_controller(scenario.controller)
+    if scenario.process.learn:
+        check_learning(scenario, controller)
 
 
 def check_force(scenario: Scenario, path: ToolPath | None) -> None:

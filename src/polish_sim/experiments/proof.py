@@ -106,7 +106,7 @@ class Proven(NamedTuple):
 
 def settings_key(scenario: Scenario) -> str:
     """What a proof depends on besides the path: arm, tool, sensor, controller, force, feed and limits."""
-    process = replace(scenario.process, changes="")
+    process = replace(scenario.process, changes="", learn="")
     bare = replace(
         scenario,
         experiment="surface",
@@ -318,7 +318,7 @@ class _Prover:
             part = replace(
                 part, real_file="", displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0
             )
-        process = replace(usual.process, changes="")
+        process = replace(usual.process, changes="", learn="")
         scenario = replace(
             usual,
             part=part,

@@ -125,7 +125,7 @@ SURFACE: Final = Experiment(
     comparisons={"force.png": "polish_sim.analysis.surface_plot:plot_surface_runs"},
     options=(
         *(*PART_OPTIONS, "--fixture", "--real-part", *PATH_OPTIONS, "--path", "--allow-contact"),
-        *(*TOOL_OPTIONS, "--feed", "--from", "--proof", *TRIAL_OPTIONS, *WATCH_OPTIONS),
+        *(*TOOL_OPTIONS, "--feed", "--from", "--proof", "--learn", *TRIAL_OPTIONS, *WATCH_OPTIONS),
     ),
     along_plan=True,
     plans=True,

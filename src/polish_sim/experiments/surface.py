@@ -18,6 +18,7 @@ from polish_sim.control import build_controller
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.even_removal import plan_removal
+from polish_sim.experiments.learning import FIGURE
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import (
     RealShape,
@@ -193,6 +194,7 @@ def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPar
     figures |= cell.payload_errors._asdict()
     figures |= shape_figures(task.shape, path)
     figures |= feed_figures(cell.strokes)
+    figures[FIGURE] = cell.lesson.runs
     figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
     figures["bad_figures"] = shortcomings(figures, scenario.process.contact_force_n)
     return RunResult(

@@ -1,0 +1,89 @@
+"""`--learn`: what one run found along the path is fed forward in the next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.analysis.run_record import RunRecord, read_record, write_record
+from polish_sim.config import Scenario
+from polish_sim.errors import InputError
+from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.experiments.assembly import check_settings
+from polish_sim.scenario_file import override
+
+SHORT = (
+    "part.file=saddle",
+    "plan.stepover_m=0.03",
+    "process.feed_m_s=0.03",
+    "process.max_feed_s=8",
+    "seed=931",
+)
+
+
+def scenario(*changes: str) -> Scenario:
+    return override(default_scenario("surface"), [*SHORT, *changes])
+
+
+def kept(folder: Path, asked: Scenario) -> RunRecord:
+    folder.mkdir()
+    result = run_experiment(asked)
+    record = RunRecord(folder.name, result.scenario, result.figures, result.log, result.path)
+    write_record(folder, record)
+    return record
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("passes") / "first"
+    kept(folder, scenario())
+    return folder
+
+
+def test_the_second_pass_errs_less_than_the_first_with_another_noise(first: Path, tmp_path: Path) -> None:
+    before = read_record(first)
+    second = kept(tmp_path / "second", scenario(f"process.learn={first}"))
+    assert second.metrics["learned_from"] == 1
+    assert second.metrics["force_rms_error_n"] < 0.8 * before.metrics["force_rms_error_n"]
+    # The part lies as it lay: the tool lands at the same height. The sensor's noise is not the same.
+    landed = [record.log["tcp_position_m"][record.log["phase"] == 2][0] for record in (before, second)]
+    assert np.linalg.norm(landed[0] - landed[1]) < 3e-4
+    air = [record.log["wrench_raw_sensor"][:100, 2] for record in (before, second)]
+    reading = [record.log["wrench_measured_tool"][:100, 2] for record in (before, second)]
+    assert np.allclose(air[0], air[1], atol=0.1)
+    assert abs(np.corrcoef(*reading)[0, 1]) < 0.5
+    third = run_experiment(scenario(f"process.learn={tmp_path / 'second'}"))
+    assert third.figures["learned_from"] == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ("seed=932", "seed"),
+        ("process.feed_m_s=0.02", "process.feed_m_s"),
+        ("process.contact_force_n=15", "process.contact_force_n"),
+        ("plan.stepover_m=0.04", "the path"),
+        ("part.displacement_m=0.002", "part.displacement_m"),
+        ("part.pose=[0,-0.55,0.08,0,0,0]", "where the part stands"),
+    ],
+)
+def test_another_job_is_refused_by_what_differs(first: Path, change: str, named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        run_experiment(scenario(f"process.learn={first}", change))
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ("controller.name=hybrid-adaptive", "hybrid-adaptive"),
+        ("process.learn=nowhere", "not a run folder"),
+        ("experiment=arc", "run surface"),
+    ],
+)
+def test_what_cannot_learn_is_refused_before_anything_is_planned(
+    first: Path, change: str, named: str
+) -> None:
+    with pytest.raises(InputError, match=named):
+        check_settings(scenario(f"process.learn={first}", change), plans=True)
