@@ -122,6 +122,8 @@ def run(row: Experiment, given: Given) -> int:
     view, video, seeds = given.get("--view"), given.get("--video"), given.get("--seeds")
     if seeds is not None and (view or video or given.get("--live")):
         raise InputError("--view, --live and --video show one run: leave --seeds out.")
+    if seeds is not None and given.get("--learn"):
+        raise InputError("--learn takes what one arm did on one part: leave --seeds out.")
     live = live_address(given)
     if seeds is None:
         refuse_taken(given["--out"], given["--overwrite"])

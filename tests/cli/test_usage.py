@@ -126,6 +126,7 @@ def test_wrong_words_are_one_message_with_code_2_and_nothing_written(
         (["run", "dual", "--region", "faces:gone.txt"], "gone.txt: cannot be read"),
         (["run", "force", "--units", "feet"], "unknown unit 'feet'"),
         (["run", "arc", "--fault", "part-high@3"], "there is no part to press on"),
+        (["run", "surface", "--learn", "first", "--seeds", "2"], "leave --seeds out"),
         (["run", "surface", "--order", "sideways"], "unknown order 'sideways'. Known: inward, outward."),
         (["run", "surface", "--axis-deviation", "3"], "give --axis-smoothing MM as well"),
         (["run", "surface", "--stepover", "-8"], "--stepover -8 is outside 0.2 to 1000 mm"),
