@@ -15,6 +15,7 @@ from polish_sim.identification.log_file import RobotLog, read_robot_log, spline_
 from polish_sim.identification.payload import weigh_from_logs
 from polish_sim.identification.regressor import FULL, States
 from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
+from polish_sim.motion.makes import used_arm
 from polish_sim.scenario_file import override
 from tests.identification.known import SIGMA, joined, known_robot, played, write_log
 
@@ -121,3 +122,9 @@ def test_what_geared_joints_carry_is_weighed_within_its_interval() -> None:
     empty, loaded = _geared_log(902), _geared_log(903, CARRIED)
     figures = weigh_from_logs(GEARED, empty, loaded).figures
     assert abs(figures["payload_mass_kg"] - CARRIED) < 3.0 * figures["payload_mass_std_kg"]
+
+
+def test_a_make_of_arm_that_is_only_looked_at_is_not_the_one_in_use() -> None:
+    before = used_arm()
+    arm_of_table("ur10e")
+    assert used_arm() is before

@@ -36,6 +36,7 @@ from polish_sim.identification.robot_model import (
 )
 from polish_sim.identification.settings import SCENARIO, STEP_S
 from polish_sim.motion.kinematics import NOMINAL
+from polish_sim.motion.makes import use_arm, used_arm
 from polish_sim.motion.serial_chain import ChainGeometry
 
 RAMP_S: Final = 2.0
@@ -201,8 +202,9 @@ def arm_of_table(name: str) -> LoggedRobot:
     """A make of arm without a tool, on strain-wave gears, by its table; InputError if there is none such."""
     if name not in ARMS:
         raise unknown_name("arm", name, ARMS)
-    robot = replace(SCENARIO.robot, arm=name)
+    robot, used = replace(SCENARIO.robot, arm=name), used_arm()
     spec = arm_spec(replace(SCENARIO, robot=robot))
+    use_arm(next(other for other, table in ARMS.items() if table is used))  # it is only looked at
     for key in list(spec.keys):
         spec.delete(key)
     spec.delete(spec.body("tool_mount"))
