@@ -40,7 +40,7 @@ SETTINGS: Final = ("periods", "starts", "seed", "payload")
 @takes(
     Own("--periods", PANEL, "N", "Periods of 10 s to log; default 5.", int),
     Own("--starts", PANEL, "N", "Random motions the search begins from; default 1.", int, low=1),
-    Own("--data", PANEL, "FILE.csv", "A robot's own log instead of a simulated one; columns: "
+    Own("--data", PANEL, "FILE", "A robot's own log instead of a simulated one; columns: "
         "docs/identification.md.", Path),
     Own("--period", PANEL, "S", "The motion of --data repeats after this time (s).", float),
     Own("--model", PANEL, "FILE.xml", "MJCF of the robot of --data; without it the cell's arm.", Path),
@@ -52,7 +52,7 @@ SETTINGS: Final = ("periods", "starts", "seed", "payload")
     Own("--payload", PANEL, "KG", "Then carry a block of this mass and find its mass, centre and inertia "
                                   "(kg).",
         float),
-    Own("--payload-data", PANEL, "FILE.csv", "Log of the robot carrying a payload; without --data the "
+    Own("--payload-data", PANEL, "FILE", "Log of the robot carrying a payload; without --data the "
                                              "robot's model is taken as it is.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify.", bool),
     *(option._replace(panel="Log, with --arm") for option in LOG_OPTIONS),
@@ -119,6 +119,7 @@ def _refuse_idle(given: Given) -> None:
 
 
 def _refuse_idle_arm(given: Given) -> None:
+    """Refuse ``--arm`` beside another robot or without a log, and options of its logs without it."""
     arm, of_arm = given["--arm"], [option.name for option in LOG_OPTIONS if given[option.name] is not None]
     if arm is None and of_arm:
         raise InputError(f"{of_arm[0]} belongs to --arm.")

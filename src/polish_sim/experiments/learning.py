@@ -26,11 +26,12 @@ from polish_sim.config import Scenario
 from polish_sim.control import Controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.placement import Reach
+from polish_sim.log import PHASES
 from polish_sim.planning.toolpath import ToolPath
 
 SPACING: Final = 0.0005  #: Of the places at which it is learned [m]
 SHORTEST_S: Final = 0.5  #: A stretch in contact from which something is learned [s]
-FED: Final = 2  #: Phase of the log in which the force is held
+FED: Final = PHASES.index("process")  #: In the log
 SAME: Final = ("part", "robot", "head", "pad", "process", "smoothing")
 """Sections that decide what repeats."""
 FREE: Final = ("part.pose", "process.learn", "process.preston_1_pa")

@@ -188,7 +188,8 @@ class JointTerm(NamedTuple):
     unit: str
     value: Callable[[States, Array], Array]  #: Of states and torques without friction (m, n), shape (m, n)
     #: Its derivatives by the joint's position, speed and acceleration, (m, n) each
-    slope: Callable[[States], States]
+    #: None where motions are not designed for it
+    slope: Callable[[States], States] | None
     truth: Callable[[SerialChain], Array]  #: What the robot's model says, shape (n,)
 
 
@@ -199,10 +200,6 @@ def _slope_of_sign(states: States) -> States:
 
 def _sign(states: States) -> Array:
     return np.asarray(np.tanh(states.qd / SIGN_WIDTH))
-
-
-def _undefined(states: States) -> States:
-    raise NotImplementedError("motions are designed for joints without gears.")
 
 
 def _none(chain: SerialChain) -> Array:
@@ -226,9 +223,9 @@ TERMS: Final[dict[str, JointTerm]] = {
         lambda x: States(0.0 * x.q, 0.0 * x.q, 0.0 * x.q), _none,
     ),
     "root": JointTerm(
-        "fr", "N m (s/rad)^0.5", lambda x, _load: _sign(x) * np.sqrt(np.abs(x.qd)), _undefined, _none
+        "fr", "N m (s/rad)^0.5", lambda x, _load: _sign(x) * np.sqrt(np.abs(x.qd)), None, _none
     ),
-    "load": JointTerm("fl", "", lambda x, load: _sign(x) * np.abs(load), _undefined, _none),
+    "load": JointTerm("fl", "", lambda x, load: _sign(x) * np.abs(load), None, _none),
 }  # fmt: skip
 """Terms a model may have beside the rigid links."""
 
@@ -243,7 +240,7 @@ def term_of(name: str) -> JointTerm:
     wave, teeth = WAVES.get(name[:3]), name[3:]
     if wave is None or not teeth.isdecimal():
         raise unknown_name("torque term", name, TERMS)
-    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(int(teeth) * x.q), _undefined, _none)
+    return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(int(teeth) * x.q), None, _none)
 
 
 FULL: Final = ("coulomb", "viscous", "armature", "offset")
@@ -316,7 +313,9 @@ class TorqueModel:
         slopes[..., : 10 * n] = regressor_derivatives(self.chain.geometry, *states)
         joints = np.arange(n)
         for number, term in enumerate(self.terms):
-            for part, values in enumerate(term_of(term).slope(states)):
+            slope = term_of(term).slope
+            assert slope is not None, f"no motion is designed for the term '{term}'"
+            for part, values in enumerate(slope(states)):
                 slopes[:, part * n + joints, joints, n * (10 + number) + joints] = values
         return slopes
 
