@@ -20,7 +20,7 @@ class FakeRobot:
         self.actual_tcp_pose = self.target_tcp_pose = np.array([0.4, 0.1, 0.3, 0.0, 3.0, 0.0])
         self.actual_tcp_speed = self.target_tcp_speed = np.zeros(6)
         self.tcp_force = np.array([0.0, 0.0, -3.0, 0.0, 0.0, 0.0])
-        self.joint_torques = self.tcp_offset = np.zeros(6)
+        self.joint_torques = self.free_torques = self.tcp_offset = np.zeros(6)
         self.payload_mass, self.payload_cog, self.payload_inertia = 1.0, np.zeros(3), np.zeros(6)
         self.speed_fraction = 1.0
         self.inputs: dict[tuple[str, int], float] = {}

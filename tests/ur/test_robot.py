@@ -238,6 +238,94 @@ def test_no_torque_beyond_gravity_lets_the_arm_stand(build: Callable[[], Simulat
     assert robot.safety == NORMAL
 
 
+def test_the_joints_feel_nothing_in_free_air_and_the_force_by_its_lever_on_the_part(
+    build: Callable[[], SimulatedRobot],
+) -> None:
+    robot = build()
+    stand(robot, 0.5)
+    weight = robot.joint_torques.copy()
+    assert np.abs(weight).max() > 30.0
+    assert np.abs(robot.free_torques).max() < 1.0
+    robot.movej(robot.target_q + [0.3, -0.2, 0.2, 0.3, 0.0, 0.5], 1.0, 0.5, 0.0, 0.0)
+    stand(robot, 0.4)
+    assert np.abs(robot.actual_qd).max() > 0.3
+    assert np.abs(robot.free_torques).max() < 0.2 * np.abs(robot.joint_torques).max()
+    robot = build()
+    stand(robot, 0.5)
+    robot.zero_ftsensor()
+    press(robot, 40.0)
+    go(robot, lambda: push(robot) > 38.0)
+    stand(robot, 2.0)
+    felt = np.mean([(robot.step(), robot.free_torques)[1] for _ in range(100)], axis=0)
+    J = tool_at(robot.actual_q, matrix_of(robot.tcp_offset))[1]
+    arm = robot.cell.real_arm
+    assert arm is not None
+    assert np.all(np.abs(felt + J.T @ robot.tcp_force) < arm.coulomb + 1.0)  # at rest friction is not known
+    assert np.abs(felt).max() > 20.0
+
+
+def test_coriolis_torques_are_those_of_the_mass_matrix(build: Callable[[], SimulatedRobot]) -> None:
+    robot, rng = build(), np.random.default_rng(500)
+    q, qd, h = robot.actual_q, rng.uniform(-1.0, 1.0, 6), 1e-5
+
+    def slope(way: np.ndarray) -> np.ndarray:
+        ahead, behind = (robot.mass_matrix(q + step * way, False) for step in (h, -h))
+        return np.asarray((ahead - behind) / (2.0 * h))
+
+    # From Lagrange: c = dM/dt qd - 1/2 d(qd' M qd)/dq.
+    known = slope(qd) @ qd - 0.5 * np.array([qd @ slope(way) @ qd for way in np.eye(6)])
+    assert robot.coriolis(q, qd) == pytest.approx(known, abs=1e-5)
+    assert np.abs(known).max() > 0.05
+    assert robot.coriolis(q, np.zeros(6)) == pytest.approx(np.zeros(6), abs=1e-12)
+
+
+def test_a_contact_is_seen_from_its_direction_or_any_and_counts_its_ticks(
+    build: Callable[[], SimulatedRobot],
+) -> None:
+    robot = build()
+    stand(robot, 1.0)
+    robot.zero_ftsensor()
+    down, any_way, aside = np.array([0.0, 0.0, -1.0]), np.zeros(3), np.array([1.0, 0.0, 0.0])
+    robot.speedl(np.array([0.0, 0.0, -0.02, 0.0, 0.0, 0.0]), 0.5, None)
+    go(robot, lambda: float(robot.cell.state.wrench[2]) > 0.5)
+    q, begun = robot.actual_q.copy(), robot.ticks
+    assert robot.tool_contact(down) == robot.tool_contact(any_way) == 0
+    go(robot, lambda: robot.tool_contact(down) > 0)
+    assert robot.ticks - begun > 15  # 0.6 mm at 20 mm/s
+    back = robot.tool_contact(down)
+    assert tool_at(robot.q_history(back), np.eye(4))[0][2, 3] == pytest.approx(
+        tool_at(q, np.eye(4))[0][2, 3], abs=4e-4
+    )
+    stand(robot, 0.06)
+    assert robot.tool_contact(down) == back + 30
+    assert robot.tool_contact(any_way) >= back + 30
+    assert robot.tool_contact(-down) == robot.tool_contact(aside) == 0
+
+
+def test_a_client_s_sensor_is_what_force_mode_feels_and_the_arm_is_not_steady_in_it(
+    build: Callable[[], SimulatedRobot],
+) -> None:
+    robot = build()
+    stand(robot, 0.5)
+    assert robot.steady()
+    robot.ft_input(True, 0.0, np.zeros(3), np.zeros(3))
+    robot.external = np.array([0.0, 0.0, 12.0, 0.0, 0.0, 0.0])
+    stand(robot, 0.01)
+    assert robot.tcp_force.tolist() == [0.0, 0.0, 12.0, 0.0, 0.0, 0.0]
+    robot.force_mode(np.zeros(6), DOWN, -12.0 * DOWN, 2, LIMITS)
+    stand(robot, 1.0)
+    assert robot.actual_tcp_speed[2] == pytest.approx(0.0, abs=1e-3)  # as much as is asked for
+    assert not robot.steady()
+    first = robot.actual_tcp_pose[2]
+    robot.external[2] = 20.0
+    stand(robot, 1.0)
+    assert robot.actual_tcp_pose[2] > first + 0.002  # pushed up by 8 N more
+    robot.ft_input(False, 0.0, np.zeros(3), np.zeros(3))
+    robot.end_force_mode()
+    stand(robot, 0.5)
+    assert robot.steady()
+
+
 def test_a_far_servo_goal_stops_the_arm_instead_of_throwing_it(build: Callable[[], SimulatedRobot]) -> None:
     robot = build()
     robot.servoj(robot.target_q + 1.5, TICK_S, 0.03, 300.0)

@@ -37,8 +37,13 @@ class Robot(Protocol):
     payload_inertia: Array
     speed_fraction: float  #: Of the speed slider, 0 to 1
 
+    @property
+    def free_torques(self) -> Array:
+        """Torques of the joints beyond what carries and moves the arm [N m]."""
+        ...
+
     def steady(self) -> bool:
-        """Whether the arm stands still."""
+        """Whether the arm stands still; never in force mode, freedrive or by torque."""
         ...
 
     def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
@@ -129,7 +134,7 @@ class Robot(Protocol):
         ...
 
     def tool_contact(self, direction: Array) -> int:
-        """Steps since the contact against a direction began, 0 without one."""
+        """Steps since the contact against a direction, of zeros from any, began; 0 without one."""
         ...
 
     def set_tcp(self, pose: Array) -> None:

@@ -58,7 +58,7 @@ def robot_state(controller: Controller, configuration: bool) -> bytes:
             r.mode,
             0,
             r.speed_fraction,
-            r.speed_fraction if playing == 2 else 0.0,
+            float(playing == 2),
             1.0,
             0,
         ),
@@ -140,7 +140,7 @@ def realtime_state(controller: Controller) -> bytes:
         *r.actual_q, *r.actual_qd, *current, *current,
         *r.actual_tcp_pose, *r.actual_tcp_speed, *r.tcp_force, *r.target_tcp_pose, *r.target_tcp_speed,
         r.digital_in, *np.full(6, 30.0), 1.0, 0.0, r.mode, *[controller.joint_mode] * 6, r.safety, *still,
-        0.0, 0.0, 9.81, *still, r.speed_fraction, 0.0, 0.0, 0.0, 48.0, 48.0, 0.5, *np.full(6, 48.0),
+        0.0, 0.0, 9.81, *still, float(r.runtime == 2), 0.0, 0.0, 0.0, 48.0, 48.0, 0.5, *np.full(6, 48.0),
         r.digital_out, r.runtime, *elbow, r.safety, 0.0, 0.0, 0.0,
         r.payload_mass, *r.payload_cog, *r.payload_inertia,
     ]  # fmt: skip

@@ -16,7 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.errors import ReachError
 from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
-from polish_sim.spatial import inverse
+from polish_sim.spatial import inverse, unit
 from polish_sim.ur.api import Kind, Robot, Side
 from polish_sim.ur.compliance import FIXED, Compliance
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
@@ -33,7 +33,9 @@ STOP_A: Final = 20.0  #: Deceleration of the joints in a protective stop [rad/s^
 HISTORY: Final = 1000  #: Ticks of joint angles and forces that are kept
 CLEAR: Final = 10  #: Ticks in which all points of the links are looked at, and more
 TARE: Final = 100  #: Readings that make the sensor's zero
-CONTACT_N: Final = 8.0  #: Change of the force along a direction that counts as contact [N]
+CONTACT_N: Final = 8.0  #: Change of the force that counts as contact [N]
+TOUCH_N: Final = 2.0  #: Change with which it began [N]
+FEED_HZ: Final = 10.0  #: Least rate of the readings of a client's sensor
 OUTPUTS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """First bit and number of the digital inputs and outputs."""
 
@@ -256,7 +258,9 @@ class SimulatedRobot(Robot):
 
     def steady(self) -> bool:
         """See the protocol."""
-        return bool(np.abs(self.target_qd).max() < 1e-6 and np.abs(self.actual_qd).max() < SETTLED)
+        by_position = self.compliance is None and self._torque_left == 0
+        still = np.abs(self.target_qd).max() < 1e-6 and np.abs(self.actual_qd).max() < SETTLED
+        return bool(by_position and still)
 
     # Force.
 
@@ -309,17 +313,21 @@ class SimulatedRobot(Robot):
 
         The arm carries itself and the tool it has; what is added is the weight of another payload than that.
         """
-        torque, arm = np.array(tau, dtype=float), self.cell.real_arm
+        torque, on = np.array(tau, dtype=float), float(friction_comp)
         for mass, cog, sign in ((self.payload_mass, self.payload_cog, 1.0), (*self._own_payload, -1.0)):
             torque += sign * jacobian(self.actual_q, cog)[:3].T @ np.array([0.0, 0.0, 9.81 * mass])
-        if arm is not None:
-            on = np.full(6, 1.0 if friction_comp else 0.0)
-            share = np.clip(self.actual_qd / SETTLED, -1.0, 1.0)
-            torque += (on if viscous is None else np.asarray(viscous)) * arm.viscous * self.actual_qd
-            torque += (on if coulomb is None else np.asarray(coulomb)) * arm.coulomb * share
+        torque += self._friction(on if viscous is None else viscous, on if coulomb is None else coulomb)
         if not np.isfinite(torque).all():
             raise ValueError("direct_torque: a torque is not a number")
         self._drive, self.rig.order.torque, self._torque_left = None, torque, 2
+
+    def _friction(self, viscous: Array | float, coulomb: Array | float) -> Array:
+        """What the joints rub at shares of the two kinds [N m]."""
+        arm = self.cell.real_arm
+        if arm is None:
+            return np.zeros(6)
+        slides = np.clip(self.actual_qd / SETTLED, -1.0, 1.0)
+        return np.asarray(viscous * arm.viscous * self.actual_qd + coulomb * arm.coulomb * slides)
 
     def zero_ftsensor(self) -> None:
         """See the protocol; the mean of the last `TARE` ticks: one reading is off by its noise."""
@@ -328,22 +336,23 @@ class SimulatedRobot(Robot):
             self._wrenches.clear()
 
     def ft_input(self, enabled: bool, mass: float, offset: Array, cog: Array) -> None:
-        """See the protocol; the wrench is taken as it comes, without the weight of the sensor."""
-        self._external_on = enabled
+        """See the protocol; the wrench is taken as it comes, without the weight of the sensor.
+
+        Its client must feed it at `FEED_HZ` or the programme pauses, unless it set a watchdog of its own.
+        """
+        self._external_on, name = enabled, "external_force_torque"
+        if self.watchdog is None or self.watchdog[0] == name:
+            self.set_watchdog(name, FEED_HZ if enabled else 0.0, "pause")
 
     def tool_contact(self, direction: Array) -> int:
-        """See the protocol: the force against ``direction`` above what it was 1 s before by `CONTACT_N`."""
-        way = np.asarray(direction, dtype=float)[:3]
-        if not way.any():
-            way = self.target_tcp_speed[:3]
-        if np.linalg.norm(way) < 1e-6 or len(self._past) < 2:
-            return 0
-        against = np.array([-(force[:3] @ way) for _, force in list(self._past)[-500:]]) / np.linalg.norm(way)
-        pressed = against > float(np.median(against)) + CONTACT_N
-        if not pressed[-1]:
-            return 0
-        free = np.flatnonzero(~pressed)
-        return len(pressed) - 1 - int(free[-1]) if len(free) else len(pressed)
+        """See the protocol: a force, less its median of the last second, that came to `CONTACT_N`, above
+        `TOUCH_N` since."""
+        forces = np.array([force[:3] for _, force in list(self._past)[-500:]])
+        change, way = forces - np.median(forces, axis=0), np.asarray(direction, dtype=float)[:3]
+        pressed = -change @ unit(way) if way.any() else np.linalg.norm(change, axis=1)
+        free = np.flatnonzero(pressed < TOUCH_N)
+        since = pressed[free[-1] + 1 :] if len(free) else pressed
+        return len(since) if np.any(since > CONTACT_N) else 0
 
     # Tool and payload.
 
@@ -495,6 +504,15 @@ class SimulatedRobot(Robot):
             mujoco.mj_forward(model, data)
             forces.append(data.qfrc_bias[:6].copy())
         return np.asarray(forces[0] - forces[1])
+
+    @property
+    def free_torques(self) -> Array:
+        """See the protocol; friction at rest is not known and stays in it."""
+        own = self.mass_matrix(self.actual_q, True) @ self.target_qdd + self._friction(1.0, 1.0)
+        own += self.coriolis(self.actual_q, self.actual_qd) + self._data.qfrc_bias[:6]  # the weight
+        if self.cell.real_arm is None:
+            own -= self._data.qfrc_gravcomp[:6]  # carried without motors
+        return self.joint_torques - own
 
     def within_safety_limits(self, target: Array, is_pose: bool) -> bool:
         """See the protocol: reach and joint ranges."""

@@ -51,8 +51,38 @@ def _registers(side: str) -> dict[str, tuple[str, Callable[[Controller], Any]]]:
     return found
 
 
+RESTING: Final[Mapping[str, Mapping[str, Any]]] = {
+    "VECTOR6D": {
+        "actual_current_window": np.full(6, 10.0),
+        "joint_temperatures": np.full(6, 30.0),
+        "actual_joint_voltage": np.full(6, 48.0),
+    },
+    "DOUBLE": {
+        "actual_execution_time": 1.0,
+        "actual_momentum": 0.0,
+        "actual_main_voltage": 48.0,
+        "actual_robot_current": 0.5,
+        "standard_analog_input0": 0.0,
+        "standard_analog_input1": 0.0,
+        "io_current": 0.0,
+        "euromap67_24V_voltage": 0.0,
+        "euromap67_24V_current": 0.0,
+        "tool_analog_input0": 0.0,
+        "tool_analog_input1": 0.0,
+        "tool_output_current": 0.0,
+        "tool_temperature": 30.0,
+        "joint_position_deviation_ratio": 0.0,
+        "collision_detection_ratio": 0.0,
+    },
+    "VECTOR3D": {"actual_tool_accelerometer": [0.0, 0.0, 9.81]},
+    "UINT32": {"euromap67_input_bits": 0, "euromap67_output_bits": 0, "tool_analog_input_types": 0},
+    "UINT8": {"tool_output_mode": 0, "tool_digital_output0_mode": 1, "tool_digital_output1_mode": 1},
+    "INT32": {"time_scale_source": 0},
+}
+"""What the cell does not have, by type, at its value of a robot at rest."""
+
+
 def _still(value: Any) -> Callable[[Controller], Any]:
-    """A quantity the cell does not have, at its value of a robot at rest."""
     return lambda c: value
 
 
@@ -61,34 +91,23 @@ FIELDS: Final[Mapping[str, tuple[str, Callable[[Controller], Any]]]] = {
     "target_q": ("VECTOR6D", lambda c: c.robot.target_q),
     "target_qd": ("VECTOR6D", lambda c: c.robot.target_qd),
     "target_qdd": ("VECTOR6D", lambda c: c.robot.target_qdd),
-    "target_current": ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
     "target_moment": ("VECTOR6D", lambda c: c.robot.joint_torques),
     "actual_q": ("VECTOR6D", lambda c: c.robot.actual_q),
     "actual_qd": ("VECTOR6D", lambda c: c.robot.actual_qd),
-    "actual_current": ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
-    "actual_current_window": ("VECTOR6D", _still(np.full(6, 10.0))),
     "actual_current_as_torque": ("VECTOR6D", lambda c: c.robot.joint_torques),
-    "joint_control_output": ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
     "actual_TCP_pose": ("VECTOR6D", lambda c: c.robot.actual_tcp_pose),
     "actual_TCP_speed": ("VECTOR6D", lambda c: c.robot.actual_tcp_speed),
     "actual_TCP_force": ("VECTOR6D", lambda c: c.robot.tcp_force),
     "target_TCP_pose": ("VECTOR6D", lambda c: c.robot.target_tcp_pose),
     "target_TCP_speed": ("VECTOR6D", lambda c: c.robot.target_tcp_speed),
     "actual_digital_input_bits": ("UINT64", lambda c: c.robot.digital_in),
-    "joint_temperatures": ("VECTOR6D", _still(np.full(6, 30.0))),
-    "actual_execution_time": ("DOUBLE", _still(1.0)),
     "robot_mode": ("INT32", lambda c: c.robot.mode),
     "joint_mode": ("VECTOR6INT32", lambda c: [c.joint_mode] * 6),
     "safety_mode": ("INT32", lambda c: c.robot.safety),
     "safety_status": ("INT32", lambda c: c.robot.safety),
-    "actual_tool_accelerometer": ("VECTOR3D", _still([0.0, 0.0, 9.81])),
-    "speed_scaling": ("DOUBLE", lambda c: c.robot.speed_fraction if c.robot.runtime == 2 else 0.0),
+    "speed_scaling": ("DOUBLE", lambda c: float(c.robot.runtime == 2)),
     "target_speed_fraction": ("DOUBLE", lambda c: c.robot.speed_fraction),
-    "actual_momentum": ("DOUBLE", _still(0.0)),
-    "actual_main_voltage": ("DOUBLE", _still(48.0)),
     "actual_robot_voltage": ("DOUBLE", lambda c: 48.0 if c.powered else 0.0),
-    "actual_robot_current": ("DOUBLE", _still(0.5)),
-    "actual_joint_voltage": ("VECTOR6D", _still(np.full(6, 48.0))),
     "actual_digital_output_bits": ("UINT64", lambda c: c.robot.digital_out),
     "runtime_state": ("UINT32", lambda c: c.robot.runtime),
     "elbow_position": ("VECTOR3D", lambda c: c.elbow()[:3]),
@@ -96,25 +115,10 @@ FIELDS: Final[Mapping[str, tuple[str, Callable[[Controller], Any]]]] = {
     "robot_status_bits": ("UINT32", lambda c: c.status_bits),
     "safety_status_bits": ("UINT32", lambda c: c.safety_bits),
     "analog_io_types": ("UINT32", lambda c: c.robot.analog_domain[0] << 2 | c.robot.analog_domain[1] << 3),
-    "standard_analog_input0": ("DOUBLE", _still(0.0)),
-    "standard_analog_input1": ("DOUBLE", _still(0.0)),
     "standard_analog_output0": ("DOUBLE", lambda c: c.robot.analog_out[0]),
     "standard_analog_output1": ("DOUBLE", lambda c: c.robot.analog_out[1]),
-    "io_current": ("DOUBLE", _still(0.0)),
-    "euromap67_input_bits": ("UINT32", _still(0)),
-    "euromap67_output_bits": ("UINT32", _still(0)),
-    "euromap67_24V_voltage": ("DOUBLE", _still(0.0)),
-    "euromap67_24V_current": ("DOUBLE", _still(0.0)),
     "tool_mode": ("UINT32", lambda c: c.joint_mode),
-    "tool_analog_input_types": ("UINT32", _still(0)),
-    "tool_analog_input0": ("DOUBLE", _still(0.0)),
-    "tool_analog_input1": ("DOUBLE", _still(0.0)),
     "tool_output_voltage": ("INT32", lambda c: c.robot.tool_voltage),
-    "tool_output_current": ("DOUBLE", _still(0.0)),
-    "tool_temperature": ("DOUBLE", _still(30.0)),
-    "tool_output_mode": ("UINT8", _still(0)),
-    "tool_digital_output0_mode": ("UINT8", _still(1)),
-    "tool_digital_output1_mode": ("UINT8", _still(1)),
     "tcp_force_scalar": ("DOUBLE", lambda c: float(np.linalg.norm(c.robot.tcp_force[:3]))),
     "tcp_offset": ("VECTOR6D", lambda c: c.robot.tcp_offset),
     "payload": ("DOUBLE", lambda c: c.robot.payload_mass),
@@ -123,9 +127,11 @@ FIELDS: Final[Mapping[str, tuple[str, Callable[[Controller], Any]]]] = {
     "ft_raw_wrench": ("VECTOR6D", lambda c: c.robot.raw_wrench),
     "wrench_calc_from_currents": ("VECTOR6D", lambda c: c.robot.tcp_force),
     "script_control_line": ("UINT32", lambda c: c.line),
-    "joint_position_deviation_ratio": ("DOUBLE", _still(0.0)),
-    "collision_detection_ratio": ("DOUBLE", _still(0.0)),
-    "time_scale_source": ("INT32", _still(0)),
+    **dict.fromkeys(
+        ("target_current", "actual_current", "joint_control_output"),
+        ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
+    ),
+    **{name: (kind, _still(value)) for kind, some in RESTING.items() for name, value in some.items()},
     **_registers("in"),
     **_registers("out"),
 }
@@ -168,9 +174,7 @@ class Recipe:
         return cls(names, struct.Struct(">" + "".join(formats)), [int(form[:-1] or 1) for form in formats])
 
     def unpack(self, data: bytes) -> dict[str, Any]:
-        """Values by name; ProtocolError where the size is wrong."""
-        if len(data) < self.packing.size:
-            raise ProtocolError(f"a package of {len(data)} bytes for a recipe of {self.packing.size}")
+        """Values by name."""
         flat, at, values = self.packing.unpack_from(data), 0, {}
         for name, width in zip(self.names, self.widths, strict=True):
             values[name] = flat[at] if width == 1 else flat[at : at + width]
@@ -287,6 +291,9 @@ class RtdeSession:
         number, data = body[0], body[1:]
         if number not in self.inputs:
             raise ProtocolError(f"data for recipe {number}, which there is not")
+        if len(data) < (size := self.inputs[number].packing.size):
+            self._warn(f"{len(data)} bytes for input recipe {number} of {size}: ignored")
+            return
         values = self.inputs[number].unpack(data)
         self.controller.link.take(lambda: apply_inputs(self.controller, values))
         self.answered = True
@@ -315,6 +322,12 @@ class RtdeSession:
         claimed = self.controller.claimed
         for name in [name for name, owner in claimed.items() if owner is self]:
             del claimed[name]
+
+    def _warn(self, text: str) -> None:
+        """Say what was wrong, here and to the client."""
+        self.controller.note(f"RTDE: {text}")
+        said = [bytes([len(word)]) + word for word in (text.encode(), b"RTDE")]
+        self._reply(TEXT, b"".join(said) + b"\2" if self.version == 2 else b"\2" + text.encode())
 
     def _reply(self, kind: int, body: bytes) -> None:
         self.send(struct.pack(">HB", 3 + len(body), kind) + body)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -24,6 +24,26 @@ STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
 MOST_STEPS = 10**9
 OPTIMAL_A, OPTIMAL_V = 5.0, 3.14  #: Of which ``optimovej`` takes a share [rad/s^2, rad/s]
 OPTIMAL_A_M, OPTIMAL_V_M = 2.5, 1.0  #: Of which ``optimovel`` takes a share [m/s^2, m/s]
+#: What a programme reads, by the robot's names: angles [rad], speeds [rad/s], [m/s], wrenches [N, N m], [m]
+LISTS: Final = {
+    "get_actual_joint_positions": "actual_q",
+    "get_joint_positions": "actual_q",
+    "get_actual_joint_speeds": "actual_qd",
+    "get_target_joint_positions": "target_q",
+    "get_target_joint_speeds": "target_qd",
+    "get_target_joint_accelerations": "target_qdd",
+    "get_joint_torques": "free_torques",
+    "get_actual_tcp_speed": "actual_tcp_speed",
+    "get_target_tcp_speed": "target_tcp_speed",
+    "get_tcp_force": "tcp_force",
+    "get_target_payload_cog": "payload_cog",
+    "get_target_payload_inertia": "payload_inertia",
+}
+POSES: Final = {
+    "get_actual_tcp_pose": "actual_tcp_pose",
+    "get_target_tcp_pose": "target_tcp_pose",
+    "get_tcp_offset": "tcp_offset",
+}
 
 
 class BuiltIns(Sockets):
@@ -71,12 +91,17 @@ class BuiltIns(Sockets):
         }
         for group in ("standard", "tool"):
             found |= self._pins(f"{group}_analog", number)
+        for convert, state in ((as_list, LISTS), (as_pose, POSES)):
+            found |= {name: self._reader(convert, of) for name, of in state.items()}
         return (
             found
             | self._registers("integer", "int")
             | self._registers("float", "double")
             | self._registers("boolean", "bool")
         )
+
+    def _reader(self, convert: Callable[[Any], Any], of: str) -> Callable[[], Any]:
+        return lambda: convert(getattr(self._robot, of))
 
     @property
     def _robot(self) -> Robot:
@@ -372,18 +397,13 @@ class BuiltIns(Sockets):
 
     enable_external_ft_sensor = ft_rtde_input_enable
 
-    def get_tcp_force(self) -> List:
-        """Wrench on the tool, base axes [N, N m]."""
-        return as_list(self._robot.tcp_force)
-
     def force(self) -> float:
         """Size of the force [N]."""
         return float(np.linalg.norm(self._robot.tcp_force[:3]))
 
     def tool_contact(self, direction: Any = None) -> int:
-        """Steps since a contact began, 0 without one."""
-        against = self._robot.actual_tcp_speed if direction is None else array(direction)
-        return int(self._robot.tool_contact(against))
+        """Steps since a contact began, from any direction where none is given; 0 without one."""
+        return int(self._robot.tool_contact(np.zeros(3) if direction is None else array(direction)))
 
     # Tool and safety.
 
@@ -422,51 +442,9 @@ class BuiltIns(Sockets):
 
     # State.
 
-    def get_actual_joint_positions(self) -> List:
-        """[rad]."""
-        return as_list(self._robot.actual_q)
-
-    get_joint_positions = get_actual_joint_positions
-
-    def get_actual_joint_speeds(self) -> List:
-        """[rad/s]."""
-        return as_list(self._robot.actual_qd)
-
     def get_actual_joint_positions_history(self, steps: Any = 0) -> List:
         """Some steps ago [rad]."""
         return as_list(self._robot.q_history(int(steps)))
-
-    def get_target_joint_positions(self) -> List:
-        """[rad]."""
-        return as_list(self._robot.target_q)
-
-    def get_target_joint_speeds(self) -> List:
-        """[rad/s]."""
-        return as_list(self._robot.target_qd)
-
-    def get_target_joint_accelerations(self) -> List:
-        """[rad/s^2]."""
-        return as_list(self._robot.target_qdd)
-
-    def get_joint_torques(self) -> List:
-        """Without gravity and friction [N m]."""
-        return as_list(self._robot.joint_torques)
-
-    def get_actual_tcp_pose(self) -> Pose:
-        """As measured."""
-        return as_pose(self._robot.actual_tcp_pose)
-
-    def get_target_tcp_pose(self) -> Pose:
-        """As commanded."""
-        return as_pose(self._robot.target_tcp_pose)
-
-    def get_actual_tcp_speed(self) -> List:
-        """[m/s, rad/s]."""
-        return as_list(self._robot.actual_tcp_speed)
-
-    def get_target_tcp_speed(self) -> List:
-        """[m/s, rad/s]."""
-        return as_list(self._robot.target_tcp_speed)
 
     def get_target_waypoint(self) -> Pose:
         """Target of the present move."""
@@ -476,21 +454,9 @@ class BuiltIns(Sockets):
         """Of the flange."""
         return as_pose(self._robot.forward_kin(self._robot.actual_q, np.zeros(6)))
 
-    def get_tcp_offset(self) -> Pose:
-        """In the flange's frame."""
-        return as_pose(self._robot.tcp_offset)
-
     def get_target_payload(self) -> float:
         """[kg]."""
         return float(self._robot.payload_mass)
-
-    def get_target_payload_cog(self) -> List:
-        """[m]."""
-        return as_list(self._robot.payload_cog)
-
-    def get_target_payload_inertia(self) -> List:
-        """[kg m^2]."""
-        return as_list(self._robot.payload_inertia)
 
     # Kinematics and dynamics.
 
