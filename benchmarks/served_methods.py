@@ -4,8 +4,9 @@ effect.
     pip install ur_rtde
     python -m benchmarks.served_methods [--address 127.0.0.6] [--polyscope 5.11]
 
-Prints the methods that work, those that work with a difference (which it says), and those that fail; ends
-with 1 where one fails, or where the wheel has a method nothing is said about.
+Prints the methods that answer as documented, those with a difference (which it says), those that do not
+answer, with the reason, and those that fail; ends with 1 where one fails, or where the wheel has a method
+nothing is said about.
 """
 
 from __future__ import annotations
@@ -26,8 +27,12 @@ import rtde_receive
 from scipy.spatial.transform import Rotation
 
 from benchmarks.served import serving
+from polish_sim.motion import jacobian
 
-PLAIN = "as on a robot"
+PLAIN = "as documented"
+NOT = "not: "  #: Begins the reason why a method does not answer
+LATE = "the wheel does not wait for the answer and gives what the method before it left: call it twice"
+CURRENT = "of the present joints, speeds and TCP: the wheel's script leaves its arguments out"
 WHAT = {
     "RTDEControlInterface": rtde_control.RTDEControlInterface,
     "RTDEReceiveInterface": rtde_receive.RTDEReceiveInterface,
@@ -39,18 +44,25 @@ WHAT = {
 class Trial:
     """Calls and what became of them, by class and method."""
 
-    def __init__(self, host: str) -> None:
+    def __init__(self, host: str, version: str) -> None:
         self.host, self.said = host, dict[tuple[str, str], str]()
+        self.version = _version(version)
         self.dashboard = dashboard_client.DashboardClient(host)
         self.dashboard.connect()
         self.control = rtde_control.RTDEControlInterface(host)
         self.receive = rtde_receive.RTDEReceiveInterface(host)
         self.io = rtde_io.RTDEIOInterface(host)
 
-    def check(self, thing: Any, method: str, good: Callable[[], Any], differs: str = PLAIN) -> None:
-        """``good`` calls the method and says whether what is to follow has followed."""
+    def check(
+        self, thing: Any, method: str, good: Callable[[], Any], differs: str = PLAIN, since: str = "5.0"
+    ) -> None:
+        """``good`` calls the method and says whether what is to follow has followed; it is not called where
+        the wheel's script has the method ``since`` a later version of PolyScope."""
         name = type(thing).__name__, method
         assert hasattr(thing, method), name
+        if self.version < _version(since):
+            self.said[name] = f"{NOT}in the wheel's script from PolyScope {since} on"
+            return
         try:
             fine, why = bool(good()), "its effect is missing"
         except Exception as error:
@@ -61,6 +73,17 @@ class Trial:
         if fine and "FAILS" in self.said.get(name, ""):
             return
         self.said[name] = differs
+
+
+def _version(text: str) -> tuple[int, ...]:
+    return tuple(map(int, text.split(".")))
+
+
+def again(call: Callable[[], Any]) -> Any:
+    """The second answer of a method that does not wait for its own."""
+    call()
+    time.sleep(0.1)
+    return call()
 
 
 def near(a: Sequence[float], b: Sequence[float], most: float) -> bool:
@@ -204,33 +227,51 @@ def force(t: Trial) -> None:
     home, q0 = r.getActualTCPPose(), r.getActualQ()
     t.check(c, "zeroFtSensor", lambda: c.zeroFtSensor() and until(
         lambda: np.linalg.norm(r.getActualTCPForce()[:3]) < 2.0, 1.0))  # fmt: skip
-    t.check(c, "forceModeSetDamping", lambda: c.forceModeSetDamping(0.05))
-    t.check(c, "forceModeSetGainScaling", lambda: c.forceModeSetGainScaling(0.5))
     limits = [0.01, 0.01, 0.02, 0.1, 0.1, 0.1]
+
+    def sunk(seconds: float) -> float:
+        """How far 10 N down carry the free arm [m]; in force mode a robot is never steady."""
+        before = r.getActualTCPPose()[2]
+        assert c.forceMode([0.0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -10.0, 0, 0, 0], 2, limits)
+        time.sleep(seconds)
+        assert not c.isSteady()
+        return float(before - r.getActualTCPPose()[2])
+
+    def least(call: Callable[[float], Any], none: float, usual: float) -> bool:
+        """Full damping, or no gain, leaves the arm where it is."""
+        good = call(none) and abs(sunk(0.5)) < 1.5e-3 and c.forceModeStop()
+        return bool(call(usual) and good)
+
+    t.check(c, "forceModeSetDamping", lambda: least(c.forceModeSetDamping, 1.0, 0.025))
+    t.check(c, "forceModeSetGainScaling", lambda: least(c.forceModeSetGainScaling, 0.0, 0.5))
     law = "law of our controller force-mode: what is public of a robot's"
-    t.check(
-        c,
-        "forceMode",
-        lambda: (
-            c.forceMode([0.0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -10.0, 0, 0, 0], 2, limits)
-            and until(lambda: home[2] - r.getActualTCPPose()[2] > 0.01, 3.0)
-        ),
-        law,
-    )
+    t.check(c, "forceMode", lambda: 0.005 < sunk(1.0) < 0.0205, law)
     t.check(c, "forceModeStop", lambda: c.forceModeStop() and until(c.isSteady, 2.0))
     c.moveL(home, 0.1, 0.5)
-    t.check(c, "toolContact", lambda: c.toolContact([0, 0, -1.0, 0, 0, 0]) == 0)
-    t.check(c, "startContactDetection", lambda: c.startContactDetection([0, 0, -1.0, 0, 0, 0]))
-    t.check(c, "readContactDetection", lambda: c.readContactDetection() is False)
-    t.check(c, "stopContactDetection", c.stopContactDetection)
+    down = [0, 0, -1.0, 0, 0, 0]
+    t.check(c, "toolContact", lambda: again(lambda: c.toolContact(down)) == 0, LATE)
     t.check(c, "moveUntilContact", lambda: c.moveUntilContact([0, 0, -0.02, 0, 0, 0]) and until(
         lambda: home[2] - r.getActualTCPPose()[2] > 0.03, 1.0))  # fmt: skip
+    part = r.getActualTCPPose()[2]
+    c.moveL(home, 0.05, 0.5)
+    # Without contact it is False; in the wheel a direction whose sum is not above 0 counts as none, so that
+    # the speed is taken, which is the same here.
+    t.check(c, "startContactDetection", lambda: c.startContactDetection(down))
+    t.check(c, "readContactDetection", lambda: c.readContactDetection() is False)
+    t.check(c, "stopContactDetection", lambda: c.stopContactDetection() is False)
+    c.startContactDetection(down)
+    c.moveL(moved(home, 0.0, 0.0, part - home[2] - 0.005), 0.02, 0.5, True)
+    time.sleep((home[2] - part) / 0.02 + 2.0)
+    t.check(c, "startContactDetection", lambda: abs(r.getActualTCPPose()[2] - part) < 2e-3,
+            "do not poll: the wheel's script loses a contact found in the cycle a call ends in")  # fmt: skip
+    t.check(c, "readContactDetection", lambda: c.readContactDetection() is True)
+    t.check(c, "stopContactDetection", lambda: c.stopContactDetection() is True)
     c.moveL(home, 0.05, 0.5)
     free = "nobody leads the arm"
-    t.check(c, "teachMode", c.teachMode, free)
+    t.check(c, "teachMode", lambda: c.teachMode() and not c.isSteady(), free)
     t.check(c, "endTeachMode", lambda: c.endTeachMode() and until(c.isSteady, 2.0))
-    t.check(c, "freedriveMode", lambda: c.freedriveMode(), free)
-    t.check(c, "getFreedriveStatus", lambda: c.getFreedriveStatus() in (0, 1, 2))
+    t.check(c, "freedriveMode", lambda: c.freedriveMode() and not c.isSteady(), free)
+    t.check(c, "getFreedriveStatus", lambda: c.getFreedriveStatus() == 0)
     t.check(c, "endFreedriveMode", lambda: c.endFreedriveMode() and until(c.isSteady, 2.0))
 
     def torque() -> bool:
@@ -238,12 +279,39 @@ def force(t: Trial) -> None:
         good = twice(lambda: c.directTorque([0.0] * 6), 0.3)
         return good and near(r.getActualQ(), q, 0.02)
 
-    t.check(c, "directTorque", torque, "friction is that of the simulated joints")
+    # Before 5.26 the wheel's script has an empty branch for it, and a loop that waits for nothing: a robot
+    # stops such a programme.
+    t.check(
+        c,
+        "directTorque",
+        torque,
+        "friction is that of the simulated joints; the wheel gives its scales as 0, whatever is asked for",
+        "5.26",
+    )
     c.moveJ(q0, 1.0, 2.0)
-    t.check(c, "ftRtdeInputEnable", lambda: c.ftRtdeInputEnable(True))
-    t.check(c, "setExternalForceTorque", lambda: c.setExternalForceTorque([0, 0, 7.0, 0, 0, 0]) and until(
-        lambda: abs(r.getActualTCPForce()[2] - 7.0) < 0.1, 2.0))  # fmt: skip
-    t.check(c, "enableExternalFtSensor", lambda: c.enableExternalFtSensor(False) and c.zeroFtSensor())
+
+    def unfed() -> bool:
+        return until(lambda: r.getRuntimeState() == 4, 2.0)
+
+    def goes_on() -> bool:
+        t.dashboard.play()
+        return until(c.isProgramRunning, 2.0)
+
+    t.check(
+        c, "ftRtdeInputEnable", lambda: c.ftRtdeInputEnable(True) and unfed() and goes_on()
+        and c.ftRtdeInputEnable(False) and c.zeroFtSensor(),
+        "nothing feeds it, see setExternalForceTorque: the programme pauses after 0.1 s",
+    )  # fmt: skip
+    t.check(
+        c, "enableExternalFtSensor", lambda: c.enableExternalFtSensor(True) and unfed() and goes_on()
+        and c.enableExternalFtSensor(False),
+        "as ftRtdeInputEnable",
+    )  # fmt: skip
+    t.check(
+        c, "setExternalForceTorque", lambda: c.setExternalForceTorque([0, 0, 7.0, 0, 0, 0])
+        and c.isConnected() and c.zeroFtSensor(),
+        f"{NOT}the wheel sends 52 bytes in a recipe of 56, which is ignored; other clients can",
+    )  # fmt: skip
 
 
 def tool(t: Trial) -> None:
@@ -253,14 +321,8 @@ def tool(t: Trial) -> None:
     t.check(c, "getTCPOffset", lambda: len(offset) == 6)
     # The wheel leaves an offset of nothing but zeros out of its packet: the robot keeps the one before.
     flange = c.getForwardKinematics(q, [0.0, 0.0, 1e-9, 0.0, 0.0, 0.0])
-    c.getActualToolFlangePose()  # the wheel does not wait for the answer and reads the one before
-    time.sleep(0.1)
-    t.check(
-        c,
-        "getActualToolFlangePose",
-        lambda: near(c.getActualToolFlangePose()[:3], flange[:3], 1e-3),
-        "its first answer is that of the method called before",
-    )
+    t.check(c, "getActualToolFlangePose", lambda: near(
+        again(c.getActualToolFlangePose)[:3], flange[:3], 1e-3), LATE)  # fmt: skip
     t.check(c, "setTcp", lambda: c.setTcp([0.0] * 6) and until(
         lambda: near(r.getActualTCPPose()[:3], flange[:3], 1e-3), 1.0) and c.setTcp(offset))  # fmt: skip
     mass, cog = r.getPayload(), r.getPayloadCog()
@@ -271,32 +333,52 @@ def tool(t: Trial) -> None:
         lambda: near(r.getPayloadInertia(), inertia, 1e-9), 1.0), "it holds at once")  # fmt: skip
     t.check(c, "setGravity", lambda: c.setGravity([0.0, 0.0, 9.82]), "only for a robot that stands upright")
     pose = r.getActualTCPPose()
-    t.check(c, "getForwardKinematics", lambda: near(c.getForwardKinematics(q, offset)[:3], pose[:3], 1e-3))
+    t.check(c, "getForwardKinematics", lambda: near(c.getForwardKinematics(q, offset)[:3], pose[:3], 1e-3),
+            "with an offset of zeros the wheel sends the joints alone: give 1e-9 m for 0")  # fmt: skip
     t.check(c, "getInverseKinematics", lambda: near(c.getInverseKinematics(pose, q), q, 3e-3))
     t.check(c, "getInverseKinematicsHasSolution", lambda: c.getInverseKinematicsHasSolution(pose)
             and not c.getInverseKinematicsHasSolution([3.0, 0, 0, 0, 0, 0]))  # fmt: skip
     far = lambda at: np.array(c.getForwardKinematics(list(at), offset))[:3]  # noqa: E731
     steps = 1e-4 * np.eye(6)
     slope = np.column_stack([(far(q + h) - far(q - h)) / 2e-4 for h in steps])
-    J = lambda at: np.array(c.getJacobian(list(at), offset)).reshape(6, 6)  # noqa: E731
-    t.check(c, "getJacobian", lambda: near(J(q)[:3].ravel(), slope.ravel(), 1e-3))
-    speeds = [0.1, -0.2, 0.3, 0.1, 0.2, -0.1]
-    step = 1e-3 * np.array(speeds)
-    t.check(c, "getJacobianTimeDerivative", lambda: near(
-        c.getJacobianTimeDerivative(q, speeds, offset), ((J(q + step) - J(q - step)) / 2e-3).ravel(), 1e-2,
-    ))  # fmt: skip
+    six = lambda flat: np.array(flat).reshape(6, 6, order="F")  # noqa: E731 - columns, one after the other
+    t.check(c, "getJacobian", lambda: near(
+        six(c.getJacobian())[:3].ravel(), slope.ravel(), 1e-3), CURRENT, "5.23")  # fmt: skip
+
+    def turning() -> bool:
+        c.speedJ([0.3, 0.0, 0.0, 0.0, 0.0, 0.3], 2.0)
+        time.sleep(0.4)
+        there, qd, found = (np.array(v) for v in (
+            r.getActualQ(), r.getActualQd(), c.getJacobianTimeDerivative()))  # fmt: skip
+        c.speedStop()
+        ahead, behind = (jacobian(there + h * qd, np.array(offset[:3])) for h in (1e-4, -1e-4))
+        return near(six(found).ravel(), ((ahead - behind) / 2e-4).ravel(), 0.02) and np.ptp(found) > 0.1
+
+    t.check(c, "getJacobianTimeDerivative", turning, CURRENT, "5.23")
 
     def inertia_matrix() -> bool:
-        M = np.array(c.getMassMatrix(q)).reshape(6, 6)
+        M = six(c.getMassMatrix())
         return near(M.ravel(), M.T.ravel(), 1e-9) and np.linalg.eigvalsh(M)[0] > 0.0
 
-    t.check(c, "getMassMatrix", inertia_matrix, "of the simulated arm with its tool")
+    # 1 of 2000 of these answers was the one before: the wheel waits for 2 ms, on a busy machine not enough.
+    t.check(
+        c,
+        "getMassMatrix",
+        lambda: inertia_matrix() or inertia_matrix(),
+        f"with the tool and without rotors; {CURRENT}",
+        "5.23",
+    )
+    c.moveJ(q, 1.0, 2.0)
     t.check(c, "getCoriolisAndCentrifugalTorques", lambda: near(
-        c.getCoriolisAndCentrifugalTorques(q, [0.0] * 6), [0.0] * 6, 1e-9))  # fmt: skip
-    t.check(c, "getJointTorques", lambda: len(c.getJointTorques()) == 6 and np.ptp(c.getJointTorques()) > 0.0)
-    t.check(c, "getTargetJointAccelerations", lambda: near(c.getTargetJointAccelerations(), [0.0] * 6, 0.1))
-    t.check(c, "getTargetWaypoint", lambda: len(c.getTargetWaypoint()) == 6)
-    t.check(c, "getActualJointPositionsHistory", lambda: near(c.getActualJointPositionsHistory(5), q, 3e-3))
+        c.getCoriolisAndCentrifugalTorques(), [0.0] * 6, 1e-2), CURRENT, "5.23")  # fmt: skip
+    # At rest in the air no joint feels more than its friction, and none of the arm's weight.
+    t.check(c, "getJointTorques", lambda: near(again(c.getJointTorques), [0.0] * 6, 6.0)
+            and np.ptp(r.getTargetMoment()) > 20.0, LATE)  # fmt: skip
+    t.check(c, "getTargetJointAccelerations", lambda: near(
+        again(c.getTargetJointAccelerations), [0.0] * 6, 0.1), LATE, "5.23")  # fmt: skip
+    t.check(c, "getTargetWaypoint", lambda: near(c.getTargetWaypoint()[:3], r.getTargetTCPPose()[:3], 1e-4))
+    t.check(c, "getActualJointPositionsHistory", lambda: near(
+        again(lambda: c.getActualJointPositionsHistory(5)), q, 3e-3), LATE)  # fmt: skip
     t.check(c, "isJointsWithinSafetyLimits", lambda: c.isJointsWithinSafetyLimits(q)
             and not c.isJointsWithinSafetyLimits([10.0] * 6))  # fmt: skip
     t.check(c, "isPoseWithinSafetyLimits", lambda: c.isPoseWithinSafetyLimits(pose)
@@ -310,30 +392,29 @@ def tool(t: Trial) -> None:
 def state(t: Trial) -> None:
     """What the robot says of itself."""
     c, r, io = t.control, t.receive, t.io
-    t.check(c, "getStepTime", lambda: c.getStepTime() == 0.002)
+    t.check(c, "getStepTime", lambda: again(c.getStepTime) == 0.002, LATE)
     t.check(c, "getRobotStatus", lambda: c.getRobotStatus() == 3)
     t.check(r, "getRobotStatus", lambda: r.getRobotStatus() == 3)
     for thing in (c, r, io, t.dashboard):
         t.check(thing, "isConnected", thing.isConnected)
     t.check(c, "isProgramRunning", c.isProgramRunning)
-    six = (
-        "ActualQ",
-        "ActualQd",
-        "TargetQ",
-        "TargetQd",
-        "TargetQdd",
-        "TargetMoment",
-        "ActualTCPPose",
-        "ActualTCPSpeed",
-        "ActualTCPForce",
-        "TargetTCPPose",
-        "TargetTCPSpeed",
-        "FtRawWrench",
-        "PayloadInertia",
-    )
-    for name in six:
-        t.check(r, f"get{name}", lambda name=name: len(getattr(r, f"get{name}")()) == 6)
-    t.check(r, "getActualTCPPose", lambda: near(r.getActualTCPPose()[:3], r.getTargetTCPPose()[:3], 3e-3))
+    still = [0.0] * 6
+    for name, value, most in (
+        ("ActualQ", r.getTargetQ(), 3e-3),
+        ("TargetQ", r.getActualQ(), 3e-3),
+        ("ActualQd", still, 0.03),
+        ("TargetQd", still, 1e-9),
+        ("TargetQdd", still, 1e-6),
+        ("ActualTCPSpeed", still, 0.02),
+        ("TargetTCPSpeed", still, 1e-9),
+        ("ActualTCPForce", still, 3.0),
+        ("ActualTCPPose", r.getTargetTCPPose(), 3e-3),
+        ("TargetTCPPose", c.getForwardKinematics(r.getTargetQ(), c.getTCPOffset()), 1e-6),
+        ("PayloadInertia", [0.01, 0.02, 0.03, 0.0, 0.0, 0.0], 1e-9),  # set by `tool`
+    ):
+        t.check(r, f"get{name}", lambda name=name, value=value, most=most: near(
+            getattr(r, f"get{name}")(), value, most))  # fmt: skip
+    t.check(r, "getTargetMoment", lambda: 20.0 < abs(r.getTargetMoment()[1]) < 80.0)  # the arm's weight
     t.check(r, "getFtRawWrench", lambda: np.ptp(r.getFtRawWrench()) > 0.0)
     for name in ("ActualCurrent", "TargetCurrent", "JointControlOutput"):
         t.check(r, f"get{name}", lambda name=name: np.ptp(getattr(r, f"get{name}")()) > 0.0,
@@ -356,8 +437,8 @@ def state(t: Trial) -> None:
                 "rests: the cell has none")  # fmt: skip
     t.check(r, "getDigitalInState", lambda: r.getDigitalInState(0) is False, "rests: the cell has none")
     t.check(r, "getJointMode", lambda: list(r.getJointMode()) == [253] * 6)
-    t.check(r, "getPayload", lambda: r.getPayload() > 0.0)
-    t.check(r, "getPayloadCog", lambda: len(r.getPayloadCog()) == 3)
+    t.check(r, "getPayload", lambda: 0.5 < r.getPayload() < 3.0)
+    t.check(r, "getPayloadCog", lambda: 0.0 < r.getPayloadCog()[2] < 0.3)
     t.check(r, "getRobotMode", lambda: r.getRobotMode() == 7)
     t.check(r, "getRuntimeState", lambda: r.getRuntimeState() == 2)
     t.check(r, "getSafetyMode", lambda: r.getSafetyMode() == 1)
@@ -365,16 +446,18 @@ def state(t: Trial) -> None:
     t.check(r, "isEmergencyStopped", lambda: not r.isEmergencyStopped(), "there is no such button")
     t.check(r, "isProtectiveStopped", lambda: not r.isProtectiveStopped())
     t.check(r, "getTimestamp", lambda: r.getTimestamp() > 42.0)
-    t.check(r, "getOutputIntRegister", lambda: isinstance(r.getOutputIntRegister(2), int))
-    t.check(r, "getOutputDoubleRegister", lambda: isinstance(r.getOutputDoubleRegister(2), float))
+    t.check(r, "getOutputIntRegister", lambda: isinstance(r.getOutputIntRegister(14), int))
+    t.check(r, "getOutputDoubleRegister", lambda: isinstance(r.getOutputDoubleRegister(14), float))
     t.check(
         io,
         "setSpeedSlider",
         lambda: io.setSpeedSlider(0.5) and until(lambda: r.getTargetSpeedFraction() == 0.5),
     )
     t.check(r, "getTargetSpeedFraction", lambda: r.getTargetSpeedFraction() == 0.5)
-    t.check(r, "getSpeedScaling", lambda: r.getSpeedScaling() == 0.5)
-    t.check(r, "getSpeedScalingCombined", lambda: 0.0 < r.getSpeedScalingCombined() <= 0.5)
+    # Of the limiter of the trajectory; how fast the robot goes is its product with the slider.
+    t.check(r, "getSpeedScaling", lambda: r.getSpeedScaling() == 1.0)
+    combined = lambda: until(lambda: r.getSpeedScalingCombined() == 0.5, 3.0)  # noqa: E731
+    t.check(r, "getSpeedScalingCombined", combined)
     io.setSpeedSlider(1.0)
     for name, bit in (
         ("setStandardDigitalOut", 3),
@@ -423,7 +506,9 @@ def programme(t: Trial) -> None:
     c, r, d = t.control, t.receive, t.dashboard
     with tempfile.TemporaryDirectory() as folder:
         file, data = Path(folder, "own.script"), Path(folder, "data.csv")
-        text = "def own():\n  write_output_integer_register(15, {})\n  sync()\nend\n"
+        # As the wheel's page says, a script ends with 2 in the register it waits for.
+        text = "def own():\n  write_output_integer_register(15, {})\n"
+        text += "  write_output_integer_register(0, 2)\nend\n"
         file.write_text(text.format(5))
         t.check(c, "sendCustomScript", lambda: c.sendCustomScript(text.format(4)) and until(
             lambda: r.getOutputIntRegister(15) == 4, 3.0))  # fmt: skip
@@ -446,9 +531,9 @@ def programme(t: Trial) -> None:
     t.check(c, "setWatchdog", lambda: not c.isProgramRunning())
     c.reuploadScript()
     until(c.isProgramRunning)
-    t.check(
-        c, "triggerProtectiveStop", lambda: c.triggerProtectiveStop() and until(r.isProtectiveStopped, 2.0)
-    )
+    # It answers False where the stop was faster than its answer.
+    t.check(c, "triggerProtectiveStop", lambda: c.triggerProtectiveStop() in (True, False)
+            and until(r.isProtectiveStopped, 2.0))  # fmt: skip
     t.check(d, "safetystatus", lambda: "PROTECTIVE_STOP" in d.safetystatus())
     time.sleep(5.5)
     t.check(d, "closeSafetyPopup", lambda: d.closeSafetyPopup() is None)
@@ -469,13 +554,9 @@ def programme(t: Trial) -> None:
     t.check(d, "popup", lambda: d.popup("look") is None, "in the controller's log and on port 30001 only")
     t.check(d, "closePopup", lambda: d.closePopup() is None)
     t.check(d, "addToLog", lambda: d.addToLog("benchmark") is None)
-    t.check(
-        d,
-        "setUserRole",
-        lambda: d.setUserRole(dashboard_client.UserRole.PROGRAMMER) is None,
-        "changes nothing",
-    )
-    t.check(d, "isProgramSaved", lambda: d.isProgramSaved() in (True, False))
+    t.check(d, "setUserRole", lambda: not hasattr(dashboard_client, "UserRole"),
+            f"{NOT}the wheel has no name for its argument in Python")  # fmt: skip
+    t.check(d, "isProgramSaved", lambda: not d.isProgramSaved(), "no programme is ever loaded")
     t.check(
         d, "getLoadedProgram", lambda: "No program loaded" in d.getLoadedProgram(), "nothing can be loaded"
     )
@@ -521,7 +602,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         words = ("--part", "plate", "--address", asked.address, "--polyscope", asked.polyscope)
         with serving(*words, "--out", f"{folder}/served"):
-            trial = Trial(asked.address)
+            trial = Trial(asked.address, asked.polyscope)
             for some in (motions, tool, force, state, programme):
                 some(trial)
                 print(f"{some.__name__}: done", flush=True)
@@ -530,11 +611,15 @@ def main() -> None:
         methods = {m for m, f in inspect.getmembers(cls, callable) if m[0] != "_" and not inspect.isclass(f)}
         said = {m: trial.said.get((name, m), "FAILS: not tried") for m in sorted(methods)}
         plain = [m for m, text in said.items() if text == PLAIN]
-        print(f"\n{name}: {len(methods)} methods\n  {PLAIN} ({len(plain)}): {', '.join(plain)}")
-        for m, text in said.items():
-            if text != PLAIN:
-                failed = failed or "FAILS" in text
-                print(f"  {m}: {text}")
+        other = {m: text for m, text in said.items() if text != PLAIN}
+        refused, fails = (sum(text.startswith(word) for text in other.values()) for word in (NOT, "FAILS"))
+        print(
+            f"\n{name}: {len(methods)} methods, {len(plain)} {PLAIN}, {len(other) - refused - fails} with a "
+            f"difference, {refused} not, {fails} fail\n  {PLAIN}: {', '.join(plain)}"
+        )
+        for m, text in other.items():
+            print(f"  {m}: {text}")
+        failed = failed or fails > 0
     raise SystemExit(failed)
 
 
