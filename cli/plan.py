@@ -137,6 +137,8 @@ def plan_once(
     setup = ExportSetup(scenario.process, scenario.spindle, part_pose=scenario.part.pose)
     export_plan(folder, result, wanted.formats, setup)
     observer.stage("draw")
+    for surface in (result.surface, result.region.surface):
+        surface.free_tree()
     page = path_page(result, setup)
     if reach is not None and strokes:
         page = plan_page(page, scenario, result, reach, strokes)

@@ -10,11 +10,16 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-SLICE: Final = 65_536
+SLICE: Final = 16_384
 
 
 def by_slices(function: Callable[..., Any], *rows: Any) -> Any:
     """What a function makes of rows (n, ...), from `SLICE` rows at a time: what it holds on its way stays
     small."""
-    starts = range(0, max(len(rows[0]), 1), SLICE)
-    return np.concatenate([function(*(array[start : start + SLICE] for array in rows)) for start in starts])
+    made = np.empty(0)
+    for start in range(0, max(len(rows[0]), 1), SLICE):
+        part = function(*(array[start : start + SLICE] for array in rows))
+        if start == 0:
+            made = np.empty((len(rows[0]), *part.shape[1:]), part.dtype)
+        made[start : start + SLICE] = part
+    return made

@@ -103,3 +103,18 @@ def test_on_a_restricted_surface_only_that_part_is_found():
     both = np.isin(over.facets, upper)
     assert both.sum() > 100
     assert np.abs(over.positions[both] - found.positions[both]).max() < 1e-12
+
+
+def test_a_part_of_a_part_of_a_surface_bends_as_the_whole_to_the_last_bit():
+    shape = SHAPES["cylinder"]
+    surface = fit_triangles(shape.vertices, shape.faces)
+    rng = np.random.default_rng(3)
+    first = rng.permutation(len(shape.faces))[: len(shape.faces) // 2].astype(np.int32)
+    second = rng.permutation(len(first))[: len(first) // 2].astype(np.int32)
+    piece, facets = surface.restrict(first).restrict(second), first[second]
+    at, numbers = rng.dirichlet([1, 1, 1], len(facets)), np.arange(len(facets), dtype=np.int32)
+    assert np.array_equal(piece.evaluate(numbers, at), surface.evaluate(facets, at))
+    assert np.array_equal(piece.shape_operators(numbers, at), surface.shape_operators(facets, at))
+    assert np.array_equal(piece.normal_control, surface.normal_control[facets])
+    assert np.array_equal(piece.shape, surface.shape[facets])
+    assert np.abs(surface.shape[facets]).max() > 0.0

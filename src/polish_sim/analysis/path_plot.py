@@ -37,6 +37,7 @@ from polish_sim.analysis.style import (
     views_of,
 )
 from polish_sim.arrays import Array, Bools, Ints
+from polish_sim.geometry.features import facet_cross
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.planning.part_plan import LEFT_OUT as CUT
 from polish_sim.planning.part_plan import SLOWED
@@ -164,7 +165,7 @@ def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, views: Views
 
 def _shaded(corners: Array, towards: Array, tints: Array) -> tuple[Array, Array]:
     """The facets that face the viewer, far ones first, (m, 3, 3), and their colours, (m, 4)."""
-    normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    normals = unit(facet_cross(corners))
     front = np.flatnonzero(normals @ towards > 0.0)
     front = front[np.argsort(corners[front].mean(axis=1) @ towards)]
     bright = AMBIENT + (1.0 - AMBIENT) * np.clip(normals[front] @ LIGHT, 0.0, 1.0) ** 1.5
@@ -187,7 +188,7 @@ def _draw_reach(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: 
         out = row.triangles @ frame.T * MM
         if not len(out):
             continue
-        normals = unit(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]))
+        normals = unit(facet_cross(out))
         near = out[seen_in(seen.space, out.mean(axis=1), normals)]
         solid.add_collection3d(Poly3DCollection(near, facecolors=color, edgecolors=color, lw=0.3, zorder=2))
         flat.add_collection(

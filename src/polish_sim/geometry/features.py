@@ -26,12 +26,18 @@ class SmoothCorners(NamedTuple):
     flat: Bools  #: Smooth vertices whose normal is that of a flat face, shape (k,)
 
 
-def facet_normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
+def facet_normals(vertices: Array, faces: Ints | Indices) -> tuple[Array, Array]:
     """Return unit normals (m, 3) and areas (m,) [m^2] of flat facets."""
-    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
-    cross = np.cross(b - a, c - a)
+    cross = by_slices(lambda f: facet_cross(vertices[f]), faces)
     length = np.linalg.norm(cross, axis=1)
-    return cross / np.maximum(length, 1e-300)[:, None], 0.5 * length
+    cross /= np.maximum(length, 1e-300)[:, None]
+    return cross, 0.5 * length
+
+
+def facet_cross(corners: Array) -> Array:
+    """Normals of flat facets (m, 3, 3), as long as twice their areas, shape (m, 3)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.cross(b - a, c - a)
 
 
 def smooth_edges(normals: Array, adjacency: Adjacency, feature_angle: float = FEATURE_ANGLE) -> Bools:
@@ -49,7 +55,7 @@ def smooth_corners(
     face meets a rounding, the flat face's own normal is kept so that it stays flat.
     """
     count, index = corner_fans(adjacency, smooth)
-    normals = _sum_over(index, by_slices(_max_weights, vertices[faces]), count)
+    normals = _sum_over(index, by_slices(lambda f: _max_weights(vertices[f]), faces), count)
     normals, flat = _keep_flat_faces(vertices, faces, adjacency, smooth, index, normals)
     length = np.linalg.norm(normals, axis=1)
     own, _ = facet_normals(vertices, faces)
@@ -99,16 +105,16 @@ def _dominant(
 ) -> tuple[Indices, Bools]:
     """The largest flat face at each smooth vertex, and whether it is larger than its neighbours by the
     factor."""
-    corner_size = np.repeat(sizes[labels], 3)
-    largest = np.zeros(count)
-    np.maximum.at(largest, index.ravel(), corner_size)
+    at, label = index.ravel(), np.repeat(labels, 3)
+    corner_size, largest = sizes[label], np.zeros(count)
+    np.maximum.at(largest, at, corner_size)
     # The largest flat face at each smooth vertex, and the largest among the others.
-    is_largest = corner_size == largest[index.ravel()]
+    is_largest = corner_size == largest[at]
     owner = np.zeros(count, dtype=np.int64)
-    owner[index.ravel()[is_largest]] = np.repeat(labels, 3)[is_largest]
-    others = np.repeat(labels, 3) != owner[index.ravel()]
+    owner[at[is_largest]] = label[is_largest]
+    others = label != owner[at]
     second = np.zeros(count)
-    np.maximum.at(second, index.ravel()[others], corner_size[others])
+    np.maximum.at(second, at[others], corner_size[others])
     # Where a face is alone at a vertex, what it blends into elsewhere.
     beside = np.zeros(len(sizes))
     facet, edge = np.nonzero(smooth)

@@ -13,6 +13,7 @@ from polish_sim.geometry.features import (
     FEATURE_ANGLE,
     SharpLines,
     crease_tangents,
+    facet_cross,
     facet_normals,
     sharp_lines,
     smooth_corners,
@@ -20,7 +21,7 @@ from polish_sim.geometry.features import (
 )
 from polish_sim.geometry.jets import fit_vertex_jets
 from polish_sim.geometry.mesh import PartMesh
-from polish_sim.geometry.surface import Surface, build_surface
+from polish_sim.geometry.surface import SourcePatches, Surface, build_on
 from polish_sim.geometry.topology import Adjacency, find_adjacency
 from polish_sim.spatial import unit
 
@@ -48,27 +49,23 @@ def fit_triangles(vertices: Array, faces: Ints, feature_angle: float = FEATURE_A
     jets = fit_vertex_jets(vertices, faces, corners, smooth)
     corner_normals = jets.normals[corners.ids]
     lines = sharp_lines(vertices, faces, smooth)
-    points = by_slices(
-        partial(_edge_points, vertices, lines), faces, adjacency.facets, corner_normals, smooth
-    )
+    control = by_slices(partial(_patches, vertices, lines), faces, adjacency.facets, corner_normals, smooth)
     facet, edge = np.nonzero(smooth & (adjacency.facets < np.arange(len(faces))[:, None]))
     # to the last digit
-    points[facet, edge] = points[adjacency.facets[facet, edge], adjacency.edges[facet, edge]]
+    control[facet, 3 + edge] = control[adjacency.facets[facet, edge], 3 + adjacency.edges[facet, edge]]
     flat = np.abs(corner_normals - normals[:, None, :]).max(axis=(1, 2)) < FLAT_TILT
-    return build_surface(
-        vertices=vertices,
-        faces=faces,
-        control=_unfold(np.concatenate([vertices[faces], points], axis=1), normals, adjacency),
-        normal_control=by_slices(quadratic_normals, vertices[faces], corner_normals),
-        shape=np.where(flat[:, None, None], 0.0, jets.shape[corners.ids]),
-        adjacency=adjacency,
-        smooth=smooth,
+    source = SourcePatches(
+        by_slices(lambda f, n: quadratic_normals(vertices[f], n), faces, corner_normals),
+        np.concatenate([jets.shape, np.zeros((1, 6))]),
+        np.where(flat[:, None], np.int32(len(jets.shape)), corners.ids),
     )
+    rows, control = np.arange(len(faces), dtype=np.int32), _unfold(control, normals, adjacency)
+    return build_on(source, rows, vertices, faces, control, *adjacency, smooth)
 
 
 def _unfold(control: Array, normals: Array, adjacency: Adjacency) -> Array:
-    """Straighten the edges of patches that would fold over: slivers beside a strongly curved crease."""
-    control = control.copy()
+    """Straighten in place the edges of patches that would fold over: slivers beside a strongly curved
+    crease."""
     for _ in range(UNFOLD_ROUNDS):
         folded = by_slices(_folds, control, normals)
         if not folded.any():
@@ -83,18 +80,17 @@ def _unfold(control: Array, normals: Array, adjacency: Adjacency) -> Array:
 
 def _folds(control: Array, normals: Array) -> Bools:
     """Patches whose normal turns over at a corner or in the middle of an edge, shape (m,)."""
-    p, q, r = control[:, 0], control[:, 1], control[:, 2]
-    least = FOLDED * np.linalg.norm(np.cross(q - p, r - p), axis=1)
+    least = FOLDED * np.linalg.norm(facet_cross(control[:, :3]), axis=1)
     places = [*np.eye(3), *(0.5 * (1.0 - np.eye(3)))]
     return np.any(
         [(area_elements(control, *place) * normals).sum(axis=1) < least for place in places], axis=0
     )
 
 
-def _edge_points(
+def _patches(
     vertices: Array, lines: SharpLines, faces: Ints, neighbours: Ints, corner_normals: Array, smooth: Bools
 ) -> Array:
-    """Control points of the three edges of each facet, shape (m, 3, 3); the same number from both sides."""
+    """Control points of each facet's patch, shape (m, 6, 3); on an edge the same number from both sides."""
     first, second = faces, np.roll(faces, -1, axis=1)
     swap = first > second
     low, high = np.where(swap, second, first), np.where(swap, first, second)
@@ -114,4 +110,4 @@ def _edge_points(
     )
     start_way = np.where(too_steep[..., None], unit_chord, start_way)
     end_way = np.where(too_steep[..., None], unit_chord, end_way)
-    return edge_control(start, end, start_way, end_way)
+    return np.concatenate([vertices[faces], edge_control(start, end, start_way, end_way)], axis=1)

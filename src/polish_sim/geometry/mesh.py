@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from polish_sim.arrays import Array, Ints
 from polish_sim.errors import MeshError, unknown_name
+from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.mesh_file import read_mesh_file
 from polish_sim.geometry.orientation import choose_up
 from polish_sim.geometry.polygon import FileTriangles
@@ -253,8 +254,7 @@ def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
 
 def _joined_on_grid(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
     """Join the vertices in each cube of half the edge that triangles of the wanted number have."""
-    corners = vertices[faces]
-    area = 0.5 * float(np.linalg.norm(np.cross(*np.moveaxis(np.diff(corners, axis=1), 1, 0)), axis=1).sum())
+    area = float(facet_normals(vertices, faces)[1].sum())
     cubes = np.floor(vertices / (0.5 * math.sqrt(2.0 * area / most_facets))).astype(np.int64)
     cube = np.unique(cubes, axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(cube)

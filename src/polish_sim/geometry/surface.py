@@ -42,18 +42,39 @@ class Curvature(NamedTuple):
     directions: Array  #: Unit direction of k1, shape (n, 3)
 
 
+class SourcePatches(NamedTuple):
+    """How patches bend; shared by a surface and the surfaces made of some of its facets."""
+
+    normal_control: Array  #: Quadratic normal field, not normalised, shape (p, 6, 3)
+    shapes: Array  #: Shape operators at smooth vertices [1/m], packed, shape (k, 6)
+    corners: Ints  #: Smooth vertex of each corner, shape (p, 3)
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Quadratic Bezier triangles, one per facet, with smooth normals and shape operators."""
 
+    source: SourcePatches
+    rows: Ints  #: Patch of the source each facet is, shape (m,)
     vertices: Array  #: Vertices [m], shape (n, 3)
     faces: Ints  #: Vertex indices, shape (m, 3)
     control: Array  #: Control points [m], shape (m, 6, 3); order as in :mod:`bezier`
-    normal_control: Array  #: Quadratic normal field, not normalised, shape (m, 6, 3)
-    shape: Array  #: Shape operators at the corners [1/m], packed, shape (m, 3, 6)
     neighbours: Ints  #: Facet across each edge, -1 at borders, shape (m, 3)
     neighbour_edges: Ints  #: Which edge of that facet it is, shape (m, 3)
     smooth: Bools  #: Edges across which the normal is continuous, shape (m, 3)
+
+    @property
+    def normal_control(self) -> Array:
+        """Quadratic normal field, not normalised, shape (m, 6, 3)."""
+        return self.source.normal_control[self.rows]
+
+    @property
+    def shape(self) -> Array:
+        """Shape operators at the corners [1/m], packed, shape (m, 3, 6)."""
+        return self._shapes(slice(None))
+
+    def _shapes(self, facets: Any) -> Array:
+        return self.source.shapes[self.source.corners[self.rows[facets]]]
 
     @property
     def adjacency(self) -> Adjacency:
@@ -64,6 +85,10 @@ class Surface:
     def tree(self) -> BoxTree:
         """Boxes over the patches, for closest points; grown when first asked for."""
         return build_box_tree(self.control)
+
+    def free_tree(self) -> None:
+        """Free the memory of the tree; it is built again when asked for."""
+        vars(self).pop("tree", None)
 
     @cached_property
     def middle(self) -> Array:
@@ -110,7 +135,7 @@ class Surface:
     def evaluate(self, facets: Ints, barycentric: Array) -> SurfacePoints:
         """Positions and normals at facets (n,) and barycentric coordinates (n, 3)."""
         facets, barycentric = np.asarray(facets, dtype=np.int32), np.asarray(barycentric, dtype=np.float64)
-        normals = blend(self.normal_control, facets, barycentric)
+        normals = blend(self.source.normal_control, self.rows[facets], barycentric)
         return SurfacePoints(blend(self.control, facets, barycentric), unit(normals))
 
     def closest(self, points: Array, hint: Ints | None = None) -> ClosestPoints:
@@ -126,7 +151,7 @@ class Surface:
 
     def shape_operators(self, facets: Ints, barycentric: Array) -> Array:
         """Shape operators S, dn = S dx, in the tangent plane [1/m], shape (n, 3, 3)."""
-        packed = np.einsum("nc,ncs->ns", barycentric, self.shape[facets])
+        packed = np.einsum("nc,ncs->ns", barycentric, self._shapes(facets))
         normals = self.evaluate(facets, barycentric).normals
         project = np.eye(3) - normals[:, :, None] * normals[:, None, :]
         return np.asarray(project @ unpack(packed) @ project)
@@ -164,16 +189,15 @@ class Surface:
         neighbours = number[self.neighbours[facets]]
         used, compact = np.unique(self.faces[facets], return_inverse=True)
         inside = neighbours >= 0
-        return build_surface(
-            vertices=self.vertices[used],
-            faces=compact.reshape(-1, 3).astype(np.int32),
-            control=self.control[facets],
-            normal_control=self.normal_control[facets],
-            shape=self.shape[facets],
-            adjacency=Adjacency(
-                neighbours, np.where(inside, self.neighbour_edges[facets], -1).astype(np.int32)
-            ),
-            smooth=self.smooth[facets] & inside,
+        return build_on(
+            self.source,
+            self.rows[facets],
+            self.vertices[used],
+            compact.reshape(-1, 3).astype(np.int32),
+            self.control[facets],
+            neighbours,
+            np.where(inside, self.neighbour_edges[facets], -1).astype(np.int32),
+            self.smooth[facets] & inside,
         )
 
 
@@ -181,9 +205,16 @@ def build_surface(
     vertices: Array, faces: Ints, control: Array, normal_control: Array, shape: Array, adjacency: Adjacency,
     smooth: Bools,
 ) -> Surface:  # fmt: skip
-    """Put a surface together: make its arrays read-only."""
-    arrays = vertices, faces, control, normal_control, shape, *adjacency, smooth
-    return Surface(*(_frozen(array) for array in arrays))
+    """Put a surface together, ``shape`` its shape operators at the corners, packed, (m, 3, 6)."""
+    corners = np.arange(faces.size, dtype=np.int32)
+    source = SourcePatches(normal_control, shape.reshape(-1, 6), corners.reshape(-1, 3))
+    return build_on(source, corners[: len(faces)], vertices, faces, control, *adjacency, smooth)
+
+
+def build_on(source: SourcePatches, *fields: NDArray[Any]) -> Surface:
+    """Put a surface together of its other ``fields`` in their order: make its arrays read-only."""
+    arrays: Any = (_frozen(array) for array in fields)
+    return Surface(SourcePatches(*(_frozen(array) for array in source)), *arrays)
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:

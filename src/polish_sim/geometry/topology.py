@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -114,15 +114,14 @@ def facet_links(adjacency: Adjacency, keep: Bools | None = None) -> Indices:
     return np.column_stack([facet, adjacency.facets[facet, edge]])
 
 
-def sorted_half_edges(faces: Ints | Indices) -> tuple[Indices, Indices, Indices, Indices]:
+def sorted_half_edges(faces: Any) -> tuple[Any, Any, Indices, Indices]:
     """Half-edges in facet order (start, end), and the order and keys that bring equal edges together."""
-    start = faces.astype(np.int64).ravel()
-    end = faces[:, [1, 2, 0]].astype(np.int64).ravel()
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     count = int(start.max(initial=0)) + 1
-    by_high = counting_order(high, count)
-    order = by_high[counting_order(low[by_high], count)].astype(np.int64)
-    return start, end, order, (low * count + high)[order]
+    order = counting_order(high, count)
+    order = order[counting_order(low[order], count)]
+    return start, end, order, low[order] * np.int64(count) + high[order]
 
 
 def counting_order(keys: Ints | Indices, count: int) -> Indices:

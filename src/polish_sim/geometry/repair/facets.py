@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices, Ints
 from polish_sim.errors import MeshError
 from polish_sim.geometry import topology
+from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.polygon import split_polygons
 from polish_sim.geometry.repair.skin import Skin, number_rows, place
 
@@ -107,8 +108,7 @@ def flip_slivers(skin: Skin) -> Skin:
 def _facet_heights(vertices: Array, faces: Ints) -> Array:
     """Smallest height of each facet [m], shape (m,)."""
     longest = _edge_lengths(vertices, faces).max(axis=-1)
-    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300)
+    return 2.0 * facet_normals(vertices, faces)[1] / np.maximum(longest, 1e-300)
 
 
 def _edge_lengths(vertices: Array, faces: Ints) -> Array:
@@ -170,8 +170,8 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
     if not wanted.any():
         return []
     start, end, _, _ = topology.sorted_half_edges(faces)
-    size = len(vertices)
-    key = np.minimum(r, s).astype(np.int64) * size + np.maximum(r, s)
+    size = np.int64(len(vertices))
+    key = np.minimum(r, s) * size + np.maximum(r, s)
     wanted &= ~np.isin(key, np.minimum(start, end) * size + np.maximum(start, end))
     locked, linked, done = np.zeros(len(faces), dtype=bool), set(), []
     for at in np.flatnonzero(wanted):
@@ -188,11 +188,10 @@ def _flip_round(vertices: Array, faces: Ints) -> list[int]:
 def _roundness(vertices: Array, faces: Ints) -> tuple[Array, Indices, Array]:
     """Height over longest edge (m,), which edge that is (m,), and the unit normal (m, 3)."""
     corners = vertices[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(cross, axis=1)
+    normals, areas = facet_normals(vertices, faces)
     lengths2 = ((np.roll(corners, -1, axis=1) - corners) ** 2).sum(axis=2)
     longest = np.maximum(lengths2.max(axis=1), 1e-300)
-    return size / longest, lengths2.argmax(axis=1), cross / np.maximum(size, 1e-300)[:, None]
+    return 2.0 * areas / longest, lengths2.argmax(axis=1), normals
 
 
 def _pass_closely(p: Array, q: Array, r: Array, s: Array) -> Bools:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
+from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.topology import counting_order, facets_at_edges, label_within
 
 MAX_TRIANGLES = 1_500_000
@@ -189,6 +190,5 @@ def _finish(
     place = np.zeros(len(vertices), dtype=np.int64)
     place[triangles.ravel()[::-1]] = np.arange(triangles.size)[::-1]
     found = surface.evaluate(owners[place // 3].astype(np.int32), corners[place // 3, place % 3])
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    _, areas = facet_normals(vertices, triangles)
     return Triangulation(found.positions, found.normals, triangles, areas, owners)

@@ -11,7 +11,9 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Surface
+from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.fixture import Fixture
+from polish_sim.geometry.regions.patches import middle_points
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.areas import AreaAccount, AskedRegion, CutOut, account_for
 from polish_sim.planning.quality.coverage import ExposureMap, expose, strict_share
@@ -238,9 +240,6 @@ def part_figures(mesh: PartMesh, surface: Surface) -> dict[str, Any]:
 
 def fit_rms(mesh: PartMesh, surface: Surface) -> float:
     """How far the smooth surface stands off the middles of the part's facets, weighted by area, rms [m]."""
-    corners = mesh.vertices[mesh.faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    facets = np.arange(len(mesh.faces), dtype=np.int32)
-    middles = np.full((len(facets), 3), 1.0 / 3.0)
-    gap = np.linalg.norm(surface.evaluate(facets, middles).positions - corners.mean(axis=1), axis=1)
+    _, areas = facet_normals(mesh.vertices, mesh.faces)
+    gap = np.linalg.norm(middle_points(surface).positions - mesh.vertices[mesh.faces].mean(axis=1), axis=1)
     return float(np.sqrt((areas * gap**2).sum() / areas.sum()))
