@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -98,16 +98,14 @@ def serve(given: Given) -> int:
         raise InputError("--live and --score are for one robot: give one --address.")
     refuse_taken(given["--out"], given["--overwrite"])
     case = _case(given)
-    with claimed(given["--out"], "serve", given["--overwrite"]) as folder:
+    with claimed(given["--out"], "serve", given["--overwrite"]) as folder, ExitStack() as open_:
         with console.progress() as observer:
             job = _prepared(given, case, observer)
-            reader = _reader() if speed == SPEEDS[0] else None
+            reader = open_.enter_context(_reader()) if speed == SPEEDS[0] else None
             controllers = {
                 address: _controller(job, given, version, reader, observer) for address in addresses
             }
         _serve(job, given, controllers, reader is not None, live)
-        if reader is not None:
-            reader.shutdown()
         for address, controller in controllers.items():
             own = folder.draft if len(addresses) == 1 else folder.draft / address
             own.mkdir(exist_ok=True)
@@ -322,7 +320,7 @@ def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
     run = rig.result(job.wall_s, points, path.s[path.process], job.most_s)
     if not (run.trace.phase == 2).any():
         console.note(
-            "the pad never touched the part: only log and page of the motion have something to show."
+            "no contact at 80% of the set force: only log and page of the motion have something to show."
         )
     scenario = replace(job.scenario, controller=replace(job.scenario.controller, name=CLIENT))
     result = job.measure(scenario, controller.robot.cell, run)

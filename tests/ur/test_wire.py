@@ -368,6 +368,15 @@ def test_taken_ports_are_named(served: Served) -> None:
         Server({ADDRESS: served.controller}, True, served.offset)
 
 
+def test_a_server_without_its_ports_says_so_once_and_ends(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.8", REALTIME)):
+        words = ("serve", "--part", "plate", "--address", "127.0.0.8", "--out", "SERVED")
+        ended = subprocess.run([*PROGRAM, *words], cwd=tmp_path, capture_output=True, text=True, timeout=240)
+    assert ended.returncode == 2
+    assert ended.stderr.count("error:") == ended.stderr.count(f"port {REALTIME} of 127.0.0.8") == 1
+    assert not (tmp_path / "SERVED").exists()
+
+
 def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Callable[..., object]) -> None:
     for words, said in (
         (("--address", "robot"), "is no IP address"),
