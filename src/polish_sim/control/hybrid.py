@@ -23,6 +23,7 @@ from polish_sim.kernel_cache import cfunc
 from polish_sim.kernels import Record, Vector3, kernel
 
 LATEST = 2.0  #: Times as late as believed the sensor may be
+STIFFER = 1.5  #: Times the drawn stiffness up to which the gains are as set
 GENTLY = 0.25  #: Share of the acceleration the bound on the speed counts on: a quicker stop shakes the arm
 
 
@@ -45,6 +46,7 @@ class HybridMemory(Record):
     orientation: loops.VelocityMemory
     force: loops.PiMemory
     moment: loops.PiMemory
+    felt: loops.FeltMemory
     pressed: float  #: Last commanded speed of the force loop [m/s]
     wanted: Vector3  #: Wanted velocity, linear or angular
     error: Vector3  #: Rotation error [rad]
@@ -181,17 +183,23 @@ def _forget(memory: loops.PiMemory) -> None:
 def press(m: Measurement, t: Target, gains: HybridGains, memory: HybridMemory, out: Array) -> None:
     """In contact, replace the twist's part along tool z by the force loop: v' = v_xy + v_Fz z (fig. 10).
 
-    The loop's speed into the part stays below that at which the stiffest springs would be struck.
+    The loop's speed into the part stays below that at which the stiffest springs would be struck, and its
+    gains are lowered on what it felt to be stiffer than drawn while it landed.
     """
     turn_and_level(m, t, gains, m.cycle, memory, out)
     if t.contact:
-        unseen = (gains.strike.delay + m.cycle) * max(along_z(m, m.twist), memory.pressed)
+        speed = along_z(m, m.twist)
+        unseen = (gains.strike.delay + m.cycle) * max(speed, memory.pressed)
         highest = loops.strike_limit(gains.strike, t.force, m.wrench[2], unseen)
         rate = loops.force_pi(t.force, m.wrench[2], highest, gains.force, m.cycle, memory.force)
+        rate *= loops.felt_share(
+            t.force, memory.force.measured, speed, STIFFER * gains.strike.stiffness, gains.force.filter_hz,
+            m.cycle, memory.felt,
+        )  # fmt: skip
         memory.pressed = rate
         replace_along_z(m, rate, out)
     else:
-        memory.pressed = 0.0
+        memory.pressed = memory.felt.share = 0.0
         _forget(memory.force)
 
 

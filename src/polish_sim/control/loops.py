@@ -168,6 +168,45 @@ def force_pi(
     return limited
 
 
+# Gains are right for one stiffness: kfp k is the loop's crossover, and filter and latency limit that.
+
+FELT_FROM = 0.25  #: Share of the set force by which the force has to rise before travel tells a stiffness
+LEAST_SHARE = 0.15  #: Of the gains, where a part came towards the tool and the travel tells nothing
+
+
+class FeltMemory(Record):
+    """Of ``felt_share``; with a ``share`` of 0 it starts anew."""
+
+    travel: float  #: Into the part since contact [m]
+    late: float  #: The same through the low-pass of the force [m]
+    at_contact: float  #: Force [N]
+    share: float  #: Of the gains [-]
+    landed: bool
+
+
+@kernel
+def felt_share(
+    wanted: float, measured: float, speed: float, stiffness: float, filter_hz: float, dt: float,
+    state: FeltMemory,
+) -> float:  # fmt: skip
+    """Share of the gains that keeps the crossover at most at what they give with a ``stiffness`` [N/m].
+
+    What is felt is force by travel since contact, both through the same low-pass, until the tool has landed:
+    later the travel follows the part. ``measured`` is the low-passed force [N], ``speed`` that into the part
+    [m/s].
+    """
+    if state.share == 0.0:
+        state.travel = state.late = 0.0
+        state.at_contact, state.share, state.landed = measured, 1.0, False
+    state.travel += speed * dt
+    state.late = low_pass_step(state.late, state.travel, filter_hz, dt)
+    rise = measured - state.at_contact
+    state.landed = state.landed or measured >= wanted
+    if not state.landed and rise > FELT_FROM * wanted:
+        state.share = min(max(stiffness * state.late / rise, LEAST_SHARE), 1.0)
+    return state.share
+
+
 # How fast a tool may press without a strike, whatever the springs.
 
 MOST_SHARE = 1.25  #: Of the set force, which is not exceeded
