@@ -25,26 +25,37 @@ STEP: Final = 5e-4  #: Between the depths that are looked at [m]
 
 
 @kernel
-def _first_depth(
-    pad: Pad, part: RealPart, frames: Array, middles: Array, force: Array, depths: Array, out: Array
-) -> None:
-    """The first of some depths (k,) [m] at which the pad carries a force (n,) [N], infinite for none, (n,).
-
-    Poses before it is pressed in: ``frames`` (n, 3, 3), ``middles`` (n, 3) [m].
-    """
+def _carries(pad: Pad, part: RealPart, frame: Array, middle: Array, depth: float, force: float) -> bool:
+    """Whether a pad of a pose ``frame`` (3, 3), ``middle`` (3,) pressed in by a ``depth`` carries a force."""
     still, pushed, torque, place = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(3):
+        place[k] = middle[k] + depth * frame[k, 2]
+    press_pad(pad, part, 0.0, frame, place, still, still, pushed, torque)
+    return bool(-(pushed[0] * frame[0, 2] + pushed[1] * frame[1, 2] + pushed[2] * frame[2, 2]) >= force)
+
+
+@kernel
+def _note_sinking(
+    pad: Pad, part: RealPart, frames: Array, middles: Array, force: Array, shifts: Array, depths: int,
+    out: Bools,
+) -> None:  # fmt: skip
+    """`would_sink` of poses before they are pressed in; ``shifts`` (sides, 2) along x and y of each [m]."""
+    deeper = round(SINKS / STEP)
+    aside = np.zeros(3)
     for i in range(len(middles)):
-        out[i] = np.inf
-        for depth in depths:
+        first = 1
+        while first <= depths and not _carries(pad, part, frames[i], middles[i], first * STEP, force[i]):
+            first += 1
+        out[i] = first > depths
+        for side in range(len(shifts)):
             for k in range(3):
-                place[k] = middles[i, k] + depth * frames[i, k, 2]
-            press_pad(pad, part, 0.0, frames[i], place, still, still, pushed, torque)
-            if (
-                -(pushed[0] * frames[i, 0, 2] + pushed[1] * frames[i, 1, 2] + pushed[2] * frames[i, 2, 2])
-                >= force[i]
-            ):
-                out[i] = depth
-                break
+                x, y = frames[i, k, 0], frames[i, k, 1]
+                aside[k] = middles[i, k] + shifts[side, 0] * x + shifts[side, 1] * y
+            # Mostly the deepest carries it.
+            depth = min(first + deeper, depths)
+            while depth > 0 and not _carries(pad, part, frames[i], aside, depth * STEP, force[i]):
+                depth -= 1
+            out[i] = out[i] or depth == 0
 
 
 def would_sink(
@@ -71,11 +82,8 @@ def would_sink(
     part, pad = place_part(fields, np.eye(4), np.eye(4), axes[0]), build_pad(config)
     across = perpendicular(axes)
     frames = np.ascontiguousarray(np.stack([across, np.cross(-axes, across), -axes], axis=2))
-    depths = np.arange(1, round(deepest / STEP) + 1) * STEP
-    shifts = [np.zeros_like(axes)]
-    for angle in 2.0 * np.pi / SIDES * np.arange(SIDES):
-        shifts.append(aside * (np.cos(angle) * frames[:, :, 0] + np.sin(angle) * frames[:, :, 1]))
-    lowest = np.empty((len(shifts), len(axes)))
-    for first, shift in zip(lowest, shifts, strict=True):
-        _first_depth(pad, part, frames, positions + shift, force, depths, first)
-    return np.asarray(~(lowest.max(axis=0) <= lowest[0] + SINKS) | np.isinf(lowest[0]))
+    angles = 2.0 * np.pi / SIDES * np.arange(SIDES)
+    shifts = aside * np.column_stack([np.cos(angles), np.sin(angles)])
+    sinks = np.empty(len(axes), dtype=bool)
+    _note_sinking(pad, part, frames, positions, force, shifts, round(deepest / STEP), sinks)
+    return sinks

@@ -11,39 +11,36 @@ from __future__ import annotations
 
 import hashlib
 import math
+import sys
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from multiprocessing import parent_process
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.analysis.metrics import FORCE_BANDS_N
 from polish_sim.arrays import Bools
-from polish_sim.cell import Cell, Observer, Silent, tool_on_flange
+from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.cell import guards as guard
-from polish_sim.cell.cell import CellSnapshot
-from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
+from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.real_part import NORMAL_SHARE
-from polish_sim.cell.stroke import PROCESS, cycle_time
 from polish_sim.cell.support import would_sink
 from polish_sim.config import FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
+from polish_sim.control.signals import CompiledController
 from polish_sim.errors import InputError, PlanError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
     PLACES,
     Same,
-    build_part,
-    cell_for,
     config_hash,
-    course_for,
     modelled_depth,
     place_key,
-    strokes_for,
 )
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.placement import Reach, check_whole_path
+from polish_sim.experiments.proof_play import DYNAMIC, MARGIN, Failure, Play
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.leave_out import leave_out
@@ -51,11 +48,6 @@ from polish_sim.planning.part_plan import LEFT_OUT, PAD_SIZES_M, SLOWED, Mend, m
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
-MARGIN: Final = 0.2
-"""Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
-DRAWN_MARGIN: Final = 0.1  #: The same on a part that is displaced and bent
-#: Times as much as in the proof the gears of another seed shake the arm at the same place
-SHAKEN: Final = 1.4
 SLOWER: Final = 0.5  #: A stretch that fails is slowed to this share of its feed
 SLOWEST: Final = 0.2  #: Share of the planned feed below which slowing is given up
 PLAYED: Final = "when it was played, "
@@ -67,34 +59,14 @@ LEAST_POLISHED: Final = 0.1  #: Share of the region below which a plan is refuse
 WORTH_A_PAD: Final = 1.02  #: Times as much it has to polish
 PROOFS: Final = ("none", "nominal")
 MOST_SEEDS: Final = 1000
-CHUNK_S: Final = 0.5  #: Simulated time between looks; what is slowed reaches as far (`AROUND_S`) [s]
-SETTLED_S: Final = 0.1  #: After the feed begins the force may settle for this long [s]
 SLOWING_S: Final = 0.5  #: Of the feed before a place that is mended may have changed too [s]
-#: Share of the limit of the surface's place that is kept, however the part is drawn
-LEAST_OFFSET: Final = 0.4
-FED: Final = 2  #: Phase of the log in which the force is to be held
-BAND: Final = "force error"
 AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
 AROUND_M: Final = 0.004  #: And for at least this far [m]
-SAVE_EVERY_S: Final = 2.0  #: Simulated time between saved states [s]
-SAVED: Final = 12  #: States kept; with the beginnings of strokes
 MOST_SLOWED: Final = 20  #: Times a stretch is slowed after which the rest of the path is, too
 MOST_MENDS: Final = 60  #: Places left out, after which whole strokes that fail are
 MOST_ROUNDS: Final = 4  #: A mended path is played whole at most so often
-DYNAMIC: Final = (guard.JUMP, guard.FORCE, guard.TORQUE, guard.OVERLOAD, guard.SPINDLE)
-"""Guards that a slower feed keeps quiet."""
-OFFSETS: Final = (guard.HIGH, guard.LOW, guard.RISEN, guard.FALLEN)  #: Guards of the surface's place
 HOPELESS: Final = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
-
-
-class Failure(NamedTuple):
-    """Where a plan fails."""
-
-    why: str
-    s: float  #: Arc length of the plan [m]
-    code: int  #: Of the guard; `NO_STOP` where the force left its band
-    landing: bool  #: Before the feed of a stroke began
 
 
 class Proven(NamedTuple):
@@ -148,16 +120,11 @@ def prove(scenario: Scenario, plan: PlanResult, observer: Observer | None = None
     """
     prover = _Prover(scenario, plan, observer or Silent())
     seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario))
-    if seeds:
-        # The whole path is played at the end on a drawn part, which asks for more.
-        prover.pass_through(None)
-        if prover.mends:
-            prover.shares.clear()
-    else:
-        prover.settle(None)
+    begun = prover.pass_drawn(seeds[0]) if seeds else None
     before = len(prover.mends)
-    for seed in seeds:
-        prover.settle(seed)
+    for seed in seeds or (None,):
+        prover.settle(seed, begun)
+        begun = None
     if len(prover.mends) > before:
         for seed in seeds[:-1]:
             prover.settle(seed)
@@ -234,11 +201,11 @@ def _lost(plan: PlanResult) -> float:
     )
 
 
-class _Saved(NamedTuple):
-    """A state to go on from."""
+class _Begun(NamedTuple):
+    """A path under way, and what has to be mended before it can go on."""
 
-    s: float  #: Everything of the path up to here has been played [m]
-    state: CellSnapshot
+    play: Play
+    found: list[Failure]
 
 
 class _Prover:
@@ -252,8 +219,7 @@ class _Prover:
         self.share = np.ones(len(plan.path.s))  #: Of the planned feed, by rows of the path
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
-        self.played_s, self.kept_until, self._unsettled_until = 0.0, 0.0, 0.0
-        self._passing: dict[str, tuple[float, float]] = {}
+        self.played_s, self.kept_until = 0.0, 0.0
         self._leave_out_what_sinks()
 
     def _leave_out_what_sinks(self) -> None:
@@ -295,11 +261,29 @@ class _Prover:
         self.mends.append(mend_of(LEFT_OUT, SINKS_OFF, 0.0, path, remaining.lost))
         self.path, self.share = remaining.path, self.share[remaining.source]
 
-    def settle(self, seed: int | None) -> None:
+    def pass_drawn(self, first: int) -> _Begun | None:
+        """Pass through on the part as drawn, and begin on that of the ``first`` seed in a thread meanwhile;
+        None where a mend made that worthless."""
+        other, mended = self._play(first), len(self.mends)
+        with ThreadPoolExecutor(1) as thread:
+            # A user's own controller may not stand two runs at once; a worker's siblings have the processors.
+            alone = parent_process() is not None or not isinstance(other.cell.controller, CompiledController)
+            meanwhile = None if alone else thread.submit(other.play_on, Silent())
+            try:
+                self.pass_through(None)
+            finally:
+                other.wanted = sys.exception() is None and len(self.mends) == mended
+        if self.mends:
+            # The whole path is played at the end on a drawn part, which asks for more.
+            self.shares.clear()
+        return _Begun(other, meanwhile.result()) if meanwhile and other.wanted else None
+
+    def settle(self, seed: int | None, begun: _Begun | None = None) -> None:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
         for _ in range(MOST_ROUNDS):
             mended = len(self.mends)
-            self.pass_through(seed)
+            self.pass_through(seed, begun)
+            begun = None
             if len(self.mends) == mended:
                 return
             self.shares.clear()
@@ -309,44 +293,23 @@ class _Prover:
             "smaller --pad-diameter or another --region; --proof none runs it all the same."
         )
 
-    def pass_through(self, seed: int | None) -> None:
+    def pass_through(self, seed: int | None, begun: _Begun | None = None) -> None:
         """Play the path once from its start to its end, going back a little for every mend."""
-        nominal, usual = seed is None, self.scenario
-        self.observer.stage(f"prove in the cell{'' if nominal else f', part of seed {seed}'}")
-        part = usual.part
-        if nominal:
-            part = replace(
-                part, real_file="", displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0
-            )
-        process = replace(usual.process, changes="", learn="")
-        scenario = replace(
-            usual,
-            part=part,
-            process=process,
-            faults=FaultsConfig(),
-            seed=usual.seed if seed is None else seed,
-        )
-        self._passing = {}
-        margin, saved = MARGIN if nominal else DRAWN_MARGIN, list[_Saved]()
-        cell = self._new_cell(scenario, margin, nominal)
-        while found := self._play(cell, saved, margin):
+        self.observer.stage(f"prove in the cell{'' if seed is None else f', part of seed {seed}'}")
+        if begun is None:
+            play = self._play(seed)
+            begun = _Begun(play, play.play_on(self.observer))
+        play, found = begun
+        while found:
             self._mend(found)
-            saved[:] = [state for state in saved if state.s <= self.kept_until]
-            if saved:
-                self._go_back(cell, scenario, saved[-1].state)
-            else:
-                # The path may begin elsewhere now, and the sensor is zeroed there with the arm at rest.
-                cell = self._new_cell(scenario, margin, nominal)
-        for name, kept in self._passing.items():
+            play.go_back(self.task_now(), self.kept_until)
+            found = play.play_on(self.observer)
+        self.played_s += play.played_s
+        for name, kept in play.passing.items():
             self.shares[name] = max(kept, self.shares.get(name, kept))
 
-    def _new_cell(self, scenario: Scenario, margin: float, nominal: bool) -> Cell:
-        """A cell at the start of the path as it is mended so far, its guards' limits tightened."""
-        place = self.task_now().place
-        cell = cell_for(scenario, place, build_part(scenario, self.task.place), strokes_for(scenario, place))
-        self._tighten(cell, margin, nominal)
-        self._unsettled_until = 0.0
-        return cell
+    def _play(self, seed: int | None) -> Play:
+        return Play(self.scenario, seed, self.task_now(), self._may_be_slowed)
 
     def task_now(self) -> SurfaceTask:
         """The task with the path as it is mended so far, on the same part and in the same place."""
@@ -369,108 +332,6 @@ class _Prover:
         near = reach._replace(q_start=joints[nearest])
         follows = check_whole_path(near, path.positions_work, path.axes_work, tool_on_flange())
         return reach._replace(q_start=np.array(follows.q[0]))
-
-    def _tighten(self, cell: Cell, margin: float, nominal: bool) -> None:
-        """Leave a ``margin`` to every limit; to the surface's place on the drawing, what the part may be off
-        it."""
-        guards, part, kept = cell.state.guards, self.scenario.part, 1.0 - margin
-        guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
-        extent = float(np.linalg.norm(np.ptp(self.path.positions_work[self.path.process], axis=0)))
-        drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m
-        less = drawn if nominal else margin * guards.offset
-        guards.offset = max(guards.offset - less, LEAST_OFFSET * guards.offset)
-
-    def _go_back(self, cell: Cell, scenario: Scenario, state: CellSnapshot) -> None:
-        """Let a cell go on from a saved state on the path as it is mended now."""
-        place = self.task_now().place
-        strokes = strokes_for(scenario, place)
-        cell.use_strokes(strokes, course_for(cell.controller, scenario, place, strokes))
-        cell.restore(state)
-        sequence, motion = cell.state.sequence, cell.kernel.stroke.motion
-        if sequence.stage == PROCESS:
-            # The motion may have been timed anew: the clock is that of the place.
-            sequence.clock = np.interp(
-                sequence.s, motion.places, np.arange(len(motion.places)) * motion.spacing
-            )
-        self._unsettled_until = cell.state.status.steps * cell.kernel.engine.dt
-
-    def _play(self, cell: Cell, saved: list[_Saved], margin: float) -> list[Failure]:
-        """Play on to the end; or to where the path has to be mended: what a slower feed helps is looked for
-        to the end of the stroke, all else ends it at once. States are saved on the way to the first failure.
-        """
-        total, dt = cycle_time(cell.strokes), cell.kernel.engine.dt
-        status, next_save, stroke, found = cell.state.status, 0.0, cell.stroke_number, list[Failure]()
-        while not cell.done and not (found and cell.stroke_number != stroke):
-            forget_shares(cell.state.guards)
-            steps = cell.play(round(CHUNK_S / dt)).trace
-            self.played_s += len(steps) * dt
-            t = status.steps * dt
-            self.observer.progress(min(t, total), total)
-            failure = self._failure(cell, steps, margin)
-            self._keep_shares(cell)
-            if failure is not None:
-                found.append(failure)
-                if not self._may_be_slowed(failure):
-                    break
-                stroke = cell.stroke_number
-            elif not found and (t >= next_save or status.arrived):
-                saved.append(_Saved(_done_until(cell), cell.save()))
-                next_save = t + SAVE_EVERY_S
-                del saved[:-SAVED]
-        return found
-
-    def _failure(self, cell: Cell, steps: NDArray[np.void], margin: float) -> Failure | None:
-        """What went wrong in the steps just played, if anything: the exact force left its band, a guard came
-        nearer to its limit than the margin allows, or one tripped."""
-        status, limit, s = cell.state.status, FORCE_BANDS_N["surface"], steps["path_s_m"]
-        wanted = self.path.force_at(s, self.scenario.process.contact_force_n)
-        # After landing the force is given the time a step response takes to settle.
-        unsettled = np.where(steps["phase"] == FED, self._unsettled_until, steps["time_s"] + SETTLED_S)
-        unsettled = np.maximum.accumulate(unsettled)
-        self._unsettled_until = float(unsettled[-1])
-        error = np.where(steps["time_s"] > unsettled, np.abs(steps["normal_force_n"] - wanted), 0.0)
-        worst = int(error.argmax())
-        self._note(BAND, float(error[worst]) / limit, float(s[worst]))
-        stage, at = cell.state.sequence.stage, float(cell.state.target.s)
-        if status.stop != NO_STOP:
-            return Failure(self._reason(cell, int(status.stop)), at, int(status.stop), stage < PROCESS)
-        beyond = np.flatnonzero(error > (1.0 - margin) * limit)
-        if len(beyond):
-            k = beyond[0]
-            said = f"the force leaves its band: {steps['normal_force_n'][k]:.1f} N of {wanted[k]:.3g} N asked"
-            return Failure(said, float(s[k]), NO_STOP, False)
-        shares = guard_shares(cell.state.guards)
-        for name, most in self._most(margin).items():
-            if shares[name].share > most:
-                code = guard.SHARES[name]
-                return Failure(self._reason(cell, code), shares[name].at_m, code, stage < PROCESS)
-        return None
-
-    def _reason(self, cell: Cell, code: int) -> str:
-        return cell.reasons[code].partition(":")[0].partition(" (")[0]
-
-    def _most(self, margin: float) -> dict[str, float]:
-        """Largest shares of their limits that are allowed to the guards a slower feed keeps quiet."""
-        kept, limit = 1.0 - margin, self.scenario.safety.force_limit_n
-        asked = largest_force(self.scenario, self.path)
-        return {
-            "force": (asked + kept * (limit - asked)) / limit,
-            "torque": kept,
-            "reading jumped": kept / SHAKEN,
-        }
-
-    def _note(self, name: str, share: float, at_m: float) -> None:
-        if share > self._passing.get(name, (-1.0, 0.0))[0]:
-            self._passing[name] = share, at_m
-
-    def _keep_shares(self, cell: Cell) -> None:
-        """Keep how near the guards came to the scenario's limits."""
-        safety, guards = self.scenario.safety, cell.state.guards
-        limits = dict.fromkeys(OFFSETS, float(guards.offset) / safety.offset_limit_m)
-        limits[guard.LOST] = float(guards.contact_lost) / safety.contact_lost_s
-        limits[guard.SINGULAR] = safety.singular_value_limit / float(guards.singular_value)
-        for name, (share, at_m, _) in guard_shares(guards).items():
-            self._note(name, share * limits.get(guard.SHARES[name], 1.0), at_m)
 
     def _row(self, failure: Failure) -> int:
         """Row of the path in contact that is nearest to a failure."""
@@ -627,9 +488,3 @@ def is_proven(scenario: Scenario, path: ToolPath, proof: Mapping[str, Any] | Non
         and proof["path"] == path_key(path)
         and scenario.safety.proof in ("nominal", proof["proof"])
     )
-
-
-def _done_until(cell: Cell) -> float:
-    """Arc length of the plan up to which a change would not have changed what was played [m]."""
-    sequence, stroke = cell.state.sequence, cell.kernel.stroke
-    return stroke.start_s + (sequence.s if sequence.stage >= PROCESS else 0.0)

@@ -1,0 +1,212 @@
+"""One play of a path in the cell under limits that leave a margin: where it fails, and states to go on from.
+
+The guards get limits tighter by the margin, so that a part that is displaced and bent as the scenario draws
+it runs too. A failure is a guard that comes nearer to its limit than that, or an exact force that leaves its
+band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polish_sim.analysis.metrics import FORCE_BANDS_N
+from polish_sim.cell import Cell, Observer
+from polish_sim.cell import guards as guard
+from polish_sim.cell.cell import CellSnapshot
+from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
+from polish_sim.cell.stroke import PROCESS, cycle_time
+from polish_sim.config import FaultsConfig, Scenario
+from polish_sim.experiments.assembly import build_part, cell_for, course_for, strokes_for
+from polish_sim.experiments.part_setup import largest_force
+from polish_sim.experiments.surface import SurfaceTask
+
+MARGIN: Final = 0.2
+"""Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
+DRAWN_MARGIN: Final = 0.1  #: The same on a part that is displaced and bent
+#: Times as much as in the proof the gears of another seed shake the arm at the same place
+SHAKEN: Final = 1.4
+CHUNK_S: Final = 0.5  #: Simulated time between looks; what is slowed reaches as far (`AROUND_S`) [s]
+SETTLED_S: Final = 0.1  #: After the feed begins the force may settle for this long [s]
+#: Share of the limit of the surface's place that is kept, however the part is drawn
+LEAST_OFFSET: Final = 0.4
+FED: Final = 2  #: Phase of the log in which the force is to be held
+BAND: Final = "force error"
+SAVE_EVERY_S: Final = 2.0  #: Simulated time between saved states [s]
+SAVED: Final = 12  #: States kept; with the beginnings of strokes
+DYNAMIC: Final = (guard.JUMP, guard.FORCE, guard.TORQUE, guard.OVERLOAD, guard.SPINDLE)
+"""Guards that a slower feed keeps quiet."""
+OFFSETS: Final = (guard.HIGH, guard.LOW, guard.RISEN, guard.FALLEN)  #: Guards of the surface's place
+
+
+class Failure(NamedTuple):
+    """Where a plan fails."""
+
+    why: str
+    s: float  #: Arc length of the plan [m]
+    code: int  #: Of the guard; `NO_STOP` where the force left its band
+    landing: bool  #: Before the feed of a stroke began
+
+
+class _Saved(NamedTuple):
+    """A state to go on from."""
+
+    s: float  #: Everything of the path up to here has been played [m]
+    state: CellSnapshot
+
+
+class Play:
+    """A path under way on one part: as drawn, or as a seed draws it.
+
+    Raises:
+        PolishSimError: As of `cell_for`.
+    """
+
+    def __init__(
+        self, usual: Scenario, seed: int | None, task: SurfaceTask, may_be_slowed: Callable[[Failure], bool]
+    ) -> None:
+        part, nominal = usual.part, seed is None
+        if nominal:
+            part = replace(
+                part, real_file="", displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0
+            )
+        process = replace(usual.process, changes="", learn="")
+        seed = usual.seed if seed is None else seed
+        self.usual, self.may_be_slowed = usual, may_be_slowed
+        self.scenario = replace(usual, part=part, process=process, faults=FaultsConfig(), seed=seed)
+        self.nominal, self.margin = nominal, MARGIN if nominal else DRAWN_MARGIN
+        self.part = build_part(self.scenario, task.place)
+        self.passing: dict[str, tuple[float, float]] = {}  #: Largest shares of the limits, and where
+        self.played_s, self.wanted = 0.0, True
+        self._saved: list[_Saved] = []
+        self._begin(task)
+
+    def _begin(self, task: SurfaceTask) -> None:
+        """A cell at the start of a path, its guards' limits tightened."""
+        self.task, scenario = task, self.scenario
+        self.cell = cell_for(scenario, task.place, self.part, strokes_for(scenario, task.place))
+        self._tighten()
+        self._unsettled_until = 0.0
+        self.cell.play(1)  # kernels are compiled here, not by two threads at once
+
+    def _tighten(self) -> None:
+        """Leave the margin to every limit; to the surface's place on the drawing, what the part may be off
+        it."""
+        guards, part, path = self.cell.state.guards, self.usual.part, self.task.plan.path
+        kept = 1.0 - self.margin
+        guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
+        extent = float(np.linalg.norm(np.ptp(path.positions_work[path.process], axis=0)))
+        drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m
+        less = drawn if self.nominal else self.margin * guards.offset
+        guards.offset = max(guards.offset - less, LEAST_OFFSET * guards.offset)
+
+    def go_back(self, task: SurfaceTask, until: float) -> None:
+        """Go on along a path as it is mended now, from the last state before ``until`` [m] of the path."""
+        self._saved[:] = [state for state in self._saved if state.s <= until]
+        if not self._saved:
+            # The path may begin elsewhere now, and the sensor is zeroed there with the arm at rest.
+            self._begin(task)
+            return
+        self.task, place, cell, scenario = task, task.place, self.cell, self.scenario
+        strokes = strokes_for(scenario, place)
+        cell.use_strokes(strokes, course_for(cell.controller, scenario, place, strokes))
+        cell.restore(self._saved[-1].state)
+        sequence, motion = cell.state.sequence, cell.kernel.stroke.motion
+        if sequence.stage == PROCESS:
+            # The motion may have been timed anew: the clock is that of the place.
+            sequence.clock = np.interp(
+                sequence.s, motion.places, np.arange(len(motion.places)) * motion.spacing
+            )
+        self._unsettled_until = cell.state.status.steps * cell.kernel.engine.dt
+
+    def play_on(self, observer: Observer) -> list[Failure]:
+        """Play on to the end, until it is not ``wanted`` any more, or to where the path has to be mended.
+
+        What a slower feed helps is looked for to the end of the stroke, all else ends it at once. States are
+        saved on the way to the first failure.
+        """
+        cell, saved = self.cell, self._saved
+        total, dt = cycle_time(cell.strokes), cell.kernel.engine.dt
+        status, next_save, stroke, found = cell.state.status, 0.0, cell.stroke_number, list[Failure]()
+        while self.wanted and not cell.done and not (found and cell.stroke_number != stroke):
+            forget_shares(cell.state.guards)
+            steps = cell.play(round(CHUNK_S / dt)).trace
+            self.played_s += len(steps) * dt
+            t = status.steps * dt
+            observer.progress(min(t, total), total)
+            failure = self._failure(steps)
+            self._keep_shares()
+            if failure is not None:
+                found.append(failure)
+                if not self.may_be_slowed(failure):
+                    break
+                stroke = cell.stroke_number
+            elif not found and (t >= next_save or status.arrived):
+                saved.append(_Saved(_done_until(cell), cell.save()))
+                next_save = t + SAVE_EVERY_S
+                del saved[:-SAVED]
+        return found
+
+    def _failure(self, steps: NDArray[np.void]) -> Failure | None:
+        """What went wrong in the steps just played, if anything: the exact force left its band, a guard came
+        nearer to its limit than the margin allows, or one tripped."""
+        cell, limit, s = self.cell, FORCE_BANDS_N["surface"], steps["path_s_m"]
+        status, path = cell.state.status, self.task.plan.path
+        wanted = path.force_at(s, self.scenario.process.contact_force_n)
+        # After landing the force is given the time a step response takes to settle.
+        unsettled = np.where(steps["phase"] == FED, self._unsettled_until, steps["time_s"] + SETTLED_S)
+        unsettled = np.maximum.accumulate(unsettled)
+        self._unsettled_until = float(unsettled[-1])
+        error = np.where(steps["time_s"] > unsettled, np.abs(steps["normal_force_n"] - wanted), 0.0)
+        worst = int(error.argmax())
+        self._note(BAND, float(error[worst]) / limit, float(s[worst]))
+        stage, at = cell.state.sequence.stage, float(cell.state.target.s)
+        if status.stop != NO_STOP:
+            return Failure(self._reason(int(status.stop)), at, int(status.stop), stage < PROCESS)
+        beyond = np.flatnonzero(error > (1.0 - self.margin) * limit)
+        if len(beyond):
+            k = beyond[0]
+            said = f"the force leaves its band: {steps['normal_force_n'][k]:.1f} N of {wanted[k]:.3g} N asked"
+            return Failure(said, float(s[k]), NO_STOP, False)
+        shares = guard_shares(cell.state.guards)
+        for name, most in self._most().items():
+            if shares[name].share > most:
+                code = guard.SHARES[name]
+                return Failure(self._reason(code), shares[name].at_m, code, stage < PROCESS)
+        return None
+
+    def _reason(self, code: int) -> str:
+        return self.cell.reasons[code].partition(":")[0].partition(" (")[0]
+
+    def _most(self) -> dict[str, float]:
+        """Largest shares of their limits that are allowed to the guards a slower feed keeps quiet."""
+        kept, limit = 1.0 - self.margin, self.scenario.safety.force_limit_n
+        asked = largest_force(self.scenario, self.task.plan.path)
+        return {
+            "force": (asked + kept * (limit - asked)) / limit,
+            "torque": kept,
+            "reading jumped": kept / SHAKEN,
+        }
+
+    def _note(self, name: str, share: float, at_m: float) -> None:
+        if share > self.passing.get(name, (-1.0, 0.0))[0]:
+            self.passing[name] = share, at_m
+
+    def _keep_shares(self) -> None:
+        """Keep how near the guards came to the scenario's limits."""
+        safety, guards = self.scenario.safety, self.cell.state.guards
+        limits = dict.fromkeys(OFFSETS, float(guards.offset) / safety.offset_limit_m)
+        limits[guard.LOST] = float(guards.contact_lost) / safety.contact_lost_s
+        limits[guard.SINGULAR] = safety.singular_value_limit / float(guards.singular_value)
+        for name, (share, at_m, _) in guard_shares(guards).items():
+            self._note(name, share * limits.get(guard.SHARES[name], 1.0), at_m)
+
+
+def _done_until(cell: Cell) -> float:
+    """Arc length of the plan up to which a change would not have changed what was played [m]."""
+    sequence, stroke = cell.state.sequence, cell.kernel.stroke
+    return stroke.start_s + (sequence.s if sequence.stage >= PROCESS else 0.0)
