@@ -383,10 +383,10 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
     if not chosen:
         scenario = merge(scenario, {"part": {"file": planned_part(source, facts["part"])}}, "")
     check_part(source, scenario.part.file, facts["part"])
-    settings = planned_settings(source, facts, given)
+    settings, proof = planned_settings(source, facts, given), facts["proof"]
     if given.get("--contact-force") is not None:
         settings["process"].pop("contact_force_n", None)
-    proof = facts["proof"]
+        path = replace(path, force=None) if proof and proof.get("eased") else path
     if given.get("--feed") is not None:
         settings["process"].pop("feed_m_s", None)
         # Where it was slowed it was for the feed it was proven at.

@@ -15,7 +15,7 @@ from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.experiments.proof import is_proven, prove
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path
-from polish_sim.planning.part_plan import LEFT_OUT, SLOWED
+from polish_sim.planning.part_plan import EASED, LEFT_OUT, SLOWED
 from polish_sim.planning.toolpath import PROCESS, arc_length
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
@@ -35,19 +35,46 @@ def planned(scenario: Scenario, path: ToolPath) -> PlanResult:
     return measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad)
 
 
+def pressing(*changes: str) -> Scenario:
+    """The plate under 40 N at 30 mm/s."""
+    usual = ["part.file=plate", "process.feed_m_s=0.03", "process.contact_force_n=40.0"]
+    return override(default_scenario("surface"), [*usual, "safety.force_limit_n=80", *changes])
+
+
+SOFT = ("pad.stiffness_n_m=6000", "process.contact_force_n=36")  # the corner does not even carry half of it
+
+
+def into_the_corner(*changes: str) -> tuple[Scenario, PlanResult]:
+    """From the middle of the plate into its corner, where a quarter of the pad is left to carry the force."""
+    scenario = pressing(*changes)
+    return scenario, planned(scenario, straight((0.0, 0.0), (0.0995, 0.0995)))
+
+
 @pytest.fixture(scope="module")
 def to_the_corner() -> tuple[Scenario, PlanResult]:
-    """From the middle of the plate into its corner, where a quarter of the pad is left to carry the force."""
-    scenario = override(
-        default_scenario("surface"),
-        [
-            "part.file=plate",
-            "process.feed_m_s=0.03",
-            "process.contact_force_n=40.0",
-            "safety.force_limit_n=80",
-        ],
-    )
-    return scenario, planned(scenario, straight((0.0, 0.0), (0.0995, 0.0995)))
+    """With a pad so soft that the corner does not carry half the force."""
+    return into_the_corner(*SOFT)
+
+
+def test_where_the_corner_carries_half_the_force_the_path_is_pressed_with_that_and_runs_on_drawn_parts() -> (
+    None
+):
+    scenario, plan = into_the_corner()
+    assert run_experiment(replace(scenario, seed=501), plan).stop_reason is not None
+    proven = prove(scenario, plan)
+    (mend,) = proven.plan.mends
+    assert mend.what == EASED
+    path = proven.plan.path
+    np.testing.assert_array_equal(path.positions_work, plan.path.positions_work)
+    force = path.force_at(path.s, 40.0)
+    assert force[-1] == pytest.approx(20.0)
+    assert force[0] == 40.0
+    assert np.abs(np.gradient(force, path.s)).max() < 20.0 / 0.0149  # [N/m] half the force in half a second
+    for seed in (501, 502, 503):
+        run = run_experiment(replace(proven.scenario, seed=seed), proven.plan)
+        assert run.stop_reason is None
+        assert run.figures["path_done"] == 1.0
+        assert run.figures["force_max_deviation_n"] < 4.0  # of the force asked for there
 
 
 def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts(
@@ -57,9 +84,7 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
     stopped = run_experiment(replace(scenario, seed=501), plan)
     assert stopped.stop_reason is not None
     proven = prove(scenario, plan)
-    (mend,) = {mend.what for mend in proven.plan.mends}
-    assert mend == LEFT_OUT
-    cut = np.concatenate([mend.places for mend in proven.plan.mends])
+    cut = np.concatenate([mend.places for mend in proven.plan.mends if mend.what == LEFT_OUT])
     assert np.abs(cut[:, :2] - 0.1).max() < 0.05  # [m], all of it near the corner
     kept = proven.plan.path.process
     assert np.isin(proven.plan.path.positions_work[kept], plan.path.positions_work).all()
@@ -72,15 +97,7 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
 
 def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_beginning() -> None:
     """Zeroed on the way there the sensor would be wrong, and guards that follow its noise blind."""
-    scenario = override(
-        default_scenario("surface"),
-        [
-            "part.file=plate",
-            "process.feed_m_s=0.03",
-            "process.contact_force_n=40.0",
-            "safety.force_limit_n=80",
-        ],
-    )
+    scenario = pressing(*SOFT)
     plan = planned(scenario, straight((0.0995, 0.0995), (0.0, 0.0)))
     proven = prove(scenario, plan)
     begins = [path.positions_work[0] for path in (plan.path, proven.plan.path)]
@@ -118,8 +135,10 @@ def test_a_proven_plan_that_is_read_again_still_says_why_each_part_of_the_region
     bare = measure_given_path(read_path(tmp_path), *asked)
     rows, bare_rows = again.area.left_out, bare.area.left_out
     assert rows.keys() == proven.plan.area.left_out.keys() != bare_rows.keys()
-    for reason, row in proven.plan.area.left_out.items():
-        assert rows[reason].area_m2 == pytest.approx(row.area_m2, rel=0.05)
+    # The places are thinned in the file: where two reasons meet their border moves a little.
+    for some in (rows.keys() & bare_rows.keys(), rows.keys() - bare_rows.keys()):
+        lost = sum(proven.plan.area.left_out[reason].area_m2 for reason in some)
+        assert sum(rows[reason].area_m2 for reason in some) == pytest.approx(lost, rel=0.05)
 
 
 def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> None:

@@ -39,8 +39,8 @@ from polish_sim.analysis.style import (
 from polish_sim.arrays import Array, Bools, Ints
 from polish_sim.geometry.features import facet_cross
 from polish_sim.geometry.mesh import lighter_mesh
+from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.part_plan import LEFT_OUT as CUT
-from polish_sim.planning.part_plan import SLOWED
 from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, arc_length, stretches
 from polish_sim.spatial import unit
 
@@ -269,10 +269,11 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:
 
 
 def _draw_mends(solid: Any, flat: Axes, result: PlanResult, frame: Array, seen: _Seen) -> None:
-    """Where the path was slowed or left out after it had been played in the cell."""
+    """Where the path was slowed, pressed with less or left out after it had been played in the cell."""
     slowed: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": "black", "mew": 0.6, "ms": 3.0}
+    eased = slowed | {"marker": "v", "mfc": SKY}
     left_out: dict[str, Any] = {"marker": "x", "color": "black", "mew": 0.9, "ms": 3.5}
-    for what, style in ((SLOWED, slowed), (CUT, left_out)):
+    for what, style in ((SLOWED, slowed), (EASED, eased), (CUT, left_out)):
         places = [mend.places for mend in result.mends if mend.what == what]
         if not places:
             continue

@@ -2,7 +2,8 @@
 
 The guards get limits tighter by a margin, so that a part that is displaced and bent as the scenario draws it
 runs too. Where a guard trips or the exact force leaves its band, the tool is slowed over that stretch; where
-slowing does not help, or the pad has lost the part, the stretch is left out and the tool lifts over it. Each
+slowing does not help, or the pad sinks off an edge, it is pressed with half the force there; where that fails
+as well, or the pad has lost the part, the stretch is left out and the tool lifts over it. Each
 mended path goes on from a state saved shortly before the place. A path that was mended is at last played
 whole: only that is the proof.
 """
@@ -21,7 +22,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Bools
+from polish_sim.arrays import Array, Bools
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.cell import guards as guard
 from polish_sim.cell.guards import NO_STOP
@@ -43,8 +44,8 @@ from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, MARGIN, Failure, Play
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
-from polish_sim.planning.moves.leave_out import leave_out
-from polish_sim.planning.part_plan import LEFT_OUT, PAD_SIZES_M, SLOWED, Mend, mend_of
+from polish_sim.planning.moves.leave_out import Remaining, leave_out
+from polish_sim.planning.part_plan import EASED, LEFT_OUT, PAD_SIZES_M, SLOWED, Mend, mend_of
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
@@ -59,6 +60,8 @@ LEAST_POLISHED: Final = 0.1  #: Share of the region below which a plan is refuse
 WORTH_A_PAD: Final = 1.02  #: Times as much it has to polish
 PROOFS: Final = ("none", "nominal")
 MOST_SEEDS: Final = 1000
+EASIER: Final = 0.5  #: Share of the force that is pressed with where more of it fails [-]
+MOST_EASED: Final = 10  #: Places eased after playing, after which such places are left out
 SLOWING_S: Final = 0.5  #: Of the feed before a place that is mended may have changed too [s]
 AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
 AROUND_M: Final = 0.004  #: And for at least this far [m]
@@ -152,9 +155,10 @@ def prove_with_a_pad_that_fits(
         except PlanError as error:
             failed = failed or error
             continue
-        if best is None or found.plan.area.polished_m2 > WORTH_A_PAD * best.plan.area.polished_m2:
+        if best is None or _pressed(found.plan) > WORTH_A_PAD * _pressed(best.plan):
             best = found
-        if _lost(found.plan) < MUCH * found.plan.area.region_m2:
+        area = found.plan.area
+        if _lost(found.plan) + area.polished_m2 - _pressed(found.plan) < MUCH * area.region_m2:
             break
     if best is None:
         assert failed is not None
@@ -201,6 +205,14 @@ def _lost(plan: PlanResult) -> float:
     )
 
 
+def _pressed(plan: PlanResult) -> float:
+    """What of the region is polished, by the share of the force it is polished with [m^2]."""
+    process = plan.path.process
+    length = float(np.diff(plan.path.s)[process[1:] & process[:-1]].sum())
+    eased = sum(mend.length_m * (1.0 - mend.share) for mend in plan.mends if mend.what == EASED)
+    return plan.area.polished_m2 * (1.0 - eased / length)
+
+
 class _Begun(NamedTuple):
     """A path under way, and what has to be mended before it can go on."""
 
@@ -217,6 +229,7 @@ class _Prover:
         planned = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
         self.scenario = replace(scenario, pad=plan.tool.pad, plan=planned)
         self.share = np.ones(len(plan.path.s))  #: Of the planned feed, by rows of the path
+        self.pressed = np.ones(len(plan.path.s))  #: Of the force asked for, by rows of the path
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
         self.played_s, self.kept_until = 0.0, 0.0
@@ -243,14 +256,24 @@ class _Prover:
             + scenario.part.rotation_rad * extent
         )
         depth = modelled_depth(scenario, largest_force(scenario, path))
-        fields = self.task.place.drawn(scenario)
-        lost = would_sink(fields, scenario.pad, places, path.axes_work[rows], force, aside, depth)
-        if not lost.any():
+        fields, axes = self.task.place.drawn(scenario), path.axes_work[rows]
+
+        def sinking(share: float) -> Bools:
+            """Rows in contact at which the pad would sink under a share of the force."""
+            lost = would_sink(fields, scenario.pad, places, axes, share * force, aside, depth)
+            if not lost.any():
+                return np.zeros(len(path.s), dtype=bool)
+            near, _ = cKDTree(places[lost]).query(path.positions_work)
+            return np.asarray(path.process & (near <= LOOKED_M))
+
+        sinks = sinking(1.0)
+        if not sinks.any():
             return
-        gone = np.zeros(len(path.s), dtype=bool)
-        gone[rows] = lost
-        near, _ = cKDTree(path.positions_work[gone]).query(path.positions_work)
-        gone = path.process & (near <= LOOKED_M)
+        gone = sinks & sinking(EASIER)
+        if (sinks & ~gone).any():
+            self._ease(sinks & ~gone, SINKS_OFF)
+        if not gone.any():
+            return
         remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
@@ -259,7 +282,12 @@ class _Prover:
                 "off an edge. Set a smaller --pad-diameter, a lower --contact-force or another --region."
             )
         self.mends.append(mend_of(LEFT_OUT, SINKS_OFF, 0.0, path, remaining.lost))
-        self.path, self.share = remaining.path, self.share[remaining.source]
+        self._keep(remaining)
+
+    def _keep(self, remaining: Remaining) -> None:
+        """Go on with what is left of the path."""
+        self.path, source = remaining.path, remaining.source
+        self.share, self.pressed = self.share[source], self.pressed[source]
 
     def pass_drawn(self, first: int) -> _Begun | None:
         """Pass through on the part as drawn, and begin on that of the ``first`` seed in a thread meanwhile;
@@ -313,10 +341,12 @@ class _Prover:
 
     def task_now(self) -> SurfaceTask:
         """The task with the path as it is mended so far, on the same part and in the same place."""
-        base = self.path.feed
-        usual = np.full(len(self.share), self.scenario.process.feed_m_s) if base is None else base
-        feed = base if (self.share == 1.0).all() else usual * self.share
-        plan = replace(self.plan, path=replace(self.path, feed=feed))
+        path, process, changed = self.path, self.scenario.process, dict[str, Array]()
+        if (self.share < 1.0).any():
+            changed["feed"] = self.share * (process.feed_m_s if path.feed is None else path.feed)
+        if (self.pressed < 1.0).any():
+            changed["force"] = self.pressed * path.force_at(path.s, process.contact_force_n)
+        plan = replace(self.plan, path=replace(path, **changed))
         task = SurfaceTask(plan, self._reach_now(), self.task.shape)
         task.place.keep_fields_of(self.task.place)
         return task
@@ -350,7 +380,8 @@ class _Prover:
         return np.asarray((rows >= first) & (rows <= last))
 
     def _mend(self, found: list[Failure]) -> None:
-        """Slow the path where that may help; leave out the place of the last failure where it does not.
+        """Slow the path where that may help; press with less at the place of the last failure, or leave it
+        out, where it does not.
 
         Raises:
             PlanError: Nothing is left to polish, or no path would help.
@@ -358,8 +389,23 @@ class _Prover:
         self.kept_until = math.inf
         last = None if self._may_be_slowed(found[-1]) else found.pop()
         self._slow(found)
-        if last is not None:
+        if last is None:
+            return
+        row, pad = self._row(last), self.scenario.pad.radius_m
+        helps = last.code in (NO_STOP, guard.FALLEN, *DYNAMIC) and not last.landing
+        if helps and self.pressed[row] > EASIER and sum(m.what == EASED for m in self.mends) < MOST_EASED:
+            self._ease(self._stroke_of(row) & (np.abs(self.path.s - self.path.s[row]) <= pad), last.why)
+        else:
             self._leave_out(last)
+
+    def _ease(self, rows: Bools, why: str) -> None:
+        """Press with less along some rows of the path; the force comes down before and rises behind them."""
+        path, s = self.path, self.path.s
+        ramp = max(AROUND_S * self.scenario.process.feed_m_s, AROUND_M)
+        away, _ = cKDTree(s[rows, None]).query(s[:, None])
+        self.pressed = np.minimum(self.pressed, np.clip(EASIER + (1.0 - EASIER) * away / ramp, EASIER, 1.0))
+        self.kept_until = min(self.kept_until, s[rows].min() - 2.0 * ramp)
+        self.mends.append(mend_of(EASED, why, EASIER, path, rows))
 
     def _slow(self, found: list[Failure]) -> None:
         """Slow the path to half around each failure; one mend for each cause."""
@@ -403,7 +449,7 @@ class _Prover:
         lost, before = remaining.lost, SLOWING_S * self.share[row] * self.scenario.process.feed_m_s
         self.mends.append(mend_of(LEFT_OUT, f"{PLAYED}{failure.why}", 0.0, path, lost))
         self.kept_until = min(self.kept_until, s[lost].min() - before)
-        self.path, self.share = remaining.path, self.share[remaining.source]
+        self._keep(remaining)
 
     def _where(self, row: int) -> str:
         return f"{place_in_mm(self.path.positions_work[row])} of the part"
@@ -422,6 +468,7 @@ class _Prover:
             "contact_force_n": process.contact_force_n, "seed": scenario.seed, "proof": scenario.safety.proof,
             "margin": MARGIN, "settings": settings_key(scenario), "path": path_key(task.plan.path),
             "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": pose,
+            "eased": any(mend.what == EASED for mend in self.mends),
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
             "mends": [_mend_facts(mend) for mend in (*self.plan.mends, *self.mends)],
         }  # fmt: skip
@@ -461,7 +508,8 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
     for mend in proof["mends"]:
         groups.setdefault((mend["what"], mend["share"], mend["why"].partition(":")[0]), []).append(mend)
     for (what, share, why), alike in groups.items():
-        to = f"{what} to {100.0 * share:.0f}% of the feed" if what == SLOWED else what
+        of = {SLOWED: "feed", EASED: "force"}.get(what)
+        to = what if of is None else f"{what} to {100.0 * share:.0f}% of the {of}"
         length = 1e3 * sum(mend["length_m"] for mend in alike)
         more = "" if len(alike) == 1 else f" and {count_text(len(alike) - 1, 'more place')}"
         notes.append(

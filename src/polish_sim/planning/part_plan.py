@@ -64,15 +64,15 @@ class _Silent:
         """Ignore."""
 
 
-SLOWED, LEFT_OUT = "slowed", "left out"
+SLOWED, EASED, LEFT_OUT = "slowed", "eased", "left out"
 
 
 class Mend(NamedTuple):
     """What was changed about a path, and why."""
 
-    what: str  #: ``SLOWED`` or ``LEFT_OUT``
+    what: str  #: ``SLOWED``, ``EASED`` (less force) or ``LEFT_OUT``
     why: str
-    share: float  #: Of the planned feed [-]; 0 where it is left out
+    share: float  #: Of the planned feed, or of the force [-]; 0 where it is left out
     length_m: float  #: Of the path
     places: Array  #: Points of the path [m], shape (n, 3)
 
