@@ -332,8 +332,9 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     """Whether the surface is where it was planned: when contact is found, and from then on.
 
     How far the springs are pressed in is only known once the force is held in the process; from there on the
-    tool's offset from the plan is the surface's. Until then the tool may go as deep as springs five times
-    softer than planned need (planned: ``planned`` [m]), but not above where it found contact.
+    surface is off the plan by the tool's offset and by what the springs gave way since, as they are planned
+    (``planned`` [m] under the force wanted): a force that is missing is surface that has gone. Until then the
+    tool may go as deep as springs five times softer than planned need, but not above where it found contact.
     """
     guards, sequence, m, target = state.guards, state.sequence, state.measurement, state.target
     if not target.contact:
@@ -351,14 +352,15 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
         _note(state, LOW if depth > 0.0 else HIGH, abs(depth) / guards.offset, t)
         if abs(depth) > guards.offset:
             return LOW if depth > 0.0 else HIGH
-    room = guards.offset
+    room, missing = guards.offset, 1.0 - m.wrench[2] / target.force
+    place = offset + planned * missing
     if not guards.was_held:
         room += _DEEPEST * planned
-        holding = not landing and abs(m.wrench[2] - target.force) < 0.1 * target.force
+        holding = not landing and abs(missing) < 0.1
         guards.holding = guards.holding + dt if holding else 0.0
         if guards.holding >= HELD_S:
-            guards.depth, guards.was_held = depth, True
-    guards.found = depth - guards.depth
+            guards.depth, guards.was_held = place, True
+    guards.found = (place if guards.was_held else depth) - guards.depth
     _note(state, FALLEN, guards.found / room, t)
     _note(state, RISEN, -guards.found / guards.offset, t)
     if guards.found > room:
