@@ -352,7 +352,7 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
         _note(state, LOW if depth > 0.0 else HIGH, abs(depth) / guards.offset, t)
         if abs(depth) > guards.offset:
             return LOW if depth > 0.0 else HIGH
-    room, missing = guards.offset, 1.0 - m.wrench[2] / target.force
+    room, missing = guards.offset, 1.0 - max(m.wrench[2], 0.0) / target.force
     place = offset + planned * missing
     if not guards.was_held:
         room += _DEEPEST * planned
