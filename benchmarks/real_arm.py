@@ -30,12 +30,10 @@ import numpy as np
 
 from benchmarks.table import Row, print_rows
 from polish_sim.compare.contact import (
-    ContactRig,
     ForceStep,
     compare_steps,
     from_contact,
     measure_step,
-    on_rig,
 )
 from polish_sim.compare.joints import compare_joints
 from polish_sim.compare.replay import SCENARIO, Payload, commands_of, rigid_torques, warm
@@ -59,6 +57,44 @@ HELD_OUT: Final = ("ident_30s_12harm", "ident_50s_14harm", "validation_ptp_10_po
 MOVES_S: Final = (6.4, 35.0)  #: In which the first of the logs held out moves [s]
 LOADED: Final = ("ident_50s_14harm_load", Payload(2.805, (0.0, 0.0, 0.05)))
 """The log with a load, its mass as published; where its centre is was not: 50 mm before the flange."""
+
+
+class ContactRig(NamedTuple):
+    """What a robot presses with, felt at the tool: its arm's mass behind a soft servo, on a stiff part."""
+
+    stiffness: float  #: Of the arm as its force mode lets it yield [N/m]
+    damping: float  #: [N s/m]
+    mass: float  #: That lands on the part [kg]
+    contact: float  #: Stiffness of roller and part [N/m]
+
+
+RIG_SETTINGS: Final = (
+    *("part.file=plate", "part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0"),
+    *(
+        "safety.force_limit_n=1e4",
+        "safety.jump_limit_n=0",
+        "safety.offset_limit_m=0.2",
+        "safety.contact_lost_s=1e5",
+    ),
+    *(
+        "sensor.force_range_n=1e5",
+        "sensor.torque_range_nm=1e4",
+        "safety.torque_limit_nm=1e3",
+        "head.travel_m=0.1",
+    ),
+    *("pad.damping_s_m=0.3", "robot.linear_acceleration_m_s2=20", "simulation.log_rate_hz=1000"),
+)
+"""Of `run force`: stiff landings at the speed of a force mode, no guard in the way."""
+
+
+def on_rig(scenario: Scenario, rig: ContactRig, asked: float, approach: float, *settings: str) -> Scenario:
+    """A scenario of `force` on a rig: ``asked`` [N] after an approach [m/s]."""
+    own = [f"process.contact_force_n={asked}", f"process.approach_speed_m_s={approach}"]
+    spring = [f"head.stiffness_n_m={rig.stiffness}", f"head.damping_n_s_m={rig.damping}"]
+    pad = [f"pad.stiffness_n_m={rig.contact}"]
+    scenario = override(scenario, [*RIG_SETTINGS, *own, *spring, *pad, *settings])
+    # The head stands for the arm's own mass here, more than a head may have.
+    return replace(scenario, head=replace(scenario.head, mass_kg=rig.mass))
 
 
 def joint_rows(data: Path) -> Iterator[Row]:
