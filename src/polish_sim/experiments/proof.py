@@ -22,7 +22,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Bools
 from polish_sim.cell import Observer, Silent, tool_on_flange
 from polish_sim.cell import guards as guard
 from polish_sim.cell.guards import NO_STOP
@@ -341,12 +341,13 @@ class _Prover:
 
     def task_now(self) -> SurfaceTask:
         """The task with the path as it is mended so far, on the same part and in the same place."""
-        path, process, changed = self.path, self.scenario.process, dict[str, Array]()
+        path, process = self.path, self.scenario.process
+        feed, force = path.feed, path.force
         if (self.share < 1.0).any():
-            changed["feed"] = self.share * (process.feed_m_s if path.feed is None else path.feed)
+            feed = self.share * (process.feed_m_s if feed is None else feed)
         if (self.pressed < 1.0).any():
-            changed["force"] = self.pressed * path.force_at(path.s, process.contact_force_n)
-        plan = replace(self.plan, path=replace(path, **changed))
+            force = self.pressed * path.force_at(path.s, process.contact_force_n)
+        plan = replace(self.plan, path=replace(path, feed=feed, force=force))
         task = SurfaceTask(plan, self._reach_now(), self.task.shape)
         task.place.keep_fields_of(self.task.place)
         return task
