@@ -83,11 +83,13 @@ def serve(given: Given) -> int:
         if word not in known:
             raise unknown_name(name, word, known)
     for address in addresses:
-        if not _is_address(address):
+        try:
+            near = ipaddress.IPv4Address(address).is_loopback
+        except ValueError as error:
             raise InputError(
                 f"--address {address} is no IP address. Give one of this machine, e.g. 127.0.0.2."
-            )
-        if not ipaddress.ip_address(address).is_loopback:
+            ) from error
+        if not near:
             console.note(
                 f"warning: whoever reaches {address} can drive the robot: there is no authentication."
             )
@@ -98,6 +100,11 @@ def serve(given: Given) -> int:
         raise InputError("--live and --score are for one robot: give one --address.")
     refuse_taken(given["--out"], given["--overwrite"])
     case = _case(given)
+    from polish_sim.ur.server import PORTS, listening
+
+    for address in addresses:
+        for port in PORTS:  # before all is prepared
+            listening(address, port + (given["--port-offset"] or 0)).close()
     with claimed(given["--out"], "serve", given["--overwrite"]) as folder, ExitStack() as open_:
         with console.progress() as observer:
             job = _prepared(given, case, observer)
@@ -113,13 +120,6 @@ def serve(given: Given) -> int:
             _write_run(job, controller, own)
     console.say_folder(folder.final)
     return DONE
-
-
-def _is_address(text: str) -> bool:
-    try:
-        return ipaddress.ip_address(text).version == 4
-    except ValueError:
-        return False
 
 
 # What is served.

@@ -374,6 +374,7 @@ def test_a_server_without_its_ports_says_so_once_and_ends(tmp_path: Path) -> Non
         ended = subprocess.run([*PROGRAM, *words], cwd=tmp_path, capture_output=True, text=True, timeout=240)
     assert ended.returncode == 2
     assert ended.stderr.count("error:") == ended.stderr.count(f"port {REALTIME} of 127.0.0.8") == 1
+    assert "plan" not in ended.stderr  # before the cell is prepared
     assert not (tmp_path / "SERVED").exists()
 
 

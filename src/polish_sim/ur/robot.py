@@ -258,9 +258,9 @@ class SimulatedRobot(Robot):
 
     def steady(self) -> bool:
         """See the protocol."""
-        by_position = self.compliance is None and self._torque_left == 0
-        still = np.abs(self.target_qd).max() < 1e-6 and np.abs(self.actual_qd).max() < SETTLED
-        return bool(by_position and still)
+        if self.compliance or self._torque_left:
+            return False
+        return bool(np.abs(self.target_qd).max() < 1e-6 and np.abs(self.actual_qd).max() < SETTLED)
 
     # Force.
 

@@ -153,6 +153,23 @@ class Pace:
     given_up: int = 0  #: Times the server was too far behind and went on from there
 
 
+def listening(address: str, port: int) -> socket.socket:
+    """A socket that listens; an InputError where none can."""
+    found = socket.socket()
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    found.setblocking(False)
+    try:
+        found.bind((address, port))
+        found.listen(CLIENTS)
+    except OSError as error:
+        found.close()
+        raise InputError(
+            f"port {port} of {address} cannot be used: {error.strerror or error}. Another simulated or real "
+            "controller may use it: stop that one, or take another --address (127.0.0.2)."
+        ) from error
+    return found
+
+
 class Server:
     """Controllers by address; ``offset`` is added to every port."""
 
@@ -166,26 +183,11 @@ class Server:
         try:
             for address, controller in controllers.items():
                 for port in PORTS:
-                    self._listen(address, port, offset, controller)
+                    self._listening.append(listening(address, port + offset))
+                    self._selector.register(self._listening[-1], selectors.EVENT_READ, (controller, port))
         except InputError:
             self.close()
             raise
-
-    def _listen(self, address: str, port: int, offset: int, controller: Controller) -> None:
-        listening = socket.socket()
-        self._listening.append(listening)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listening.bind((address, port + offset))
-            listening.listen(CLIENTS)
-        except OSError as error:
-            raise InputError(
-                f"port {port + offset} of {address} cannot be used: {error.strerror or error}. Another "
-                "simulated or real controller may use it: stop that one, or take another --address "
-                "(127.0.0.2)."
-            ) from error
-        listening.setblocking(False)
-        self._selector.register(listening, selectors.EVENT_READ, (controller, port))
 
     def run(self, until: Callable[[], bool]) -> None:
         """Serve until told to stop."""
