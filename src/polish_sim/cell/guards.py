@@ -125,6 +125,8 @@ SHARES: Mapping[str, int] = MappingProxyType(
 CODES = 25
 FOLLOW_S = 0.002  # the reading is compared with itself, smoothed over this time
 SEEN_S = 0.1  # for this long a jump is watched
+SUDDEN = 1.5  # times what the reading did just before, a jump must be
+REMEMBERED = 0.8  # share of that which is left after each ``SEEN_S``
 SPINDLE_SHARE = 0.8  # of the commanded speed, at least
 HELD_S = 0.1  # the force within a tenth of the wanted one for this long counts as held
 _CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this many steps
@@ -144,6 +146,9 @@ class Guards(Record):
     offset: float  #: Of the surface from where it was planned [m]
     lost: float  #: Time without contact so far [s]
     smooth: Vector3  #: The reading's force, smoothed, sensor frame [N]
+    swing: float  #: The most the force has jumped in this window of ``SEEN_S`` [N]
+    swung: float  #: And in those before, ever less [N]
+    window: int  #: Number of this one
     holding: float  #: Time the force has been held [s]
     depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
     was_held: bool  #: Whether the force has been held since contact
@@ -259,10 +264,15 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
     for i in range(3):
         smooth[i] += share * (reading[i] - smooth[i])
         jump += (reading[i] - smooth[i]) ** 2
-    limit = max(guards.jump, 2.0 * sequence.floor / guards.jump_share)
+    # An arm that its gears shake swings up over many cycles, a fault does not.
+    if math.floor(t / SEEN_S) > guards.window:
+        guards.window, guards.swung = math.floor(t / SEEN_S), max(guards.swing, REMEMBERED * guards.swung)
+        guards.swing = 0.0
+    limit = max(guards.jump, 2.0 * sequence.floor / guards.jump_share, SUDDEN * guards.swung)
     if sequence.stage == TARE:
         return NO_STOP
     guards.found = math.sqrt(jump) / guards.jump_share
+    guards.swing = max(guards.swing, guards.found)
     _note(state, JUMP, guards.found / limit, t)
     return JUMP if guards.found > limit else NO_STOP
 
