@@ -100,7 +100,8 @@ class Play:
         kept = 1.0 - self.margin
         guards.contact_lost, guards.singular_value = kept * guards.contact_lost, guards.singular_value / kept
         extent = float(np.linalg.norm(np.ptp(path.positions_work[path.process], axis=0)))
-        drawn = part.displacement_m + part.rotation_rad * extent + part.form_error_m
+        # From where the force is first held: how far the part lies off there counts no more.
+        drawn = part.rotation_rad * extent + part.form_error_m
         less = drawn if self.nominal else self.margin * guards.offset
         guards.offset = max(guards.offset - less, LEAST_OFFSET * guards.offset)
 
