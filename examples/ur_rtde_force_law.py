@@ -32,7 +32,7 @@ parser.add_argument("--seconds", type=float, default=4.0, help="of the hold, or 
 parser.add_argument("--log", default="force_law.csv")
 given = parser.parse_args()
 
-CYCLE_S = 0.002
+CYCLE_S = 0.002  # asked for; the law counts what it gets
 LOOK_AHEAD_S, VELOCITY_P, TURN_I = 0.1, 0.2, 0.2  # eq. 6 and 7
 FORCE_P, FORCE_I, FILTER_HZ, FASTEST = 0.004, 0.012, 5.0, 0.05  # eq. 5 [m/(s N)], [m/(s^2 N)]
 CONTACT_N, TOUCH_DOWN_S = 2.0, 0.42  # what counts as contact; the feed begins so long after it, or later
@@ -79,24 +79,24 @@ class Law:
     def __init__(self) -> None:
         self.turned, self.filtered, self.pressed, self.summed = np.zeros(3), None, 0.0, 0.0
 
-    def answer(self, target: np.ndarray, feed: np.ndarray, pose: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    def answer(
+        self, target: np.ndarray, feed: np.ndarray, pose: np.ndarray, speed: np.ndarray, dt: float
+    ) -> np.ndarray:
         """Position and orientation: the planned speed, and the error taken back within the look-ahead."""
         off = (Rotation.from_rotvec(target[3:]) * Rotation.from_rotvec(pose[3:]).inv()).as_rotvec()
         asked = feed + np.concatenate([target[:3] - pose[:3], off]) / LOOK_AHEAD_S
-        self.turned += (asked - speed)[3:] * CYCLE_S
+        self.turned += (asked - speed)[3:] * dt
         return asked + VELOCITY_P * (asked - speed) + np.concatenate([np.zeros(3), TURN_I * self.turned])
 
-    def press(self, force: float, speed: float) -> float:
+    def press(self, force: float, speed: float, dt: float) -> float:
         """Speed along the tool [m/s]; so slow that the stiffest part would not be struck."""
         if self.filtered is None:
             self.filtered = force
-        self.filtered += (1.0 - np.exp(-2.0 * np.pi * FILTER_HZ * CYCLE_S)) * (force - self.filtered)
+        self.filtered += (1.0 - np.exp(-2.0 * np.pi * FILTER_HZ * dt)) * (force - self.filtered)
         error = given.force - self.filtered
-        grown = self.summed + error * CYCLE_S
+        grown = self.summed + error * dt
         rate = FORCE_P * error + FORCE_I * grown
-        room = (1.25 * given.force - force) / SPRINGS - max(
-            (DELAY_S + CYCLE_S) * max(speed, self.pressed), 0.0
-        )
+        room = (1.25 * given.force - force) / SPRINGS - max((DELAY_S + dt) * max(speed, self.pressed), 0.0)
         self.pressed = min(max(rate, -FASTEST), FASTEST, np.sqrt(2.0 * BRAKES * max(room, 0.0)))
         if rate == self.pressed or rate * error < 0.0:
             self.summed = grown
@@ -105,7 +105,7 @@ class Law:
 
 # %%
 # Down, land, hold or follow, up.
-law, log, way, rate, depth, landed = Law(), [], 0.0, 0.0, 0.0, None
+law, log, way, rate, depth, landed, last = Law(), [], 0.0, 0.0, 0.0, None, None
 try:
     if given.path is not None:
         control.moveJ_IK((wanted(0.0) - np.array([*(0.03 * z[0]), 0, 0, 0])).tolist(), 0.2, 0.3)
@@ -117,22 +117,23 @@ try:
         pose, speed = np.array(receive.getActualTCPPose()), np.array(receive.getActualTCPSpeed())
         axis = Rotation.from_rotvec(pose[3:]).as_matrix()[:, 2]
         now, force = receive.getTimestamp(), float(-np.array(receive.getActualTCPForce())[:3] @ axis)
+        dt, last = CYCLE_S if last is None else now - last, now
         if landed is None and force > CONTACT_N:
             landed = now
         feeding = (
             landed is not None and now - landed > TOUCH_DOWN_S and (rate > 0.0 or force > 0.9 * given.force)
         )
         if feeding and given.path is not None:
-            rate = min(given.feed, rate + max(0.05, 2.0 * given.feed) * CYCLE_S)
+            rate = min(given.feed, rate + max(0.05, 2.0 * given.feed) * dt)
         ahead = wanted(way + rate * CYCLE_S)
         feed = (ahead - wanted(way)) / CYCLE_S
-        way += rate * CYCLE_S
+        way += rate * dt
         if landed is None:
-            depth += given.approach * CYCLE_S
+            depth += given.approach * dt
             feed[:3] += given.approach * axis
-        answer = law.answer(ahead + np.array([*(depth * axis), 0, 0, 0]), feed, pose, speed)
+        answer = law.answer(ahead + np.array([*(depth * axis), 0, 0, 0]), feed, pose, speed, dt)
         if landed is not None:
-            along = law.press(force, float(speed[:3] @ axis))
+            along = law.press(force, float(speed[:3] @ axis), dt)
             answer[:3] += (along - answer[:3] @ axis) * axis
         control.speedL(answer.tolist(), ACCELERATION, CYCLE_S)
         log.append([now, way, *pose, force])

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from polish_sim.arrays import Array
-from polish_sim.control.loops import PiGains, PiMemory, force_pi, low_pass_step
+from polish_sim.control.loops import (
+    LEAST_SHARE,
+    FeltMemory,
+    PiGains,
+    PiMemory,
+    felt_share,
+    force_pi,
+    low_pass_step,
+)
 
 STIFFNESS = 5000.0  # of head and pad in series [N/m]
 FORCE = 20.0  # [N]
@@ -99,3 +107,38 @@ def test_a_step_is_answered_exactly_at_any_sampling(dt: float, corner_hz: float)
         output = low_pass_step(output, 1.0, corner_hz, dt)
         assert output == pytest.approx(1.0 - math.exp(-2.0 * math.pi * corner_hz * n * dt), abs=1e-12)
     assert np.isfinite(low_pass_step(0.0, 1.0, 1e9, 1.0))
+
+
+def felt(stiffness: float, tool: float = 0.02, part: float = 0.0, state: FeltMemory | None = None) -> Array:
+    """Shares of the gains while tool and part come together at these speeds [m/s], to 1.2 times the force."""
+    state = FeltMemory() if state is None else state
+    shares, force, measured, dt = [], 0.0, 0.0, 0.001
+    while force < 1.2 * FORCE:
+        force += stiffness * (tool + part) * dt
+        measured = low_pass_step(measured, force, 5.0, dt)
+        shares.append(felt_share(FORCE, measured, tool, 1.5 * STIFFNESS, 5.0, dt, state))
+    return np.array(shares)
+
+
+@pytest.mark.parametrize("times", [0.2, 1.0, 1.4])
+def test_on_springs_as_drawn_or_softer_the_gains_are_as_set(times: float) -> None:
+    assert (felt(times * STIFFNESS) == 1.0).all()
+
+
+@pytest.mark.parametrize("times", [2.0, 4.0, 8.0])
+def test_on_stiffer_springs_the_gains_fall_to_one_and_a_half_times_the_drawn_crossover(times: float) -> None:
+    shares = felt(times * STIFFNESS, tool=0.005)
+    assert shares[0] == 1.0
+    assert shares[-1] * times == pytest.approx(1.5, rel=0.02)
+
+
+def test_a_part_that_comes_towards_a_tool_at_rest_leaves_the_least_share() -> None:
+    assert felt(STIFFNESS, tool=0.0, part=0.02)[-1] == LEAST_SHARE
+
+
+def test_after_landing_a_part_that_rises_is_no_stiffness() -> None:
+    state = FeltMemory()
+    felt(STIFFNESS, state=state)
+    while not state.landed:
+        felt_share(FORCE, 1.01 * FORCE, 0.0, 1.5 * STIFFNESS, 5.0, 0.001, state)
+    assert felt_share(FORCE, 1.5 * FORCE, 0.0, 1.5 * STIFFNESS, 5.0, 0.001, state) == 1.0

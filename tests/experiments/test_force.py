@@ -54,6 +54,14 @@ def test_other_forces_are_held_too(force: float) -> None:
     assert held[1000:].mean() == pytest.approx(force, abs=0.02 * force + 0.1)
 
 
+@pytest.mark.parametrize(("springs", "settled"), [(5.0, 0.6), (1.0, 0.4)])
+def test_springs_stiffer_than_drawn_do_not_make_it_swing(springs: float, settled: float) -> None:
+    changes = [f"head.spring_scale={springs}", "seed=531", "process.hold_s=2"]
+    result = run_experiment(override(default_scenario("force"), changes))
+    assert result.figures["settling_time_1n_s"] < settled
+    assert np.ptp(result.trace.normal_force_n[-1000:]) < 1.0
+
+
 def test_every_second_step_will_do_for_the_host() -> None:
     asked = ["simulation.control_every=2", "seed=104", "process.hold_s=2"]
     result = run_experiment(override(default_scenario("force"), asked))
