@@ -148,7 +148,7 @@ class Guards(Record):
     smooth: Vector3  #: The reading's force, smoothed, sensor frame [N]
     swing: float  #: The most the force has jumped in this window of ``SEEN_S`` [N]
     swung: float  #: And in those before, ever less [N]
-    window: int  #: Number of this one
+    window: float  #: When this one ends [s]
     holding: float  #: Time the force has been held [s]
     depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
     was_held: bool  #: Whether the force has been held since contact
@@ -265,8 +265,8 @@ def check_reading(state: CellState, dt: float, t: float) -> int:
         smooth[i] += share * (reading[i] - smooth[i])
         jump += (reading[i] - smooth[i]) ** 2
     # An arm that its gears shake swings up over many cycles, a fault does not.
-    if math.floor(t / SEEN_S) > guards.window:
-        guards.window, guards.swung = math.floor(t / SEEN_S), max(guards.swing, REMEMBERED * guards.swung)
+    if t > guards.window:
+        guards.window, guards.swung = t + SEEN_S, max(guards.swing, REMEMBERED * guards.swung)
         guards.swing = 0.0
     limit = max(guards.jump, 2.0 * sequence.floor / guards.jump_share, SUDDEN * guards.swung)
     if sequence.stage == TARE:

@@ -15,7 +15,7 @@ from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, cylinder, free_tool, page_html
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.ground.triangulation import triangulate
-from polish_sim.planning.part_plan import SLOWED
+from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.toolpath import LINK, PROCESS, interpolate
 from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
 
@@ -34,7 +34,7 @@ FIXTURE_COLOR: Final = (112, 124, 143)
 LEAD_COLOR: Final = (230, 120, 20)
 LEFT_OUT_COLOR: Final = (230, 159, 0)
 IN_PART_COLOR: Final = (224, 0, 32)
-SLOWED_COLOR: Final = (255, 255, 255)
+MENDED_COLORS: Final = {SLOWED: (255, 255, 255), EASED: (86, 180, 233)}
 VIRIDIS: Final = np.array(
     [(68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142)]
     + [(31, 158, 137), (53, 183, 121), (109, 205, 89), (180, 222, 44), (253, 231, 37)]
@@ -205,15 +205,17 @@ def part_solids(result: PlanResult) -> list[Solid]:
             _solid("fixture", *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR)
         )
     out = np.concatenate([np.empty((0, 3, 3)), *(row.triangles for row in result.area.left_out.values())])
-    slowed = np.concatenate(
-        [np.empty((0, 3)), *(mend.places for mend in result.mends if mend.what == SLOWED)]
-    )
     size, way = 0.3 * result.plan.stepover_m, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
     chips = result.in_part[:, None] + size * way
+    nothing = np.empty((0, 3))
+    mended = [
+        (what, np.concatenate([nothing, *(mend.places for mend in result.mends if mend.what == what)]), color)
+        for what, color in MENDED_COLORS.items()
+    ]
     for kind, corners, color in (
         ("left out", out, LEFT_OUT_COLOR),
         ("tool in the part", chips, IN_PART_COLOR),
-        ("slowed", slowed[:, None] + size * way, SLOWED_COLOR),
+        *((what, places[:, None] + size * way, color) for what, places, color in mended),
     ):
         if len(corners):
             triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
