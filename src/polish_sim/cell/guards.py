@@ -128,6 +128,7 @@ SEEN_S = 0.1  # for this long a jump is watched
 SUDDEN = 1.5  # times what the reading did just before, a jump must be
 REMEMBERED = 0.8  # share of that which is left after each ``SEEN_S``
 SPINDLE_SHARE = 0.8  # of the commanded speed, at least
+SHAKEN_S = 0.03  # a force that is missing for less is an arm that shakes
 HELD_S = 0.1  # the force within a tenth of the wanted one for this long counts as held
 _CRASH_ROUNDS = 16  # the links' points are looked at in turn, all within this many steps
 _DEEPEST = 5.0  # the springs may be this much softer than planned before the force is first held [-]
@@ -152,6 +153,7 @@ class Guards(Record):
     holding: float  #: Time the force has been held [s]
     depth: float  #: The tool's depth at contact, from when the force is first held the depth then [m]
     was_held: bool  #: Whether the force has been held since contact
+    missing: float  #: Share of the force wanted that is not there, smoothed [-]
     found: float  #: What was measured when a limit was exceeded, see ``MEASURED``
     shares: Annotated[Array, (CODES,)]
     """Largest share of its limit that was reached, by code [-]; limit over value where the limit is the least
@@ -348,7 +350,7 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     """
     guards, sequence, m, target = state.guards, state.sequence, state.measurement, state.target
     if not target.contact:
-        guards.holding, guards.depth, guards.was_held = 0.0, 0.0, False
+        guards.holding, guards.depth, guards.was_held, guards.missing = 0.0, 0.0, False, 0.0
         return NO_STOP
     offset = 0.0
     for i in range(3):
@@ -357,13 +359,13 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     # Depth of the tool below the planned surface, which the target is pressed in by the stroke's depth.
     depth = offset + (sequence.depth if landing else planned)
     if landing and sequence.time == 0.0:
-        guards.holding, guards.depth, guards.was_held = 0.0, depth, False
-        guards.found = depth
+        guards.depth = guards.found = depth
         _note(state, LOW if depth > 0.0 else HIGH, abs(depth) / guards.offset, t)
         if abs(depth) > guards.offset:
             return LOW if depth > 0.0 else HIGH
     room, missing = guards.offset, 1.0 - max(m.wrench[2], 0.0) / target.force
-    place = offset + planned * missing
+    guards.missing += dt / SHAKEN_S * (missing - guards.missing)
+    place = offset + planned * guards.missing
     if not guards.was_held:
         room += _DEEPEST * planned
         holding = not landing and abs(missing) < 0.1
