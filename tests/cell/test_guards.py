@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import Cell, CellRun, RealPart, Silent, build_scene, no_part
-from polish_sim.cell.guards import CRASH, REASONS, forget_shares, guard_shares
+from polish_sim.cell.guards import CRASH, JUMP, NO_STOP, REASONS, check_reading, forget_shares, guard_shares
+from polish_sim.cell.stroke import PROCESS
 from polish_sim.geometry import load_part
 from polish_sim.geometry.field_lookup import DistanceField
 from polish_sim.models import part_path
@@ -99,6 +100,22 @@ def test_contact_lost_over_an_edge_stops_after_its_time() -> None:
     assert stopped_at(run) - touching[-1] == pytest.approx(300, abs=2)
     assert run.trace.tcp_position_m[-1, 0] > 0.06  # the plane's edge
     keeps_its_log(run)
+
+
+@pytest.mark.parametrize("grown_s", [1.0, 0.0])
+def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s: float) -> None:
+    """Gears shake the arm at 24 Hz, up to what counts as a jump beyond the 15 N that are allowed."""
+    state, codes, largest = on_plane().state, set(), 0.0
+    state.sequence.stage = PROCESS
+    for t in np.arange(0.0, 3.0, 0.001):
+        size = 40.0 * float(np.clip((t - 1.0) / grown_s if grown_s else t >= 1.0, 0.0, 1.0))
+        state.sensor.reading[2] = 50.0 + size * math.sin(2.0 * math.pi * 24.0 * (t - 1.0))
+        state.sensor.changed = t
+        code = check_reading(state, 0.001, t)
+        codes |= {code} if t > 0.5 else set()  # before, the reading comes from nothing
+        largest = max(largest, state.guards.found if t > 0.5 else 0.0)
+    assert 15.0 < largest < 30.0
+    assert codes == ({NO_STOP} if grown_s else {NO_STOP, JUMP})
 
 
 def past_a_wall(field: DistanceField, y: float, z: float) -> Cell:

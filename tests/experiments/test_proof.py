@@ -95,6 +95,16 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
         assert run.figures["force_max_deviation_n"] < 4.0
 
 
+def test_a_force_that_falls_along_the_path_is_no_surface_that_rises() -> None:
+    """From 40 to 10 N the springs give way by 6 mm; the surface stays where it is."""
+    scenario = pressing()
+    path = straight((0.0, 0.0), (0.06, 0.0))
+    path = replace(path, force=np.interp(path.s, [0.02, 0.05], [40.0, 10.0]))
+    run = run_experiment(scenario, planned(scenario, path))
+    assert run.stop_reason is None
+    assert run.figures["path_done"] == 1.0
+
+
 def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_beginning() -> None:
     """Zeroed on the way there the sensor would be wrong, and guards that follow its noise blind."""
     scenario = pressing(*SOFT)

@@ -228,6 +228,7 @@ def test_a_watchdog_stops_a_programme_whose_client_is_silent(served: Served) -> 
     served.connect(PRIMARY).sendall(text.encode())
     served.until(lambda: any("watchdog" in line for line in served.controller.log))
     served.until(lambda: served.controller.machine is None)
+    assert served.robot.steady()
 
 
 def messages(connection: socket.socket, kind: int) -> Iterator[bytes]:
@@ -335,8 +336,8 @@ def test_twenty_clients_and_one_that_never_reads(served: Served) -> None:
         client.ask(b"O", struct.pack(">d", 125.0) + b"timestamp,actual_q")
         client.ask(b"S", b"")
     for client in clients:
-        for _ in range(50):
-            client.read()
+        heard = [client.read()[0] for _ in range(50)]
+        assert heard[-10:] == [b"U"] * 10  # data, behind the answers to what was asked
     idle.close()
 
 
