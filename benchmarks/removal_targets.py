@@ -59,7 +59,8 @@ def main() -> None:
         assert found.removal is not None
         print(f"ramp on plate, seed {seed}: {followed(found.removal)}", flush=True)
     figure = Figure((6.0, 5.0), layout="constrained")
-    draw(figure.subplots(), found.removal, "plate, ramp 1:2")
+    last = found.removal
+    draw(figure.subplots(), last.vertices, last.triangles, last.relative, "plate, ramp 1:2")
     figure.savefig(asked.out / "ramp.png", dpi=100)
     times()
 

@@ -36,16 +36,19 @@ from polish_sim.planning.toolpath import ToolPath, interpolate, stretches
 from polish_sim.spatial import unit
 
 EVEN: Final = "even"
+PLANNED: Final = "removal planned"
 TARGET_COLUMNS: Final = ("target", "relative", "removal_m")
 """Properties a target's vertices may have; the first one there counts, over its mean."""
-OVERRUN: Final = 0.4  #: How far past the border a path goes unless the plan says so [pad radii]
+OVERRUN: Final = 0.5  #: How far past the border a path goes unless the plan says so [pad radii]
 POSES: Final = 0.05  #: Places of the pad are so far apart [pad radii]
 KNOTS: Final = 0.32  #: Knots of dwell and force are at least so far apart [pad radii]
 NODES: Final = 0.25  #: Longest edge of the nodes' triangles [pad radii]
-MOST_SUNK: Final = 0.2
+MOST_SUNK: Final = 0.3
 """Share of the limit of the surface's place by which the pad may sink in deeper than on a plane; over an edge
 the force is taken off for it."""
 ROUNDS: Final = 3  #: Of dwell and force by turns
+#: Times as much as at the rim, where less can be done about it, a deviation counts a pad's radius inside
+INSIDE: Final = 4.0
 LEAST_GOAL: Final = 0.02  #: Share of the mean below which a target's deviations weigh no more
 SMOOTH: Final = 1e-4  #: Weight of changes from knot to knot beside the deviation's
 
@@ -77,57 +80,70 @@ def axis_kept(scenario: Scenario) -> Scenario:
     return replace(scenario, controller=replace(scenario.controller, moment_tilt_limit_rad=0.0))
 
 
-def even_out(scenario: Scenario, plan: PlanResult, observer: PlanObserver | None = None) -> PlanResult:
+def even_out(
+    scenario: Scenario, plan: PlanResult, observer: PlanObserver | None = None, most: Array | None = None
+) -> PlanResult:
     """Give a plan the feed and the force with which its removal comes nearest to what is asked for.
+
+    With ``most``, the largest feed at each point of the path [m/s], (n,), the path keeps its force and only
+    the dwell is found.
 
     Raises:
         InputError: The map cannot be read, or says nothing of the region.
     """
     if observer is not None:
         observer.stage("even the removal")
-    problem = _Problem(scenario, plan)
-    asked = scenario.plan
-    low, high = (1.0 / (share * scenario.process.feed_m_s) for share in asked.removal_feed[::-1])
-    slowness = np.full(problem.knots.shape[1], 1.0 / scenario.process.feed_m_s)
-    eased, change = problem.force / problem.usual, asked.removal_force
-    before = problem.exposure(slowness)
+    path, asked, again = plan.path, scenario.plan, most is not None
+    problem = _Problem(scenario, plan, again)
+    low, high = problem.limits(scenario, math.inf if most is None else most)
+    slowness = np.clip(1.0 / scenario.process.feed_m_s, low, high)
+    change, before = 0.0 if again else asked.removal_force, problem.exposure(slowness)
+    eased = problem.force / problem.usual
     for _ in range(ROUNDS if change > 0.0 else 1):
         slowness = problem.fit(problem.dwell_columns(), low, high, slowness)
         if change > 0.0:
-            columns = problem.force_columns(slowness, eased)
-            share = problem.fit(columns, 1.0 - change, 1.0 + change, np.ones(len(eased)))
+            columns, same = problem.force_columns(slowness, eased), np.ones(len(eased))
+            share = problem.fit(columns, (1.0 - change) * same, (1.0 + change) * same, same)
             problem.press(share * eased * problem.usual)
-    path = plan.path
-    feed = 1.0 / np.clip(problem.at(path.s, slowness), low, high)
-    path = replace(path, feed=feed, force=problem.at(path.s, problem.force))
+    feed = 1.0 / problem.at(path.s, np.clip(slowness, low, high))
+    path = replace(path, feed=feed, force=path.force if again else problem.at(path.s, problem.force))
     (was, _), (now, within) = problem.deviations(before), problem.deviations(problem.exposure(slowness))
     spread = {"planned_removal_cv": now, "planned_removal_cv_inside": within}
     note = (
-        f"removal planned {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the "
+        f"{PLANNED} {'even' if asked.removal == EVEN else 'to its map'}: {100.0 * now:.1f}% rms of the "
         f"mean beside it on the part as drawn ({100.0 * within:.1f}% a pad's radius inside the border), "
         f"{100.0 * was:.1f}% at one feed; feed {1e3 * feed[path.process].min():.3g} to "
         f"{1e3 * feed[path.process].max():.3g} mm/s"
     )
-    return replace(plan, path=path, figures={**plan.figures, **spread}, notes=(*plan.notes, note))
+    notes = (*(earlier for earlier in plan.notes if not earlier.startswith(PLANNED)), note)
+    return replace(plan, path=path, figures={**plan.figures, **spread}, notes=notes)
 
 
 class _Problem:
     """Rates, knots and the goal along one path."""
 
-    def __init__(self, scenario: Scenario, plan: PlanResult) -> None:
+    def __init__(self, scenario: Scenario, plan: PlanResult, again: bool = False) -> None:
         self.path, self.pad, process = plan.path, plan.tool.pad, scenario.process
         self.nodes = drawn_nodes(plan)
         self.s, self.steps = _places(self.path, POSES * self.pad.radius_m)
-        self.knot_s, self.knots = _hats(self.path, self.s, self._spacing(scenario))
+        self.spacing = self._spacing(scenario)
+        self.knot_s, self.knots = _hats(self.path, self.s, self.spacing)
         self.usual = process.contact_force_n
         self.poses = _poses(self.path, self.s, process.feed_m_s, scenario.spindle.speed_rpm * math.tau / 60.0)
         self.stiffness = self.pad.stiffness_n_m * scenario.head.spring_scale
         self.deepest = self.usual / self.stiffness + MOST_SUNK * scenario.safety.offset_limit_m
         self.areas = self.nodes.pressed.areas[: len(self.nodes.mesh.vertices)]
         self.weights = self.areas / self.areas.sum()
-        self.press(np.full(len(self.knot_s), self.usual))
-        self._ease()
-        self._ease()
+        mesh = self.nodes.mesh
+        away, _ = cKDTree(mesh.vertices[mesh.border[:, 0]]).query(mesh.vertices)
+        self.importance = np.where(away >= self.pad.radius_m, INSIDE, 1.0)
+        self.force = np.full(len(self.knot_s), self.usual)  #: At the knots [N]
+        if again:
+            self._find_rates(self.path.force_at(self.s, self.usual))
+        else:
+            self.press(self.force)
+            self._ease()
+            self._ease()
         at_feed = self.dwell_columns() @ np.full(len(self.knot_s), 1.0 / process.feed_m_s)
         shape = _shape_of(scenario.plan.removal, self.nodes.mesh)
         self.goal = shape * float(self.weights @ at_feed) / float(self.weights @ shape)
@@ -142,13 +158,25 @@ class _Problem:
     def _ease(self) -> None:
         """Take force off where the pad hangs over an edge and sinks in."""
         eased = self.poses.forces / np.maximum(self.depths / self.deepest, 1.0)
-        near = np.abs(np.subtract.outer(self.knot_s, self.s)) <= 1.5 * np.diff(self.knot_s).max()
+        near = np.abs(np.subtract.outer(self.knot_s, self.s)) <= 1.5 * self.spacing
         self.press(np.where(near, eased, math.inf).min(axis=1))
+
+    def limits(self, scenario: Scenario, most: Array | float) -> tuple[Array, Array]:
+        """Least and largest slowness at the knots [s/m], (m,), that keep within the plan's limits of the feed
+        and below the ``most`` feed at the points of the path [m/s], (n,)."""
+        least, largest = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)
+        near = np.abs(np.subtract.outer(self.knot_s, self.path.s)) <= self.spacing
+        low = 1.0 / np.minimum(largest, np.where(near, most, math.inf).min(axis=1))
+        return low, np.maximum(low, 1.0 / least)
 
     def press(self, force: Array) -> None:
         """Set the force at the knots [N] and find the rates under it."""
-        self.poses, pad = self.poses._replace(forces=self.knots @ force), self.pad
         self.force = force
+        self._find_rates(self.knots @ force)
+
+    def _find_rates(self, forces: Array) -> None:
+        """Rates under the forces at the steps [N], (k,)."""
+        self.poses, pad = self.poses._replace(forces=forces), self.pad
         found = exposure_rates(self.nodes.pressed, self.poses, pad.radius_m, self.stiffness, pad.slide_m_s)
         self.depths = found.depths
         self.rates: csr_array = found.rates[:, : len(self.areas)].T.tocsr()
@@ -173,13 +201,15 @@ class _Problem:
         """Values at the knots, at other arc lengths of the path."""
         return np.interp(s, self.knot_s, values)
 
-    def fit(self, columns: csr_array, low: float, high: float, start: Array) -> Array:
+    def fit(self, columns: csr_array, low: Array, high: Array, start: Array) -> Array:
         """Values at the knots within their limits for which the exposure comes nearest to the goal."""
-        by = np.sqrt(self.weights) / np.maximum(self.goal, LEAST_GOAL * float(self.weights @ self.goal))
+        by = np.sqrt(self.weights * self.importance) / np.maximum(
+            self.goal, LEAST_GOAL * float(self.weights @ self.goal)
+        )
         wanted = (self.goal - self.landing) * by
         scaled = (columns * by[:, None]).tocsr()
         square = (scaled.T @ scaled).toarray()
-        usual = math.sqrt(low * high)
+        usual = float(np.sqrt(low * high).min())
         change = np.diff(np.eye(len(start)), axis=0) / usual
         square += SMOOTH / len(start) * change.T @ change
         linear = scaled.T @ wanted
@@ -188,7 +218,7 @@ class _Problem:
             slope = square @ (x * usual) - linear
             return 0.5 * usual * float(x @ (slope - linear)), usual * slope
 
-        bounds = [(low / usual, high / usual)] * len(start)
+        bounds = np.stack([low, high], axis=1) / usual
         options = {"maxiter": 1000, "ftol": 1e-10, "maxcor": 30}
         found = minimize(cost, start / usual, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         return np.asarray(usual * found.x)

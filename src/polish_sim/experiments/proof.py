@@ -38,7 +38,7 @@ from polish_sim.experiments.assembly import (
     modelled_depth,
     place_key,
 )
-from polish_sim.experiments.even_removal import plan_removal
+from polish_sim.experiments.even_removal import even_out, plan_removal
 from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, MARGIN, Failure, Play
@@ -230,6 +230,9 @@ class _Prover:
         self.scenario = replace(scenario, pad=plan.tool.pad, plan=planned)
         self.share = np.ones(len(plan.path.s))  #: Of the planned feed, by rows of the path
         self.pressed = np.ones(len(plan.path.s))  #: Of the force asked for, by rows of the path
+        #: Feed an even removal keeps below where the path was slowed [m/s], by rows of the path
+        self.most = np.full(len(plan.path.s), math.inf)
+        self.evened = 0  #: Mends the dwell of an even removal was found with
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
         self.played_s, self.kept_until = 0.0, 0.0
@@ -287,11 +290,12 @@ class _Prover:
     def _keep(self, remaining: Remaining) -> None:
         """Go on with what is left of the path."""
         self.path, source = remaining.path, remaining.source
-        self.share, self.pressed = self.share[source], self.pressed[source]
+        self.share, self.pressed, self.most = self.share[source], self.pressed[source], self.most[source]
 
     def pass_drawn(self, first: int) -> _Begun | None:
         """Pass through on the part as drawn, and begin on that of the ``first`` seed in a thread meanwhile;
         None where a mend made that worthless."""
+        self._even_out()
         other, mended = self._play(first), len(self.mends)
         with ThreadPoolExecutor(1) as thread:
             # A user's own controller may not stand two runs at once; a worker's siblings have the processors.
@@ -310,6 +314,7 @@ class _Prover:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
         for _ in range(MOST_ROUNDS):
             mended = len(self.mends)
+            self._even_out()
             self.pass_through(seed, begun)
             begun = None
             if len(self.mends) == mended:
@@ -336,6 +341,17 @@ class _Prover:
         for name, kept in play.passing.items():
             self.shares[name] = max(kept, self.shares.get(name, kept))
 
+    def _even_out(self) -> None:
+        """Find the dwell of an even removal for the path as it is mended, its force as given."""
+        plan = self.task_now().plan
+        if not self.scenario.plan.removal or plan.path.feed is None or len(self.mends) == self.evened:
+            return
+        self.most = np.minimum(self.most, np.where(self.share < 1.0, plan.path.feed, math.inf))
+        found = even_out(self.scenario, plan, self.observer, self.most)
+        self.plan = replace(self.plan, figures=found.figures, notes=found.notes)
+        self.path, self.share = replace(self.path, feed=found.path.feed), np.ones(len(self.share))
+        self.evened = len(self.mends)
+
     def _play(self, seed: int | None) -> Play:
         return Play(self.scenario, seed, self.task_now(), self._may_be_slowed)
 
@@ -356,7 +372,7 @@ class _Prover:
         """How the arm does the path as it is mended so far: with its first stroke cut, it starts
         elsewhere."""
         path, whole, reach = self.path, self.plan.path, self.task.reach
-        if path is whole:
+        if path.positions_work is whole.positions_work:
             return reach
         joints = check_whole_path(reach, whole.positions_work, whole.axes_work, tool_on_flange()).q
         nearest = np.linalg.norm(whole.positions_work - path.positions_work[0], axis=1).argmin()
