@@ -18,7 +18,7 @@ from typing import Annotated, Any, Final, NamedTuple
 import typer
 
 from polish_sim.config import Scenario
-from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, Option, Unit
+from polish_sim.config.key import CONFIG, DIAMETER, OUTPUT, PAIR, PANELS, PATH, POSE, RUN, TOOL, Option, Unit
 from polish_sim.errors import ConfigError, InputError, leave_out, number_text
 from polish_sim.scenario_file import AUTO, COUNTS, load_scenario, merge, override, presets_in, with_files
 
@@ -86,6 +86,12 @@ OWN: Final = {
             "calibration.toml of 'calibrate payload': the tool whose weight is compensated; in dual also of "
             "'calibrate arm', 'base' and 'tcp', one of each; default: calibrated before the run.",
             list,
+        ),
+        Own(
+            "--tool",
+            TOOL,
+            "NAME",
+            "Of the tool library, see 'polish-sim list tools'; FILE.toml:NAME for one of your own.",
         ),
         Own("--seeds", RUN, "N", "Run this many seeds, counting up from --seed.", int, low=1, high=1e6),
         Own("--workers", RUN, "N", "Processes to share the runs out to; default: all.", int, 1, 1e4),
@@ -405,6 +411,12 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
         raise ConfigError(
             f"'{config}' is for the experiment '{scenario.experiment}', not '{base.experiment}'."
         )
+    tool = None
+    if given.get("--tool") is not None:
+        from polish_sim.job.tools import choose_tool  # only this option reads the library
+
+        tool = choose_tool(given["--tool"])
+        scenario = merge(scenario, tool.settings(), "tool.")
     keys = config_keys(base)
     for option, value in given.items():
         if value is not None and option in keys:
@@ -419,6 +431,8 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
     # The overlap is a share of the pad, whoever set that.
     if given.get("--overlap") is not None:
         scenario = _overlapping(scenario, given, keys["--stepover"])
+    if tool is not None:
+        tool.check_force(given["--tool"], scenario.process.contact_force_n)
     return with_files(scenario, Path())
 
 

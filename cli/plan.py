@@ -25,7 +25,7 @@ from polish_sim.cli.options import (
 from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
-from polish_sim.experiments.registry import PATH_OPTIONS, experiment, refuse_idle_options
+from polish_sim.experiments.registry import PATH_OPTIONS, check_flange, experiment, refuse_idle_options
 from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
@@ -47,7 +47,17 @@ PartFile = Annotated[
 
 
 @takes(
-    *("--units", "--up", "--fixture", *PATH_OPTIONS, "--pad-diameter", "--contact-force", "--feed", "--dual"),
+    *(
+        "--units",
+        "--up",
+        "--fixture",
+        *PATH_OPTIONS,
+        "--tool",
+        "--pad-diameter",
+        "--contact-force",
+        "--feed",
+        "--dual",
+    ),
     *(
         *PAIR_OPTIONS,
         "--controller",
@@ -81,6 +91,7 @@ def plan(part: PartFile, given: Given) -> int:
 
     refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
     wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
+    check_flange(scenario, "--export urscript" if "urscript" in wanted.formats else "")
     with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
         if scenario.plan.region == ALL and not dual and not scenario.part.pose:
             show, unreached = plan_setups(scenario, folder.draft, wanted, observer), ""

@@ -24,7 +24,7 @@ from polish_sim.cli.output_folder import claimed, refuse_taken
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, count_text, leave_out, unknown_name
-from polish_sim.experiments.registry import experiment
+from polish_sim.experiments.registry import check_flange, experiment
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -169,6 +169,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
 
         return _Job(scenario, place, part, measure, task=task, most_s=scenario.process.hold_s)
     path, scenario = checked(task.scenario if task else build_scenario(ROW.defaults, given), given)
+    check_flange(scenario, "serve")
     with observer.compiling.ahead(scenario):
         plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
     surface = prepare_surface(scenario, plan, observer)

@@ -26,6 +26,9 @@ def test_help_costs_less_than_half_a_second() -> None:
     assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.5
 
 
+FLANGED = ("--set", "head.flange.bandwidth_hz=20", "--set", "controller.name=position")
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help_on_stdout(polish_sim: Tool, command: str) -> None:
     code, out, err = polish_sim(command, "--help")
@@ -120,6 +123,18 @@ def test_wrong_words_are_one_message_with_code_2_and_nothing_written(
             ["run", "surface", "--set", "sensor.rate_hz=5000"],
             "sensor.rate_hz = 5000 is faster than the physics",
         ),
+        (["run", "surface", "--tool", "laser"], "unknown tool 'laser'"),
+        (
+            ["run", "surface", "--tool", "active-flange", "--controller", "hybrid-pi"],
+            "the controller 'hybrid-pi'",
+        ),
+        (
+            ["run", "surface", "--tool", "active-flange", "--contact-force", "150"],
+            "which 'active-flange' allows",
+        ),
+        (["run", "dual", *FLANGED], "leave it out of 'dual'"),
+        (["serve", *FLANGED], "leave it out of 'serve'"),
+        (["plan", "plate", *FLANGED, "--export", "urscript"], "leave it out of '--export urscript'"),
         (["run", "surface", "--real-part", "gone.stl"], "the real part 'gone.stl' is no file"),
         (["run", "surface", "--stepover", "60"], "would leave stripes: the pad measures 50 mm"),
         (["run", "force", "--region", "box:1,2"], "region 'box:1,2' is not box:"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from polish_sim.cell import Silent
+from polish_sim.errors import PolishSimError
 from polish_sim.job.job_file import Job, read_job
 from polish_sim.job.run_job import Row, job_figures, programs, run_job
 from polish_sim.log import read_removal
@@ -107,3 +108,23 @@ def test_the_same_job_gives_the_same_bytes(job: Job, whole: tuple[Path, list[Row
         return {str(f.relative_to(folder)): hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
 
     assert digests(tmp_path) == digests(whole[0])
+
+
+def test_a_pass_with_a_flange_is_left_to_the_flanges_own_programme(tmp_path: Path) -> None:
+    """URScript would press with the robot's force mode."""
+    file = tmp_path / "job.toml"
+    file.write_text('part = "plate"\n[[setup]]\n[[setup.pass]]\ntool = "active-flange"\n')
+    job = read_job(file)
+    ((_, text),) = programs(job, tmp_path)
+    assert job.passes[0].scenario.controller.name == "position"
+    assert "Mount active-flange" in text
+    assert "the flange's own programme" in text
+    assert "force_mode" not in text
+
+
+def test_a_pass_with_a_flange_and_a_force_controller_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "job.toml"
+    head = 'part = "plate"\n[[setup]]\n[[setup.pass]]\ntool = "active-flange"\n'
+    file.write_text(head + 'controller.name = "hybrid-pi"\n')
+    with pytest.raises(PolishSimError, match="hybrid-pi"):
+        read_job(file)

@@ -23,6 +23,7 @@ from polish_sim.cell.faults import (
     planned_events,
     record_safety,
 )
+from polish_sim.cell.flange import build_flange
 from polish_sim.cell.gears import RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson
@@ -416,6 +417,7 @@ class Cell:
         state = CellState(
             motion=build_part_motion(scenario.part, part),
             spindle=build_spindle(scenario.spindle),
+            flange=build_flange(scenario),
             sensor=build_sensor(scenario.sensor, self.rng),
             payload=self.carried,
             speedl=build_speedl(scenario, self._start.q),

@@ -15,7 +15,8 @@ from polish_sim.arrays import Array
 from polish_sim.kernel_cache import add_symbol
 from polish_sim.kernels import kernel
 
-ARM_JOINTS = 7  # six of the arm with the tool and the head's slide
+HEAD = 6  # the head's slide comes after the joints of the arm with the tool
+ARM_JOINTS = HEAD + 1
 
 
 class EngineViews(NamedTuple):

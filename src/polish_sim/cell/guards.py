@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.stroke import TARE, TOUCH_DOWN
+from polish_sim.cell.stroke import PROCESS, TARE, TOUCH_DOWN
 from polish_sim.config import Scenario, SensorConfig
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
 from polish_sim.kernels import Record, Vector3, kernel
@@ -34,7 +34,7 @@ FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIM
 ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = range(
     11, 21
 )
-FIXTURE, OVERLOAD = 23, 24  # 21 and 22 are a second robot's
+FIXTURE, OVERLOAD, STROKE = 23, 24, 25  # 21 and 22 are a second robot's
 REASONS: Mapping[int, str] = MappingProxyType(
     {
         FORCE: "measured force above safety.force_limit_n: the pad may be on a wall, an edge or something "
@@ -72,6 +72,8 @@ REASONS: Mapping[int, str] = MappingProxyType(
         FALLEN: "the surface has fallen away by more than safety.offset_limit_m: the pad may have run over "
         "an edge or into a hole (--edge-margin, --hole-margin, a smaller --pad-diameter), or part "
         "or reading have drifted (process.tare)",
+        STROKE: "the active flange is near the end of its stroke (safety.stroke_margin): the part may lie elsewhere than planned "
+        "(--part-pose), or the arm does not follow it",
         SPINDLE: "the spindle is below 80% of its speed: the pad may be jammed, or pressed too hard "
         "(--contact-force, --spindle-rpm)",
         CONTROLLER_NAN: "the controller returned a value that is not finite: check its own settings "
@@ -96,6 +98,7 @@ MEASURED: Mapping[int, tuple[float, str]] = MappingProxyType(
         SINGULAR: (1.0, "{:.3f}"),
         SILENT_HOST: (1e3, "{:.0f} ms"),
         SPINDLE: (100.0, "{:.0f}% of the speed"),
+        STROKE: (100.0, "{:.0f}% of the stroke"),
         HIGH: (-1e3, "{:.2f} mm above"),
         LOW: (1e3, "{:.2f} mm below"),
         RISEN: (-1e3, "{:.2f} mm"),
@@ -122,7 +125,7 @@ SHARES: Mapping[str, int] = MappingProxyType(
 )
 """Guards of which the largest share of their limit is kept."""
 
-CODES = 25
+CODES = 26
 FOLLOW_S = 0.002  # the reading is compared with itself, smoothed over this time
 SEEN_S = 0.1  # for this long a jump is watched
 SUDDEN = 1.5  # times what the reading did just before, a jump must be
@@ -145,6 +148,7 @@ class Guards(Record):
     jump_share: float  #: Of such a jump that the reading against itself smoothed shows [-]
     singular_value: float  #: [-]
     offset: float  #: Of the surface from where it was planned [m]
+    stroke: float  #: Of a flange from mid stroke, as a share of it [-]
     lost: float  #: Time without contact so far [s]
     smooth: Vector3  #: The reading's force, smoothed, sensor frame [N]
     swing: float  #: The most the force has jumped in this window of ``SEEN_S`` [N]
@@ -213,6 +217,7 @@ def build_guards(scenario: Scenario) -> Guards:
         ),
         singular_value=safety.singular_value_limit,
         offset=safety.offset_limit_m,
+        stroke=0.5 - safety.stroke_margin if safety.stroke_margin else math.inf,
     )
 
 
@@ -319,6 +324,11 @@ def check_guards(
         _note(state, SPINDLE, (1.0 - guards.found) / (1.0 - SPINDLE_SHARE), t)
         if guards.found < SPINDLE_SHARE:
             return SPINDLE
+    flange = state.flange
+    if flange.share > 0.0 and state.sequence.stage == PROCESS:
+        guards.found = flange.travel / flange.stroke
+        if abs(guards.found - 0.5) > guards.stroke:
+            return STROKE
     moved = _check_surface(state, planned, dt, t)
     if moved != NO_STOP:
         return moved
@@ -347,6 +357,7 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
     surface is off the plan by the tool's offset and by what the springs gave way since, as they are planned
     (``planned`` [m] under the force wanted): a force that is missing is surface that has gone. Until then the
     tool may go as deep as springs five times softer than planned need, but not above where it found contact.
+    An active flange measures by its travel where the surface is.
     """
     guards, sequence, m, target = state.guards, state.sequence, state.measurement, state.target
     if not target.contact:
@@ -357,7 +368,7 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
         offset += target.rotation[i, 2] * (m.position[i] - target.position[i])
     landing = sequence.stage == TOUCH_DOWN
     # Depth of the tool below the planned surface, which the target is pressed in by the stroke's depth.
-    depth = offset + (sequence.depth if landing else planned)
+    depth = offset + (sequence.depth if landing else planned) - state.flange.travel
     if landing and sequence.time == 0.0:
         guards.depth = guards.found = depth
         _note(state, LOW if depth > 0.0 else HIGH, abs(depth) / guards.offset, t)
@@ -365,7 +376,7 @@ def _check_surface(state: CellState, planned: float, dt: float, t: float) -> int
             return LOW if depth > 0.0 else HIGH
     room, missing = guards.offset, 1.0 - max(m.wrench[2], 0.0) / target.force
     guards.missing += dt / SHAKEN_S * (missing - guards.missing)
-    place = offset + planned * guards.missing
+    place = depth if state.flange.share > 0.0 else offset + planned * guards.missing
     if not guards.was_held:
         room += _DEEPEST * planned
         holding = not landing and abs(missing) < 0.1

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import Pad, RealPart, Spindle
 from polish_sim.cell.engine import EngineViews
+from polish_sim.cell.flange import Flange
 from polish_sim.cell.guards import CrashPoints, Guards
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.robot import RequestLine, Speedl, StopMotion
@@ -57,6 +58,7 @@ class CellState(Record):
     master: MasterFaults
     motion: PartMotion
     spindle: Spindle
+    flange: Flange
     sensor: WristSensor
     payload: Payload
     speedl: Speedl

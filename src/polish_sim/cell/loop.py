@@ -12,6 +12,7 @@ from polish_sim.arrays import Array, Ints
 from polish_sim.cell import guards
 from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
+from polish_sim.cell.flange import hold_force
 from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints, host_hears, read_encoders
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson, Status
 from polish_sim.cell.real_part import move_part
@@ -69,6 +70,8 @@ def advance(  # type: ignore[no-untyped-def]
             if cell.stroke.contact:
                 move_part(state.motion, t, e.dt, cell.part.position)
                 press_on_part(e, state, cell.pad, cell.part)
+                if state.flange.share > 0.0:
+                    hold_force(state.flange, e, state.target.force)
             see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
             if arm is not None:
                 see_as_host(arm, state, e)

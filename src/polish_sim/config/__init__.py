@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from polish_sim.config.branches import DragConfig, DualConfig, GuideConfig, HandConfig
 from polish_sim.config.cell import (
     FaultsConfig,
+    FlangeConfig,
     HeadConfig,
     PadConfig,
     PayloadConfig,

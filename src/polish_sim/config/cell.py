@@ -255,6 +255,21 @@ class PayloadConfig:
 
 
 @dataclass(frozen=True)
+class FlangeConfig:
+    """An active flange: its loop holds the force of the slide at any stroke, and the arm follows the path."""
+
+    bandwidth_hz: float = key(
+        0.0, "of the loop on the force in the slide, 0 = a spring alone [Hz]", 0.0, 50.0
+    )
+    friction_n: float = key(2.0, "Coulomb friction of the slide [N]", 0.0, 50.0)
+    start_force_n: float = key(5.0, "force before contact [N]", 0.0, 50.0)
+    ramp_s: float = key(0.1, "from it to the force wanted, after contact [s]", 0.0, 5.0)
+    weight_error: float = key(
+        0.02, "relative error of the sliding weight, which it compensates by its inclination [-]", -1.0, 1.0
+    )
+
+
+@dataclass(frozen=True)
 class HeadConfig:
     """The compliant head: a slide joint along the tool axis that carries the pad."""
 
@@ -262,6 +277,7 @@ class HeadConfig:
     damping_n_s_m: float = key(60.0, "damper [N s/m]", 0.0, 1e4)
     mass_kg: float = key(0.3, "sliding mass [kg]", 0.01, 10.0)
     travel_m: float = key(0.03, "travel to the end stop [m]", 0.001, 0.2)
+    flange: FlangeConfig = field(default_factory=FlangeConfig)
     spring_scale: float = key(
         1.0, "real springs of head and pad by what plan and controller take them for [-]", 0.05, 20.0
     )
@@ -339,6 +355,9 @@ class SafetyConfig:
         15.0, "largest jump of the force, seen through the sensor, 0 = any [N]", 0.0, 1e4
     )
     offset_limit_m: float = key(0.005, "how far the surface may be from where it was planned [m]", 1e-4, 0.2)
+    stroke_margin: float = key(
+        0.05, "share of an active flange's stroke left at either end as it stops, 0 = never [-]", 0.0, 0.4
+    )
     tool_in_part: str = key(
         "refuse", "a path on which the tool runs into the part: refuse, before anything moves, or allow"
     )

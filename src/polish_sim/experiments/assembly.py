@@ -35,7 +35,7 @@ from polish_sim.experiments.part_setup import (
     touched,
 )
 from polish_sim.experiments.payload import believe_tool
-from polish_sim.experiments.registry import experiment
+from polish_sim.experiments.registry import check_flange, experiment
 from polish_sim.experiments.stroke_motion import within_noise
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.models import part_path
@@ -150,7 +150,7 @@ def place_key(scenario: Scenario) -> Hashable:
     dates = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
     forces = (
         scenario.process.contact_force_n,
-        scenario.head.stiffness_n_m,
+        *(scenario.head.stiffness_n_m, scenario.head.travel_m, scenario.head.flange),
         scenario.safety.singular_value_limit,
     )
     return scenario.experiment, part, scenario.plan, scenario.pad, scenario.smoothing.rule, forces, dates
@@ -267,6 +267,7 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     parse_events(scenario.faults.events)
     is_real(scenario)
     row = experiment(scenario.experiment)
+    check_flange(scenario)
     if scenario.process.learn and not row.plans:
         raise InputError(f"process.learn is for 'run surface': leave it out of '{scenario.experiment}'.")
     if scenario.part.fixture_file and not row.fixtures:

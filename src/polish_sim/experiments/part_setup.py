@@ -36,9 +36,17 @@ def random_streams(seed: int) -> list[np.random.Generator]:
 
 
 def pressing_depths(scenario: Scenario, path: ToolPath) -> Array:
-    """D = F / k at every point, head spring and pad in series, (n,) [m] (paper 1, section 1.5)."""
-    stiffness = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
-    return path.force_at(path.s, scenario.process.contact_force_n) / stiffness
+    """How far the tool is pressed in at every point, (n,) [m]."""
+    return sunk_under(scenario, path.force_at(path.s, scenario.process.contact_force_n))
+
+
+def sunk_under(scenario: Scenario, force: Array) -> Array:
+    """Depth of the tool under a force [N], shape (n,) [m]: D = F / k, head spring and pad in series (paper 1,
+    section 1.5); an active flange is held at mid stroke."""
+    head, pad = scenario.head, scenario.pad
+    if head.flange.bandwidth_hz:
+        return 0.5 * head.travel_m * (force > 0.0) + force / pad.stiffness_n_m
+    return force / (1.0 / (1.0 / head.stiffness_n_m + 1.0 / pad.stiffness_n_m))
 
 
 def largest_force(scenario: Scenario, path: ToolPath) -> float:

@@ -46,6 +46,8 @@ PATH_OPTIONS: Final = (
 )
 """What decides where a planned path runs."""
 FINISHED: Final = "is a finished plan"
+FLANGED, POSITION = ("surface", "force"), "position"
+"""Experiments an active flange takes part in, and the shipped controller of the arm behind it."""
 TOOL_OPTIONS: Final = ("--pad-diameter", "--contact-force", "--spindle-rpm")
 SEED_OPTIONS: Final = ("--seed", "--seeds", "--workers", "--on")
 TRIAL_OPTIONS: Final = ("--controller", "--calibration", *SEED_OPTIONS, "--fault", "--dry-run")
@@ -195,8 +197,30 @@ def _call(
     from polish_sim.motion.makes import use_arm  # compiled code is slow to import
 
     use_arm(scenario.robot.arm)
+    check_flange(scenario)
     function = load(name)
     return function(scenario, plan, observer) if row.along_plan else function(scenario, observer)
+
+
+def check_flange(scenario: Scenario, where: str = "") -> None:
+    """Refuse an active flange where nothing lets it hold the force, in an experiment or ``where`` else.
+
+    Raises:
+        InputError: Naming the place, or the controller that would hold the force as well.
+    """
+    name, where = scenario.controller.name, where or scenario.experiment
+    if not scenario.head.flange.bandwidth_hz:
+        return
+    if where not in FLANGED:
+        raise InputError(
+            f"an active flange (head.flange.bandwidth_hz, --tool) is for 'run {' and '.join(FLANGED)}' and "
+            f"jobs: leave it out of '{where}'."
+        )
+    if name != POSITION and ":" not in name:
+        raise InputError(
+            f"the active flange holds the force, and the controller '{name}' would do so as well: set "
+            f"controller.name to {POSITION} (--controller {POSITION}) or to your own FILE.py:CLASS."
+        )
 
 
 def claims_shown(scenarios: Sequence[Scenario]) -> tuple[Claim, ...]:

@@ -45,10 +45,13 @@ def common_figures(
     ``T_base_work`` (4, 4) is the nominal pose of the part, None without one. They are path_done,
     protective_stop, protective_stop_at, what ``SafetyRecord`` names, peak_force_n (of the whole run),
     interrupted, T_base_work, cycle_time_s (air moves, touch-down and lifts included), simulated_s, wall_s,
-    real_time_factor, steps, seed.
+    real_time_factor, steps, seed; of an active flange flange_stroke_used, the share of its stroke used.
     """
     simulated = run.steps * scenario.simulation.timestep_s
+    travel = run.trace.pad_travel_m[run.trace.phase == 2]
+    stroke = {"flange_stroke_used": float(np.ptp(travel)) / scenario.head.travel_m} if len(travel) else {}
     return {
+        **(stroke if scenario.head.flange.bandwidth_hz else {}),
         "path_done": path_done,
         **_stop(run, scenario, T_base_work),
         **run.safety._asdict(),

@@ -56,6 +56,7 @@ def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
     accuracy of arms of its class on a path, 0.65 mm (Slamani 2012, IRB 1600).
     """
     strays = 3e-4 if scenario.robot.arm == "ideal" else 6.5e-4
+    stroke = Claim("flange_stroke_used", "stroke of the flange used", "%", 100.0)
     return (
         Claim(
             "force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995, more_is_better=True
@@ -75,6 +76,7 @@ def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
         Claim("removal_cv_inside", "  a pad's radius inside the border", "%", 100.0),
         Claim("under_polished_share", "removal below half its mean", "%", 100.0),
         Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),
+        *([stroke] if scenario.head.flange.bandwidth_hz else []),
         PATH_DONE,
     )
 
@@ -104,7 +106,7 @@ FORCE: Final = Experiment(
     seeds_plots={"force.png": "polish_sim.analysis.run_plots:plot_force_runs"},
     options=(
         *(*PART_OPTIONS, "--real-part", "--region", "--feature-angle"),
-        *(*TOOL_OPTIONS, *TRIAL_OPTIONS, *WATCH_OPTIONS),
+        *("--tool", *TOOL_OPTIONS, *TRIAL_OPTIONS, *WATCH_OPTIONS),
     ),
     holds=True,
     paper={"part.file": "plate", "process.contact_force_n": 20.0},
@@ -125,7 +127,7 @@ SURFACE: Final = Experiment(
     comparisons={"force.png": "polish_sim.analysis.surface_plot:plot_surface_runs"},
     options=(
         *(*PART_OPTIONS, "--fixture", "--real-part", *PATH_OPTIONS, "--path", "--allow-contact"),
-        *(*TOOL_OPTIONS, "--feed", "--from", "--proof", "--learn", *TRIAL_OPTIONS, *WATCH_OPTIONS),
+        *("--tool", *TOOL_OPTIONS, "--feed", "--from", "--proof", "--learn", *TRIAL_OPTIONS, *WATCH_OPTIONS),
     ),
     along_plan=True,
     plans=True,

@@ -18,6 +18,7 @@ from polish_sim.cell import Stroke, tool_on_flange
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.config import Scenario
 from polish_sim.experiments.cycle import cycle_of
+from polish_sim.experiments.part_setup import sunk_under
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.geometry.mesh import lighter_mesh
@@ -305,8 +306,7 @@ def plan_page(
     q = track(transform(turns, cycle.positions), tool_on_flange(), reach.q_start).q
     if not np.isfinite(q).all():
         return page
-    # The head's spring and the pad, in series, are compressed.
-    sunk = cycle.force * (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
+    sunk = sunk_under(scenario, cycle.force)
     pad = cycle.positions - sunk[:, None] * turns[:, :, 2]
     bodies, body = scene_bodies(model), part_body(model)
     steps = np.diff(cycle.time)

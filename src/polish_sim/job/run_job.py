@@ -146,7 +146,7 @@ def _planned(one: Pass, scenario: Scenario, folder: Path, observer: Observer) ->
     with _whole_folder(done) as draft:
         write_json(draft / "pass.json", {"pose": list(pose)})
         setup = ExportSetup(scenario.process, scenario.spindle, part_pose=pose)
-        export_plan(draft, plan, ("urscript",), setup)
+        export_plan(draft, plan, () if one.tool.flange.bandwidth_hz else ("urscript",), setup)
         write_plan(draft, plan)
     return plan, scenario
 
@@ -308,17 +308,20 @@ def programs(job: Job, folder: Path) -> Iterator[tuple[int, str]]:
         those = [one for one in job.passes if one.setup == number]
         lines, calls, before = [], [], None
         for k, one in enumerate(those, 1):
-            where = folder / ("part_1" if job.head.parts > 1 else "") / one.folder
-            text = next((where / "plan").glob("*.script")).read_text(encoding="utf-8")
-            name = next(line.split()[1] for line in text.splitlines() if line.startswith("def "))
-            lines += [text.replace(name, f"{name}_{k}")]
             if before is None:
                 calls.append(_say(f"Clamp the part: {one.setup_head.name or one.setup_head.up}."))
             if (one.head.tool, one.head.grit) != before:
                 grit = f", grit {one.head.grit}" if one.head.grit else ""
                 calls.append(_say(f"Mount {one.head.tool}{grit}."))
-            calls.append(f"  {name}_{k}()")
             before = (one.head.tool, one.head.grit)
+            if one.tool.flange.bandwidth_hz:
+                calls.append(_say(f"Run {one.folder}/plan with the flange's own programme: no force mode."))
+                continue
+            where = folder / ("part_1" if job.head.parts > 1 else "") / one.folder
+            text = next((where / "plan").glob("*.script")).read_text(encoding="utf-8")
+            name = next(line.split()[1] for line in text.splitlines() if line.startswith("def "))
+            lines += [text.replace(name, f"{name}_{k}")]
+            calls.append(f"  {name}_{k}()")
         yield number, "\n".join([*lines, f"def setup_{number}():", *calls, "end", f"setup_{number}()", ""])
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from polish_sim.config import FlangeConfig
 from polish_sim.config.key import key
 from polish_sim.errors import ConfigError, number_text, unknown_name
+from polish_sim.experiments.registry import POSITION
 from polish_sim.job.lines import naming_line
 from polish_sim.scenario_file import merge
 from polish_sim.toml_text import read_toml
@@ -34,6 +36,8 @@ class Tool:
     moved_kg: float = key(
         0.3, "mass behind which that spring is, which the sensor carries too [kg]", 0.01, 10.0
     )
+    head_travel_m: float = key(0.03, "travel of that spring, or stroke of the flange [m]", 0.001, 0.2)
+    flange: FlangeConfig = field(default_factory=FlangeConfig)
     speed_rpm: float = key(6000.0, "speed of spindle or orbit [1/min]", 0.0, 60000.0)
     speed_most_rpm: float = key(15000.0, "largest speed allowed [1/min]", 0.0, 60000.0)
     orbit_m: float = key(0.0, "radius of the orbit [m]", 0.0, 0.02)
@@ -64,8 +68,13 @@ class Tool:
         pad = {"radius_m": self.radius_m, "stiffness_n_m": self.stiffness_n_m, "slide_m_s": slide}
         if slide > 0.0:
             pad["friction_smoothing_m_s"] = slide
-        head = {"stiffness_n_m": self.head_stiffness_n_m, "mass_kg": self.moved_kg}
-        return {
+        head = {
+            "stiffness_n_m": self.head_stiffness_n_m,
+            "mass_kg": self.moved_kg,
+            "travel_m": self.head_travel_m,
+            "flange": asdict(self.flange),
+        }
+        return ({"controller": {"name": POSITION}} if self.flange.bandwidth_hz else {}) | {
             "pad": pad,
             "head": head,
             "spindle": {"speed_rpm": self.speed_rpm if self.kind == SPINDLE else 0.0},
@@ -95,6 +104,19 @@ def read_tools(file: Path | None = None) -> Mapping[str, Tool]:
         ConfigError: A key or value is wrong; names tool and key.
     """
     return _tools(SHIPPED) | (_tools(file) if file is not None else {})
+
+
+def choose_tool(words: str) -> Tool:
+    """A tool by its name, ``NAME`` or ``FILE.toml:NAME``.
+
+    Raises:
+        ConfigError: There is no such tool.
+    """
+    file, _, name = words.rpartition(":")
+    tools = read_tools(Path(file) if file else None)
+    if name not in tools:
+        raise unknown_name("tool", name, tools)
+    return tools[name]
 
 
 def _tools(file: Path) -> dict[str, Tool]:

@@ -1,0 +1,128 @@
+"""The active flange: the force it holds at any stroke, its weight, its ramp, and the end of its stroke."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from polish_sim.cell.guards import REASONS, STROKE
+from polish_sim.cell.wrist_sensor import GRAVITY
+from polish_sim.config import FlangeConfig
+from polish_sim.errors import PolishSimError
+from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.experiments.registry import check_flange
+from polish_sim.scenario_file import override
+from tests.cell.cells import along_tool, cell_for, ideal, part_under, pressing_stroke, tool_pose
+from tests.cell.fields import plane
+
+STROKE_M = 0.034
+FLANGE = [
+    "controller.name=position",
+    "head.stiffness_n_m=12000",
+    "head.mass_kg=1.5",
+    f"head.travel_m={STROKE_M}",
+    "head.flange.bandwidth_hz=20",
+]
+EXACT = ["head.flange.friction_n=0", "head.flange.weight_error=0", "pad.friction=0"]
+
+
+def held(
+    depth: float, *changes: str, tilt: tuple[float, float, float] = (0.0, 0.0, 0.0), wanted: float = 20.0
+):
+    """The trace of a run that presses the tool ``depth`` [m] in and holds it for a second."""
+    touch = tool_pose(0.0, -0.5, 0.2, tilt)
+    stroke = pressing_stroke(touch, hold=1.5, wanted=wanted)
+    pressed = pressing_stroke(along_tool(touch, z=depth - 0.004), hold=1.5, wanted=wanted)
+    stroke = stroke._replace(process=pressed.process, motion=pressed.motion, depth=depth)
+    scenario = ideal("force", "simulation.log_rate_hz=0", *FLANGE, *EXACT, *changes)
+    return cell_for(scenario, stroke, part=part_under(plane(), touch)).run()
+
+
+def at_rest(run) -> float:
+    """Exact contact force at the end of the hold [N]."""
+    return float(run.trace.normal_force_n[-100:].mean())
+
+
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.85])
+def test_at_rest_the_part_feels_the_set_force_at_any_stroke(share: float) -> None:
+    run = held(share * STROKE_M + 0.001)
+    assert run.stop_reason is None
+    assert run.trace.pad_travel_m[-1] == pytest.approx(share * STROKE_M, abs=2e-4)
+    assert at_rest(run) == pytest.approx(20.0, abs=0.02)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.8])
+def test_a_wrong_weight_is_missing_by_its_share_along_the_tool(angle: float) -> None:
+    """The tool points down, tilted by the angle: error x m g cos(angle) too much is lifted."""
+    run = held(0.018, "head.flange.weight_error=0.2", tilt=(angle, 0.0, 0.0))
+    assert at_rest(run) - 20.0 == pytest.approx(-0.2 * 1.5 * GRAVITY * math.cos(angle), abs=0.03)
+
+
+def test_at_rest_the_force_is_off_by_the_friction_of_the_slide() -> None:
+    missing = at_rest(held(0.018, "head.flange.friction_n=3")) - 20.0
+    assert abs(missing) == pytest.approx(3.0, abs=0.01)
+
+
+def test_the_force_rises_over_the_ramp_and_the_loop_behind_it() -> None:
+    """F = 2 + 18 t / T behind a first-order lag; the arm's own motion adds k v / (2 pi f), 0.7 N."""
+    soft = ["head.stiffness_n_m=2000", "head.damping_n_s_m=0"]
+    run = held(0.018, "head.flange.ramp_s=0.4", "head.flange.start_force_n=2", *soft)
+    t, force = run.trace.time_s, run.trace.normal_force_n
+    off_stop = t[np.argmax((run.trace.pad_travel_m > 0.0) & (force > 1.0))]
+    for reached in (10.0, 18.0):
+        expected = (reached - 2.0) / 18.0 * 0.4 + 1.0 / (2.0 * math.pi * 20.0)
+        assert t[np.argmax(force > reached)] - off_stop == pytest.approx(expected, abs=0.03)
+
+
+def test_the_loop_lags_behind_fast_motion_by_the_air_it_compresses() -> None:
+    """Pressed in at v: k v dt / (e^(2 pi f dt) - 1), in short steps k v / (2 pi f)."""
+    gentle = held(0.018, "head.damping_n_s_m=0").trace
+    sinking = (gentle.phase == 1) & (gentle.pad_travel_m > 0.010) & (gentle.pad_travel_m < 0.014)
+    speed = np.gradient(gentle.pad_travel_m, 0.001)[sinking].mean()
+    lag = 12000.0 * speed * 0.001 / math.expm1(2.0 * math.pi * 20.0 * 0.001)
+    assert gentle.normal_force_n[sinking].mean() - 20.0 == pytest.approx(lag, rel=0.02)
+
+
+@pytest.mark.parametrize(("depth", "share"), [(0.0015, 0.02), (0.034, 0.97)])
+def test_the_robot_stops_near_either_end_of_the_stroke(depth: float, share: float) -> None:
+    run = held(depth)
+    assert run.stop_reason is not None
+    assert run.stop_reason.startswith(REASONS[STROKE][:30])
+    assert run.safety.protective_stop_measured is not None
+    assert float(run.safety.protective_stop_measured.split("%")[0]) == pytest.approx(100 * share, abs=2.5)
+
+
+def test_a_part_that_lies_deeper_costs_stroke_and_no_force() -> None:
+    flange = [*FLANGE, "seed=720", "part.form_error_m=0", "part.rotation_rad=0", "process.hold_s=1"]
+    found = {}
+    for aside in (0.0, 0.003):
+        run = run_experiment(override(default_scenario("force"), [*flange, f"part.displacement_m={aside}"]))
+        held_rows = run.trace.phase == 2
+        found[aside] = run.trace.pad_travel_m[held_rows].mean(), run.trace.normal_force_n[held_rows].mean()
+    assert abs(found[0.003][0] - found[0.0][0]) > 5e-4
+    assert found[0.003][1] == pytest.approx(found[0.0][1], abs=2 * FlangeConfig().friction_n)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "changes", "named"),
+    [
+        ("surface", ["head.flange.bandwidth_hz=20"], "hybrid-pi"),
+        ("dual", ["head.flange.bandwidth_hz=20", "controller.name=position"], "dual"),
+        ("arc", ["head.flange.bandwidth_hz=20", "controller.name=position"], "arc"),
+    ],
+)
+def test_where_it_cannot_hold_the_force_it_is_refused_by_name(
+    experiment: str, changes: list[str], named: str
+) -> None:
+    with pytest.raises(PolishSimError, match=named):
+        check_flange(override(default_scenario(experiment), changes))
+
+
+@pytest.mark.parametrize(
+    "change", ["bandwidth_hz=-1", "bandwidth_hz=200", "friction_n=-1", "ramp_s=-1", "weight_error=2"]
+)
+def test_a_value_out_of_its_range_is_refused_by_its_key(change: str) -> None:
+    with pytest.raises(PolishSimError, match=f"head.flange.{change.partition('=')[0]}"):
+        override(default_scenario("surface"), [f"head.flange.{change}"])
