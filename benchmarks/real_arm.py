@@ -6,6 +6,8 @@
     python -m benchmarks.real_arm forces --data FOLDER --picture FILE.png
     python -m benchmarks.real_arm laws --data FOLDER              # our laws on the same steps
     python -m benchmarks.real_arm fit --data FOLDER               # the rig, on one curve
+    python -m benchmarks.real_arm flange --data FOLDER            # a measured active flange beside ours
+    python -m benchmarks.real_arm flange-fit --data FOLDER        # its rig, on one curve
 
 Joints: Mamedov and Mikhel, Frontiers in Robotics and AI 7, 571574 (2020). Forces: Gadringer, Gattringer and
 Mueller, Mechanical Sciences 13, 361-370 (2022). The data are not ours to ship; docs/how_real.md says how they
@@ -28,6 +30,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from benchmarks import real_flange
 from benchmarks.table import Row, print_rows
 from polish_sim.compare.contact import (
     ForceStep,
@@ -356,21 +359,23 @@ def _smooth_difference(measured: ForceStep, simulated: ForceStep) -> float:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("what", choices=("joints", "identify", "forces", "laws", "mass", "fit"))
-    parser.add_argument("--data", type=Path, required=True, help="folder of the published data")
-    parser.add_argument("--picture", type=Path, help="forces: curve on curve")
-    given = parser.parse_args()
-    curves: list[tuple[str, ForceStep, ForceStep]] = []
     rows = {
         "joints": joint_rows,
         "identify": identified_rows,
         "laws": law_rows,
         "mass": mass_rows,
         "fit": fit_rows,
+        "flange": real_flange.flange_rows,
+        "flange-fit": real_flange.fit_rows,
     }
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("forces", *rows))
+    parser.add_argument("--data", type=Path, required=True, help="folder of the published data")
+    parser.add_argument("--picture", type=Path, help="forces: curve on curve")
+    given = parser.parse_args()
+    curves: list[tuple[str, ForceStep, ForceStep]] = []
     made = force_rows(given.data, curves) if given.what == "forces" else rows[given.what](given.data)
     sides = ("gears' friction", "by speed") if given.what == "identify" else ("simulated", "measured")
     print_rows(f"A real UR10e: {given.what}", made, sides)

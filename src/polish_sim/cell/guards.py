@@ -72,8 +72,8 @@ REASONS: Mapping[int, str] = MappingProxyType(
         FALLEN: "the surface has fallen away by more than safety.offset_limit_m: the pad may have run over "
         "an edge or into a hole (--edge-margin, --hole-margin, a smaller --pad-diameter), or part "
         "or reading have drifted (process.tare)",
-        STROKE: "the active flange is near the end of its stroke (safety.stroke_margin): the part may lie elsewhere than planned "
-        "(--part-pose), or the arm does not follow it",
+        STROKE: "the active flange is near the end of its stroke (safety.stroke_margin): the part may "
+        "lie elsewhere than planned (--part-pose), or the arm does not follow it",
         SPINDLE: "the spindle is below 80% of its speed: the pad may be jammed, or pressed too hard "
         "(--contact-force, --spindle-rpm)",
         CONTROLLER_NAN: "the controller returned a value that is not finite: check its own settings "
