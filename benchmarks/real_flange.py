@@ -20,6 +20,7 @@ import trimesh
 
 from benchmarks.table import Row
 from polish_sim.arrays import Array
+from polish_sim.cell import no_part
 from polish_sim.compare.contact import BAND_N, ForceStep, from_contact
 from polish_sim.config import Scenario
 from polish_sim.errors import PlanError
@@ -72,7 +73,7 @@ class FlangeCase(NamedTuple):
 
 
 ONE_CURVE: Final = FlangeCase("straight", 35.0, 0.0, 0.10)
-RIG: Final = FlangeRig(20.0, 12000.0, 7.0, 2.0, 2.8e5, 1.1)
+RIG: Final = FlangeRig(40.0, 8500.0, 47.0, 1.2, 4.9e5, 0.79)
 CASES: Final = (
     *(FlangeCase("straight", F, 0.0, v) for v in (0.10, 0.25, 0.90) for F in (15.0, 35.0, 55.0)),
     *(FlangeCase("ramp", F, 0.0, v) for v in (0.10, 0.25) for F in (15.0, 35.0, 55.0)),
@@ -154,7 +155,8 @@ def simulated_way(case: FlangeCase, rig: FlangeRig = RIG) -> ForceFigures:
 def _run(scenario: Scenario, profile: str) -> Trace:
     """What happened along the profile."""
     place = _place(profile)
-    run = build_cell(scenario, place, build_part(scenario, place)).run()
+    part = build_part(scenario, place)._replace(coarse=no_part().coarse)  # the real tool's shape is not known
+    run = build_cell(scenario, place, part).run()
     if run.stop_reason:
         raise PlanError(run.stop_reason)
     return run.trace
@@ -291,7 +293,7 @@ def _text(found: ForceFigures, settles: bool) -> str:
     return " / ".join([*([f"{settled:.2f}"] if settles else []), *(f"{value:.1f}" for value in rest)])
 
 
-def fit_rows(data: Path, draws: int = 40) -> Iterator[Row]:
+def fit_rows(data: Path, draws: int = 160) -> Iterator[Row]:
     """The rig whose landing is nearest to the curve's, of rigs drawn evenly on logarithmic scales."""
     rng, theirs, best = np.random.default_rng(0), measured(data, ONE_CURVE)[0], (math.inf, RIG)
     low = np.log([5.0, 3e3, 3.0, 0.5, 5e4, 0.1])
