@@ -24,19 +24,21 @@ def accepted(*changes: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("key", "inside", "beyond", "more"),
     [
-        ["pad.damping_s_m=1.9", "simulation.control_every=2"],
-        ["pad.stiffness_n_m=3.61"],
-        ["pad.friction=1.9"],
-        ["process.contact_force_n=1.9"],
+        ("pad.damping_s_m", 1.9, 2.1, ["simulation.control_every=2"]),
+        ("pad.stiffness_n_m", 3.61, 8.0, []),
+        ("pad.friction", 1.9, 4.0, []),
+        ("process.contact_force_n", 1.9, 2.2, []),
     ],
 )
-def test_the_defaults_are_well_inside(changes: list[str]) -> None:
-    """What the limits count may be nearly twice as large."""
-    (key, times), usual = changes[0].split("="), ideal("force")
+def test_the_defaults_are_well_inside(key: str, inside: float, beyond: float, more: list[str]) -> None:
+    """What the limits count may be nearly twice as large; a few times as large it is refused by its name."""
     section, name = key.split(".")
-    accepted(f"{key}={float(times) * getattr(getattr(usual, section), name)}", *changes[1:])
+    usual = getattr(getattr(ideal("force"), section), name)
+    accepted(f"{key}={inside * usual}", *more)
+    with pytest.raises(ConfigError, match=re.escape(key)):
+        accepted(f"{key}={beyond * usual}", *more)
 
 
 STIFFEST = 0.49 * 0.3 / 1e-6 - 20000.0 / 3.0  # dt w of head and pad is 0.7 there [N/m]

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from matplotlib.figure import Figure
 
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
@@ -43,6 +44,33 @@ def browser() -> Iterator[Any]:
 def metrics_of(folder: Path) -> dict[str, Any]:
     """The figures a command wrote into a folder."""
     return dict(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+
+
+@pytest.fixture(autouse=True)
+def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave pictures empty where no test looks at them: drawing takes most of the time of a short run.
+
+    Tests with the mark `pictures` and fixtures of a whole module draw; so do commands in other processes.
+    """
+    if "pictures" in request.keywords:
+        return
+
+    def save(self: Figure, file: object, **words: Any) -> None:
+        if isinstance(file, Path):
+            file.touch()
+        else:
+            drawn(self, file, **words)
+
+    def save_cell(file: Path, *_: object) -> bool:
+        file.touch()
+        return True
+
+    drawn = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", save)
+    for name in ("path_plot.plot_plan", "inspect_plot.plot_maps", "inspect_plot.plot_distributions"):
+        monkeypatch.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
+    for name in ("run", "report"):
+        monkeypatch.setattr(f"polish_sim.cli.{name}.save_cell", save_cell)
 
 
 class Call(NamedTuple):

@@ -134,7 +134,9 @@ def test_too_noisy_a_sensor_falls_short(polish_sim: Tool) -> None:
 
 def test_many_seeds_are_put_together(polish_sim: Tool, tmp_path: Path) -> None:
     assert (
-        polish_sim("calibrate", "payload", "--poses", "4", "--seeds", "2", "--out", "many", "--check").code
+        polish_sim(
+            "calibrate", "payload", "--poses", "4", "--seeds", "2", "--on", "here", "--out", "many", "--check"
+        ).code
         == 0
     )
     metrics = metrics_of(tmp_path / "many")

@@ -13,6 +13,7 @@ from polish_sim.dual.budget import PairBudgetTrial, draw_errors
 from tests.cli.conftest import Tool, metrics_of
 
 
+@pytest.mark.pictures
 def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp_path: Path) -> None:
     call = polish_sim("calibrate", "budget", "--draws", "30", "--check", "--out", "one")
     assert call.code == 0
@@ -27,7 +28,17 @@ def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp
     assert figures["settings"]["tracker_noise_m"] == 3e-5
 
 
-def test_worse_instruments_fall_short(polish_sim: Tool, tmp_path: Path) -> None:
+def drawn_cheaply(trial: PairBudgetTrial, count: int) -> Iterator[dict[str, Any]]:
+    """Draws as large as one real draw: a calibration each would take most of the time."""
+    drawn, rng = next(draw_errors(trial)), np.random.default_rng(0)
+    for _ in range(count):
+        yield {name: rng.standard_normal() * errors for name, errors in drawn.items()}
+
+
+def test_worse_instruments_fall_short(
+    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("polish_sim.dual.budget.draw_errors", lambda trial: drawn_cheaply(trial, 30))
     noise = ("--tracker-noise", "0", "--touch-noise", "0.2")
     words = ("--draws", "30", *noise, "--marks", "4", "--closing", "0", "--check", "--out", "bad")
     assert polish_sim("calibrate", "budget", *words).code == 1
@@ -43,10 +54,7 @@ def test_broken_off_what_was_drawn_is_kept_if_it_is_enough(
     after: int, kept: bool, polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(trial: PairBudgetTrial) -> Iterator[dict[str, Any]]:
-        """One draw, as large as it may come."""
-        drawn, rng = next(draw_errors(trial)), np.random.default_rng(0)
-        for _ in range(after):
-            yield {name: rng.standard_normal() * errors for name, errors in drawn.items()}
+        yield from drawn_cheaply(trial, after)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("polish_sim.dual.budget.draw_errors", interrupted)

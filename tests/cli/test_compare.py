@@ -25,6 +25,7 @@ def _back_to_the_first():
     use_arm("ur5e")
 
 
+@pytest.mark.pictures
 def test_the_command_writes_figures_picture_and_page(
     log: Path, polish_sim: Callable[..., Any], tmp_path: Path
 ) -> None:

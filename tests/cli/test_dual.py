@@ -45,13 +45,7 @@ def run_dual(calibrations: Path, polish_sim: Tool, tmp_path: Path) -> Tool:
     return run
 
 
-@pytest.mark.parametrize("name", ["base", "own"])
-def test_a_calibration_is_taken_for_what_it_is_of(name: str, run_dual: Tool) -> None:
-    code, out, _ = run_dual(name, "--dry-run")
-    assert code == 0
-    assert "all within reach" in out
-
-
+@pytest.mark.pictures
 def test_calibrations_of_bases_and_tool_are_both_taken_and_the_cell_stands_as_they_were_made(
     run_dual: Tool, tmp_path: Path
 ) -> None:
@@ -67,19 +61,18 @@ def test_calibrations_of_bases_and_tool_are_both_taken_and_the_cell_stands_as_th
 @pytest.mark.parametrize(
     ("names", "words", "said"),
     [
-        ("other", [], "another pair of robots: 'cell 7'"),
-        ("tool", [], r"from the cell's tool"),
-        ("tool", [], "calibrate tcp --cell-tool"),
-        ("base base", [], "give one of each"),
-        ("base", ["--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"], "leave one of them out"),
+        ("other", [], ["another pair", "'cell 7'"]),
+        ("tool", [], ["the cell's tool", "calibrate tcp --cell-tool"]),
+        ("base base", [], ["one of each"]),
+        ("base", ["--set", "dual.follower_pose=[-1.1,0.01,0,0,0,3]"], ["leave one of them out"]),
     ],
 )
 def test_calibrations_that_do_not_fit_are_refused(
-    names: str, words: list[str], said: str, run_dual: Tool
+    names: str, words: list[str], said: list[str], run_dual: Tool
 ) -> None:
     code, _, err = run_dual(names, *words, "--out", "run")
     assert code == 2
-    assert said in err
+    assert all(fact in err for fact in said)
 
 
 @pytest.mark.parametrize("spoil", ["transform", "pair", "true_transform", "all"])

@@ -34,6 +34,7 @@ def write_raster(file: Path, height: float = 20.0) -> None:
     file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n", encoding="utf-8")
 
 
+@pytest.mark.pictures
 def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: Tool) -> None:
     write_raster(Path("raster.csv"))
     code, out, err = polish_sim("inspect", "raster.csv", "--part", "plate", "--out", "seen")

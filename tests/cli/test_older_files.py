@@ -32,6 +32,7 @@ def test_a_plan_is_read_and_both_its_forms_agree() -> None:
     assert abs(table.positions_work - document.positions_work).max() < 1e-9
 
 
+@pytest.mark.pictures
 def test_a_run_is_read_and_drawn_again(polish_sim: Tool, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     shutil.copytree(OLD / "run", folder)

@@ -15,6 +15,7 @@ from tests.cli.conftest import UNPROVEN, Tool
 FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
 
+@pytest.mark.pictures
 def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None:
     code, out, err = polish_sim("plan", "sphere_100", "--out", "plan")
     assert code == 0
@@ -47,29 +48,7 @@ def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: T
     assert tool_alone < 0.94 * done["cycle_time_s"]
 
 
-def test_options_reach_the_plan(polish_sim: Tool) -> None:
-    words = (
-        "--pattern",
-        "raster",
-        "--stepover",
-        "12",
-        "--lead-in",
-        "arc",
-        "--lead-angle",
-        "10",
-        "--tilt-angle",
-        "5",
-        *UNPROVEN,
-    )
-    assert polish_sim("plan", "sphere_100", *words, "--out", "plan")[0] == 0
-    plan = json.loads(Path("plan/path.json").read_text())["plan"]
-    assert plan["pattern"] == "raster"
-    assert plan["lead_in"] == "arc"
-    assert plan["stepover_m"] == pytest.approx(0.012)
-    assert plan["lead_angle_rad"] == pytest.approx(0.17453293)
-    assert plan["tilt_angle_rad"] == pytest.approx(0.08726646)
-
-
+@pytest.mark.pictures
 def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim: Tool) -> None:
     code, out, _ = polish_sim("plan", "saddle", "--stepover", "40", "--reach-map", *UNPROVEN, "--out", "plan")
     assert code == 0
@@ -87,16 +66,6 @@ def test_a_plan_out_of_reach_says_so(polish_sim: Tool) -> None:
     assert code == 3
     assert "out of reach" in out
     assert "It fits with --part-pose 0.001,-499.862,80,0,0,0" in err
-
-
-def test_overlap_is_in_percent_of_the_pad(polish_sim: Tool) -> None:
-    assert (
-        polish_sim(
-            "plan", "sphere_100", "--overlap", "70", "--pad-diameter", "40", *UNPROVEN, "--out", "plan"
-        )[0]
-        == 0
-    )
-    assert json.loads(Path("plan/path.json").read_text())["stepover_m"] == pytest.approx(0.012)
 
 
 BAD = {
@@ -151,7 +120,8 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     assert metrics["coverage"] > 0.99
     # The run takes the plan's pad, planned by itself or from the file; inspect sees what the plan saw.
     for words in (("--part", "small.stl"), ("--path", "plan")):
-        assert polish_sim("run", "surface", *words, "--set", "process.max_feed_s=0.5", "--out", "run")[0] == 0
+        quick = ("--set", "process.max_feed_s=0.5", *UNPROVEN, "--out", "run")
+        assert polish_sim("run", "surface", *words, *quick)[0] == 0
         assert "radius_m = 0.01 " in Path("run/config.toml").read_text()
         shutil.rmtree("run")
     assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0

@@ -174,6 +174,7 @@ def test_a_plan_of_a_part_that_is_not_there_any_more_asks_where_it_is(
     assert polish_sim("run", "surface", "--path", "plan", *found)[0] == 0
 
 
+@pytest.mark.pictures
 def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_check(
     polish_sim: Tool, tmp_path: Path
 ) -> None:
@@ -219,7 +220,7 @@ def frames_of(film: Path) -> np.ndarray:
 
 def test_the_film_of_a_stopped_run_goes_on_to_its_end_beside_a_curve_that_grows(tmp_path: Path) -> None:
     # In a process of its own, because MuJoCo takes its OpenGL when it is imported.
-    words = ["run", "arc", "--fault", "controller-nan@1.5", "--video", "--out", "run"]
+    words = ["run", "arc", "--fault", "controller-nan@0.8", "--video", "--out", "run"]
     call = subprocess.run([*PROGRAM, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
     if "--video needs OpenGL" in call.stderr:
         pytest.skip(call.stderr.splitlines()[-1])

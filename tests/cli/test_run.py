@@ -25,6 +25,7 @@ ARC = ["run", "arc", "--feed", "100"]
 DEAF = ["--set", "controller.force_p_m_sn=0.0001", "--set", "controller.force_i_m_s2n=0.0001"]
 
 
+@pytest.mark.pictures
 def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(
     polish_sim: Tool, tmp_path: Path
 ) -> None:
@@ -144,7 +145,9 @@ def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool, tmp_pa
 
 
 def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Tool, tmp_path: Path) -> None:
-    code, out, err = polish_sim(*FORCE, "--seed", "5", "--seeds", "2", "--check", "--out", "two")
+    code, out, err = polish_sim(
+        *FORCE, "--seed", "5", "--seeds", "2", "--on", "here", "--check", "--out", "two"
+    )
     assert code == 0, err
     assert "worst seed" in out
     figures = metrics_of(tmp_path / "two")
@@ -155,6 +158,7 @@ def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Tool, tmp_pa
     assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)  # type: ignore[index, arg-type]
 
 
+@pytest.mark.pictures
 def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool, tmp_path: Path) -> None:
     for name, controller in (("a", "hybrid-pi"), ("b", "hybrid-pi-position")):
         assert polish_sim(*ARC, "--controller", controller, "--out", name)[0] == 0
@@ -167,7 +171,8 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool, tmp_pa
         assert (tmp_path / folder / "arc.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("words", [(), ("--seeds", "1")])
+@pytest.mark.pictures
+@pytest.mark.parametrize("words", [(), ("--seeds", "1", "--on", "here")])
 def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
     polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
 ) -> None:

@@ -12,7 +12,8 @@ import pytest
 
 from tests.cli.conftest import PROGRAM, Tool
 
-ONE = ["--case", "approach-20", "--seeds", "1", "--workers", "1"]
+HERE = ["--on", "here"]
+ONE = ["--case", "approach-20", "--seeds", "1", *HERE]
 SHORT = ["--set", "process.hold_s=1.5"]
 FILES = {"asked.json", "score.json", "score.md", "score.png", "metrics.json", "rows.jsonl", "report.html"}
 
@@ -23,6 +24,7 @@ def read(file: Path) -> dict[str, object]:
     return loaded
 
 
+@pytest.mark.pictures
 def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(
     polish_sim: Tool, tmp_path: Path
 ) -> None:
@@ -107,7 +109,7 @@ def _begun(tmp_path: Path, rows: int, *words: str) -> subprocess.Popen[str]:
 
 
 def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -> None:
-    with _begun(tmp_path, 3, "--case", "noise-*", "--seeds", "20", "--workers", "2", *SHORT) as run:
+    with _begun(tmp_path, 3, "--case", "noise-*", "--seeds", "20", "--workers", "1", *SHORT) as run:
         run.send_signal(signal.SIGINT)
         out, err = run.communicate()
     assert run.returncode == 130, err
@@ -124,13 +126,13 @@ def test_ctrl_c_is_130_and_what_is_there_is_kept_and_summed_up(tmp_path: Path) -
 def test_a_killed_score_goes_on_and_gives_the_rows_of_one_that_was_not(
     polish_sim: Tool, tmp_path: Path
 ) -> None:
-    words = ["--case", "noise-1", "--seeds", "3", "--workers", "1", *SHORT]
-    with _begun(tmp_path, 1, *words) as run:
+    words = ["--case", "noise-1", "--seeds", "3", *SHORT]
+    with _begun(tmp_path, 1, *words, "--workers", "1") as run:
         run.kill()
         run.communicate()
-    code, _, err = polish_sim("score", *words, "--out", "cut")
+    code, _, err = polish_sim("score", *words, *HERE, "--out", "cut")
     assert code == 0, err
-    assert polish_sim("score", *words, "--out", "whole")[0] == 0
+    assert polish_sim("score", *words, *HERE, "--out", "whole")[0] == 0
     assert read(tmp_path / "cut/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]
 
 
@@ -139,7 +141,7 @@ def test_a_user_s_file_is_scored_and_another_score_never_replaced_unasked(
 ) -> None:
     source = "class Down:\n    def reset(self, cycle_s): pass\n    def step(self, m, t): return t.twist\n"
     (tmp_path / "mine.py").write_text(source)
-    words = ["score", "--controller", "mine.py:Down", "--workers", "1", "--out", "s"]
+    words = ["score", "--controller", "mine.py:Down", *HERE, "--out", "s"]
     first = [*words, "--case", "step-10", "--seeds", "1"]
     assert polish_sim(*first)[0] == 0
     score = read(tmp_path / "s/score.json")

@@ -103,6 +103,7 @@ def test_the_limits_beside_a_trajectory_can_be_given_again(smoothed: Path) -> No
         assert written == pytest.approx(default)
 
 
+@pytest.mark.pictures
 def test_the_tool_alone_needs_no_robot(polish_sim: Tool) -> None:
     Path("far.csv").write_text(HEAD + "0,0,0,0,0,1\n9000,0,0,0,0,1\n9000,9000,0,0,0,1\n")
     code, _, _ = polish_sim("smooth", "far.csv", "--no-joints", "--rate", 20, "--out", "out")
@@ -139,6 +140,7 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Tool) -> None:
     assert metrics_of(Path("fed"))["peaks"]["tip_speed"]["value_m_s"] == pytest.approx(0.025, rel=1e-3)
 
 
+@pytest.mark.pictures
 def test_another_rule_stands_beside_it(polish_sim: Tool, smoothed: Path) -> None:
     shutil.copy(smoothed.parent / "path.csv", "path.csv")
     code, out, _ = polish_sim(
@@ -213,6 +215,7 @@ def test_points_out_of_order_are_named(polish_sim: Tool) -> None:
     assert "line 4, point 3: s_m falls from 2 to 1" in err
 
 
+@pytest.mark.pictures
 def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim: Tool) -> None:
     line = HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4))
     Path("path.csv").write_text(line)
@@ -222,7 +225,7 @@ def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_s
     assert "spline" in out
     assert polish_sim("report", "out")[0] == 0
     code, out, err = polish_sim(
-        "run", "smooth", "--path", "path.csv", "--seed", "7", "--seeds", "2", "--out", "two"
+        "run", "smooth", "--path", "path.csv", "--seed", "7", "--seeds", "2", "--on", "here", "--out", "two"
     )
     assert code == 0, err
     assert "smooth, 2 seeds" in out

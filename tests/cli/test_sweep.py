@@ -14,7 +14,8 @@ import pytest
 from tests.cli.conftest import PROGRAM, Tool, metrics_of
 
 pytest.importorskip("pyarrow")
-SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1", "--workers", "1")
+SHORT = ("--set", "process.max_feed_s=0.05", "--set", "process.feed_m_s=0.1")
+HERE, ONE = ("--on", "here"), ("--workers", "1")
 MINE = """
 class Mine:
     ranges = {"gain": (0.0, 1.0)}
@@ -39,7 +40,16 @@ def rows_of(folder: Path) -> dict[str, dict[str, object]]:
 
 def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(MINE)
-    vary = ("sweep", "arc", "--controller", "mine.py:Mine", "--vary", "controller.own.gain=0:1:lin2", *SHORT)
+    vary = (
+        "sweep",
+        "arc",
+        "--controller",
+        "mine.py:Mine",
+        "--vary",
+        "controller.own.gain=0:1:lin2",
+        *SHORT,
+        *ONE,
+    )
     dry = polish_sim(*vary, "--out", "s", "--dry-run")
     assert dry.code == 0
     assert not (tmp_path / "s").exists()
@@ -53,7 +63,7 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool,
     before = rows_of(tmp_path / "s")
     study = tmp_path / "s" / "study.toml"
     study.write_text(study.read_text().replace("seeds = 1", "seeds = 2"))
-    more = polish_sim("sweep", "s", "--workers", "1")
+    more = polish_sim("sweep", "s", *ONE)
     assert more.code == 0, more.err
     after = rows_of(tmp_path / "s")
     assert len(after) == 4
@@ -90,7 +100,7 @@ def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(
     asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin12", *SHORT]
     for ended_by in (signal.SIGKILL, signal.SIGINT):
         with subprocess.Popen(
-            [*PROGRAM, *asked, "--out", "s"], cwd=tmp_path, start_new_session=True
+            [*PROGRAM, *asked, *ONE, "--out", "s"], cwd=tmp_path, start_new_session=True
         ) as command:
             rows = tmp_path / "s" / "rows.jsonl"
             begun = len(rows.read_bytes().splitlines()) if rows.exists() else 0
@@ -102,7 +112,7 @@ def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(
             os.kill(command.pid, ended_by)
             assert command.wait(60) == (130 if ended_by == signal.SIGINT else -9)
     assert metrics_of(tmp_path / "s")["runs"] < 12
-    assert polish_sim(*asked, "--out", "s").code == 0
-    assert polish_sim(*asked, "--out", "t").code == 0
+    assert polish_sim(*asked, *HERE, "--out", "s").code == 0
+    assert polish_sim(*asked, *HERE, "--out", "t").code == 0
     assert rows_of(tmp_path / "s") == rows_of(tmp_path / "t")
     assert len(rows_of(tmp_path / "s")) == 12

@@ -13,6 +13,7 @@ from tests.cli.conftest import UNPROVEN, Tool, metrics_of
 SHORT = ("--set", "hand.off_s=2")
 
 
+@pytest.mark.pictures
 def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Tool) -> None:
     code, out, _ = polish_sim(
         "run", "teach", "--mode", "assist", "--direction", "x", "--duration", 0.8, *SHORT, "--out", "out"
@@ -59,6 +60,7 @@ def test_bad_input_is_one_message_and_nothing_written(
     assert said in " ".join(err.split())
 
 
+@pytest.mark.pictures
 def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
     """From the hand to the polished part: taught.csv of one run is the path of the next."""
     code, out, _ = polish_sim("run", "teach", "--part", "freeform", "--follow", "rim", "--out", "taught")

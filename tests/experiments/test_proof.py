@@ -13,7 +13,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError
 from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.experiments.proof import is_proven, prove
+from polish_sim.experiments.proof import Proven, is_proven, prove
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path
 from polish_sim.planning.part_plan import EASED, LEFT_OUT, SLOWED
 from polish_sim.planning.toolpath import PROCESS, arc_length
@@ -56,6 +56,11 @@ def to_the_corner() -> tuple[Scenario, PlanResult]:
     return into_the_corner(*SOFT)
 
 
+@pytest.fixture(scope="module")
+def proven_at_the_corner(to_the_corner: tuple[Scenario, PlanResult]) -> Proven:
+    return prove(*to_the_corner)
+
+
 def test_where_the_corner_carries_half_the_force_the_path_is_pressed_with_that_and_runs_on_drawn_parts() -> (
     None
 ):
@@ -78,12 +83,11 @@ def test_where_the_corner_carries_half_the_force_the_path_is_pressed_with_that_a
 
 
 def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts(
-    to_the_corner: tuple[Scenario, PlanResult],
+    to_the_corner: tuple[Scenario, PlanResult], proven_at_the_corner: Proven
 ) -> None:
-    scenario, plan = to_the_corner
+    (scenario, plan), proven = to_the_corner, proven_at_the_corner
     stopped = run_experiment(replace(scenario, seed=501), plan)
     assert stopped.stop_reason is not None
-    proven = prove(scenario, plan)
     cut = np.concatenate([mend.places for mend in proven.plan.mends if mend.what == LEFT_OUT])
     assert np.abs(cut[:, :2] - 0.1).max() < 0.05  # [m], all of it near the corner
     kept = proven.plan.path.process
@@ -119,9 +123,9 @@ def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_begin
 
 
 def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings(
-    to_the_corner: tuple[Scenario, PlanResult],
+    to_the_corner: tuple[Scenario, PlanResult], proven_at_the_corner: Proven
 ) -> None:
-    proven = prove(*to_the_corner)
+    proven = proven_at_the_corner
     proof = proven.plan.proof
     assert proof is not None
     assert proven.plan.figures["proven"] == 1
@@ -136,9 +140,9 @@ def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings(
 
 
 def test_a_proven_plan_that_is_read_again_still_says_why_each_part_of_the_region_is_left_out(
-    to_the_corner: tuple[Scenario, PlanResult], tmp_path: Path
+    proven_at_the_corner: Proven, tmp_path: Path
 ) -> None:
-    proven = prove(*to_the_corner)
+    proven = proven_at_the_corner
     write_plan(tmp_path, proven.plan)
     asked = (proven.scenario.part, proven.scenario.plan, proven.scenario.process, proven.scenario.pad)
     again = measure_given_path(read_path(tmp_path), *asked, cuts=read_cuts(tmp_path))

@@ -29,7 +29,7 @@ from polish_sim.ur.link import Link
 from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
-from tests.cli.conftest import PROGRAM
+from tests.cli.conftest import PROGRAM, UNPROVEN
 
 ADDRESS = "127.0.0.1"
 LOOP = "def prog():\n  while True:\n    x = read_input_integer_register(0)\n    sync()\n  end\nend\n"
@@ -398,12 +398,12 @@ def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Callable[.
 )
 def test_the_unmodified_client_polishes(tmp_path: Path) -> None:
     subprocess.run(
-        [*PROGRAM, "plan", "freeform", "--stepover", "25", "--out", "PLAN"], cwd=tmp_path, check=True
+        [*PROGRAM, "plan", "plate", "--stepover", "40", *UNPROVEN, "--out", "PLAN"], cwd=tmp_path, check=True
     )
     words = [
         "serve",
         "--part",
-        "freeform",
+        "plate",
         "--path",
         "PLAN/path.csv",
         "--out",
