@@ -16,9 +16,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-from tests.kept import share_fields  # noqa: E402  (imports numpy)
+from tests.kept import share_fields, share_parts  # noqa: E402  (imports numpy)
 
 share_fields()
+share_parts()
 
 # What compiles longest comes first and side by side: with an empty cache each process has its own kernels to
 # make.
@@ -26,6 +27,8 @@ COMPILE_LONGEST = (
     "cell/test_engine_contact.py",
     "analysis/test_path_plot.py",
 )
+# What mostly waits for the clock runs beside the others: at the end one process would wait alone.
+WAITS_FOR_THE_CLOCK = "ur/test_wire.py"
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
@@ -37,9 +40,11 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     def rank(item: pytest.Item) -> int:
-        place = item.path.as_posix()
-        return next(
-            (k for k, name in enumerate(COMPILE_LONGEST) if place.endswith(name)), len(COMPILE_LONGEST)
-        )
+        place, first = item.path.as_posix(), len(COMPILE_LONGEST)
+        if place.endswith(COMPILE_LONGEST):
+            return next(k for k, name in enumerate(COMPILE_LONGEST) if place.endswith(name))
+        if place.endswith(WAITS_FOR_THE_CLOCK):
+            return first + 1
+        return first if item.path.parent.name < "dual" else first + 2
 
     items.sort(key=rank)

@@ -1,7 +1,8 @@
-"""Distance fields and plans that the processes of a test session share on disk: each is made once.
+"""What many tests need and none changes: it is made once.
 
-A distance field of the freeform part takes ten times as long as a short run on it, and every file of tests
-has its own process. What is kept is known by its inputs and by the package's source, as a row of a sweep is.
+The processes of a test session share distance fields on disk: one of the freeform part takes ten times as
+long as a short run on it. What is kept there is known by its inputs and by the package's source, as a row of
+a sweep is. Shipped parts and the surfaces fitted to them are kept in each process.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ import shutil
 import time
 from collections.abc import Callable
 from dataclasses import fields
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
-from polish_sim.geometry import distance_field
+from polish_sim.geometry import distance_field, fit, mesh
+from polish_sim.models import workpiece_path
 from polish_sim.source_stamp import package_hash
 
 try:
@@ -42,6 +45,27 @@ def share_fields() -> None:
         return keep((arrays, spacing, band, bounds), lambda: made(surface, spacing, band, bounds))
 
     distance_field.build_distance_field = kept
+
+
+def share_parts() -> None:
+    """Read, repair and fit each shipped part once in this process; its arrays are read-only."""
+    read, fitted, shipped = mesh.load_part, fit.fit_surface, workpiece_path("plate").parent
+    known, surfaces = cache(read), dict[tuple[int, tuple[Any, ...]], tuple[Any, Any]]()
+
+    @wraps(read)
+    def load_part(path: str | Path, *words: str, **named: str) -> Any:
+        return (known if Path(path).parent == shipped else read)(Path(path), *words, **named)
+
+    @wraps(fitted)
+    def fit_surface(part: Any, *angle: float, **named: float) -> Any:
+        if part.path.parent != shipped:
+            return fitted(part, *angle, **named)
+        key = id(part), (*angle, *named.values())
+        if key not in surfaces:  # with the part, so that no other one gets its id
+            surfaces[key] = part, fitted(part, *angle, **named)
+        return surfaces[key][1]
+
+    mesh.load_part, fit.fit_surface = load_part, fit_surface
 
 
 def keep(inputs: Any, make: Callable[[], Any]) -> Any:

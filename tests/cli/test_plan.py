@@ -17,7 +17,7 @@ FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
 @pytest.mark.pictures
 def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None:
-    code, out, err = polish_sim("plan", "sphere_100", "--out", "plan")
+    code, out, err = polish_sim("plan", "sphere_100", "--stepover", "16", "--out", "plan")
     assert code == 0
     assert sorted(file.name for file in Path("plan").iterdir()) == FILES
     assert out.rstrip().endswith("folder: plan")

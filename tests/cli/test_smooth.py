@@ -103,7 +103,6 @@ def test_the_limits_beside_a_trajectory_can_be_given_again(smoothed: Path) -> No
         assert written == pytest.approx(default)
 
 
-@pytest.mark.pictures
 def test_the_tool_alone_needs_no_robot(polish_sim: Tool) -> None:
     Path("far.csv").write_text(HEAD + "0,0,0,0,0,1\n9000,0,0,0,0,1\n9000,9000,0,0,0,1\n")
     code, _, _ = polish_sim("smooth", "far.csv", "--no-joints", "--rate", 20, "--out", "out")
