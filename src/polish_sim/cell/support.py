@@ -16,6 +16,7 @@ from polish_sim.arrays import Array, Bools
 from polish_sim.cell.contact import Pad, RealPart, build_pad, press_pad
 from polish_sim.cell.real_part import PartFields, place_part
 from polish_sim.config import PadConfig
+from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.spatial import perpendicular
 
@@ -34,13 +35,12 @@ def _carries(pad: Pad, part: RealPart, frame: Array, middle: Array, depth: float
     return bool(-(pushed[0] * frame[0, 2] + pushed[1] * frame[1, 2] + pushed[2] * frame[2, 2]) >= force)
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _note_sinking(
     pad: Pad, part: RealPart, frames: Array, middles: Array, force: Array, shifts: Array, depths: int,
     out: Bools,
 ) -> None:  # fmt: skip
     """`would_sink` of poses before they are pressed in; ``shifts`` (sides, 2) along x and y of each [m]."""
-    deeper = round(SINKS / STEP)
     aside = np.zeros(3)
     for i in range(len(middles)):
         first = 1
@@ -52,7 +52,7 @@ def _note_sinking(
                 x, y = frames[i, k, 0], frames[i, k, 1]
                 aside[k] = middles[i, k] + shifts[side, 0] * x + shifts[side, 1] * y
             # Mostly the deepest carries it.
-            depth = min(first + deeper, depths)
+            depth = min(first + round(SINKS / STEP), depths)
             while depth > 0 and not _carries(pad, part, frames[i], aside, depth * STEP, force[i]):
                 depth -= 1
             out[i] = out[i] or depth == 0
@@ -84,6 +84,6 @@ def would_sink(
     frames = np.ascontiguousarray(np.stack([across, np.cross(-axes, across), -axes], axis=2))
     angles = 2.0 * np.pi / SIDES * np.arange(SIDES)
     shifts = aside * np.column_stack([np.cos(angles), np.sin(angles)])
-    sinks = np.empty(len(axes), dtype=bool)
+    sinks = np.empty(len(axes), bool)
     _note_sinking(pad, part, frames, positions, force, shifts, round(deepest / STEP), sinks)
     return sinks

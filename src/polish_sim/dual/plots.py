@@ -44,7 +44,7 @@ BAND_MM = 0.1
 BAND_N = FORCE_BANDS_N["dual"]
 DARK = "#222222"
 _MANY, _BINS = 100, 50
-CURVE = 300  #: Steps of a predicted density
+CURVE = 100  #: Steps of a predicted density
 
 
 @styled
