@@ -40,6 +40,10 @@ def test_a_proven_plan_says_so_once_and_is_not_played_again(
     assert found["path_done"] == 1.0
     assert "feed_m_s = 0.04" in (tmp_path / "whole" / "config.toml").read_text()
 
+    refused = polish_sim("run", "surface", "--path", "plan", "--from", "99999", "--out", "none")
+    assert (refused.code, (tmp_path / "none").exists()) == (2, False)
+    assert "--from" in refused.err
+
     rest = polish_sim(
         "run", "surface", "--path", "plan", "--from", BEHIND, "--proof", "none", "--out", "rest"
     )
@@ -59,10 +63,9 @@ def test_a_proven_plan_says_so_once_and_is_not_played_again(
 @pytest.mark.parametrize(("words", "named"), [
     (("--proof", "often"), "--proof"),
     (("--proof", "0"), "--proof"),
-    (("--path", "plan", "--from", "99999"), "--from"),
 ])  # fmt: skip
-def test_what_cannot_be_proven_or_gone_on_with_is_refused(
-    plan: Call, polish_sim: Tool, tmp_path: Path, words: tuple[str, ...], named: str
+def test_a_proof_that_is_none_is_refused(
+    polish_sim: Tool, tmp_path: Path, words: tuple[str, ...], named: str
 ) -> None:
     refused = polish_sim("run", "surface", "--part", "plate", *words, "--out", "none")
     assert refused.code == 2
