@@ -32,7 +32,7 @@ def _carries(pad: Pad, part: RealPart, frame: Array, middle: Array, depth: float
     for k in range(3):
         place[k] = middle[k] + depth * frame[k, 2]
     press_pad(pad, part, 0.0, frame, place, still, still, pushed, torque)
-    return bool(-(pushed[0] * frame[0, 2] + pushed[1] * frame[1, 2] + pushed[2] * frame[2, 2]) >= force)
+    return -(pushed[0] * frame[0, 2] + pushed[1] * frame[1, 2] + pushed[2] * frame[2, 2]) >= force
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,10 +47,9 @@ def _note_sinking(
         while first <= depths and not _carries(pad, part, frames[i], middles[i], first * STEP, force[i]):
             first += 1
         out[i] = first > depths
-        for side in range(len(shifts)):
+        for j in range(len(shifts)):
             for k in range(3):
-                x, y = frames[i, k, 0], frames[i, k, 1]
-                aside[k] = middles[i, k] + shifts[side, 0] * x + shifts[side, 1] * y
+                aside[k] = middles[i, k] + shifts[j, 0] * frames[i, k, 0] + shifts[j, 1] * frames[i, k, 1]
             # Mostly the deepest carries it.
             depth = min(first + round(SINKS / STEP), depths)
             while depth > 0 and not _carries(pad, part, frames[i], aside, depth * STEP, force[i]):
