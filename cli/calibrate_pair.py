@@ -178,8 +178,9 @@ def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
     refuse_beside_data(given, "--noise", "--poses", "--length-error", "--angle-error", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
+    from polish_sim.calibration.arm import Tolerance
     from polish_sim.dual.calibrate_bases import ArmTrial, calibrate_arm_from, run_arm_calibration
-    from polish_sim.dual.calibration.arm import Tolerance, read_tracked
+    from polish_sim.dual.calibration.arm import read_tracked
 
     errors = {"length": given["--length-error"], "angle": given["--angle-error"]}
     tolerance = Tolerance()._replace(**{name: error for name, error in errors.items() if error is not None})

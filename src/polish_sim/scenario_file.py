@@ -29,6 +29,7 @@ FILE_KEYS = (
     ),
     *(("smoothing", "limits_file"), ("dual", "bases_file"), ("dual", "tool_file"), ("dual", "arms_file")),
     *(("dual", "master_path"), ("guide", "model_file"), ("plan", "removal"), ("process", "learn")),
+    ("robot", "compensation"),
 )
 """Section and name of the keys that name a file; ``plan.file`` may be a folder, a controller's name and a
 region may hold one."""

@@ -10,6 +10,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
+from polish_sim.calibration.arm import ArmEstimate, TrackedArm, fit_arm, fit_placement
+from polish_sim.calibration.matched_points import (
+    check_matched,
+    kabsch,
+    moved_frame,
+    point_covariance,
+    relative_frame,
+)
 from polish_sim.dual.arms import lone_arms
 from polish_sim.dual.calibrate_bases import (
     HIGH,
@@ -20,19 +28,11 @@ from polish_sim.dual.calibrate_bases import (
     run_arm_calibration,
     run_base_calibration,
 )
-from polish_sim.dual.calibration.arm import ArmEstimate, TrackedArm, fit_arm, fit_placement
 from polish_sim.dual.calibration.circle import (
     BaseFrame,
     base_from_circles,
     base_from_meeting_axes,
     fit_circle,
-)
-from polish_sim.dual.calibration.matched_points import (
-    check_matched,
-    kabsch,
-    moved_frame,
-    point_covariance,
-    relative_frame,
 )
 from polish_sim.errors import CalibrationError
 from polish_sim.motion import forward, link_frames

@@ -24,7 +24,7 @@ from polish_sim.cell.faults import (
     record_safety,
 )
 from polish_sim.cell.flange import build_flange
-from polish_sim.cell.gears import RealArm
+from polish_sim.cell.gears import HostArm, RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson
 from polish_sim.cell.limits import check_rates, check_step_limits, with_implicit_friction
@@ -101,7 +101,8 @@ class Cell:
     """A scenario's cell, ready to run: ``strokes`` in order on ``part`` (`no_part` for motion in free space).
 
     The joints start at ``q_start`` [rad], shape (6,); ``rng`` draws the sensor's bias, drift and noise;
-    ``course`` is for controllers that prepare for what lies ahead; what holds the part is its ``fixture``.
+    ``course`` is for controllers that prepare for what lies ahead; what holds the part is its ``fixture``;
+    ``host`` is one that knows how its arm is built.
     The host compensates the tool as it is until ``compensate``
     says otherwise.
     """
@@ -122,10 +123,11 @@ class Cell:
         course: Course | None = None,
         fixture: RealPart | None = None,
         lesson: Lesson = NO_LESSON,
+        host: HostArm | None = None,
     ) -> None:
         register_engine()
         self.scenario, self.model, self.rng, self.course = scenario, model, rng, course
-        self.lesson = lesson
+        self.lesson, self._host = lesson, host
         self.data = mujoco.MjData(model)
         self._set_joints(q_start)
         self.real_arm = self._build_real_arm(q_start)
@@ -382,7 +384,7 @@ class Cell:
         """Joints with gears; None: the engine's servos move the links themselves."""
         if not is_real(self.scenario):
             return None
-        return build_real_arm(self.scenario, self.model, self.data, q_start)
+        return build_real_arm(self.scenario, self.model, self.data, q_start, self._host)
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
         advance(self.kernel, self.real_arm, recorder, self.law, draws, steps)

@@ -19,6 +19,8 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+import numpy as np
+
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews
 from polish_sim.kernels import Matrix4, Record, Vector3, Vector6, kernel
@@ -38,6 +40,7 @@ class HostArm(Record):
     table: Annotated[Array, (6, 5)]  #: As `joint_rows`
     T_world_base: Matrix4  #: Where the arm stands
     T_flange_end: Matrix4  #: Its end, tool or flange itself
+    gears: Annotated[Array, (6, 7)]  #: Turn its links off the encoders, see `links_of`; 0: they do not
     anchors: Annotated[Array, (6, 3)]  #: A point on each joint's axis [m]
     axes: Annotated[Array, (6, 3)]  #: Unit axes
     place: Vector3  #: The end [m]
@@ -45,10 +48,12 @@ class HostArm(Record):
     frame: Annotated[Array, (3, 4)]  #: Work array
 
 
-def build_host_arm(table: Array, T_world_base: Array, T_flange_end: Array) -> HostArm:
-    """A host that computes with a table, (4, 6), for an arm at ``T_world_base`` with its end at
-    ``T_flange_end``."""
-    return HostArm(joint_rows(table), T_world_base, T_flange_end)
+def build_host_arm(
+    table: Array, T_world_base: Array, T_flange_end: Array, gears: Array | float = 0.0
+) -> HostArm:
+    """A host that computes with a table, (4, 6), and ``gears`` (6, 7) for an arm at ``T_world_base`` with its
+    end at ``T_flange_end``."""
+    return HostArm(joint_rows(table), T_world_base, T_flange_end, np.zeros((6, 7)) + gears)
 
 
 @kernel
@@ -119,6 +124,9 @@ class RealArm(Record):
     share: Vector6  #: Of the joint's speed that the rotor takes on [-]
     read: Vector6  #: Joint angles as the host receives them [rad]
     read_speed: Vector6  #: [rad/s]
+    links: Vector6  #: The links' angles the host takes them for [rad]
+    link_speed: Vector6  #: [rad/s]
+    slope: Vector6  #: Of the links' angles by the encoders' [-]
     first: int  #: Of its joints in the engine
     first_control: int  #: Of its servos' controls
     host: HostArm
@@ -164,6 +172,26 @@ def hear_joints(arm: RealArm, e: EngineViews) -> None:
         angle = e.qpos[i] if arm.on_link else arm.angle[j]
         arm.read[j] = math.floor(angle / arm.encoder + 0.5) * arm.encoder if arm.encoder > 0.0 else angle
         arm.read_speed[j] = e.qvel[i] if arm.on_link else arm.speed[j]
+    compensate(arm, e)
+
+
+@kernel
+def compensate(arm: RealArm, e: EngineViews) -> None:
+    """The links' angles for the encoders', by what the host knows of its gears: wind-up under the weight it
+    carries, by parts between the knees, and error once and twice a period."""
+    for j in range(6):
+        g, weight = arm.host.gears[j], e.qfrc_gravcomp[arm.first + j]
+        size, first, second = abs(weight), arm.knees[j, 0], arm.knees[j, 1]
+        wound = g[0] * min(size, first) + g[1] * min(max(size - first, 0.0), second - first)
+        wound += g[2] * max(size - second, 0.0)
+        phase = arm.waves * arm.read[j]
+        s, c = math.sin(phase), math.cos(phase)
+        s2, c2 = 2.0 * s * c, c * c - s * s
+        arm.links[j] = (
+            arm.read[j] - math.copysign(wound, weight) + g[3] * s + g[4] * c + g[5] * s2 + g[6] * c2
+        )
+        arm.slope[j] = 1.0 + arm.waves * (g[3] * c - g[4] * s + 2.0 * (g[5] * c2 - g[6] * s2))
+        arm.link_speed[j] = arm.slope[j] * arm.read_speed[j]
 
 
 @kernel

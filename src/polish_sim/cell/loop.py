@@ -181,7 +181,10 @@ def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
     m = state.measurement
     arm.tool_speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
     hear_joints(arm, e)
-    read_encoders(arm.host, arm.read, 0)
+    read_encoders(arm.host, arm.links, 0)
+    for j in range(6):
+        for i in range(3):
+            arm.host.axes[j, i] *= arm.slope[j]  # so that the Jacobian is that of the encoders
     see_tool(state, arm.host.place, arm.host.turn, arm.host.anchors, arm.host.axes, arm.read_speed)
 
 

@@ -30,8 +30,8 @@ _STREAM: Final = 17  # of the scenario's seed, for what is drawn of the arms the
 _LIGHT: Final = 0.25
 _TARGETS: Final = np.array([[0.0, 0.0, 0.22, 1.0], [0.15, 0.0, 0.1, 1.0], [0.0, 0.15, 0.1, 1.0]])
 """Points on the tool that a calibration measures, flange frame [m]."""
-_AROUND: Final = np.array([0.5, 0.4, 0.5, 0.6, 0.6, 1.0])
-"""How far the joints are from where the work starts in the poses of a calibration, at most [rad]."""
+AROUND: Final = np.array([0.5, 0.4, 0.5, 0.6, 0.6, 1.0])
+"""How far joints are from where the work starts in the poses of a calibration, at most [rad]."""
 
 
 class ArmPlace(NamedTuple):
@@ -175,7 +175,7 @@ def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array, place
     built = sizes[:, None] * rng.standard_normal((4, 6))
     if real.kinematics == "uncalibrated":
         return np.asarray(NOMINAL + built)
-    q = q_start + _AROUND * rng.uniform(-1.0, 1.0, (real.calibration_poses, 6))
+    q = q_start + AROUND * rng.uniform(-1.0, 1.0, (real.calibration_poses, 6))
     # The encoders are at q; joints behind the motors' hang back by what the gears wind up.
     hanging = gear_twists(real, weights(model, q, place)) if real.servo_side == "motor" else np.zeros_like(q)
     points = _points(q - hanging, NOMINAL + built)
@@ -191,14 +191,21 @@ def _points(q: Array, table: Array) -> Array:
     return np.asarray((link_frames(q, table)[:, 6, None] @ _TARGETS[:, :, None])[..., :3, 0])
 
 
-def build_real_arm(scenario: Scenario, model: mujoco.MjModel, data: mujoco.MjData, q_start: Array) -> RealArm:
-    """The one robot of a scene, bent as built; its host has the nominal table and its tool; see
-    `build_joints`."""
+def build_real_arm(
+    scenario: Scenario,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    q_start: Array,
+    host: HostArm | None = None,
+) -> RealArm:
+    """The one robot of a scene, bent as built; ``host``: one that knows its arm, None: it has the nominal
+    table and its tool; see `build_joints`."""
     links = [model.body(f"link_{number}") for number in range(1, 7)]
     bend_links(
         links, [model.joint(int(link.jntadr[0])) for link in links], built_table(scenario, model, q_start)
     )
-    return build_joints(scenario, model, data, q_start, build_host_arm(NOMINAL, np.eye(4), tool_on_flange()))
+    host = host or build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
+    return build_joints(scenario, model, data, q_start, host)
 
 
 def build_joints(

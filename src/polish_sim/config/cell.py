@@ -123,6 +123,11 @@ class RobotConfig:
         "encoders and table",
         presets=ARM_PRESETS,
     )
+    compensation: str = key(
+        "none",
+        "what the host knows of how its arm is built: none, tracker (measured before the run) or the "
+        "compensation.toml of a run",
+    )
     real: RealArmConfig = field(default_factory=RealArmConfig)
 
 

@@ -19,12 +19,13 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arms import FIRST
 from polish_sim.arrays import Array
+from polish_sim.calibration.arm import LEAST_POSES, Tolerance
 from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool
 from polish_sim.config import DualConfig, RobotConfig, Scenario
 from polish_sim.dual.calibrate_bases import Flanges, built_arm, simulate_tracked, wrong_table
 from polish_sim.dual.calibrate_tcp import Reading
-from polish_sim.dual.calibration.arm import LEAST_POSES, PairTables, Tolerance, fit_pair, read_arm_calibration
+from polish_sim.dual.calibration.arm import PairTables, fit_pair, read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import FOLLOWER_ARM, MASTER_ARM
 from polish_sim.errors import ConfigError, ReachError

@@ -19,9 +19,9 @@ from scipy.optimize import brentq
 from scipy.special import gammainc
 
 from polish_sim.arrays import Array
+from polish_sim.calibration.matched_points import point_slopes
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import ClosedChain
-from polish_sim.dual.calibration.matched_points import point_slopes
 from polish_sim.dual.calibration.pair import (
     BASES,
     LEAST_NOISE,

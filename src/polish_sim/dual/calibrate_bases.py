@@ -14,22 +14,15 @@ from typing import Any, Final, Generic, TypeVar
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.dual.calibration.arm import (
-    ArmEstimate,
-    PairTables,
-    Tolerance,
-    TrackedArm,
-    fit_pair,
-    fit_placement,
-    pair_figures,
-)
+from polish_sim.calibration.arm import ArmEstimate, Tolerance, TrackedArm, fit_placement
+from polish_sim.calibration.matched_points import frame_offset, point_covariance
+from polish_sim.dual.calibration.arm import PairTables, fit_pair, pair_figures
 from polish_sim.dual.calibration.bases import (
     ROBOTS,
     AxisArcs,
     BaseCalibration,
     base_figures,
 )
-from polish_sim.dual.calibration.matched_points import frame_offset, point_covariance
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import apply, from_pose, inverse

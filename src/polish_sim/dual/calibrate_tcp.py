@@ -14,8 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
+from polish_sim.calibration.matched_points import frame_offset
 from polish_sim.dual.calibrate_bases import Q_NEAR, Calibrated
-from polish_sim.dual.calibration.matched_points import frame_offset
 from polish_sim.dual.calibration.tool import ToolFrameEstimate, ToolMeasurements, fit_tool_frame, tool_figures
 from polish_sim.dual.calibration.tool_checks import TOOL_DOWN, ToolTouches, plan_touch_orientations
 from polish_sim.motion import forward, inverse_near

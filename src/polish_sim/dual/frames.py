@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
+from polish_sim.calibration.matched_points import frame_offset
 from polish_sim.cell import tool_on_flange
 from polish_sim.config import DualConfig
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms
@@ -24,7 +25,6 @@ from polish_sim.dual.calibrate_bases import Bases, simulate_arcs
 from polish_sim.dual.calibrate_tcp import Q_NEAR, Reading, TcpTrial, reached, simulate_touches
 from polish_sim.dual.calibration.arm import read_arm_calibration
 from polish_sim.dual.calibration.bases import ROBOTS, read_base_calibration
-from polish_sim.dual.calibration.matched_points import frame_offset
 from polish_sim.dual.calibration.pair import (
     LEAST_NOISE,
     ClosingTouches,

@@ -30,8 +30,8 @@ from polish_sim.analysis.style import (
     styled,
 )
 from polish_sim.arrays import Array
+from polish_sim.calibration.arm import fit_placement
 from polish_sim.dual.budget import length_probability
-from polish_sim.dual.calibration.arm import fit_placement
 from polish_sim.dual.calibration.bases import Group
 from polish_sim.dual.calibration.pair import INSTRUMENTS
 

@@ -22,6 +22,7 @@ from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.cell.set_points import FORCE
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
+from polish_sim.experiments.compensation import knowing_host
 from polish_sim.experiments.learning import check_learning, read_lesson
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
@@ -230,6 +231,7 @@ def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequ
         course_for(controller, scenario, place, strokes),
         None if fixture is None else fixture.part,
         lesson,
+        knowing_host(scenario, place.reach.q_start),
     )
     believe_tool(cell, streams[PAYLOAD_STREAM])
     return cell

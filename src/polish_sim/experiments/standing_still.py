@@ -17,6 +17,7 @@ from polish_sim.cell import Cell, Observer, Stroke, build_scene, no_part, tool_o
 from polish_sim.cell.stroke import feed_pace
 from polish_sim.control import build_controller
 from polish_sim.errors import CalibrationError, ProtectiveStop
+from polish_sim.experiments.compensation import knowing_host
 from polish_sim.motion import forward
 from polish_sim.motion.timed_path import time_path
 from polish_sim.motion.trajectory import PathTable, build_path_table
@@ -63,7 +64,7 @@ def free_cell(
     )
     return Cell(
         scenario, build_scene(scenario, None, None), no_part(), [stroke], q_start,
-        build_controller(scenario.controller), rng,
+        build_controller(scenario.controller), rng, host=knowing_host(scenario, q_start),
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools
+from polish_sim.calibration.matched_points import relative_frame
 from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.circle import (
     BaseFrame,
@@ -18,7 +19,6 @@ from polish_sim.dual.calibration.circle import (
     base_from_meeting_axes,
     fit_circle_without_outliers,
 )
-from polish_sim.dual.calibration.matched_points import relative_frame
 from polish_sim.errors import CalibrationError, InputError
 from polish_sim.tables import csv_text
 

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.calibration.fit import Problem, solve
-from polish_sim.dual.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
+from polish_sim.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
 from polish_sim.spatial import apply
 
 SOURCES: Final = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise

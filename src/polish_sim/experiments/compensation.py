@@ -1,0 +1,110 @@
+"""``robot.compensation``: the host computes with the arm as it is built, not with the maker's table.
+
+Before the run the arm stands still in poses around its work, and a laser tracker sees a target at the tool's
+point. Table, base, target and gears are found as by ``calibrate arm``. The host then knows where its links
+are, q = encoder - wind-up(weight) + error(encoder), and its Jacobian has the slope of that error: a tool
+commanded to go straight does, although the gears between err with each turn of their rotors.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from polish_sim.arrays import Array
+from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
+from polish_sim.calibration.tables import Kind, read_table
+from polish_sim.cell.gears import HostArm, build_host_arm
+from polish_sim.cell.real_arm import AROUND, built_table, is_real, resting_arm
+from polish_sim.cell.scene import robot_with_tool, tool_on_flange
+from polish_sim.config import Scenario
+from polish_sim.errors import ConfigError, InputError
+from polish_sim.toml_text import toml_text
+
+NONE, TRACKER = "none", "tracker"
+POSES: Final = 200
+_STREAM: Final = 18  # of the seed
+KIND: Final = Kind(
+    "compensation",
+    "one arm and its gears",
+    "An arm as found: table (joint offsets [rad], d [m], a [m], alpha [rad], six each), base (where it "
+    "stands in the frame its work is given in), tool_point on the flange [m], gears (of each joint: wind-up "
+    "below, between and above the knees [rad/(N m)]; sine and cosine of twice the rotor's angle, of four "
+    "times it [rad]).",
+)
+FILE: Final = "compensation.toml"
+
+
+def knowing_host(scenario: Scenario, q_start: Array) -> HostArm | None:
+    """A host that knows its arm, for work that starts at ``q_start`` (6,) [rad]; None: it is not asked for.
+
+    Raises:
+        PolishSimError: The file cannot be used, or the arm has no gears.
+    """
+    found = find_arm(scenario, q_start)
+    if found is None:
+        return None
+    T_flange_tool = tool_on_flange().copy()
+    T_flange_tool[:3, 3] = found.target
+    return build_host_arm(found.table, found.T_tracker_base, T_flange_tool, found.gears)
+
+
+def find_arm(scenario: Scenario, q_start: Array) -> ArmEstimate | None:
+    """The arm as ``robot.compensation`` says; arguments and errors as of `knowing_host`."""
+    asked = scenario.robot.compensation
+    if asked == NONE:
+        return None
+    if not is_real(scenario):
+        raise ConfigError("robot.compensation has nothing to do on robot.arm = ideal: leave one of them out.")
+    if asked != TRACKER:
+        return read_arm(Path(asked), scenario.seed)
+    arm = Scenario(
+        seed=scenario.seed, robot=scenario.robot, head=scenario.head, simulation=scenario.simulation
+    )
+    return track_arm(arm, tuple(q_start))
+
+
+@lru_cache(4)
+def track_arm(scenario: Scenario, q_start: tuple[float, ...]) -> ArmEstimate:
+    """Measure the arm of a scenario at rest around ``q_start`` (6,) [rad] and find how it is built; kept for
+    the next cell."""
+    model, real = robot_with_tool(scenario).compile(), scenario.robot.real
+    rng = np.random.default_rng([scenario.seed, _STREAM])
+    arm, table = resting_arm(scenario, model), built_table(scenario, model, np.array(q_start))
+    built = ArmEstimate(table, np.eye(4), tool_on_flange()[:3, 3], np.empty((0, 3)), np.zeros((6, 6)))
+    q = q_start + AROUND * rng.uniform(-1.0, 1.0, (POSES, 6))
+    seen = built.target_at(arm.links(q, rng)) + USUAL_NOISE * rng.standard_normal((POSES, 3))
+    tolerance = Tolerance(real.length_error_m, real.angle_error_rad)
+    return fit_arm(TrackedArm(q, seen, arm.weight(q), real), None, tolerance)
+
+
+def read_arm(file: Path, seed: int) -> ArmEstimate:
+    """Read a compensation.toml; InputError: no such file, or the arm of another seed."""
+    table = read_table(file, KIND)
+    if table.values.get("seed", seed) != seed:
+        raise InputError(
+            f"'{file}' is of the arm of seed {table.values['seed']}, not {seed}: run that seed, or set "
+            "robot.compensation = tracker. To try what another arm's figures do, take the line 'seed' out."
+        )
+    rows = {"table": (4, 6), "tool_point": (3,), "gears": (6, 7)}
+    known = {name: table.numbers(name, shape) for name, shape in rows.items()}
+    return ArmEstimate(
+        known["table"], table.pose("base"), known["tool_point"], np.empty((0, 3)), np.zeros((6, 6)),
+        known["gears"],
+    )  # fmt: skip
+
+
+def arm_file(scenario: Scenario, q_start: Array) -> dict[str, str]:
+    """The file of the arm a run has used, by name; empty: none."""
+    found = find_arm(scenario, q_start)
+    if found is None:
+        return {}
+    values = {
+        "kind": KIND.name, "seed": scenario.seed, "table": found.table.tolist(),
+        "base": found.T_tracker_base.tolist(), "tool_point": found.target.tolist(),
+        "gears": found.gears.tolist(),
+    }  # fmt: skip
+    return {FILE: toml_text(values, head=[KIND.head])}
