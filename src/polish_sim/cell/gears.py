@@ -23,9 +23,11 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews
+from polish_sim.control.signals import Measurement
 from polish_sim.kernels import Matrix4, Record, Vector3, Vector6, kernel
 from polish_sim.motion.kinematics import advance_frame, joint_rows
 
+PRESSED_S = 0.2  #: In which the host believes a force to stay [s]
 Slopes = Annotated[Array, (6, 3)]
 Knees = Annotated[Array, (6, 2)]
 
@@ -127,6 +129,7 @@ class RealArm(Record):
     links: Vector6  #: The links' angles the host takes them for [rad]
     link_speed: Vector6  #: [rad/s]
     slope: Vector6  #: Of the links' angles by the encoders' [-]
+    pressed: float  #: Force that winds it up, as the host knows it [N]
     first: int  #: Of its joints in the engine
     first_control: int  #: Of its servos' controls
     host: HostArm
@@ -172,24 +175,33 @@ def hear_joints(arm: RealArm, e: EngineViews) -> None:
         angle = e.qpos[i] if arm.on_link else arm.angle[j]
         arm.read[j] = math.floor(angle / arm.encoder + 0.5) * arm.encoder if arm.encoder > 0.0 else angle
         arm.read_speed[j] = e.qvel[i] if arm.on_link else arm.speed[j]
-    compensate(arm, e)
 
 
 @kernel
-def compensate(arm: RealArm, e: EngineViews) -> None:
-    """The links' angles for the encoders', by what the host knows of its gears: wind-up under the weight it
-    carries, by parts between the knees, and error once and twice a period."""
+def compensate(arm: RealArm, host: HostArm, e: EngineViews, m: Measurement, share: float) -> None:
+    """The links' angles for the encoders', by what the host knows of the gears: wind-up under the weight they
+    carry and the force pressed with, by parts between the knees, and error once and twice a period.
+
+    ``share``: of the tool's force that pushes on this arm, -1 where it carries the part. The force is taken
+    as read, but slowly: the reading holds the tool's inertia, which is no load that stays.
+    """
+    arm.pressed += e.dt / PRESSED_S * (share * m.wrench[2] - arm.pressed)
     for j in range(6):
-        g, weight = arm.host.gears[j], e.qfrc_gravcomp[arm.first + j]
-        size, first, second = abs(weight), arm.knees[j, 0], arm.knees[j, 1]
+        g, axis, z = host.gears[j], host.axes[j], m.rotation[:, 2]
+        x, y, h = (
+            m.position[0] - host.anchors[j, 0],
+            m.position[1] - host.anchors[j, 1],
+            m.position[2] - host.anchors[j, 2],
+        )
+        load = axis[0] * (y * z[2] - h * z[1]) + axis[1] * (h * z[0] - x * z[2])
+        load = e.qfrc_gravcomp[arm.first + j] + arm.pressed * (load + axis[2] * (x * z[1] - y * z[0]))
+        size, first, second = abs(load), arm.knees[j, 0], arm.knees[j, 1]
         wound = g[0] * min(size, first) + g[1] * min(max(size - first, 0.0), second - first)
-        wound += g[2] * max(size - second, 0.0)
+        wound = math.copysign(wound + g[2] * max(size - second, 0.0), load)
         phase = arm.waves * arm.read[j]
         s, c = math.sin(phase), math.cos(phase)
         s2, c2 = 2.0 * s * c, c * c - s * s
-        arm.links[j] = (
-            arm.read[j] - math.copysign(wound, weight) + g[3] * s + g[4] * c + g[5] * s2 + g[6] * c2
-        )
+        arm.links[j] = arm.read[j] - wound + g[3] * s + g[4] * c + g[5] * s2 + g[6] * c2
         arm.slope[j] = 1.0 + arm.waves * (g[3] * c - g[4] * s + 2.0 * (g[5] * c2 - g[6] * s2))
         arm.link_speed[j] = arm.slope[j] * arm.read_speed[j]
 

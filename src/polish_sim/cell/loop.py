@@ -13,7 +13,15 @@ from polish_sim.cell import guards
 from polish_sim.cell.contact import Pad, RealPart, press_pad, pull_of_imbalance, turn_spindle
 from polish_sim.cell.engine import EngineViews, correct_reading, keep_speeds, mj_step1, mj_step2
 from polish_sim.cell.flange import hold_force
-from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints, host_hears, read_encoders
+from polish_sim.cell.gears import (
+    RealArm,
+    compensate,
+    drive_joints,
+    follow_joints,
+    hear_joints,
+    host_hears,
+    read_encoders,
+)
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson, Status
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, record_exact, record_reading, record_state
@@ -181,6 +189,7 @@ def see_as_host(arm: RealArm, state: CellState, e: EngineViews) -> None:
     m = state.measurement
     arm.tool_speed = math.sqrt(m.twist[0] ** 2 + m.twist[1] ** 2 + m.twist[2] ** 2)
     hear_joints(arm, e)
+    compensate(arm, arm.host, e, m, 1.0)
     read_encoders(arm.host, arm.links, 0)
     for j in range(6):
         for i in range(3):

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arms import FIRST
 from polish_sim.arrays import Array
-from polish_sim.calibration.arm import LEAST_POSES, Tolerance
+from polish_sim.calibration.arm import LEAST_POSES, Tolerance, gear_columns
 from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool
 from polish_sim.config import DualConfig, RobotConfig, Scenario
@@ -29,6 +29,7 @@ from polish_sim.dual.calibration.arm import PairTables, fit_pair, read_arm_calib
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import FOLLOWER_ARM, MASTER_ARM
 from polish_sim.errors import ConfigError, ReachError
+from polish_sim.experiments.compensation import POSES, TRACKER
 from polish_sim.motion import forward
 from polish_sim.motion.kinematics import (
     JOINT_LIMITS,
@@ -105,6 +106,7 @@ def limit_margin(q: Array) -> float:
 
 
 _NOMINAL: Final = dict.fromkeys(ROBOTS, NOMINAL)
+_RIGID: Final = dict.fromkeys(ROBOTS, np.zeros((6, 7)))
 
 
 class PairArms(NamedTuple):
@@ -115,6 +117,7 @@ class PairArms(NamedTuple):
     #: T_master_follower and covariance (6, 6), if found with the tables
     bases: tuple[Array, Array] | None = None
     gears: Mapping[str, RestingArm] | None = None  #: Between encoders and links; None: rigid
+    known: Mapping[str, Array] = _RIGID  #: What the host knows of them, as `ArmEstimate.gears`
 
     def flanges(self, robot: str, q: Array) -> Array:
         """Where the flange of an arm really is in its base with joints (n, 6) [rad], shape (n, 4, 4)."""
@@ -153,7 +156,11 @@ class PairArms(NamedTuple):
 
         def read(T_base_flange: Array, q: Array) -> Array:
             links = inverse_with_table(true, T_base_flange, q)
-            return forward(gears[robot].encoders(links, rng) if gears else links, believed)
+            if gears is None:
+                return forward(links, believed)
+            read = gears[robot].encoders(links, rng)
+            moved = gear_columns(read, self.weigh(robot, read), gears[robot].real) * self.known[robot]
+            return forward(read + moved.sum(axis=2), believed)
 
         return read
 
@@ -188,7 +195,7 @@ def lone_arms(seed: int, q_work: Array) -> PairArms:
 
 
 def pair_arms(
-    config: DualConfig,
+    scenario: Scenario,
     T_tracker_base: Mapping[str, Array],
     rng: np.random.Generator,
     made: PairArms = NOMINAL_ARMS,
@@ -200,31 +207,35 @@ def pair_arms(
         ConfigError: Two sources of one thing, or too few poses.
         CalibrationError: The calibration on file is another pair's, or of arms of another make.
     """
-    if config.arms_file or config.arm_poses:
+    config = scenario.dual
+    poses = config.arm_poses or (POSES if scenario.robot.compensation == TRACKER else 0)
+    if config.arms_file or poses:
         _refuse_second_source(config)
     if config.arms_file:
         found = read_arm_calibration(Path(config.arms_file), config.pair)
         true = found.true_tables or found.tables
-        return PairArms(true, found.tables, (found.T_master_follower, found.covariance), made.gears)
+        bases = found.T_master_follower, found.covariance
+        return PairArms(true, found.tables, bases, made.gears, found.gears)
     tolerance = Tolerance(config.arm_length_error_m, config.arm_angle_error_rad)
     true = (
         {name: wrong_table(tolerance, rng, table) for name, table in made.true.items()}
         if any(tolerance)
         else made.true
     )
-    if config.arm_poses == 0:
+    if poses == 0:
         return made._replace(true=true)
-    if config.arm_poses < LEAST_POSES:
+    if poses < LEAST_POSES:
         raise ConfigError(
-            f"dual.arm_poses = {config.arm_poses} cannot determine an arm's table: 0, or {LEAST_POSES} or "
-            "more."
+            f"dual.arm_poses = {poses} cannot determine an arm's table: 0, or {LEAST_POSES} or more."
         )
     arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
     rest = partial(made.rest, rng=rng)
-    tracked = simulate_tracked(arms, config.arm_poses, config.tracker_noise_m, rng, rest)
+    weigh = made.weigh if made.gears else None
+    tracked = simulate_tracked(arms, poses, config.tracker_noise_m, rng, rest, weigh)
     # Gears err by more than the tracker: how much, the residuals say.
     fit = fit_pair(tracked, None if made.gears else max(config.tracker_noise_m, 1e-9), Tolerance())
-    return PairArms(true, fit.tables, fit.bases, made.gears)
+    known = {robot: arm.gears for robot, arm in fit.arms.items()}
+    return PairArms(true, fit.tables, fit.bases, made.gears, known)
 
 
 def _refuse_second_source(config: DualConfig) -> None:

@@ -86,6 +86,7 @@ class MasterRows(NamedTuple):
     #: True poses in the follower's base, moved by this, are what the host believes (4, 4)
     T_believed_true: Array
     table: Array = NOMINAL  #: The table the host computes the master with, shape (4, 6)
+    gears: Array | float = 0.0  #: and its gears, see `build_host_arm`
     delay: float = 0.0  #: How late its joints reach the host [s]
     period: float = 0.0  #: Between two readings of them, held in between [s]; 0: at every step
     lead: float = 0.0  #: From the host's request to the follower's motion, as far as the host knows [s]
@@ -188,7 +189,7 @@ def build_master(
 def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
     """The master as the host computes it, and its flange at the first row so, shape (4, 4)."""
     base = data.body(f"{MASTER}base")
-    arm = build_host_arm(rows.table, transform(base.xmat.reshape(3, 3), base.xpos), np.eye(4))
+    arm = build_host_arm(rows.table, transform(base.xmat.reshape(3, 3), base.xpos), np.eye(4), rows.gears)
     read_encoders.py_func(arm, rows.q[0], 0)
     return arm, transform(arm.turn.reshape(3, 3), arm.place)
 

@@ -14,7 +14,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews, mj_step1
-from polish_sim.cell.gears import HostArm, RealArm, hear_joints, host_hears, read_encoders
+from polish_sim.cell.gears import HostArm, RealArm, compensate, hear_joints, host_hears, read_encoders
 from polish_sim.cell.guards import REASONS
 from polish_sim.cell.kernel import CellKernel, CellState
 from polish_sim.cell.loop import (
@@ -185,9 +185,10 @@ def _place_part(  # type: ignore[no-untyped-def]
         )
     else:
         hear_joints(arm, e)
+        compensate(arm, carrier.host_arm, e, state.measurement, -1.0)
         heard = host_hears(arm, True, state.status.steps)
         carry_part(
-            master, state.master.unheard, e, part, state.motion, Encoders(arm.read, arm.read_speed, 0), heard
+            master, state.master.unheard, e, part, state.motion, Encoders(arm.links, arm.link_speed, 0), heard
         )
     move_part(state.motion, t, e.dt, part.position)
     add_carried_speed(carrier, e.xpos[carrier.flange_body], part.position, state.motion.velocity)

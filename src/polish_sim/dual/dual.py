@@ -106,7 +106,10 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
     controller = build_controller(scenario.controller)
     q_start = np.ascontiguousarray(place.reach.q_start[None])
     q_start = task.arms.joints("follower", forward(q_start), q_start)[0]
-    host_arm = build_host_arm(task.arms.believed["follower"], np.eye(4), task.frames.believed.T_flange_tool)
+    host_arm = build_host_arm(
+        task.arms.believed["follower"], np.eye(4), task.frames.believed.T_flange_tool,
+        task.arms.known["follower"],
+    )  # fmt: skip
     cell = PairCell(
         scenario, model, part, strokes, q_start, controller, streams[SENSOR_STREAM],
         course_for(controller, scenario, place, strokes), task.master, host_arm,

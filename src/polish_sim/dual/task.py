@@ -102,7 +102,7 @@ def prepare_dual(
         site = Site(_half_way(job, true, drawn.T_master_work), marks, q_work)
     observer.stage("calibrate the robots")
     stand = tracker_sees(true.T_master_follower)
-    arms = pair_arms(scenario.dual, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]), made)
+    arms = pair_arms(scenario, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]), made)
     rng = np.random.default_rng([scenario.seed, FRAMES_STREAM])
     frames = calibrated_frames(scenario.dual, true, site, rng, arms)
     work, motion, reach, collides = _find_way(job, frames.believed, observer, drawn)
@@ -213,6 +213,7 @@ def _master_rows(
         inverse(true.T_master_follower) @ T_master_work,
         inverse(believed.T_master_follower) @ true.T_master_follower,
         arms.believed["master"],
+        arms.known["master"],
         scenario.dual.master_delay_s,
         1.0 / scenario.dual.master_rate_hz,
         scenario.dual.command_lead_s,

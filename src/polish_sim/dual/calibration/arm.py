@@ -125,6 +125,7 @@ class CalibratedArms(NamedTuple):
     covariance: Array  #: Of its origin [m] and rotation [rad], master axes, shape (6, 6)
     true_tables: Mapping[str, Array] | None  #: As the arms really are, if they are simulated
     T_true: Array | None  #: Where the follower's base really is then, shape (4, 4)
+    gears: Mapping[str, Array]  #: As found, each as `ArmEstimate.gears`
 
 
 def write_arm_calibration(file: Path, found: PairTables, pair: str, true: PairTables | None = None) -> None:
@@ -154,7 +155,14 @@ def read_arm_calibration(file: Path, pair: str) -> CalibratedArms:
         table.numbers("covariance", (6, 6)),
         _tables(table, "true_") if simulated else None,
         table.pose("true_transform") if simulated else None,
+        {robot: _gears(table, robot) for robot in ROBOTS},
     )
+
+
+def _gears(read: Calibration, robot: str) -> Array:
+    """Zeros in a file of arms whose joints were taken for rigid."""
+    name = f"{robot}_gears"
+    return read.numbers(name, (6, 7)) if name in read.values else np.zeros((6, 7))
 
 
 def _tables(read: Calibration, prefix: str) -> dict[str, Array]:
