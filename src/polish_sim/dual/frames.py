@@ -121,7 +121,7 @@ def find_parts(
         np.stack([mark.covariance[:3, :3] for mark in marks]),
         float(np.sqrt(tool.tip.noise[0] ** 2 + np.mean([mark.noise[0] ** 2 for mark in marks]))),
     )
-    if arms.gears:
+    if arms.gears and not any(gears.any() for gears in arms.known.values()):
         # Errors of gears belong together: many readings of one place are no better than one.
         parts = parts._replace(
             bases_covariance=covariance * (config.arm_poses or ARC_POINTS),
