@@ -27,6 +27,7 @@ CHOSEN: Final = (
     "simulation.log_rate_hz",
     "spindle.speed_rpm",
     "robot.arm",
+    "robot.compensation",
 )  #: Of these what the user chooses
 
 

@@ -170,6 +170,8 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
         return _Job(scenario, place, part, measure, task=task, most_s=scenario.process.hold_s)
     path, scenario = checked(task.scenario if task else build_scenario(ROW.defaults, given), given)
     check_flange(scenario, "serve")
+    if scenario.robot.compensation != "none":
+        raise InputError("robot.compensation is of a host inside: leave it out of 'serve'.")
     with observer.compiling.ahead(scenario):
         plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
     surface = prepare_surface(scenario, plan, observer)

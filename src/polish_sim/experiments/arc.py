@@ -11,6 +11,7 @@ import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.placement import check_whole_path, find_reach, tool_rotations
@@ -83,4 +84,14 @@ def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
     figures = (
         measure_arc(run.trace) | common_figures(run, scenario, done, None) | cell.payload_errors._asdict()
     )
-    return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)
+    return RunResult(
+        scenario,
+        run.log,
+        run.trace,
+        figures,
+        run.stop_reason,
+        run.interrupted,
+        path,
+        None,
+        arm_file(scenario, reach.q_start),
+    )

@@ -22,7 +22,7 @@ from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.cell.set_points import FORCE
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
-from polish_sim.experiments.compensation import knowing_host
+from polish_sim.experiments.compensation import check_compensation, knowing_host
 from polish_sim.experiments.learning import check_learning, read_lesson
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
@@ -270,6 +270,7 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     is_real(scenario)
     row = experiment(scenario.experiment)
     check_flange(scenario)
+    check_compensation(scenario, row.controlled, row.carried)
     if scenario.process.learn and not row.plans:
         raise InputError(f"process.learn is for 'run surface': leave it out of '{scenario.experiment}'.")
     if scenario.part.fixture_file and not row.fixtures:

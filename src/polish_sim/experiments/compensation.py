@@ -10,30 +10,30 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from textwrap import wrap
 from typing import Final
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
-from polish_sim.calibration.tables import Kind, read_table
+from polish_sim.calibration.tables import Calibration
 from polish_sim.cell.gears import HostArm, build_host_arm
 from polish_sim.cell.real_arm import AROUND, built_table, is_real, resting_arm
 from polish_sim.cell.scene import robot_with_tool, tool_on_flange
 from polish_sim.config import Scenario
-from polish_sim.errors import ConfigError, InputError
-from polish_sim.toml_text import toml_text
+from polish_sim.errors import ConfigError, InputError, unknown_name
+from polish_sim.toml_text import read_toml, toml_text
 
 NONE, TRACKER = "none", "tracker"
 POSES: Final = 200
 _STREAM: Final = 18  # of the seed
-KIND: Final = Kind(
-    "compensation",
-    "one arm and its gears",
+KIND: Final = "compensation"
+HEAD: Final = (
     "An arm as found: table (joint offsets [rad], d [m], a [m], alpha [rad], six each), base (where it "
     "stands in the frame its work is given in), tool_point on the flange [m], gears (of each joint: wind-up "
     "below, between and above the knees [rad/(N m)]; sine and cosine of twice the rotor's angle, of four "
-    "times it [rad]).",
+    "times it [rad])."
 )
 FILE: Final = "compensation.toml"
 
@@ -42,7 +42,7 @@ def knowing_host(scenario: Scenario, q_start: Array) -> HostArm | None:
     """A host that knows its arm, for work that starts at ``q_start`` (6,) [rad]; None: it is not asked for.
 
     Raises:
-        PolishSimError: The file cannot be used, or the arm has no gears.
+        InputError: The file cannot be used.
     """
     found = find_arm(scenario, q_start)
     if found is None:
@@ -52,13 +52,37 @@ def knowing_host(scenario: Scenario, q_start: Array) -> HostArm | None:
     return build_host_arm(found.table, found.T_tracker_base, T_flange_tool, found.gears)
 
 
+def check_compensation(scenario: Scenario, controlled: bool, two_arms: bool) -> None:
+    """Refuse a compensation that changes nothing or cannot be used.
+
+    Raises:
+        PolishSimError: Saying why and what to do.
+    """
+    asked = scenario.robot.compensation
+    if asked == NONE:
+        return
+    if not controlled:
+        raise ConfigError(
+            f"robot.compensation is for a tool on a path: leave it out of '{scenario.experiment}'."
+        )
+    if not is_real(scenario):
+        raise ConfigError("robot.compensation changes nothing on robot.arm = ideal: leave one of them out.")
+    if asked != TRACKER:
+        if not Path(asked).is_file():
+            raise unknown_name("robot.compensation or file", asked, (NONE, TRACKER))
+        if two_arms:
+            raise ConfigError(
+                f"robot.compensation = '{asked}' is of one arm: for two set it to tracker, or give "
+                "--calibration a file of 'calibrate arm'."
+            )
+        read_arm(Path(asked), scenario.seed)
+
+
 def find_arm(scenario: Scenario, q_start: Array) -> ArmEstimate | None:
     """The arm as ``robot.compensation`` says; arguments and errors as of `knowing_host`."""
     asked = scenario.robot.compensation
     if asked == NONE:
         return None
-    if not is_real(scenario):
-        raise ConfigError("robot.compensation has nothing to do on robot.arm = ideal: leave one of them out.")
     if asked != TRACKER:
         return read_arm(Path(asked), scenario.seed)
     arm = Scenario(
@@ -83,7 +107,9 @@ def track_arm(scenario: Scenario, q_start: tuple[float, ...]) -> ArmEstimate:
 
 def read_arm(file: Path, seed: int) -> ArmEstimate:
     """Read a compensation.toml; InputError: no such file, or the arm of another seed."""
-    table = read_table(file, KIND)
+    table = Calibration(file, read_toml(file, KIND, InputError))
+    if table.values.get("kind") != KIND:
+        raise InputError(f"'{file}' is no {FILE} of a run with robot.compensation = tracker.")
     if table.values.get("seed", seed) != seed:
         raise InputError(
             f"'{file}' is of the arm of seed {table.values['seed']}, not {seed}: run that seed, or set "
@@ -103,8 +129,8 @@ def arm_file(scenario: Scenario, q_start: Array) -> dict[str, str]:
     if found is None:
         return {}
     values = {
-        "kind": KIND.name, "seed": scenario.seed, "table": found.table.tolist(),
+        "kind": KIND, "seed": scenario.seed, "table": found.table.tolist(),
         "base": found.T_tracker_base.tolist(), "tool_point": found.target.tolist(),
         "gears": found.gears.tolist(),
     }  # fmt: skip
-    return {FILE: toml_text(values, head=[KIND.head])}
+    return {FILE: toml_text(values, head=wrap(HEAD, 116))}

@@ -10,6 +10,7 @@ from polish_sim.analysis.metrics import measure_force
 from polish_sim.cell import Cell, CellRun, Observer, Silent
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import PLACES, Workplace, build_cell, build_part, place_key
+from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import real_shape
 from polish_sim.experiments.registry import CheckedPath
@@ -20,7 +21,7 @@ from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
 
 if TYPE_CHECKING:
     from polish_sim.config import Scenario
-    from polish_sim.experiments.placement import Reach
+from polish_sim.experiments.placement import Reach
 
 START_HEIGHT = 0.01  # of the tool above the part [m]
 
@@ -108,7 +109,17 @@ def measure_hold(scenario: Scenario, task: ForceTask, run: CellRun) -> RunResult
     figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, hold_done(scenario, run), reach.T_base_work)
     figures |= cell.payload_errors._asdict()
-    return RunResult(scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path)
+    return RunResult(
+        scenario,
+        run.log,
+        run.trace,
+        figures,
+        run.stop_reason,
+        run.interrupted,
+        path,
+        None,
+        arm_file(scenario, reach.q_start),
+    )
 
 
 def hold_done(scenario: Scenario, run: CellRun) -> float:

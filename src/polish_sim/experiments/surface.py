@@ -17,6 +17,7 @@ from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
+from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.learning import FIGURE
 from polish_sim.experiments.part_pose import reach_path
@@ -198,5 +199,6 @@ def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPar
     figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
     figures["bad_figures"] = shortcomings(figures, scenario.process.contact_force_n)
     return RunResult(
-        scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map
+        scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map,
+        arm_file(scenario, reach.q_start),
     )  # fmt: skip
