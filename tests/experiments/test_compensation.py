@@ -1,0 +1,112 @@
+"""A host that knows its arm: what it sees at rest, on the circle, with two arms; files and refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polish_sim.calibration.arm import ArmEstimate
+from polish_sim.cell.real_arm import AROUND, built_table, gear_errors, resting_arm
+from polish_sim.cell.scene import robot_with_tool, tool_on_flange
+from polish_sim.config import Scenario
+from polish_sim.errors import ConfigError, InputError
+from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.experiments.arc import prepare_arc
+from polish_sim.experiments.assembly import check_settings
+from polish_sim.experiments.compensation import find_arm
+from polish_sim.motion.kinematics import NOMINAL
+from polish_sim.motion.makes import use_arm
+from polish_sim.scenario_file import override
+
+SEED = 541
+KNOWN = "robot.compensation=tracker"
+
+
+def arc(*changes: str) -> Scenario:
+    return override(default_scenario("arc"), [f"seed={SEED}", "process.max_feed_s=6", *changes])
+
+
+@cache
+def circle(*changes: str) -> RunResult:
+    return run_experiment(arc(*changes))
+
+
+def test_the_arm_found_is_the_arm_built() -> None:
+    scenario = arc(KNOWN)
+    use_arm(scenario.robot.arm)
+    start = prepare_arc().reach.q_start
+    found = find_arm(scenario, start)
+    assert found is not None
+    model = robot_with_tool(scenario).compile()
+    arm = resting_arm(scenario, model)
+    tool = tool_on_flange()[:3, 3]
+    built = ArmEstimate(
+        built_table(scenario, model, start), np.eye(4), tool, np.empty((0, 3)), np.zeros((6, 6))
+    )
+    q = start + 0.5 * AROUND * np.random.default_rng(5).uniform(-1.0, 1.0, (200, 6))
+    there = built.target_at(arm.links(q))
+    off = np.linalg.norm(found.target_at(q, arm.weight(q)) - there, axis=1)
+    maker = np.linalg.norm(built._replace(table=NOMINAL).target_at(q) - there, axis=1)
+    assert np.sqrt(np.mean(off**2)) < 0.03e-3
+    assert np.sqrt(np.mean(maker**2)) > 0.1e-3
+    # The last axis goes through the tool's point, which its gear does not move.
+    errors = gear_errors(scenario.robot.real, np.random.default_rng([SEED, 17, 1]))
+    assert np.linalg.norm(found.gears[:5, 3:] - errors[:5]) < 0.25 * np.linalg.norm(errors[:5])
+
+
+def test_on_the_circle_the_tool_keeps_to_a_tenth_of_a_millimetre() -> None:
+    known, unknown = (circle(*change).figures["tracking_error_max_m"] for change in ((KNOWN,), ()))
+    assert known < 0.1e-3
+    assert known < 0.5 * unknown
+
+
+def test_the_file_of_a_run_gives_the_same_run(tmp_path: Path) -> None:
+    first = circle(KNOWN)
+    (name, text), *_ = first.files.items()
+    (file := tmp_path / name).write_text(text, encoding="utf-8")
+    again = circle(f"robot.compensation={file}")
+    for name in first.log.columns:
+        np.testing.assert_array_equal(first.log[name], again.log[name])
+    assert circle().files == {}
+
+
+def test_the_file_of_another_arm_is_refused_but_for_one_who_insists(tmp_path: Path) -> None:
+    file = tmp_path / "arm.toml"
+    text = circle(KNOWN).files["compensation.toml"]
+    file.write_text(text, encoding="utf-8")
+    other = replace(arc(f"robot.compensation={file}"), seed=SEED + 1)
+    with pytest.raises(InputError, match=f"{SEED}.*{SEED + 1}"):
+        check_settings(other, plans=False)
+    file.write_text(text.replace(f"seed = {SEED}\n", ""), encoding="utf-8")
+    check_settings(other, plans=False)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "changes", "named"),
+    [
+        ("arc", ("robot.compensation=trackr",), "tracker"),
+        ("arc", (KNOWN, "robot.arm=ideal"), "robot.arm"),
+        ("teach", (KNOWN,), "teach"),
+        ("dual", ("robot.compensation={file}",), "--calibration"),
+        ("arc", ("robot.compensation={file}",), "compensation.toml"),
+    ],
+)
+def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, named, tmp_path: Path) -> None:
+    file = tmp_path / "other.toml"
+    file.write_text('kind = "arm"\n', encoding="utf-8")
+    words = [change.format(file=file) for change in changes]
+    with pytest.raises((ConfigError, InputError), match=named):
+        check_settings(override(default_scenario(experiment), words), plans=False)
+
+
+def test_two_arms_that_know_their_gears_put_the_tool_on_the_part() -> None:
+    scenario = override(
+        default_scenario("dual"), [f"seed={SEED}", KNOWN, "process.max_feed_s=8", "simulation.log_rate_hz=0"]
+    )
+    figures = run_experiment(scenario).figures
+    assert figures["relative_error_rms_m"] < 0.1e-3  # 0.2 to 0.35 mm with gears the hosts do not know
+    assert figures["force_max_deviation_n"] < 1.5
