@@ -197,7 +197,8 @@ def compensate(arm: RealArm, host: HostArm, e: EngineViews, m: Measurement, shar
         load = e.qfrc_gravcomp[arm.first + j] + arm.pressed * (load + axis[2] * (x * z[1] - y * z[0]))
         size, first, second = abs(load), arm.knees[j, 0], arm.knees[j, 1]
         wound = g[0] * min(size, first) + g[1] * min(max(size - first, 0.0), second - first)
-        wound = math.copysign(wound + g[2] * max(size - second, 0.0), load)
+        wound += g[2] * max(size - second, 0.0)
+        wound = wound if load > 0.0 else -wound
         phase = arm.waves * arm.read[j]
         s, c = math.sin(phase), math.cos(phase)
         s2, c2 = 2.0 * s * c, c * c - s * s
