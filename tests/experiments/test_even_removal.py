@@ -13,7 +13,7 @@ from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.removal_plot import write_removal_mesh
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments.even_removal import _Problem, axis_kept, even_out, plan_removal
+from polish_sim.experiments.even_removal import SMOOTH, _Problem, axis_kept, even_out, plan_removal
 from polish_sim.log import RemovalMap
 from polish_sim.planning import PlanResult, plan_part
 
@@ -115,7 +115,7 @@ def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_pat
 
 
 def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(plan: PlanResult):
-    """As the proof mends a path: its force and its largest feeds are given, the dwell makes up for them."""
+    """As the proof mends a path: its force and largest feeds are given; 95% of what can be is made up for."""
     path = plan.path
     assert path.feed is not None
     at = path.process & (np.abs(path.positions_work[:, 0]) < 0.03)
@@ -129,8 +129,17 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     assert again.path.feed[slow].max() <= 0.008 * (1.0 + 1e-9)
     problem = _Problem(EVEN, mended, again=True)
     stale, found = (
-        problem.deviations(problem.exposure(1.0 / np.interp(problem.knot_s, path.s, tried)))[0]
-        for tried in (mended.path.feed, again.path.feed)
+        1.0 / np.interp(problem.knot_s, path.s, feed) for feed in (mended.path.feed, again.path.feed)
     )
-    assert found < 0.8 * stale
+    low, high = problem.limits(EVEN, most)
+    by = np.sqrt(problem.weights * problem.importance) / problem.goal
+    smooth = np.sqrt(SMOOTH / len(low)) * np.diff(np.eye(len(low)), axis=0) / np.sqrt(low * high).min()
+    columns = np.concatenate([by[:, None] * problem.dwell_columns().toarray(), smooth])
+    wanted = np.concatenate([by * (problem.goal - problem.landing), np.zeros(len(smooth))])
+    missed = columns @ found - wanted
+    gained = np.sum((columns @ stale - wanted) ** 2) - np.sum(missed**2)
+    slope = 2.0 * missed @ columns
+    # The problem is convex: along its slope no dwell within the limits gains more than this.
+    left = slope @ (found - np.where(slope > 0.0, low, high))
+    assert left < 0.05 * gained
     assert sum(note.startswith("removal planned") for note in again.notes) == 1
