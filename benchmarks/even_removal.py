@@ -142,7 +142,7 @@ def draw_all(files: list[Path]) -> Figure:
         maps = np.load(file)
         for ax, name, words in zip(axes, ("before", "even"), ("one feed", "even"), strict=True):
             of = {key: maps[f"{name}_{key}"] for key in ("vertices", "triangles", "relative", "cv", "seed")}
-            title = f"{file.stem}, {words}: {100 * of['cv']:.1f}% (seed {of['seed']})"
+            title = f"{file.stem}, {words}\n{100 * of['cv']:.1f}% (seed {of['seed']})"
             draw(ax, of["vertices"], of["triangles"], of["relative"], title)
     return figure
 
