@@ -185,7 +185,8 @@ def compensate(arm: RealArm, host: HostArm, e: EngineViews, m: Measurement, shar
     ``share``: of the tool's force that pushes on this arm, -1 where it carries the part. The force is taken
     as read, but slowly: the reading holds the tool's inertia, which is no load that stays.
     """
-    arm.pressed += e.dt / PRESSED_S * (share * m.wrench[2] - arm.pressed)
+    if math.isfinite(m.wrench[2]):
+        arm.pressed += e.dt / PRESSED_S * (share * m.wrench[2] - arm.pressed)
     for j in range(6):
         g, axis, z = host.gears[j], host.axes[j], m.rotation[:, 2]
         x, y, h = (
