@@ -155,14 +155,14 @@ def main() -> None:
                         sent += 1
                         line.sendall(packet(rng, port))
                 if sent // 10_000 >= len(memory):
-                    memory.append(memory_mb(process))
+                    memory.append(memory_mb(process.pid))
                     print(
                         f"{sent} packets: {memory[-1]:.0f} MB, longest answer {watch.longest:.2f} s",
                         flush=True,
                     )
             watch.ended = True
             watch.join(30.0)
-            alive, end = process.poll() is None, memory_mb(process)
+            alive, end = process.poll() is None, memory_mb(process.pid)
     base = memory[min(1, len(memory) - 1)]
     print(
         f"{sent} packets, {watch.count} questions: alive {alive}, longest answer {watch.longest:.2f} s, "

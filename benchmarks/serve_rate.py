@@ -1,13 +1,14 @@
 """How well `polish-sim serve` keeps 500 Hz: packets a client gets, and the server's memory, over some
 minutes.
 
-    python -m benchmarks.serve_rate [--minutes 10] [--idle]
+    python -m benchmarks.serve_rate [--minutes 10] [--idle] [--robots 2] [--live]
 
 A client of its own process subscribes at 500 Hz to what ur_rtde asks for by default and writes a register in
 each cycle, at the priority the server asks for; a programme runs that presses with force mode on the part
-(with ``--idle`` none does). A line each half minute: share of packets at most 2.5 ms after the one before,
-the longest gap, the server's memory and the load of the machine. Ends with 1 where less than 99% were in time
-or memory grew by more than 2% after the first minute.
+(with ``--idle`` none does). With ``--robots 2`` each of two robots has such a client, with ``--live`` it is
+drawn for a browser as well. A line each half minute: share of packets at most 2.5 ms after the one before,
+the longest gap, the server's memory and its processor time in a cycle, and the load of the machine. Ends with
+1 where less than 99% were in time or memory grew by more than 2% after the first minute.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ import socket
 import struct
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 
-from benchmarks.served import memory_mb, serving
+from benchmarks.served import memory_mb, processor_s, serving
 from polish_sim.cli.serve import before_others
 
 FIELDS = (
@@ -51,6 +54,7 @@ end
 """
 LATE_S = 0.0025
 REPORT_S = 30.0
+ADDRESSES = ("127.0.0.7", "127.0.0.8")
 
 
 def ask(line: socket.socket, kind: bytes, body: bytes) -> None:
@@ -70,50 +74,70 @@ def main() -> None:
     )
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--idle", action="store_true")
-    parser.add_argument("--address", default="127.0.0.7")
+    parser.add_argument("--robots", type=int, choices=(1, 2), default=1)
+    parser.add_argument("--live", action="store_true")
     asked = parser.parse_args()
+    addresses = ADDRESSES[: asked.robots]
     with tempfile.TemporaryDirectory() as folder:
-        words = ("--score", "step-20", "--address", asked.address, "--out", f"{folder}/served")
-        with serving(*words) as process, before_others():
-            good = measure(asked, process)
-    raise SystemExit(not good)
+        cell = ("--score", "step-20") if asked.robots == 1 else ("--part", "plate")
+        places = [word for address in addresses for word in ("--address", address)]
+        live = ("--live", "--live-port", "8097") if asked.live else ()
+        with (
+            serving(*cell, *places, *live, "--out", f"{folder}/served") as process,
+            ProcessPoolExecutor(len(addresses), get_context("spawn")) as clients,
+        ):
+            jobs = [
+                clients.submit(measure, address, asked.idle, asked.minutes, process.pid)
+                for address in addresses
+            ]
+            good = [job.result() for job in jobs]
+    raise SystemExit(not all(good))
 
 
-def measure(asked: argparse.Namespace, process: object) -> bool:
-    """Whether it is as it should be."""
-    line = socket.create_connection((asked.address, 30004))
+def measure(address: str, idle: bool, minutes: float, server: int) -> bool:
+    """Whether it is as it should be at an address."""
+    line = socket.create_connection((address, 30004))
     line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     ask(line, b"V", struct.pack(">H", 2))
     ask(line, b"O", struct.pack(">d", 500.0) + FIELDS.encode())
     ask(line, b"I", b"input_int_register_0")
     ask(line, b"S", b"")
-    if not asked.idle:
-        with socket.create_connection((asked.address, 30002)) as script:
+    if not idle:
+        with socket.create_connection((address, 30002)) as script:
             script.sendall(PRESS.encode())
             time.sleep(0.5)
-    gaps, memory, begun = list[float](), list[float](), time.perf_counter()
-    before, told, number = begun, begun, 0
-    while before - begun < 60.0 * asked.minutes:
+    with before_others():
+        return count(line, address, minutes, server)
+
+
+def count(line: socket.socket, address: str, minutes: float, server: int) -> bool:
+    """The packets of some minutes."""
+    gaps, memory, begun, spent = list[float](), list[float](), time.perf_counter(), processor_s(server)
+    before, said, number = begun, begun, 0
+    while before - begun < 60.0 * minutes:
         size, _ = struct.unpack(">HB", line.recv(3, socket.MSG_WAITALL))
         line.recv(size - 3, socket.MSG_WAITALL)
         now, number = time.perf_counter(), number + 1
         gaps.append(now - before)
         before = now
         line.sendall(struct.pack(">HBBi", 8, ord("U"), 1, number % 2**31))
-        if now - told >= REPORT_S:
-            told = now
-            memory.append(memory_mb(process))  # type: ignore[arg-type]
+        if now - said >= REPORT_S:
+            said = now
+            memory.append(memory_mb(server))
             some = np.array(gaps[-round(REPORT_S / 0.002) :])
+            each = (processor_s(server) - spent) / len(gaps)
             print(
-                f"{(now - begun) / 60.0:5.1f} min: {100.0 * np.mean(some <= LATE_S):.3f}% within 2.5 ms, "
-                f"longest {1e3 * some.max():.1f} ms, {memory[-1]:.0f} MB, load {os.getloadavg()[0]:.1f}",
+                f"{address} {(now - begun) / 60.0:5.1f} min: {100.0 * np.mean(some <= LATE_S):.3f}% within "
+                f"2.5 ms, longest {1e3 * some.max():.1f} ms, {memory[-1]:.0f} MB, processor "
+                f"{1e3 * each:.2f} ms a cycle, load {os.getloadavg()[0]:.1f}",
                 flush=True,
             )
     share = float(np.mean(np.array(gaps) <= LATE_S))
     grown = memory[-1] / memory[min(1, len(memory) - 1)] - 1.0 if memory else 0.0
     print(
-        f"{len(gaps)} packets, {len(gaps) / (before - begun):.1f} a second: {100.0 * share:.3f}% within 2.5 "
-        f"ms, memory {100.0 * grown:+.1f}% after the first minute"
+        f"{address} {len(gaps)} packets, {len(gaps) / (before - begun):.1f} a second: {100.0 * share:.3f}% "
+        f"within 2.5 ms, memory {100.0 * grown:+.1f}% after the first minute",
+        flush=True,
     )
     return share >= 0.99 and grown < 0.02
 

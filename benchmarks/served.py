@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -39,7 +40,13 @@ def serving(*words: str) -> Iterator[subprocess.Popen[bytes]]:
             print(Path(said.name).read_text().partition("serving")[2], flush=True)
 
 
-def memory_mb(process: subprocess.Popen[bytes]) -> float:
-    """Resident memory of a process [MB]; of Linux."""
-    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+def memory_mb(process: int) -> float:
+    """Resident memory of a process by its number [MB]; of Linux."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * 4096 / 1e6
+
+
+def processor_s(process: int) -> float:
+    """Processor time a process has had [s]; of Linux."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

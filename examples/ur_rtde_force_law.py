@@ -36,6 +36,7 @@ CYCLE_S = 0.002  # asked for; the law counts what it gets
 LOOK_AHEAD_S, VELOCITY_P, TURN_I = 0.1, 0.2, 0.2  # eq. 6 and 7
 FORCE_P, FORCE_I, FILTER_HZ, FASTEST = 0.004, 0.012, 5.0, 0.05  # eq. 5 [m/(s N)], [m/(s^2 N)]
 CONTACT_N, TOUCH_DOWN_S = 2.0, 0.42  # what counts as contact; the feed begins so long after it, or later
+SWINGS_S = 0.15  # the tool swings as it sets off, and readings from before the zero arrive: no contact
 # stiffest part [N/m], deceleration [m/s^2], and lag
 SPRINGS, BRAKES, DELAY_S = 4.0 * 5000.0, 0.8 * 0.25 * 1.2, 0.016
 ACCELERATION = 1.2  # of speedL [m/s^2]
@@ -105,7 +106,7 @@ class Law:
 
 # %%
 # Down, land, hold or follow, up.
-law, log, way, rate, depth, landed, last = Law(), [], 0.0, 0.0, 0.0, None, None
+law, log, way, rate, depth, landed, last, set_off = Law(), [], 0.0, 0.0, 0.0, None, None, 0.0
 try:
     if given.path is not None:
         control.moveJ_IK((wanted(0.0) - np.array([*(0.03 * z[0]), 0, 0, 0])).tolist(), 0.2, 0.3)
@@ -117,8 +118,9 @@ try:
         pose, speed = np.array(receive.getActualTCPPose()), np.array(receive.getActualTCPSpeed())
         axis = Rotation.from_rotvec(pose[3:]).as_matrix()[:, 2]
         now, force = receive.getTimestamp(), float(-np.array(receive.getActualTCPForce())[:3] @ axis)
+        set_off = now if last is None else set_off
         dt, last = CYCLE_S if last is None else now - last, now
-        if landed is None and force > CONTACT_N:
+        if landed is None and now - set_off > SWINGS_S and force > CONTACT_N:
             landed = now
         feeding = (
             landed is not None and now - landed > TOUCH_DOWN_S and (rate > 0.0 or force > 0.9 * given.force)

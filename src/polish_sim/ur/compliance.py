@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.spatial import inverse, unit
+from polish_sim.spatial import transform, unit
 from polish_sim.ur.kinematics import matrix_of, pose_of
 
 GYRATION_M: Final = 0.25  #: Of the virtual mass [m]
@@ -68,8 +68,7 @@ class Compliance:
             dt: Tick [s].
         """
         R = self.axes(pose[:3, 3], moved)
-        off = pose_of(wanted @ inverse(pose))
-        off[:3] = wanted[:3, 3] - pose[:3, 3]
+        off = pose_of(transform(wanted[:3, :3] @ pose[:3, :3].T, wanted[:3, 3] - pose[:3, 3]))
         follow = _turned(R.T, moved + BACK_HZ * off)
         masses = self.mass * np.array([1.0, 1.0, 1.0, *[GYRATION_M**2] * 3])
         damping = FREE_DAMPING if self.free else self.damping

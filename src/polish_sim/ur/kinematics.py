@@ -4,6 +4,7 @@ Jacobian."""
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
 from polish_sim.spatial import quaternion_from_rotation, rotation_from_quaternion
 
 SINGULAR: Final = 0.02  #: Damping of the inverse Jacobian [-]
+_rows = lru_cache(1)(lambda table: joint_rows(np.frombuffer(table).reshape(4, 6)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -97,4 +99,4 @@ def pose_of(T: Array) -> Array:
 
 def tool_at(q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
     """Pose (4, 4) of the tool in the base at joint angles (6,) [rad] and its geometric Jacobian (6, 6)."""
-    return _tool_at(joint_rows(NOMINAL), np.array(q, dtype=float), T_flange_tcp)
+    return _tool_at(_rows(NOMINAL.tobytes()), np.array(q, dtype=float), T_flange_tcp)

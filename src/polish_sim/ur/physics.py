@@ -128,7 +128,7 @@ class Rig:
         arm, model = cell.real_arm, cell.model
         kp = arm.kp if arm is not None else -model.actuator_biasprm[:6, 1]
         self.order = Order(kp=kp)
-        self.recorder = build_recorder(self.steps, cell._every)
+        self.recorder, self._status = build_recorder(self.steps, cell._every), state.status
         self.files: list[Any] = [TemporaryFile() for _ in range(2)]  # noqa: SIM115 - closed by `result`
         self._draws = self._drawn()
         self.recording = False  #: From the first programme on
@@ -136,22 +136,21 @@ class Rig:
 
     def run(self) -> str:
         """Run the cell for a tick; why the arm stopped itself in it, or nothing."""
-        before = int(self.cell.state.status.stop)
+        before = self._status["stop"]
         if self.cell.faults.waiting:
             self.cell.faults.inject_due(self.cell.kernel)
         follow(self.cell.kernel, self.cell.real_arm, self.recorder, self.order, next(self._draws), self.steps)
-        filled = self.recorder.filled
         if self.recording:
+            filled = self.recorder.filled
             self.files[0].write(self.recorder.rows[: filled.rows].tobytes())
             self.files[1].write(self.recorder.trace[: filled.steps].tobytes())
             self.recorded += int(filled.steps)
-        code = int(self.cell.state.status.stop)
+        code = self._status["stop"]
         return REASONS[code] if code != before else ""
 
     def unlock(self) -> None:
         """Let the arm move again after a stop of its own; see ``watch``."""
-        status = self.cell.state.status
-        status.stop, status.stop_time = NO_STOP, 0.0
+        self._status.stop, self._status.stop_time = NO_STOP, 0.0
         self.watch(False)
 
     def watch(self, wanted: bool) -> None:

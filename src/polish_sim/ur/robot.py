@@ -16,7 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.errors import ReachError
 from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
-from polish_sim.spatial import inverse, unit
+from polish_sim.spatial import inverse, transform, unit
 from polish_sim.ur.api import Kind, Robot, Side
 from polish_sim.ur.compliance import FIXED, Compliance
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
@@ -51,7 +51,8 @@ class SimulatedRobot(Robot):
         q = np.array(cell._start.q)
         self.target_q, self._reference = q.copy(), q.copy()
         self.target_qd, self.target_qdd, self._reference_qd = np.zeros(6), np.zeros(6), np.zeros(6)
-        self.tcp_offset, self._tcp = pose_of(tool_on_flange()), tool_on_flange()
+        self.tcp_offset = pose_of(tool_on_flange())
+        self._tcp = matrix_of(self.tcp_offset)  # compiled before a programme counts its time
         payload = cell.state.payload
         self._sensor_on_flange = _sensor_on_flange(cell, q)
         self.payload_mass = float(payload.mass)
@@ -77,7 +78,7 @@ class SimulatedRobot(Robot):
         self.external: Array = np.zeros(6)
         self._external_on, self._torque_left, self._unlocked_at = False, 0, -1
         self._data = mujoco.MjData(cell.model)
-        # Views of what changes in every tick: to look a field of a record up takes as long as the physics.
+        # Views of what changes in every tick: to look up a record's field takes long.
         self._order = {
             name: getattr(self.rig.order, name)
             for name in ("begin", "end", "speed", "read", "read_speed", "felt")
@@ -85,10 +86,11 @@ class SimulatedRobot(Robot):
         state = cell.state
         self._seen = state.measurement.rotation, state.measurement.wrench, state.measurement.position
         self._asked = state.target.position, state.target.rotation, state.speedl.twist
+        self._reading = state.sensor.reading
         self._past: deque[tuple[Array, Array]] = deque(maxlen=HISTORY)
         self._wrenches: deque[Array] = deque(maxlen=TARE)
         self._see()
-        joint_speeds(self._target_J, np.zeros(6))  # compiled before force mode has to keep its time
+        joint_speeds(self._target_J, np.zeros(6))  # compiled as well
 
     # The tick.
 
@@ -173,7 +175,7 @@ class SimulatedRobot(Robot):
     @property
     def raw_wrench(self) -> Array:
         """What the sensor reads, as a wrench on the tool: sensor axes, nothing taken off."""
-        return -np.array(self.cell.state.sensor.reading)
+        return -self._reading
 
     # Motions.
 
@@ -229,24 +231,21 @@ class SimulatedRobot(Robot):
 
     def servoj(self, q: Array, t: float, lookahead: float, gain: float) -> None:
         """See the protocol."""
-        if not isinstance(self._drive, Servo):
-            self._begin(Servo(self.target_q))
-        assert isinstance(self._drive, Servo)
-        self._stream(partial(self._drive.aim, np.array(q, dtype=float), min(max(lookahead, 0.03), 0.2)))
+        if not isinstance(drive := self._drive, Servo):
+            self._begin(drive := Servo(self.target_q))
+        self._stream(partial(drive.aim, np.array(q, dtype=float), min(max(lookahead, 0.03), 0.2)))
 
     def speedj(self, qd: Array, a: float) -> None:
         """See the protocol."""
-        if not isinstance(self._drive, JointSpeeds):
-            self._begin(JointSpeeds(self.target_qd))
-        assert isinstance(self._drive, JointSpeeds)
-        self._stream(partial(self._drive.aim, np.array(qd, dtype=float), max(a, 1e-3)))
+        if not isinstance(drive := self._drive, JointSpeeds):
+            self._begin(drive := JointSpeeds(self.target_qd))
+        self._stream(partial(drive.aim, np.array(qd, dtype=float), max(a, 1e-3)))
 
     def speedl(self, xd: Array, a: float, a_rot: float | None) -> None:
         """See the protocol; without ``a_rot`` the rotation accelerates as ``a`` at 1 m."""
-        if not isinstance(self._drive, ToolSpeed):
-            self._begin(ToolSpeed(self._tcp, self.target_tcp_speed))
-        assert isinstance(self._drive, ToolSpeed)
-        self._stream(partial(self._drive.aim, np.array(xd, dtype=float), max(a, 1e-3), max(a_rot or a, 1e-3)))
+        if not isinstance(drive := self._drive, ToolSpeed):
+            self._begin(drive := ToolSpeed(self._tcp, self.target_tcp_speed))
+        self._stream(partial(drive.aim, np.array(xd, dtype=float), max(a, 1e-3), max(a_rot or a, 1e-3)))
 
     def stopj(self, a: float) -> None:
         """See the protocol."""
@@ -527,8 +526,5 @@ class SimulatedRobot(Robot):
 def _sensor_on_flange(cell: Cell, q: Array) -> Array:
     """Pose of the wrist sensor on the flange, shape (4, 4)."""
     flange, sensor = (cell.data.site(name) for name in ("flange", "sensor"))
-    R, p = flange.xmat.reshape(3, 3), flange.xpos
-    T = np.eye(4)
-    T[:3, :3] = R.T @ sensor.xmat.reshape(3, 3)
-    T[:3, 3] = R.T @ (sensor.xpos - p)
-    return T
+    R = flange.xmat.reshape(3, 3)
+    return transform(R.T @ sensor.xmat.reshape(3, 3), R.T @ (sensor.xpos - flange.xpos))

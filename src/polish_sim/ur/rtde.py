@@ -311,7 +311,7 @@ class RtdeSession:
                 if width == 1:
                     flat.append(value)
                 else:
-                    flat.extend(value)
+                    flat.extend(value.tolist() if isinstance(value, np.ndarray) else value)
             data = recipe.packing.pack(*flat)
             prefix = bytes([number]) if self.version == 2 else b""
             yield struct.pack(">HB", 3 + len(prefix) + len(data), DATA) + prefix + data
