@@ -136,7 +136,7 @@ class Rig:
 
     def run(self) -> str:
         """Run the cell for a tick; why the arm stopped itself in it, or nothing."""
-        before = self._status["stop"]
+        before = self._status.stop
         if self.cell.faults.waiting:
             self.cell.faults.inject_due(self.cell.kernel)
         follow(self.cell.kernel, self.cell.real_arm, self.recorder, self.order, next(self._draws), self.steps)
@@ -145,7 +145,7 @@ class Rig:
             self.files[0].write(self.recorder.rows[: filled.rows].tobytes())
             self.files[1].write(self.recorder.trace[: filled.steps].tobytes())
             self.recorded += int(filled.steps)
-        code = self._status["stop"]
+        code = self._status.stop
         return REASONS[code] if code != before else ""
 
     def unlock(self) -> None:
