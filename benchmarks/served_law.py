@@ -11,7 +11,7 @@ says of its clock stands beside it.
 
 ``--in-step`` needs no such machine: the example runs in this process with the cell in the place of ur_rtde,
 the robot moves on by 2 ms each time it waits, and a command reaches it `WIRE` cycles after the state it
-answers. ``--noise`` runs `hybrid-pi` on the same part that many times with other noise of the sensor: what two
+answers. ``--noise`` runs `hybrid-pi` on the same part N times with other noise of the sensor: what two
 runs of the same law differ by.
 """
 
