@@ -305,7 +305,7 @@ def test_what_was_measured_with_nominal_arms_is_not_taken_beside_their_tables(
     changes: list[str], said: str
 ) -> None:
     with pytest.raises(ConfigError, match=said):
-        pair_arms(dual(*changes).dual, {}, np.random.default_rng(0))
+        pair_arms(dual(*changes), {}, np.random.default_rng(0))
 
 
 def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
