@@ -79,7 +79,7 @@ def test_the_file_of_another_arm_is_refused_but_for_one_who_insists(tmp_path: Pa
     text = circle(KNOWN).files["compensation.toml"]
     file.write_text(text, encoding="utf-8")
     other = replace(arc(f"robot.compensation={file}"), seed=SEED + 1)
-    with pytest.raises(InputError, match=f"{SEED}.*{SEED + 1}"):
+    with pytest.raises(InputError, match=f"seed {SEED + 1}"):
         check_settings(other, plans=False)
     file.write_text(text.replace(f"seed = {SEED}\n", ""), encoding="utf-8")
     check_settings(other, plans=False)

@@ -42,7 +42,7 @@ class HostArm(Record):
     table: Annotated[Array, (6, 5)]  #: As `joint_rows`
     T_world_base: Matrix4  #: Where the arm stands
     T_flange_end: Matrix4  #: Its end, tool or flange itself
-    gears: Annotated[Array, (6, 7)]  #: Turn its links off the encoders, see `links_of`; 0: they do not
+    gears: Annotated[Array, (6, 7)]  #: Turn its links off the encoders, see `compensate`; 0: they do not
     anchors: Annotated[Array, (6, 3)]  #: A point on each joint's axis [m]
     axes: Annotated[Array, (6, 3)]  #: Unit axes
     place: Vector3  #: The end [m]

@@ -75,16 +75,25 @@ def check_compensation(scenario: Scenario, controlled: bool, two_arms: bool) -> 
                 f"robot.compensation = '{asked}' is of one arm: for two set it to tracker, or give "
                 "--calibration a file of 'calibrate arm'."
             )
-        read_arm(Path(asked), scenario.seed)
+        if read_arm(Path(asked), scenario.seed) is None:
+            raise InputError(
+                f"'{asked}' is not of the arm of seed {scenario.seed}: run its own seed, or set "
+                "robot.compensation = tracker. To try what another arm's figures do, take the line 'seed' "
+                "out."
+            )
 
 
 def find_arm(scenario: Scenario, q_start: Array) -> ArmEstimate | None:
-    """The arm as ``robot.compensation`` says; arguments and errors as of `knowing_host`."""
+    """The arm as ``robot.compensation`` says; arguments and errors as of `knowing_host`.
+
+    Beside a file the arms of other seeds, which `--seeds` and the proof play, are measured.
+    """
     asked = scenario.robot.compensation
     if asked == NONE:
         return None
-    if asked != TRACKER:
-        return read_arm(Path(asked), scenario.seed)
+    known = None if asked == TRACKER else read_arm(Path(asked), scenario.seed)
+    if known is not None:
+        return known
     arm = Scenario(
         seed=scenario.seed, robot=scenario.robot, head=scenario.head, simulation=scenario.simulation
     )
@@ -105,21 +114,16 @@ def track_arm(scenario: Scenario, q_start: tuple[float, ...]) -> ArmEstimate:
     return fit_arm(TrackedArm(q, seen, arm.weight(q), real), None, tolerance)
 
 
-def read_arm(file: Path, seed: int) -> ArmEstimate:
-    """Read a compensation.toml; InputError: no such file, or the arm of another seed."""
+def read_arm(file: Path, seed: int) -> ArmEstimate | None:
+    """Read a compensation.toml; None: of the arm of another seed; InputError: no such file."""
     table = Calibration(file, read_toml(file, KIND, InputError))
     if table.values.get("kind") != KIND:
         raise InputError(f"'{file}' is no {FILE} of a run with robot.compensation = tracker.")
     if table.values.get("seed", seed) != seed:
-        raise InputError(
-            f"'{file}' is of the arm of seed {table.values['seed']}, not {seed}: run that seed, or set "
-            "robot.compensation = tracker. To try what another arm's figures do, take the line 'seed' out."
-        )
-    rows = {"table": (4, 6), "tool_point": (3,), "gears": (6, 7)}
-    known = {name: table.numbers(name, shape) for name, shape in rows.items()}
+        return None
     return ArmEstimate(
-        known["table"], table.pose("base"), known["tool_point"], np.empty((0, 3)), np.zeros((6, 6)),
-        known["gears"],
+        table.numbers("table", (4, 6)), table.pose("base"), table.numbers("tool_point", (3,)),
+        np.empty((0, 3)), np.zeros((6, 6)), table.numbers("gears", (6, 7)),
     )  # fmt: skip
 
 
