@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from tempfile import TemporaryFile
 from typing import Any, Final
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +130,9 @@ class Rig:
         kp = arm.kp if arm is not None else -model.actuator_biasprm[:6, 1]
         self.order = Order(kp=kp)
         self.recorder, self._status = build_recorder(self.steps, cell._every), state.status
-        self.files: list[Any] = [TemporaryFile() for _ in range(2)]  # noqa: SIM115 - closed by `result`
+        self.files: list[Any] = [TemporaryFile() for _ in range(2)]  # noqa: SIM115 - closed with the rig
+        for file in self.files:
+            finalize(self, file.close)
         self._draws = self._drawn()
         self.recording = False  #: From the first programme on
         self.recorded = 0  #: Steps
@@ -177,7 +180,6 @@ class Rig:
         for file in self.files:
             file.seek(0)
             contents.append(file.read())
-            file.close()
         rows = np.frombuffer(contents[0]).reshape(-1, self.recorder.rows.shape[1]).copy()
         trace: NDArray[np.void] = np.frombuffer(contents[1], TraceStep.dtype).copy()
         force, seconds = trace["normal_force_n"], trace["time_s"]
