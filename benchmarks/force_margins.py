@@ -9,11 +9,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
+from benchmarks.loop_margins import analytic_margins
 from polish_sim.cell.real_arm import ARMS, is_real
 from polish_sim.config import Scenario
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import analytic_margins
 from polish_sim.scoring.force_bench import Bench, Rest, build_bench, press
 
 CONTROLLERS = ("hybrid-pi", "hybrid-adaptive", "force-mode")

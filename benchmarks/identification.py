@@ -22,11 +22,11 @@ from polish_sim.identification.estimate import (
     base_of,
     condition_number,
     estimate,
-    held_out_error,
     information,
     informative,
     inverse_of,
     sum_samples,
+    torque_error,
 )
 from polish_sim.identification.excitation import (
     ExcitationTask,
@@ -118,7 +118,10 @@ def bound_rows(terms: tuple[str, ...]) -> Iterator[Row]:
         covered.append(found.covers(true_base))
         full = fit_consistent(model, base, found, believe(arm, rng))
         consistent += is_consistent(full[:60].reshape(6, 10))
-        errors = [held_out_error(model, base, x, held, exact) for x in (found.theta, base.combination @ full)]
+        errors = [
+            torque_error(model.torque_of_base(held, base.columns, x), exact)
+            for x in (found.theta, base.combination @ full)
+        ]
         ratios.append(np.linalg.norm(errors[1]) / np.linalg.norm(errors[0]))
         nrms.append(float(errors[0].mean()))
     bound = np.diag(inverse_of(information(sums, SIGMA)))
@@ -156,7 +159,11 @@ def arm_rows() -> Iterator[Row]:
             found = estimate(sum_samples(task.model, task.base, states, log.torque + noise))
             offs.append(found.theta - true_base)
             covered.append(found.covers(true_base))
-            nrms.append(held_out_error(task.model, task.base, found.theta, held_states, exact).mean())
+            nrms.append(
+                torque_error(
+                    task.model.torque_of_base(held_states, task.base.columns, found.theta), exact
+                ).mean()
+            )
         std = clean.std
         draws = np.mean((np.array(offs) / std) ** 2, axis=1)
         ratio = float(np.sqrt(draws.mean()))

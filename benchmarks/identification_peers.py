@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.table import Row
-from polish_sim.identification.estimate import base_of, estimate, held_out_error, informative, sum_samples
+from polish_sim.identification.estimate import base_of, estimate, informative, sum_samples, torque_error
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.models import robot_model_path
 
@@ -52,7 +52,9 @@ def peer_rows(model: TorqueModel, sigma: Array, fitted: States, other: States) -
         base = base_of(model)
         found = estimate(sum_samples(model, base, fitted, measured))
         seconds["ours"].append(time.process_time() - started)
-        errors["ours"].append(float(held_out_error(model, base, found.theta, other, exact).mean()))
+        errors["ours"].append(
+            float(torque_error(model.torque_of_base(other, base.columns, found.theta), exact).mean())
+        )
         started = time.process_time()
         theirs, rank = _theirs(peer, fitted, measured, other)
         seconds["FIGAROH"].append(time.process_time() - started)

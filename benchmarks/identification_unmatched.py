@@ -19,10 +19,10 @@ from polish_sim.identification.estimate import (
     BaseParameters,
     estimate,
     estimate_widened,
-    held_out_error,
     information,
     inverse_of,
     sum_samples,
+    torque_error,
 )
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states
@@ -128,7 +128,7 @@ def measure(known: Known, robot: Robot, periods: int) -> Measured:
         measured = torque + noise
         sums = sum_samples(model, base, states, measured)
         found = estimate_widened(model, base, sums, states, measured)
-        errors.append(held_out_error(model, base, found.theta, other, exact).mean())
+        errors.append(torque_error(model.torque_of_base(other, base.columns, found.theta), exact).mean())
         covered.append([estimate(sums).covers(true_base), found.covers(true_base)])
         thetas.append(found.theta)
     off = np.array(thetas) - true_base

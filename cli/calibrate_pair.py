@@ -188,12 +188,7 @@ def arm(given: Given) -> int:
 
     def run(seed: int) -> ArmsFound:
         gears = _gears(given, seed)
-        if gears is None:
-            return run_arm_calibration(replace(trial, seed=seed))
-        arms, rng = gears
-        return run_arm_calibration(
-            replace(trial, seed=seed, rest=partial(arms.rest, rng=rng), weigh=arms.weigh)
-        )
+        return run_arm_calibration(replace(trial, seed=seed, gears=gears and gears[0].gears))
 
     def read(file: Path) -> ArmsFound:
         return calibrate_arm_from(read_tracked(file))

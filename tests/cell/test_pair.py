@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun, build_scene
+from polish_sim.cell.gears import elastic_torque, slip
 from polish_sim.cell.guards import CONTROLLER_NAN
-from polish_sim.cell.real_arm import built_table, gear_twists, resting_arm, weights
+from polish_sim.cell.real_arm import built_table, gear_twists, resting_arm, slip_along, weights
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import (
     FIRST_JOINT,
@@ -410,6 +411,37 @@ def test_what_a_gear_has_slipped_is_within_its_lost_motion_and_seen_by_the_link_
     assert np.abs(off.mean(axis=0)).max() < 0.1 * most
     linked = resting._replace(real=replace(resting.real, servo_side="link"))
     np.testing.assert_array_equal(linked.encoders(linked.links(q, rng), rng), q)
+
+
+def test_a_pose_reached_from_both_sides_has_on_average_slipped_less_than_one_reached_from_anywhere() -> None:
+    cell, rng = real_pair(), np.random.default_rng(2)
+    resting = resting_arm(cell.scenario, cell.model, MASTER_ARM)
+    q = Q_MASTER + rng.uniform(-0.3, 0.3, (40, 6))
+    there = resting.links(q)
+    arrived = resting.arrive(q, rng) - there
+    anywhere = resting.links(q, rng) - there
+    # The last axis carries no weight, and little turns with it.
+    rms = [np.sqrt(np.mean(off[:, :5] ** 2, axis=0)) for off in (arrived.mean(axis=0), anywhere)]
+    assert np.all(rms[0] < 0.7 * rms[1])
+    assert np.abs(arrived).max() <= 1.01 * 0.5 * 2.9e-4
+    linked = resting._replace(real=replace(resting.real, servo_side="link"))
+    np.testing.assert_array_equal(linked.arrive(q, rng), q[None])
+
+
+def test_torques_along_a_way_leave_the_hysteresis_that_the_twists_of_the_gear_leave() -> None:
+    """Planted: twists there and back, and what spring and hysteresis carry with them."""
+    real, arm = real_pair().scenario.robot.real, real_pair().real_arm
+    twists = 1e-3 * np.sin(np.linspace(0.0, 5.0, 400)) * np.linspace(0.2, 1.0, 400)
+    torques, left = np.empty((400, 1, 6)), np.empty(6)
+    for j in range(6):
+        held = 0.0
+        for k, twist in enumerate(twists):
+            moved = twist - twists[k - 1] if k else 0.0
+            held = slip.py_func(held, moved, arm.lost_torque[j], arm.rise) if k else 0.0
+            torques[k, 0, j] = elastic_torque.py_func(arm, j, twist) + held
+        left[j] = held
+    found = slip_along(real, torques, np.zeros((1, 6)))[0]
+    np.testing.assert_allclose(found, left, atol=0.02 * arm.lost_torque.min())
 
 
 def test_each_arm_of_a_seed_is_drawn_for_itself_and_the_first_is_that_of_one_robot() -> None:

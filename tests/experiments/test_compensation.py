@@ -44,9 +44,7 @@ def test_the_arm_found_is_the_arm_built() -> None:
     model = robot_with_tool(scenario).compile()
     arm = resting_arm(scenario, model)
     tool = tool_on_flange()[:3, 3]
-    built = ArmEstimate(
-        built_table(scenario, model, start), np.eye(4), tool, np.empty((0, 3)), np.zeros((6, 6))
-    )
+    built = ArmEstimate(built_table(scenario, model, start), np.eye(4), tool)
     q = start + 0.5 * AROUND * np.random.default_rng(5).uniform(-1.0, 1.0, (200, 6))
     there = built.target_at(arm.links(q))
     off = np.linalg.norm(found.target_at(q, arm.weight(q)) - there, axis=1)

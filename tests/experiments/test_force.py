@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.loop_margins import analytic_margins
 from polish_sim.config import Scenario
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.scenario_file import override
-from polish_sim.scoring.border import analytic_margins, measure_border
+from polish_sim.scoring.border import measure_border
 from polish_sim.scoring.force_bench import Bench, build_bench, press
 
 

@@ -11,12 +11,12 @@ from polish_sim.identification.estimate import (
     JointSums,
     estimate,
     estimate_widened,
-    held_out_error,
     inefficiency,
     information,
     inverse_of,
     require_rank,
     sum_samples,
+    torque_error,
 )
 from tests.identification.known import SIGMA, known_robot, noisy
 
@@ -52,7 +52,9 @@ def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_i
     other = known_robot(seed=5)
     found = estimate(sums_of(noisy(KNOWN.torque, np.random.default_rng(1))))
     np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)
-    error = held_out_error(KNOWN.model, KNOWN.base, found.theta, other.states, other.torque)
+    error = torque_error(
+        KNOWN.model.torque_of_base(other.states, KNOWN.base.columns, found.theta), other.torque
+    )
     assert error.max() < 0.01
 
 

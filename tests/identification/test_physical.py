@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.estimate import INTERVAL_95, estimate, held_out_error, sum_samples
+from polish_sim.identification.estimate import INTERVAL_95, estimate, sum_samples, torque_error
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.payload import Payload, body_of, fit_payload, fit_payload_on_known_arm
 from polish_sim.identification.physical import (
@@ -46,7 +46,11 @@ def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters() -
         assert is_consistent(full[:60].reshape(6, 10))
         assert full[60:78].min() >= 0.0
         errors = [
-            np.linalg.norm(held_out_error(KNOWN.model, KNOWN.base, theta, other.states, other.torque))
+            np.linalg.norm(
+                torque_error(
+                    KNOWN.model.torque_of_base(other.states, KNOWN.base.columns, theta), other.torque
+                )
+            )
             for theta in (KNOWN.base.combination @ full, found.theta)
         ]
         ratios.append(errors[0] / errors[1])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.force_theory import noise_rms, surface_error
+from benchmarks.loop_margins import Response, margins, response_of
 from polish_sim.arrays import Array
 from polish_sim.control import CONTROLLERS, Measurement, Target, build_controller
 from polish_sim.control.loops import PiGains, PiMemory, force_pi
@@ -17,12 +18,9 @@ from polish_sim.scenario_file import override
 from polish_sim.scoring.loop_model import Complex, LoopSetup, build_plant, one_mass, plant_response, setup_of
 from polish_sim.scoring.margins import (
     SLOWEST,
-    Response,
     contour,
     force_loop,
     longest_latency,
-    margins,
-    response_of,
     share_latency,
     turns_about_minus_one,
     with_latency,

@@ -19,7 +19,6 @@ from polish_sim.calibration.matched_points import kabsch, moved_frame, point_slo
 from polish_sim.config import RealArmConfig
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
-from polish_sim.spatial import apply
 
 LEAST_POSES: Final = 20
 USUAL_NOISE: Final = 3e-5  #: Of a laser tracker, per coordinate [m]
@@ -57,9 +56,9 @@ class ArmEstimate(NamedTuple):
     table: Array  #: Shape (4, 6)
     T_tracker_base: Array  #: Shape (4, 4)
     target: Array  #: On the flange [m], shape (3,)
-    residuals: Array  #: Seen minus predicted [m], shape (n, 3)
+    residuals: Array = np.empty((0, 3))  #: Seen minus predicted [m], shape (n, 3)
     #: Of the base's origin [m] and rotation [rad], tracker axes, whatever the table is, (6, 6)
-    base_covariance: Array
+    base_covariance: Array = np.zeros((6, 6))
     gears: Array = _RIGID  #: What joints turn by a unit of each column of `gear_columns`, shape (6, 7)
     catalogue: RealArmConfig = CATALOGUE
 
@@ -69,6 +68,12 @@ class ArmEstimate(NamedTuple):
         if weight is None:
             return q
         return q + np.sum(gear_columns(q, weight, self.catalogue) * self.gears, axis=2)
+
+    def tracked(self, links: Array, noise: float, rng: np.random.Generator) -> Array:
+        """Where a tracker sees the target, (n, 3) [m]: the mean of one reading with the links at each of (k,
+        n, 6) [rad]; ``noise``: of one of its coordinates [m]."""
+        seen = [self.target_at(q) + noise * rng.standard_normal((len(q), 3)) for q in links]
+        return np.asarray(np.mean(seen, axis=0))
 
     def target_at(self, q: Array, weight: Array | None = None) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""
@@ -154,8 +159,7 @@ def _start(tracked: TrackedArm) -> ArmEstimate:
             "(mm, m)?"
         )
     T = kabsch(tracked.seen, own)
-    rough = ArmEstimate(NOMINAL, T, np.zeros(3), tracked.seen - apply(T, own), np.zeros((6, 6)))
-    return rough._replace(catalogue=tracked.catalogue)
+    return ArmEstimate(NOMINAL, T, np.zeros(3), catalogue=tracked.catalogue)
 
 
 def _slopes(arm: ArmEstimate, tracked: TrackedArm) -> Array:

@@ -32,6 +32,9 @@ _TARGETS: Final = np.array([[0.0, 0.0, 0.22, 1.0], [0.15, 0.0, 0.1, 1.0], [0.0, 
 """Points on the tool that a calibration measures, flange frame [m]."""
 AROUND: Final = np.array([0.5, 0.4, 0.5, 0.6, 0.6, 1.0])
 """How far joints are from where the work starts in the poses of a calibration, at most [rad]."""
+#: Way of every joint to a pose that is reached from a known side, and its largest acceleration there
+APPROACH_RAD, APPROACH_RAD_S2 = 0.3, 5.0
+_INSTANTS: Final = 16  # of such a way at which the gears are looked at
 
 
 class ArmPlace(NamedTuple):
@@ -94,14 +97,17 @@ def _knees(real: RealArmConfig) -> tuple[Array, Array]:
     return knees, np.array([first, first + (knees[1] - knees[0]) / np.array(real.stiffness_2_nm_rad)])
 
 
-def weights(model: mujoco.MjModel, q: Array, place: ArmPlace = LONE) -> Array:
+def weights(model: mujoco.MjModel, q: Array, place: ArmPlace = LONE, speeding: Array | float = 0.0) -> Array:
     """Torques that hold the weight of an arm and what it carries, shape (n, 6) [N m], at its joints (n, 6)
-    [rad]."""
-    data, torques = mujoco.MjData(model), np.empty_like(q)
-    for k, joints in enumerate(q):
+    [rad], which accelerate by ``speeding`` (n, 6) [rad/s^2]."""
+    data, torques, result = mujoco.MjData(model), np.empty_like(q), np.empty(model.nv)
+    for k, (joints, rates) in enumerate(zip(q, np.broadcast_to(speeding, q.shape), strict=True)):
         data.qpos[place.joints] = joints
         mujoco.mj_forward(model, data)
-        torques[k] = data.qfrc_bias[place.joints]
+        data.qacc[:] = 0.0
+        data.qacc[place.joints] = rates
+        mujoco.mj_rne(model, data, 1, result)
+        torques[k] = result[place.joints]
     return torques
 
 
@@ -118,7 +124,29 @@ class RestingArm(NamedTuple):
         not."""
         if self.real.servo_side == "link":
             return q
-        turned, slipped, at = q + self._error(q), self._slipped(q, rng), q
+        return self._behind(q, self._slipped(q, rng))
+
+    def arrive(self, q: Array, rng: np.random.Generator) -> Array:
+        """Joint angles (k, n, 6) [rad] with the encoders at ``q`` after all joints came from below, and then
+        from above.
+
+        They move along a cycloid. Meanwhile the hysteresis, drawn at first, follows the torque that carries
+        weight and acceleration. Read on the links' side, one arrival is as good as two.
+        """
+        if self.real.servo_side == "link":
+            return q[None]
+        turn = np.linspace(0.0, 2.0 * np.pi, _INSTANTS)[:, None, None] + np.zeros(q.shape)
+        left, rate = 1.0 - (turn - np.sin(turn)) / (2.0 * np.pi), APPROACH_RAD_S2 * np.sin(turn)
+        slipped, found = self._slipped(q, rng), []
+        for side in (1.0, -1.0):
+            way = (q - side * APPROACH_RAD * left).reshape(-1, 6)
+            carried = weights(self.model, way, self.place, side * rate.reshape(-1, 6))
+            slipped = slip_along(self.real, carried.reshape(turn.shape), slipped)
+            found.append(self._behind(q, slipped))
+        return np.stack(found)
+
+    def _behind(self, q: Array, slipped: Array) -> Array:
+        turned, at = q + self._error(q), q
         for _ in range(3):
             at = turned - self._hanging(at, slipped)
         return at
@@ -147,6 +175,22 @@ class RestingArm(NamedTuple):
 
     def _hanging(self, q: Array, slipped: Array) -> Array:
         return gear_twists(self.real, weights(self.model, q, self.place) - slipped)
+
+
+def slip_along(real: RealArmConfig, torques: Array, slipped: Array) -> Array:
+    """Torques of the hysteresis (n, 6) [N m] after the gears carried ``torques`` (m, n, 6) one after the
+    other: `gears.slip` with the twist each change makes."""
+    stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
+    (first, second), rise = _knees(real)[0], real.lost_motion_rise_rad
+    spring = torques[0] - slipped
+    for torque in torques[1:]:
+        size, left = np.abs(spring), torque - spring - slipped
+        slope = np.where(size < first, stiffness[0], np.where(size < second, stiffness[1], stiffness[2]))
+        most = np.copysign(_lost_torque(real), left)
+        twisted = left / (slope + np.abs(most - slipped) / rise)
+        spring = spring + slope * twisted
+        slipped = most + (slipped - most) * np.exp(-np.abs(twisted) / rise)
+    return slipped
 
 
 def resting_arm(scenario: Scenario, model: mujoco.MjModel, place: ArmPlace = LONE) -> RestingArm:

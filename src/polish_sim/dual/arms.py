@@ -8,7 +8,6 @@ follower_T_flange2 = (master_T_follower)^-1 master_T_work work_T_tool (flange2_T
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -128,11 +127,6 @@ class PairArms(NamedTuple):
         `links`."""
         return self.gears[robot].links(q, rng) if self.gears else q
 
-    def weigh(self, robot: str, q: Array) -> Array:
-        """Torques that hold the weight of an arm with gears, (n, 6) [N m]."""
-        assert self.gears is not None
-        return self.gears[robot].weight(q)
-
     def standing(self, rng: np.random.Generator) -> Flanges:
         """Where flanges are with the arms at rest and their encoders somewhere."""
         return lambda robot, q: self.flanges(robot, self.rest(robot, q, rng))
@@ -159,7 +153,8 @@ class PairArms(NamedTuple):
             if gears is None:
                 return forward(links, believed)
             read = gears[robot].encoders(links, rng)
-            moved = gear_columns(read, self.weigh(robot, read), gears[robot].real) * self.known[robot]
+            weight, real = gears[robot].weight(read), gears[robot].real
+            moved = gear_columns(read, weight, real) * self.known[robot]
             return forward(read + moved.sum(axis=2), believed)
 
         return read
@@ -229,9 +224,7 @@ def pair_arms(
             f"dual.arm_poses = {poses} cannot determine an arm's table: 0, or {LEAST_POSES} or more."
         )
     arms = PairTables({robot: built_arm(true[robot], T_tracker_base[robot]) for robot in ROBOTS})
-    rest = partial(made.rest, rng=rng)
-    weigh = made.weigh if made.gears else None
-    tracked = simulate_tracked(arms, poses, config.tracker_noise_m, rng, rest, weigh)
+    tracked = simulate_tracked(arms, poses, config.tracker_noise_m, rng, made.gears)
     # Gears err by more than the tracker: how much, the residuals say.
     fit = fit_pair(tracked, None if made.gears else max(config.tracker_noise_m, 1e-9), Tolerance())
     known = {robot: arm.gears for robot, arm in fit.arms.items()}

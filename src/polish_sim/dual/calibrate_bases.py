@@ -16,6 +16,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.calibration.arm import ArmEstimate, Tolerance, TrackedArm, fit_placement
 from polish_sim.calibration.matched_points import frame_offset, point_covariance
+from polish_sim.cell.real_arm import RestingArm
 from polish_sim.dual.calibration.arm import PairTables, fit_pair, pair_figures
 from polish_sim.dual.calibration.bases import (
     ROBOTS,
@@ -170,8 +171,8 @@ def _frame_error(prefix: str, T: Array, wanted: Array) -> dict[str, float]:
     }
 
 
-Rest = Callable[[str, Array], Array]
-"""Joint angles of a robot at rest, (n, 6) [rad], with its encoders at others of that shape."""
+Gears = Mapping[str, RestingArm]
+"""Both arms behind their gears, robot by robot."""
 
 
 @dataclass(frozen=True)
@@ -182,8 +183,7 @@ class ArmTrial:
     noise: float = 3e-5  #: Of one coordinate of the tracker [m]
     poses: int = 60  #: Of each arm
     seed: int = 0
-    rest: Rest | None = None  #: Of arms with gears; None: rigid
-    weigh: Rest | None = None  #: Torques that hold their weight; None: the gears are not found
+    gears: Gears | None = None  #: None: rigid
 
 
 ArmsFound = Calibrated[Mapping[str, TrackedArm], PairTables]
@@ -210,14 +210,15 @@ def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
     true = PairTables(
         {robot: built_arm(wrong_table(trial.tolerance, rng), T_tracker[robot]) for robot in ROBOTS}
     )
-    rest = trial.rest or rigid
-    tracked = simulate_tracked(true, trial.poses, trial.noise, rng, rest, trial.weigh)
+    tracked = simulate_tracked(true, trial.poses, trial.noise, rng, trial.gears)
     q = {robot: rng.uniform(LOW, HIGH, (CHECKS, 6)) for robot in ROBOTS}
-    found = fit_pair(tracked, max(trial.noise, 1e-9) if trial.rest is None else None, trial.tolerance)
+    resting = {robot: trial.gears[robot].links(q[robot], rng) for robot in ROBOTS} if trial.gears else q
+    there = {robot: true.arms[robot].target_at(links) for robot, links in resting.items()}
+    found = fit_pair(tracked, None if trial.gears else max(trial.noise, 1e-9), trial.tolerance)
     nominal = PairTables({robot: fit_placement(one) for robot, one in tracked.items()})
     figures = pair_figures(tracked, found, trial.tolerance) | {
-        "relative_error_nominal_m": _relative_error(nominal, true, q, rest, None),
-        "relative_error_m": _relative_error(found, true, q, rest, trial.weigh),
+        "relative_error_nominal_m": _relative_error(nominal, there, q),
+        "relative_error_m": _relative_error(found, there, q, trial.gears),
         "seed": trial.seed,
     }
     return ArmsFound(tracked, found, figures, true)
@@ -225,7 +226,7 @@ def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
 
 def built_arm(table: Array, T_tracker_base: Array) -> ArmEstimate:
     """An arm as it really is, the tracker's target on its flange."""
-    return ArmEstimate(table, T_tracker_base, TARGET, np.empty((0, 3)), np.zeros((6, 6)))
+    return ArmEstimate(table, T_tracker_base, TARGET)
 
 
 def wrong_table(tolerance: Tolerance, rng: np.random.Generator, table: Array = NOMINAL) -> Array:
@@ -234,34 +235,24 @@ def wrong_table(tolerance: Tolerance, rng: np.random.Generator, table: Array = N
     return table + spread * rng.standard_normal((4, 6))
 
 
-def rigid(_robot: str, q: Array) -> Array:
-    """Links of a rigid arm are where its encoders say."""
-    return q
-
-
 def simulate_tracked(
-    true: PairTables,
-    poses: int,
-    noise: float,
-    rng: np.random.Generator,
-    rest: Rest = rigid,
-    weigh: Rest | None = None,
+    true: PairTables, poses: int, noise: float, rng: np.random.Generator, gears: Gears | None = None
 ) -> dict[str, TrackedArm]:
-    """Each arm holds its target still in poses all over its workspace before the tracker."""
+    """Each arm holds its target still in poses all over its workspace before the tracker; with gears it comes
+    there from both sides, and the mean of the two readings is taken."""
     tracked = {}
     for robot, arm in true.arms.items():
         q = rng.uniform(LOW, HIGH, (poses, 6))
-        seen = arm.target_at(rest(robot, q)) + noise * rng.standard_normal((poses, 3))
-        tracked[robot] = TrackedArm(q, seen, weigh and weigh(robot, q))
+        seen = arm.tracked(gears[robot].arrive(q, rng) if gears else q[None], noise, rng)
+        tracked[robot] = TrackedArm(q, seen, gears and gears[robot].weight(q))
     return tracked
 
 
 def _relative_error(
-    found: PairTables, true: PairTables, q: Mapping[str, Array], rest: Rest, weigh: Rest | None
+    found: PairTables, there: Mapping[str, Array], q: Mapping[str, Array], gears: Gears | None = None
 ) -> float:
-    there = {robot: true.arms[robot].target_at(rest(robot, q[robot])) for robot in ROBOTS}
-    seen = {
-        robot: found.arms[robot].target_at(q[robot], weigh and weigh(robot, q[robot])) for robot in ROBOTS
+    off = {
+        robot: found.arms[robot].target_at(q[robot], gears and gears[robot].weight(q[robot])) - there[robot]
+        for robot in ROBOTS
     }
-    off = {robot: seen[robot] - there[robot] for robot in ROBOTS}
     return float(np.sqrt(np.mean(np.sum((off[ROBOTS[1]] - off[ROBOTS[0]]) ** 2, axis=1))))

@@ -107,9 +107,9 @@ def track_arm(scenario: Scenario, q_start: tuple[float, ...]) -> ArmEstimate:
     model, real = robot_with_tool(scenario).compile(), scenario.robot.real
     rng = np.random.default_rng([scenario.seed, _STREAM])
     arm, table = resting_arm(scenario, model), built_table(scenario, model, np.array(q_start))
-    built = ArmEstimate(table, np.eye(4), tool_on_flange()[:3, 3], np.empty((0, 3)), np.zeros((6, 6)))
+    built = ArmEstimate(table, np.eye(4), tool_on_flange()[:3, 3])
     q = q_start + AROUND * rng.uniform(-1.0, 1.0, (POSES, 6))
-    seen = built.target_at(arm.links(q, rng)) + USUAL_NOISE * rng.standard_normal((POSES, 3))
+    seen = built.tracked(arm.arrive(q, rng), USUAL_NOISE, rng)
     tolerance = Tolerance(real.length_error_m, real.angle_error_rad)
     return fit_arm(TrackedArm(q, seen, arm.weight(q), real), None, tolerance)
 
@@ -123,7 +123,7 @@ def read_arm(file: Path, seed: int) -> ArmEstimate | None:
         return None
     return ArmEstimate(
         table.numbers("table", (4, 6)), table.pose("base"), table.numbers("tool_point", (3,)),
-        np.empty((0, 3)), np.zeros((6, 6)), table.numbers("gears", (6, 7)),
+        gears=table.numbers("gears", (6, 7)),
     )  # fmt: skip
 
 

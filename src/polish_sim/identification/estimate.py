@@ -241,14 +241,6 @@ def require_excited(sums: JointSums, names: Sequence[str], model: TorqueModel) -
     )
 
 
-def held_out_error(
-    model: TorqueModel, base: BaseParameters, theta: Array, states: States, exact: Array
-) -> Array:
-    """Torque errors on a motion that was not fitted: rms error / range of the torque, shape (n,); NaN is left
-    out."""
-    return torque_error(model.regressor(states)[:, :, base.columns] @ theta, exact)
-
-
 def torque_error(given: Array, exact: Array) -> Array:
     """Rms error of torques (m, n) [N m] / range of the exact ones, shape (n,); NaN is left out."""
     off = given - exact

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,21 +14,13 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.cell import Observer, Silent
-from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.scoring.force_bench import Border, Rest, build_bench, press
-from polish_sim.scoring.loop_model import SWINGS, elastic_arm, one_mass, setup_of
+from polish_sim.scoring.loop_model import one_mass, setup_of
 from polish_sim.scoring.margins import (
-    Loop,
-    Margins,
-    contour,
-    force_loop,
     longest_latency,
-    margins,
-    response_of,
     share_latency,
-    turns_about_minus_one,
     with_springs,
 )
 from polish_sim.scoring.measured_law import MeasuredLaw, measure_law
@@ -51,28 +42,6 @@ def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
         build_controller(scenario.controller), with_springs(setup, scale), scenario.process.contact_force_n,
         setup.stiffness,
     )  # fmt: skip
-
-
-def linear_loop(scenario: Scenario, swing: float = 0.0) -> Loop:
-    """Open loop L(z) of a scenario, the law settled on its springs; elastic gears swing by ``swing``
-    [rad]."""
-    setup = setup_of(scenario, elastic_arm(scenario, swing=swing) if is_real(scenario) else None)
-    return force_loop(setup, linear_law_of(scenario, scenario.head.spring_scale))
-
-
-def analytic_margins(scenario: Scenario) -> Margins:
-    """Margins of a scenario's force loop by the linear model, the law settled on the scenario's springs.
-
-    Of elastic joints the least at any of the `SWINGS`; all zero where the loop is unstable at one.
-    """
-    dt, found = scenario.simulation.timestep_s, []
-    for swing in SWINGS if is_real(scenario) else SWINGS[:1]:
-        loop = linear_loop(scenario, swing)
-        if turns_about_minus_one(loop(contour(dt))) > 0:
-            return Margins(0.0, 0.0, 0.0, math.nan, math.nan)
-        found.append(margins(response_of(loop, dt)))
-    least = min(found, key=lambda m: m.gain)
-    return least._replace(phase=min(m.phase for m in found), delay=min(m.delay for m in found))
 
 
 def measure_border(

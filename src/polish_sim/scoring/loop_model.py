@@ -59,7 +59,6 @@ def one_mass(mount_mass: float = 1.7) -> Arm:
 
 FORCE_POSE: Final = np.array([1.3009, -1.5168, 1.9295, -1.9834, -1.5708, 2.8717])
 """Joints in the experiment ``force`` [rad], shape (6,)."""
-SWINGS: Final = (0.0, 2e-5, 5e-5, 1e-4, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]
 
 
 def elastic_arm(scenario: Scenario, swing: float = 0.0) -> Arm:

@@ -1,4 +1,4 @@
-"""Margins of a loop from its frequency response, whether it is stable, and up to which latency."""
+"""Whether a modelled force loop is stable, and up to which latency."""
 
 from __future__ import annotations
 
@@ -8,62 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
 from polish_sim.scoring.loop_model import Complex, LinearLaw, LoopSetup, build_plant, plant_response
 
-NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
-#: Open loop L(j omega) of frequencies (n,) [rad/s]; the closed loop is 1 + L = 0
-Response = Callable[[Array], Complex]
-
-
-class Margins(NamedTuple):
-    """How far a stable loop is from its border."""
-
-    gain: float  #: The loop's gain may grow by this factor [-]
-    phase: float  #: The loop may lag this much more at any crossover [rad]
-    delay: float  #: The loop may be this much later [s]
-    crossover: float  #: Highest frequency at which the loop's gain is one [rad/s]; NaN when it never is
-    #: Frequency at which it would oscillate if the gain grew [rad/s]; NaN when it never would
-    phase_crossover: float
-
-
-def margins(loop: Response) -> Margins:
-    """Gain, phase and delay margin of a stable loop from its open-loop response, 0.1 rad/s to the host's
-    Nyquist frequency; infinite without a crossover of that kind.
-    """
-    omega = np.geomspace(0.1, NYQUIST, 1500)
-    response = loop(omega)
-    size, phase = np.log(np.abs(response)), np.unwrap(np.angle(response))
-    gains, phases, delays = [math.inf], [math.inf], [math.inf]
-    crossover = phase_crossover = math.nan
-    for k, share in _crossings(size):
-        w = float(np.exp(_between(np.log(omega), k, share)))
-        over = math.remainder(_between(phase, k, share) + math.pi, 2.0 * math.pi)
-        phases.append(abs(over))
-        delays.append((over if over >= 0.0 else over + 2.0 * math.pi) / w)
-        crossover = w
-    turns = (phase + math.pi) / (2.0 * math.pi)
-    for whole in range(math.ceil(turns.min()), math.floor(turns.max()) + 1):
-        for k, share in _crossings(turns - whole):
-            gain = math.exp(-_between(size, k, share))
-            if 1.0 < gain < min(gains):
-                phase_crossover = float(np.exp(_between(np.log(omega), k, share)))
-            if gain > 1.0:
-                gains.append(gain)
-    return Margins(min(gains), min(phases), min(delays), crossover, phase_crossover)
-
-
-def _crossings(values: Array) -> list[tuple[int, float]]:
-    """Rows before a change of sign and the share of the way to the next row at which it happens."""
-    rows = np.flatnonzero(np.diff(np.signbit(values)))
-    return [(int(k), float(values[k] / (values[k] - values[k + 1]))) for k in rows]
-
-
-def _between(values: Array, k: int, share: float) -> float:
-    return float(values[k] + share * (values[k + 1] - values[k]))
-
-
-# Whether a modelled force loop is stable: eigenvalues where the law has a state space, else Nyquist.
+# Eigenvalues where the law has a state space, else Nyquist.
 
 Loop = Callable[[Complex], Complex]  #: Open loop L(z), closed by 1 + L = 0
 SLOWEST = 0.2  #: Modes that grow more slowly count as stable [1/s]
@@ -79,11 +26,6 @@ def force_loop(setup: LoopSetup, law: LinearLaw) -> Loop:
         return -(law.by_force(z) * reading + law.by_motion(z) * velocity) * z ** float(-setup.command_steps)
 
     return loop
-
-
-def response_of(loop: Loop, dt: float) -> Response:
-    """A loop over frequency [rad/s], as ``margins`` wants it."""
-    return lambda omega: loop(np.exp(1j * omega * dt))
 
 
 def contour(dt: float) -> Complex:
