@@ -244,15 +244,13 @@ def simulate_tracked(
     for robot, arm in true.arms.items():
         q = rng.uniform(LOW, HIGH, (poses, 6))
         seen = arm.tracked(gears[robot].arrive(q, rng) if gears else q[None], noise, rng)
-        tracked[robot] = TrackedArm(q, seen, gears and gears[robot].weight(q))
+        tracked[robot] = TrackedArm(q, seen, gears[robot].weight(q) if gears else None)
     return tracked
 
 
 def _relative_error(
     found: PairTables, there: Mapping[str, Array], q: Mapping[str, Array], gears: Gears | None = None
 ) -> float:
-    off = {
-        robot: found.arms[robot].target_at(q[robot], gears and gears[robot].weight(q[robot])) - there[robot]
-        for robot in ROBOTS
-    }
+    weight = {robot: gears[robot].weight(q[robot]) if gears else None for robot in ROBOTS}
+    off = {robot: found.arms[robot].target_at(q[robot], weight[robot]) - there[robot] for robot in ROBOTS}
     return float(np.sqrt(np.mean(np.sum((off[ROBOTS[1]] - off[ROBOTS[0]]) ** 2, axis=1))))
