@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,41 +11,17 @@ from polish_sim.arrays import Array
 from polish_sim.errors import PlanError, SmoothingError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, ToolPath, arc_length, interpolate
+from polish_sim.spatial import unit
 
-# A closed curve through points with four continuous derivatives: a periodic quintic spline.
-
-
-LEAST_POINTS = 6
-DEGREE = 5
+DEGREE: Final = 5  #: Of the curve, which has four continuous derivatives everywhere
 
 
-@dataclass(frozen=True)
-class ClosedSpline:
-    """A closed curve over a parameter that grows by chord length, once round from 0 to ``length``."""
-
-    curve: BSpline
-    length: float  #: Sum of the chords [m]
-
-    def __call__(self, u: Array, derivative: int = 0) -> Array:
-        """Points [m], or derivatives by the parameter, at parameters ``u`` [m] of any lap, shape (k, 3)."""
-        return np.asarray(self.curve(np.mod(u, self.length), nu=derivative))
-
-    def tangents(self, u: Array) -> Array:
-        """Unit tangents, shape (k, 3)."""
-        slope = self(u, 1)
-        return np.asarray(slope / np.linalg.norm(slope, axis=1, keepdims=True))
-
-
-def fit_closed_spline(points: Array) -> ClosedSpline:
+def fit_closed_spline(points: Array) -> BSpline:
     """The curve, C4 everywhere, through points (n, 3) [m] in order and back to the first one, which is not
-    repeated.
+    repeated; its parameter grows by chord length, see `length_of`.
 
-    Raises SmoothingError for fewer than six points, or two neighbours in one place.
+    Raises SmoothingError for two neighbours in one place.
     """
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < LEAST_POINTS:
-        raise SmoothingError(
-            f"a closed quintic curve needs {LEAST_POINTS} points (n, 3) or more; got {points.shape}."
-        )
     round_trip = np.concatenate([points, points[:1]])
     chords = np.linalg.norm(np.diff(round_trip, axis=0), axis=1)
     if chords.min() <= 1e-9:
@@ -55,7 +30,12 @@ def fit_closed_spline(points: Array) -> ClosedSpline:
             f"points {k + 1} and {(k + 1) % len(points) + 1} are in one place: leave one out."
         )
     u = np.concatenate([[0.0], np.cumsum(chords)])
-    return ClosedSpline(make_interp_spline(u, round_trip, k=DEGREE, bc_type="periodic"), float(u[-1]))
+    return make_interp_spline(u, round_trip, k=DEGREE, bc_type="periodic")
+
+
+def length_of(curve: BSpline) -> float:
+    """Sum of the chords of a closed curve [m]: its parameter once round."""
+    return float(curve.t[-1 - DEGREE])
 
 
 SPACING: Final = 0.001  # of the path's points [m]
@@ -79,21 +59,22 @@ def rim_path(surface: Surface, region: Region, clearance: float) -> ToolPath:
         )
     outer, inner = (_resampled(loop, max(8, round(arc_length(loop)[-1] / _DENSE))) for loop in loops)
     curve = _curve_between(surface, outer, inner)
-    u = np.linspace(0.0, curve.length, max(24, round(curve.length / SPACING)) + 1)
+    length = length_of(curve)
+    u = np.linspace(0.0, length, max(24, round(length / SPACING)) + 1)
     positions = curve(u)
     there = surface.closest(positions)
-    bend = surface.normal_curvature(there.facets, there.barycentric, curve.tangents(u))
+    bend = surface.normal_curvature(there.facets, there.barycentric, unit(curve(u, 1)))
     return _with_way_down(positions, there.normals, bend, clearance)
 
 
-def _curve_between(surface: Surface, outer: Array, inner: Array) -> ClosedSpline:
+def _curve_between(surface: Surface, outer: Array, inner: Array) -> BSpline:
     """The closed curve through points of the surface midway between two borders, (p, 3) and (q, 3)."""
     gap = np.inf
     for count in POINTS:
         out = outer[np.linspace(0, len(outer), count, endpoint=False).astype(int)]
         nearest = inner[np.argmin(np.linalg.norm(out[:, None] - inner[None], axis=2), axis=1)]
         curve = fit_closed_spline(surface.closest(0.5 * (out + nearest)).positions)
-        points = curve(np.linspace(0.0, curve.length, 8 * count))
+        points = curve(np.linspace(0.0, length_of(curve), 8 * count))
         gap = float(np.linalg.norm(points - surface.closest(points).positions, axis=1).max())
         if gap <= OFF_SURFACE:
             return curve
