@@ -84,17 +84,11 @@ def free_stroke(*poses: Array, feed: float = 0.05, hold: float = 0.0) -> Stroke:
         lead_in=start,
         process=path,
         motion=time_path(path, feed_pace(feed)),
-        depth=0.0,
         force=np.zeros(len(path.positions)),
-        contact=False,
         approach_speed=0.005,
         feed=feed,
-        threshold=math.inf,
-        search_depth=0.0,
         hold=hold,
         feed_time=math.inf,
-        lift=0.0,
-        start_s=0.0,
     )
 
 

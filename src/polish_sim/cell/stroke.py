@@ -31,17 +31,17 @@ class Stroke(NamedTuple):
     lead_in: PathTable  #: From the start down to the first process point on the unpressed surface
     process: PathTable  #: The process path, pressed in by D = F/k
     motion: TimedPath  #: How it is followed: the target's motion; its places are those of ``process``
-    depth: float  #: D at the first process point [m]
     force: Array  #: To press with at the rows of ``process`` [N], shape (n,)
-    contact: bool  #: Whether there is a part to press on; else motion in free space
     approach_speed: float  #: [m/s]
     feed: float  #: [m/s]
-    threshold: float  #: Measured force that counts as contact [N]
-    search_depth: float  #: How far past the nominal surface contact is sought [m]
     hold: float  #: Time at the end of the path before the retract [s]
     feed_time: float  #: The feed stops after this long [s]; infinite for the whole path
-    lift: float  #: Height of the retract [m]; 0 ends the run without one
-    start_s: float  #: Arc length of the plan at the first process point [m]
+    contact: bool = False  #: Whether there is a part to press on; else motion in free space
+    depth: float = 0.0  #: D at the first process point [m]
+    threshold: float = math.inf  #: Measured force that counts as contact [N]
+    search_depth: float = 0.0  #: How far past the nominal surface contact is sought [m]
+    lift: float = 0.0  #: Height of the retract [m]; 0 ends the run without one
+    start_s: float = 0.0  #: Arc length of the plan at the first process point [m]
     retare: bool = False  #: Whether the sensor is zeroed again before this stroke
 
 

@@ -50,17 +50,11 @@ def free_cell(
         lead_in=start,
         process=table,
         motion=time_path(table, pace),
-        depth=0.0,
         force=np.zeros(len(table.positions)),
-        contact=False,
         approach_speed=feed,
         feed=feed,
-        threshold=math.inf,
-        search_depth=0.0,
         hold=0.0,
         feed_time=scenario.process.max_feed_s or math.inf,
-        lift=0.0,
-        start_s=0.0,
     )
     return Cell(
         scenario, build_scene(scenario, None, None), no_part(), [stroke], q_start,
