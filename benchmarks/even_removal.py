@@ -1,14 +1,15 @@
-"""Removal of `run surface` on displaced parts, at one feed and with ``--even-removal``: a table and a
-picture.
+"""Removal of `run surface` and `run dual` on displaced parts, at one feed and with ``--even-removal``: a
+table and a picture.
 
     python -m benchmarks.even_removal [--proof] [--part NAME]... [--seed 700]... [--before 1] [--force 40]
-    [--as-drawn] [--out FOLDER]
+    [--overrun MM] [--as-drawn] [--out FOLDER]
 
 At one feed: step-over 8 mm, 10 mm/s. Even: step-over 4.2 mm, at the feed with which by the plan's model as
 much comes off as in the first run at one feed. Both on the arm ``ur5e``; with ``--proof`` the even plan is
 proven first. A line for each part and seed: standard deviation over mean of the region, the same a pad's
 radius inside the border, time and mean removal over those of the first run at one feed that was not stopped.
-``--before N`` runs at one feed with N seeds only. ``ring`` is a flat ring, 180 and 90 mm across.
+``--before N`` runs at one feed with N seeds only. ``ring`` is a flat ring, 180 and 90 mm across;
+``hub_dual`` is the hub's rim in `run dual`, whose plans are not proven.
 ``--as-drawn`` leaves the part where the plan has it.
 """
 
@@ -28,6 +29,7 @@ from matplotlib.tri import Triangulation
 
 from polish_sim.analysis.removal_plot import removal_colors
 from polish_sim.config import Scenario
+from polish_sim.dual.dual import run_dual
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.even_removal import _Problem, axis_kept, even_out, plan_removal
 from polish_sim.experiments.proof import prove
@@ -36,7 +38,8 @@ from polish_sim.experiments.surface import run_surface
 from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import override
 
-PARTS = ("freeform", "saddle", "ring", "plate_two_holes")
+HUB_DUAL = "hub_dual"
+PARTS = ("freeform", "saddle", "ring", "plate_two_holes", HUB_DUAL)
 ONE_FEED = ("plan.stepover_m=0.008", "process.feed_m_s=0.01")
 EVEN = ("plan.stepover_m=0.0042", "process.feed_m_s=0.021", "plan.removal=even")
 AS_DRAWN = ("part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0")
@@ -51,6 +54,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, action="append", default=[])
     parser.add_argument("--before", type=int, default=99)
     parser.add_argument("--force", type=float, default=40.0)
+    parser.add_argument("--overrun", type=float, default=0.0, help="of the even plan [mm], 0 = its own")
     parser.add_argument("--proof", action="store_true")
     parser.add_argument("--as-drawn", action="store_true")
     parser.add_argument("--out", type=Path, default=Path("results/even_removal"))
@@ -69,7 +73,7 @@ def main() -> None:
 def part_file(part: str, folder: Path) -> str:
     """A shipped part's name, or the file of a ring made here."""
     if part != "ring":
-        return part
+        return "wheel_hub_rim" if part == HUB_DUAL else part
     ring = trimesh.creation.annulus(r_min=0.045, r_max=0.09, height=0.02, sections=128)
     ring.apply_scale(1e3)
     ring.export(folder / "ring.stl")
@@ -79,23 +83,25 @@ def part_file(part: str, folder: Path) -> str:
 def compare(part: str, common: list[str], asked: argparse.Namespace) -> dict[str, Any]:
     """Run a part both ways with all seeds; maps of one of them, by the picture's column names."""
     seeds = asked.seed or list(range(700, 705))
-    usual = override(default_scenario("surface"), [*common, *ONE_FEED, "safety.proof=none"])
+    name, run = ("dual", run_dual) if part == HUB_DUAL else ("surface", run_surface)
+    usual = override(default_scenario(name), [*common, *ONE_FEED, "safety.proof=none"])
     plan, before = plan_removal(usual), None
     for number, seed in enumerate(seeds):
         if before is not None and number >= asked.before:
             break
-        result = run_surface(replace(usual, seed=seed), plan)
+        result = run(replace(usual, seed=seed), plan)
         before = before or (result if result.figures["path_done"] >= 1.0 else None)
         say(part, seed, "one feed", result, before or result)
     assert before is not None, "every run at one feed was stopped"
-    scenario, plan = plan_as_much(override(default_scenario("surface"), [*common, *EVEN]), before)
-    if asked.proof:
+    even_plan = (*EVEN, f"plan.overrun_m={1e-3 * asked.overrun}")
+    scenario, plan = plan_as_much(override(default_scenario(name), [*common, *even_plan]), before)
+    if asked.proof and name == "surface":
         plan, scenario = prove(scenario, plan)
     print(*plan.notes, sep="\n", flush=True)
-    even = [run_surface(replace(scenario, seed=seed), plan) for seed in seeds[:1]]
+    even = [run(replace(scenario, seed=seed), plan) for seed in seeds[:1]]
     say(part, seeds[0], "even", even[0], before)
     for seed in seeds[1:]:
-        say(part, seed, "even", run_surface(replace(scenario, seed=seed), plan), before)
+        say(part, seed, "even", run(replace(scenario, seed=seed), plan), before)
     return {**columns(before, "before"), **columns(even[0], "even")}
 
 

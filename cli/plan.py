@@ -139,7 +139,7 @@ def plan_once(
         return result, unreached
     if reach is not None and scenario.safety.proof != "none":
         result, scenario = prove_with_a_pad_that_fits(scenario, result, observer)
-    plots["path.png"] = plot_plan(result, "Once around the rim" if dual else "")
+    plots["path.png"] = plot_plan(result, "Once around the rim" if dual and not scenario.plan.removal else "")
     observer.stage("time the motion")
     strokes = cycle_strokes(scenario, result.path, result.mesh.noise, observer.progress, reach)
     result.figures.update(time_figures(strokes))
@@ -287,23 +287,26 @@ def place(
 
 
 def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
-    """Plan once around a part's rim for two robots, and check that both arms can do it.
+    """Plan once around a part's rim for two robots, or an even removal, and check that both arms can do it.
 
     The plan's figures say where the part is held and how both arms start.
 
     Raises:
         PolishSimError: If the part cannot be used or planned, or an arm cannot follow.
     """
-    from polish_sim.dual.task import prepare_dual
+    from polish_sim.dual.task import planned, prepare_dual
     from polish_sim.planning import measure_given_path
 
     begin = time.perf_counter()
-    task = prepare_dual(scenario, None, observer)
-    path, planned_s = task.place.path, time.perf_counter() - begin
-    result = measure_given_path(path, scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
+    scenario, plan = planned(scenario, None, observer)
+    task = prepare_dual(scenario, plan, observer)
+    planned_s = time.perf_counter() - begin
+    result = plan or measure_given_path(
+        task.place.path, scenario.part, scenario.plan, scenario.process, scenario.pad, observer
+    )
+    result.figures.setdefault("axis_deviation_max_rad", 0.0)
     result.figures.update(
         plan_time_s=planned_s,
-        axis_deviation_max_rad=0.0,
         placement_value=task.reach.value,
         chain_residual_m=task.residual,
         T_gripper_work=task.seat.T_gripper_work.tolist(),

@@ -315,8 +315,8 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
 def plan_to_run(
     scenario: Scenario, given: ToolPath | None, observer: Observer, folder: Path | None
 ) -> tuple[PlanResult | None, Scenario]:
-    """Plan the path of a run, or measure the one that is given, and prove it where it was not; None for two
-    robots.
+    """Plan the path of a run, or measure the one that is given, and prove it where it was not; None once
+    around a rim.
 
     Without a ``folder`` for the plan's files and picture nothing is written or proven. The scenario comes
     back with the part where it was proven.
@@ -325,7 +325,7 @@ def plan_to_run(
         PolishSimError: If the part cannot be used or planned.
     """
     row = experiment(scenario.experiment)
-    if not (row.plans or (row.along_plan and given is not None)):
+    if given is None and not (row.plans or (row.along_plan and scenario.plan.removal)):
         return None, scenario
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.exchange import read_cuts, write_plan

@@ -161,6 +161,16 @@ def test_options_of_a_path_are_refused_where_there_is_none(name: str, option: st
     refuse_idle_options(experiment("surface"), [option])
 
 
+@pytest.mark.parametrize("asked", [(), ("--even-removal",), ("--removal",)])
+def test_two_robots_cover_a_region_where_an_even_removal_is_asked_for(asked: tuple[str, ...]) -> None:
+    with (
+        nullcontext()
+        if asked
+        else pytest.raises(InputError, match="--stepover would change nothing in 'run dual'")
+    ):
+        refuse_idle_options(experiment("dual"), [*asked, "--stepover"])
+
+
 def test_a_file_for_another_experiment_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "arc.toml"
     file.write_text('experiment = "arc"\n')

@@ -3,6 +3,7 @@ refused."""
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,10 +16,11 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.dual import task
-from polish_sim.dual.arms import pair_arms
+from polish_sim.dual.arms import follow_joints, pair_arms
 from polish_sim.dual.carrier import FIRST_JOINT
 from polish_sim.dual.experiment import FREE_CLAIMS, PRESSING_CLAIMS
 from polish_sim.dual.frames import true_chain
+from polish_sim.dual.master import master_motion
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import prepare_dual
@@ -229,6 +231,40 @@ def test_the_path_runs_around_the_middle_of_the_rim_on_its_surface_and_is_within
     assert reach.smallest_singular_value > 0.1
 
 
+def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part() -> None:
+    even = ("plan.removal=even", "plan.stepover_m=0.012", "process.feed_m_s=0.04", "process.max_feed_s=6")
+    run = run_experiment(dual(*even))
+    path, trace = run.path, run.trace
+    assert run.figures["protective_stop"] is None
+    assert path is not None
+    assert path.feed is not None
+    assert path.length_m > 4.0 * 2.0 * np.pi * 0.08
+    fed = np.flatnonzero(trace.phase == 2)
+    fed = fed[len(fed) // 6 : -len(fed) // 6]
+    s, time = trace.path_s_m[fed], trace.time_s[fed]
+    planned = np.interp(0.5 * (s[1:] + s[:-1]), path.s, path.feed)
+    assert np.ptp(planned) > 0.1 * planned.mean()
+    assert np.diff(s) / np.diff(time) == pytest.approx(planned, rel=0.03)
+
+
+def test_an_even_removal_by_a_tool_that_touches_nothing_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"nothing comes off: leave it or plan\.removal out"):
+        check_experiment(dual("plan.removal=even", "dual.standoff_m=0.005"))
+
+
+@pytest.mark.parametrize(("travel_m", "reached"), [(0.3, True), (2.0, False)])
+def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes(
+    travel_m: float, reached: bool
+) -> None:
+    task = prepare_dual(dual(*EXACT))
+    chain, start = task.frames.believed, task.reach
+    scenario = dual(f"dual.master_travel_m={travel_m}")
+    way = master_motion(scenario, task.place.path, task.place.region.up, chain).way
+    poses = chain.master_flange(way(start.T_master_work, np.linspace(0.0, 400.0, 801)))
+    with nullcontext() if reached else pytest.raises(ReachError, match="the master cannot bring its flange"):
+        follow_joints(poses, start.q_master, "master")
+
+
 @cache
 def two_stretches() -> PlanResult:
     """The rim's path, a piece of it lifted off the part."""
@@ -248,9 +284,9 @@ def two_stretches() -> PlanResult:
         (["dual.follower_pose=[-2.5,0,0,0,0,3]"], ReachError, "the follower .*dual.follower_pose"),
         (["part.pose=[0,2,0.3,0,0,0]"], ReachError, "the master does not reach the first pose.*--part-pose"),
         (
-            ["dual.master_speed_m_s=0.25"],
+            ["dual.master_speed_m_s=0.25", "dual.master_travel_m=10"],
             ReachError,
-            r"the part's way is 12\d\d\d mm long.*dual.master_speed_m_s",
+            r"the master does not reach the first pose.*dual.master_speed_m_s, .*dual.master_travel_m",
         ),
         (
             ["dual.follower_pose=[0,0,0,0,0,0]"],

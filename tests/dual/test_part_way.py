@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
+from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.dual.master import PartWay, about_axis, along_arc, through_poses
 from polish_sim.dual.strokes import air_limits, pair_strokes
 from polish_sim.experiments import default_scenario
@@ -43,6 +44,23 @@ def test_an_arc_stays_on_its_circle_to_the_left_or_right(bend: float) -> None:
     steps = np.linalg.norm(np.diff(shift[:, :2], axis=0), axis=1)
     np.testing.assert_allclose(steps, speed * 0.05 * np.sinc(0.5 * bend * 0.05 / np.pi), rtol=1e-12)
     np.testing.assert_allclose((shift[1] - shift[0])[:2] / 0.05, VELOCITY[:2], atol=5e-4)
+
+
+def test_a_way_that_turns_back_is_the_way_until_then_and_no_steeper_than_from_rest() -> None:
+    leg, times = 5.0, np.linspace(0.0, 60.0, 60_001)
+    turned = along_arc(VELOCITY, 0.2, leg)(times)
+    straight = times <= leg
+    np.testing.assert_array_equal(turned[straight], along_arc(VELOCITY, 0.2)(times[straight]))
+    line = along_arc(VELOCITY, 0.0, leg)(times)[:, 0] / VELOCITY[0]
+    assert line.min() >= -1.0 / RAMP_PEAK - 1e-9
+    assert line.max() <= leg + 1.0 / RAMP_PEAK + 1e-9
+    rate = np.diff(line) / 1e-3
+    change = np.diff(rate) / 1e-3
+    assert np.abs(rate).max() <= 1.0 + 1e-9
+    assert np.abs(rate[::100]).min() < 0.1 < np.mean(np.abs(rate) > 0.999)
+    assert np.abs(change).max() <= RAMP_PEAK + 1e-4
+    # The acceleration has no step: two and more derivatives are continuous.
+    assert np.abs(np.diff(change)).max() < 0.01 * RAMP_PEAK
 
 
 def test_a_turn_leaves_every_point_of_its_axis_where_it_is() -> None:

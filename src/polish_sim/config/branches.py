@@ -218,6 +218,12 @@ class DualConfig:
         -100.0,
         100.0,
     )
+    master_travel_m: float = key(
+        0.3,
+        "it goes to and fro along so much of that way, for as long as the part is worked on [m]",
+        0.01,
+        10.0,
+    )
     master_turn_rad_s: float = key(
         0.0,
         "speed at which the part turns about its own axis meanwhile, right-handed [rad/s]",

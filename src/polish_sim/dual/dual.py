@@ -18,7 +18,7 @@ from polish_sim.dual.cell import PairCell
 from polish_sim.dual.frames import settled_bases
 from polish_sim.dual.gripper import seat_text
 from polish_sim.dual.scene import Held, build_pair_scene
-from polish_sim.dual.task import DualTask, prepare_dual
+from polish_sim.dual.task import DualTask, planned, prepare_dual
 from polish_sim.experiments.assembly import course_for
 from polish_sim.experiments.part_setup import (
     PART_STREAM,
@@ -42,7 +42,7 @@ def check_dual(
     scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
 ) -> CheckedPath:
     """The path on the held part and how the follower reaches all of it; PolishSimError if it does not."""
-    task = prepare_dual(scenario, plan, observer)
+    task = prepare_dual(*planned(scenario, plan, observer), observer)
     return CheckedPath(task.place.path, task.place.reach, seat_text(task.seat.T_gripper_work))
 
 
@@ -52,11 +52,12 @@ def run_dual(
     """Let the follower run along the part the master moves, pressing on it or, with ``dual.standoff_m``, just
     above it.
 
-    The path is a plan made before, else once around the part's rim. Raises PolishSimError if the part, a
-    calibration or the placement cannot be used.
+    The path is a plan made before, that of an even removal, else once around the part's rim. Raises
+    PolishSimError if the part, a calibration or the placement cannot be used.
     """
     observer = observer or Silent()
     scenario = replace(scenario, dual=settled_bases(scenario.dual))
+    scenario, plan = planned(scenario, plan, observer)
     task = prepare_dual(scenario, plan, observer)
     observer.stage("prepare the cell")
     pressing = scenario.dual.standoff_m == 0.0
@@ -72,7 +73,8 @@ def run_dual(
     if pressing:
         force = measure_surface(run.trace, path, scenario.process.contact_force_n)
         figures |= {name: value for name, value in force.items() if name not in figures}
-        removal, log = remove_material(scenario, task.place, part, run, part_turns(log, task, part))
+        turns = carried_turns(log, task, _part_on_flange(task, part))
+        removal, log = remove_material(scenario, task.place, part, run, turns)
         figures |= measure_removal(removal, scenario.pad.radius_m)
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
     figures["T_gripper_work"] = task.seat.T_gripper_work.tolist()
@@ -118,12 +120,12 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
     return DualCell(cell, strokes, part)
 
 
-def part_turns(log: RunLog, task: DualTask, part: RealPart) -> Array:
-    """How the part the master carries really stands in the follower's base at the log's rows, shape (n, 3,
-    3)."""
+def carried_turns(log: RunLog, task: DualTask, T_flange_carried: Array) -> Array:
+    """How what the master carries, at (4, 4) on its flange, really stands in the follower's base at the log's
+    rows, shape (n, 3, 3)."""
     flanges = task.arms.flanges("master", np.asarray(log["master_q_rad"], dtype=np.float64))
-    R_base_master = inverse(task.frames.true.T_master_follower)[:3, :3]
-    return np.asarray(R_base_master @ flanges[:, :3, :3] @ _part_on_flange(task, part)[:3, :3])
+    R_base_master = task.frames.true.T_master_follower[:3, :3].T
+    return np.asarray(R_base_master @ flanges[:, :3, :3] @ T_flange_carried[:3, :3])
 
 
 def wanted_on_part(strokes: list[Stroke], T_base_work: Array) -> WantedTool:
@@ -141,13 +143,7 @@ def wanted_on_part(strokes: list[Stroke], T_base_work: Array) -> WantedTool:
 def work_turns(run: CellRun, task: DualTask) -> Array:
     """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3,
     3)."""
-    true = task.frames.true
-    q = np.ascontiguousarray(run.log["master_q_rad"], dtype=np.float64)
-    R = (
-        true.T_master_follower[:3, :3].T
-        @ task.arms.flanges("master", q)[:, :3, :3]
-        @ true.T_flange_work[:3, :3]
-    )
+    R = carried_turns(run.log, task, task.frames.true.T_flange_work)
     times, wanted = np.asarray(run.log["time_s"], dtype=np.float64), run.trace.time_s[run.trace.phase == 2]
     if len(times) < 2:
         return np.repeat(R[:1], len(wanted), axis=0)

@@ -9,9 +9,11 @@ from typing import Final
 from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
 from polish_sim.config import PartConfig, Scenario
 from polish_sim.experiments.registry import (
+    COVER_OPTIONS,
     FINISHED,
     PART_OPTIONS,
-    REGION_OPTIONS,
+    PATH_OPTIONS,
+    REMOVAL_OPTIONS,
     TOOL_OPTIONS,
     TRIAL_OPTIONS,
     WATCH_OPTIONS,
@@ -44,6 +46,8 @@ PRESSING_CLAIMS: Final = (
 )
 FREE_CLAIMS: Final = (*_PAIR, PATH_DONE)  #: At a stand-off there is no force
 
+_TOUCH: Final = Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3)
+_POINT: Final = Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3)
 _AXES_SEEN: Final = (
     Claim("origin_std_m", "origin seen by the tracker, 3D std", "mm", 1e3, high=1.7e-5),
     Claim("axis_std_rad", "first axis, std", "deg", DEGREES, high=0.001 / DEGREES),
@@ -55,12 +59,12 @@ _RELATIVE_BASE: Final = (
     Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", 1e3),
     Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm", 1e3),
     Claim("point_error_1m_m", "a metre from the follower's, error", "mm", 1e3),
-    Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
+    _POINT,
 )
 _BASE_DATA: Final = (
     Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", 1e3, high=1e-4),
     Claim("noise_m", "noise of a point, per coordinate", "mm", 1e3),
-    Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
+    _POINT,
 )
 
 _ARM: Final = (
@@ -83,7 +87,7 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("position_error_m", "tip error (three times that)", "mm", 1e3, high=1e-4),
         Claim("rotation_std_max_rad", "axes, std of the worst", "deg", DEGREES, high=0.045 / DEGREES),
         Claim("rotation_error_rad", "axes, error, all three", "deg", DEGREES),
-        Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3),
+        _TOUCH,
     ),
     # Gears err by place: many readings of one are no better than one, which the bounds say.
     "tcp-gears": (
@@ -92,13 +96,13 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("bound_share", "  error over that bound", "-", 1.0, high=1.0),
         Claim("position_std_m", "  std if touches were independent", "mm", 1e3),
         Claim("rotation_error_rad", "axes, error, all three", "deg", DEGREES),
-        Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3),
+        _TOUCH,
     ),
     "tcp-data": (
         Claim("position_std_m", "tip, 3D std", "mm", 1e3, high=3.3e-5),
         Claim("rotation_std_max_rad", "axes, std of the worst", "deg", DEGREES),
         Claim("noise_m", "noise of a touch, per coordinate", "mm", 1e3),
-        Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3),
+        _TOUCH,
     ),
     "base": (
         *_AXES_SEEN,
@@ -112,7 +116,7 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
         Claim("bound_share", "  error over that bound", "-", 1.0, high=1.0),
         Claim("relative_origin_std_m", "  std if points were independent", "mm", 1e3),
         Claim("point_error_1m_m", "a metre from the follower's, error", "mm", 1e3),
-        Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3),
+        _POINT,
     ),
     "base-data": (*_AXES_SEEN, *_BASE_DATA),
     "budget": (
@@ -139,15 +143,16 @@ DUAL: Final = Experiment(
     plots=always({"dual.png": "polish_sim.dual.plots:plot_dual"}),
     comparisons={"dual.png": "polish_sim.dual.plots:plot_dual_runs"},
     options=(
-        *(*PART_OPTIONS, "--real-part", *REGION_OPTIONS, "--path"),
+        *(*PART_OPTIONS, "--real-part", *PATH_OPTIONS, "--path"),
         *("--master-speed", "--master-turn", "--master-path", "--standoff"),
         *(*TOOL_OPTIONS, "--feed", *TRIAL_OPTIONS, *WATCH_OPTIONS),
     ),
     along_plan=True,
     carried=True,
     remade=False,
+    only_with={REMOVAL_OPTIONS: COVER_OPTIONS},
     not_with=(
-        Excludes("--path", FINISHED, REGION_OPTIONS),
+        Excludes("--path", FINISHED, PATH_OPTIONS),
         Excludes(
             "--master-path", "says where the part goes", ("--master-speed", "--master-turn", "--part-pose")
         ),

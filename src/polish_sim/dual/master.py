@@ -16,6 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.calibration.tables import Measured
 from polish_sim.config import DualConfig, Scenario
 from polish_sim.dual.arms import ClosedChain
+from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.planning import ToolPath
 from polish_sim.spatial import inverse, transform
@@ -28,6 +29,7 @@ WITHOUT_FILE: Final = (
     "master_speed_m_s",
     "master_direction",
     "master_arc_radius_m",
+    "master_travel_m",
     "master_turn_rad_s",
     "master_axis",
     "master_center",
@@ -51,13 +53,23 @@ class PartWay(NamedTuple):
         return np.asarray(poses)
 
 
-def along_arc(velocity: Array, bend: float) -> Callable[[Array], Array]:
-    """Constant speed along a line, or along an arc whose direction turns by ``bend`` [rad/s] about z."""
+def to_and_fro(times: Array, leg: float) -> Array:
+    """Times (n,) [s] of a way that is gone there and back, turning after every ``leg`` [s] as steeply as it
+    sets off from rest; C2."""
+    number, since = np.divmod(times, leg + math.pi / RAMP_PEAK)
+    gone = np.minimum(since, leg) + np.sin(RAMP_PEAK * np.maximum(since - leg, 0.0)) / RAMP_PEAK
+    return np.where(number % 2.0, leg - gone, gone)
+
+
+def along_arc(velocity: Array, bend: float, leg: float = math.inf) -> Callable[[Array], Array]:
+    """Constant speed along a line, or along an arc whose direction turns by ``bend`` [rad/s] about z, and
+    back after every ``leg`` [s]."""
     across = np.array([-velocity[1], velocity[0], 0.0])
     level = np.array([velocity[0], velocity[1], 0.0])
     rise = np.array([0.0, 0.0, velocity[2]])
 
     def shift(times: Array) -> Array:
+        times = to_and_fro(times, leg)
         half = 0.5 * bend * times
         ratio = np.sinc(half / math.pi)  # sin(half) / half
         along, aside = ratio * np.cos(half), ratio * np.sin(half)
@@ -184,7 +196,8 @@ def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: ClosedCh
     axis = _unit(config.master_axis, "dual.master_axis") if config.master_axis else up / np.linalg.norm(up)
     center = np.array(config.master_center) if config.master_center else middle_of(path)
     turn = about_axis(axis, center, config.master_turn_rad_s)
-    return MasterMotion(PartWay(along_arc(*_speed_and_bend(config)), turn))
+    leg = config.master_travel_m / max(config.master_speed_m_s, 1e-9)
+    return MasterMotion(PartWay(along_arc(*_speed_and_bend(config), leg), turn))
 
 
 def _refuse_beside_file(config: DualConfig) -> None:
@@ -218,7 +231,7 @@ def _speed_and_bend(config: DualConfig) -> tuple[Array, float]:
 
 
 def _unit(direction: tuple[float, ...], name: str) -> Array:
-    size = float(np.linalg.norm(direction)) if len(direction) else 0.0
+    size = np.linalg.norm(direction)
     if not size > 0.0:
         raise ConfigError(f"'{name}' is no direction: give x, y, z, not all zero.")
     return np.asarray(np.array(direction) / size)

@@ -48,12 +48,6 @@ class Work(NamedTuple):
         shifts = self.way.shift(self.visits.clock)
         return np.asarray(0.5 * (shifts.min(axis=0) + shifts.max(axis=0)))
 
-    @property
-    def length(self) -> float:
-        """Length of the way of the part's origin [m]."""
-        shifts = self.way.shift(np.linspace(0.0, float(self.visits.clock[-1]), 200))
-        return float(np.linalg.norm(np.diff(shifts, axis=0), axis=1).sum())
-
 
 class PairReach(NamedTuple):
     """A way to do it."""
@@ -191,10 +185,9 @@ def find_pair_reach(
 def _what_to_change(work: Work, failed: Failed, file: MasterPath | None) -> str:
     if file is None:
         return (
-            f"; the part's way is {1e3 * work.length:.0f} mm long. Hold the part elsewhere with --part-pose "
-            "(follower's base), place the follower elsewhere (dual.follower_pose), or move the part less or "
-            "another way (dual.master_speed_m_s, dual.master_direction, dual.master_turn_rad_s, "
-            "dual.master_path)."
+            ". Hold the part elsewhere with --part-pose (follower's base), place the follower elsewhere "
+            "(dual.follower_pose), or move the part less or another way (dual.master_speed_m_s, "
+            "dual.master_direction, dual.master_travel_m, dual.master_turn_rad_s, dual.master_path)."
         )
     clock = work.visits.clock
     there = float(clock[min(round(failed.share * len(clock)), len(clock) - 1)])

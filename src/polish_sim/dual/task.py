@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import mujoco
@@ -36,6 +36,7 @@ from polish_sim.dual.rim import rim_path
 from polish_sim.dual.scene import Clearances, Held, PairContacts, build_pair_scene
 from polish_sim.dual.strokes import Visits, lifted, pair_strokes, plan_visits
 from polish_sim.experiments.assembly import Workplace
+from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real_shape
 from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
@@ -45,7 +46,8 @@ from polish_sim.motion.rules.limits import build_arm
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.spatial import inverse
 
-SAMPLES: Final = 60  # moments of the work at which a placement is tried
+SAMPLES: Final = 60  # moments of the work at which a placement is tried, at least
+SAMPLE_M: Final = 0.02  # between its places then, at the usual feed, at most [m]
 CHECK_S: Final = 0.05  # between the moments at which the chosen placement is checked, at most [s]
 CHECK_M: Final = 0.001  # between its places, at most [m]
 ROW_S: Final = 0.02  # between rows of the master's joints [s]
@@ -65,10 +67,18 @@ class DualTask:
     seat: Seat
     reach: PairReach
     work: Work  #: As the host believes it
-    placed: PlacedTool  #: The tool along the path, base of the follower, the part at its start
     strokes: list[Stroke]  #: What the tool does, base of the follower, the part at its start
     master: MasterRows
     residual: float  #: Of the closed chain, over the planned joints [m] or [rad]
+
+
+def planned(
+    scenario: Scenario, plan: PlanResult | None, observer: Observer | None
+) -> tuple[Scenario, PlanResult | None]:
+    """The plan that was given, or that of an even removal if the scenario asks for one, and its pad."""
+    if plan is None and scenario.plan.removal:
+        plan = plan_removal(scenario, observer)
+    return scenario if plan is None else replace(scenario, pad=plan.tool.pad), plan
 
 
 def prepare_dual(
@@ -93,13 +103,15 @@ def prepare_dual(
     true = true_chain(scenario.dual, seat.T_gripper_work)
     job = Job(scenario, mesh, path, visits, region.up, seat.nose)
     marks = marks_on(region, surface, scenario.dual.marks)
-    made, drawn, site = NOMINAL_ARMS, None, Site(_half_way(job, true), marks)
+    made, drawn = NOMINAL_ARMS, None
+    work, motion = _asked_of_both(job, true)
+    site = Site(_half_way(work, next(held_poses(scenario, work, motion, region.up))), marks)
     if is_real(scenario):
         # Gears err by pose: arms are calibrated as they will stand at work.
-        drawn = _find_way(job, true, observer).reach
+        drawn = _find_way(job, true, observer)[2]
         q_work = {"master": drawn.q_master, "follower": drawn.q_follower}
         made = real_arms(scenario, _scene(job, true), q_work)
-        site = Site(_half_way(job, true, drawn.T_master_work), marks, q_work)
+        site = Site(_half_way(work, drawn.T_master_work), marks, q_work)
     observer.stage("calibrate the robots")
     stand = tracker_sees(true.T_master_follower)
     arms = pair_arms(scenario, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]), made)
@@ -115,9 +127,7 @@ def prepare_dual(
     closely = _visits(scenario, path, min(CHECK_S, CHECK_M / scenario.process.feed_m_s))
     check_motion(MotionCheck(work, reach, motion, closely, scenario.robot), master, collides)
     strokes = pair_strokes(scenario, path, placed)
-    return DualTask(
-        place, frames, arms, seat, reach, work, placed, strokes, master, _residual(work, reach, arms)
-    )
+    return DualTask(place, frames, arms, seat, reach, work, strokes, master, _residual(work, reach, arms))
 
 
 class Job(NamedTuple):
@@ -131,25 +141,16 @@ class Job(NamedTuple):
     nose: float  #: Of the gripper, see `Held`
 
 
-class Way(NamedTuple):
-    """How they do it."""
-
-    work: Work
-    motion: MasterMotion
-    reach: PairReach
-    collides: Collides
-
-
-def _find_way(job: Job, chain: ClosedChain, observer: Observer, like: PairReach | None = None) -> Way:
+def _find_way(
+    job: Job, chain: ClosedChain, observer: Observer, like: PairReach | None = None
+) -> tuple[Work, MasterMotion, PairReach, Collides]:
     """A way to do it with a chain, ``like`` one found before for another chain close to it; else
     ReachError."""
     observer.stage("check the reach of both robots")
-    motion = master_motion(job.scenario, job.path, job.up, chain)
-    check_length(job.visits, motion)
-    work = Work(chain, job.visits, motion.way)
+    work, motion = _asked_of_both(job, chain)
     collides = _contacts(job, chain)
     held = held_poses(job.scenario, work, motion, job.up) if like is None else iter([like.T_master_work])
-    return Way(work, motion, find_pair_reach(work, held, collides, motion.file, like), collides)
+    return work, motion, find_pair_reach(work, held, collides, motion.file, like), collides
 
 
 def _contacts(job: Job, chain: ClosedChain) -> Collides:
@@ -170,7 +171,8 @@ def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Vi
     goes."""
     placed = PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
     strokes = pair_strokes(scenario, path, placed)
-    return plan_visits(strokes, step or sum(expected_duration(stroke) for stroke in strokes) / SAMPLES)
+    lasts = sum(expected_duration(stroke) for stroke in strokes)
+    return plan_visits(strokes, step or min(lasts / SAMPLES, SAMPLE_M / scenario.process.feed_m_s))
 
 
 def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh, Surface, Region, ToolPath]:
@@ -185,12 +187,15 @@ def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh
     return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
 
 
-def _half_way(job: Job, true: ClosedChain, T_start: Array | None = None) -> Array:
-    """Half way from where the part is held, or from the first place it may be, base of the master, shape (4,
-    4)."""
-    motion = master_motion(job.scenario, job.path, job.up, true)
-    work = Work(true, job.visits, motion.way)
-    T_master_work = next(held_poses(job.scenario, work, motion, job.up)) if T_start is None else T_start
+def _asked_of_both(job: Job, chain: ClosedChain) -> tuple[Work, MasterMotion]:
+    """The work of both robots with a chain, and the master's motion in it."""
+    motion = master_motion(job.scenario, job.path, job.up, chain)
+    check_length(job.visits, motion)
+    return Work(chain, job.visits, motion.way), motion
+
+
+def _half_way(work: Work, T_master_work: Array) -> Array:
+    """Half way from where the part is held, base of the master, shape (4, 4)."""
     T_half = T_master_work.copy()
     T_half[:3, 3] += work.middle
     return T_half

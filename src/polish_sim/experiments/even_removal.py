@@ -64,6 +64,10 @@ def plan_removal(scenario: Scenario, observer: PlanObserver | None = None) -> Pl
         raise ConfigError(
             "plan.removal_feed must be the least and the largest share of the feed, in this order."
         )
+    if asked.removal and scenario.dual.standoff_m > 0.0:
+        raise ConfigError(
+            "at a stand-off (dual.standoff_m, --standoff) nothing comes off: leave it or plan.removal out."
+        )
     if asked.removal and asked.overrun_m == 0.0:
         asked = replace(asked, overrun_m=OVERRUN * pad.radius_m)
     plan = plan_part(scenario.part, asked, scenario.process, pad, observer)

@@ -38,12 +38,25 @@ ROWS: Final[Mapping[str, str]] = {
 
 REGION_OPTIONS: Final = ("--region", "--feature-angle", "--edge-margin", "--hole-margin")
 PART_OPTIONS: Final = ("--part", "--part-pose", "--units", "--up")
-PATH_OPTIONS: Final = (
-    *REGION_OPTIONS,
-    *("--pattern", "--stepover", "--overlap", "--order", "--direction", "--start", "--raster-direction"),
-    *("--overrun", "--even-removal", "--removal"),
-    *("--avoid", "--lead-in", "--lead-angle", "--tilt-angle", "--axis-smoothing", "--axis-deviation"),
+REMOVAL_OPTIONS: Final = ("--even-removal", "--removal")
+COVER_OPTIONS: Final = (
+    "--pattern",
+    "--stepover",
+    "--overlap",
+    "--order",
+    "--direction",
+    "--start",
+    "--raster-direction",
+    "--overrun",
+    "--avoid",
+    "--lead-in",
+    "--lead-angle",
+    "--tilt-angle",
+    "--axis-smoothing",
+    "--axis-deviation",
 )
+"""How a path covers a region."""
+PATH_OPTIONS: Final = (*REGION_OPTIONS, *COVER_OPTIONS, *REMOVAL_OPTIONS)
 """What decides where a planned path runs."""
 FINISHED: Final = "is a finished plan"
 FLANGED, POSITION = ("surface", "force"), "position"
@@ -87,8 +100,8 @@ class Experiment:
     plans: bool = False  #: Whether a plan is made before it where none is given
     paper: Mapping[str, Any] = field(default_factory=dict)
     """Settings that make a run the paper's own trial, so that the paper's figures stand beside it."""
-    only_with: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Options that change something beside another one only, by that one."""
+    only_with: Mapping[tuple[str, ...], tuple[str, ...]] = field(default_factory=dict)
+    """Options that change something beside one of several others only, by those."""
     not_with: tuple[Excludes, ...] = ()  #: Options that change nothing beside another one
     #: More pictures of many seeds, as ``comparisons``
     seeds_plots: Mapping[str, str] = field(default_factory=dict)
@@ -251,7 +264,7 @@ def refuse_idle_options(row: Experiment, given: Iterable[str]) -> None:
         if beside:
             raise InputError(f"{option} {why}: leave {', '.join(beside)} out.")
     idle = named - set(row.options)
-    for option, others in row.only_with.items():
-        idle |= named & set(others) if option not in named else set()
+    for options, others in row.only_with.items():
+        idle |= set() if named & set(options) else named & set(others)
     if idle:
         raise InputError(leave_out(sorted(idle), f"would change nothing in 'run {row.name}'"))

@@ -132,7 +132,7 @@ SURFACE: Final = Experiment(
     along_plan=True,
     plans=True,
     fixtures=True,
-    only_with={"--path": ("--from",)},
+    only_with={("--path",): ("--from",)},
     not_with=(Excludes("--path", FINISHED, PATH_OPTIONS),),
     paper={
         "part.file": "freeform",

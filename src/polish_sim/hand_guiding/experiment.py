@@ -103,7 +103,7 @@ TEACH: Final = Experiment(
         *("--mode", "--direction", "--duration", "--follow"),
         *(*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS, *WATCH_OPTIONS),
     ),
-    only_with={"--follow": (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS)},
+    only_with={("--follow",): (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS)},
     not_with=(Excludes("--follow", "says where the hand goes", ("--direction", "--duration")),),
     title=_title,
     controlled=False,
