@@ -2,8 +2,9 @@
 
 The guards get limits tighter by a margin, so that a part that is displaced and bent as the scenario draws it
 runs too. Where a guard trips or the exact force leaves its band, the tool is slowed over that stretch; where
-slowing does not help, or the pad sinks off an edge, it is pressed with half the force there; where that fails
-as well, or the pad has lost the part, the stretch is left out and the tool lifts over it. Each
+slowing does not help, or the pad sinks off an edge, it is pressed with half the force there, then a quarter;
+where that fails as well, or the pad has lost the part, the stretch is left out and the tool lifts over it.
+Each
 mended path goes on from a state saved shortly before the place. A path that was mended is at last played
 whole: only that is the proof.
 """
@@ -60,7 +61,8 @@ LEAST_POLISHED: Final = 0.1  #: Share of the region below which a plan is refuse
 WORTH_A_PAD: Final = 1.02  #: Times as much it has to polish
 PROOFS: Final = ("none", "nominal")
 MOST_SEEDS: Final = 1000
-EASIER: Final = 0.5  #: Share of the force that is pressed with where more of it fails [-]
+EASIER: Final = 0.5  #: A stretch that fails is pressed with this share of its force
+EASIEST: Final = 0.25  #: Share of the force below which easing is given up
 MOST_EASED: Final = 10  #: Places eased after playing, after which such places are left out
 SLOWING_S: Final = 0.5  #: Of the feed before a place that is mended may have changed too [s]
 AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
@@ -269,12 +271,13 @@ class _Prover:
             near, _ = cKDTree(places[lost]).query(path.positions_work)
             return np.asarray(path.process & (near <= LOOKED_M))
 
-        sinks = sinking(1.0)
-        if not sinks.any():
-            return
-        gone = sinks & sinking(EASIER)
-        if (sinks & ~gone).any():
-            self._ease(sinks & ~gone, SINKS_OFF)
+        gone, share = sinking(1.0), 1.0
+        while gone.any() and EASIER * share >= EASIEST:
+            share *= EASIER
+            still = gone & sinking(share)
+            if (gone & ~still).any():
+                self._ease(gone & ~still, SINKS_OFF, share)
+            gone = still
         if not gone.any():
             return
         remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
@@ -410,19 +413,22 @@ class _Prover:
             return
         row, pad = self._row(last), self.scenario.pad.radius_m
         helps = last.code in (NO_STOP, guard.FALLEN, *DYNAMIC) and not last.landing
-        if helps and self.pressed[row] > EASIER and sum(m.what == EASED for m in self.mends) < MOST_EASED:
-            self._ease(self._stroke_of(row) & (np.abs(self.path.s - self.path.s[row]) <= pad), last.why)
+        share = EASIER * self.pressed[row]
+        if helps and share >= EASIEST and sum(m.what == EASED for m in self.mends) < MOST_EASED:
+            around = self._stroke_of(row) & (np.abs(self.path.s - self.path.s[row]) <= pad)
+            self._ease(around, last.why, share)
         else:
             self._leave_out(last)
 
-    def _ease(self, rows: Bools, why: str) -> None:
-        """Press with less along some rows of the path; the force comes down before and rises behind them."""
+    def _ease(self, rows: Bools, why: str, share: float) -> None:
+        """Press with a share of the force along some rows of the path; it comes down before and rises behind
+        them."""
         path, s = self.path, self.path.s
         ramp = max(AROUND_S * self.scenario.process.feed_m_s, AROUND_M)
         away, _ = cKDTree(s[rows, None]).query(s[:, None])
-        self.pressed = np.minimum(self.pressed, np.clip(EASIER + (1.0 - EASIER) * away / ramp, EASIER, 1.0))
+        self.pressed = np.minimum(self.pressed, np.clip(share + (1.0 - share) * away / ramp, share, 1.0))
         self.kept_until = min(self.kept_until, s[rows].min() - 2.0 * ramp)
-        self.mends.append(mend_of(EASED, why, EASIER, path, rows))
+        self.mends.append(mend_of(EASED, why, share, path, rows))
 
     def _slow(self, found: list[Failure]) -> None:
         """Slow the path to half around each failure; one mend for each cause."""
