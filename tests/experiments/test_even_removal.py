@@ -155,7 +155,8 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     wanted = np.concatenate([by * (problem.goal - problem.landing), np.zeros(len(smooth))])
     missed = columns @ found - wanted
     gained = np.sum((columns @ stale - wanted) ** 2) - np.sum(missed**2)
-    slope = 2.0 * missed @ columns
+    gained += 2.0 * problem.quick @ (stale - found)
+    slope = 2.0 * (missed @ columns + problem.quick)
     # The problem is convex: along its slope no dwell within the limits gains more than this.
     left = slope @ (found - np.where(slope > 0.0, low, high))
     assert left < 0.05 * gained

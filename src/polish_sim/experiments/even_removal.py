@@ -53,7 +53,7 @@ INSIDE: Final = 4.0
 LEAST_GOAL: Final = 0.02  #: Share of the mean below which a target's deviations weigh no more
 SMOOTH: Final = 1e-4  #: Weight of changes from knot to knot beside the deviation's
 #: Weight of the time, over that at one feed, beside half the mean square of the deviation
-QUICK: Final = 0.01
+QUICK: Final = 0.008
 
 
 def plan_removal(scenario: Scenario, observer: PlanObserver | None = None) -> PlanResult:
