@@ -41,7 +41,7 @@ def pressing(*changes: str) -> Scenario:
     return override(default_scenario("surface"), [*usual, "safety.force_limit_n=80", *changes])
 
 
-SOFT = ("pad.stiffness_n_m=3600", "process.contact_force_n=36")  # the corner does not even carry a quarter
+SOFT = ("pad.stiffness_n_m=6000", "process.contact_force_n=36")  # the corner does not even carry half of it
 
 
 def into_the_corner(*changes: str) -> tuple[Scenario, PlanResult]:
@@ -52,7 +52,7 @@ def into_the_corner(*changes: str) -> tuple[Scenario, PlanResult]:
 
 @pytest.fixture(scope="module")
 def to_the_corner() -> tuple[Scenario, PlanResult]:
-    """With a pad so soft that the corner does not carry a quarter of the force."""
+    """With a pad so soft that the corner does not carry half the force."""
     return into_the_corner(*SOFT)
 
 
@@ -63,7 +63,7 @@ def proven_at_the_corner(to_the_corner: tuple[Scenario, PlanResult]) -> Proven:
 
 @pytest.mark.parametrize(
     ("changes", "shares"),
-    [((), [0.5]), (("pad.stiffness_n_m=6000", "process.contact_force_n=36"), [0.5, 0.25])],
+    [((), [0.5]), (("pad.stiffness_n_m=10000", "plan.removal=even"), [0.5, 0.25])],
 )
 def test_where_the_corner_carries_a_share_of_the_force_the_path_is_pressed_with_that_and_runs_on_drawn_parts(
     changes: tuple[str, ...], shares: list[float]
@@ -71,8 +71,8 @@ def test_where_the_corner_carries_a_share_of_the_force_the_path_is_pressed_with_
     scenario, plan = into_the_corner(*changes)
     assert run_experiment(replace(scenario, seed=501), plan).stop_reason is not None
     proven = prove(scenario, plan)
-    assert {mend.what for mend in proven.plan.mends} == {EASED}
-    assert [mend.share for mend in proven.plan.mends] == shares
+    assert LEFT_OUT not in {mend.what for mend in proven.plan.mends}
+    assert [mend.share for mend in proven.plan.mends if mend.what == EASED] == shares
     path, asked = proven.plan.path, scenario.process.contact_force_n
     np.testing.assert_array_equal(path.positions_work, plan.path.positions_work)
     force = path.force_at(path.s, asked)

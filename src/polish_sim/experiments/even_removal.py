@@ -1,11 +1,11 @@
 """Dwell and force along a path, so that what comes off is even or follows a map (PlanResult -> PlanResult).
 
-Preston's law with the pad of ``cell.removal`` pressed on the part as drawn: the exposure of node i is
-e_i = sum_k R_ik(F) ds_k / v_k, linear in the slowness 1 / v. Slowness is linear between knots along the path
-and minimises half of sum_i a_i (e_i / g_i - 1)^2 and a share of the time, within the limits of the feed: a
-pad that hangs over an edge takes long for little. The knots lie so far apart that no
-profile between those limits asks for more than the tool's acceleration. The force, where it may vary, is
-found the same way at the dwell found before, and by turns.
+Preston's law with the pad of ``cell.removal`` pressed on the part as drawn: the exposure of node i is e_i =
+sum_k R_ik(F) ds_k / v_k, linear in the slowness 1 / v. Slowness is linear between knots along the path and
+minimises half of sum_i a_i (e_i / g_i - 1)^2 and a share of the time, within the limits of the feed: a pad
+that hangs over an edge takes long for little. The knots lie so far apart that no profile between those
+limits asks for more than the tool's acceleration. The force, where it may vary, is found the same way at the
+dwell found before, and by turns.
 """
 
 from __future__ import annotations

@@ -2,11 +2,10 @@
 
 The guards get limits tighter by a margin, so that a part that is displaced and bent as the scenario draws it
 runs too. Where a guard trips or the exact force leaves its band, the tool is slowed over that stretch; where
-slowing does not help, or the pad sinks off an edge, it is pressed with half the force there, then a quarter;
-where that fails as well, or the pad has lost the part, the stretch is left out and the tool lifts over it.
-Each
-mended path goes on from a state saved shortly before the place. A path that was mended is at last played
-whole: only that is the proof.
+slowing does not help, or the pad sinks off an edge, it is pressed with half the force there, and by an even
+removal, which makes up for it, then with a quarter; where that fails as well, or the pad has lost the part,
+the stretch is left out and the tool lifts over it. Each mended path goes on from a state saved shortly
+before the place. A path that was mended is at last played whole: only that is the proof.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ WORTH_A_PAD: Final = 1.02  #: Times as much it has to polish
 PROOFS: Final = ("none", "nominal")
 MOST_SEEDS: Final = 1000
 EASIER: Final = 0.5  #: A stretch that fails is pressed with this share of its force
-EASIEST: Final = 0.25  #: Share of the force below which easing is given up
+EASIEST: Final = 0.25  #: Share of the force below which easing is given up by an even removal; else `EASIER`
 MOST_EASED: Final = 10  #: Places eased after playing, after which such places are left out
 SLOWING_S: Final = 0.5  #: Of the feed before a place that is mended may have changed too [s]
 AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
@@ -234,6 +233,7 @@ class _Prover:
         self.pressed = np.ones(len(plan.path.s))  #: Of the force asked for, by rows of the path
         #: Feed an even removal keeps below where the path was slowed [m/s], by rows of the path
         self.most = np.full(len(plan.path.s), math.inf)
+        self.easiest = EASIEST if scenario.plan.removal else EASIER  #: Share of the force, at least
         self.evened = 0  #: Mends the dwell of an even removal was found with
         self.mends: list[Mend] = []
         self.shares: dict[str, tuple[float, float]] = {}
@@ -272,7 +272,7 @@ class _Prover:
             return np.asarray(path.process & (near <= LOOKED_M))
 
         gone, share = sinking(1.0), 1.0
-        while gone.any() and EASIER * share >= EASIEST:
+        while gone.any() and EASIER * share >= self.easiest:
             share *= EASIER
             still = gone & sinking(share)
             if (gone & ~still).any():
@@ -414,7 +414,7 @@ class _Prover:
         row, pad = self._row(last), self.scenario.pad.radius_m
         helps = last.code in (NO_STOP, guard.FALLEN, *DYNAMIC) and not last.landing
         share = EASIER * self.pressed[row]
-        if helps and share >= EASIEST and sum(m.what == EASED for m in self.mends) < MOST_EASED:
+        if helps and share >= self.easiest and sum(m.what == EASED for m in self.mends) < MOST_EASED:
             around = self._stroke_of(row) & (np.abs(self.path.s - self.path.s[row]) <= pad)
             self._ease(around, last.why, share)
         else:
