@@ -175,4 +175,4 @@ def on_surface(stroke: Stroke) -> Array:
     table = stroke.process
     axes = Rotation.from_quat(table.quaternions, scalar_first=True).as_matrix()[:, :, 2]
     depth = stroke.depth * stroke.force / stroke.force[0]
-    return np.asarray(table.positions - depth[:, None] * axes)
+    return table.positions - depth[:, None] * axes

@@ -78,7 +78,7 @@ class ArmEstimate(NamedTuple):
     def target_at(self, q: Array, weight: Array | None = None) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""
         T = self.T_tracker_base @ link_frames(self.links_at(q, weight), self.table)[:, 6]
-        return np.asarray(T[:, :3, :3] @ self.target + T[:, :3, 3])
+        return T[:, :3, :3] @ self.target + T[:, :3, 3]
 
 
 def gear_columns(q: Array, weight: Array, catalogue: RealArmConfig) -> Array:

@@ -122,7 +122,7 @@ def _covariance(rows: Array) -> Array:
     """Covariance of the unknowns from derivatives of residuals of unit variance (m, p)."""
     scale = np.linalg.norm(rows, axis=0)
     inverse = np.linalg.inv(np.linalg.qr(rows / scale, mode="r")) / scale[:, None]
-    return np.asarray(inverse @ inverse.T)
+    return inverse @ inverse.T
 
 
 def _columns(problem: Problem[Any], x: Any, field: str) -> Array:

@@ -105,4 +105,4 @@ def point_covariance(covariance: Array, offset: Array) -> Array:
     """Covariance (3, 3) [m^2] of a point fixed in a frame, ``offset`` (3,) [m] from its origin, outer
     axes."""
     J = np.concatenate([np.eye(3), -skew(offset)], axis=1)
-    return np.asarray(J @ covariance @ J.T)
+    return J @ covariance @ J.T

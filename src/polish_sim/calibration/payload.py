@@ -132,7 +132,7 @@ class PayloadEstimate:
     @property
     def center(self) -> Array:
         """Centre of mass in the sensor frame [m], shape (3,)."""
-        return np.asarray(self.theta[MOMENT] / self.mass)
+        return self.theta[MOMENT] / self.mass
 
     @property
     def bias(self) -> Array:
@@ -146,12 +146,12 @@ class PayloadEstimate:
 
     def bias_at(self, time: float) -> Array:
         """Bias at a moment [s], with what it has drifted [N, N m], shape (6,)."""
-        return np.asarray(self.bias + self.drift * (time - self.zero_time))
+        return self.bias + self.drift * (time - self.zero_time)
 
     @property
     def std(self) -> Array:
         """Standard deviations of theta, shape (p,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def mass_std(self) -> float:
@@ -162,12 +162,12 @@ class PayloadEstimate:
     def center_covariance(self) -> Array:
         """Of the centre [m^2], to first order, shape (3, 3)."""
         slope = np.column_stack([-self.center, np.eye(3)]) / self.mass
-        return np.asarray(slope @ self.covariance[:4, :4] @ slope.T)
+        return slope @ self.covariance[:4, :4] @ slope.T
 
     @property
     def center_std(self) -> Array:
         """[m], shape (3,)."""
-        return np.asarray(np.sqrt(np.diag(self.center_covariance)))
+        return np.sqrt(np.diag(self.center_covariance))
 
     @property
     def bias_std(self) -> Array:

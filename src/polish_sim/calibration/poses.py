@@ -45,7 +45,7 @@ def move_time(q_from: Array, q_to: Array) -> float:
 def move(q_from: Array, q_to: Array, share: Array) -> Array:
     """Joint angles (k, 6) [rad] from one pose (6,) to another along half a cosine, at shares of the time
     (k,)."""
-    return np.asarray(q_from + 0.5 * (1.0 - np.cos(math.pi * share))[:, None] * (q_to - q_from))
+    return q_from + 0.5 * (1.0 - np.cos(math.pi * share))[:, None] * (q_to - q_from)
 
 
 @cache

@@ -35,7 +35,7 @@ def no_rotations(R: Array, tolerance: float = ROTATION_TOLERANCE) -> Bools:
     tolerance."""
     R = np.clip(R, -2.0, 2.0)  # wrong all the same, and no overflow
     wrong = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0) > tolerance
-    return np.asarray(wrong | (np.linalg.det(R) < 0.0))
+    return wrong | (np.linalg.det(R) < 0.0)
 
 
 class Measured(Columns):
@@ -120,12 +120,12 @@ def _from_quaternions(values: Array) -> Array:
     length = np.linalg.norm(values, axis=1)
     safe = np.where((length > 0.0)[:, None], values, [1.0, 0.0, 0.0, 0.0])
     scale = np.where(np.abs(length - 1.0) < ROTATION_TOLERANCE, 1.0, length)
-    return np.asarray(Rotation.from_quat(safe, scalar_first=True).as_matrix() * scale[:, None, None])
+    return Rotation.from_quat(safe, scalar_first=True).as_matrix() * scale[:, None, None]
 
 
 def quaternions_of(R: Array) -> Array:
     """Unit quaternions wxyz (..., 4) of rotations (..., 3, 3), real part positive."""
-    return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True))
+    return Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
 
 
 def mm_texts(lengths: Iterable[float]) -> list[str]:

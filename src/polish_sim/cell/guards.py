@@ -465,4 +465,4 @@ def _on_cylinder(model: mujoco.MjModel, geom: int, count: int = _AROUND) -> Arra
     angle, z = (grid.ravel() for grid in np.meshgrid(around, rings))
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
     R = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
-    return np.asarray(R.apply(points) + model.geom_pos[geom])
+    return R.apply(points) + model.geom_pos[geom]

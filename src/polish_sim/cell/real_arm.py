@@ -87,7 +87,7 @@ def gear_twists(real: RealArmConfig, torque: Array) -> Array:
     twist = np.where(
         size <= knees[0], below, np.where(size <= knees[1], bends[0] + between, bends[1] + above)
     )
-    return np.asarray(np.copysign(twist, torque))
+    return np.copysign(twist, torque)
 
 
 def _knees(real: RealArmConfig) -> tuple[Array, Array]:
@@ -168,7 +168,7 @@ class RestingArm(NamedTuple):
     def _error(self, angle: Array) -> Array:
         phase, a = 2.0 * self.real.gear_ratio * angle, self.errors.T
         single = a[0] * np.sin(phase) + a[1] * np.cos(phase)
-        return np.asarray(single + a[2] * np.sin(2.0 * phase) + a[3] * np.cos(2.0 * phase))
+        return single + a[2] * np.sin(2.0 * phase) + a[3] * np.cos(2.0 * phase)
 
     def _slipped(self, q: Array, rng: np.random.Generator | None) -> Array:
         return np.zeros_like(q) if rng is None else _lost_torque(self.real) * rng.uniform(-1.0, 1.0, q.shape)
@@ -201,7 +201,7 @@ def resting_arm(scenario: Scenario, model: mujoco.MjModel, place: ArmPlace = LON
 
 def _lost_torque(real: RealArmConfig) -> Array:
     """Largest torques of the hysteresis, shape (6,) [N m]."""
-    return np.asarray(0.5 * np.array(real.lost_motion_rad) * np.array(real.stiffness_1_nm_rad))
+    return 0.5 * np.array(real.lost_motion_rad) * np.array(real.stiffness_1_nm_rad)
 
 
 def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array, place: ArmPlace = LONE) -> Array:
@@ -218,7 +218,7 @@ def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array, place
     sizes = np.array([real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad])
     built = sizes[:, None] * rng.standard_normal((4, 6))
     if real.kinematics == "uncalibrated":
-        return np.asarray(NOMINAL + built)
+        return NOMINAL + built
     q = q_start + AROUND * rng.uniform(-1.0, 1.0, (real.calibration_poses, 6))
     # The encoders are at q; joints behind the motors' hang back by what the gears wind up.
     hanging = gear_twists(real, weights(model, q, place)) if real.servo_side == "motor" else np.zeros_like(q)
@@ -227,12 +227,12 @@ def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array, place
     frames = np.repeat(link_frames(q), len(_TARGETS), axis=0)
     slopes = table_slopes(frames, _points(q, NOMINAL).reshape(-1, 3)).reshape(-1, 24)
     fitted = np.linalg.lstsq(slopes, off.ravel(), rcond=1e-9)[0]
-    return np.asarray(NOMINAL + built - fitted.reshape(4, 6))
+    return NOMINAL + built - fitted.reshape(4, 6)
 
 
 def _points(q: Array, table: Array) -> Array:
     """Points on the tool, shape (n, 3, 3) [m]: pose, point, coordinate."""
-    return np.asarray((link_frames(q, table)[:, 6, None] @ _TARGETS[:, :, None])[..., :3, 0])
+    return (link_frames(q, table)[:, 6, None] @ _TARGETS[:, :, None])[..., :3, 0]
 
 
 def build_real_arm(

@@ -64,13 +64,13 @@ class FormError(NamedTuple):
 
     def __call__(self, at: Array) -> Array:
         """Outward shift of the surface at points (n, 3): [m], (n,)."""
-        return np.asarray(self.scale * (np.sin(at @ self.numbers.T + self.phases).sum(axis=1) - self.middle))
+        return self.scale * (np.sin(at @ self.numbers.T + self.phases).sum(axis=1) - self.middle)
 
     def on_grid(self, corners: Array, steps: Array) -> Array:
         """The same at each of some steps (n, 3) from each of some corners (k, 3): [m], (k, n)."""
         start, on = corners @ self.numbers.T + self.phases, steps @ self.numbers.T
         waves = np.sin(start) @ np.cos(on).T + np.cos(start) @ np.sin(on).T
-        return np.asarray(self.scale * (waves - self.middle))
+        return self.scale * (waves - self.middle)
 
 
 def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> FormError:
@@ -174,7 +174,7 @@ def facing_tool(surface: Surface, touch: Touch) -> Bools:
     """Which facets face the tool where it comes nearest to them, shape (m,)."""
     normals, _ = facet_normals(surface.vertices, surface.faces)
     _, nearest = cKDTree(touch.positions).query(surface.vertices[surface.faces].mean(axis=1))
-    return np.asarray((normals * touch.axes[nearest]).sum(axis=1) > FACING)
+    return (normals * touch.axes[nearest]).sum(axis=1) > FACING
 
 
 def touched_box(touch: Touch) -> Array:

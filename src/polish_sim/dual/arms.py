@@ -53,11 +53,11 @@ class ClosedChain(NamedTuple):
     @property
     def T_flange_work(self) -> Array:
         """The part on the master's flange, shape (4, 4)."""
-        return np.asarray(self.T_flange_gripper @ self.T_gripper_work)
+        return self.T_flange_gripper @ self.T_gripper_work
 
     def master_flange(self, T_master_work: Array) -> Array:
         """Flange of the master for a pose of the part, both (..., 4, 4)."""
-        return np.asarray(T_master_work @ inverse(self.T_flange_work))
+        return T_master_work @ inverse(self.T_flange_work)
 
     def follower_flange(self, T_master_work: Array, T_work_tool: Array) -> Array:
         """Flange of the follower, in its own base, for a pose of the tool on the part, shape (..., 4, 4)."""
@@ -134,7 +134,7 @@ class PairArms(NamedTuple):
     def resting_flange(self, robot: str, q: Array) -> Array:
         """Where the flange is in its base, (4, 4), before anything moves, with the encoders at ``q`` (6,)
         [rad]."""
-        return np.asarray(self.flanges(robot, self.rest(robot, q[None]))[0])
+        return self.flanges(robot, self.rest(robot, q[None]))[0]
 
     def joints(self, robot: str, T_base_flange: Array, q: Array) -> Array:
         """Joint angles with which the host expects the flange there, from the nominal arm's (n, 6) [rad]."""

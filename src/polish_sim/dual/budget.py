@@ -289,7 +289,7 @@ def length_probability(covariances: Array, lengths: Array) -> Array:
     s = np.maximum(variances, 0.0) @ squares.T
     with np.errstate(divide="ignore", invalid="ignore"):
         below = gammainc(1.5, 0.5 * lengths[:, None, None] ** 2 / s)
-    return np.asarray(np.mean(np.where(s > 0.0, below, 1.0) @ weights, axis=1))
+    return np.mean(np.where(s > 0.0, below, 1.0) @ weights, axis=1)
 
 
 def length_quantile(covariances: Array, share: float) -> float:

@@ -127,7 +127,7 @@ def simulate_arcs(
 
 def _target(T: Array) -> Array:
     """The tracker's target in the robot's base [m], shape (n, 3), from poses of the flange (n, 4, 4)."""
-    return np.asarray(T[:, :3, :3] @ TARGET + T[:, :3, 3])
+    return T[:, :3, :3] @ TARGET + T[:, :3, 3]
 
 
 def _stated(found: BaseCalibration) -> dict[str, Any]:

@@ -286,7 +286,7 @@ def tool_errors(frames: PairFrames, T_master_work: Array, T_work_tool: Array) ->
     T_follower_flange = believed.follower_flange(T_master_work, T_work_tool)
     T_work_master = inverse(T_master_flange @ true.T_flange_gripper @ true.T_gripper_work)
     is_now = T_work_master @ true.T_master_follower @ T_follower_flange @ true.T_flange_tool
-    return np.asarray(is_now[:, :3, 3] - T_work_tool[:, :3, 3])
+    return is_now[:, :3, 3] - T_work_tool[:, :3, 3]
 
 
 def _given(config: DualConfig, true: ClosedChain, found: tuple[PairParts, Array]) -> tuple[PairParts, Array]:

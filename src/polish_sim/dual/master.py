@@ -73,7 +73,7 @@ def along_arc(velocity: Array, bend: float, leg: float = math.inf) -> Callable[[
         half = 0.5 * bend * times
         ratio = np.sinc(half / math.pi)  # sin(half) / half
         along, aside = ratio * np.cos(half), ratio * np.sin(half)
-        return np.asarray(times[:, None] * (along[:, None] * level + aside[:, None] * across + rise))
+        return times[:, None] * (along[:, None] * level + aside[:, None] * across + rise)
 
     return shift
 
@@ -84,7 +84,7 @@ def about_axis(axis: Array, center: Array, rate: float) -> Callable[[Array], Arr
 
     def turn(times: Array) -> Array:
         R = Rotation.from_rotvec(rate * times[:, None] * axis).as_matrix()
-        return np.asarray(transform(R, center - R @ center))
+        return transform(R, center - R @ center)
 
     return turn
 
@@ -96,10 +96,10 @@ def through_poses(times: Array, poses: Array) -> PartWay:
     end = float(times[-1])
 
     def shift(t: Array) -> Array:
-        return np.asarray(places(np.clip(t, 0.0, end)))
+        return places(np.clip(t, 0.0, end))
 
     def turn(t: Array) -> Array:
-        return np.asarray(transform(turned(np.clip(t, 0.0, end)).as_matrix(), np.zeros(3)))
+        return transform(turned(np.clip(t, 0.0, end)).as_matrix(), np.zeros(3))
 
     return PartWay(shift, turn, end)
 
@@ -215,7 +215,7 @@ def middle_of(path: ToolPath) -> Array:
     """The middle of what is worked on, every millimetre of it counted alike, work frame [m], shape (3,)."""
     ends = path.process[1:] & path.process[:-1]
     between = 0.5 * (path.positions_work[1:] + path.positions_work[:-1])[ends]
-    return np.asarray(np.average(between, axis=0, weights=np.diff(path.s)[ends]))
+    return np.average(between, axis=0, weights=np.diff(path.s)[ends])
 
 
 def _speed_and_bend(config: DualConfig) -> tuple[Array, float]:
@@ -234,4 +234,4 @@ def _unit(direction: tuple[float, ...], name: str) -> Array:
     size = np.linalg.norm(direction)
     if not size > 0.0:
         raise ConfigError(f"'{name}' is no direction: give x, y, z, not all zero.")
-    return np.asarray(np.array(direction) / size)
+    return np.array(direction) / size

@@ -46,7 +46,7 @@ class Work(NamedTuple):
     def middle(self) -> Array:
         """How far the middle of the part's way is from its start, base of the master [m], shape (3,)."""
         shifts = self.way.shift(self.visits.clock)
-        return np.asarray(0.5 * (shifts.min(axis=0) + shifts.max(axis=0)))
+        return 0.5 * (shifts.min(axis=0) + shifts.max(axis=0))
 
 
 class PairReach(NamedTuple):
@@ -99,7 +99,7 @@ def _frame(up: Array, wanted: Array) -> Array:
     z = wanted / np.linalg.norm(wanted)
     R_z = rotation_to_axis(z[None], np.eye(3)[int(np.abs(z).argmin())])[0]
     R_up = rotation_to_axis(up[None], np.eye(3)[int(np.abs(up).argmin())])[0]
-    return np.asarray(R_z @ R_up.T)
+    return R_z @ R_up.T
 
 
 class Sampled(NamedTuple):
@@ -129,7 +129,7 @@ def tool_on_start(work: Work, reach: PairReach, axes: Array, clock: Array) -> Ar
     master's motion when it is there [s], (n,).
     """
     R_follower_start = work.chain.T_master_follower[:3, :3].T @ reach.T_master_work[:3, :3]
-    return np.asarray(R_follower_start @ _work_to_tool(work, reach.T_master_work, reach.spin, axes, clock))
+    return R_follower_start @ _work_to_tool(work, reach.T_master_work, reach.spin, axes, clock)
 
 
 def _work_to_tool(work: Work, T_master_work: Array, spin: float, axes: Array, clock: Array) -> Array:
@@ -140,7 +140,7 @@ def _work_to_tool(work: Work, T_master_work: Array, spin: float, axes: Array, cl
     x_follower = spin_direction(np.einsum("nij,nj->ni", during, work.visits.axes), spin)
     R_follower_work = R_follower_master @ work.way(T_master_work, clock)[:, :3, :3]
     wanted = rotations_towards(np.einsum("nij,nj->ni", R_follower_work, axes), x_follower)
-    return np.asarray(np.swapaxes(R_follower_work, 1, 2) @ wanted)
+    return np.swapaxes(R_follower_work, 1, 2) @ wanted
 
 
 class Failed(NamedTuple):

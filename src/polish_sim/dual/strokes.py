@@ -60,7 +60,7 @@ def _fed_at_most(scenario: Scenario, path: ToolPath) -> Bools:
     top = process.feed_m_s if path.feed is None else float(path.feed.max())
     on = path.process
     fed = np.cumsum(np.r_[0.0, np.where(on[1:] & on[:-1], np.diff(path.s), 0.0)])
-    return np.asarray(np.r_[0.0, fed[:-1]] <= top * (process.max_feed_s + SPARE_S))
+    return np.r_[0.0, fed[:-1]] <= top * (process.max_feed_s + SPARE_S)
 
 
 def air_limits(feed: float) -> SmoothingLimits:
@@ -168,7 +168,7 @@ class Visits(NamedTuple):
         s_fed, clock = self.s[fed], self.clock[fed]
         slowness = (clock[-1] - clock[-2]) / max(s_fed[-1] - s_fed[-2], 1e-9)
         beyond = np.minimum(slowness * np.maximum(s - s_fed[-1], 0.0), BEYOND_S)
-        return np.asarray(np.interp(s, s_fed, clock) + beyond)
+        return np.interp(s, s_fed, clock) + beyond
 
 
 def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
@@ -247,4 +247,4 @@ def _times(duration: float, step: float) -> Array:
 
 def _axes(quaternions: Array) -> Array:
     """From the part to the tool, for tool frames as wxyz (n, 4), shape (n, 3)."""
-    return np.asarray(-Rotation.from_quat(quaternions, scalar_first=True).as_matrix()[:, :, 2])
+    return -Rotation.from_quat(quaternions, scalar_first=True).as_matrix()[:, :, 2]

@@ -339,7 +339,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             -22.0,
         )
         self._renderer.update_scene(self.cell.data, camera)
-        return np.asarray(self._renderer.render())
+        return self._renderer.render()
 
     def close(self) -> None:
         """Give the renderer back."""

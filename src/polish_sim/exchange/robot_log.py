@@ -106,7 +106,7 @@ class RobotRecording(NamedTuple):
         if "torque_nm" in self.values:
             return self.values["torque_nm"]
         if "current_a" in self.values:
-            return np.asarray(self.values["current_a"] * np.array(constants))
+            return self.values["current_a"] * np.array(constants)
         return np.empty((0, 6))
 
 

@@ -76,7 +76,7 @@ def moves_in_part(result: PlanResult, kept: Bools) -> Bools:
         apart = 0.5 * CHECKED_APART * result.tool.pad.radius_m  # places are looked at twice as far apart
         inside = path.process & (cKDTree(result.in_part).query(path.positions_work)[0] <= apart)
     ends = np.flatnonzero(kept)
-    return np.asarray(np.logical_or.reduceat(inside, np.append(0, ends[:-1] + 1)))
+    return np.logical_or.reduceat(inside, np.append(0, ends[:-1] + 1))
 
 
 def in_part_remark(inside: bool, before: bool) -> str:

@@ -42,7 +42,7 @@ def unit_axes(file: Path, names: Sequence[str], axes: Array, place: Place) -> Ar
             f"'{file}', {place(row)}: the tool axis ({', '.join(names)}) has length {length[row]:.4g}, "
             "wanted 1: a unit vector from the part to the tool."
         )
-    return np.asarray(axes / length[:, None])
+    return axes / length[:, None]
 
 
 def checked_length(file: Path, positions: Array, place: Place) -> Array:

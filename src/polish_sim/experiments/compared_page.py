@@ -126,7 +126,7 @@ def _same_places(wear: Wear | None, other: Wear | None) -> Array:
     """The removal of another run at the vertices of the first one's."""
     if wear is None or other is None:
         return np.empty(0)
-    return np.asarray(other.value[cKDTree(other.vertices).query(wear.vertices)[1]])
+    return other.value[cKDTree(other.vertices).query(wear.vertices)[1]]
 
 
 def seeds_page(records: Sequence[RunRecord], columns: Mapping[str, Mapping[str, Any]]) -> Page:

@@ -100,7 +100,7 @@ def _deviations(stroke: Stroke) -> tuple[float, float]:
 
 
 def _axes(quaternions: np.ndarray) -> np.ndarray:
-    return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).apply([0.0, 0.0, 1.0]))
+    return Rotation.from_quat(quaternions, scalar_first=True).apply([0.0, 0.0, 1.0])
 
 
 # The whole cycle, row by row: what a picture of the plan in motion plays.

@@ -203,7 +203,7 @@ class _Problem:
 
     def exposure(self, slowness: Array) -> Array:
         """Of the region's nodes [N/m]."""
-        return np.asarray(self.dwell_columns() @ slowness + self.landing)
+        return self.dwell_columns() @ slowness + self.landing
 
     def at(self, s: Array, values: Array) -> Array:
         """Values at the knots, at other arc lengths of the path."""
@@ -232,7 +232,7 @@ class _Problem:
         bounds = np.stack([low, high], axis=1) / usual
         options = {"maxiter": 1000, "ftol": 1e-10, "maxcor": 30}
         found = minimize(distance, start / usual, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        return np.asarray(usual * found.x)
+        return usual * found.x
 
     def deviations(self, exposure: Array) -> tuple[float, float]:
         """Deviation from the goal over its mean: of the whole region, and a pad's radius inside its
@@ -300,4 +300,4 @@ def _shape_of(removal: str, mesh: Triangulation) -> Array:
         raise InputError(
             f"the map '{removal}' lies {1e3 * np.median(apart):.3g} mm beside the region. Is it in mm?"
         )
-    return np.asarray(values[nearest])
+    return values[nearest]

@@ -150,7 +150,7 @@ def cell_gravity(cell: Cell) -> float:
 def _bias_error(cell: Cell, estimate: calibration.PayloadEstimate) -> Array:
     """Estimated force bias minus what bias, drift and warm-up have become [N], shape (3,)."""
     now = cell.sensor.bias + cell.state.sensor.drift + cell.sensor.warm_up * cell.state.sensor.warmth
-    return np.asarray((estimate.bias_at(float(cell.data.time)) - now)[:3])
+    return (estimate.bias_at(float(cell.data.time)) - now)[:3]
 
 
 def _return_figures(

@@ -65,7 +65,7 @@ def spin_direction(axes_base: Array, spin: float) -> Array:
         raise ReachError("the tool axes of this path point all around: no fixed tool spin fits.")
     main /= size
     start = rotation_to_axis(main[None], np.eye(3)[0 if abs(main[0]) < 0.8 else 1])[0]
-    return np.asarray(start @ np.array([math.cos(spin), math.sin(spin), 0.0]))
+    return start @ np.array([math.cos(spin), math.sin(spin), 0.0])
 
 
 def rotations_towards(axes_base: Array, direction: Array) -> Array:

@@ -269,7 +269,7 @@ class _Prover:
             if not lost.any():
                 return np.zeros(len(path.s), dtype=bool)
             near, _ = cKDTree(places[lost]).query(path.positions_work)
-            return np.asarray(path.process & (near <= LOOKED_M))
+            return path.process & (near <= LOOKED_M)
 
         gone, share = sinking(1.0), 1.0
         while gone.any() and EASIER * share >= self.easiest:
@@ -397,7 +397,7 @@ class _Prover:
         """Rows of the stroke a row is in."""
         first, last = next(pair for pair in stretches(self.path.process) if pair[0] <= row <= pair[1])
         rows = np.arange(len(self.path.s))
-        return np.asarray((rows >= first) & (rows <= last))
+        return (rows >= first) & (rows <= last)
 
     def _mend(self, found: list[Failure]) -> None:
         """Slow the path where that may help; press with less at the place of the last failure, or leave it

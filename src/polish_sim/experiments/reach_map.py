@@ -101,7 +101,7 @@ def outermost(positions: Array, axes: Array) -> Indices:
     extreme = [(values @ directions.T).argmax(axis=0) for values in (positions, axes)]
     rows = np.unique([*np.linspace(0, len(positions) - 1, _SAMPLES).astype(int), *extreme[0], *extreme[1]])
     away = np.linalg.norm(positions[rows] - positions[rows].mean(axis=0), axis=1)
-    return np.asarray(rows[np.argsort(-away, kind="stable")])
+    return rows[np.argsort(-away, kind="stable")]
 
 
 @njit(cache=True, error_model="numpy")

@@ -157,7 +157,7 @@ def scene_solids(model: Any) -> list[Solid]:
 
 def _matrix(quaternion: Array) -> Array:
     """Rotations (..., 3, 3) of quaternions wxyz (..., 4)."""
-    return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
 def _mesh(model: Any, number: int) -> tuple[Array, Ints]:

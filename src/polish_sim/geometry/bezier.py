@@ -42,12 +42,12 @@ def edge_control(start: Array, end: Array, start_way: Array, end_way: Array) -> 
 def edge_points(start: Array, middle: Array, end: Array, share: Array) -> Array:
     """Points of quadratic curves at shares of their parameter; ``middle`` is the control point, arrays
     broadcast."""
-    return np.asarray((1.0 - share) ** 2 * start + 2.0 * share * (1.0 - share) * middle + share**2 * end)
+    return (1.0 - share) ** 2 * start + 2.0 * share * (1.0 - share) * middle + share**2 * end
 
 
 def into_plane(directions: Array, normals: Array) -> Array:
     """Components across unit normals, n x (v x n) (paper 1, eq. 4)."""
-    return np.asarray(directions - (directions * normals).sum(axis=-1, keepdims=True) * normals)
+    return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
 
 
 @njit(cache=True, inline="always")

@@ -267,4 +267,4 @@ def _first_diagonal(places: Array, cut: Cut, facets: Indices, turn: int) -> Bool
     corner = places[cut.faces[facets][:, [turn, (turn + 1) % 3, (turn + 2) % 3]]]
     one = np.linalg.norm(corner[:, 0] - 0.5 * (corner[:, 1] + corner[:, 2]), axis=1)
     other = np.linalg.norm(corner[:, 2] - 0.5 * (corner[:, 0] + corner[:, 1]), axis=1)
-    return np.asarray(one <= _EQUAL * other)
+    return one <= _EQUAL * other

@@ -48,7 +48,7 @@ def signed_distances(surface: Surface, points: Array) -> Array:
     Points whose closest point is on a border of an open surface count as outside.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
-    return np.asarray(_signed_distances(_build_skin(surface), points, np.inf)[0])
+    return _signed_distances(_build_skin(surface), points, np.inf)[0]
 
 
 @njit(cache=True)

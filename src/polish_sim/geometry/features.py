@@ -129,7 +129,7 @@ def _widths(vertices: Array, faces: Ints, adjacency: Adjacency, labels: Ints, ar
     length = np.linalg.norm(np.roll(vertices[faces], -1, axis=1) - vertices[faces], axis=2)
     rim = (adjacency.facets < 0) | (labels[adjacency.facets] != labels[:, None])
     around = np.bincount(labels, weights=(length * rim).sum(axis=1), minlength=len(areas))
-    return np.asarray(2.0 * areas / np.maximum(around, 1e-300))
+    return 2.0 * areas / np.maximum(around, 1e-300)
 
 
 def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints, Array, Array]:

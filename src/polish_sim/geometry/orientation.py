@@ -219,7 +219,7 @@ def _stand_straight(vertices: Array, faces: Ints, graph: FacetGraph) -> Array:
         level = (side for side in map(np.array, SIDES.values()) if _looks_same(graph, found, side))
         return next(level, found.direction)
     best = int(np.flatnonzero(fits & (sizes >= (1.0 - _SAME) * sizes[fits].max()))[0])
-    return np.asarray(sides[best])
+    return sides[best]
 
 
 def describe(direction: Array) -> str:
@@ -253,4 +253,4 @@ def _parse_vector(text: str) -> Array:
             f"--up '{text}' is not a direction. Give a side ({', '.join(SIDES)}), auto, or X,Y,Z."
         )
     vector = vector / np.abs(vector).max()
-    return np.asarray(vector / np.linalg.norm(vector))
+    return vector / np.linalg.norm(vector)

@@ -93,7 +93,7 @@ class Surface:
     @cached_property
     def middle(self) -> Array:
         """Mean of the vertices [m], shape (3,)."""
-        return np.asarray(self.vertices.mean(axis=0))
+        return self.vertices.mean(axis=0)
 
     @cached_property
     def radius(self) -> float:
@@ -103,13 +103,13 @@ class Surface:
     @cached_property
     def facet_areas(self) -> Array:
         """Areas of the patches [m^2], shape (m,)."""
-        return np.asarray(by_slices(patch_areas, self.control))
+        return by_slices(patch_areas, self.control)
 
     @cached_property
     def normal_sum(self) -> Array:
         """Sum of the normals at the facets' middles, weighted by the patches' areas [m^2], shape (3,)."""
         normals = self.closest(self.vertices[self.faces].mean(axis=1)).normals
-        return np.asarray((self.facet_areas[:, None] * normals).sum(axis=0))
+        return (self.facet_areas[:, None] * normals).sum(axis=0)
 
     @cached_property
     def vertex_normal_sums(self) -> Array:
@@ -154,7 +154,7 @@ class Surface:
         packed = np.einsum("nc,ncs->ns", barycentric, self._shapes(facets))
         normals = self.evaluate(facets, barycentric).normals
         project = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-        return np.asarray(project @ unpack(packed) @ project)
+        return project @ unpack(packed) @ project
 
     def curvature(self, facets: Ints, barycentric: Array) -> Curvature:
         """Principal curvatures at facets (n,) and barycentric coordinates (n, 3)."""
@@ -176,7 +176,7 @@ class Surface:
         normals = self.evaluate(facets, barycentric).normals
         tangents = directions - (directions * normals).sum(axis=1, keepdims=True) * normals
         length2 = np.maximum((tangents**2).sum(axis=1), 1e-300)
-        return np.asarray(np.einsum("ni,nij,nj->n", tangents, operators, tangents) / length2)
+        return np.einsum("ni,nij,nj->n", tangents, operators, tangents) / length2
 
     def restrict(self, facets: Ints) -> Surface:
         """The part of the surface made of these facets (k,); facet i of it is ``facets[i]`` of this one."""
@@ -305,7 +305,7 @@ def _corner_normals(control: Array) -> Array:
     cross = np.cross(ahead, behind)
     size = np.linalg.norm(cross, axis=2)
     angle = np.arctan2(size, (ahead * behind).sum(axis=2))
-    return np.asarray(cross * (angle / np.maximum(size, 1e-300))[:, :, None])
+    return cross * (angle / np.maximum(size, 1e-300))[:, :, None]
 
 
 def _next_border_edge(surface: Surface, border_edge: tuple[int, int]) -> tuple[int, int]:

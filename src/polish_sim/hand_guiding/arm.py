@@ -157,9 +157,9 @@ def hand_of(config: HandConfig) -> Hand:
 
 def home_pose() -> Array:
     """Tool pose at home in the base frame, shape (4, 4)."""
-    return np.asarray(forward(np.array(HOME)) @ tool_on_flange())
+    return forward(np.array(HOME)) @ tool_on_flange()
 
 
 def joints_for(T_base_tool: Array, near: Array) -> Array:
     """Joint angles (6,) [rad] that bring the tool to a pose; ReachError if there are none."""
-    return np.asarray(inverse_near(T_base_tool @ np.linalg.inv(tool_on_flange()), near))
+    return inverse_near(T_base_tool @ np.linalg.inv(tool_on_flange()), near)

@@ -117,7 +117,7 @@ def _noise(rng: np.random.Generator, steps: int, dt: float, rms: float, low: flo
         2, [low / nyquist, high / nyquist] if low else high / nyquist, "band" if low else "low", output="sos"
     )
     noise = sosfilt(band, rng.standard_normal((settle + steps, 3)), axis=0)[settle:]
-    return np.asarray(noise * rms / np.maximum(np.sqrt(np.mean(noise**2, axis=0)), 1e-300))
+    return noise * rms / np.maximum(np.sqrt(np.mean(noise**2, axis=0)), 1e-300)
 
 
 # What a hand drags the tool along: a part's rim or a path's file, placed before the arm.

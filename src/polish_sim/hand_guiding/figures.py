@@ -99,7 +99,7 @@ def distance_to_chord(points: Array, first: Array, last: Array) -> Array:
     chord = last - first
     share = np.sum((points - first) * chord, axis=1) / np.maximum(np.sum(chord**2, axis=-1), 1e-300)
     foot = first + np.clip(share, 0.0, 1.0)[:, None] * chord
-    return np.asarray(np.linalg.norm(points - foot, axis=1))
+    return np.linalg.norm(points - foot, axis=1)
 
 
 def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[str, float]:

@@ -68,7 +68,7 @@ class SprungHead(NamedTuple):
         w = 2.0 * math.pi * np.fft.rfftfreq(len(axis), dt)
         gain = w**2 / (self.stiffness / self.mass - w**2 + 1j * w * self.damping / self.mass)
         force = self.mass * np.fft.irfft(gain * along, len(axis))
-        return np.asarray(force[:, None] * np.einsum("mi,mij->mj", axis, J))
+        return force[:, None] * np.einsum("mi,mij->mj", axis, J)
 
 
 def filtered(signal: Array, dt: float, band: float, order: int = 0) -> Array:
@@ -76,7 +76,7 @@ def filtered(signal: Array, dt: float, band: float, order: int = 0) -> Array:
     f = np.fft.rfftfreq(len(signal), dt)
     gain = (2j * np.pi * f) ** order / np.sqrt(1.0 + (f / band) ** (2 * _ORDER))
     spectrum = np.fft.rfft(signal, axis=0) * gain.reshape(-1, *[1] * (signal.ndim - 1))
-    return np.asarray(np.fft.irfft(spectrum, len(signal), axis=0))
+    return np.fft.irfft(spectrum, len(signal), axis=0)
 
 
 def one_period(log: RobotLog, period: float) -> RobotLog:
@@ -156,7 +156,7 @@ class ElasticMotion:
         """Torques of the motors (m, n) [N m]."""
         T, shares = self.passed(found)
         own = found.full[self.Y.shape[2] :].reshape(len(FULL), -1)
-        return np.asarray(shares * T + np.einsum("kmj,kj->mj", self.terms(), own))
+        return shares * T + np.einsum("kmj,kj->mj", self.terms(), own)
 
     def passed(self, found: Found) -> tuple[Array, Array]:
         """What the gears pass on [N m], and how many times that the motors feel, (m, n) each."""
@@ -167,7 +167,7 @@ class ElasticMotion:
 
     def driving(self, T: Array) -> Bools:
         """Where the motors drive, not the load."""
-        return np.asarray(T * self.motor.qd > 0.0)
+        return T * self.motor.qd > 0.0
 
     def terms(self) -> Array:
         """Columns of the terms in the order of `FULL`, shape (4, m, n)."""
@@ -246,7 +246,7 @@ def _clustered(pieces: list[tuple[Array, Array]], fit: _Fit, C: Array) -> Array:
         scores.append(sums)
     all_of_them = np.concatenate(scores)
     few = len(all_of_them) / max(len(all_of_them) - len(C), 1)
-    return np.asarray(C @ (few * all_of_them.T @ all_of_them + np.diag(fit.prior)) @ C)
+    return C @ (few * all_of_them.T @ all_of_them + np.diag(fit.prior)) @ C
 
 
 class _Fit:

@@ -139,12 +139,12 @@ def informative(states: States) -> Bools:
     speed = np.abs(states.qd)
     standing = (speed <= STANDING[0]) & (np.abs(states.qdd) <= STANDING[1])
     turning = (speed <= TURNING) & ~standing
-    return np.asarray((speed > STANDSTILL) & ~np.any(turning, axis=1)[:, None])
+    return (speed > STANDSTILL) & ~np.any(turning, axis=1)[:, None]
 
 
 def information(sums: JointSums, sigma: Array) -> Array:
     """Fisher information of the base parameters at noise sigma (n,) [N m], shape (r, r)."""
-    return np.asarray(np.tensordot(1.0 / sigma**2, sums.squares, axes=1))
+    return np.tensordot(1.0 / sigma**2, sums.squares, axes=1)
 
 
 def inverse_of(H: Array) -> Array:
@@ -153,7 +153,7 @@ def inverse_of(H: Array) -> Array:
     Of an information matrix: the Cramér-Rao bound, the least covariance of an unbiased estimate.
     """
     scale = 1.0 / np.sqrt(np.diag(H))
-    return np.asarray(np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale))
+    return np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale)
 
 
 @dataclass(frozen=True)
@@ -173,11 +173,11 @@ class Estimate:
     @property
     def std(self) -> Array:
         """Standard deviations, shape (r,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.sqrt(np.diag(self.covariance))
 
     def covers(self, truth: Array) -> Bools:
         """Which 95% intervals hold the true value, shape (r,)."""
-        return np.asarray(np.abs(self.theta - truth) <= INTERVAL_95 * self.std)
+        return np.abs(self.theta - truth) <= INTERVAL_95 * self.std
 
 
 def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:
@@ -245,7 +245,7 @@ def torque_error(given: Array, exact: Array) -> Array:
     """Rms error of torques (m, n) [N m] / range of the exact ones, shape (n,); NaN is left out."""
     off = given - exact
     reach = np.nanmax(exact, axis=0) - np.nanmin(exact, axis=0)
-    return np.asarray(np.sqrt(np.nanmean(off**2, axis=0)) / reach)
+    return np.sqrt(np.nanmean(off**2, axis=0)) / reach
 
 
 # Noise that is not white. The inefficiency g = 1 + 2 (rho_1 + rho_2 + ...) of the residuals' correlations is
@@ -293,4 +293,4 @@ def _autocorrelation(values: Array, most: int) -> Array:
     """Sums of products with the values k samples later, k below ``most``."""
     size = 1 << int(np.ceil(np.log2(len(values) + most)))
     spectrum = np.fft.rfft(values, size)
-    return np.asarray(np.fft.irfft(spectrum * np.conj(spectrum), size)[:most])
+    return np.fft.irfft(spectrum * np.conj(spectrum), size)[:most]

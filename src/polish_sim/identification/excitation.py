@@ -83,7 +83,7 @@ def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: 
     sigma^2."""
     Y = model.regressor(states)[:, :, base.columns] / sigma[:, None]
     flat = Y.reshape(-1, base.rank)
-    return np.asarray(flat.T @ flat / len(states.q))
+    return flat.T @ flat / len(states.q)
 
 
 def random_motion(limits: MotionLimits, rng: np.random.Generator) -> FourierMotion:
@@ -160,7 +160,7 @@ def mean_information(task: ExcitationTask, motion: FourierMotion) -> Array:
     states = motion(np.arange(FINE) / FINE * motion.period)
     Y = task.model.regressor(states)[:, :, task.base.columns] * (informative(states) / task.sigma)[:, :, None]
     flat = Y.reshape(-1, task.base.rank)
-    return np.asarray(flat.T @ flat / FINE)
+    return flat.T @ flat / FINE
 
 
 class Search:

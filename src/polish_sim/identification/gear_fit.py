@@ -103,7 +103,7 @@ class GearFit(NamedTuple):
 
     def true_loads(self) -> Array:
         """Those of the simulated arm, shape (n, 2)."""
-        return np.asarray(self.truth[:, _LOADS])
+        return self.truth[:, _LOADS]
 
     def loads_known(self) -> Array:
         """Shares of friction by load, shape (n, 2): of gears that bear too little to show theirs the others'
@@ -188,7 +188,7 @@ class _Gear:
         ]
 
     def _low(self, signal: Array) -> Array:
-        return np.asarray(sosfiltfilt(self._sos, signal))
+        return sosfiltfilt(self._sos, signal)
 
     def _moving(self) -> Bools:
         """Which of the samples that are fitted count: the motor does not reverse within the low-pass's
@@ -197,7 +197,7 @@ class _Gear:
         near = np.convolve(np.abs(self._speed) < TURNING, np.ones(2 * reach + 1), "same") < 0.5
         near[:ends] = near[-ends:] = False
         near &= np.cumsum(np.abs(np.diff(self._turned, prepend=self._turned[0]))) > FORGOTTEN * self._rise
-        return np.asarray(near[:: self._every])
+        return near[:: self._every]
 
     def fit(self) -> tuple[Array, Array]:
         """Numbers found and their standard deviations, as many as slopes are reached, shape (13,) to
@@ -249,7 +249,7 @@ class _Gear:
         passed = (1.0 + self._slope @ x[8:_FIRST]) * (torque + x[5] * np.gradient(twist, self._dt))
         smooth = x[0] * self._acceleration + x[1] * self._speed
         given = smooth + self._low(np.sign(self._speed) * (x[2] + load) + passed)
-        return np.asarray((self._torque - given)[:: self._every])
+        return (self._torque - given)[:: self._every]
 
 
 def _error_of(phase: Array) -> Array:
@@ -265,7 +265,7 @@ def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:
     bend, size = knees[0] / first, np.abs(twist)
     width = (knees[1] - knees[0]) / second
     between, above = np.clip(size - bend, 0.0, width), np.maximum(size - bend - width, 0.0)
-    return np.asarray(np.copysign(first * np.minimum(size, bend) + second * between + third * above, twist))
+    return np.copysign(first * np.minimum(size, bend) + second * between + third * above, twist)
 
 
 def _hysteresis(twist: Array, rise: float) -> Array:

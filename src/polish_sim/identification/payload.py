@@ -62,7 +62,7 @@ class Payload:
     @property
     def std(self) -> Array:
         """Standard deviations, shape (10,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.sqrt(np.diag(self.covariance))
 
     def body(self) -> Body:
         """Mass, centre and inertia about the centre, the deviations carried over to first order."""

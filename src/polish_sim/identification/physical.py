@@ -133,7 +133,7 @@ class _ConsistentFit:
         # No drawing tells of a gear's friction: it may be as large as Coulomb's.
         friction = sizes[10 * n :].reshape(-1, n)
         friction[len(FULL) :] = friction[:1]
-        return np.asarray(_PRIOR * np.maximum(sizes, 0.1))
+        return _PRIOR * np.maximum(sizes, 0.1)
 
 
 def _root(J: Array) -> Array:
@@ -186,7 +186,7 @@ def parameter_rows(
 def alone_std(base: BaseParameters, found: Estimate) -> Array:
     """Standard deviation of every parameter as far as it is identifiable, shape (p,)."""
     back = np.linalg.pinv(base.combination)
-    return np.asarray(np.sqrt(np.einsum("pr,rs,ps->p", back, found.covariance, back)))
+    return np.sqrt(np.einsum("pr,rs,ps->p", back, found.covariance, back))
 
 
 def parameters_csv(rows: list[ParameterRow]) -> str:

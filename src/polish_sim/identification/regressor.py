@@ -199,7 +199,7 @@ def _slope_of_sign(states: States) -> States:
 
 
 def _sign(states: States) -> Array:
-    return np.asarray(np.tanh(states.qd / SIGN_WIDTH))
+    return np.tanh(states.qd / SIGN_WIDTH)
 
 
 def _none(chain: SerialChain) -> Array:
@@ -321,7 +321,7 @@ class TorqueModel:
 
     def torque(self, states: States, parameters: Array) -> Array:
         """Torques of all parameters (p,) [N m], shape (m, n)."""
-        return np.asarray(self.regressor(states) @ parameters)
+        return self.regressor(states) @ parameters
 
     def torque_of_base(self, states: States, columns: Indices | slice, theta: Array) -> Array:
         """Torques of parameters (r,) on some columns (r,), piece by piece [N m], shape (m, n)."""

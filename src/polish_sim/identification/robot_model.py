@@ -209,7 +209,7 @@ class RobotClearance:
             mujoco.mj_jac(self._model, self._data, J, None, point, int(self._model.geom_bodyid[geom]))
             jacobians.append(J)
         direction = way / length * np.sign(distance)
-        return np.asarray(direction @ (jacobians[1] - jacobians[0])[:, : self._joints])
+        return direction @ (jacobians[1] - jacobians[0])[:, : self._joints]
 
 
 def _pairs(model: mujoco.MjModel, also: Sequence[str]) -> list[tuple[int, int]]:

@@ -100,7 +100,7 @@ def link_frames(q: Array, table: Array = NOMINAL) -> Array:
 def forward(q: Array, table: Array = NOMINAL) -> Array:
     """Pose of the flange T_base_flange, (..., 4, 4), at angles ``q`` (..., 6) [rad] of an arm with a table
     (4, 6)."""
-    return np.asarray(_frames(q, table, 1)[..., 0, :, :])
+    return _frames(q, table, 1)[..., 0, :, :]
 
 
 def jacobian(q: Array, point_flange: Array, table: Array = NOMINAL) -> Array:
@@ -137,7 +137,7 @@ def is_nominal(table: Array) -> bool:
 def link_poses(table: Array) -> Array:
     """Pose of each link's frame in the one before with the joints at zero, shape (6, 4, 4)."""
     frames = link_frames(np.zeros(6), table)
-    return np.asarray(inverse(frames[:6]) @ frames[1:])
+    return inverse(frames[:6]) @ frames[1:]
 
 
 def table_slopes(frames: Array, points: Array) -> Array:
@@ -276,7 +276,7 @@ def inverse_all(T_base_flange: Array, q6_if_aligned: float) -> Array:
     odd rows those of the elbow. ``q6_if_aligned`` is wrist 3 where the pose leaves it free (wrist 2 at 0 or
     180 deg) [rad].
     """
-    return np.asarray(solve_all(arm_lengths(), T_base_flange, q6_if_aligned))
+    return solve_all(arm_lengths(), T_base_flange, q6_if_aligned)
 
 
 def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
@@ -285,7 +285,7 @@ def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -
 
     Only those inside the joint limits count if ``within_limits``.
     """
-    return np.asarray(_nearest_solution(arm_lengths(), T_base_flange, q_near, within_limits))
+    return _nearest_solution(arm_lengths(), T_base_flange, q_near, within_limits)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

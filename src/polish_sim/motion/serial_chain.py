@@ -55,12 +55,12 @@ def link_parameters(mass: float, center: Array, inertia: Array) -> Array:
 
 def point_inertia(mass: float, place: Array) -> Array:
     """Inertia of a point mass [kg] at a place (3,) [m] about the origin [kg m^2], shape (3, 3)."""
-    return np.asarray(mass * ((place @ place) * np.eye(3) - np.outer(place, place)))
+    return mass * ((place @ place) * np.eye(3) - np.outer(place, place))
 
 
 def packed(inertia: Array) -> Array:
     """Entries of an inertia (3, 3) in the order of `LINK_PARAMETERS`, shape (6,)."""
-    return np.asarray(inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+    return inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
 
 
 def inertia_at_origin(parameters: Array) -> Array:

@@ -215,4 +215,4 @@ def _lifted(seated: Array, touching: Array) -> NDArray[np.bool_]:
     - 1,)."""
     gaps = np.diff(touching) >= LIFTED_S
     begins, ends = touching[:-1][gaps], touching[1:][gaps]
-    return np.asarray(np.searchsorted(begins, seated[1:]) > np.searchsorted(ends, seated[:-1], side="right"))
+    return np.searchsorted(begins, seated[1:]) > np.searchsorted(ends, seated[:-1], side="right")

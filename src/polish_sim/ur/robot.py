@@ -326,7 +326,7 @@ class SimulatedRobot(Robot):
         if arm is None:
             return np.zeros(6)
         slides = np.clip(self.actual_qd / SETTLED, -1.0, 1.0)
-        return np.asarray(viscous * arm.viscous * self.actual_qd + coulomb * arm.coulomb * slides)
+        return viscous * arm.viscous * self.actual_qd + coulomb * arm.coulomb * slides
 
     def zero_ftsensor(self) -> None:
         """See the protocol; the mean of the last `TARE` ticks: one reading is off by its noise."""
@@ -482,7 +482,7 @@ class SimulatedRobot(Robot):
     def jacobian_dot(self, q: Array, qd: Array, tcp: Array) -> Array:
         """See the protocol; by central differences."""
         ahead, behind = (self.jacobian(np.asarray(q) + h * np.asarray(qd), tcp) for h in (1e-5, -1e-5))
-        return np.asarray((ahead - behind) / 2e-5)
+        return (ahead - behind) / 2e-5
 
     def mass_matrix(self, q: Array, rotors: bool) -> Array:
         """See the protocol; with the tool."""
@@ -502,7 +502,7 @@ class SimulatedRobot(Robot):
             data.qpos[:6], data.qvel[:6] = q, speeds
             mujoco.mj_forward(model, data)
             forces.append(data.qfrc_bias[:6].copy())
-        return np.asarray(forces[0] - forces[1])
+        return forces[0] - forces[1]
 
     @property
     def free_torques(self) -> Array:

@@ -65,12 +65,12 @@ class PairAdjustment(NamedTuple):
     @property
     def covariance(self) -> Array:
         """Of the 15 unknowns: base (m, rad), tip (m), part (m, rad), shape (15, 15)."""
-        return np.asarray(np.linalg.inv(np.sum(list(self.informations.values()), axis=0)))
+        return np.linalg.inv(np.sum(list(self.informations.values()), axis=0))
 
     def share(self, source: str) -> Array:
         """What the noise of one source adds to the covariance, shape (15, 15); the shares add up to it."""
         C = self.covariance
-        return np.asarray(C @ self.informations[source] @ C)
+        return C @ self.informations[source] @ C
 
 
 def adjust_pair(parts: PairParts, marks_work: Array, closing: ClosingTouches, noise: float) -> PairAdjustment:

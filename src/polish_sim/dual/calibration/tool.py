@@ -70,7 +70,7 @@ class ToolPoint(Fit[Array]):
     @property
     def std(self) -> Array:
         """Standard deviations of the tip [m], shape (3,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)[:3]))
+        return np.sqrt(np.diag(self.covariance)[:3])
 
 
 def fit_tool_point(touches: ToolTouches, noise: float | None = None, used: Bools | None = None) -> ToolPoint:
@@ -119,7 +119,7 @@ def tip_positions_flange(T_base_flange: Array, point_flange: Array) -> Array:
     start first, (m, 4, 4); ``point_flange``: the tip in the flange frame [m], (3,).
     """
     tips = T_base_flange[:, :3, :3] @ point_flange + T_base_flange[:, :3, 3]
-    return np.asarray((tips - tips[0]) @ T_base_flange[0, :3, :3])
+    return (tips - tips[0]) @ T_base_flange[0, :3, :3]
 
 
 def orientation_from_three_points(points: Array, noise: float) -> ToolOrientation:

@@ -164,7 +164,7 @@ def plan_touch_orientations(count: int, cone: float) -> Array:
     # Spin within half a turn either way, as a wrist has it.
     spin = np.mod(2.0 * azimuth + np.pi, 2.0 * np.pi) - np.pi
     turns = Rotation.from_euler("ZYZ", np.column_stack([azimuth, np.full(count, cone), spin]))
-    return np.asarray(TOOL_DOWN @ turns.as_matrix())
+    return TOOL_DOWN @ turns.as_matrix()
 
 
 def point_error_bound(R_base_flange: Array, noise: float) -> float:

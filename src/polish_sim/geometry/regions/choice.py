@@ -400,7 +400,7 @@ def _on_both_sides(a: Array, b: Array, p: Array, q: Array) -> Bools:
     low, high = np.sort(
         [(along[..., 0] * (r - a)[..., 1] - along[..., 1] * (r - a)[..., 0]) / length for r in (p, q)], axis=0
     )
-    return np.asarray((low < -_ON_OUTLINE) & (high > _ON_OUTLINE))
+    return (low < -_ON_OUTLINE) & (high > _ON_OUTLINE)
 
 
 def _inside(points: Array, polygon: Array) -> Bools:

@@ -75,7 +75,7 @@ class BorderDistance(NamedTuple):
 
     def straight(self, points: Array) -> Array:
         """Straight distances of points (n, 3) to the border [m], shape (n,)."""
-        return np.asarray(np.linalg.norm(points - self._nearest(points), axis=1))
+        return np.linalg.norm(points - self._nearest(points), axis=1)
 
     def _nearest(self, points: Array) -> Array:
         """Nearest points of the border to points (n, 3) [m], shape (n, 3)."""
@@ -86,7 +86,7 @@ class BorderDistance(NamedTuple):
         share = ((points[:, None] - start) * along).sum(axis=2) / np.maximum((along**2).sum(axis=2), 1e-300)
         feet = start + np.clip(share, 0.0, 1.0)[..., None] * along
         best = np.linalg.norm(points[:, None] - feet, axis=2).argmin(axis=1)
-        return np.asarray(feet[np.arange(len(points)), best])
+        return feet[np.arange(len(points)), best]
 
 
 def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indices]) -> BorderDistance:
@@ -127,7 +127,7 @@ def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
     turn = ((normals[1:] - normals[:-1]) * chords).sum(axis=2) / np.maximum(length, 1e-300)
     half = np.arcsin(np.clip(0.5 * turn, -0.9, 0.9))
     stretch = np.where(np.abs(half) < 1e-6, 1.0, half / np.where(half == 0.0, 1.0, np.sin(half)))
-    return np.asarray((length * stretch).sum(axis=0))
+    return (length * stretch).sum(axis=0)
 
 
 #: Facets that the new border crosses are cut down to this share of the margin where it bends

@@ -22,7 +22,7 @@ def facing(surface: Surface) -> Array:
     """Mean normal times the share of the area it stands for, shape (3,): length 1 for a plane, 0 for a
     ball."""
     areas = surface.facet_areas
-    return np.asarray(areas @ middle_points(surface).normals / max(float(areas.sum()), 1e-300))
+    return areas @ middle_points(surface).normals / max(float(areas.sum()), 1e-300)
 
 
 def middle_points(surface: Surface) -> SurfacePoints:

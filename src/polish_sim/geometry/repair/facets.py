@@ -199,7 +199,7 @@ def _pass_closely(p: Array, q: Array, r: Array, s: Array) -> Bools:
     along = q - p
     cross = np.cross(along, s - r)
     apart2 = (cross * (r - p)).sum(axis=1) ** 2
-    return np.asarray(apart2 <= _DEEPEST**2 * (along**2).sum(axis=1) * (cross**2).sum(axis=1))
+    return apart2 <= _DEEPEST**2 * (along**2).sum(axis=1) * (cross**2).sum(axis=1)
 
 
 def _bend(a: Array, b: Array) -> Array:

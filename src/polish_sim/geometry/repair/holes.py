@@ -115,7 +115,7 @@ def _contained(rows: Ints, among: Ints) -> Bools:
     """Which rows occur among others, all sorted; a patch must not double a facet."""
     both = np.concatenate([among, rows])
     _, index, counts = np.unique(both, axis=0, return_inverse=True, return_counts=True)
-    return np.asarray(counts[index.ravel()[len(among) :]] > 1)
+    return counts[index.ravel()[len(among) :]] > 1
 
 
 def _describe(holes: list[Hole]) -> str:

@@ -239,4 +239,4 @@ def _pierced(a: Array, b: Array) -> Bools:
 
 def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
     """Six times the signed volume of tetrahedra, corners (k, 3)."""
-    return np.asarray(((b - a) * np.cross(c - a, d - a)).sum(axis=-1))
+    return ((b - a) * np.cross(c - a, d - a)).sum(axis=-1)

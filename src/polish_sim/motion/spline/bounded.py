@@ -79,4 +79,4 @@ def time_factors(bounded: Bounded, speed: Array, acceleration: Array, jerk: Arra
     v, a, j = speed[:, None], acceleration[:, None], jerk[:, None]
     moved = np.stack([x1 * v, x2 * v**2 + x1 * a, x3 * v**3 + 3.0 * x2 * v * a + x1 * j])
     over = (norms(moved) / bounded.limits[:, None]).max(axis=2)
-    return np.asarray(np.maximum.reduce([over[0], np.sqrt(over[1]), np.cbrt(over[2])]))
+    return np.maximum.reduce([over[0], np.sqrt(over[1]), np.cbrt(over[2])])

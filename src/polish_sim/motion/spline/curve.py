@@ -372,7 +372,7 @@ def _off(line: Polyline, spline: BSpline, knots: Array, tolerances: tuple[float,
 def _angles(one: Array, two: Array) -> Array:
     """Between vectors, not a number where one has no length [rad], shape (n,)."""
     a, b = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (one, two))
-    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=1), 1.0)))
+    return 2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=1), 1.0))
 
 
 def _halved(knots: Array, which: Bools) -> Array:

@@ -57,7 +57,7 @@ def around(stencils: Array, controls: Array) -> Array:
     """What the stencils (m, 3) give of control values, shape (m,)."""
     padded = np.concatenate([controls, [0.0]])
     m = len(stencils)
-    return np.asarray(sum(stencils[:, k] * padded[k : k + m] for k in range(3)))
+    return sum(stencils[:, k] * padded[k : k + m] for k in range(3))
 
 
 class Launch(NamedTuple):
@@ -195,7 +195,7 @@ def _programme(
 
 
 def _outer(stencils: Array, rates: Array) -> Array:
-    return np.asarray(rates[:, :, None] * stencils[:, None, :])
+    return rates[:, :, None] * stencils[:, None, :]
 
 
 @njit(cache=True, error_model="numpy", _nrt=False)
@@ -407,7 +407,7 @@ def squares_at(law: Law, u: Array) -> Array:
     i = np.clip(np.searchsorted(old.knots, u, side="right") - 1, 0, len(old.knots) - 2)
     value, slope, bend = (around(each, law.controls)[i] for each in (old.values, old.slopes, old.bends))
     past = u - old.knots[i]
-    return np.asarray(value + (slope + 0.5 * bend * past) * past)
+    return value + (slope + 0.5 * bend * past) * past
 
 
 def envelope(u: Array, caps: Array, bounded: Bounded, launch: Launch) -> Array:
@@ -452,7 +452,7 @@ def factors_of_spans(law: Law, bounded: Bounded) -> Array:
     acceleration, jerk = 0.5 * (slope + bend * past).ravel(), 0.5 * speed * np.repeat(bend, LOOKS + 1)
     places = (LOOKS * np.arange(len(spans))[:, None] + np.arange(LOOKS + 1)).ravel()
     here = bounded._replace(rates=bounded.rates[:, places])
-    return np.asarray(time_factors(here, speed, acceleration, jerk).reshape(len(spans), -1).max(axis=1))
+    return time_factors(here, speed, acceleration, jerk).reshape(len(spans), -1).max(axis=1)
 
 
 def fastest_law(knots: Array, look: Look, launch: Launch) -> tuple[Law, float] | None:
@@ -595,4 +595,4 @@ def _steady(coarse: Array, speeds: Array, caps: Array) -> Bools:
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(coarse) / (speeds[1:] + speeds[:-1]))])
     slow = times[speeds < (1.0 - 1e-9) * caps]
     inside = np.searchsorted(slow, times[:-1] - SETTLED), np.searchsorted(slow, times[1:] + SETTLED)
-    return np.asarray(inside[0] == inside[1])
+    return inside[0] == inside[1]

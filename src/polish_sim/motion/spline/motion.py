@@ -215,7 +215,7 @@ class Task(NamedTuple):
     def feed_cap(self, rates: CurveRates) -> Array:
         """Largest u' at places of a curve with which the feed is kept [m/s], shape (n,)."""
         pace = np.linalg.norm(rates.tips[1], axis=1) if self.of_tip else rates.places[1]
-        return np.asarray(self.feed.at(rates.places[0]) / np.maximum(pace, 1e-9))
+        return self.feed.at(rates.places[0]) / np.maximum(pace, 1e-9)
 
     def bounded(self, curve: Curve, u: Array, q: Array) -> Bounded:
         """What is limited at places of a curve (n,) [m]; joints near ``q`` (6,) at the first."""

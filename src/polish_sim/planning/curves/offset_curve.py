@@ -139,7 +139,7 @@ class CurveSet:
     def at_least(self, points: Array) -> Array:
         """A cheap lower bound of the distances of points (n, 3) to the curves [m], shape (n,)."""
         to_points, _ = self._tree.query(points, eps=ROUGHLY)
-        return np.asarray(to_points / (1.0 + ROUGHLY) - 0.5 * self._longest_chord)
+        return to_points / (1.0 + ROUGHLY) - 0.5 * self._longest_chord
 
     def nearest(self, points: Array, limit: float = np.inf) -> Feet:
         """Nearest points of the closest curve; distances beyond the limit [m] are inf."""

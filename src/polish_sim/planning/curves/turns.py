@@ -76,7 +76,7 @@ class Front:
         scouts, which = np.unique(self._scouts[rows], return_inverse=True)
         points = self.mesh.vertices
         away = np.linalg.norm(points[rows] - points[scouts][which], axis=1)
-        return np.asarray(curves.at_least(points[scouts])[which] - away)
+        return curves.at_least(points[scouts])[which] - away
 
     def triangles_around(self, rows: Indices) -> Indices:
         """Triangles with a corner among vertices, each once."""
@@ -95,7 +95,7 @@ class Front:
 
     def at_least(self, rows: Indices, number: int) -> Array:
         """Lower bounds of the distances of vertices to the turns of a number; exact near them [m]."""
-        return np.asarray(self._bounds[rows] - self._level(number))
+        return self._bounds[rows] - self._level(number)
 
     def _level(self, number: int) -> float:
         """How far the turns of a number are from the border [m]."""
@@ -108,7 +108,7 @@ def _scouts(points: Array, size: float) -> Indices:
     counts = cells.max(axis=0) + 1
     keys = (cells[:, 0] * counts[1] + cells[:, 1]) * counts[2] + cells[:, 2]
     _, first, which = np.unique(keys, return_index=True, return_inverse=True)
-    return np.asarray(first[which])
+    return first[which]
 
 
 def _all_rows(waiting: Waiting) -> Indices:

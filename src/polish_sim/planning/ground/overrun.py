@@ -68,4 +68,4 @@ def _outwards(points: Array, normals: Array) -> Array:
     sides = unit(np.cross(along, normals))
     before = np.roll(sides, 1, axis=0)
     middle = unit(sides + before)
-    return np.asarray(middle / np.maximum((middle * sides).sum(axis=1, keepdims=True), SHARPEST))
+    return middle / np.maximum((middle * sides).sum(axis=1, keepdims=True), SHARPEST)

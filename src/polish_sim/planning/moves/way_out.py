@@ -91,7 +91,7 @@ def rim_depths(surface: Surface, positions: Array, axes: Array, radius: float) -
         rim = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
         points = np.concatenate([points, points + radius * rim], axis=1)
     depth = -signed_distances(surface, points.reshape(-1, 3)).reshape(points.shape[:2])
-    return np.asarray(np.maximum(depth, 0.0).max(axis=1))
+    return np.maximum(depth, 0.0).max(axis=1)
 
 
 def _beside(surface: Surface, axes: Array) -> Array:
@@ -102,4 +102,4 @@ def _beside(surface: Surface, axes: Array) -> Array:
     # The first that is long enough: rounding does not choose among equals.
     chosen = (size > 0.5 * size.max(axis=1, keepdims=True)).argmax(axis=1)
     rows = np.arange(len(axes))
-    return np.asarray(square[rows, chosen] / size[rows, chosen][:, None])
+    return square[rows, chosen] / size[rows, chosen][:, None]

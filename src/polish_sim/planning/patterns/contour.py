@@ -148,4 +148,4 @@ def _step(here: Curve, s: float, there: Curve, arrive: float, stepover: float) -
         ahead = min(length, SHARE_OF_LOOP * there.length)
     share = np.linspace(0.0, 1.0, max(int(2.0 * length / FURTHEST_M), 8) + 1)[1:-1]
     from_here, from_there = here.at(s + share * length)[0], there.at(arrive - (1.0 - share) * ahead)[0]
-    return np.asarray(from_here + share[:, None] * (from_there - from_here))
+    return from_here + share[:, None] * (from_there - from_here)

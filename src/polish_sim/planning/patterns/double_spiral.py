@@ -132,4 +132,4 @@ def _passes(run: Run, line: Array) -> Indices:
     """Pass of each point of a moved line: the one as far along it."""
     before, after = arc_length(run.positions), arc_length(line)
     index = np.searchsorted(before, after * (before[-1] / after[-1]), side="right") - 1
-    return np.asarray(run.pass_index[np.clip(index, 0, len(before) - 1)])
+    return run.pass_index[np.clip(index, 0, len(before) - 1)]

@@ -131,7 +131,7 @@ class Layout:
 
     def distance(self, points: Array) -> Array:
         """Distance from points to the nearest of all turns [m], shape (n,)."""
-        return np.asarray(self._tree.query(points)[0])
+        return self._tree.query(points)[0]
 
 
 def split_pockets(layout: Layout, tree: Tree) -> list[Pocket]:
@@ -269,7 +269,7 @@ def _misfit(layout: Layout, turn: int, other: int, s: Array, steps: float) -> Ar
     gap[free < FREE_HALF * feet.distances] = BLOCKED
     width = int(_width(layout, turn, steps) / (curve.length / count)) | 1
     worst = maximum_filter1d(np.abs(gap - 1.0), width, mode="wrap")
-    return np.asarray(worst[np.round(s / curve.length * count).astype(int) % count] / SLACK)
+    return worst[np.round(s / curve.length * count).astype(int) % count] / SLACK
 
 
 def _use(layout: Layout, turn: int, s: Array, steps: float) -> Array:

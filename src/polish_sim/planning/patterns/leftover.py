@@ -114,7 +114,7 @@ def _come_nearer(mesh: Triangulation, distance: Array, trace: Array, stepover: f
 
 def _triangles_of(mesh: Triangulation, places: Bools) -> Indices:
     """Triangles with a side inside a set of vertices, shape (k, 3)."""
-    return np.asarray(mesh.triangles[places[mesh.triangles].sum(axis=1) >= 2])
+    return mesh.triangles[places[mesh.triangles].sum(axis=1) >= 2]
 
 
 def _largest_place(mesh: Triangulation, rest: Indices, open_places: Bools) -> tuple[Bools, float]:
@@ -159,7 +159,7 @@ def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Arr
         return points[deepest][None]
     even = dense(ordered, TRACE * stepover)
     window = min(21, len(even) // 2 * 2 - 1)
-    return np.asarray(uniform_filter1d(even, window, axis=0, mode="nearest"))
+    return uniform_filter1d(even, window, axis=0, mode="nearest")
 
 
 def _length(line: Array) -> float:

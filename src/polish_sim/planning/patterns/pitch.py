@@ -71,7 +71,7 @@ def beside(outer: Curve, inner: Curve, stepover: float) -> tuple[Bools, Bools]:
 
 
 def _one_step(feet: Nearest, stepover: float) -> Bools:
-    return np.asarray(np.abs(feet.distances / stepover - 1.0) < ODD)
+    return np.abs(feet.distances / stepover - 1.0) < ODD
 
 
 def _shared_out(outer: Array, inner: Array, beside: Bools, own: Bools) -> tuple[Array, Array]:
@@ -86,7 +86,7 @@ def _shared_out(outer: Array, inner: Array, beside: Bools, own: Bools) -> tuple[
 
 
 def _from_seam(curve: Curve, s: Array, seam: float) -> Array:
-    return np.asarray(np.mod(s - seam, curve.length))
+    return np.mod(s - seam, curve.length)
 
 
 #: Share of the way inwards that moves from band to whole turn, per turn; spacing changes by half of it
@@ -110,7 +110,7 @@ class Shares(NamedTuple):
         """Shares any number of rounds away, where they grow by one per round."""
         turns = np.floor(s / self.length)
         where = (s / self.length - turns) * (len(self.values) - 1)
-        return np.asarray(np.interp(where, np.arange(len(self.values)), self.values) + turns)
+        return np.interp(where, np.arange(len(self.values)), self.values) + turns
 
 
 def spread_shares(

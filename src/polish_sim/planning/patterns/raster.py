@@ -72,7 +72,7 @@ def _short_axis(region: Region) -> Array:
     odd = np.sin(1.0 + np.arange(len(flat))) @ (flat - flat.mean(axis=0))
     along = narrow @ odd
     best = int(np.abs(along).argmax())
-    return np.asarray(np.copysign(1.0, along[best]) * (seen.frame @ narrow[best]))
+    return np.copysign(1.0, along[best]) * (seen.frame @ narrow[best])
 
 
 def _both_sides(

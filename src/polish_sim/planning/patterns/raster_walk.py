@@ -167,4 +167,4 @@ def fillet(start: Array, corner: Array, end: Array, count: int = 16) -> Array:
     weight = np.sqrt(max(0.5 * (1.0 - float(arms[0] @ arms[1])), 1e-6))
     t = np.linspace(0.0, 1.0, count + 2)[1:-1, None]
     a, b, c = (1.0 - t) ** 2, 2.0 * weight * t * (1.0 - t), t**2
-    return np.asarray((a * start + b * corner + c * end) / (a + b + c))
+    return (a * start + b * corner + c * end) / (a + b + c)

@@ -122,12 +122,12 @@ def _moving_average(points: Array, window: int) -> Array:
     head = 2.0 * points[0] - points[pad:0:-1]
     tail = 2.0 * points[-1] - points[-2 : -pad - 2 : -1]
     averaged = uniform_filter1d(np.concatenate([head, points, tail]), size, axis=0, mode="nearest")
-    return np.asarray(averaged[pad : pad + len(points)])
+    return averaged[pad : pad + len(points)]
 
 
 def averaged_twice(values: Array, window: int, mode: str) -> Array:
     """Mean weighted by a triangle of twice the window along the first axis; ``mode`` continues the ends."""
-    return np.asarray(uniform_filter1d(uniform_filter1d(values, window, 0, mode=mode), window, 0, mode=mode))
+    return uniform_filter1d(uniform_filter1d(values, window, 0, mode=mode), window, 0, mode=mode)
 
 
 # What a pattern is asked to cover (region and plan -> pattern).

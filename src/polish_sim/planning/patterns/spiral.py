@@ -106,7 +106,7 @@ def _away(points: Array, goals: Array) -> Array:
     """Distance of points (n, 3) to the nearest goal (g, 3) [m]; 0 without goals."""
     if len(goals) == 0:
         return np.zeros(len(points))
-    return np.asarray(np.linalg.norm(points[:, None] - goals, axis=2).min(axis=1))
+    return np.linalg.norm(points[:, None] - goals, axis=2).min(axis=1)
 
 
 def _alone(curves: Sequence[Curve], stepover: float) -> list[Array]:
@@ -127,7 +127,7 @@ def _room(curve: Curve, s: Array, corners: Array) -> Array:
     ordered = np.sort(np.mod(corners, curve.length))
     after = np.searchsorted(ordered, s) % len(ordered)
     ahead, behind = np.mod(ordered[after] - s, curve.length), np.mod(s - ordered[after - 1], curve.length)
-    return np.asarray(np.minimum(behind, ahead))
+    return np.minimum(behind, ahead)
 
 
 def _corners(curve: Curve, stepover: float) -> Array:
@@ -210,7 +210,7 @@ def _between(outer: Curve, inner: Curve, seams: Array, match: Match, share: Arra
     """
     start = outer.at(seams[0] + match.outer)[0]
     share = np.where(match.beside, share, np.round(share))
-    return np.asarray(start + share[:, None] * (inner.at(seams[1] + match.inner)[0] - start))
+    return start + share[:, None] * (inner.at(seams[1] + match.inner)[0] - start)
 
 
 SPIRAL_SHORTEST = 1.0  #: Turns shorter than this many step-overs are left to what finishes the middle

@@ -65,7 +65,7 @@ class ToolRoom:
 
     def at(self, points: Array) -> Array:
         """Room at points (n, 3) of the surface [m], shape (n,)."""
-        return np.asarray(self.of_bodies(self.places(points)[0]).min(axis=1) + self.shift)
+        return self.of_bodies(self.places(points)[0]).min(axis=1) + self.shift
 
     def straight(self, points: Array) -> Array:
         """The same."""
@@ -134,7 +134,7 @@ class _Reach(NamedTuple):
     @property
     def least(self) -> Array:
         """Room of the tool [m], shape (v,)."""
-        return np.asarray(self.rooms.min(axis=1))
+        return self.rooms.min(axis=1)
 
     def area(self, ground: Ground) -> float:
         """What it touches [m^2]."""
@@ -209,4 +209,4 @@ def _touched(ground: Ground, least: Array, radius: float) -> Array:
     away[~roomy] = cKDTree(np.concatenate([vertices[roomy], border])).query(vertices[~roomy])[0]
     # A vertex stands for what is half the way to the next ones.
     wide = np.sqrt(np.maximum(ground.mesh.vertex_areas, 1e-300))
-    return np.asarray(np.clip(0.5 + (radius - away) / wide, 0.0, 1.0))
+    return np.clip(0.5 + (radius - away) / wide, 0.0, 1.0)

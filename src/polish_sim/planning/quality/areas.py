@@ -58,7 +58,7 @@ class AskedRegion:
     def areas(self) -> Array:
         """What each vertex of the ground stands for, in all the region's area [m^2], shape (v,)."""
         flat = self.ground.mesh.part_areas(self.ground.part_facets)
-        return np.asarray(flat * (self.area_m2 / flat.sum()))
+        return flat * (self.area_m2 / flat.sum())
 
 
 class LeftOutRow(NamedTuple):

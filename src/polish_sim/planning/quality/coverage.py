@@ -91,7 +91,7 @@ def pad_depths(curvatures: Array, pad: PadConfig, force: float | Array, tilts: A
     tilts = np.zeros((count, 2)) if tilts is None else tilts
     springs = _disc_points(pad.radius_m)
     columns = (np.ascontiguousarray(a, dtype=np.float64) for a in (curvatures, tilts, mean_depths))
-    return np.asarray(_solve(*columns, springs))
+    return _solve(*columns, springs)
 
 
 @njit(cache=True, error_model="numpy")
@@ -196,7 +196,7 @@ def time_under_pad(points: Array, point_normals: Array, steps: PadSteps, radius:
     ``point_normals`` (k, 3) are the unit surface normals there.
     """
     grid = build_point_grid(points, 0.35 * radius)
-    return np.asarray(_sum_up(points, point_normals, steps, radius, grid))
+    return _sum_up(points, point_normals, steps, radius, grid)
 
 
 @njit(cache=True, error_model="numpy")

@@ -85,7 +85,7 @@ def _look_at(chords: Segments, i: Indices, j: Indices) -> _Pairs:
     )
 
     def turn(a: Array, b: Array) -> Array:
-        return np.asarray((np.cross(a, b) * normal).sum(axis=1))
+        return (np.cross(a, b) * normal).sum(axis=1)
 
     lines = []
     for way, ends, aside in ((v, (-w, u - w), -ASIDE), (u, (w, w + v), ASIDE)):
@@ -131,4 +131,4 @@ def _sag(chords: Segments, index: Indices) -> Array:
     [m]."""
     length = np.linalg.norm(chords.end[index] - chords.start[index], axis=1)
     bend = np.linalg.norm(chords.end_normals[index] - chords.start_normals[index], axis=1)
-    return np.asarray(length * (0.25 * bend + 0.05))
+    return length * (0.25 * bend + 0.05)

@@ -124,7 +124,7 @@ def _faded(
         / np.maximum(np.bincount(column, weights, len(mesh.vertices)), 1e-300)[:, None]
     )
     mean -= mesh.normals * (mean * mesh.normals).sum(axis=1, keepdims=True)
-    return np.asarray(longest[:, None] * mean)
+    return longest[:, None] * mean
 
 
 def pressed_from(mesh: Triangulation, rows: Indices, leans: Array, under: UnderPad, tool: Tool) -> Indices:

@@ -93,7 +93,7 @@ def with_points_between(path: ToolPath, longest: float = LONGEST_M) -> ToolPath:
 
     def between(values: Array) -> Array:
         wide = share[:, None] if values.ndim == 2 else share
-        return np.asarray(values[row] + wide * (values[row + 1] - values[row]))
+        return values[row] + wide * (values[row + 1] - values[row])
 
     nearest = np.minimum(row + (share >= 1.0), len(chords))
     positions = between(path.positions_work)

@@ -114,7 +114,7 @@ class Tool(NamedTuple):
     def _room(self, part: Surface, places: Places, body: Body, clearance: float, beyond: float) -> Array:
         wide = body.radius + clearance + beyond
         found = standing_above(part, _discs(places, body, clearance)._replace(radius=wide), deep=False)
-        return np.asarray(beyond - found.reaches)
+        return beyond - found.reaches
 
     def _in_fixture(self, places: Places) -> Bools:
         """Whether the pad is inside the fixture, far from its skin or not; of an open one nothing is
