@@ -73,7 +73,7 @@ class ArmEstimate(NamedTuple):
         """Where a tracker sees the target, (n, 3) [m]: the mean of one reading with the links at each of (k,
         n, 6) [rad]; ``noise``: of one of its coordinates [m]."""
         seen = [self.target_at(q) + noise * rng.standard_normal((len(q), 3)) for q in links]
-        return np.asarray(np.mean(seen, axis=0))
+        return np.mean(seen, axis=0)
 
     def target_at(self, q: Array, weight: Array | None = None) -> Array:
         """Where the target is, tracker frame [m], shape (n, 3)."""

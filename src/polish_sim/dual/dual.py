@@ -125,7 +125,7 @@ def carried_turns(log: RunLog, task: DualTask, T_flange_carried: Array) -> Array
     rows, shape (n, 3, 3)."""
     flanges = task.arms.flanges("master", np.asarray(log["master_q_rad"], dtype=np.float64))
     R_base_master = task.frames.true.T_master_follower[:3, :3].T
-    return np.asarray(R_base_master @ flanges[:, :3, :3] @ T_flange_carried[:3, :3])
+    return R_base_master @ flanges[:, :3, :3] @ T_flange_carried[:3, :3]
 
 
 def wanted_on_part(strokes: list[Stroke], T_base_work: Array) -> WantedTool:
@@ -166,7 +166,7 @@ def _part_on_flange(task: DualTask, part: RealPart) -> Array:
     )
     T_base_part = np.eye(4)
     T_base_part[:3, :3], T_base_part[:3, 3] = part.rotation, part.position
-    return np.asarray(inverse(T_base_flange) @ T_base_part)
+    return inverse(T_base_flange) @ T_base_part
 
 
 # How well the tool follows the part.
@@ -254,4 +254,4 @@ def _speed(time: Array, points: Array) -> Array:
     (n,)."""
     early, late = (np.clip(time + shift, time[0], time[-1]) for shift in (-0.5 * SPEED_S, 0.5 * SPEED_S))
     gone = interpolate(late, time, points) - interpolate(early, time, points)
-    return np.asarray(np.linalg.norm(gone, axis=1) / (late - early))
+    return np.linalg.norm(gone, axis=1) / (late - early)
