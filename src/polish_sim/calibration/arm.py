@@ -25,8 +25,9 @@ USUAL_NOISE: Final = 3e-5  #: Of a laser tracker, per coordinate [m]
 _PLACEMENT, _GEARS = 9, 42
 CATALOGUE: Final = RealArmConfig()  #: Of the gears: where their stiffness changes, and their ratio
 _RIGID: Final = np.zeros((6, 7))
-_LIKELY: Final = np.repeat([[*[1e-4] * 3, *[3e-4] * 4], [*[6e-4] * 3, *[3e-4] * 4]], 3, axis=0)
-"""What gears may do: wind up [rad/(N m)], err [rad], standard deviations, shape (6, 7)."""
+_LIKELY: Final = np.repeat([[1e-4, *[2e-5] * 2, *[3e-4] * 4], [6e-4, *[12e-5] * 2, *[3e-4] * 4]], 3, axis=0)
+"""What gears may do: wind up, and do so more or less beyond a knee [rad/(N m)], err [rad], standard
+deviations, shape (6, 7)."""
 
 
 class TrackedArm(NamedTuple):
@@ -120,17 +121,21 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
             f"{len(tracked.q)} poses cannot determine an arm's table (33 unknowns): give {LEAST_POSES} or "
             "more, 60 are good."
         )
-    free = spread > 0.0
-    prior = 1.0 / spread[free]
+    free, gears = spread > 0.0, np.eye(_GEARS)
+    # Beyond a knee that no pose shows a gear winds up as before it.
+    gears[1::7, 0::7] = gears[2::7, 1::7] = -np.eye(6)
+    prior = np.eye(len(spread))
+    prior[-_GEARS:, -_GEARS:] = gears
+    prior = prior[np.ix_(free, free)] / spread[free, None]
 
     def residuals(arm: ArmEstimate) -> Array:
         off = np.concatenate([np.zeros(_PLACEMENT), (arm.table - NOMINAL).ravel(), arm.gears.ravel()])[free]
         left = arm.target_at(tracked.q, tracked.weight) - tracked.seen
-        return np.concatenate([left.ravel() / noise, prior * off])[:, None]
+        return np.concatenate([left.ravel() / noise, prior @ off])[:, None]
 
     def slopes(arm: ArmEstimate) -> Array:
         J = _slopes(arm, tracked)[:, :, free].reshape(-1, int(free.sum()))
-        return np.concatenate([J / noise, np.diag(prior)])[:, None]
+        return np.concatenate([J / noise, prior])[:, None]
 
     def moved(arm: ArmEstimate, step: Array) -> ArmEstimate:
         whole = np.zeros(len(free))
