@@ -84,7 +84,7 @@ def test_at_the_edge_of_a_plate_time_is_saved_for_little(plan: PlanResult, monke
     monkeypatch.setattr(even_removal, "QUICK", 0.0)
     slow = even_out(EVEN, plan)
     spent = [np.sum(np.diff(p.path.s) / p.path.feed[1:], where=p.path.process[1:]) for p in (plan, slow)]
-    assert spent[0] < 0.985 * spent[1]
+    assert spent[0] < 0.99 * spent[1]
     assert plan.figures["planned_removal_cv"] < slow.figures["planned_removal_cv"] + 0.01
 
 

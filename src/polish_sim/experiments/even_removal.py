@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from polish_sim.analysis.metrics import spreads
 from polish_sim.arrays import Array
 from polish_sim.cell import Touch
-from polish_sim.cell.dwell import PadPoses, exposure_rates
+from polish_sim.cell.dwell import Dwelling, PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
 from polish_sim.cell.stroke import TOUCH_DOWN_TIME
 from polish_sim.config import Scenario
@@ -102,7 +102,7 @@ def even_out(
         observer.stage("even the removal")
     path, asked, again = plan.path, scenario.plan, most is not None
     problem = _Problem(scenario, plan, again)
-    low, high = problem.limits(scenario, math.inf if most is None else most)
+    low, high = problem.limits(scenario, np.full(len(path.s), math.inf) if most is None else most)
     slowness = np.clip(1.0 / scenario.process.feed_m_s, low, high)
     change, before = 0.0 if again else asked.removal_force, problem.exposure(slowness)
     eased = problem.force / problem.usual
@@ -148,11 +148,11 @@ class _Problem:
         if again:
             self._find_rates(self.path.force_at(self.s, self.usual))
         else:
+            self._ease()
+            self._ease()
             self.press(self.force)
-            self._ease()
-            self._ease()
         self.quick = QUICK * process.feed_m_s / self.steps.sum() * (self.steps @ self.knots)
-        at_feed = self.dwell_columns() @ np.full(len(self.knot_s), 1.0 / process.feed_m_s)
+        at_feed = self.rates @ self.steps / process.feed_m_s
         shape = _shape_of(scenario.plan.removal, self.nodes.mesh)
         self.goal = shape * float(self.weights @ at_feed) / float(self.weights @ shape)
 
@@ -165,16 +165,18 @@ class _Problem:
 
     def _ease(self) -> None:
         """Take force off where the pad hangs over an edge and sinks in."""
-        eased = self.poses.forces / np.maximum(self.depths / self.deepest, 1.0)
+        depths = self._press_with(self.knots @ self.force).depths
+        eased = self.poses.forces / np.maximum(depths / self.deepest, 1.0)
         near = np.abs(np.subtract.outer(self.knot_s, self.s)) <= 1.5 * self.spacing
-        self.press(np.where(near, eased, math.inf).min(axis=1))
+        self.force = np.where(near, eased, math.inf).min(axis=1)
 
-    def limits(self, scenario: Scenario, most: Array | float) -> tuple[Array, Array]:
+    def limits(self, scenario: Scenario, most: Array) -> tuple[Array, Array]:
         """Least and largest slowness at the knots [s/m], (m,), that keep within the plan's limits of the feed
         and below the ``most`` feed at the points of the path [m/s], (n,)."""
         least, largest = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)
-        near = np.abs(np.subtract.outer(self.knot_s, self.path.s)) <= self.spacing
-        low = 1.0 / np.minimum(largest, np.where(near, most, math.inf).min(axis=1))
+        slow = most < largest
+        near = np.abs(np.subtract.outer(self.knot_s, self.path.s[slow])) <= self.spacing
+        low = 1.0 / np.where(near, most[slow], largest).min(axis=1, initial=largest)
         return low, np.maximum(low, 1.0 / least)
 
     def press(self, force: Array) -> None:
@@ -182,10 +184,14 @@ class _Problem:
         self.force = force
         self._find_rates(self.knots @ force)
 
+    def _press_with(self, forces: Array) -> Dwelling:
+        """The pad under the forces at the steps [N], (k,)."""
+        self.poses, pad = self.poses._replace(forces=forces), self.pad
+        return exposure_rates(self.nodes.pressed, self.poses, pad.radius_m, self.stiffness, pad.slide_m_s)
+
     def _find_rates(self, forces: Array) -> None:
         """Rates under the forces at the steps [N], (k,)."""
-        self.poses, pad = self.poses._replace(forces=forces), self.pad
-        found = exposure_rates(self.nodes.pressed, self.poses, pad.radius_m, self.stiffness, pad.slide_m_s)
+        found = self._press_with(forces)
         self.depths = found.depths
         self.rates: csr_array = found.rates[:, : len(self.areas)].T.tocsr()
         first = np.flatnonzero(np.diff(self.s, prepend=-math.inf) > 2.0 * self.steps.max())
@@ -203,7 +209,7 @@ class _Problem:
 
     def exposure(self, slowness: Array) -> Array:
         """Of the region's nodes [N/m]."""
-        return self.dwell_columns() @ slowness + self.landing
+        return self.rates @ (self.steps * (self.knots @ slowness)) + self.landing
 
     def at(self, s: Array, values: Array) -> Array:
         """Values at the knots, at other arc lengths of the path."""
