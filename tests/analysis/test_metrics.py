@@ -20,6 +20,7 @@ from polish_sim.analysis.metrics import (
     moving_average,
     rise_time,
     settling_time,
+    steady_feed,
 )
 from polish_sim.hand_guiding.figures import distance_to_line, measure_taught
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
@@ -192,3 +193,13 @@ def test_a_path_taught_two_millimetres_high_and_too_short() -> None:
     assert figures["recorded_deviation_rms_m"] == pytest.approx(0.002)
     assert figures["taught_missed_max_m"] == pytest.approx(np.hypot(0.01, 0.002))
     assert figures["taught_axis_error_max_rad"] == pytest.approx(0.1)
+
+
+def test_a_target_that_catches_up_while_it_brakes_is_not_at_its_feed_again() -> None:
+    """At 10 mm/s, braked for 1 s; cycles that the host missed there are made up in one step."""
+    time = np.arange(0.0, 5.0, 0.001)
+    s = 0.01 * time - 0.5 * 0.01 * np.maximum(time - 4.0, 0.0) ** 2
+    s[4700:4704] = s[4700]
+    assert np.diff(s)[4703] > 0.99e-5
+    steady = steady_feed(time >= 0.0, time, s)
+    assert time[steady][-1] == pytest.approx(4.01, abs=0.003)

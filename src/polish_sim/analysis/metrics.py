@@ -293,15 +293,19 @@ def distance_to_circle(points: Array, circle: Circle) -> Array:
 
 
 def steady_feed(fed: Bools, time: Array, path_s: Array) -> Bools:
-    """Rows (n,) of the process after the ramp-up and before the target last falls below 99% of its feed."""
+    """Rows (n,) of the process after the ramp-up and before the target last falls below 99% of its feed.
+
+    Where the host has missed cycles the target catches up in one step, which is no feed: two in a row are.
+    """
     if not fed.any():
         return fed
     steady = fed & (time >= time[np.argmax(fed)] + RAMP_UP_S)
     rows = np.flatnonzero(steady)
     rates = np.diff(path_s[rows]) / np.diff(time[rows])
-    at_feed = np.flatnonzero(rates >= BRAKING * np.median(rates)) if len(rates) else rows
+    fast = rates >= BRAKING * np.median(rates) if len(rates) else rates
+    at_feed = np.flatnonzero(fast[1:] & fast[:-1])
     if len(at_feed):
-        steady[rows[at_feed[-1]] + 1 :] = False
+        steady[rows[at_feed[-1] + 1] + 1 :] = False
     return steady
 
 
