@@ -302,7 +302,7 @@ def steady_feed(fed: Bools, time: Array, path_s: Array) -> Bools:
     steady = fed & (time >= time[np.argmax(fed)] + RAMP_UP_S)
     rows = np.flatnonzero(steady)
     rates = np.diff(path_s[rows]) / np.diff(time[rows])
-    fast = rates >= BRAKING * np.median(rates) if len(rates) else rates
+    fast: Bools = rates >= BRAKING * (np.median(rates) if len(rates) else 0.0)
     at_feed = np.flatnonzero(fast[1:] & fast[:-1])
     if len(at_feed):
         steady[rows[at_feed[-1] + 1] + 1 :] = False
