@@ -85,7 +85,7 @@ def _fill(nodes, poses, grid, radius, bedding, slide, starts, numbers, rates):  
     for k in range(len(depths)):
         axis, deepest = poses.axes[k], DEEPEST * radius
         number = _find_near(nodes, _sunk(poses, k, deepest), axis, grid, radius, 2.0 * deepest, under)
-        depth = deepest
+        depth = depths[k - 1] if k > 0 else deepest
         for _ in range(ROUNDS):
             carried = slope = 0.0
             for t in range(number):
@@ -97,7 +97,8 @@ def _fill(nodes, poses, grid, radius, bedding, slide, starts, numbers, rates):  
                 if height > 0.0:
                     spring = bedding * nodes.areas[q] * facing**3
                     carried, slope = carried + spring * height, slope + spring
-            step = (carried - poses.forces[k]) / slope if slope > 0.0 else 0.0
+            # Out of reach of the part the pad is sought from the deepest place.
+            step = (carried - poses.forces[k]) / slope if slope > 0.0 else depth - deepest
             depth -= step
             if abs(step) < CLOSE:
                 break
