@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polish_sim.cell import Silent
+from polish_sim.cell.guards import FALLEN
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError
 from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.experiments.proof import Proven, is_proven, prove
+from polish_sim.experiments.proof import Proven, _Prover, is_proven, prove
+from polish_sim.experiments.proof_play import Failure
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path
 from polish_sim.planning.part_plan import EASED, LEFT_OUT, SLOWED
 from polish_sim.planning.toolpath import PROCESS, arc_length
@@ -84,6 +87,21 @@ def test_where_the_corner_carries_a_share_of_the_force_the_path_is_pressed_with_
         assert run.stop_reason is None
         assert run.figures["path_done"] == 1.0
         assert run.figures["force_max_deviation_n"] < 4.0  # of the force asked for there
+
+
+@pytest.mark.parametrize(("removal", "shares"), [("", [0.5]), ("even", [0.5, 0.25])])
+def test_a_place_that_fails_is_eased_step_by_step_before_it_is_left_out(
+    removal: str, shares: list[float]
+) -> None:
+    """Also where the force comes down to a place that was eased before."""
+    scenario = pressing(f"plan.removal={removal}")
+    plan = planned(scenario, straight((-0.05, 0.0), (0.05, 0.0)))
+    prover = _Prover(scenario, plan, Silent())
+    prover.pressed[:] = 0.7
+    for _ in range(len(shares) + 1):
+        prover._mend([Failure("the surface has fallen away", 0.5 * plan.path.s[-1], FALLEN, False)])
+    assert [mend.what for mend in prover.mends] == [*len(shares) * [EASED], LEFT_OUT]
+    assert [mend.share for mend in prover.mends[:-1]] == shares
 
 
 def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts(

@@ -274,10 +274,10 @@ class _Prover:
         gone, share = sinking(1.0), 1.0
         while gone.any() and EASIER * share >= self.easiest:
             share *= EASIER
-            still = gone & sinking(share)
-            if (gone & ~still).any():
-                self._ease(gone & ~still, SINKS_OFF, share)
-            gone = still
+            eased = gone & ~sinking(share)
+            if eased.any():
+                self._ease(eased, SINKS_OFF, share)
+            gone &= ~eased
         if not gone.any():
             return
         remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
@@ -413,8 +413,8 @@ class _Prover:
             return
         row, pad = self._row(last), self.scenario.pad.radius_m
         helps = last.code in (NO_STOP, guard.FALLEN, *DYNAMIC) and not last.landing
-        share = EASIER * self.pressed[row]
-        if helps and share >= self.easiest and sum(m.what == EASED for m in self.mends) < MOST_EASED:
+        share = EASIER if self.pressed[row] > EASIER else self.easiest
+        if helps and self.pressed[row] > share and sum(m.what == EASED for m in self.mends) < MOST_EASED:
             around = self._stroke_of(row) & (np.abs(self.path.s - self.path.s[row]) <= pad)
             self._ease(around, last.why, share)
         else:
