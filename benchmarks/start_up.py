@@ -8,7 +8,6 @@ import resource
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,10 +19,10 @@ POLISH = str(Path(sys.executable).with_name("polish-sim"))
 
 def measure() -> Iterator[Row]:
     """Processor time of warm starts, best of three, and of first starts with an empty cache of kernels."""
-    begin = time.perf_counter()
-    subprocess.run([POLISH, "--help"], capture_output=True, check=True)
-    yield Row("polish-sim --help", f"{time.perf_counter() - begin:.2f} s", "0.5 s")
     floor = min(_processor_time([sys.executable, "-c", STACK]) for _ in range(3))
+    _processor_time([POLISH, "--help"])  # leaves compiled bytecode behind
+    shown = min(_processor_time([POLISH, "run", "--help"]) for _ in range(3))
+    yield Row("polish-sim run --help", f"{shown:.2f} s", "0.5 s")
     yield Row("importing numpy, scipy, mujoco, numba, matplotlib", f"{floor:.2f} s", "-")
     with tempfile.TemporaryDirectory() as folder:
         for words, limit in (("run force", 2.2), ("plan freeform", 2.5)):

