@@ -17,7 +17,7 @@ FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
 @pytest.mark.pictures
 def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None:
-    code, out, err = polish_sim("plan", "sphere_100", "--stepover", "16", "--out", "plan")
+    code, out, err = polish_sim("plan", "sphere_100", "--stepover", "16", *UNPROVEN, "--out", "plan")
     assert code == 0
     assert sorted(file.name for file in Path("plan").iterdir()) == FILES
     assert out.rstrip().endswith("folder: plan")
@@ -50,7 +50,9 @@ def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: T
 
 @pytest.mark.pictures
 def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(polish_sim: Tool) -> None:
-    code, out, _ = polish_sim("plan", "saddle", "--stepover", "40", "--reach-map", *UNPROVEN, "--out", "plan")
+    trimesh.creation.box((100.0, 100.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export("block.stl")
+    words = ("--up", "z", "--stepover", "40", "--reach-map", *UNPROVEN)
+    code, out, _ = polish_sim("plan", "block.stl", *words, "--out", "plan")
     assert code == 0
     assert (Path("plan") / "reach_map.png").stat().st_size > 20_000
     metrics = json.loads(Path("plan/metrics.json").read_text())

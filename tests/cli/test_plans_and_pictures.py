@@ -179,7 +179,17 @@ def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_ch
     polish_sim: Tool, tmp_path: Path
 ) -> None:
     code, _, err = polish_sim(
-        "run", "surface", "--part", "sphere_50", *QUICK, *UNPROVEN, "--check", "--out", "run"
+        "run",
+        "surface",
+        "--part",
+        "sphere_50",
+        "--stepover",
+        "10",
+        *QUICK,
+        *UNPROVEN,
+        "--check",
+        "--out",
+        "run",
     )
     assert code == 1, err
     assert {"path.csv", "path.json", "path.png", "force.png"} <= {

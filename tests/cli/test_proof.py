@@ -10,15 +10,16 @@ import pytest
 
 from polish_sim.planning.toolpath import PROCESS
 from tests.cli.conftest import Call, Tool, metrics_of
+from tests.kept import plate_file
 
-WORDS = ("--stepover", "40", "--feed", "40", "--part-pose", "0,-500,80,0,0,0")
+WORDS = ("--stepover", "40", "--feed", "40")
 BEHIND = 900  # [mm]
 
 
 @pytest.fixture
 def plan(polish_sim: Tool) -> Call:
-    """A coarse path on the shipped plate, proven on the part as drawn."""
-    made: Call = polish_sim("plan", "plate", *WORDS[:4], "--proof", "nominal", "--out", "plan")
+    """A coarse path on a plate, proven on the part as drawn."""
+    made: Call = polish_sim("plan", plate_file(), "--up", "z", *WORDS, "--proof", "nominal", "--out", "plan")
     assert made.code == 0, made.err
     return made
 
@@ -67,15 +68,30 @@ def test_a_proven_plan_says_so_once_and_is_not_played_again(
 def test_a_proof_that_is_none_is_refused(
     polish_sim: Tool, tmp_path: Path, words: tuple[str, ...], named: str
 ) -> None:
-    refused = polish_sim("run", "surface", "--part", "plate", *words, "--out", "none")
+    refused = polish_sim("run", "surface", "--part", plate_file(), *words, "--out", "none")
     assert refused.code == 2
     assert named in refused.err
     assert not (tmp_path / "none").exists()
 
 
 def test_a_run_with_bad_figures_says_each_and_fails_with_check(polish_sim: Tool, tmp_path: Path) -> None:
-    words = ("run", "surface", "--part", "plate", *WORDS[:4], "--controller", "position", "--proof", "none",
-             "--set", "part.displacement_m=0.003", "--set", "process.max_feed_s=3")  # fmt: skip
+    words = (
+        "run",
+        "surface",
+        "--part",
+        plate_file(),
+        "--up",
+        "z",
+        *WORDS,
+        "--controller",
+        "position",
+        "--proof",
+        "none",
+        "--set",
+        "part.displacement_m=0.003",
+        "--set",
+        "process.max_feed_s=3",
+    )
     kept = polish_sim(*words, "--seed", "504", "--out", "kept")
     assert kept.code == 0, kept.err
     found = metrics_of(tmp_path / "kept")

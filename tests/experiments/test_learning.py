@@ -17,6 +17,7 @@ from polish_sim.scenario_file import override
 SHORT = (
     "part.file=saddle",
     "plan.stepover_m=0.03",
+    "plan.edge_margin_m=0.05",
     "process.feed_m_s=0.03",
     "process.max_feed_s=8",
     "seed=931",

@@ -22,10 +22,11 @@ from polish_sim.planning.part_plan import EASED, LEFT_OUT, SLOWED
 from polish_sim.planning.toolpath import PROCESS, arc_length
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
+from tests.kept import plate_file
 
 
 def straight(begin: tuple[float, float], end: tuple[float, float]) -> ToolPath:
-    """A line on the shipped plate, whose top is 200 x 200 mm at z = 20 mm."""
+    """A line on the plate, whose top is 200 x 200 mm at z = 20 mm."""
     points = np.linspace([*begin, 0.02], [*end, 0.02], 120)
     n = len(points)
     up = np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -40,7 +41,7 @@ def planned(scenario: Scenario, path: ToolPath) -> PlanResult:
 
 def pressing(*changes: str) -> Scenario:
     """The plate under 40 N at 30 mm/s."""
-    usual = ["part.file=plate", "process.feed_m_s=0.03", "process.contact_force_n=40.0"]
+    usual = [f"part.file={plate_file()}", "process.feed_m_s=0.03", "process.contact_force_n=40.0"]
     return override(default_scenario("surface"), [*usual, "safety.force_limit_n=80", *changes])
 
 

@@ -179,7 +179,8 @@ def test_under_a_shelf_the_spindle_is_what_has_no_room(planned):
 def test_a_tool_that_leans_away_reaches_more_and_is_nowhere_in_the_part(
     part, planned, name, pattern, gained_cm2
 ):
-    upright, leaned = (planned(name, pattern, 16.0, **keys) for keys in ({}, {"avoid": "tilt"}))
+    coarse = {"stepover_m": 0.006}
+    upright, leaned = (planned(name, pattern, 16.0, **coarse, **keys) for keys in ({}, {"avoid": "tilt"}))
     gained = upright.figures["unreachable_area_m2"] - leaned.figures["unreachable_area_m2"]
     assert 1e4 * gained > gained_cm2
     assert leaned.ready.access.gained_m2 == pytest.approx(gained, rel=1e-6)
