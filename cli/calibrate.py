@@ -77,9 +77,10 @@ def payload(given: Given) -> int:
     drift, scenario = bool(given["--drift"]), build_scenario(PAYLOAD_SCENARIO, given)
 
     def run(seed: int) -> PayloadCalibration:
+        from polish_sim.cell import SILENT
         from polish_sim.experiments import run_payload_calibration
 
-        with nullcontext() if given["--seeds"] else console.progress() as observer:
+        with nullcontext(SILENT) if given["--seeds"] else console.progress() as observer:
             return run_payload_calibration(replace(scenario, seed=seed), drift, observer)
 
     def read(file: Path) -> PayloadCalibration:

@@ -29,7 +29,7 @@ from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_gua
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson
 from polish_sim.cell.limits import check_rates, check_step_limits, with_implicit_friction
 from polish_sim.cell.loop import advance
-from polish_sim.cell.observer import Observer, PythonLaw, Silent, interrupts_noted
+from polish_sim.cell.observer import SILENT, Observer, PythonLaw, interrupts_noted
 from polish_sim.cell.real_arm import build_real_arm, is_real
 from polish_sim.cell.real_part import build_part_motion, no_part
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
@@ -273,22 +273,21 @@ class Cell:
         self.faults.waiting.append(event)
         self.asked.append(event)
 
-    def run(self, observer: Observer | None = None) -> CellRun:
+    def run(self, observer: Observer = SILENT) -> CellRun:
         """Run the strokes to their end, to a protective stop, or to an interrupt; what was recorded is
         returned."""
-        watcher = observer or Silent()
         status, dt = self.state.status, self.kernel.engine.dt
-        chunk = max(1, round(watcher.frame_every_s / dt))
+        chunk = max(1, round(observer.frame_every_s / dt))
         chunk += -chunk % self._every
         played: list[Played] = []
         total = cycle_time(self.strokes)
         started = time.perf_counter()
-        watcher.start(self)
-        with interrupts_noted(watcher) as interrupt:
+        observer.start(self)
+        with interrupts_noted(observer) as interrupt:
             while not (self.done or interrupt.seen):
                 played.append(self.play(chunk))
-                watcher.progress(min(status.steps * dt, total), total)
-                watcher.frame(self.model, self.data)
+                observer.progress(min(status.steps * dt, total), total)
+                observer.frame(self.model, self.data)
         if not played:
             raise KeyboardInterrupt
         return self.result(played, interrupt.seen, time.perf_counter() - started)

@@ -50,6 +50,9 @@ class Silent(Observer):
     frame_every_s = 0.5
 
 
+SILENT: Final = Silent()
+
+
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
 
 STOPPING: Final = "stopping at the next cycle; Ctrl-C again to abort"
@@ -65,7 +68,7 @@ class Interrupt:
 
 
 @contextmanager
-def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
+def interrupts_noted(observer: Observer = SILENT) -> Iterator[Interrupt]:
     """Note the first Ctrl-C instead of raising it; a second one raises, and so does a controller that does
     not end.
 
@@ -83,8 +86,7 @@ def interrupts_noted(observer: Observer | None = None) -> Iterator[Interrupt]:
         if alarm:
             signal.signal(signal.SIGALRM, signal.default_int_handler)
             signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
-        if observer is not None:
-            observer.stage(STOPPING)
+        observer.stage(STOPPING)
 
     if ours:
         signal.signal(signal.SIGINT, note)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.metrics import PROCESS, measure_removal, measure_surface
 from polish_sim.arrays import Array
-from polish_sim.cell import CellRun, Observer, RealPart, Silent, Stroke, build_real_part
+from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_real_part
 from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -39,23 +39,20 @@ from polish_sim.spatial import apply, inverse
 
 
 def check_dual(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT
 ) -> CheckedPath:
     """The path on the held part and how the follower reaches all of it; PolishSimError if it does not."""
     task = prepare_dual(*planned(scenario, plan, observer), observer)
     return CheckedPath(task.place.path, task.place.reach, seat_text(task.seat.T_gripper_work))
 
 
-def run_dual(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
-) -> RunResult:
+def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT) -> RunResult:
     """Let the follower run along the part the master moves, pressing on it or, with ``dual.standoff_m``, just
     above it.
 
     The path is a plan made before, that of an even removal, else once around the part's rim. Raises
     PolishSimError if the part, a calibration or the placement cannot be used.
     """
-    observer = observer or Silent()
     scenario = replace(scenario, dual=settled_bases(scenario.dual))
     scenario, plan = planned(scenario, plan, observer)
     task = prepare_dual(scenario, plan, observer)

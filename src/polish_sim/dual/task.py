@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Observer, Silent, Stroke, tool_on_flange
+from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
 from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
@@ -73,7 +73,7 @@ class DualTask:
 
 
 def planned(
-    scenario: Scenario, plan: PlanResult | None, observer: Observer | None
+    scenario: Scenario, plan: PlanResult | None, observer: Observer
 ) -> tuple[Scenario, PlanResult | None]:
     """The plan that was given, or that of an even removal if the scenario asks for one, and its pad."""
     if plan is None and scenario.plan.removal:
@@ -81,16 +81,13 @@ def planned(
     return scenario if plan is None else replace(scenario, pad=plan.tool.pad), plan
 
 
-def prepare_dual(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
-) -> DualTask:
+def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT) -> DualTask:
     """Plan the path, or take a plan, calibrate, and check that both arms can do all of it without touching
     each other.
 
     Raises PolishSimError if the part cannot be used or planned, a calibration does not fit, or an arm cannot
     follow.
     """
-    observer = observer or Silent()
     build_controller(scenario.controller)
     observer.stage("plan the path")
     mesh, surface, region, path = _given_or_rim(scenario, plan)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
-from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool
@@ -45,7 +45,7 @@ def arc_path() -> ToolPath:
     )
 
 
-def prepare_arc(scenario: Scenario | None = None, observer: Observer | None = None) -> CheckedPath:
+def prepare_arc(scenario: Scenario | None = None, observer: Observer = SILENT) -> CheckedPath:
     """Check that the arm can do the circle, which is the same in every scenario.
 
     Raises:
@@ -64,13 +64,12 @@ def _circle() -> CheckedPath:
     return CheckedPath(path, reach)
 
 
-def run_arc(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+def run_arc(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     """Follow the circle and measure speed and distance from it; part, plan, pad and spindle play no role.
 
     Raises:
         ReachError: If the arm cannot do the circle.
     """
-    observer = observer or Silent()
     path, reach, _ = prepare_arc()
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
     start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))

@@ -32,7 +32,7 @@ from polish_sim.experiments.stroke_motion import CELL_LIMITS
 from polish_sim.geometry.ply_file import read_vertex_column
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.ground.triangulation import Triangulation, triangulate
-from polish_sim.planning.part_plan import PlanObserver
+from polish_sim.planning.part_plan import UNSEEN, PlanObserver
 from polish_sim.planning.toolpath import ToolPath, interpolate, stretches
 from polish_sim.spatial import unit
 
@@ -56,7 +56,7 @@ SMOOTH: Final = 1e-4  #: Weight of changes from knot to knot beside the deviatio
 QUICK: Final = 0.008
 
 
-def plan_removal(scenario: Scenario, observer: PlanObserver | None = None) -> PlanResult:
+def plan_removal(scenario: Scenario, observer: PlanObserver = UNSEEN) -> PlanResult:
     """Plan a part's path; if the plan asks for an even removal, or a map of it, with its feed and force.
 
     Raises:
@@ -88,7 +88,7 @@ def axis_kept(scenario: Scenario) -> Scenario:
 
 
 def even_out(
-    scenario: Scenario, plan: PlanResult, observer: PlanObserver | None = None, most: Array | None = None
+    scenario: Scenario, plan: PlanResult, observer: PlanObserver = UNSEEN, most: Array | None = None
 ) -> PlanResult:
     """Give a plan the feed and the force with which its removal comes nearest to what is asked for.
 
@@ -98,8 +98,7 @@ def even_out(
     Raises:
         InputError: The map cannot be read, or says nothing of the region.
     """
-    if observer is not None:
-        observer.stage("even the removal")
+    observer.stage("even the removal")
     path, asked, again = plan.path, scenario.plan, most is not None
     problem = _Problem(scenario, plan, again)
     low, high = problem.limits(scenario, np.full(len(path.s), math.inf) if most is None else most)

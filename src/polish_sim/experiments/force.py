@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from polish_sim.analysis.metrics import measure_force
-from polish_sim.cell import Cell, CellRun, Observer, Silent
+from polish_sim.cell import SILENT, Cell, CellRun, Observer
 from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import PLACES, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.compensation import arm_file
@@ -51,7 +51,7 @@ class ForceTask(NamedTuple):
     reach: Reach
 
 
-def place_force(scenario: Scenario, observer: Observer | None = None) -> Workplace:
+def place_force(scenario: Scenario, observer: Observer = SILENT) -> Workplace:
     """Load the part, choose the point to press on and check the reach; the path is one point with the way
     down to it.
 
@@ -61,7 +61,7 @@ def place_force(scenario: Scenario, observer: Observer | None = None) -> Workpla
         PolishSimError: If the part cannot be used or the point not reached.
     """
     build_controller(scenario.controller)
-    return PLACES.get(place_key(scenario), lambda: _place(scenario, observer or Silent()))
+    return PLACES.get(place_key(scenario), lambda: _place(scenario, observer))
 
 
 def _place(scenario: Scenario, observer: Observer) -> Workplace:
@@ -75,29 +75,27 @@ def _place(scenario: Scenario, observer: Observer) -> Workplace:
     return Workplace(mesh, surface, region, path, reach, real_shape(scenario, mesh, surface, path))
 
 
-def prepare_force(scenario: Scenario, observer: Observer | None = None) -> ForceTask:
+def prepare_force(scenario: Scenario, observer: Observer = SILENT) -> ForceTask:
     """Load the part, choose the point, check the reach and set the cell up, not yet run; raises as
     `place_force`."""
-    observer = observer or Silent()
     place = place_force(scenario, observer)
     observer.stage("prepare the cell")
     cell = build_cell(scenario, place, build_part(scenario, place))
     return ForceTask(cell, place.path, place.reach)
 
 
-def check_force_point(scenario: Scenario, observer: Observer | None = None) -> CheckedPath:
+def check_force_point(scenario: Scenario, observer: Observer = SILENT) -> CheckedPath:
     """The point to press on and how the arm reaches it, the cell set up but not run; raises as
     `place_force`."""
     task = prepare_force(scenario, observer)
     return CheckedPath(task.path, task.reach)
 
 
-def run_force(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+def run_force(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     """Press on one point, hold, and measure the step response from first contact; raises as `place_force`.
 
     The path's pattern and feed play no role. The default leaves the spindle off.
     """
-    observer = observer or Silent()
     task = prepare_force(scenario, observer)
     observer.stage("simulate")
     return measure_hold(scenario, task, task.cell.run(observer))

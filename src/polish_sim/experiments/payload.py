@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim import calibration
 from polish_sim.arrays import Array
 from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
-from polish_sim.cell import Cell, Observer, Silent, weight_of
+from polish_sim.cell import SILENT, Cell, Observer, weight_of
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
@@ -61,7 +61,7 @@ def calibrate_from(readings: calibration.PayloadReadings, drift: bool) -> Payloa
 
 
 def run_payload_calibration(
-    scenario: Scenario, drift: bool = False, observer: Observer | None = None
+    scenario: Scenario, drift: bool = False, observer: Observer = SILENT
 ) -> PayloadCalibration:
     """Visit poses in free space, return to the first, and estimate tool and bias from readings at rest.
 
@@ -72,7 +72,6 @@ def run_payload_calibration(
         CalibrationError: If the readings do not determine the tool.
         ProtectiveStop: If the robot stopped itself on the way.
     """
-    observer = observer or Silent()
     observer.stage("plan the poses")
     streams, payload = random_streams(scenario.seed), scenario.payload
     poses = calibration.plan_payload_poses(payload.poses)

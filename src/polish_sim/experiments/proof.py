@@ -23,7 +23,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Bools
-from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell import guards as guard
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.real_part import NORMAL_SHARE
@@ -115,14 +115,14 @@ def proof_seeds(scenario: Scenario) -> int:
     return int(word)
 
 
-def prove(scenario: Scenario, plan: PlanResult, observer: Observer | None = None) -> Proven:
+def prove(scenario: Scenario, plan: PlanResult, observer: Observer = SILENT) -> Proven:
     """Play a plan on the part as drawn, and on as many drawn parts as ``safety.proof`` says; mend what fails.
 
     Raises:
         PlanError: Nothing of the path can be polished, or no mend helps; says why and where.
         PolishSimError: As of `prepare_surface`.
     """
-    prover = _Prover(scenario, plan, observer or Silent())
+    prover = _Prover(scenario, plan, observer)
     seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario))
     begun = prover.pass_drawn(seeds[0]) if seeds else None
     before = len(prover.mends)
@@ -135,9 +135,7 @@ def prove(scenario: Scenario, plan: PlanResult, observer: Observer | None = None
     return prover.result()
 
 
-def prove_with_a_pad_that_fits(
-    scenario: Scenario, plan: PlanResult, observer: Observer | None = None
-) -> Proven:
+def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: Observer = SILENT) -> Proven:
     """As `prove`; where playing it leaves out much, smaller pads are tried, unless the user asked for this
     one.
 
@@ -303,7 +301,7 @@ class _Prover:
         with ThreadPoolExecutor(1) as thread:
             # A user's own controller may not stand two runs at once; a worker's siblings have the processors.
             alone = parent_process() is not None or not isinstance(other.cell.controller, CompiledController)
-            meanwhile = None if alone else thread.submit(other.play_on, Silent())
+            meanwhile = None if alone else thread.submit(other.play_on, SILENT)
             try:
                 self.pass_through(None)
             finally:

@@ -212,7 +212,8 @@ def _call(
     use_arm(scenario.robot.arm)
     check_flange(scenario)
     function = load(name)
-    return function(scenario, plan, observer) if row.along_plan else function(scenario, observer)
+    looking_on = () if observer is None else (observer,)
+    return function(scenario, plan, *looking_on) if row.along_plan else function(scenario, *looking_on)
 
 
 def check_flange(scenario: Scenario, where: str = "") -> None:

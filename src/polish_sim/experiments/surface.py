@@ -11,7 +11,7 @@ import numpy as np
 
 from polish_sim.analysis.metrics import AREAS, measure_removal, measure_surface, shortcomings
 from polish_sim.arrays import Array
-from polish_sim.cell import Cell, CellRun, Observer, RealPart, Silent
+from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
@@ -112,7 +112,7 @@ class SurfaceTask:
 
 
 def prepare_surface(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT
 ) -> SurfaceTask:
     """Plan the part's path, unless a ``plan`` was made before, and check that the arm can do all of it.
 
@@ -124,9 +124,7 @@ def prepare_surface(
     """
     build_controller(scenario.controller)
     check_stroke_rule(scenario)
-    task = PLACES.get(
-        (place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer or Silent())
-    )
+    task = PLACES.get((place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer))
     refuse_collision(scenario, task.plan)
     return task
 
@@ -158,18 +156,15 @@ def refuse_collision(scenario: Scenario, plan: PlanResult) -> None:
 
 
 def check_surface(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
+    scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT
 ) -> CheckedPath:
     """The path of a run and how the arm reaches all of it; raises as `prepare_surface`."""
     task = prepare_surface(scenario, plan, observer)
     return CheckedPath(task.plan.path, task.reach)
 
 
-def run_surface(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer | None = None
-) -> RunResult:
+def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT) -> RunResult:
     """Polish a part and measure how well the force was held; plan and errors as of `prepare_surface`."""
-    observer = observer or Silent()
     task = prepare_surface(scenario, plan, observer)
     plan, place = task.plan, task.place
     # The plan may have chosen another pad than the default one.

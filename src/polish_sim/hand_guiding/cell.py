@@ -21,7 +21,7 @@ from polish_sim.cell.engine import (
     register_engine,
 )
 from polish_sim.cell.gears import RealArm, follow_joints, hear_joints, turn_rotors
-from polish_sim.cell.observer import Observer, Silent, interrupts_noted
+from polish_sim.cell.observer import SILENT, Observer, interrupts_noted
 from polish_sim.cell.real_arm import build_real_arm
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError
@@ -167,7 +167,7 @@ class GuidedArm(NamedTuple):
 
 
 def run_guided(
-    arm: GuidedArm, q_start: Array, motion: HandMotion, servos: Array, observer: Observer | None = None
+    arm: GuidedArm, q_start: Array, motion: HandMotion, servos: Array, observer: Observer = SILENT
 ) -> GuidingRun:
     """Let a hand guide the arm, up to the end, a protective stop or an interrupt.
 
@@ -175,7 +175,7 @@ def run_guided(
     Raises ReachError if links touch at the start.
     """
     register_engine()
-    watcher, joints = observer or Silent(), None
+    joints = None
     if arm.elastic is not None:
         arm = arm._replace(model=copy.copy(arm.model))  # links and damping of the model become this run's
     data = mujoco.MjData(arm.model)
@@ -188,16 +188,16 @@ def run_guided(
     kernel = _build(arm, data, q_start, motion, servos)
     steps = len(servos)
     rows, touching = np.zeros(steps, GuidingRow.dtype), ""
-    chunk = max(1, round(watcher.frame_every_s / kernel.engine.dt))
-    with interrupts_noted(watcher) as interrupt:
+    chunk = max(1, round(observer.frame_every_s / kernel.engine.dt))
+    with interrupts_noted(observer) as interrupt:
         while kernel.status.step < steps and not interrupt.seen:
             last = min(int(kernel.status.step) + chunk, steps)
             _advance(kernel, joints, rows, last)
             if kernel.status.stop == TOUCH and not touching:
                 # Half a second later, braked, they may be apart again.
                 touching = _links_that_touch(arm.model, data)
-            watcher.progress(float(kernel.status.step), float(steps))
-            watcher.frame(arm.model, data)
+            observer.progress(float(kernel.status.step), float(steps))
+            observer.frame(arm.model, data)
             if (
                 kernel.status.stop
                 and (kernel.status.step - kernel.status.stop_step) * kernel.engine.dt >= BRAKED_S

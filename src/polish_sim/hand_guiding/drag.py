@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
@@ -172,18 +172,17 @@ def _rim(surface: Surface, loop: Array) -> ToolPath:
 MODE = "assist"  #: The mode a path is taught in, unless another is asked for
 
 
-def run_guiding(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+def run_guiding(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     """Guide the arm along a path where the scenario names one, else through the moves of the trial."""
     return run_drag(scenario, observer) if scenario.drag.follow else run_teach(scenario, observer)
 
 
-def run_drag(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+def run_drag(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     """Let a hand drag the tool along a part's rim or a path, and make a path of the recording.
 
     The part is not touched: contact is not simulated. Returns no path if the arm stopped itself or was
     interrupted. Raises PolishSimError if part or path cannot be used or reached, or the mode is unknown.
     """
-    observer = observer or Silent()
     observer.stage("prepare the part")
     task, mode = prepare_drag(scenario), scenario.guide.mode or MODE
     grip = replace(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Observer, Silent
+from polish_sim.cell import SILENT, Observer
 from polish_sim.cell.real_arm import is_real
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.errors import unknown_name
@@ -213,14 +213,13 @@ def _name(move: Move) -> str:
     return f"{move.mode}_{move.direction}_{move.pace}"
 
 
-def run_teach(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+def run_teach(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     """Let a hand move the arm in every mode, direction and pace asked for, and measure its force.
 
     Returns one log of all moves, their figures, and the modes beside each other; part, plan and controller
     play no role. Raises PolishSimError if a mode or direction is unknown, the model cannot be read, a move
     cannot be reached.
     """
-    observer = observer or Silent()
     moves, hand = moves_of(scenario.guide, scenario.hand), hand_of(scenario.hand)
     observer.stage("guide by hand")
     started = time.perf_counter()

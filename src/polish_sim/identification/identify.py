@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Observer, Silent
+from polish_sim.cell import SILENT, Observer
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.arm import Arm, LoggedRobot, believe, build_arm, motion_limits, play_motion
 from polish_sim.identification.elastic import (
@@ -88,14 +88,13 @@ class Identification:
 
 
 def run_identification(
-    settings: IdentifySettings, observer: Observer | None = None, use: States | None = None
+    settings: IdentifySettings, observer: Observer = SILENT, use: States | None = None
 ) -> Identification:
     """Design an exciting motion, play it on the simulated arm, and identify the arm from what is measured.
 
     ``use``: motion the identified model is for; random motions under the same limits if None. Returns
     parameters, figures against the truth, and a held-out motion.
     """
-    observer = observer or Silent()
     # The fifth is not used; without it the payload of a seed would be another.
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")

@@ -15,7 +15,14 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.geometry.fixture import load_fixture
 from polish_sim.planning.feasibility import lean_notes
 from polish_sim.planning.ground.ground import Ground, bridge_holes
-from polish_sim.planning.part_plan import OFF_PART_M, PlanObserver, choose_region, given_region, load_mesh
+from polish_sim.planning.part_plan import (
+    OFF_PART_M,
+    UNSEEN,
+    PlanObserver,
+    choose_region,
+    given_region,
+    load_mesh,
+)
 from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.figures import Quality, part_figures, without_spacing
 from polish_sim.planning.quality.located import with_points_between
@@ -152,7 +159,7 @@ def inspect_path(
     plan: PlanConfig | None = None,
     process: ProcessConfig | None = None,
     pad: PadConfig | None = None,
-    observer: PlanObserver | None = None,
+    observer: PlanObserver = UNSEEN,
 ) -> Inspection:
     """Measure any path on a part: coverage, time under the pad, spacing, crossings, corners, places out of
     reach.
@@ -174,8 +181,7 @@ def inspect_path(
     offset = offset_from(surface, path, _bridges(region, plan))
     check_on_part(offset, mesh, path, OFF_PART_M, 2.0 * pad.radius_m)
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
-    if observer is not None:
-        observer.stage("measure the path")
+    observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
     given = given_region(mesh, surface, region, plan, process, tool)
     quality, ground = given.measure(path), given.asked.ground

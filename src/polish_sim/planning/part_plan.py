@@ -51,18 +51,18 @@ class PlanObserver(Protocol):
 
     def stage(self, text: str) -> None:
         """Begin a new stage."""
+        return
 
     def progress(self, done: float, total: float) -> None:
         """Progress of the present stage."""
+        return
 
 
-class _Silent:
-    def stage(self, text: str) -> None:
-        """Ignore."""
+class _Silent(PlanObserver):
+    """Says nothing."""
 
-    def progress(self, done: float, total: float) -> None:
-        """Ignore."""
 
+UNSEEN: Final = _Silent()  #: Planning nobody looks on at
 
 SLOWED, EASED, LEFT_OUT = "slowed", "eased", "left out"
 
@@ -159,14 +159,13 @@ def plan_part(
     plan: PlanConfig,
     process: ProcessConfig | None = None,
     pad: PadConfig | None = None,
-    observer: PlanObserver | None = None,
+    observer: PlanObserver = UNSEEN,
 ) -> PlanResult:
     """Load a part, fit its surface, choose the region, plan the path and measure it.
 
     Raises:
         PolishSimError: The part or the request cannot be used; says why and what to do.
     """
-    observer = observer or _Silent()
     check_asked(part, plan, pad or PadConfig())
     begin = time.perf_counter()
     mesh = load_mesh(part, observer)
@@ -179,13 +178,13 @@ def plan_mesh(
     plan: PlanConfig,
     process: ProcessConfig | None = None,
     pad: PadConfig | None = None,
-    observer: PlanObserver | None = None,
+    observer: PlanObserver = UNSEEN,
     spent_s: float = 0.0,
     fixture: Fixture | None = None,
 ) -> PlanResult:
     """As `plan_part`, on a mesh that is there already; spent_s: time its loading took, counted in plan_time_s
     [s]."""
-    process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
+    process, pad = process or ProcessConfig(), pad or PadConfig()
     begin = time.perf_counter() - spent_s
     check_stepover(plan, pad)
     observer.stage("fit the surface")
@@ -237,7 +236,7 @@ def measure_given_path(
     plan: PlanConfig,
     process: ProcessConfig | None = None,
     pad: PadConfig | None = None,
-    observer: PlanObserver | None = None,
+    observer: PlanObserver = UNSEEN,
     cuts: tuple[CutOut, ...] = (),
 ) -> PlanResult:
     """Load a part and measure a path in the work frame that was made before on it, by the plan's region and
@@ -248,7 +247,7 @@ def measure_given_path(
     Raises:
         PolishSimError: The part cannot be used; says why and what to do.
     """
-    process, pad, observer = process or ProcessConfig(), pad or PadConfig(), observer or _Silent()
+    process, pad = process or ProcessConfig(), pad or PadConfig()
     mesh = load_mesh(part, observer)
     observer.stage("fit the surface")
     surface = fit_surface(mesh, plan.feature_angle_rad)
@@ -476,9 +475,9 @@ def coverage_until(plan: PlanResult, s: float, process: ProcessConfig, pad: PadC
     return account.polished_m2 / account.region_m2
 
 
-def load_mesh(part: PartConfig, observer: PlanObserver | None = None) -> PartMesh:
+def load_mesh(part: PartConfig, observer: PlanObserver = UNSEEN) -> PartMesh:
     """Load a part by its file or shipped name."""
-    (observer or _Silent()).stage("read the part")
+    observer.stage("read the part")
     return load_part(part_path(part.file), part.unit, part.up)
 
 

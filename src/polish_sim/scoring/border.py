@@ -13,7 +13,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, new_figure, styled
 from polish_sim.arrays import Array
-from polish_sim.cell import Observer, Silent
+from polish_sim.cell import SILENT, Observer
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.scoring.force_bench import Border, Rest, build_bench, press
@@ -47,7 +47,7 @@ def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
 def measure_border(
     scenario: Scenario,
     controllers: Sequence[str],
-    observer: Observer | None = None,
+    observer: Observer = SILENT,
     scales: Sequence[float] = SCALES,
     latencies: Sequence[float] = LATENCIES,
 ) -> Border:
@@ -60,7 +60,6 @@ def measure_border(
         scales: Springs of head and pad by what plan and controller take them for, for the cell [-].
         latencies: Totals, for the cell [s].
     """
-    observer = observer or Silent()
     observer.stage("set up")
     softest = replace(scenario, head=replace(scenario.head, spring_scale=min(scales)))
     bench = build_bench(softest)

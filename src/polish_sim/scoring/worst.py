@@ -20,7 +20,6 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Silent
 from polish_sim.config import Scenario
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.registry import default_scenario
@@ -137,7 +136,7 @@ def _measure(scenario: Scenario, tasks: dict[str, SurfaceTask]) -> tuple[tuple[f
     if part not in tasks:
         tasks[part] = prepare_surface(scenario)
     place = tasks[part].place
-    run = build_cell(scenario, place, build_part(scenario, place)).run(Silent())
+    run = build_cell(scenario, place, build_part(scenario, place)).run()
     trace, wanted = run.trace, scenario.process.contact_force_n
     force, time, fed = trace.normal_force_n, trace.time_s, trace.phase == 2
     begun = time[fed][0] + SETTLED_S if fed.any() else math.inf

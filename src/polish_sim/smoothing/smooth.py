@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell import Observer, Silent, tool_on_flange
+from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell.playback import JointTargets, Played, play_joints
 from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
@@ -60,7 +60,7 @@ def prepare_smooth(scenario: Scenario) -> SmoothTask:
     return SmoothTask(chain, marks_along(chain), arm, limits)
 
 
-def check_smooth(scenario: Scenario, observer: Observer | None = None) -> CheckedPath:
+def check_smooth(scenario: Scenario, observer: Observer = SILENT) -> CheckedPath:
     """The path of a run, work frame, and how the arm reaches all of it; PolishSimError if it does not."""
     task = prepare_smooth(scenario)
     chain, arm, n = task.chain, task.arm, len(task.chain.tips)
@@ -163,7 +163,7 @@ def _speed(positions: Array, time: Array) -> Array:
     return np.linalg.norm(np.gradient(positions, time, axis=0), axis=1)
 
 
-def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResult:
+def run_smooth(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     """Play a path with every rule on the robot's joint servos, in free space, and compare how far the joints
     lag.
 
@@ -171,7 +171,6 @@ def run_smooth(scenario: Scenario, observer: Observer | None = None) -> RunResul
     time. Controller, part, pad and sensor play no role. Raises PolishSimError if the path cannot be read,
     reached or smoothed.
     """
-    observer = observer or Silent()
     task = prepare_smooth(scenario)
     observer.stage("smooth with every rule")
     asked = scenario.smoothing

@@ -12,7 +12,6 @@ import numpy as np
 
 from polish_sim.motion import link_frames
 from polish_sim.motion.makes import used_arm
-from polish_sim.ur.api import Listener
 from polish_sim.ur.link import Link
 from polish_sim.ur.physics import TICK_S
 from polish_sim.ur.primary import ERROR, KEY, POPUP, RUNTIME_EXCEPTION, SAFETY_MODE, TEXT, message
@@ -44,11 +43,11 @@ PROTECTIVE_CODE, WARNING = 209, 2  #: Of the message that a protective stop was 
 KEPT: Final = 1000  #: Lines of the controller's log that are kept, and messages of a tick
 UNREAD: Final = 8  #: Programmes that may wait to be read
 
-Start = Callable[["Program", Listener, str], "Machine"]
+Start = Callable[["Program", "Controller", str], "Machine"]
 """Makes a machine of a programme, for a client's address."""
 
 
-class Controller(Listener):
+class Controller:
     """What all ports of one robot share."""
 
     def __init__(
@@ -259,23 +258,23 @@ class Controller(Listener):
     # What programmes say.
 
     def text(self, text: str) -> None:
-        """See the protocol."""
+        """Pass on what ``textmsg`` says."""
         self.note(text)
         self._tell(TEXT, text.encode())
 
     def popup(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> None:
-        """See the protocol."""
+        """Show a message on the pendant; the dashboard closes a blocking one (``Machine.close_popup``)."""
         self.popups += 1
         head = struct.pack(">IB???B", self.popups, 0, warning, error, blocking, len(title.encode()[:255]))
         self._tell(POPUP, head + title.encode()[:255] + text.encode())
 
     def started(self, name: str) -> None:
-        """See the protocol."""
+        """A programme began."""
         self.program = name
         self._key("PROGRAM_XXX_STARTED", name)
 
     def stopped(self, name: str) -> None:
-        """See the protocol."""
+        """A programme ended, by itself, by ``halt``, by a stop or by an error."""
         self._key("PROGRAM_XXX_STOPPED", name)
 
     def _key(self, title: str, name: str) -> None:
@@ -283,7 +282,7 @@ class Controller(Listener):
         self._tell(KEY, struct.pack(">iiB", 0, 0, len(title)) + title.encode() + name.encode())
 
     def runtime_exception(self, line: int, column: int, text: str) -> None:
-        """See the protocol."""
+        """A programme was refused, or failed while it ran."""
         self.note(f"line {line}, column {column}: {text}")
         self._tell(RUNTIME_EXCEPTION, struct.pack(">ii", line, column) + text.encode())
 

@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import mujoco
 import numpy as np
@@ -17,11 +17,13 @@ from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.errors import ReachError
 from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
 from polish_sim.spatial import inverse, transform, unit
-from polish_sim.ur.api import Kind, Robot, Side
 from polish_sim.ur.compliance import FIXED, Compliance
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
 from polish_sim.ur.motion import Drive, JointSpeeds, JointWay, Moves, Servo, ToolSpeed, Way, tool_way
 from polish_sim.ur.physics import TICK_S, Rig
+
+Side = Literal["in", "out"]
+Kind = Literal["int", "double", "bool"]
 
 CLOCK_S: Final = 42.0  #: At the start; clients take less for a robot that boots
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  #: Robot modes
@@ -40,8 +42,14 @@ OUTPUTS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """First bit and number of the digital inputs and outputs."""
 
 
-class SimulatedRobot(Robot):
-    """An arm with its tool in a cell; see `polish_sim.ur.api.Robot`."""
+class SimulatedRobot:
+    """An arm with its tool in a cell, as programmes and ports see it.
+
+    Everything is SI, in the base frame: a pose is (x, y, z, rx, ry, rz), metres and rotation vector, of the
+    TCP; ``tcp_force`` is the force on the tool [N] and the torque about the TCP [N m]. A motion only starts
+    one; ``move_done`` says when the script goes on. `Machine.tick` calls these once in 2 ms, before the
+    physics of that step.
+    """
 
     def __init__(self, cell: Cell) -> None:
         self.rig, self.cell, baselines = Rig(cell), cell, cell.scenario.controller.baselines
@@ -203,7 +211,7 @@ class SimulatedRobot(Robot):
         return tool_at(q, self._tcp)[0]
 
     def movej(self, q: Array, a: float, v: float, t: float, r: float) -> None:
-        """See the protocol."""
+        """Move in joint space. ``t`` > 0 replaces speed and acceleration; ``r``: blend radius [m]."""
 
         def way(start: Array) -> Way:
             apart = self._pose_at(q)[:3, 3] - self._pose_at(start)[:3, 3]
@@ -212,17 +220,17 @@ class SimulatedRobot(Robot):
         self._move(way, a, v, t, r)
 
     def movel(self, pose: Array, a: float, v: float, t: float, r: float) -> None:
-        """See the protocol."""
+        """Move the TCP in a straight line."""
         self._move(lambda start: tool_way(start, self._pose_at(start), pose, self._tcp), a, v, t, r)
 
     def movec(self, via: Array, to: Array, a: float, v: float, r: float, mode: int) -> None:
-        """See the protocol."""
+        """Move the TCP on a circle. ``mode`` 0: orientation as given, 1: fixed to the arc."""
         self._move(
             lambda start: tool_way(start, self._pose_at(start), to, self._tcp, via, mode == 1), a, v, 0.0, r
         )
 
     def move_done(self) -> bool:
-        """See the protocol."""
+        """Whether the programme goes on: the move has ended, or the blend to the next may begin."""
         return self._drive is None or (self._drive.done() and not self._coming)
 
     def _stream(self, act: Callable[[], None]) -> None:
@@ -230,33 +238,36 @@ class SimulatedRobot(Robot):
         self._coming.append((self.ticks + self._delay, act))
 
     def servoj(self, q: Array, t: float, lookahead: float, gain: float) -> None:
-        """See the protocol."""
+        """Track joint positions; the machine waits ``t``."""
         if not isinstance(drive := self._drive, Servo):
             self._begin(drive := Servo(self.target_q))
         self._stream(partial(drive.aim, np.array(q, dtype=float), min(max(lookahead, 0.03), 0.2)))
 
     def speedj(self, qd: Array, a: float) -> None:
-        """See the protocol."""
+        """Accelerate to joint speeds and hold them."""
         if not isinstance(drive := self._drive, JointSpeeds):
             self._begin(drive := JointSpeeds(self.target_qd))
         self._stream(partial(drive.aim, np.array(qd, dtype=float), max(a, 1e-3)))
 
     def speedl(self, xd: Array, a: float, a_rot: float | None) -> None:
-        """See the protocol; without ``a_rot`` the rotation accelerates as ``a`` at 1 m."""
+        """Accelerate to a TCP twist and hold it; linear [m/s], then angular [rad/s].
+
+        Without ``a_rot`` the rotation accelerates as ``a`` at 1 m.
+        """
         if not isinstance(drive := self._drive, ToolSpeed):
             self._begin(drive := ToolSpeed(self._tcp, self.target_tcp_speed))
         self._stream(partial(drive.aim, np.array(xd, dtype=float), max(a, 1e-3), max(a_rot or a, 1e-3)))
 
     def stopj(self, a: float) -> None:
-        """See the protocol."""
+        """Decelerate the joints [rad/s^2]; ``move_done`` says when they stand."""
         self.speedj(np.zeros(6), abs(a))
 
     def stopl(self, a: float, a_rot: float | None) -> None:
-        """See the protocol."""
+        """Decelerate the TCP on its line [m/s^2]."""
         self.speedl(np.zeros(6), abs(a), a_rot)
 
     def steady(self) -> bool:
-        """See the protocol."""
+        """Whether the arm stands still; never in force mode, freedrive or by torque."""
         if self.compliance or self._torque_left:
             return False
         return bool(np.abs(self.target_qd).max() < 1e-6 and np.abs(self.actual_qd).max() < SETTLED)
@@ -264,7 +275,7 @@ class SimulatedRobot(Robot):
     # Force.
 
     def force_mode(self, frame: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
-        """See the protocol."""
+        """Comply along the selected axes of the task frame, type 1, 2 or 3."""
         if kind not in (1, 2, 3):
             raise ValueError(f"force_mode: type {kind}, there are 1, 2 and 3")
         if self.compliance is None:
@@ -274,15 +285,15 @@ class SimulatedRobot(Robot):
         self.compliance.set(frame, selection, wrench, kind, np.asarray(limits))
 
     def force_mode_set_damping(self, damping: float) -> None:
-        """See the protocol."""
+        """Damping 0 to 1 of force mode."""
         self._mode_settings.damping = min(max(damping, 0.0), 1.0)
 
     def force_mode_set_gain_scaling(self, scaling: float) -> None:
-        """See the protocol."""
+        """Gain 0 to 2 of force mode."""
         self._mode_settings.scaling = min(max(scaling, 0.0), 2.0)
 
     def end_force_mode(self) -> None:
-        """See the protocol."""
+        """Leave force mode, freedrive or teach mode."""
         if self.compliance is not None:
             self._coast(STOP_A)
 
@@ -294,22 +305,27 @@ class SimulatedRobot(Robot):
         self._drive, self._reference, self._reference_qd = drive, self.target_q.copy(), self.target_qd.copy()
 
     def freedrive(self, axes: Array, frame: Array) -> None:
-        """See the protocol: force mode with no force, so that the arm goes where something pushes it."""
+        """Let the arm be led along the free axes (1) of a frame.
+
+        It is force mode with no force, so that the arm goes where something pushes it.
+        """
         limits = np.array([0.25, 0.25, 0.25, 1.0, 1.0, 1.0])
         self.force_mode(np.asarray(frame), np.asarray(axes), np.zeros(6), FIXED, limits)
         assert self.compliance is not None
         self.compliance.free = True
 
     def freedrive_status(self) -> int:
-        """See the protocol."""
+        """0: normal, 1: near a singularity, 2: too near."""
         least = float(np.linalg.svd(jacobian(self.actual_q, self.tcp_offset[:3]), compute_uv=False)[-1])
         return 2 if least < 0.02 else 1 if least < 0.06 else 0
 
     def direct_torque(
         self, tau: Array, friction_comp: bool, viscous: Array | None, coulomb: Array | None
     ) -> None:
-        """See the protocol; without elastic joints there is no friction to compensate.
+        """Joint torques without gravity for one step [N m]; friction scales, where given, replace the
+        switch.
 
+        Without elastic joints there is no friction to compensate.
         The arm carries itself and the tool it has; what is added is the weight of another payload than that.
         """
         torque, on = np.array(tau, dtype=float), float(friction_comp)
@@ -329,13 +345,13 @@ class SimulatedRobot(Robot):
         return viscous * arm.viscous * self.actual_qd + coulomb * arm.coulomb * slides
 
     def zero_ftsensor(self) -> None:
-        """See the protocol; the mean of the last `TARE` ticks: one reading is off by its noise."""
+        """Make the mean wrench of the last `TARE` ticks the zero: one reading is off by its noise."""
         if self._wrenches:
             self.cell.state.sensor.tare += np.mean(self._wrenches, axis=0)
             self._wrenches.clear()
 
     def ft_input(self, enabled: bool, mass: float, offset: Array, cog: Array) -> None:
-        """See the protocol; the wrench is taken as it comes, without the weight of the sensor.
+        """Take the wrench from RTDE's ``external_force_torque`` as it comes, without the sensor's weight.
 
         Its client must feed it at `FEED_HZ` or the programme pauses, unless it set a watchdog of its own.
         """
@@ -344,8 +360,11 @@ class SimulatedRobot(Robot):
             self.set_watchdog(name, FEED_HZ if enabled else 0.0, "pause")
 
     def tool_contact(self, direction: Array) -> int:
-        """See the protocol: a force, less its median of the last second, that came to `CONTACT_N`, above
-        `TOUCH_N` since."""
+        """Steps since the contact against a direction, of zeros from any, began; 0 without one.
+
+        A contact is a force, less its median of the last second, that came to `CONTACT_N`; it began where it
+        last rose above `TOUCH_N`.
+        """
         forces = np.array([force[:3] for _, force in list(self._past)[-500:]])
         change, way = forces - np.median(forces, axis=0), np.asarray(direction, dtype=float)[:3]
         pressed = -change @ unit(way) if way.any() else np.linalg.norm(change, axis=1)
@@ -356,13 +375,13 @@ class SimulatedRobot(Robot):
     # Tool and payload.
 
     def set_tcp(self, pose: Array) -> None:
-        """See the protocol."""
+        """Set the TCP, in the flange's frame."""
         self.tcp_offset = np.array(pose, dtype=float)
         self._tcp = matrix_of(self.tcp_offset)
         self._see()
 
     def set_payload(self, mass: float, cog: Array | None, inertia: Array | None, transition_s: float) -> None:
-        """See the protocol; it holds at once."""
+        """Set the payload, at once; None leaves a value as it is."""
         if not 0.0 <= mass <= 100.0:
             raise ValueError(f"set_payload: a mass of {mass:g} kg")
         self.payload_mass = float(mass)
@@ -374,7 +393,7 @@ class SimulatedRobot(Robot):
         self.cell.compensate(self.payload_mass, T[:3, :3].T @ (self.payload_cog - T[:3, 3]))
 
     def set_gravity(self, direction: Array) -> None:
-        """See the protocol: only the one the cell has.
+        """Set gravity [m/s^2], base axes: only the one the cell has.
 
         Raises:
             ValueError: It is another.
@@ -388,7 +407,7 @@ class SimulatedRobot(Robot):
     # Safety.
 
     def protective_stop(self, reason: str = "asked for by the programme") -> None:
-        """See the protocol; the programme pauses."""
+        """Stop the arm as a safety function would; the programme pauses."""
         if self.safety == PROTECTIVE:
             return
         self.safety, self.stop_reason = PROTECTIVE, reason
@@ -405,17 +424,17 @@ class SimulatedRobot(Robot):
         self._coast(4.0)
 
     def power_down(self) -> None:
-        """See the protocol."""
+        """Switch the controller off."""
         self.let_go()
         self.mode = POWER_OFF
 
     def set_speed_fraction(self, fraction: float) -> None:
-        """See the protocol."""
+        """Move the speed slider."""
         if np.isfinite(fraction):
             self.speed_fraction = min(max(float(fraction), 0.0), 1.0)
 
     def set_watchdog(self, variable: str, min_frequency: float, action: str) -> None:
-        """See the protocol.
+        """Watch how often an RTDE input is written; ``action``: "ignore", "pause" or "stop".
 
         Raises:
             ValueError: There is no such action.
@@ -429,18 +448,18 @@ class SimulatedRobot(Robot):
     # Registers and IO.
 
     def register(self, side: Side, kind: Kind, index: int) -> float | int | bool:
-        """See the protocol."""
+        """Read a general-purpose register of RTDE: 48 integers, 48 doubles, 128 bits each way."""
         if side == "in":
             self.inputs_read.add(f"input_{'bit' if kind == 'bool' else kind}_register_{index}")
         return self.registers[side][kind][index]  # type: ignore[index, no-any-return]
 
     def set_register(self, kind: Kind, index: int, value: float | bool) -> None:
-        """See the protocol."""
+        """Write an output register."""
         convert = {"int": int, "double": float, "bool": bool}[kind]
         self.registers["out"][kind][index] = convert(value)  # type: ignore[index]
 
     def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
-        """See the protocol.
+        """Read, or set, an input or output: ``standard_digital_out`` and the like, named as in URScript.
 
         Raises:
             ValueError: There is none of that name and number.
@@ -465,27 +484,27 @@ class SimulatedRobot(Robot):
     # Kinematics and dynamics.
 
     def forward_kin(self, q: Array, tcp: Array) -> Array:
-        """See the protocol."""
+        """Pose of the TCP at joint angles."""
         return pose_of(tool_at(q, matrix_of(tcp))[0])
 
     def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
-        """See the protocol."""
+        """Joint angles nearest to others, None where there is no solution."""
         try:
             return inverse_near(matrix_of(pose) @ inverse(matrix_of(tcp)), np.asarray(near, dtype=float))
         except ReachError:
             return None
 
     def jacobian(self, q: Array, tcp: Array) -> Array:
-        """See the protocol."""
+        """Jacobian of the TCP, shape (6, 6), linear rows first."""
         return jacobian(np.asarray(q, dtype=float), np.asarray(tcp, dtype=float)[:3])
 
     def jacobian_dot(self, q: Array, qd: Array, tcp: Array) -> Array:
-        """See the protocol; by central differences."""
+        """Time derivative of the Jacobian, shape (6, 6); by central differences."""
         ahead, behind = (self.jacobian(np.asarray(q) + h * np.asarray(qd), tcp) for h in (1e-5, -1e-5))
         return (ahead - behind) / 2e-5
 
     def mass_matrix(self, q: Array, rotors: bool) -> Array:
-        """See the protocol; with the tool."""
+        """Joint-space inertia [kg m^2], shape (6, 6); with the tool."""
         model, data = self.cell.model, self._data
         data.qpos[:6], data.qvel[:] = q, 0.0
         mujoco.mj_forward(model, data)
@@ -496,7 +515,7 @@ class SimulatedRobot(Robot):
         return inertia[:6, :6] + np.diag(own)
 
     def coriolis(self, q: Array, qd: Array) -> Array:
-        """See the protocol; what the speeds add to the forces at rest."""
+        """Coriolis and centrifugal torques [N m]: what the speeds add to the forces at rest."""
         model, data, forces = self.cell.model, self._data, []
         for speeds in (np.asarray(qd), np.zeros(6)):
             data.qpos[:6], data.qvel[:6] = q, speeds
@@ -506,7 +525,10 @@ class SimulatedRobot(Robot):
 
     @property
     def free_torques(self) -> Array:
-        """See the protocol; friction at rest is not known and stays in it."""
+        """Torques of the joints beyond what carries and moves the arm [N m].
+
+        Friction at rest is not known and stays in it.
+        """
         own = self.mass_matrix(self.actual_q, True) @ self.target_qdd + self._friction(1.0, 1.0)
         own += self.coriolis(self.actual_q, self.actual_qd) + self._data.qfrc_bias[:6]  # the weight
         if self.cell.real_arm is None:
@@ -514,12 +536,12 @@ class SimulatedRobot(Robot):
         return self.joint_torques - own
 
     def within_safety_limits(self, target: Array, is_pose: bool) -> bool:
-        """See the protocol: reach and joint ranges."""
+        """Whether a pose, or joint angles, are within reach and joint ranges."""
         q = self.inverse_kin(target, self.actual_q, self.tcp_offset) if is_pose else np.asarray(target)
         return q is not None and bool(np.all(q >= JOINT_LIMITS[:, 0]) and np.all(q <= JOINT_LIMITS[:, 1]))
 
     def q_history(self, steps: int) -> Array:
-        """See the protocol; 2 s are kept."""
+        """Joint angles some steps ago; 2 s are kept."""
         return self._past[max(len(self._past) - 1 - max(int(steps), 0), 0)][0]
 
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.ur.api import Kind, Robot, Side
 from polish_sim.ur.script import values
 from polish_sim.ur.script.sockets import STEP_S, Sockets, Waiting
 from polish_sim.ur.script.values import List, Pose, array, as_list, as_pose, number, to_text
 
 if TYPE_CHECKING:
+    from polish_sim.ur.robot import Kind, Side, SimulatedRobot
     from polish_sim.ur.script.machine import Machine
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
@@ -104,7 +104,7 @@ class BuiltIns(Sockets):
         return lambda: convert(getattr(self._robot, of))
 
     @property
-    def _robot(self) -> Robot:
+    def _robot(self) -> SimulatedRobot:
         return self._machine.robot
 
     def _pins(self, group: str, kind: Callable[[Any], float | bool]) -> dict[str, Callable[..., Any]]:

@@ -8,12 +8,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from random import Random
 from time import thread_time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from polish_sim.ur.api import Listener, Robot
 from polish_sim.ur.script import values
 from polish_sim.ur.script.built_ins import STOP_A, BuiltIns
 from polish_sim.ur.script.translate import FILE, Program, translate
+
+if TYPE_CHECKING:
+    from polish_sim.ur.controller import Controller
+    from polish_sim.ur.robot import SimulatedRobot
 
 MOST_WORK = 300_000  #: Parts of statements a thread may run between two waits
 MOST_S = 0.2  #: And processor time of all threads in a step [s]
@@ -51,9 +54,9 @@ class Machine:
         ScriptError: It cannot be run; says where.
     """
 
-    robot: Robot
+    robot: SimulatedRobot
 
-    def __init__(self, source: str | Program, listener: Listener, client: str = "") -> None:
+    def __init__(self, source: str | Program, listener: Controller, client: str = "") -> None:
         self.program = translate(source) if isinstance(source, str) else source
         self.listener = listener
         self.running = True
@@ -98,7 +101,7 @@ class Machine:
         """Let a programme go on behind its blocking message."""
         self.popup_open = False
 
-    def tick(self, robot: Robot) -> None:
+    def tick(self, robot: SimulatedRobot) -> None:
         """Run each thread to its next wait: once in 2 ms, before the robot's step."""
         self.robot, self._until = robot, thread_time() + MOST_S
         for thread in self._threads:  # a thread that starts another lets it run in the same step
