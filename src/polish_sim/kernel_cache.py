@@ -92,9 +92,13 @@ _log = logging.getLogger(__name__)
 add_symbol = llvm.add_symbol  #: Name the address of a C function for kernels
 
 
-def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function at its first call; options as of ``numba.njit``, with ``cache`` the machine code is
-    kept."""
+def njit(function: Callable[..., Any] | None = None, *, cache: bool = True, **options: Any) -> Any:
+    """Compile a function at its first call and keep the machine code; options as of ``numba.njit``.
+
+    Without ``cache`` it is kept only within the kernels that call it. A division by zero gives infinity or
+    nan, as in numpy.
+    """
+    options = {"error_model": "numpy", **options}
 
     def decorate(function: Callable[..., Any]) -> Any:
         if numba.config.DISABLE_JIT:
@@ -102,7 +106,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
         kind = _Kernel if cache else _Part
         return kind(function, targetoptions={"nopython": True, "boundscheck": None, **options})
 
-    return decorate
+    return decorate if function is None else decorate(function)
 
 
 def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:

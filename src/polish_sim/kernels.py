@@ -23,7 +23,7 @@ Matrix3 = Annotated[Array, (3, 3)]
 Matrix4 = Annotated[Array, (4, 4)]
 Matrix6 = Annotated[Array, (6, 6)]
 
-kernel = njit(error_model="numpy", forceinline=True)
+kernel = njit(cache=False, forceinline=True)
 """Compiled into the kernels that call it and kept on disk only with them; callable from Python, too."""
 
 _SCALARS = {float: np.float64, int: np.int64, bool: np.bool_}

@@ -47,7 +47,7 @@ def to_pose(T: Array) -> tuple[float, ...]:
 # Rotations as the kernels need them: small, compiled, on plain arrays.
 
 
-@njit(cache=True)
+@njit
 def rotation_from_quaternion(quaternion: Array, R: Array) -> None:
     """Write the rotation matrix, shape (3, 3), of a unit quaternion wxyz, shape (4,), into ``R``."""
     w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
@@ -62,7 +62,7 @@ def rotation_from_quaternion(quaternion: Array, R: Array) -> None:
     R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@njit(cache=True)
+@njit
 def quaternion_from_rotation(R: Array, quaternion: Array) -> None:
     """Write the unit quaternion wxyz of a rotation matrix into ``quaternion``.
 
@@ -90,7 +90,7 @@ def quaternion_from_rotation(R: Array, quaternion: Array) -> None:
     quaternion[1 + k] = (R[k, i] + R[i, k]) / s
 
 
-@njit(cache=True)
+@njit
 def rotation_angle(R_a: Array, R_b: Array) -> float:
     """Angle between two frames [rad], accurate near zero too."""
     trace = 0.0

@@ -139,7 +139,7 @@ def _measure_depths(pad: Pad, field: DistanceField) -> float:
     return deepest
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _sum_pressure(pad: Pad, spin: float) -> None:
     """Sum pressure and friction over the points; without branches, so that the compiler can vectorise."""
     w = pad.motion

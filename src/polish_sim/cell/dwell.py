@@ -58,7 +58,7 @@ def exposure_rates(
     return Dwelling(csr_array((rates, grid.items[numbers], starts), shape=shape), depths)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _count(nodes, poses, grid, radius):  # type: ignore[no-untyped-def]
     found, under = np.empty(len(poses.tips), np.int64), np.empty(len(nodes.areas), np.int64)
     for k in range(len(found)):
@@ -69,12 +69,12 @@ def _count(nodes, poses, grid, radius):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _sunk(poses, k, depth):  # type: ignore[no-untyped-def]
     return poses.tips[k] - depth * poses.axes[k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _fill(nodes, poses, grid, radius, bedding, slide, starts, numbers, rates):  # type: ignore[no-untyped-def]
     under, force, power = (
         np.empty(len(nodes.areas), np.int64),

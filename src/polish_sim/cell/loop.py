@@ -56,7 +56,7 @@ FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
 
 
 # Without reference counts: nothing is allocated in the loop, and counting the tuples' arrays cost half of it.
-@njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+@njit(nogil=True, _nrt=False)
 def advance(  # type: ignore[no-untyped-def]
     cell: CellKernel, arm: RealArm | None, recorder: Recorder, law, draws: Array, steps: int
 ) -> None:

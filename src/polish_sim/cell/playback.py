@@ -91,7 +91,7 @@ def _refuse_touch(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> None:
             raise ReachError(f"the robot cannot do this path: {pair} would touch. Move it with --part-pose.")
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _play(arm: RealArm | None, e: EngineViews, targets: JointTargets, played: Played, still: int) -> None:
     """``arm``: the joints if they are elastic; None compiles nothing of that."""
     for step in range(-still, len(targets.q)):

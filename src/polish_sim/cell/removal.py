@@ -224,7 +224,7 @@ def on_real_part(field: DistanceField, positions: Array, normals: Array) -> tupl
     return found, slopes
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _project(field, normals, positions, slopes):  # type: ignore[no-untyped-def]
     """Newton's method along each normal; across it where the surface has turned away, as on a step's wall."""
     nodes, per_metre = field.bricks.reshape(-1), 1.0 / field.spacing
@@ -278,7 +278,7 @@ def expose_nodes(
     return Removed(exposure, found[1], found[2])
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-untyped-def]
     exposure, gained, carried = (
         np.zeros(len(nodes.areas)),
@@ -319,7 +319,7 @@ def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-unty
     return exposure, gained, carried
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no-untyped-def]
     """List the nodes over the face of a pad at ``center``, a way ``up`` its axis."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
@@ -340,7 +340,7 @@ def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no
     return number
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _find_under(positions, normals, first, last, center, axis, radius, under, number):  # type: ignore[no-untyped-def]
     """List the nodes that stand over the pad's face and look at it; returns how many are listed."""
     cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
@@ -354,7 +354,7 @@ def _find_under(positions, normals, first, last, center, axis, radius, under, nu
     return number
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _press_nodes(  # type: ignore[no-untyped-def]
     positions, normals, areas, center, axis, velocity, turning, bedding, slide, under, number, force, power
 ):

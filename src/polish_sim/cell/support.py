@@ -35,7 +35,7 @@ def _carries(pad: Pad, part: RealPart, frame: Array, middle: Array, depth: float
     return -(pushed[0] * frame[0, 2] + pushed[1] * frame[1, 2] + pushed[2] * frame[2, 2]) >= force
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _note_sinking(
     pad: Pad, part: RealPart, frames: Array, middles: Array, force: Array, shifts: Array, depths: int,
     out: Bools,

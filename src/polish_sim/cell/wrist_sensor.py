@@ -227,7 +227,7 @@ def read_at_rest(
     return means
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _average(sensor: WristSensor, line: Array, load: Array, draws: Array, wait: int, mean: Array) -> None:
     """Mean over the samples after the first ``wait`` ones."""
     count = draws.shape[0] - wait

@@ -124,7 +124,7 @@ class PairCell(Cell):
         return with_column(super()._log(rows), "master_q_rad", rows[:, ROW_WIDTH:])
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def advance_pair(  # type: ignore[no-untyped-def]
     cell: CellKernel, arm: RealArm | None, other: RealArm | None, host_arm: HostArm | None, master: Master,
     recorder: Recorder, law, draws: Array, steps: int

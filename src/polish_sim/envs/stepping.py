@@ -293,12 +293,12 @@ structref.define_attributes(_HeldType)
 structref.define_boxing(_HeldType, _Held)
 
 
-@njit(cache=True)
+@njit
 def _hold(kept, law):  # type: ignore[no-untyped-def]
     return _Held(kept, law)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _step_held(held):  # type: ignore[no-untyped-def]
     return _take_step(held.kept, held.law)
 

@@ -200,7 +200,7 @@ def rows_without_straight_air(path: ToolPath) -> Bools:
     return kept
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _keep(
     positions: Array, axes: Array, fixed: Bools, chord: float, cosine: float, longest: float, kept: Bools
 ) -> None:
@@ -218,7 +218,7 @@ def _keep(
     kept[last] = True
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _straight(
     positions: Array, axes: Array, first: int, end: int, chord: float, cosine: float, longest: float
 ) -> bool:

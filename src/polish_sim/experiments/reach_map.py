@@ -104,7 +104,7 @@ def outermost(positions: Array, axes: Array) -> Indices:
     return rows[np.argsort(-away, kind="stable")]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _least_manipulability(lengths: Array, T_base_flange: Array, shifts: Array) -> Array:
     """Least |det J| over poses (n, 4, 4) in the best configuration, after each of the shifts (k, 3) of all,
     (k,); ``lengths`` as of `arm_lengths`."""

@@ -50,13 +50,13 @@ def into_plane(directions: Array, normals: Array) -> Array:
     return directions - (directions * normals).sum(axis=-1, keepdims=True) * normals
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def basis(u: float, v: float, w: float) -> Any:
     """Bernstein polynomials of degree two (paper 1, eq. 2)."""
     return u * u, v * v, w * w, 2.0 * u * v, 2.0 * v * w, 2.0 * w * u
 
 
-@njit(cache=True)
+@njit
 def blend(control, facets, barycentric):  # type: ignore[no-untyped-def]
     """Evaluate quadratic triangles ``facets`` (n,) at ``barycentric`` (n, 3): positions, normals or other
     values.

@@ -56,7 +56,7 @@ def build_boxes(lows: Array, highs: Array) -> tuple[Array, Array, Ints, Ints, In
 # Written without array expressions and slices, which take several times as long to compile.
 
 
-@njit(cache=True)
+@njit
 def _build(lows, highs, centers, items, low, high, right, first, size):  # type: ignore[no-untyped-def]
     """Fill the tree depth first with an explicit stack; return the number of nodes."""
     begins, ends = np.empty(128, np.int64), np.empty(128, np.int64)
@@ -89,7 +89,7 @@ def _build(lows, highs, centers, items, low, high, right, first, size):  # type:
     return nodes
 
 
-@njit(cache=True)
+@njit
 def _enclose(items, begin, end, lows, highs, low, high):  # type: ignore[no-untyped-def]
     """Write the box around some items' boxes to low and high."""
     for k in range(3):
@@ -99,7 +99,7 @@ def _enclose(items, begin, end, lows, highs, low, high):  # type: ignore[no-unty
             high[k] = max(high[k], highs[items[i], k])
 
 
-@njit(cache=True)
+@njit
 def _split(items, begin, end, centers, lows, highs):  # type: ignore[no-untyped-def]
     """Sort items to two sides such that the boxes' areas, weighted by their items, are smallest.
 
@@ -141,7 +141,7 @@ def _split(items, begin, end, centers, lows, highs):  # type: ignore[no-untyped-
     return middle
 
 
-@njit(cache=True)
+@njit
 def _sweep(box_low, box_high, count, first, step, cost):  # type: ignore[no-untyped-def]
     """Area times number of items of the first bins up to each one, from one end on."""
     x0 = y0 = z0 = np.inf
@@ -156,7 +156,7 @@ def _sweep(box_low, box_high, count, first, step, cost):  # type: ignore[no-unty
         cost[b] = total * (x * y + y * z + z * x) if total > 0 else 0.0
 
 
-@njit(cache=True)
+@njit
 def _select(items, centers, axis, begin, end, wanted):  # type: ignore[no-untyped-def]
     """Quickselect: bring the item of rank ``wanted`` to its place, smaller ones before it."""
     while end > begin:
@@ -179,7 +179,7 @@ def _select(items, centers, axis, begin, end, wanted):  # type: ignore[no-untype
             return
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def box_distance2(low, high, node, x, y, z):  # type: ignore[no-untyped-def]
     """Squared distance of a point to a node's box [m^2]."""
     dx = max(low[node, 0] - x, 0.0, x - high[node, 0])
@@ -191,7 +191,7 @@ def box_distance2(low, high, node, x, y, z):  # type: ignore[no-untyped-def]
 _CANDIDATES = 32
 
 
-@njit(cache=True)
+@njit
 def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
     """Closest point of all patches (m, 6, 3) to (x, y, z) [m]: squared distance [m^2], facet (-1 if none), u,
     v.
@@ -234,7 +234,7 @@ def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-unt
     return _best_of(control, items, lowers, found, x, y, z, best, facet, best_u, best_v)
 
 
-@njit(cache=True)
+@njit
 def _best_of(control, items, lowers, found, x, y, z, best, facet, best_u, best_v):  # type: ignore[no-untyped-def]
     """Closest of the best so far and some candidates, the last found first: it is usually the closest."""
     for i in range(found - 1, -1, -1):
@@ -246,7 +246,7 @@ def _best_of(control, items, lowers, found, x, y, z, best, facet, best_u, best_v
     return best, facet, best_u, best_v
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _push_children(tree, node, x, y, z, nodes, bounds, top):  # type: ignore[no-untyped-def]
     """Put both children of a node on the stack, the closer one on top."""
     left, right = node + 1, tree.right[node]
@@ -261,7 +261,7 @@ def _push_children(tree, node, x, y, z, nodes, bounds, top):  # type: ignore[no-
     nodes[top + far], bounds[top + far] = right, right_bound
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _to_middle(tree, node, x, y, z):  # type: ignore[no-untyped-def]
     """Squared distance to the middle of a box, in units of half of it along each axis."""
     total = 0.0
@@ -273,7 +273,7 @@ def _to_middle(tree, node, x, y, z):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@njit
 def closest_points(control, tree, points, hints):  # type: ignore[no-untyped-def]
     """Closest facet (n,) and barycentric coordinates (n, 3) for points (n, 3); hints (n,) or -1."""
     facets = np.empty(len(points), np.int32)

@@ -11,7 +11,7 @@ _STEP_DONE = 1e-13
 _NEWTON_DONE = 1e-8  # the next step would be of the order of its square
 
 
-@njit(cache=True)
+@njit
 def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
     """Closest point of one patch (6, 3) to (x, y, z) [m]: squared distance [m^2] and barycentric coordinates
     u, v.
@@ -35,7 +35,7 @@ def closest_on_patch(patch, x, y, z):  # type: ignore[no-untyped-def]
     return best, best_u, best_v
 
 
-@njit(cache=True)
+@njit
 def on_edge(edge, t):  # type: ignore[no-untyped-def]
     """Barycentric u, v of a point on an edge, t from its first corner."""
     if edge == 0:
@@ -45,7 +45,7 @@ def on_edge(edge, t):  # type: ignore[no-untyped-def]
     return t, 0.0
 
 
-@njit(cache=True)
+@njit
 def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
     """Stationary point u, v of the distance to the patch continued beyond its edges, and whether it is a
     minimum."""
@@ -107,7 +107,7 @@ def _newton(patch, x, y, z):  # type: ignore[no-untyped-def]
     return u, v, settled
 
 
-@njit(cache=True)
+@njit
 def _distance2(patch, u, v, x, y, z):  # type: ignore[no-untyped-def]
     w = 1.0 - u - v
     total = 0.0
@@ -124,7 +124,7 @@ def _distance2(patch, u, v, x, y, z):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@njit
 def _closest_on_edge(patch, edge, x, y, z):  # type: ignore[no-untyped-def]
     """Closest point of an edge: its parameter from corner ``edge`` on, and the squared distance."""
     last = (edge + 1) % 3
@@ -176,7 +176,7 @@ def _closest_on_edge(patch, edge, x, y, z):  # type: ignore[no-untyped-def]
     return t, total
 
 
-@njit(cache=True)
+@njit
 def flat_distance2(patch, x, y, z):  # type: ignore[no-untyped-def]
     """Squared distance to the flat triangle of a patch's corners [m^2]."""
     ax, ay, az = patch[0, 0] - patch[2, 0], patch[0, 1] - patch[2, 1], patch[0, 2] - patch[2, 2]

@@ -51,7 +51,7 @@ def signed_distances(surface: Surface, points: Array) -> Array:
     return _signed_distances(_build_skin(surface), points, np.inf)[0]
 
 
-@njit(cache=True)
+@njit
 def _signed_distances(skin, points, limit):  # type: ignore[no-untyped-def]
     """Signed distances of points and their closest facets, -1 beyond the limit."""
     distances, facets = np.empty(len(points)), np.empty(len(points), np.int32)
@@ -64,7 +64,7 @@ def _signed_distances(skin, points, limit):  # type: ignore[no-untyped-def]
     return distances, facets
 
 
-@njit(cache=True)
+@njit
 def signed_distance(skin, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
     """Signed distance [m] of one point and the facet it is measured to; facet -1 beyond ``limit`` [m]."""
     distance2, facet, u, v = closest_in_tree(skin.control, skin.tree, x, y, z, np.int32(hint), limit)
@@ -76,7 +76,7 @@ def signed_distance(skin, x, y, z, hint, limit):  # type: ignore[no-untyped-def]
     return (-distance if side < 0.0 else distance), facet
 
 
-@njit(cache=True)
+@njit
 def _point_and_side(skin, facet, u, v):  # type: ignore[no-untyped-def]
     """The closest point and a vector towards outside; a zero vector at borders."""
     w = 1.0 - u - v
@@ -99,7 +99,7 @@ def _point_and_side(skin, facet, u, v):  # type: ignore[no-untyped-def]
     return px, py, pz, nx, ny, nz
 
 
-@njit(cache=True)
+@njit
 def _point_and_normal(patch, u, v):  # type: ignore[no-untyped-def]
     """Point of a patch and its unit normal."""
     w = 1.0 - u - v
@@ -111,7 +111,7 @@ def _point_and_normal(patch, u, v):  # type: ignore[no-untyped-def]
     return px, py, pz, nx / size, ny / size, nz / size
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _component(patch, k, u, v, w):  # type: ignore[no-untyped-def]
     """One component of a patch's point and of half its derivatives along u and v."""
     to_u = u * patch[0, k] + v * patch[3, k] + w * patch[5, k]
@@ -193,7 +193,7 @@ def _find_near_bricks(
     return candidates[facets >= 0], facets[facets >= 0]
 
 
-@njit(cache=True)
+@njit
 def _mark_boxes(first, last, marked):  # type: ignore[no-untyped-def]
     """Mark boxes of bricks, from the first one to before the last one along each axis."""
     for box in range(len(first)):
@@ -215,7 +215,7 @@ def _sign_empty_bricks(skin: Skin, table: Ints, origin: Array, side: float) -> N
             table[groups == group] = INSIDE
 
 
-@njit(cache=True)
+@njit
 def _sample_bricks(skin, corners, hints, spacing, band):  # type: ignore[no-untyped-def]
     """Signed distances at the nodes of bricks, shape (k, 9, 9, 9), clipped to the band.
 

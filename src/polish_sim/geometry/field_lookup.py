@@ -31,7 +31,7 @@ class DistanceField(NamedTuple):
     bricks: NDArray[np.float32]  #: Distances at the nodes [m], shape (k, 9, 9, 9)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     """Signed distance [m] and its gradient at (x, y, z) [m], as (d, gx, gy, gz), for loops over many points.
 
@@ -67,7 +67,7 @@ def look_up(field, nodes, per_metre, x, y, z):  # type: ignore[no-untyped-def]
     return d0 + fx * (d1 - d0), (d1 - d0) * per_metre, gy * per_metre, (s0 + fx * (s1 - s0)) * per_metre
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def field_distance(field, x, y, z):  # type: ignore[no-untyped-def]
     """Signed distance [m] at (x, y, z) [m] in the surface's frame, clipped to the band; "outside" beyond the
     grid."""

@@ -172,7 +172,7 @@ def _fit_heights(links: _Links, normals: Array, frames: Array, trusted: Bools) -
     return _fit_each(links.first, links.there, links.steps, normals, frames, trusted, np.array(_TENSOR))
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: ignore[no-untyped-def]
     """Fit vertex by vertex: the height of each link's end and, of trusted neighbours, both slopes."""
     fitted, seen = np.zeros((len(normals), 9)), np.zeros(len(normals), np.int64)
@@ -217,7 +217,7 @@ def _fit_each(first, there, steps, normals, frames, trusted, tensor):  # type: i
     return fitted, seen
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
     """Add an equation to normal equations, lower triangle and right side."""
     for i in range(9):
@@ -227,7 +227,7 @@ def _add_row(sums, row, weight):  # type: ignore[no-untyped-def]
         sums[i, 9] += scaled * row[9]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _solve(rows, found):  # type: ignore[no-untyped-def]
     """Solve a symmetric positive system by Cholesky's method: lower triangle and right side, overwritten."""
     size = len(found)
@@ -246,7 +246,7 @@ def _solve(rows, found):  # type: ignore[no-untyped-def]
         found[i] = rows[i, size]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def solve_symmetric(systems):  # type: ignore[no-untyped-def]
     """Solve many symmetric positive systems, shape (k, n), from lower triangles and right sides, (k, n, n +
     1)."""

@@ -36,7 +36,7 @@ def split_polygons(points: Array, indices: Indices, sizes: Indices) -> Split:
     return Split(triangles, polygons, int(too_many))
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _split(points, indices, sizes, triangles, polygons):  # type: ignore[no-untyped-def]
     at = done = 0
     for polygon in range(len(sizes)):
@@ -56,7 +56,7 @@ def _split(points, indices, sizes, triangles, polygons):  # type: ignore[no-unty
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _fan(ring, triangles, done):  # type: ignore[no-untyped-def]
     """Connect the first corner of a convex polygon with all others."""
     for i in range(1, len(ring) - 1):
@@ -64,7 +64,7 @@ def _fan(ring, triangles, done):  # type: ignore[no-untyped-def]
         done += 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _cut_ears(points, ring, triangles, done):  # type: ignore[no-untyped-def]
     """Write the triangles of one polygon; ``ring`` is used up."""
     left = len(ring)
@@ -87,7 +87,7 @@ def _cut_ears(points, ring, triangles, done):  # type: ignore[no-untyped-def]
         triangles[done, k] = ring[k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _normal(points, ring):  # type: ignore[no-untyped-def]
     """Area vector of a closed polygon."""
     x = y = z = 0.0
@@ -99,7 +99,7 @@ def _normal(points, ring):  # type: ignore[no-untyped-def]
     return x / size, y / size, z / size
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _cross(points, a, b, c):  # type: ignore[no-untyped-def]
     """Twice the area vector of a triangle."""
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
@@ -107,14 +107,14 @@ def _cross(points, a, b, c):  # type: ignore[no-untyped-def]
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _area(points, a, b, c, normal):  # type: ignore[no-untyped-def]
     """Twice the area of a triangle seen along a normal."""
     x, y, z = _cross(points, a, b, c)
     return x * normal[0] + y * normal[1] + z * normal[2]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _shape(points, a, b, c, normal):  # type: ignore[no-untyped-def]
     """Area over squared longest side: the higher the better a triangle's shape; negative at a hollow
     corner."""
@@ -127,7 +127,7 @@ def _shape(points, a, b, c, normal):  # type: ignore[no-untyped-def]
     return _area(points, a, b, c, normal) / longest
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _is_empty(points, ring, left, a, b, c, normal):  # type: ignore[no-untyped-def]
     """No other corner of the polygon lies within the triangle."""
     for i in range(left):
@@ -143,7 +143,7 @@ def _is_empty(points, ring, left, a, b, c, normal):  # type: ignore[no-untyped-d
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _is_convex(points, ring):  # type: ignore[no-untyped-def]
     normal = _normal(points, ring)
     count = len(ring)

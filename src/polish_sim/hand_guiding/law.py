@@ -81,7 +81,7 @@ def build_memory(joints: int) -> GuidingMemory:
     return GuidingMemory(*(np.zeros(joints) for _ in GuidingMemory._fields))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: float, first: bool) -> None:
     """Quantise positions [rad], difference them to speeds, these to filtered accelerations; ``first``: none
     before."""
@@ -93,7 +93,7 @@ def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: floa
         memory.q[j], memory.qd[j] = read, qd
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def guide_by_hand(
     belief: Belief, gains: GuidingGains, memory: GuidingMemory, share: float, dt: float
 ) -> None:
@@ -118,14 +118,14 @@ def guide_by_hand(
         memory.torque[j] = min(max(wanted, -belief.torque_limit[j]), belief.torque_limit[j])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def dry_friction(belief: Belief, memory: GuidingMemory, j: int, qd: float) -> float:
     """Coulomb friction of joint ``j`` at a speed [rad/s] under the weight it holds [N m]."""
     load = belief.driving[j] if memory.weight[j] * qd > 0.0 else belief.driven[j]
     return belief.coulomb[j] + load * abs(memory.weight[j])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _observe(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> None:
     """Momentum observer of the hand's torque, from the torque given in the last step.
 
@@ -146,7 +146,7 @@ def _observe(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: flo
         memory.steady[j] += gains.onset * dt * (memory.external[j] - memory.steady[j])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _onset(belief: Belief, gains: GuidingGains, memory: GuidingMemory, j: int) -> float:
     """Sign and size, -1 to 1, of a push that has just begun: what lasts without motion is no start."""
     rise = memory.external[j] - memory.steady[j]
@@ -155,7 +155,7 @@ def _onset(belief: Belief, gains: GuidingGains, memory: GuidingMemory, j: int) -
     return min(max(rise / (gains.threshold * belief.coulomb[j]), -1.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _feel(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> float:
     """Whether a hand is on the tool, fading: without one friction is left to the joints, and they stop and
     stay."""
@@ -249,7 +249,7 @@ class GuidingLimits(NamedTuple):
     lent: Lent  #: Memory
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def fade_out(limits: GuidingLimits, qd: Array, tool_speed: float) -> float:
     """Share of the compensation granted at these speeds, 1 to 0."""
     near = tool_speed / limits.tool_speed
@@ -258,7 +258,7 @@ def fade_out(limits: GuidingLimits, qd: Array, tool_speed: float) -> float:
     return min(max((1.0 - near) / (1.0 - FADE_FROM), 0.0), 1.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def watch_guiding(
     limits: GuidingLimits,
     belief: Belief,

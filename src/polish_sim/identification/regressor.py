@@ -51,7 +51,7 @@ def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array)
     return out
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _fill_regressors(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> None:  # type: ignore[no-untyped-def]
     """Fill regressors (m, n, 10 n) of m real or complex states (m, n); blocks below the diagonal are left as
     they are.
@@ -71,7 +71,7 @@ def _fill_regressors(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> Non
                 _fill_block(chain.kind[k], screws[0, k], screws[1, k], w, dw, a, Y[row, k], 10 * j)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> None:  # type: ignore[no-untyped-def]
     """Carry motion and the joints' screws from link j - 1 to link j."""
     w, dw, a = motion[0], motion[1], motion[2]
@@ -125,7 +125,7 @@ def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> N
         a[2] += 2.0 * gz * qd + zz * qdd
 
 
-@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+@njit(forceinline=True, _nrt=False)
 def _turn_about(zx: float, zy: float, zz: float, c: Any, s: Any, v: Array, out) -> None:  # type: ignore[no-untyped-def]
     """Turn v back about the axis by the angle whose cosine and sine are c and s."""
     x, y, z = v[0], v[1], v[2]
@@ -135,7 +135,7 @@ def _turn_about(zx: float, zy: float, zz: float, c: Any, s: Any, v: Array, out) 
     out[2] = c * z - s * (zx * y - zy * x) + zz * along
 
 
-@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+@njit(forceinline=True, _nrt=False)
 def _turn(R, v) -> None:  # type: ignore[no-untyped-def]
     """v in the old axes becomes v in the new ones, the columns of R in the old axes."""
     x, y, z = v[0], v[1], v[2]
@@ -144,7 +144,7 @@ def _turn(R, v) -> None:  # type: ignore[no-untyped-def]
     v[2] = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
 
 
-@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+@njit(forceinline=True, _nrt=False)
 def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ignore[no-untyped-def]
     """Torque at a joint (axis z, arm from its origin to the link's) by the ten parameters of a link."""
     if kind == HINGE:

@@ -34,7 +34,7 @@ class ArmState(Record):
     scratch: Annotated[Array, (6, 12)]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def place_arm(state: ArmState, rows: Array, T_flange_tool: Array) -> bool:
     """Fill all but rates and twists for the angles in ``state.q``; whether the Jacobian could be inverted.
 
@@ -45,7 +45,7 @@ def place_arm(state: ArmState, rows: Array, T_flange_tool: Array) -> bool:
     return invert(state.jacobian, state.inverse, state.scratch)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _fill_links(state: ArmState, rows: Array, T_flange_tool: Array) -> None:
     """Axes and link vectors by the chain of Denavit-Hartenberg frames."""
     T = state.scratch[:3, :4]
@@ -64,7 +64,7 @@ def _fill_links(state: ArmState, rows: Array, T_flange_tool: Array) -> None:
         state.links[5, i] += T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _fill_jacobian(state: ArmState) -> None:
     """Columns z x (tool point - joint); z."""
     J, axes, links = state.jacobian, state.axes, state.links
@@ -76,7 +76,7 @@ def _fill_jacobian(state: ArmState) -> None:
         J[3, i], J[4, i], J[5, i] = x, y, z
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def solve_rates(state: ArmState) -> None:
     """Write the three derivatives of q that give the tool the motion in ``twists``."""
     _solve(state, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -84,7 +84,7 @@ def solve_rates(state: ArmState) -> None:
     _solve_third(state)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b: float, c: float) -> None:
     """rates[row] = inverse (twists[row] - (x, y, z; a, b, c))."""
     t = state.twists
@@ -97,7 +97,7 @@ def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b:
         )
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _solve_second(state: ArmState) -> None:
     """q'' after q': every link's turning w and its derivative e without q'', from the base outwards."""
     axes, links, q1 = state.axes, state.links, state.rates[0]
@@ -117,7 +117,7 @@ def _solve_second(state: ArmState) -> None:
     _solve(state, 1, lx, ly, lz, ex, ey, ez)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _solve_third(state: ArmState) -> None:
     """q''' after q' and q'': turning w, its derivative e with q'', its second derivative f without q'''."""
     axes, links, q1, q2 = state.axes, state.links, state.rates[0], state.rates[1]
@@ -143,7 +143,7 @@ def _solve_third(state: ArmState) -> None:
     _solve(state, 2, lx, ly, lz, fx, fy, fz)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def invert(matrix: Array, inverse: Array, scratch: Array) -> bool:
     """Invert a 6x6 matrix by Gauss-Jordan elimination with row pivoting; ``scratch``: (6, 12).
 

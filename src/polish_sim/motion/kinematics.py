@@ -55,7 +55,7 @@ def joint_rows(table: Array) -> Array:
     return np.ascontiguousarray(np.stack([offset, d, a, cosine, np.sin(alpha)], axis=1))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def advance_frame(T: Array, row: Array, angle: float) -> None:
     """Carry frame i - 1, (3, 4) or (4, 4), over one joint at an ``angle`` [rad], in place; ``row`` of
     `joint_rows`."""
@@ -69,7 +69,7 @@ def advance_frame(T: Array, row: Array, angle: float) -> None:
         T[i, 3] = T[i, 3] + row[1] * z + row[2] * x_turned
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _fill_frames(rows: Array, q: Array, frames: Array) -> None:
     """Frames of n configurations: all seven, shape (n, 7, 4, 4), or the flange's alone; they begin as the
     identity."""
@@ -165,7 +165,7 @@ _REACH_SLACK = 1e-9
 _WRIST_ALIGNED = 1e-9  #: Sine of wrist 2 below which only the sum of wrist 1 and wrist 3 is given [-]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _solve_branch(
     lengths: Array, T: Array, side: float, wrist: float, elbow: float, q6_if_aligned: float
 ) -> tuple[bool, tuple[float, float, float, float, float, float]]:
@@ -207,13 +207,13 @@ def _solve_branch(
     return True, (math.atan2(s1, c1), q2, q3, q234 - q2 - q3, math.atan2(s5, c5), q6)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _near(angle: float, reference: float) -> float:
     """The angle, full turns added, within half a turn of the reference."""
     return angle + _TURN * math.floor((reference - angle) / _TURN + 0.5)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def solve_on_branch(lengths: Array, T: Array, q_near: Array, q: Array) -> bool:
     """Write joint angles ``q`` (6,) [rad] that bring the flange to ``T`` (4, 4), closed form; False if there
     are none.
@@ -230,7 +230,7 @@ def solve_on_branch(lengths: Array, T: Array, q_near: Array, q: Array) -> bool:
     return reached
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def solve_all(lengths: Array, T_base_flange: Array, q6_if_aligned: float) -> Array:
     """All joint angles (8, 6) of a flange pose (4, 4); see `inverse_all`."""
     solutions = np.empty((8, 6))
@@ -242,7 +242,7 @@ def solve_all(lengths: Array, T_base_flange: Array, q6_if_aligned: float) -> Arr
     return solutions
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _nearest_solution(lengths: Array, T_base_flange: Array, q_near: Array, within_limits: bool) -> Array:
     best, best_distance = np.full(6, np.nan), np.inf
     solutions = solve_all(lengths, T_base_flange, q_near[5])
@@ -288,7 +288,7 @@ def nearest_solution(T_base_flange: Array, q_near: Array, within_limits: bool) -
     return _nearest_solution(arm_lengths(), T_base_flange, q_near, within_limits)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _into_limits(angle: float, lowest: float, highest: float) -> float:
     """The angle brought into its range by full turns; NaN where that is impossible."""
     if angle > highest:
@@ -381,7 +381,7 @@ class JointPath:
         return int(np.argmin(self.singular_values)) if len(self.singular_values) else 0
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _follow(lengths: Array, T_base_flange: Array, q_start: Array, q: Array) -> None:
     """Write joint angles (n, 6) along the poses, each the solution closest to the last one, up to one out of
     reach."""

@@ -49,7 +49,7 @@ def _copy_segment(chain: Chain, k: int, segment: Segment) -> None:
     segment.turn_axis[:], segment.roll = chain.turn_axes[k], chain.rolls[k]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _tool_pose(segment: Segment, u: float, T: Array) -> None:
     """Write T_base_tool, shape (4, 4), at progress u: exp(u angle n) R exp(u roll z)."""
     R, n = segment.rotation, segment.turn_axis
@@ -73,7 +73,7 @@ def _tool_pose(segment: Segment, u: float, T: Array) -> None:
     T[3, 3] = 1.0
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
     """Write first to third derivative of the tool's pose by u, as twists (3, 6): only the roll's axis
     turns."""
@@ -104,7 +104,7 @@ def within_range(q: Array) -> bool:
     return inside
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def reach_pose(state: ArmState, arm: Arm) -> int:
     """Bring the tool to the state's pose on the branch its joint angles are on, and place the arm.
 
@@ -121,7 +121,7 @@ def reach_pose(state: ArmState, arm: Arm) -> int:
     return REACHED if place_arm(state, arm.rows, arm.T_flange_tool) else SINGULAR
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def rates_at(state: ArmState, segment: Segment, u: float, arm: Arm) -> int:
     """Write q and its three derivatives by progress at u of a segment (base frame) into ``state``.
 
@@ -145,7 +145,7 @@ def _keep_rates(state: ArmState, out: JointRates, row: int) -> None:
         out.third[row, j] = state.rates[2, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _fill_rates(
     chain: Chain, nodes: Array, arm: Arm, segment: Segment, state: ArmState, out: JointRates
 ) -> tuple[int, int]:
@@ -219,7 +219,7 @@ def sampled_joints(tool: Samples, arm: Arm) -> JointRates:
     return joint_motion(tool.tips[:, 0], tool.rotations, linear, angular, arm)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _fill_motion(poses: Array, twists: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
     """Joint rates of every sample; (status, row) of the first that fails, or (REACHED, -1)."""
     state.q[:] = arm.q_start

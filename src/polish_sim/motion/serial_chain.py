@@ -103,7 +103,7 @@ def chain_model(chain: SerialChain, scale: float = 1.0) -> ChainModel:
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def chain_torque(model: ChainModel, q: Array, qd: Array, qdd: Array, gravity: float, out: Array) -> None:
     """Write the torques [N m] that move the chain at q, qd, qdd, shape (n,) each, into ``out``.
 
@@ -124,7 +124,7 @@ def chain_torque(model: ChainModel, q: Array, qd: Array, qdd: Array, gravity: fl
             _carry_wrench(model, j)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _turn_link(model: ChainModel, j: int, angle: float) -> None:
     """R_{j-1,j}: the fixed turn, then that of the joint (Rodrigues)."""
     z, fixed, R = model.geometry.axis[j], model.geometry.rotation[j], model.turns[j]
@@ -136,14 +136,14 @@ def _turn_link(model: ChainModel, j: int, angle: float) -> None:
         R[i, 2] = c * fixed[i, 2] + s * (fixed[i, 0] * z[1] - fixed[i, 1] * z[0]) + along * z[2]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _cross(a: Array, b: Array, i: int) -> float:
     """Element i of a x b."""
     j, k = (i + 1) % 3, (i + 2) % 3
     return a[j] * b[k] - a[k] * b[j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _carry_motion(model: ChainModel, j: int, qd: float, qdd: float) -> None:
     """Carry the motion from link j - 1 to link j."""
     before, after = model.motion[j], model.motion[j + 1]
@@ -163,7 +163,7 @@ def _carry_motion(model: ChainModel, j: int, qd: float, qdd: float) -> None:
         after[0, i] += z[i] * qd
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _link_wrench(parameters: Array, motion: Array, wrench: Array) -> None:
     """Wrench of a link about its origin: m a + dw x mc + w x (w x mc) and mc x a + I dw + w x I w."""
     w, dw, a, mc = motion[0], motion[1], motion[2], parameters[1:4]
@@ -186,7 +186,7 @@ def _link_wrench(parameters: Array, motion: Array, wrench: Array) -> None:
     moment[2] += xz * dw[0] + yz * dw[1] + zz * dw[2] + w[0] * h1 - w[1] * h0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def _carry_wrench(model: ChainModel, j: int) -> None:
     """Add the wrench of link j to that of link j - 1."""
     R, p, need, below = model.turns[j], model.geometry.position[j], model.wrench[j + 1], model.wrench[j]

@@ -109,7 +109,7 @@ def _rest_to_rest(t: Array, length: float, boxes: tuple[float, float, float]) ->
     return np.asarray(np.where(early, place, length - place)), rate
 
 
-@njit(cache=True)
+@njit
 def _fill(table: trajectory.PathTable, motion: TimedPath) -> None:
     for i in range(len(motion.places)):
         trajectory.sample_path(
@@ -125,7 +125,7 @@ def _fill(table: trajectory.PathTable, motion: TimedPath) -> None:
             motion.spins[i, axis] *= motion.speeds[i]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def sample_motion(
     motion: TimedPath,
     clock: float,
@@ -152,7 +152,7 @@ def sample_motion(
     place[1] = (1.0 - u) * motion.speeds[row] + u * motion.speeds[row + 1]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def sample_rate(motion: TimedPath, clock: float) -> float:
     """Largest rate at which a motion may be played at its own time ``clock`` [s]; exactly 1 between ones."""
     share = min(max(clock, 0.0), motion.duration) / motion.spacing

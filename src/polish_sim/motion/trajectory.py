@@ -86,7 +86,7 @@ def with_feed_share(table: PathTable, s: Array, feed_share: Array, braking: floa
     return table._replace(feed_share=slowed_before(feed, 2.0 * braking * table.spacing))
 
 
-@njit(cache=True)
+@njit
 def slowed_before(speeds: Array, gain: float) -> Array:
     """Lower speeds (n,) before slow places so that their square falls by no more than ``gain`` from row to
     row."""
@@ -118,7 +118,7 @@ def _turning(quaternions: Array, step: float) -> Array:
     return at_nodes
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def blend_cubic(
     points: Array, slopes: Array, row: int, u: float, h: float, point: Array, slope: Array
 ) -> None:
@@ -136,14 +136,14 @@ def blend_cubic(
         slope[i] = d00 * (p0 - p1) / h + d10 * t0 + d11 * t1
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def blend_linear(rows: Array, row: int, u: float, out: Array) -> None:
     """Write what lies a share ``u`` of the way from a row of a table (n, d) to the next."""
     for i in range(rows.shape[1]):
         out[i] = (1.0 - u) * rows[row, i] + u * rows[row + 1, i]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def normalize(quaternion: Array) -> None:
     """Scale a quaternion, shape (4,), to length one."""
     size = 0.0
@@ -154,7 +154,7 @@ def normalize(quaternion: Array) -> None:
         quaternion[i] /= size
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def sample_path(
     table: PathTable, s: float, position: Array, tangent: Array, quaternion: Array, turning: Array
 ) -> int:
@@ -174,7 +174,7 @@ def sample_path(
     return row
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def sample_column(table: PathTable, column: Array, s: float) -> float:
     """A column of the rows at arc length ``s`` [m] (clamped to the path's ends); exact between equal
     values."""

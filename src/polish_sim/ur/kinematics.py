@@ -18,7 +18,7 @@ SINGULAR: Final = 0.02  #: Damping of the inverse Jacobian [-]
 _rows = lru_cache(1)(lambda table: joint_rows(np.frombuffer(table).reshape(4, 6)))
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _matrix_of(pose: Array) -> Array:
     T = np.eye(4)
     angle = math.sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2)
@@ -32,7 +32,7 @@ def _matrix_of(pose: Array) -> Array:
     return T
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _pose_of(T: Array) -> Array:
     pose, quaternion = np.empty(6), np.empty(4)
     quaternion_from_rotation(T[:3, :3], quaternion)
@@ -50,7 +50,7 @@ def _pose_of(T: Array) -> Array:
     return pose
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _tool_at(rows: Array, q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
     frames = np.zeros((7, 4, 4))
     for i in range(4):
@@ -75,7 +75,7 @@ def _tool_at(rows: Array, q: Array, T_flange_tcp: Array) -> tuple[Array, Array]:
     return T, J
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def joint_speeds(J: Array, twist: Array) -> Array:
     """Joint speeds (6,) [rad/s] for a twist of the tool (6,); exact away from singularities, damped near
     them."""

@@ -62,7 +62,7 @@ class Order(Record):
 
 
 # Without reference counts, as the cell's own loop.
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def follow(  # type: ignore[no-untyped-def]
     cell: CellKernel, arm: RealArm | None, recorder: Recorder, order: Order, draws: Array, steps: int
 ) -> None:

@@ -124,7 +124,7 @@ def rows_among(points: Array, raw: Array) -> Indices:
     return rows
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _match(points: Array, raw: Array, rows: Indices) -> int:
     """Fill ``rows``; the first point without one, or -1."""
     r = 0
@@ -138,7 +138,7 @@ def _match(points: Array, raw: Array, rows: Indices) -> int:
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _apart(one: Array, other: Array) -> bool:
     apart = False
     for i in range(one.shape[0]):
@@ -164,13 +164,13 @@ def _check(tips: Array, rotations: Array) -> None:
         )
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _fill_segments(chain: Chain) -> None:
     for k in range(chain.lengths.shape[0]):
         fill_segment(chain, k)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def fill_segment(chain: Chain, k: int) -> None:
     """Write length, direction, angle, turn axis and roll of segment ``k`` from its two way points."""
     square = 0.0
@@ -185,7 +185,7 @@ def fill_segment(chain: Chain, k: int) -> None:
     chain.rolls[k] = _roll(chain, k)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _fill_turn(chain: Chain, k: int) -> None:
     """Angle and axis between both ends' tool axes."""
     a, b, n = chain.axes[k], chain.axes[k + 1], chain.turn_axes[k]
@@ -199,7 +199,7 @@ def _fill_turn(chain: Chain, k: int) -> None:
         n[i] = n[i] / sine if angle > SAME_AXIS else 0.0
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def _roll(chain: Chain, k: int) -> float:
     """Turn about the tool axis left to the next frame once the axis is there [rad]."""
     n, angle = chain.turn_axes[k], chain.angles[k]
@@ -220,7 +220,7 @@ def _roll(chain: Chain, k: int) -> float:
     return math.atan2(along_y, along_x)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def tip_distance(raw: Chain, first: int, stop: int, tip: Array) -> float:
     """Distance of a point to segments ``first`` to ``stop - 1`` [m]."""
     best = np.inf
@@ -233,7 +233,7 @@ def tip_distance(raw: Chain, first: int, stop: int, tip: Array) -> float:
     return math.sqrt(best)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def axis_distance(raw: Chain, first: int, stop: int, axis: Array) -> float:
     """Angle of a unit axis to the arcs of segments ``first`` to ``stop - 1`` [rad]."""
     best = np.inf
@@ -252,7 +252,7 @@ def axis_distance(raw: Chain, first: int, stop: int, axis: Array) -> float:
     return best
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def angle_between(a: Array, b: Array) -> float:
     """Angle of two unit vectors [rad], accurate near zero too."""
     x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

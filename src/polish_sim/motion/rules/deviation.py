@@ -143,7 +143,7 @@ def _narrowed(value: Callable[[Array], Array], low: Array, high: Array) -> tuple
     return values[rows, best], times[rows, best]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _nearest(
     points: Array,
     tips: Array,
@@ -164,7 +164,7 @@ def _nearest(
                 best[r], low[r], high[r] = square, times[max(i - 1, 0)], times[min(i + 1, tips.shape[0] - 1)]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _fill_curve(
     raw: Chain, first: Indices, stop: Indices, tips: Array, axes: Array, curve: DeviationCurve
 ) -> None:

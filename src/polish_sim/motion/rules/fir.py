@@ -36,7 +36,7 @@ def fir_schedule(starts: Array, triples: Array) -> Schedule:
     return Schedule(segments[used], begins[used], durations[used], coefficients[used], end)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _write_all(
     starts: Array, triples: Array, counts: Indices, begins: Array, durations: Array, coefficients: Array
 ) -> None:
@@ -52,14 +52,14 @@ def _write_all(
             time += durations[i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def sorted_times(t1: float, t2: float, t3: float) -> tuple[float, float, float]:
     """The three times, the longest first."""
     low, high = min(t1, t2), max(t1, t2)
     return max(high, t3), max(low, min(high, t3)), min(low, t3)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: Array) -> int:
     """Write the pieces of a box of length 1 filtered with three times [s] in any order, those of no duration
     left out.
@@ -102,7 +102,7 @@ def box_pieces(t1: float, t2: float, t3: float, durations: Array, coefficients: 
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def box_progress(a: float, b: float, c: float, time: float, rates: Array) -> None:
     """Write S and its three derivatives at a time into ``rates`` (4,); a >= b >= c [s], a positive."""
     total = a + b + c
@@ -124,7 +124,7 @@ def box_progress(a: float, b: float, c: float, time: float, rates: Array) -> Non
         rates[2] = -rates[2]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _rise(b: float, c: float, t: float, rates: Array) -> None:
     """Way H and derivatives of a speed that rises from 0 to 1 over b + c, at t > 0."""
     rest = b + c - t
@@ -179,7 +179,7 @@ def stop_times(length: float, speed: float, acceleration: float, jerk: float) ->
 # the distance is a little less: a bound again.
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def rise_time(b: float, c: float, way: float) -> float:
     """When H reaches a way [s], capped at (b + c) / 2 [s]: half the overlap of eq. 13."""
     time = (6.0 * b * c * way) ** (1.0 / 3.0)
@@ -188,14 +188,14 @@ def rise_time(b: float, c: float, way: float) -> float:
     return min(time, 0.5 * (b + c))
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def corner_speed(speed_1: float, speed_2: float, cosine: float) -> float:
     """Size of the change of velocity |v2 d2 - v1 d1| (paper 4, eq. 12), for the cosine of the turn between
     them."""
     return math.sqrt((speed_1 - speed_2) ** 2 + 2.0 * speed_1 * speed_2 * max(1.0 - cosine, 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def corner_overlap(tolerance: float, change: float, b1: float, c1: float, b2: float, c2: float) -> float:
     """Longest overlap whose vertex error is within a tolerance (paper 4, eq. 13, for unlike filters too) [s].
 

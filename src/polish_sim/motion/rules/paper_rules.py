@@ -147,7 +147,7 @@ def overlapped(chain: Chain, triples: Array, tolerance: float, axis_tolerance: f
     return fir_schedule(starts, triples)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _fill_overlaps(
     chain: Chain, triples: Array, tolerance: float, axis_tolerance: float, overlaps: Array
 ) -> None:

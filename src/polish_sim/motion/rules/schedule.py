@@ -113,7 +113,7 @@ class Smoothed(NamedTuple):
         return self._replace(schedule=slower)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _mark(
     schedule: Schedule, index: ScheduleIndex, clock: Array, marks: Array, places: Array, speeds: Array
 ) -> None:
@@ -173,7 +173,7 @@ def turning(axes: Array) -> Array:
     return np.stack([np.cross(o, o1), np.cross(o, o2), np.cross(o1, o2) + np.cross(o, o3)], axis=1)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _sample_all(
     chain: Chain, schedule: Schedule, index: ScheduleIndex, times: Array, out: Samples, room: Array
 ) -> None:
@@ -203,7 +203,7 @@ def _sample_all(
         roll_on((roll[0], roll[1], roll[2], roll[3]), R, spin, out.axes[n])
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def roll_on(roll: tuple[float, float, float, float], R: Array, spin: Array, axis: Array) -> None:
     """Put a roll, given with three derivatives, on frame ``R`` and its angular velocity; write ``axis`` (4,
     3)."""
@@ -218,7 +218,7 @@ def roll_on(roll: tuple[float, float, float, float], R: Array, spin: Array, axis
         R[i, 0], R[i, 1] = cosine * x + sine * y, cosine * y - sine * x
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def progress_at(schedule: Schedule, index: ScheduleIndex, k: int, time: float, rates: Array) -> None:
     """Write progress of segment ``k`` at a time [s] and its three derivatives into ``rates`` (4,)."""
     begin, end = index.first_pieces[k], index.first_pieces[k + 1]
@@ -239,7 +239,7 @@ def progress_at(schedule: Schedule, index: ScheduleIndex, k: int, time: float, r
     rates[3] = 6.0 * c3
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None:
     """Put one more turn about ``n`` on the left of frame ``R`` and of its angular velocity and
     derivatives."""
@@ -275,7 +275,7 @@ def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None
     spin[1, 2] += phi_1 * u2
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, inline="always")
+@njit(_nrt=False, inline="always")
 def follow_axis(R: Array, spin: Array, axis: Array) -> None:
     """Axis and derivatives from the angular velocity w: o' = w x o and so on."""
     for i in range(3):

@@ -26,7 +26,7 @@ from polish_sim.motion.rules.chain import Chain
 BINOMIAL = np.array([[1.0, 0, 0, 0], [1, 1, 0, 0], [1, 2, 1, 0], [1, 3, 3, 1]])
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def dot(f: Array, g: Array, out: Array) -> None:
     """Scalar product of vectors."""
     for m in range(4):
@@ -35,7 +35,7 @@ def dot(f: Array, g: Array, out: Array) -> None:
             out[m] += BINOMIAL[m, k] * (f[k, 0] * g[m - k, 0] + f[k, 1] * g[m - k, 1] + f[k, 2] * g[m - k, 2])
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def add_scaled(f: Array, g: Array, sign: float, out: Array) -> None:
     """Add a vector f times a number g, with a sign."""
     for m in range(4):
@@ -44,7 +44,7 @@ def add_scaled(f: Array, g: Array, sign: float, out: Array) -> None:
                 out[m, i] += sign * BINOMIAL[m, k] * f[k, i] * g[m - k]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def cross(f: Array, g: Array, sign: float, out: Array) -> None:
     """Add the vector product, with a sign; as many orders as ``out`` has."""
     for m in range(out.shape[0]):
@@ -55,7 +55,7 @@ def cross(f: Array, g: Array, sign: float, out: Array) -> None:
                 out[m, i] += w * (f[k, j] * g[m - k, n] - f[k, n] * g[m - k, j])
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def normalize(f: Array, room: Array, out: Array) -> None:
     """A vector over its length; ``room`` is (2, 4). With s its square, g = s^-1/2 follows from 2 s g' = -g
     s'."""
@@ -73,7 +73,7 @@ def normalize(f: Array, room: Array, out: Array) -> None:
     add_scaled(f, g, 1.0, out)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Array) -> None:
     """Write tool axes (n, 4, 3), frames (n, 3, 3) and spins (n, 3, 3) of jets (n, 4, 10); ``room`` is (4, 4,
     3)."""

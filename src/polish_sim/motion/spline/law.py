@@ -198,7 +198,7 @@ def _outer(stencils: Array, rates: Array) -> Array:
     return rates[:, :, None] * stencils[:, None, :]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _solve(programme: Programme, work: Work, y: Array, weight: float) -> bool:
     """Bring the unknowns ``y`` (n + 2,) to the least time; whether that was reached."""
     n = programme.caps.shape[0]
@@ -247,7 +247,7 @@ def _solve(programme: Programme, work: Work, y: Array, weight: float) -> bool:
     return False
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _evaluate(programme: Programme, work: Work, y: Array) -> float:
     """Write rows, their rates, slope and curvature of time and rows; the time."""
     n, H, time = programme.caps.shape[0], work.bands, 0.0
@@ -280,13 +280,13 @@ def _evaluate(programme: Programme, work: Work, y: Array) -> float:
     return time
 
 
-@njit(error_model="numpy", _nrt=False, forceinline=True)
+@njit(cache=False, _nrt=False, forceinline=True)
 def _add(H: Array, k: int, h00: float, h01: float, h02: float, h11: float, h12: float, h22: float) -> None:
     H[k, 0], H[k, 1], H[k, 2] = H[k, 0] + h00, H[k, 1] + h01, H[k, 2] + h02
     H[k + 1, 0], H[k + 1, 1], H[k + 2, 0] = H[k + 1, 0] + h11, H[k + 1, 1] + h12, H[k + 2, 0] + h22
 
 
-@njit(error_model="numpy", _nrt=False, forceinline=True)
+@njit(cache=False, _nrt=False, forceinline=True)
 def _add_time(programme: Programme, work: Work, y: Array, k: int) -> float:
     """Time of span k, twice its way over the sum of both ends' speeds; add its slope and curvature, convex in
     b."""
@@ -313,7 +313,7 @@ def _add_time(programme: Programme, work: Work, y: Array, k: int) -> float:
     return time
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _weigh(programme: Programme, work: Work, y: Array) -> None:
     """Add the rows' weights over their slacks to the curvature."""
     n, H = programme.caps.shape[0], work.bands
@@ -325,7 +325,7 @@ def _weigh(programme: Programme, work: Work, y: Array) -> None:
         H[k, 0] = KEEP if programme.fixed[k] else (H[k, 0] + work.lower[k] / y[k]) * (1.0 + 1e-12)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _factor(H: Array) -> None:
     """L D L' in place of a symmetric matrix's diagonal and the two beside it."""
     m = H.shape[0]
@@ -339,7 +339,7 @@ def _factor(H: Array) -> None:
         H[i, 1], H[i, 2] = near, far
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _direct(programme: Programme, work: Work, y: Array, target: float, corrected: float) -> None:
     """Write the steps of unknowns, slacks and weights towards products of slack and weight of ``target``."""
     n, H, r = programme.caps.shape[0], work.bands, work.step
@@ -382,7 +382,7 @@ def _direct(programme: Programme, work: Work, y: Array, target: float, corrected
         work.lower_both[k] = change if corrected > 0.0 else r[k] * change
 
 
-@njit(cache=True, error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _longest(programme: Programme, work: Work, y: Array, part: float) -> tuple[float, float]:
     """Largest shares, up to 1, of the steps of unknowns and of weights that keep ``part`` of what is
     positive."""
@@ -419,7 +419,7 @@ def envelope(u: Array, caps: Array, bounded: Bounded, launch: Launch) -> Array:
     return np.sqrt(square)
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(_nrt=False)
 def _spread(u: Array, square: Array, gain: Array) -> None:
     """Lower squares of speeds (n,) until they rise and fall by no more than ``gain`` (n,) a way."""
     n = u.shape[0]

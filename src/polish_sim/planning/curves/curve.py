@@ -76,7 +76,7 @@ def foot_on_chord(away: Array, chord: Array) -> tuple[Array, Array]:
 # Nearest points on the two chords that meet in a point of a polyline (curve and points -> feet); compiled.
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def near_chords(positions, normals, knots, count, closed, points, index):  # type: ignore[no-untyped-def]
     """Nearest points on the chords before and behind the points ``index`` (n,) of a polyline of ``count``
     points.

@@ -71,7 +71,7 @@ def level_lines(
     return [LevelLine(positions[c], normals[c], high[c], k >= heads) for k, c in lines if len(c) >= 3]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _walk(start, end, count):  # type: ignore[no-untyped-def]
     """All points in the order of the lines they form, where each line ends in it, and how many lines are
     open."""

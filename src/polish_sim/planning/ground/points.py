@@ -41,7 +41,7 @@ def build_point_grid(points: Array, cell: float) -> PointGrid:
     return PointGrid(low, cell, size, first.astype(np.int64), items.astype(np.int64))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def cells_between(grid, axis, least, most):  # type: ignore[no-untyped-def]
     """First and one past the last cell between two coordinates [m] along one axis."""
     first = int(max(np.floor((least - grid.low[axis]) / grid.cell), 0))
@@ -70,7 +70,7 @@ def thin(points: Array, spacing: float) -> Thinned:
     return Thinned(kept, np.asarray(cKDTree(points[kept]).query(points)[1], dtype=np.int64))
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _keep(points, cells, size, spacing):  # type: ignore[no-untyped-def]
     kept = np.zeros(len(points), np.bool_)
     # Kept points of each cell as a chain: the last one kept, and for each point the one kept before it.

@@ -154,7 +154,7 @@ def nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[In
     return order, flips
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _way(ends: Array, order: Indices, flips: Indices, first: int, last: int) -> float:
     """Length of the ways between the blocks from the first place to the last [m]."""
     total = 0.0
@@ -164,7 +164,7 @@ def _way(ends: Array, order: Indices, flips: Indices, first: int, last: int) -> 
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _turn_round(order: Indices, flips: Indices, i: int, j: int, free: bool) -> None:
     """Walk the blocks from place i to place j in the opposite order, each from its other end if that is
     free."""
@@ -179,7 +179,7 @@ def _turn_round(order: Indices, flips: Indices, i: int, j: int, free: bool) -> N
         flips[i] = 1 - flips[i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _shift(order: Indices, flips: Indices, i: int, j: int) -> None:
     """Move the block at place i to place j."""
     block, flip = order[i], flips[i]
@@ -189,7 +189,7 @@ def _shift(order: Indices, flips: Indices, i: int, j: int) -> None:
     order[j], flips[j] = block, flip
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _improve(ends: Array, order: Indices, flips: Indices, free: bool, window: int, sweeps: int) -> None:
     """Turn stretches round and move blocks while that shortens the way; the first place stays."""
     n = len(order)

@@ -94,7 +94,7 @@ def pad_depths(curvatures: Array, pad: PadConfig, force: float | Array, tilts: A
     return _solve(*columns, springs)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _solve(curvatures, tilts, mean_depths, springs):  # type: ignore[no-untyped-def]
     depths = np.empty(len(curvatures))
     falls = np.empty(len(springs))
@@ -199,7 +199,7 @@ def time_under_pad(points: Array, point_normals: Array, steps: PadSteps, radius:
     return _sum_up(points, point_normals, steps, radius, grid)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _sum_up(points, point_normals, steps, radius, grid):  # type: ignore[no-untyped-def]
     times = np.zeros(len(points))
     reach = BALL * radius
@@ -220,7 +220,7 @@ def _sum_up(points, point_normals, steps, radius, grid):  # type: ignore[no-unty
     return times
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def _share_under(point, normal, a, b, axis, depth, radius):  # type: ignore[no-untyped-def]
     """Share of a step during which a point is under the pad's compressed area."""
     if normal[0] * axis[0] + normal[1] * axis[1] + normal[2] * axis[2] <= 0.0:

@@ -92,7 +92,7 @@ def neighbours_beside(path: Samples, sides: Array, stepover: float) -> tuple[Ind
     return found[0], found[1]
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _nearest_beside(points, sides, run, s, grid, reach, own):  # type: ignore[no-untyped-def]
     found = np.full((2, len(points)), -1, np.int64)
     for i in range(len(points)):

@@ -314,7 +314,7 @@ def standing_above(part: Surface, discs: Discs, deep: bool = True) -> Intrusion:
     return Intrusion(depths, reaches)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _look(control, tree, discs, frames, deep):  # type: ignore[no-untyped-def]
     count, radius = len(discs.middles), discs.radius
     depths, reaches = np.zeros(count), np.zeros(count)
@@ -356,7 +356,7 @@ def _look(control, tree, discs, frames, deep):  # type: ignore[no-untyped-def]
     return depths, reaches
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _top_of_box(tree, node, middle, axis, up):  # type: ignore[no-untyped-def]
     """Height of a box's highest corner above a disc's plane [m]; with ``up`` -1 of its lowest one,
     negative."""
@@ -367,7 +367,7 @@ def _top_of_box(tree, node, middle, axis, up):  # type: ignore[no-untyped-def]
     return height
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _beside(tree, node, middle, axis):  # type: ignore[no-untyped-def]
     """Least distance a ball round a box has from a disc's axis [m]; negative if the axis meets the ball."""
     along, away2, radius2 = 0.0, 0.0, 0.0
@@ -380,7 +380,7 @@ def _beside(tree, node, middle, axis):  # type: ignore[no-untyped-def]
     return np.sqrt(max(away2 - along * along, 0.0)) - np.sqrt(radius2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _seen_from(patch, middle, frame, corner):  # type: ignore[no-untyped-def]
     """Write the corners of a patch in a disc's frame."""
     for a in range(3):
@@ -391,7 +391,7 @@ def _seen_from(patch, middle, frame, corner):  # type: ignore[no-untyped-def]
             corner[a, k] = total
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _distance_in_layer(corner, low, high, layer, cut):  # type: ignore[no-untyped-def]
     """Distance from the axis to the part of a triangle between two heights [m]; inf if there is none."""
     if (
@@ -416,7 +416,7 @@ def _distance_in_layer(corner, low, high, layer, cut):  # type: ignore[no-untype
     return np.sqrt(nearest2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _cut_off(points, count, sign, limit, out):  # type: ignore[no-untyped-def]
     """Keep what of a polygon has sign * z > limit; returns its number of corners."""
     kept = 0
@@ -435,7 +435,7 @@ def _cut_off(points, count, sign, limit, out):  # type: ignore[no-untyped-def]
     return kept
 
 
-@njit(cache=True, error_model="numpy")
+@njit
 def _depth_behind(corner, radius):  # type: ignore[no-untyped-def]
     """How deep the disc can be in the part at a face [m]: not deeper than the face is high, nor than its
     slope lets."""
