@@ -193,7 +193,7 @@ def test_a_row_depends_on_its_run_alone() -> None:
 def test_the_front_is_the_points_none_beats_in_both() -> None:
     x, y = [1, 2, 3, 2, 1, 4], [3, 2, 1, 3, 4, 0]
     columns = {"a": list(range(6)), "x": x, "y": y, "outcome": [DONE] * 5 + [FAILED]}
-    goals = [Claim("x", "x", "", 1.0), Claim("y", "y", "", 1.0)]
+    goals = [Claim("x", "x", ""), Claim("y", "y", "")]
     assert [point[0] for point, _, best in pareto(columns, ["a"], goals) if best] == [0, 1, 2]
     worst_first = [goals[0]._replace(more_is_better=True), goals[1]]
     assert [point[0] for point, _, best in pareto(columns, ["a"], worst_first) if best] == [2]

@@ -9,6 +9,8 @@ from typing import Any, Final, NamedTuple
 from polish_sim.errors import number_text
 
 DEGREES: Final = 180.0 / math.pi  #: Scale of an angle shown in degrees
+SCALES: Final = {"mm": 1e3, "mm/s": 1e3, "mN m": 1e3, "mrad": 1e3, "g": 1e3, "%": 100.0, "deg": DEGREES}
+"""Value in a unit / SI value; 1 for every other unit."""
 
 
 class Claim(NamedTuple):
@@ -17,11 +19,15 @@ class Claim(NamedTuple):
     figure: str  #: Its name in metrics.json
     label: str
     unit: str  #: Unit in which it is shown
-    scale: float  #: Shown value = SI value x scale
     paper: str = "-"
     low: float = -math.inf  #: Least value that passes [SI]
     high: float = math.inf  #: Largest value that passes [SI]
     more_is_better: bool = False
+
+    @property
+    def scale(self) -> float:
+        """Shown value / SI value."""
+        return SCALES.get(self.unit, 1.0)
 
     @property
     def bounded(self) -> bool:
@@ -40,7 +46,7 @@ class Claim(NamedTuple):
         return min(known) if self.more_is_better else max(known)
 
 
-PATH_DONE: Final = Claim("path_done", "path done", "%", 100.0, "100", low=1.0, more_is_better=True)
+PATH_DONE: Final = Claim("path_done", "path done", "%", "100", low=1.0, more_is_better=True)
 
 
 def bound_text(claim: Claim) -> str:

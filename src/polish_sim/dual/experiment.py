@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -24,109 +23,109 @@ from polish_sim.experiments.registry import (
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS
 
 TOOL_ON_PART: Final = (
-    Claim("relative_error_rms_m", "tool on the part, error rms", "mm", 1e3, high=6e-5),
-    Claim("relative_error_p95_m", "  95% below", "mm", 1e3, high=1e-4),
+    Claim("relative_error_rms_m", "tool on the part, error rms", "mm", high=6e-5),
+    Claim("relative_error_p95_m", "  95% below", "mm", high=1e-4),
 )
 _PAIR: Final = (
-    Claim("tracking_error_worst_m", "tracking error, worst axis", "mm", 1e3, high=1e-4),
+    Claim("tracking_error_worst_m", "tracking error, worst axis", "mm", high=1e-4),
     *TOOL_ON_PART,
-    Claim("chain_residual_m", "closed chain of the planned joints", "mm", 1e3, high=1e-9),
-    Claim("master_way_m", "way of the part", "mm", 1e3),
-    Claim("master_turn_rad", "turn of the part", "deg", math.degrees(1.0)),
+    Claim("chain_residual_m", "closed chain of the planned joints", "mm", high=1e-9),
+    Claim("master_way_m", "way of the part", "mm"),
+    Claim("master_turn_rad", "turn of the part", "deg"),
 )
 PRESSING_CLAIMS: Final = (
-    Claim("force_max_deviation_n", "force error, max", "N", 1.0, high=1.5),
-    Claim("force_mean_n", "force, mean", "N", 1.0),
-    Claim("force_rms_error_n", "force error, rms", "N", 1.0),
-    Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
-    Claim("contact_lost_s", "contact lost", "s", 1.0),
+    Claim("force_max_deviation_n", "force error, max", "N", high=1.5),
+    Claim("force_mean_n", "force, mean", "N"),
+    Claim("force_rms_error_n", "force error, rms", "N"),
+    Claim("force_within_1n", "force in ±1 N", "%", more_is_better=True),
+    Claim("contact_lost_s", "contact lost", "s"),
     *_PAIR,
-    Claim("removal_cv", "removal, std / mean", "%", 100.0),
+    Claim("removal_cv", "removal, std / mean", "%"),
     PATH_DONE,
 )
 FREE_CLAIMS: Final = (*_PAIR, PATH_DONE)  #: At a stand-off there is no force
 
-_TOUCH: Final = Claim("residual_rms_m", "residual of a touch, rms", "mm", 1e3)
-_POINT: Final = Claim("residual_rms_m", "residual of a point, rms", "mm", 1e3)
+_TOUCH: Final = Claim("residual_rms_m", "residual of a touch, rms", "mm")
+_POINT: Final = Claim("residual_rms_m", "residual of a point, rms", "mm")
 _AXES_SEEN: Final = (
-    Claim("origin_std_m", "origin seen by the tracker, 3D std", "mm", 1e3, high=1.7e-5),
-    Claim("axis_std_rad", "first axis, std", "deg", DEGREES, high=0.001 / DEGREES),
-    Claim("point_std_1m_m", "a metre from the origin, 3D std", "mm", 1e3, high=2.7e-5),
+    Claim("origin_std_m", "origin seen by the tracker, 3D std", "mm", high=1.7e-5),
+    Claim("axis_std_rad", "first axis, std", "deg", high=0.001 / DEGREES),
+    Claim("point_std_1m_m", "a metre from the origin, 3D std", "mm", high=2.7e-5),
     # Several times what the noise of a tracker of 0.03 mm makes of axes that do meet.
-    Claim("gap_m", "axes 1 and 2 miss each other by", "mm", 1e3, high=1e-4),
+    Claim("gap_m", "axes 1 and 2 miss each other by", "mm", high=1e-4),
 )
 _RELATIVE_BASE: Final = (
-    Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", 1e3),
-    Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm", 1e3),
-    Claim("point_error_1m_m", "a metre from the follower's, error", "mm", 1e3),
+    Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm"),
+    Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm"),
+    Claim("point_error_1m_m", "a metre from the follower's, error", "mm"),
     _POINT,
 )
 _BASE_DATA: Final = (
-    Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", 1e3, high=1e-4),
-    Claim("noise_m", "noise of a point, per coordinate", "mm", 1e3),
+    Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", high=1e-4),
+    Claim("noise_m", "noise of a point, per coordinate", "mm"),
     _POINT,
 )
 
 _ARM: Final = (
-    Claim("heldout_rms_m", "target in poses left out, rms", "mm", 1e3),
-    Claim("nominal_rms_m", "  with nominal tables, all poses", "mm", 1e3),
-    Claim("residual_rms_m", "residual of a coordinate, rms", "mm", 1e3),
+    Claim("heldout_rms_m", "target in poses left out, rms", "mm"),
+    Claim("nominal_rms_m", "  with nominal tables, all poses", "mm"),
+    Claim("residual_rms_m", "residual of a coordinate, rms", "mm"),
 )
 
 CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
     "payload": PAYLOAD_CLAIMS,
     "payload-data": PAYLOAD_DATA_CLAIMS,
     "arm": (
-        Claim("relative_error_m", "tool of one arm by the other's, rms", "mm", 1e3, high=1.5e-4),
-        Claim("relative_error_nominal_m", "  with nominal tables", "mm", 1e3),
+        Claim("relative_error_m", "tool of one arm by the other's, rms", "mm", high=1.5e-4),
+        Claim("relative_error_nominal_m", "  with nominal tables", "mm"),
         *_ARM,
     ),
     "arm-data": _ARM,
     "tcp": (
-        Claim("position_crb_m", "tip, Cramér-Rao bound, 3D rms", "mm", 1e3, high=3.3e-5),
-        Claim("position_error_m", "tip error (three times that)", "mm", 1e3, high=1e-4),
-        Claim("rotation_std_max_rad", "axes, std of the worst", "deg", DEGREES, high=0.045 / DEGREES),
-        Claim("rotation_error_rad", "axes, error, all three", "deg", DEGREES),
+        Claim("position_crb_m", "tip, Cramér-Rao bound, 3D rms", "mm", high=3.3e-5),
+        Claim("position_error_m", "tip error (three times that)", "mm", high=1e-4),
+        Claim("rotation_std_max_rad", "axes, std of the worst", "deg", high=0.045 / DEGREES),
+        Claim("rotation_error_rad", "axes, error, all three", "deg"),
         _TOUCH,
     ),
     # Gears err by place: many readings of one are no better than one, which the bounds say.
     "tcp-gears": (
-        Claim("position_error_m", "tip error", "mm", 1e3),
-        Claim("position_bound_m", "  bound, by the residual of one touch", "mm", 1e3),
-        Claim("bound_share", "  error over that bound", "-", 1.0, high=1.0),
-        Claim("position_std_m", "  std if touches were independent", "mm", 1e3),
-        Claim("rotation_error_rad", "axes, error, all three", "deg", DEGREES),
+        Claim("position_error_m", "tip error", "mm"),
+        Claim("position_bound_m", "  bound, by the residual of one touch", "mm"),
+        Claim("bound_share", "  error over that bound", "-", high=1.0),
+        Claim("position_std_m", "  std if touches were independent", "mm"),
+        Claim("rotation_error_rad", "axes, error, all three", "deg"),
         _TOUCH,
     ),
     "tcp-data": (
-        Claim("position_std_m", "tip, 3D std", "mm", 1e3, high=3.3e-5),
-        Claim("rotation_std_max_rad", "axes, std of the worst", "deg", DEGREES),
-        Claim("noise_m", "noise of a touch, per coordinate", "mm", 1e3),
+        Claim("position_std_m", "tip, 3D std", "mm", high=3.3e-5),
+        Claim("rotation_std_max_rad", "axes, std of the worst", "deg"),
+        Claim("noise_m", "noise of a touch, per coordinate", "mm"),
         _TOUCH,
     ),
     "base": (
         *_AXES_SEEN,
-        Claim("origin_error_m", "origin, error (three times that)", "mm", 1e3, high=5.1e-5),
-        Claim("axis_error_rad", "first axis, error (three times)", "deg", DEGREES, high=0.003 / DEGREES),
+        Claim("origin_error_m", "origin, error (three times that)", "mm", high=5.1e-5),
+        Claim("axis_error_rad", "first axis, error (three times)", "deg", high=0.003 / DEGREES),
         *_RELATIVE_BASE,
     ),
     "base-gears": (
-        Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm", 1e3),
-        Claim("relative_origin_bound_m", "  bound, by the residual of one point", "mm", 1e3),
-        Claim("bound_share", "  error over that bound", "-", 1.0, high=1.0),
-        Claim("relative_origin_std_m", "  std if points were independent", "mm", 1e3),
-        Claim("point_error_1m_m", "a metre from the follower's, error", "mm", 1e3),
+        Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm"),
+        Claim("relative_origin_bound_m", "  bound, by the residual of one point", "mm"),
+        Claim("bound_share", "  error over that bound", "-", high=1.0),
+        Claim("relative_origin_std_m", "  std if points were independent", "mm"),
+        Claim("point_error_1m_m", "a metre from the follower's, error", "mm"),
         _POINT,
     ),
     "base-data": (*_AXES_SEEN, *_BASE_DATA),
     "budget": (
         *TOOL_ON_PART,
-        Claim("across_error_rms_m", "  across the tool axis, rms", "mm", 1e3),
-        Claim("across_error_p95_m", "  95% below", "mm", 1e3),
-        Claim("axial_share", "along the axis, of the mean square", "%", 100.0),
-        Claim("calibrations_above_share", "calibrations with an rms above 0.06 mm", "%", 100.0, high=0.02),
+        Claim("across_error_rms_m", "  across the tool axis, rms", "mm"),
+        Claim("across_error_p95_m", "  95% below", "mm"),
+        Claim("axial_share", "along the axis, of the mean square", "%"),
+        Claim("calibrations_above_share", "calibrations with an rms above 0.06 mm", "%", high=0.02),
         # A true prediction is four of them off once in 16,000 times.
-        Claim("deviation_sigma_worst", "drawn minus analysis, worst source", "std", 1.0, high=4.0),
+        Claim("deviation_sigma_worst", "drawn minus analysis, worst source", "std", high=4.0),
     ),
 }
 """What is asked of each calibration of tool, bases and arms; of a user's measurements, whose truth is

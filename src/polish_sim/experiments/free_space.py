@@ -3,19 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.config import Scenario
-from polish_sim.log import RunLog, from_rows, row_layout, row_width, with_column
+from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
 
 
 def log_every(scenario: Scenario) -> int:
     """Steps of the simulation from one row of the log to the next."""
     rate = scenario.simulation.log_rate_hz
     return max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+
+
+class ToolMotion(NamedTuple):
+    """What the tool did and what it was to do, base frame; n instants."""
+
+    tips: Array  #: Tool points [m], shape (n, 3)
+    frames: Array  #: R_base_tool, shape (n, 3, 3)
+    speed: Array  #: [m/s], shape (n,)
+    wanted: Array  #: Targets [m], shape (n, 3)
+    wanted_frames: Array  #: Shape (n, 3, 3)
+
+    def columns(self) -> dict[str, Array]:
+        """Columns of the log."""
+        return {
+            "tcp_position_m": self.tips,
+            "tcp_quaternion_wxyz": Rotation.from_matrix(self.frames).as_quat(scalar_first=True),
+            "target_position_m": self.wanted,
+            "target_quaternion_wxyz": Rotation.from_matrix(self.wanted_frames).as_quat(scalar_first=True),
+            "tcp_speed_m_s": self.speed,
+        }
+
+    def trace(self, time: Array, phase: Array, place: Array, across: Array | None = None) -> Trace:
+        """The exact trace, with no contact; ``place``: arc length [m], (n,); ``across``: part of the error
+        across the target's axis [m], (n, 3), all of it if not given."""
+        off, nothing = self.wanted - self.tips, np.zeros(len(time))
+        still = np.zeros_like(off)
+        turned = Rotation.from_matrix(self.wanted_frames) * Rotation.from_matrix(self.frames).inv()
+        errors = (np.linalg.norm(error, axis=1) for error in (off, off if across is None else across))
+        return Trace(
+            time, phase.astype(np.int8), nothing, *errors, turned.magnitude(), self.tips, self.speed, place,
+            still, nothing, nothing, off, still,
+        )  # fmt: skip
 
 
 def free_log(parts: Sequence[Mapping[str, Array]]) -> RunLog:

@@ -29,22 +29,22 @@ def arc_claims(scenario: Scenario) -> tuple[Claim, ...]:
     ideal, feed = scenario.robot.arm == "ideal", scenario.process.feed_m_s
     error, deviation = (1e-4, 0.01 * feed) if ideal else (3e-4, 0.09 * feed)
     return (
-        Claim("tracking_error_max_m", "tracking error, max", "mm", 1e3, "< 0.3", high=error),
-        Claim("tracking_error_rms_m", "tracking error, rms", "mm", 1e3),
-        Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "10"),
-        Claim("speed_max_deviation_m_s", "speed deviation, max", "mm/s", 1e3, "held", high=deviation),
-        Claim("orientation_error_max_rad", "orientation error, max", "mrad", 1e3),
+        Claim("tracking_error_max_m", "tracking error, max", "mm", "< 0.3", high=error),
+        Claim("tracking_error_rms_m", "tracking error, rms", "mm"),
+        Claim("speed_mean_m_s", "speed, mean", "mm/s", "10"),
+        Claim("speed_max_deviation_m_s", "speed deviation, max", "mm/s", "held", high=deviation),
+        Claim("orientation_error_max_rad", "orientation error, max", "mrad"),
         PATH_DONE,
     )
 
 
 FORCE_CLAIMS: Final = (
-    Claim("settling_time_3n_s", "settling to ±3 N", "s", 1.0, "< 0.5", high=0.4),
-    Claim("settling_time_1n_s", "settling to ±1 N", "s", 1.0),
-    Claim("steady_within_3n", "in ±3 N after 0.5 s", "%", 100.0, "most", low=1.0, more_is_better=True),
-    Claim("overshoot_n", "overshoot", "N", 1.0),
-    Claim("rise_time_s", "rise 10-90%", "s", 1.0),
-    Claim("steady_std_n", "steady force, std", "N", 1.0),
+    Claim("settling_time_3n_s", "settling to ±3 N", "s", "< 0.5", high=0.4),
+    Claim("settling_time_1n_s", "settling to ±1 N", "s"),
+    Claim("steady_within_3n", "in ±3 N after 0.5 s", "%", "most", low=1.0, more_is_better=True),
+    Claim("overshoot_n", "overshoot", "N"),
+    Claim("rise_time_s", "rise 10-90%", "s"),
+    Claim("steady_std_n", "steady force, std", "N"),
     PATH_DONE,
 )
 
@@ -56,26 +56,24 @@ def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
     accuracy of arms of its class on a path, 0.65 mm (Slamani 2012, IRB 1600).
     """
     strays = 3e-4 if scenario.robot.arm == "ideal" else 6.5e-4
-    stroke = Claim("flange_stroke_used", "stroke of the flange used", "%", 100.0)
+    stroke = Claim("flange_stroke_used", "stroke of the flange used", "%")
     return (
-        Claim(
-            "force_within_4n", "force in ±4 N", "%", 100.0, "100, six dips", low=0.995, more_is_better=True
-        ),
-        Claim("force_within_1n", "force in ±1 N", "%", 100.0, more_is_better=True),
-        Claim("force_mean_n", "force, mean", "N", 1.0, "20"),
-        Claim("force_rms_error_n", "force error, rms", "N", 1.0),
-        Claim("force_max_deviation_n", "force error, max", "N", 1.0, "4"),
-        Claim("force_error_at_peaks_n", "largest error at a peak, mean of the peaks", "N", 1.0),
-        Claim("force_error_median_n", "force error, median", "N", 1.0),
-        Claim("curvature_peaks", "curvature peaks", "", 1.0, "6"),
-        Claim("contact_lost_s", "contact lost", "s", 1.0, "0"),
-        Claim("tracking_error_max_m", "tangential error, max", "mm", 1e3, "-", high=strays),
-        Claim("speed_mean_m_s", "speed, mean", "mm/s", 1e3, "constant"),
-        Claim("cycle_time_s", "cycle time", "s", 1.0),
-        Claim("removal_cv", "removal, std / mean", "%", 100.0),
-        Claim("removal_cv_inside", "  a pad's radius inside the border", "%", 100.0),
-        Claim("under_polished_share", "removal below half its mean", "%", 100.0),
-        Claim("over_polished_share", "removal above 1.5 x its mean", "%", 100.0),
+        Claim("force_within_4n", "force in ±4 N", "%", "100, six dips", low=0.995, more_is_better=True),
+        Claim("force_within_1n", "force in ±1 N", "%", more_is_better=True),
+        Claim("force_mean_n", "force, mean", "N", "20"),
+        Claim("force_rms_error_n", "force error, rms", "N"),
+        Claim("force_max_deviation_n", "force error, max", "N", "4"),
+        Claim("force_error_at_peaks_n", "largest error at a peak, mean of the peaks", "N"),
+        Claim("force_error_median_n", "force error, median", "N"),
+        Claim("curvature_peaks", "curvature peaks", "", "6"),
+        Claim("contact_lost_s", "contact lost", "s", "0"),
+        Claim("tracking_error_max_m", "tangential error, max", "mm", high=strays),
+        Claim("speed_mean_m_s", "speed, mean", "mm/s", "constant"),
+        Claim("cycle_time_s", "cycle time", "s"),
+        Claim("removal_cv", "removal, std / mean", "%"),
+        Claim("removal_cv_inside", "  a pad's radius inside the border", "%"),
+        Claim("under_polished_share", "removal below half its mean", "%"),
+        Claim("over_polished_share", "removal above 1.5 x its mean", "%"),
         *([stroke] if scenario.head.flange.bandwidth_hz else []),
         PATH_DONE,
     )
@@ -149,23 +147,23 @@ PAYLOAD_SCENARIO: Final = Scenario(
 )
 """What ``calibrate payload`` starts from: the host averages every reading, one per physics step."""
 PAYLOAD_CLAIMS: Final = (
-    Claim("mass_error_relative", "mass error", "%", 100.0, high=0.01),
-    Claim("center_error_m", "centre error", "mm", 1e3, high=1e-3),
-    Claim("residual_force_max_n", "force left, worst of 200 poses", "N", 1.0, high=0.3),
-    Claim("residual_force_tared_max_n", "  tared in one of them", "N", 1.0, high=0.3),
-    Claim("compensation_error_max_n", "  worst possible pose, no noise", "N", 1.0, high=0.3),
-    Claim("residual_rms_n", "residual of the fit, force, rms", "N", 1.0),
-    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m", 1e3),
-    Claim("condition", "condition of the poses", "", 1.0),
-    Claim("drift_600s_rms_n", "idle force in 600 s, tared once, rms", "N", 1.0),
-    Claim("drift_600s_retared_rms_n", "  tared every 60 s, rms", "N", 1.0),
+    Claim("mass_error_relative", "mass error", "%", high=0.01),
+    Claim("center_error_m", "centre error", "mm", high=1e-3),
+    Claim("residual_force_max_n", "force left, worst of 200 poses", "N", high=0.3),
+    Claim("residual_force_tared_max_n", "  tared in one of them", "N", high=0.3),
+    Claim("compensation_error_max_n", "  worst possible pose, no noise", "N", high=0.3),
+    Claim("residual_rms_n", "residual of the fit, force, rms", "N"),
+    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m"),
+    Claim("condition", "condition of the poses", ""),
+    Claim("drift_600s_rms_n", "idle force in 600 s, tared once, rms", "N"),
+    Claim("drift_600s_retared_rms_n", "  tared every 60 s, rms", "N"),
 )
 """What is asked of a simulated calibration."""
 PAYLOAD_DATA_CLAIMS: Final = (
-    Claim("mass_std_relative", "mass, std", "%", 100.0, high=0.01),
-    Claim("center_std_max_m", "centre, std of its worst axis", "mm", 1e3, high=1e-3),
-    Claim("residual_rms_n", "residual of the fit, force, rms", "N", 1.0),
-    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m", 1e3),
-    Claim("condition", "condition of the poses", "", 1.0),
+    Claim("mass_std_relative", "mass, std", "%", high=0.01),
+    Claim("center_std_max_m", "centre, std of its worst axis", "mm", high=1e-3),
+    Claim("residual_rms_n", "residual of the fit, force, rms", "N"),
+    Claim("residual_rms_nm", "residual of the fit, torque, rms", "mN m"),
+    Claim("condition", "condition of the poses", ""),
 )
 """What is asked of one from a user's readings, whose truth is unknown: less."""

@@ -20,29 +20,27 @@ if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
 
 _FORCE: Final = (
-    Claim("hand_force_peak_n", "hand force, peak", "N", 1.0),
-    Claim("hand_force_rms_n", "  rms", "N", 1.0),
+    Claim("hand_force_peak_n", "hand force, peak", "N"),
+    Claim("hand_force_rms_n", "  rms", "N"),
 )
 _LET_GO: Final = (
-    Claim("drift_rad", "hands off, drift", "deg", DEGREES, "-", high=0.01 / DEGREES),
-    Claim("lent_energy_j", "energy lent, most", "J", 1.0),
+    Claim("drift_rad", "hands off, drift", "deg", high=0.01 / DEGREES),
+    Claim("lent_energy_j", "energy lent, most", "J"),
 )
 
 CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
     "trial": (
-        Claim("none_peak_n", "hand force, nothing compensated, peak", "N", 1.0, "> 100"),
-        Claim("classical_peak_n", "  gravity and friction (classical)", "N", 1.0, "< 30"),
-        Claim(
-            "fast_peak_ratio_x", "fast move along x, inertia / classical, peak", "", 1.0, "0.714", high=0.45
-        ),
-        Claim("fast_rms_ratio_x", "  rms", "", 1.0, "-", high=0.30),
-        Claim("fast_peak_ratio_y", "along y, peak", "", 1.0, "0.714", high=0.45),
-        Claim("fast_rms_ratio_y", "  rms", "", 1.0, "-", high=0.30),
-        Claim("assist_fast_peak_ratio_x", "with start-up assist: along x, peak", "", 1.0),
-        Claim("assist_fast_rms_ratio_x", "  rms", "", 1.0),
-        Claim("assist_fast_peak_ratio_y", "  along y, peak", "", 1.0),
-        Claim("assist_fast_rms_ratio_y", "  rms", "", 1.0),
-        Claim("slow_peak_n", "  slow moves, peak", "N", 1.0, "-", high=10.0),
+        Claim("none_peak_n", "hand force, nothing compensated, peak", "N", "> 100"),
+        Claim("classical_peak_n", "  gravity and friction (classical)", "N", "< 30"),
+        Claim("fast_peak_ratio_x", "fast move along x, inertia / classical, peak", "", "0.714", high=0.45),
+        Claim("fast_rms_ratio_x", "  rms", "", high=0.30),
+        Claim("fast_peak_ratio_y", "along y, peak", "", "0.714", high=0.45),
+        Claim("fast_rms_ratio_y", "  rms", "", high=0.30),
+        Claim("assist_fast_peak_ratio_x", "with start-up assist: along x, peak", ""),
+        Claim("assist_fast_rms_ratio_x", "  rms", ""),
+        Claim("assist_fast_peak_ratio_y", "  along y, peak", ""),
+        Claim("assist_fast_rms_ratio_y", "  rms", ""),
+        Claim("slow_peak_n", "  slow moves, peak", "N", high=10.0),
         *_LET_GO,
         PATH_DONE,
     ),
@@ -51,14 +49,14 @@ CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
     # An arm that does not carry itself is not released.
     "none": (*_FORCE, PATH_DONE),
     "path": (
-        Claim("taught_deviation_max_m", "taught path off what was meant, max", "mm", 1e3),
-        Claim("taught_deviation_rms_m", "  rms", "mm", 1e3),
-        Claim("recorded_deviation_max_m", "recording off it, max", "mm", 1e3),
-        Claim("recorded_deviation_rms_m", "  rms", "mm", 1e3),
-        Claim("taught_missed_max_m", "what was meant off the taught path, max", "mm", 1e3),
-        Claim("taught_axis_error_max_rad", "tool axis, max", "deg", DEGREES),
-        Claim("points_recorded", "points recorded", "", 1.0),
-        Claim("points_taught", "points taught", "", 1.0),
+        Claim("taught_deviation_max_m", "taught path off what was meant, max", "mm"),
+        Claim("taught_deviation_rms_m", "  rms", "mm"),
+        Claim("recorded_deviation_max_m", "recording off it, max", "mm"),
+        Claim("recorded_deviation_rms_m", "  rms", "mm"),
+        Claim("taught_missed_max_m", "what was meant off the taught path, max", "mm"),
+        Claim("taught_axis_error_max_rad", "tool axis, max", "deg"),
+        Claim("points_recorded", "points recorded", ""),
+        Claim("points_taught", "points taught", ""),
         *_FORCE,
         PATH_DONE,
     ),

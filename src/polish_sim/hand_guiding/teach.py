@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer
 from polish_sim.cell.real_arm import is_real
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.errors import unknown_name
-from polish_sim.experiments.free_space import free_figures, free_log, log_every
+from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log, log_every
 from polish_sim.experiments.result import PartOf, RunResult
 from polish_sim.hand_guiding.arm import (
     DIRECTIONS,
@@ -125,38 +124,28 @@ def log_of_moves(played: Sequence[PlayedMove], scenario: Scenario) -> RunLog:
 
 def trace_of_move(play: PlayedMove) -> Trace:
     """The exact trace of one move, with no contact."""
-    rows = play.run.rows
-    n, nothing = len(rows), np.zeros(len(rows))
-    error = play.table.motion.positions[:n] - rows["tool"]
-    off = np.linalg.norm(error, axis=1)
-    turned = (
-        Rotation.from_matrix(play.table.motion.rotations[:n])
-        * Rotation.from_matrix(rows["R_base_tool"]).inv()
-    )
-    way = arc_length(rows["tool"])
-    return Trace(
-        rows["time"], play.table.phase[:n], nothing, off, off, turned.magnitude(), rows["tool"],
-        rows["speed"], way, np.zeros((n, 3)), nothing, nothing, error, np.zeros((n, 3)),
-    )  # fmt: skip
+    tool, rows = _motion(play, 1), play.run.rows
+    return tool.trace(rows["time"], play.table.phase[: len(rows)], arc_length(tool.tips))
+
+
+def _motion(play: PlayedMove, every: int) -> ToolMotion:
+    rows, motion = play.run.rows[::every], play.table.motion
+    wanted = (each[: len(play.run.rows) : every] for each in (motion.positions, motion.rotations))
+    return ToolMotion(rows["tool"], rows["R_base_tool"], rows["speed"], *wanted)
 
 
 def _columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[str, Array]:
     """Columns of the log."""
-    n = len(play.run.rows)
-    part, motion = play.run.rows[::every], play.table.motion
+    part = play.run.rows[::every]
     read = {"encoder_q_rad": part["read"]} if real else {}
     return {
         "time_s": part["time"],
         "q_rad": part["q"],
         "qd_rad_s": part["qd"],
         "torque_nm": part["torque"],
-        "tcp_position_m": part["tool"],
-        "tcp_quaternion_wxyz": Rotation.from_matrix(part["R_base_tool"]).as_quat(scalar_first=True),
-        "target_position_m": motion.positions[:n:every],
-        "target_quaternion_wxyz": Rotation.from_matrix(motion.rotations[:n:every]).as_quat(scalar_first=True),
-        "tcp_speed_m_s": part["speed"],
+        **_motion(play, every).columns(),
         "wrench_raw_sensor": part["raw"],
-        "phase": play.table.phase[:n:every].astype(float),
+        "phase": play.table.phase[: len(play.run.rows) : every].astype(float),
         "hand_force_n": part["force"],
         **read,
         "lent_j": part["lent"],

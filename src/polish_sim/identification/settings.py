@@ -62,32 +62,32 @@ def _identify(error: float, predicted: float = 0.0285) -> tuple[Claim, ...]:
     """Claims of an identification; the error on a motion that was not fitted falls with the periods
     logged."""
     return (
-        Claim("nrms_heldout_mean", "error held out / range of the torque", "%", 100.0, "-", high=error),
-        Claim("nrms_heldout_consistent_mean", "the same, bodies that can exist", "%", 100.0),
-        Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%", 100.0),
-        Claim("physically_consistent", "bodies that can exist", "", 1.0, "-", low=1.0, more_is_better=True),
-        Claim("predicted_error_sigma", "predicted error / noise, one period", "", 1.0, "-", high=predicted),
-        Claim("condition_motion", "condition of the motion, SI units", "", 1.0),
-        Claim("error_over_crb", "error / Cramér-Rao bound, this draw", "", 1.0),
-        Claim("interval_coverage", "95% intervals that hold the truth", "%", 100.0),
-        Claim("base_parameters", "base parameters", "", 1.0),
-        Claim("design_s", "design of the motion, CPU", "s", 1.0, "-", high=20.0),
-        Claim("fit_s", "fit, CPU", "s", 1.0),
+        Claim("nrms_heldout_mean", "error held out / range of the torque", "%", high=error),
+        Claim("nrms_heldout_consistent_mean", "the same, bodies that can exist", "%"),
+        Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%"),
+        Claim("physically_consistent", "bodies that can exist", "", low=1.0, more_is_better=True),
+        Claim("predicted_error_sigma", "predicted error / noise, one period", "", high=predicted),
+        Claim("condition_motion", "condition of the motion, SI units", ""),
+        Claim("error_over_crb", "error / Cramér-Rao bound, this draw", ""),
+        Claim("interval_coverage", "95% intervals that hold the truth", "%"),
+        Claim("base_parameters", "base parameters", ""),
+        Claim("design_s", "design of the motion, CPU", "s", high=20.0),
+        Claim("fit_s", "fit, CPU", "s"),
     )
 
 
 _IDENTIFY_DATA: Final = (
-    Claim("nrms_heldout_mean", "residual held out / range of the torque", "%", 100.0),
-    Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%", 100.0),
-    Claim("base_parameters", "base parameters", "", 1.0),
-    Claim("condition", "condition, SI units", "", 1.0),
-    Claim("physically_consistent", "bodies that can exist", "", 1.0, low=1.0, more_is_better=True),
+    Claim("nrms_heldout_mean", "residual held out / range of the torque", "%"),
+    Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%"),
+    Claim("base_parameters", "base parameters", ""),
+    Claim("condition", "condition, SI units", ""),
+    Claim("physically_consistent", "bodies that can exist", "", low=1.0, more_is_better=True),
 )
 ELASTIC: Final = 5e-3  #: Asked of an elastic arm's error held out, in ranges of the torque
 GEARS: Final = (
-    Claim("gear_slopes_found", "slopes of the gears' stiffness found, of 18", "", 1.0),
-    Claim("gear_stiffness_error_max", "  their largest error", "%", 100.0),
-    Claim("gear_interval_coverage", "  95% intervals that hold the truth", "%", 100.0),
+    Claim("gear_slopes_found", "slopes of the gears' stiffness found, of 18", ""),
+    Claim("gear_stiffness_error_max", "  their largest error", "%"),
+    Claim("gear_interval_coverage", "  95% intervals that hold the truth", "%"),
 )
 """More of elastic joints."""
 
@@ -99,11 +99,11 @@ IDENTIFY: Final[Mapping[str, tuple[Claim, ...]]] = {
     "data": _IDENTIFY_DATA,
     "gears": (
         *_IDENTIFY_DATA,
-        Claim("nrms_heldout_rigid_mean", "friction by speed alone: residual / range", "%", 100.0),
+        Claim("nrms_heldout_rigid_mean", "friction by speed alone: residual / range", "%"),
     ),
     "payload-data": (
-        Claim("payload_mass_std_kg", "mass, std", "g", 1e3),
-        Claim("payload_consistent_as_found", "a body can have these numbers as found", "", 1.0),
-        Claim("payload_consistent", "the nearest body can exist", "", 1.0, low=1.0, more_is_better=True),
+        Claim("payload_mass_std_kg", "mass, std", "g"),
+        Claim("payload_consistent_as_found", "a body can have these numbers as found", ""),
+        Claim("payload_consistent", "the nearest body can exist", "", low=1.0, more_is_better=True),
     ),
 }

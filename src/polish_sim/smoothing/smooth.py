@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer, tool_on_flange
@@ -16,7 +15,7 @@ from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.exchange import read_way_points
-from polish_sim.experiments.free_space import free_figures, free_log, log_every
+from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log, log_every
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
@@ -100,48 +99,22 @@ def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
 
 def trace_of_rule(play: RulePlay) -> Trace:
     """The exact trace of one rule, with no contact."""
-    time, place, n = play.seen.time, play.seen.place, len(play.seen.time)
-    (tips, frames), (wanted, wanted_frames) = _tool(play.played.q, play.played.table), _tool(play.targets.q)
-    off, axes = wanted - tips, wanted_frames[:, :, 2]
+    tool, time = _motion(play, 1), play.seen.time
+    off, axes = tool.wanted - tool.tips, tool.wanted_frames[:, :, 2]
     across = off - np.sum(off * axes, axis=1)[:, None] * axes
-    turned = Rotation.from_matrix(wanted_frames) * Rotation.from_matrix(frames).inv()
-    nothing = np.zeros(n)
-    return Trace(
-        time,
-        np.full(n, PLAYED, np.int8),
-        nothing,
-        np.linalg.norm(off, axis=1),
-        np.linalg.norm(across, axis=1),
-        turned.magnitude(),
-        tips,
-        _speed(tips, time),
-        place,
-        np.zeros((n, 3)),
-        nothing,
-        nothing,
-        off,
-        np.zeros((n, 3)),
-    )
+    return tool.trace(time, np.full(len(time), PLAYED), play.seen.place, across)
 
 
 def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, Array]:
     """Columns of the log."""
     time, played, targets = play.seen.time[::every], play.played, play.targets
-    (tips, frames), (wanted, wanted_frames) = (
-        _tool(played.q[::every], played.table),
-        _tool(targets.q[::every]),
-    )
     read = {"encoder_q_rad": played.read[::every]} if real else {}
     return {
         "time_s": time,
         "q_rad": played.q[::every],
         "qd_rad_s": played.qd[::every],
         "torque_nm": played.torque[::every],
-        "tcp_position_m": tips,
-        "tcp_quaternion_wxyz": Rotation.from_matrix(frames).as_quat(scalar_first=True),
-        "target_position_m": wanted,
-        "target_quaternion_wxyz": Rotation.from_matrix(wanted_frames).as_quat(scalar_first=True),
-        "tcp_speed_m_s": _speed(tips, time),
+        **_motion(play, every).columns(),
         "path_s_m": play.seen.place[::every],
         "phase": np.full(len(time), float(PLAYED)),
         "rule": np.full(len(time), float(number)),
@@ -153,14 +126,16 @@ def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, A
     }
 
 
+def _motion(play: RulePlay, every: int) -> ToolMotion:
+    tips, frames = _tool(play.played.q[::every], play.played.table)
+    speed = np.linalg.norm(np.gradient(tips, play.seen.time[::every], axis=0), axis=1)
+    return ToolMotion(tips, frames, speed, *_tool(play.targets.q[::every]))
+
+
 def _tool(q: Array, table: Array = NOMINAL) -> tuple[Array, Array]:
     """Tool points (n, 3) [m] and frames (n, 3, 3) of joint angles (n, 6)."""
     T_base_tool = forward(q, table) @ tool_on_flange()
     return T_base_tool[:, :3, 3], T_base_tool[:, :3, :3]
-
-
-def _speed(positions: Array, time: Array) -> Array:
-    return np.linalg.norm(np.gradient(positions, time, axis=0), axis=1)
 
 
 def run_smooth(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
