@@ -115,18 +115,19 @@ def budget(given: Given) -> int:
     trial = PairBudgetTrial(**chosen(given, "draws", "seed"))
     settings = {key: given[name] for name, key in SETTINGS.items() if given[name] is not None}
     trial = replace(trial, dual=replace(trial.dual, **settings))
-    with claimed(given["--out"], "calibrate-budget", given["--overwrite"]) as folder:
+    with claimed(given, "calibrate-budget") as folder:
         outcome = budget_once(trial, folder.draft)
-    return outcome.finish(folder.final, check=bool(given["--check"]))
+    return outcome.finish(folder.final, given["--check"])
 
 
-calibrate.command("payload", cls=PanelledCommand, short_help="Tool mass, its centre, sensor bias.")(payload)
-calibrate.command("tcp", cls=PanelledCommand, short_help="Tool tip and axes on the flange.")(tcp)
-calibrate.command("base", cls=PanelledCommand, short_help="Where a second robot's base stands.")(base)
-calibrate.command("arm", cls=PanelledCommand, short_help="Tables of two arms off the nominal one.")(arm)
-calibrate.command("budget", cls=PanelledCommand, short_help="Where the error of two robots comes from.")(
-    budget
-)
+for _command, _text in (
+    (payload, "Tool mass, its centre, sensor bias."),
+    (tcp, "Tool tip and axes on the flange."),
+    (base, "Where a second robot's base stands."),
+    (arm, "Tables of two arms off the nominal one."),
+    (budget, "Where the error of two robots comes from."),
+):
+    calibrate.command(_command.__name__, cls=PanelledCommand, short_help=_text)(_command)
 
 
 def _write(found: PayloadCalibration, folder: Path) -> None:
@@ -227,13 +228,13 @@ def budget_once(trial: PairBudgetTrial, draft: Path) -> Outcome:
 def _write_budget(
     draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any]
 ) -> None:
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.analysis.run_record import write_metrics
 
     sources = {name: share._asdict() for name, share in shares.items()}
     settings = {name: getattr(trial.dual, name) for name in SETTINGS.values()}
     settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
     record = {"experiment": "calibrate-budget", "settings": settings, **figures, "sources": sources}
-    write_json(draft / METRICS, record | {"versions": package_versions()})
+    write_metrics(draft, record)
 
 
 def _show_shares(shares: Mapping[str, Share]) -> None:

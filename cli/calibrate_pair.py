@@ -245,13 +245,13 @@ def carry_out(given: Given, means: Means, trial: object) -> int:
         prepare = partial(_each, means)
         many = Many(kind, means.what, f"{trial} {given.get('--arm')}", prepare, claims, means.mean, "here")
         return run_seeds(many, given, lambda _folder, _runs, outcome: outcome)
-    with claimed(given["--out"], f"calibrate-{means.kind}", given["--overwrite"]) as folder:
+    with claimed(given, f"calibrate-{means.kind}") as folder:
         found = means.run(first) if data is None else means.read(data)
         means.write(found, folder.draft)
         claims = CALIBRATIONS[means.claims if data is None else f"{means.kind}-data"]
         title = f"{means.what}, seed {first}" if data is None else f"{means.what} from {data.name}"
         outcome = Outcome(claims, title, {"this calibration": found.figures}, notes=means.show(found))
-    return outcome.finish(folder.final, check=bool(given["--check"]))
+    return outcome.finish(folder.final, given["--check"])
 
 
 def _each(means: Means, folder: Path) -> Callable[[int], Figures]:
@@ -271,11 +271,11 @@ def _each(means: Means, folder: Path) -> Callable[[int], Figures]:
 
 def write_found(folder: Path, figures: Figures, residuals: str, plots: Mapping[str, Figure]) -> None:
     """Write what stands beside every calibration.toml: figures, the table of residuals, and plots."""
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.analysis.run_record import write_metrics
     from polish_sim.experiments.report import save_plots
 
     (folder / "residuals.csv").write_text(residuals, encoding="utf-8")
-    write_json(folder / METRICS, {**figures, "versions": package_versions()})
+    write_metrics(folder, figures)
     save_plots(folder, plots)
 
 

@@ -84,7 +84,7 @@ def compare(real: LogFile, given: Given) -> int:
     if beside is None and given["--asked"] is not None:
         raise InputError("--asked belongs to --beside.")
     log = read_log(real, given, () if beside else ("q_rad",))
-    with claimed(given["--out"], "compare", given["--overwrite"]) as folder:
+    with claimed(given, "compare") as folder:
         if beside is not None:
             _forces(real, log, beside, given, folder.draft)
         else:

@@ -71,14 +71,14 @@ def identify(given: Given) -> int:
     if given["--report"]:
         show_identifiable(_robot(given))
         return 0
-    with claimed(given["--out"], "identify", given["--overwrite"]) as folder:
+    with claimed(given, "identify") as folder:
         if data is not None:
             outcome = from_log(_robot(given), data, loaded, _reader(given), folder.draft)
         elif loaded is not None:
             outcome = weigh_alone(_robot(given), loaded, _reader(given), folder.draft)
         else:
             outcome = simulated(settings, folder.draft, given["--task"])
-    return outcome.finish(folder.final, check=bool(given["--check"]))
+    return outcome.finish(folder.final, given["--check"])
 
 
 def _simulated_robot(settings: list[str]) -> RobotConfig:
@@ -268,7 +268,7 @@ def _reader(given: Given) -> RunReader:
 
 def weigh_alone(robot: LoggedRobot, file: Path, read: RunReader, draft: Path) -> Outcome:
     """Find a payload from one log, the robot's model believed as it is, and write the folder."""
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.analysis.run_record import write_metrics
     from polish_sim.cli.outcome import Outcome
     from polish_sim.identification.folder import write_payload
     from polish_sim.identification.payload import weigh_from_logs
@@ -280,7 +280,7 @@ def weigh_alone(robot: LoggedRobot, file: Path, read: RunReader, draft: Path) ->
         observer.stage("fit the payload")
         weighed = weigh_from_logs(robot, None, run)
     write_payload(draft, weighed)
-    write_json(draft / METRICS, {**weighed.figures, "versions": package_versions()})
+    write_metrics(draft, weighed.figures)
     show_payload(weighed)
     note = "the arm is taken as in its model: intervals count noise only. --data adds a run without payload."
     return Outcome(

@@ -38,7 +38,7 @@ def inspect(path: PathFile, given: Given) -> None:
     A plan of ours is measured with its own settings, on its own part unless --part names it; else the
     step-over is the path's. The part is not placed: times keep the tool's limits, not the arm's.
     """
-    refuse_taken(given["--out"], given["--overwrite"])
+    refuse_taken(given)
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.inspect_plot import plot_distributions, plot_maps, write_coverage_mesh
     from polish_sim.analysis.run_record import write_json
@@ -67,7 +67,7 @@ def inspect(path: PathFile, given: Given) -> None:
     plan, notes = scenario.plan, list[str]()
     if math.isnan(plan.stepover_m):
         plan = replace(plan, stepover_m=guessed_stepover(tool_path, scenario.pad, notes))
-    with claimed(given["--out"], "inspect", given["--overwrite"]) as folder, console.progress() as observer:
+    with claimed(given, "inspect") as folder, console.progress() as observer:
         found = inspect_path(tool_path, scenario.part, plan, scenario.process, scenario.pad, observer)
         observer.stage("time the motion")
         found.figures.update(time_law(scenario, tool_path, found.mesh.noise, observer.progress))

@@ -36,7 +36,7 @@ PartFile = Annotated[
 def job(what: What, given: Given, part: PartFile = None) -> int:
     """Plan, simulate and write a job; `job init PART` writes a file to begin with."""
     if what == INIT:
-        return _init(part, given["--out"], bool(given["--overwrite"]))
+        return _init(part, given)
     if part is not None:
         raise InputError(f"'{part}' is too much: give one job's file, or 'job init PART'.")
     # Lazy: --help must not wait for the numerical libraries.
@@ -48,7 +48,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     file = Path(what)
     asked = read_job(file)
     check_regions(asked)
-    folder = _folder(file, given["--out"], bool(given["--resume"]), bool(given["--overwrite"]))
+    folder = _folder(file, given)
     rows: list[Row] = []
     try:
         with console.progress() as observer:
@@ -73,14 +73,14 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     return STOPPED if any(row.figures["protective_stop"] for row in rows) else DONE
 
 
-def _init(part: str | None, out: Path | None, overwrite: bool) -> int:
+def _init(part: str | None, given: Given) -> int:
     from polish_sim.job.job_file import TEMPLATE
     from polish_sim.models import part_path
 
     if part is None or not part_path(part).is_file():
         raise InputError(f"job init PART: '{part or ''}' is no mesh and no shipped part.")
-    file = out or Path(f"{Path(part).stem}.toml")
-    if file.exists() and not overwrite:
+    file = given["--out"] or Path(f"{Path(part).stem}.toml")
+    if file.exists() and not given["--overwrite"]:
         raise InputError(f"'{file}' exists. Choose another name with --out, or add --overwrite.")
     with whole_file(file) as draft:
         draft.write_text(TEMPLATE.format(part=part, name=file.name), encoding="utf-8")
@@ -88,22 +88,22 @@ def _init(part: str | None, out: Path | None, overwrite: bool) -> int:
     return DONE
 
 
-def _folder(file: Path, out: Path | None, resume: bool, overwrite: bool) -> Path:
+def _folder(file: Path, given: Given) -> Path:
     """The job's folder, new or taken up.
 
     Raises:
         InputError: It exists, or holds another job.
     """
-    text = file.read_bytes()
-    if resume:
+    text, out = file.read_bytes(), given["--out"]
+    if given["--resume"]:
         if out is None or not (out / COPY).is_file():
             raise InputError("--resume takes up a job's folder: name it with --out.")
         if (out / COPY).read_bytes() != text:
             raise InputError(f"'{out}' was begun with another job file: see '{out / COPY}'.")
-        return out
-    refuse_taken(out, overwrite)
-    folder = out or unused(RESULTS / "job")
-    folder.mkdir(parents=True, exist_ok=overwrite)
+        return Path(out)
+    refuse_taken(given)
+    folder: Path = out or unused(RESULTS / "job")
+    folder.mkdir(parents=True, exist_ok=bool(given["--overwrite"]))
     (folder / COPY).write_bytes(text)
     return folder
 

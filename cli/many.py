@@ -150,7 +150,7 @@ def run_seeds(
 
     ``finish`` draws, and adds to the outcome; an interrupt keeps the seeds that are done.
     """
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.analysis.run_record import write_metrics
     from polish_sim.source_stamp import package_hash
     from polish_sim.workers import fill_rows
 
@@ -183,11 +183,11 @@ def run_seeds(
             many.mean: middle,
             "worst": worst,
         }
-        write_json(folder / METRICS, {**facts, "runs": runs, "versions": package_versions()})
+        write_metrics(folder, {**facts, "runs": runs})
         columns = {many.mean: middle, "worst seed": worst}
         title = f"{many.what}, {count_text(len(runs), 'seed')}"
         outcome = finish(folder, runs, Outcome(many.claims, title, columns, interrupted=interrupted))
-    return outcome.finish(folder, check=bool(given["--check"]))
+    return outcome.finish(folder, given["--check"])
 
 
 def aggregate(

@@ -48,7 +48,7 @@ class Outcome:
     conditions: tuple[str, ...] = ()
     """Conditions that differ from those the figures are asked for; nothing is called met or not met then."""
 
-    def finish(self, folder: Path, check: bool, more: str = "") -> int:
+    def finish(self, folder: Path, check: bool | None, more: str = "") -> int:
         """Show the outcome, ``more``, and the folder; returns the exit code, falling short counts with
         ``check``."""
         self.show()
@@ -88,7 +88,7 @@ class Outcome:
             caption=caption,
         )
 
-    def exit_code(self, check: bool) -> int:
+    def exit_code(self, check: bool | None) -> int:
         """The code to end with; falling short counts only when it was asked to ``check``."""
         if self.interrupted or self.undrawn:
             return INTERRUPTED

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from polish_sim.errors import InputError
 from polish_sim.row_file import ROWS, locked, whole_file
@@ -30,26 +31,27 @@ class OutputFolder:
     final: Path
 
 
-def refuse_taken(out: Path | None, overwrite: bool) -> None:
+def refuse_taken(given: Mapping[str, Any]) -> None:
     """Refuse an output folder that exists or is no folder, before anything is read; `claimed` does so as
     well."""
-    if out is not None and out.exists() and not (overwrite and out.is_dir()):
+    out = given["--out"]
+    if out is not None and out.exists() and not (given["--overwrite"] and out.is_dir()):
         raise InputError(_taken(out))
 
 
 @contextmanager
-def claimed(out: Path | None, kind: str, overwrite: bool = False) -> Iterator[OutputFolder]:
+def claimed(given: Mapping[str, Any], kind: str) -> Iterator[OutputFolder]:
     """Claim an output folder for a block of work; when the block raises, nothing is left behind.
 
-    ``out`` None means a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``kind`` is command and experiment, e.g.
-    ``run-surface``. With ``overwrite`` files of the same names in an existing folder are replaced, others
-    stay.
+    Without ``--out`` it is a new ``results/<kind>/<yyyymmdd-hhmmss>``; ``kind`` is command and experiment,
+    e.g. ``run-surface``. With ``--overwrite`` files of the same names in an existing folder are replaced,
+    others stay.
 
     Raises:
-        InputError: At once, if the folder exists (without ``overwrite``) or cannot be written.
+        InputError: At once, if the folder exists (without ``--overwrite``) or cannot be written.
     """
-    final = unused(RESULTS / kind) if out is None else out
-    refuse_taken(final, overwrite)
+    refuse_taken(given)
+    final = given["--out"] or unused(RESULTS / kind)
     created = _create_parents(final)
     _sweep(final.parent)
     draft = _draft_of(final)

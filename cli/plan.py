@@ -74,9 +74,8 @@ def plan(part: PartFile, given: Given) -> int:
 
     With --region all every side is planned, in as few setups as possible: a folder each, and a table.
     """
-    out, overwrite, dual = given["--out"], given["--overwrite"], bool(given["--dual"])
-    given = {**given, "--part": part}
-    refuse_taken(out, overwrite)
+    dual, given = bool(given["--dual"]), {**given, "--part": part}
+    refuse_taken(given)
     named = [name for name in (*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture") if given[name] is not None]
     if dual:
         refuse_idle_options(experiment("dual"), named)
@@ -92,7 +91,7 @@ def plan(part: PartFile, given: Given) -> int:
     refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
     wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
     check_flange(scenario, "--export urscript" if "urscript" in wanted.formats else "")
-    with claimed(out, "plan", overwrite) as folder, console.progress() as observer:
+    with claimed(given, "plan") as folder, console.progress() as observer:
         if scenario.plan.region == ALL and not dual and not scenario.part.pose:
             show, unreached = plan_setups(scenario, folder.draft, wanted, observer), ""
         else:

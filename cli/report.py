@@ -21,7 +21,7 @@ Runs = Annotated[
 @takes(*OUTPUT_OPTIONS)
 def report(runs: Runs, given: Given) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
-    refuse_taken(given["--out"], given["--overwrite"])
+    refuse_taken(given)
     # Lazy: --help must not wait for matplotlib.
     from polish_sim.analysis.run_record import notes_of, read_records, setting_rows, write_json
     from polish_sim.cli.outcome import show_figures
@@ -33,7 +33,7 @@ def report(runs: Runs, given: Given) -> None:
     records = read_records(runs)
     first, alone = records[0], len(records) == 1
     name = first.scenario.experiment
-    with claimed(given["--out"], f"report-{name}", given["--overwrite"]) as folder:
+    with claimed(given, f"report-{name}") as folder:
         if alone:
             draw_run(first, folder.draft)
             if remade(first) and not (runs[0] / CELL_PICTURE).exists():

@@ -126,7 +126,7 @@ def run(row: Experiment, given: Given) -> int:
         raise InputError("--learn takes what one arm did on one part: leave --seeds out.")
     live = live_address(given)
     if seeds is None:
-        refuse_taken(given["--out"], given["--overwrite"])
+        refuse_taken(given)
         refuse_without(given, "--seeds", "--workers", "--on")
     if video:
         from polish_sim.cli.film import check_film
@@ -141,14 +141,14 @@ def run(row: Experiment, given: Given) -> int:
         from polish_sim.cli.many import run_many
 
         return run_many(scenario, plan, {**given, "--seed": scenario.seed})
-    with claimed(given["--out"], f"run-{row.name}", given["--overwrite"]) as folder:
+    with claimed(given, f"run-{row.name}") as folder:
         sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
         if live is not None:
             from polish_sim.cli.live_view import LiveView
 
             sinks.append(LiveView(live, row.title(scenario)))
         outcome = run_once(scenario, plan, folder.draft, sinks, bool(video))
-    return outcome.finish(folder.final, check=bool(given["--check"]))
+    return outcome.finish(folder.final, given["--check"])
 
 
 @takes(*OUTPUT_OPTIONS)
@@ -158,7 +158,7 @@ def demo(given: Given) -> int:
     console.note(
         f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N"
     )
-    with claimed(given["--out"], "demo", given["--overwrite"]) as folder:
+    with claimed(given, "demo") as folder:
         outcome = run_once(scenario, None, folder.draft, [Snapshot()])
     more = "pictures and figures are in the folder; for more: polish-sim run --help"
     return outcome.finish(folder.final, check=False, more=more)

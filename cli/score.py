@@ -132,7 +132,7 @@ def find_worst(given: Given) -> int:
     from polish_sim.scoring.worst import FIGURES, search_worst, worst_base
 
     scenario = override(worst_base(given["--controller"] or "hybrid-pi"), given["--set"] or [])
-    with claimed(given["--out"], "score-worst", bool(given["--overwrite"])) as folder:
+    with claimed(given, "score-worst") as folder:
         with console.progress() as observer:
             observer.stage(f"search the worst of {scenario.controller.label}")
             worst = search_worst(scenario, given["--worst"], observer.progress)

@@ -98,14 +98,14 @@ def serve(given: Given) -> int:
     live = live_address(given)
     if len(addresses) > 1 and (live or given["--score"]):
         raise InputError("--live and --score are for one robot: give one --address.")
-    refuse_taken(given["--out"], given["--overwrite"])
+    refuse_taken(given)
     case = _case(given)
     from polish_sim.ur.server import PORTS, listening
 
     for address in addresses:
         for port in PORTS:  # before all is prepared
             listening(address, port + (given["--port-offset"] or 0)).close()
-    with claimed(given["--out"], "serve", given["--overwrite"]) as folder, ExitStack() as open_:
+    with claimed(given, "serve") as folder, ExitStack() as open_:
         with console.progress() as observer:
             job = _prepared(given, case, observer)
             reader = open_.enter_context(_reader()) if speed == SPEEDS[0] else None

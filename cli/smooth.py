@@ -130,7 +130,7 @@ def smooth(path: PathFile, given: Given) -> None:
     pose = given["--part-pose"]
     if given["--no-joints"] and pose is not None:
         raise InputError("--part-pose would change nothing with --no-joints: leave it out.")
-    refuse_taken(given["--out"], given["--overwrite"])
+    refuse_taken(given)
     rule, against = given["--rule"] or "spline", given["--against"]
     request = SmoothRequest(
         path,
@@ -143,7 +143,7 @@ def smooth(path: PathFile, given: Given) -> None:
         bool(given["--lenient"]),
         given["--rate"] or 500.0,
     )
-    with claimed(given["--out"], "smooth", given["--overwrite"]) as folder, console.progress() as observer:
+    with claimed(given, "smooth") as folder, console.progress() as observer:
         figures, notes = smooth_file(request, folder.draft, observer)
     for text in notes:
         console.note(f"note: {text}")
@@ -156,7 +156,7 @@ def smooth_file(
 ) -> tuple[dict[str, Any], list[str]]:
     """Read and smooth a path, measure the motion, write all files into a folder; returns figures and
     notes."""
-    from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+    from polish_sim.analysis.run_record import write_metrics
     from polish_sim.exchange import read_way_points
     from polish_sim.experiments.report import save_plots
     from polish_sim.motion.rules.limits import SmoothingLimits, limits_toml, load_limits
@@ -182,7 +182,7 @@ def smooth_file(
     times = even_times(first.motion.end, request.rate)
     write_trajectory(folder, sample_in_blocks(first.motion, times, task.placed.arm))
     (folder / LIMITS).write_text(limits_toml(task.limits), encoding="utf-8")
-    write_json(folder / METRICS, figures | {"notes": notes, "versions": package_versions()})
+    write_metrics(folder, {**figures, "notes": notes})
     observer.stage("draw")
     save_plots(folder, draw_smoothing(task, motions, request.path.name))
     return figures, notes

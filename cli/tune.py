@@ -193,7 +193,7 @@ def tuned_toml(search: Search, best: Mapping[str, float]) -> str:
 
 def show(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict], folder: Path) -> None:
     """Write metrics.json and the page, print the tables."""
-    from polish_sim.analysis.run_record import package_versions, write_json
+    from polish_sim.analysis.run_record import write_metrics
     from polish_sim.page.page import page_html, tables_page
 
     goal, conditions = ":".join(search.goal), ", ".join(_facts(search)["subject_to"])
@@ -207,7 +207,7 @@ def show(search: Search, best: Mapping[str, float], verdicts: Sequence[Verdict],
         "best": dict(best),
         "judged": [v._asdict() | {"better": v.better} for v in verdicts],
     }
-    write_json(folder / "metrics.json", facts | {"versions": package_versions()})
+    write_metrics(folder, facts)
     tables = {"Parameters": values, "Shipped and tuned": rows}
     page = tables_page(f"tune: {search.controller}", f"{goal}, subject to {conditions}", tables, [])
     put(folder, PAGE, page_html(page))

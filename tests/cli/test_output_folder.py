@@ -74,13 +74,17 @@ def files(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*")}
 
 
+def asked(out: Path | None, overwrite: bool = False) -> dict[str, object]:
+    return {"--out": out, "--overwrite": overwrite}
+
+
 def test_a_run_without_out_gets_a_new_dated_folder_whose_files_appear_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     finals = set()
     for _ in range(3):
-        with claimed(None, "run-force") as folder:
+        with claimed(asked(None), "run-force") as folder:
             (folder.draft / "log.npz").touch()
             assert not folder.final.exists()
         assert folder.final.parent == Path("results/run-force")
@@ -91,7 +95,7 @@ def test_a_run_without_out_gets_a_new_dated_folder_whose_files_appear_at_the_end
 
 def test_an_existing_folder_is_refused_before_the_block_runs(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
-    with pytest.raises(InputError, match="--overwrite"), claimed(tmp_path / "out", "run-force"):
+    with pytest.raises(InputError, match="--overwrite"), claimed(asked(tmp_path / "out"), "run-force"):
         pytest.fail("the work must not start")
     assert files(tmp_path) == {"out"}
 
@@ -101,7 +105,7 @@ def test_overwrite_replaces_files_of_the_same_name_and_keeps_the_others(tmp_path
     out.mkdir()
     (out / "metrics.json").write_text("old")
     (out / "notes.txt").write_text("mine")
-    with claimed(out, "run-force", overwrite=True) as folder:
+    with claimed(asked(out, overwrite=True), "run-force") as folder:
         (folder.draft / "metrics.json").write_text("new")
     assert (out / "metrics.json").read_text() == "new"
     assert (out / "notes.txt").read_text() == "mine"
@@ -109,7 +113,7 @@ def test_overwrite_replaces_files_of_the_same_name_and_keeps_the_others(tmp_path
 
 
 def fail_halfway(out: Path, error: type[BaseException]) -> None:
-    with claimed(out, "run-force", overwrite=True) as folder:
+    with claimed(asked(out, overwrite=True), "run-force") as folder:
         (folder.draft / "metrics.json").write_text("new")
         raise error
 
@@ -131,7 +135,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from polish_sim.cli.output_folder import claimed
-with claimed(Path(sys.argv[1]), "run-force") as folder:
+with claimed({"--out": Path(sys.argv[1]), "--overwrite": None}, "run-force") as folder:
     (folder.draft / "log.npz").touch()
     if sys.argv[2] == "die":
         os.kill(os.getpid(), signal.SIGKILL)
@@ -154,11 +158,11 @@ def test_drafts_of_killed_commands_are_swept_at_the_next_start_those_of_running_
     with subprocess.Popen([*program, str(tmp_path / "live"), "wait"], stdin=pipe, stdout=pipe) as running:
         assert running.stdout is not None
         assert running.stdout.readline() == b"ready\n"
-        with claimed(tmp_path / "next", "run-force"):
+        with claimed(asked(tmp_path / "next"), "run-force"):
             found = files(tmp_path)
         with (
             pytest.raises(InputError, match="another command is writing 'live'"),
-            claimed(tmp_path / "live", "x"),
+            claimed(asked(tmp_path / "live"), "x"),
         ):
             pytest.fail("the work must not start")
         running.communicate()
@@ -173,5 +177,8 @@ def test_a_file_in_the_way_or_a_place_that_cannot_be_written_is_refused_before_t
     (tmp_path / "taken").touch()
     # /proc takes no folders, whoever asks; a read-only folder would stop everybody but root.
     for out, said in (("taken", "taken"), ("taken/out", "taken"), ("/proc/polish/out", "--out")):
-        with pytest.raises(InputError, match=said), claimed(tmp_path / out, "run-force", overwrite=True):
+        with (
+            pytest.raises(InputError, match=said),
+            claimed(asked(tmp_path / out, overwrite=True), "run-force"),
+        ):
             pytest.fail("the work must not start")

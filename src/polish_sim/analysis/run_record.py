@@ -108,6 +108,11 @@ def write_json(file: Path, figures: Mapping[str, Any]) -> None:
     file.write_text(json.dumps(plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
+def write_metrics(folder: Path, figures: Mapping[str, Any]) -> None:
+    """Write a folder's metrics.json: figures, and the versions they depend on."""
+    write_json(folder / METRICS, {**figures, "versions": package_versions()})
+
+
 def read_json(file: Path) -> dict[str, Any]:
     """Read figures written by ``write_json``."""
     try:

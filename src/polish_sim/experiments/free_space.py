@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
+from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
 
@@ -38,25 +40,29 @@ class ToolMotion(NamedTuple):
             "tcp_speed_m_s": self.speed,
         }
 
-    def trace(self, time: Array, phase: Array, place: Array, across: Array | None = None) -> Trace:
+    def trace(self, time: Array, phase: NDArray[Any], place: Array, across: Array | None = None) -> Trace:
         """The exact trace, with no contact; ``place``: arc length [m], (n,); ``across``: part of the error
         across the target's axis [m], (n, 3), all of it if not given."""
         off, nothing = self.wanted - self.tips, np.zeros(len(time))
         still = np.zeros_like(off)
         turned = Rotation.from_matrix(self.wanted_frames) * Rotation.from_matrix(self.frames).inv()
-        errors = (np.linalg.norm(error, axis=1) for error in (off, off if across is None else across))
+        far, aside = (np.linalg.norm(error, axis=1) for error in (off, off if across is None else across))
         return Trace(
-            time, phase.astype(np.int8), nothing, *errors, turned.magnitude(), self.tips, self.speed, place,
+            time, phase.astype(np.int8), nothing, far, aside, turned.magnitude(), self.tips, self.speed, place,
             still, nothing, nothing, off, still,
         )  # fmt: skip
 
 
-def free_log(parts: Sequence[Mapping[str, Array]]) -> RunLog:
-    """One log of several parts of a run, one after the other, each with its own time.
+def free_log(
+    scenario: Scenario, played: Sequence[Any], columns_of: Callable[[Any, int, int, bool], dict[str, Array]]
+) -> RunLog:
+    """One log of what was ``played``, one after the other, each at its own time from 0.
 
-    A part holds columns of the log by name, (n,) or (n, k), those of ``log.LATER`` last; what is not there is
-    zero.
+    ``columns_of`` gives columns of the log by name, (n,) or (n, k), those of ``log.LATER`` last, of one of
+    them, its number, steps a row, and whether the arm is a real one; what is not there is zero.
     """
+    every, real = log_every(scenario), is_real(scenario)
+    parts = [columns_of(play, number, every, real) for number, play in enumerate(played)]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     rows = np.zeros((len(columns["time_s"]), row_width()))
     for name, (start, width) in row_layout().items():

@@ -17,7 +17,7 @@ from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
-from polish_sim.experiments.free_space import log_every
+from polish_sim.experiments.free_space import free_log, log_every
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.result import RunResult
@@ -34,7 +34,7 @@ from polish_sim.hand_guiding.teach import (
     MoveTable,
     PlayedMove,
     figures_of_moves,
-    log_of_moves,
+    move_columns,
     run_teach,
     trace_of_move,
 )
@@ -210,7 +210,7 @@ def run_drag(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     files = {} if path is None else {TAUGHT: path_csv(path)}
     return RunResult(
         scenario,
-        log_of_moves([meant], scenario),
+        free_log(scenario, [meant], move_columns),
         trace_of_move(meant),
         figures,
         run.stop_reason,

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer
-from polish_sim.cell.real_arm import is_real
 from polish_sim.config import GuideConfig, HandConfig, Scenario
 from polish_sim.errors import unknown_name
-from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log, log_every
+from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log
 from polish_sim.experiments.result import PartOf, RunResult
 from polish_sim.hand_guiding.arm import (
     DIRECTIONS,
@@ -30,7 +29,7 @@ from polish_sim.hand_guiding.arm import (
 from polish_sim.hand_guiding.cell import GuidingRun, HandMotion, run_guided
 from polish_sim.hand_guiding.figures import compare_modes, measure_drift, measure_move
 from polish_sim.hand_guiding.law import MODES
-from polish_sim.log import RunLog, Trace
+from polish_sim.log import Trace
 from polish_sim.planning.toolpath import arc_length
 
 # What the hand does in `run teach`: holds, moves, holds, releases.
@@ -116,12 +115,6 @@ class PlayedMove(NamedTuple):
     run: GuidingRun
 
 
-def log_of_moves(played: Sequence[PlayedMove], scenario: Scenario) -> RunLog:
-    """One log of all moves, each at its own time from 0; column ``case`` counts them."""
-    every, real = log_every(scenario), is_real(scenario)
-    return free_log([_columns(play, case, every, real) for case, play in enumerate(played)])
-
-
 def trace_of_move(play: PlayedMove) -> Trace:
     """The exact trace of one move, with no contact."""
     tool, rows = _motion(play, 1), play.run.rows
@@ -134,7 +127,7 @@ def _motion(play: PlayedMove, every: int) -> ToolMotion:
     return ToolMotion(rows["tool"], rows["R_base_tool"], rows["speed"], *wanted)
 
 
-def _columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[str, Array]:
+def move_columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[str, Array]:
     """Columns of the log."""
     part = play.run.rows[::every]
     read = {"encoder_q_rad": part["read"]} if real else {}
@@ -228,6 +221,6 @@ def run_teach(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
             break
     figures = figures_of_moves(scenario, played, len(moves), time.perf_counter() - started)
     return RunResult(
-        scenario, log_of_moves(played, scenario), trace_of_move(played[-1]), figures,
+        scenario, free_log(scenario, played, move_columns), trace_of_move(played[-1]), figures,
         figures["protective_stop"], bool(figures["interrupted"]),
     )  # fmt: skip

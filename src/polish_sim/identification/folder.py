@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.run_record import METRICS, package_versions, write_json
+from polish_sim.analysis.run_record import write_metrics
 from polish_sim.analysis.style import BLUE, DASHES, GREY, ORANGE, head, line_look, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.experiments.report import save_plots
@@ -32,7 +32,7 @@ def write_folder(folder: Path, found: Identification, source: RobotSource = None
     write_identified(folder, found.model.chain.joints, _joints(found), source)
     if found.weighed is not None:
         write_payload(folder, found.weighed)
-    write_json(folder / METRICS, {**found.figures, "versions": package_versions()})
+    write_metrics(folder, found.figures)
     motion = {} if found.motion is None else {"motion.png": plot_motion(found.motion, found.figures)}
     save_plots(folder, {"torques.png": plot_torques(found), **motion})
 

@@ -11,15 +11,14 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell.playback import JointTargets, Played, play_joints
-from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.exchange import read_way_points
-from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log, log_every
+from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
-from polish_sim.log import RunLog, Trace
+from polish_sim.log import Trace
 from polish_sim.motion import forward, track
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.rules.chain import Chain, build_chain
@@ -89,12 +88,6 @@ class RulePlay(NamedTuple):
     seen: PlayedRule  #: What rules are compared by
     targets: JointRates
     played: Played
-
-
-def log_of_rules(plays: list[RulePlay], scenario: Scenario) -> RunLog:
-    """One log of all rules, one after the other, each at its own time from 0; column ``rule`` counts them."""
-    every, real = log_every(scenario), is_real(scenario)
-    return free_log([_columns(play, number, every, real) for number, play in enumerate(plays)])
 
 
 def trace_of_rule(play: RulePlay) -> Trace:
@@ -177,7 +170,9 @@ def run_smooth(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
         sum(len(play.seen.time) for play in plays),
     )
     figures |= free_figures(scenario, task.arm.T_base_work, steps, simulated, wall)
-    return RunResult(scenario, log_of_rules(own, scenario), trace_of_rule(own[-1]), figures, None, False)
+    return RunResult(
+        scenario, free_log(scenario, own, _columns), trace_of_rule(own[-1]), figures, None, False
+    )
 
 
 def play_rule(scenario: Scenario, task: SmoothTask, rule: str, motion: SmoothMotion) -> RulePlay:
