@@ -13,6 +13,16 @@ Bools = NDArray[np.bool_]
 SLICE: Final = 16_384
 
 
+def rms(values: Any) -> float:
+    """Root mean square of numbers."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def rms_length(vectors: Array) -> float:
+    """Root mean square of the lengths of vectors (n, k)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
 def by_slices(function: Callable[..., Any], *rows: Any) -> Any:
     """What a function makes of rows (n, ...), from `SLICE` rows at a time: what it holds on its way stays
     small."""

@@ -233,7 +233,7 @@ def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench: Ben
 
 def test_border_of_the_cell_lies_on_the_border_of_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
-    border = measure_border(FORCE, ["hybrid-pi"], None, (1.0, 3.0), (0.008, 0.06))
+    border = measure_border(FORCE, ["hybrid-pi"], scales=(1.0, 3.0), latencies=(0.008, 0.06))
     line = dict(zip(border.line_scales, border.lines["hybrid-pi"], strict=True))
     stable = [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]]
     assert stable == [[latency <= line[scale] for scale in (1.0, 3.0)] for latency in (0.008, 0.06)]

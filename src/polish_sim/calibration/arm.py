@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, rms
 from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.matched_points import kabsch, moved_frame, point_slopes
 from polish_sim.config import RealArmConfig
@@ -181,4 +181,4 @@ def _slopes(arm: ArmEstimate, tracked: TrackedArm) -> Array:
 
 def residual_rms(arms: list[ArmEstimate]) -> float:
     """Of one coordinate of a pose [m]."""
-    return float(np.sqrt(np.mean(np.concatenate([arm.residuals.ravel() for arm in arms]) ** 2)))
+    return rms(np.concatenate([arm.residuals.ravel() for arm in arms]))

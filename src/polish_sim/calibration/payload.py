@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, rms
 from polish_sim.calibration.fit import Noise, Problem, agreeing, column_orders, fit
 from polish_sim.calibration.tables import no_rotations
 from polish_sim.errors import CalibrationError
@@ -268,7 +268,7 @@ def refuse_swapped_columns(readings: PayloadReadings) -> None:
 def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> None:
     """Refuse (CalibrationError) forces that follow no weight, or a centre of mass where no tool has it."""
     weight = GRAVITY * estimate.mass
-    rest = float(np.sqrt(np.mean(estimate.residuals[estimate.used, :3] ** 2)))
+    rest = rms(estimate.residuals[estimate.used, :3])
     if rest > LARGEST_REST * weight:
         raise CalibrationError(
             f"the forces do not follow a tool's weight: {rest:.3g} N rms are left of the {weight:.3g} N that "
@@ -302,4 +302,4 @@ def _refuse_swapped(X: Array, y: Array, letter: str, possible: Callable[[Array],
 def _left(X: Array, y: Array) -> tuple[float, Array]:
     """What a fit leaves, rms, and the fit."""
     theta: Array = np.linalg.lstsq(X.reshape(-1, X.shape[2]), y.ravel(), rcond=None)[0].astype(np.float64)
-    return float(np.sqrt(np.mean((y - X @ theta) ** 2))), theta
+    return rms(y - X @ theta), theta

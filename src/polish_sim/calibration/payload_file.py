@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms
 from polish_sim.calibration.payload import GRAVITY, PayloadEstimate, PayloadReadings
 from polish_sim.calibration.tables import (
     JOINTS,
@@ -63,8 +63,8 @@ def estimate_figures(estimate: PayloadEstimate) -> dict[str, Any]:
     return figures | {
         "mass_std_relative": estimate.mass_std / estimate.mass,
         "center_std_max_m": float(estimate.center_std.max()),
-        "residual_rms_n": float(np.sqrt(np.mean(estimate.residuals[estimate.used, :3] ** 2))),
-        "residual_rms_nm": float(np.sqrt(np.mean(estimate.residuals[estimate.used, 3:] ** 2))),
+        "residual_rms_n": rms(estimate.residuals[estimate.used, :3]),
+        "residual_rms_nm": rms(estimate.residuals[estimate.used, 3:]),
         "readings": len(estimate.used),
         "outliers": (np.flatnonzero(~estimate.used) + 1).tolist(),
         "condition": estimate.condition,

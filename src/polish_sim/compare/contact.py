@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms
 
 TOUCH_N: Final = 2.0  #: Force from which the tool is in contact
 BAND_N: Final = 10.0  #: A force that stays so near what is asked has settled
@@ -57,7 +57,7 @@ def compare_steps(measured: ForceStep, simulated: ForceStep, window: float = WIN
     theirs = np.interp(time, measured.time, measured.force)
     own = measure_step(simulated, window)
     return {
-        "force_rms_n": float(np.sqrt(np.mean((ours - theirs) ** 2))),
+        "force_rms_n": rms(ours - theirs),
         **measure_step(measured, window),
         **{f"simulated_{name}": value for name, value in own.items()},
     }

@@ -13,7 +13,7 @@ from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms_length
 from polish_sim.calibration.arm import ArmEstimate, Tolerance, TrackedArm, fit_placement
 from polish_sim.calibration.matched_points import frame_offset, point_covariance
 from polish_sim.cell.real_arm import RestingArm
@@ -153,9 +153,7 @@ def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
     figures = _frame_error("relative_", T, wanted)
     # Of a metre away in any direction: rms over the three axes of the follower's base.
     ends = np.concatenate([AWAY * np.eye(3), -AWAY * np.eye(3)])
-    figures["point_error_1m_m"] = float(
-        np.sqrt(np.mean(np.sum((apply(T, ends) - apply(wanted, ends)) ** 2, axis=1)))
-    )
+    figures["point_error_1m_m"] = rms_length(apply(T, ends) - apply(wanted, ends))
     each = [_frame_error("", found.frames[robot].T, T_true) for robot, T_true in truth.items()]
     figures |= {name: max(e[name] for e in each) for name in each[0]}
     return figures | {"true_transform": wanted.tolist()}
@@ -253,4 +251,4 @@ def _relative_error(
 ) -> float:
     weight = {robot: gears[robot].weight(q[robot]) if gears else None for robot in ROBOTS}
     off = {robot: found.arms[robot].target_at(q[robot], weight[robot]) - there[robot] for robot in ROBOTS}
-    return float(np.sqrt(np.mean(np.sum((off[ROBOTS[1]] - off[ROBOTS[0]]) ** 2, axis=1))))
+    return rms_length(off[ROBOTS[1]] - off[ROBOTS[0]])

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from polish_sim.analysis.metrics import PROCESS, measure_removal, measure_surface
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms
 from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_real_part
 from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Scenario
@@ -236,7 +236,7 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
     return {
         "tracking_error_max_m": tracking.tolist(),
         "tracking_error_worst_m": float(tracking.max()),
-        "relative_error_rms_m": float(np.sqrt(np.mean(relative**2))),
+        "relative_error_rms_m": rms(relative),
         "relative_error_p95_m": float(np.percentile(relative, 95.0)),
         "relative_error_max_m": float(relative.max()),
         "master_turn_rad": float(turns.magnitude().sum()),

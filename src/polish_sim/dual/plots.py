@@ -29,7 +29,7 @@ from polish_sim.analysis.style import (
     shade_band,
     styled,
 )
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms
 from polish_sim.calibration.arm import fit_placement
 from polish_sim.dual.budget import length_probability
 from polish_sim.dual.calibration.bases import Group
@@ -246,7 +246,7 @@ def _draw_lengths(axes: Axes, lengths: Array, covariances: Array, asked: tuple[f
     axes.hist(1e3 * lengths, bins=_BINS, range=span, density=True, color=ORANGE, alpha=0.4, label=drawn)
     density = np.diff(length_probability(covariances, edges)) / np.diff(1e3 * edges)
     axes.plot(0.5e3 * (edges[1:] + edges[:-1]), density, color=BLUE, lw=1.6, label="analysis, together")
-    found = float(np.sqrt(np.mean(lengths**2))), float(np.percentile(lengths, 95.0))
+    found = rms(lengths), float(np.percentile(lengths, 95.0))
     for value, limit, name, style in zip(found, asked, ("rms", "95%"), ("-", "--"), strict=True):
         axes.axvline(1e3 * value, color=ORANGE, ls=style, label=f"{name} {1e3 * value:.3f} mm")
         axes.axvline(1e3 * limit, color=GREEN, ls=style, label=f"{name} asked: {1e3 * limit:.2f} mm")

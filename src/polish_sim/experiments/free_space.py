@@ -48,8 +48,8 @@ class ToolMotion(NamedTuple):
         turned = Rotation.from_matrix(self.wanted_frames) * Rotation.from_matrix(self.frames).inv()
         far, aside = (np.linalg.norm(error, axis=1) for error in (off, off if across is None else across))
         return Trace(
-            time, phase.astype(np.int8), nothing, far, aside, turned.magnitude(), self.tips, self.speed, place,
-            still, nothing, nothing, off, still,
+            time, phase.astype(np.int8), nothing, far, aside, turned.magnitude(), self.tips, self.speed,
+            place, still, nothing, nothing, off, still,
         )  # fmt: skip
 
 

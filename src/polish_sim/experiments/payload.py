@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polish_sim import calibration
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms_length
 from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import SILENT, Cell, Observer, weight_of
 from polish_sim.cell.stroke import TARE_TIME
@@ -89,8 +89,8 @@ def run_payload_calibration(
     )
     long_run = idle_force(cell, streams[PAYLOAD_STREAM])
     figures |= {
-        "drift_600s_rms_n": _rms(long_run.tared_once),
-        "drift_600s_retared_rms_n": _rms(long_run.tared_again),
+        "drift_600s_rms_n": rms_length(long_run.tared_once),
+        "drift_600s_retared_rms_n": rms_length(long_run.tared_again),
         "drift_600s_max_n": float(np.linalg.norm(long_run.tared_once, axis=1).max()),
         "drift_600s_retared_max_n": float(np.linalg.norm(long_run.tared_again, axis=1).max()),
         "simulated_s": run.steps * scenario.simulation.timestep_s,
@@ -179,14 +179,9 @@ def _residual_figures(
     return {
         "residual_poses": CHECK_POSES,
         "residual_force_max_n": float(np.linalg.norm(left, axis=1).max()),
-        "residual_force_rms_n": _rms(left),
+        "residual_force_rms_n": rms_length(left),
         "residual_force_tared_max_n": float(np.linalg.norm(left - left[0], axis=1)[1:].max()),
     }
-
-
-def _rms(forces: Array) -> float:
-    """Root mean square size of forces (n, 3)."""
-    return float(np.sqrt(np.mean(np.sum(forces**2, axis=1))))
 
 
 def idle_force(cell: Cell, rng: np.random.Generator) -> LongRun:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms
 from polish_sim.planning.toolpath import ToolPath
 
 Figures = dict[str, float]
@@ -117,9 +117,9 @@ def measure_taught(recorded: Array, taught: ToolPath, meant: ToolPath) -> dict[s
     aligned = np.sum(taught.axes_work * meant.axes_work[near], axis=1)
     return {
         "recorded_deviation_max_m": float(raw.max()),
-        "recorded_deviation_rms_m": float(np.sqrt(np.mean(raw**2))),
+        "recorded_deviation_rms_m": rms(raw),
         "taught_deviation_max_m": float(off.max()),
-        "taught_deviation_rms_m": float(np.sqrt(np.mean(off**2))),
+        "taught_deviation_rms_m": rms(off),
         "taught_missed_max_m": float(missed.max()),
         "taught_axis_error_max_rad": float(np.arccos(np.clip(aligned, -1.0, 1.0)).max()),
         "taught_length_m": taught.length_m,

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, rms
 from polish_sim.identification.arm import LoggedRobot, build_arm, play_motion
 from polish_sim.identification.estimate import (
     BaseParameters,
@@ -217,6 +217,6 @@ def payload_figures(payload: Payload, truth: Array | None) -> dict[str, Any]:
         figures |= {
             "payload_mass_error_kg": float(off[0]),
             "payload_center_error_m": float(np.linalg.norm(off[1:4])),
-            "payload_error_over_std": float(np.sqrt(np.mean((off / std) ** 2))),
+            "payload_error_over_std": rms(off / std),
         }
     return figures

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, rms
 from polish_sim.calibration.matched_points import relative_frame
 from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.circle import (
@@ -108,9 +108,7 @@ class AxisArcs:
         each = [c.noise for pair in circles.values() for c in pair]
         master, follower = (frames[robot] for robot in ROBOTS)
         T, covariance = relative_frame(master.T, master.covariance, follower.T, follower.covariance)
-        return BaseCalibration(
-            T, covariance, float(np.sqrt(np.mean(np.square(each)))), tuple(groups), circles, frames
-        )
+        return BaseCalibration(T, covariance, rms(each), tuple(groups), circles, frames)
 
     def table(self, found: BaseCalibration) -> str:
         """Points, distances along the radius and the axis, and whether each was used, as CSV that reads
@@ -154,7 +152,7 @@ def base_figures(found: BaseCalibration) -> dict[str, Any]:
         "origin_m_std": std[:3].tolist(),
         "rotation_rad_std": std[3:].tolist(),
         "noise_m": found.noise,
-        "residual_rms_m": float(np.sqrt(np.mean(distances**2))),
+        "residual_rms_m": rms(distances),
         "measurements": len(distances),
         "outliers": [f"{name}: {number}" for name, numbers in outliers.items() for number in numbers],
     }

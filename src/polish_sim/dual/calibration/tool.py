@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, rms_length
 from polish_sim.calibration.fit import Fit, Problem, agreeing, fit
 from polish_sim.calibration.poses import check_poses
 from polish_sim.calibration.tables import (
@@ -223,7 +223,7 @@ def tool_figures(
         "position_crb_m": point_error_bound(
             measured.touches.R[tip.used], float(tip.noise[0]) if noise is None else noise
         ),
-        "residual_rms_m": float(np.sqrt(np.mean(np.sum(tip.residuals[tip.used] ** 2, axis=1)))),
+        "residual_rms_m": rms_length(tip.residuals[tip.used]),
         "touches": int(tip.used.sum()),
         "outliers": (np.flatnonzero(~tip.used) + 1).tolist(),
     }

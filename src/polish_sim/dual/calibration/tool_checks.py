@@ -15,7 +15,7 @@ from itertools import permutations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, rms_length
 from polish_sim.calibration.fit import column_orders
 from polish_sim.calibration.poses import check_poses
 from polish_sim.errors import CalibrationError
@@ -113,7 +113,7 @@ def refuse_swapped(touches: ToolTouches) -> None:
 
 def refuse_far_off(residuals: Array) -> None:
     """Refuse touches that no tip and no point explain, by the residuals of their fit [m], shape (n, 3)."""
-    left = float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+    left = rms_length(residuals)
     if left > LARGEST_LEFT:
         raise CalibrationError(
             f"no tip fits these touches: they leave {1e3 * left:.2g} mm rms. Wanted are positions and "
