@@ -13,6 +13,7 @@ from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError, leave_out
+from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -94,9 +95,10 @@ def compare(real: LogFile, given: Given) -> int:
 
 
 def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
+    from polish_sim.analysis.run_record import write_json
     from polish_sim.compare.joints import compare_joints
     from polish_sim.compare.replay import SCENARIO, Payload
-    from polish_sim.compare.show import PAGE, PICTURE, joint_page, joint_rows, plot_joints, write_figures
+    from polish_sim.compare.show import FIGURES, PICTURE, joint_page, joint_rows, plot_joints
     from polish_sim.scenario_file import override, to_toml
 
     settings = list(given["--set"] or [])
@@ -112,7 +114,7 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         observer.stage("draw")
         title = f"{real.name} beside {scenario.robot.arm}"
         (draft / "config.toml").write_text(to_toml(scenario), encoding="utf-8")
-        write_figures(draft, found.figures)
+        write_json(draft / FIGURES, found.figures)
         plot_joints(found, title).savefig(draft / PICTURE)
         (draft / PAGE).write_text(joint_page(found, scenario, title), encoding="utf-8")
     delays = (f"{name} {1e3 * found.figures[key]:.1f} ms" for name, key in
@@ -132,9 +134,9 @@ def _center(text: str | None) -> tuple[float, float, float]:
 
 def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Path) -> None:
     from polish_sim.analysis.metrics import numbers
-    from polish_sim.analysis.run_record import read_record
+    from polish_sim.analysis.run_record import read_record, write_json
     from polish_sim.compare.contact import compare_steps, from_contact
-    from polish_sim.compare.show import PAGE, PICTURE, plot_steps, step_page, step_rows, write_figures
+    from polish_sim.compare.show import FIGURES, PICTURE, plot_steps, step_page, step_rows
     from polish_sim.page.page import page_html
 
     record = read_record(run)
@@ -147,7 +149,7 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
         compare_steps(measured, simulated),
         f"{real.name} {given['--run'] or ''} beside {record.name}",
     )
-    write_figures(draft, found)
+    write_json(draft / FIGURES, found)
     plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
     (draft / PAGE).write_text(page_html(step_page(found, title)), encoding="utf-8")
     console.table(f"compare: {title}", ["figure", "measured", "simulated"], step_rows(found))

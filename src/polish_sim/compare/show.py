@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +17,6 @@ from polish_sim.compare.figures import SPEEDS
 from polish_sim.compare.joints import JOINTS, JointComparison
 from polish_sim.config import Scenario
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
-from polish_sim.page import PAGE
 from polish_sim.page.page import Line, Motion, Page, Plot, page_html, tables_page
 
 FIGURES: Final = "compare.json"
@@ -65,19 +62,6 @@ def step_rows(figures: dict[str, Any]) -> list[list[str]]:
 
 def _text(value: float) -> str:
     return "-" if value is None or math.isnan(value) else f"{value:.4g}"
-
-
-def write_figures(folder: Path, figures: dict[str, Any]) -> None:
-    """Write compare.json; what is undefined is null."""
-    (folder / FIGURES).write_text(json.dumps(_without_nan(figures), indent=2) + "\n", encoding="utf-8")
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _without_nan(one) for name, one in value.items()}
-    if isinstance(value, list):
-        return [_without_nan(one) for one in value]
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 @styled
@@ -156,7 +140,3 @@ def step_page(figures: dict[str, Any], title: str) -> Page:
     """A force step's figures as a page."""
     table = [["figure", "measured", "simulated"], *step_rows(figures)]
     return tables_page(title, "a robot's force beside a simulated run's", {"Force step": table}, [])
-
-
-__all__ = ["FIGURES", "PAGE", "PICTURE", "joint_page", "joint_rows", "plot_joints", "plot_steps", "step_page",
-           "step_rows", "write_figures"]  # fmt: skip

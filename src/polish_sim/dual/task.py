@@ -39,11 +39,11 @@ from polish_sim.experiments.assembly import Workplace
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real_shape
 from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
-from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
-from polish_sim.models import part_path
+from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import build_arm
 from polish_sim.planning import PlanResult, ToolPath
+from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.spatial import inverse
 
 SAMPLES: Final = 60  # moments of the work at which a placement is tried, at least
@@ -176,11 +176,10 @@ def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh
     """The path that was given, else once around the part's rim; and what it is on."""
     if plan is not None:
         return plan.mesh, plan.surface, plan.region, plan.path
-    mesh = load_part(part_path(scenario.part.file), scenario.part.unit, scenario.part.up)
+    mesh = load_mesh(scenario.part)
     asked = scenario.plan
     surface = fit_surface(mesh, asked.feature_angle_rad)
-    margins = asked.edge_margin_m, asked.hole_margin_m
-    region = select_region(surface, mesh, asked.region, asked.feature_angle_rad, *margins)
+    region = choose_region(mesh, surface, asked)
     return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
 
 

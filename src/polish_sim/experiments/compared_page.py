@@ -19,10 +19,9 @@ from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.experiments.run_page import clock, named_rows, run_motion, run_page, run_plots, shown_rows
-from polish_sim.geometry import load_part
-from polish_sim.models import part_path
 from polish_sim.page import PAGE
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page
+from polish_sim.planning.part_plan import load_mesh
 
 #: Curves of one run each that are put over each other
 ALIKE: Final = ("exact force", "error", "speed", "distance")
@@ -48,7 +47,7 @@ def cell_model(record: RunRecord) -> Any:
     if T_base_work is not None and experiment(record.scenario.experiment).on_part:
         part = record.scenario.part
         with suppress(PolishSimError):
-            mesh, below = load_part(part_path(part.file), part.unit, part.up), False
+            mesh, below = load_mesh(part), False
             if record.path is not None:
                 below = works_below(np.array(T_base_work), record.path.axes_work)
             lay_part(spec, mesh, np.array(T_base_work), below)

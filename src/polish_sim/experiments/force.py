@@ -15,8 +15,8 @@ from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import real_shape
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.geometry import Region, fit_surface, load_part, select_region
-from polish_sim.models import part_path
+from polish_sim.geometry import Region, fit_surface, select_region
+from polish_sim.planning.part_plan import load_mesh
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def place_force(scenario: Scenario, observer: Observer = SILENT) -> Workplace:
 
 def _place(scenario: Scenario, observer: Observer) -> Workplace:
     observer.stage("fit the surface")
-    mesh = load_part(part_path(scenario.part.file), scenario.part.unit, scenario.part.up)
+    mesh = load_mesh(scenario.part)
     angle = scenario.plan.feature_angle_rad
     surface = fit_surface(mesh, angle)
     region = select_region(surface, mesh, scenario.plan.region, angle)

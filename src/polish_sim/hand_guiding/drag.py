@@ -21,7 +21,7 @@ from polish_sim.experiments.free_space import free_log, log_every
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.result import RunResult
-from polish_sim.geometry import PartMesh, Surface, fit_surface, load_part, select_region
+from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.hand_guiding.arm import LaidPart, believe, guided_arm, hand_of, torque_arm
 from polish_sim.hand_guiding.cell import HandMotion, run_guided
 from polish_sim.hand_guiding.figures import measure_taught
@@ -39,8 +39,8 @@ from polish_sim.hand_guiding.teach import (
     trace_of_move,
 )
 from polish_sim.hand_guiding.teaching import Recording, Taught, path_through, teach_path
-from polish_sim.models import part_path
 from polish_sim.motion import forward
+from polish_sim.planning.part_plan import load_mesh
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length, interpolate
 from polish_sim.spatial import apply, inverse
 
@@ -148,7 +148,7 @@ class DragTask(NamedTuple):
 def prepare_drag(scenario: Scenario) -> DragTask:
     """Load the part and the path to teach, and check that the arm can follow it; PolishSimError if not."""
     part, plan = scenario.part, scenario.plan
-    mesh = load_part(part_path(part.file), part.unit, part.up)
+    mesh = load_mesh(part)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     if scenario.drag.follow == RIM:
         margin = plan.edge_margin_m or scenario.pad.radius_m
