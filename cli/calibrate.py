@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from polish_sim.dual.budget import PairBudgetTrial, Share
     from polish_sim.experiments import PayloadCalibration
 
-OWN_OPTIONS: Final = (
+OWN_OPTIONS = (
     Own(
         "--data",
         SENSOR,
@@ -49,8 +49,8 @@ OWN_OPTIONS: Final = (
     ),
     Own("--drift", SENSOR, "", "Also estimate a linear drift of the bias.", bool),
 )
-LEAST_DRAWS: Final = 30
-SETTINGS: Final = {
+LEAST_DRAWS = 30
+SETTINGS = {
     "--tracker-noise": "tracker_noise_m", "--touch-noise": "touch_noise_m", "--marks": "marks",
     "--closing": "closing_touches",
 }  # fmt: skip

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder, whole_folder
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_without, takes
@@ -26,25 +26,25 @@ if TYPE_CHECKING:
     from polish_sim.dual.calibrate_bases import ArmsFound, BasesFound
     from polish_sim.dual.calibrate_tcp import TcpCalibration
 
-CALIBRATION: Final = "calibration.toml"
-PANEL: Final = "Instrument and measurements"
-LARGEST_NOISE: Final = 10.0  #: [mm]
-TRIAL_OPTIONS: Final = (*SEED_OPTIONS, "--check", *OUTPUT_OPTIONS)
-DATA: Final = Own(
+CALIBRATION = "calibration.toml"
+PANEL = "Instrument and measurements"
+LARGEST_NOISE = 10.0  #: [mm]
+TRIAL_OPTIONS = (*SEED_OPTIONS, "--check", *OUTPUT_OPTIONS)
+DATA = Own(
     "--data",
     PANEL,
     "FILE.csv",
     "Measurements of real robots instead of simulated ones: docs/calibration.md.",
     Path,
 )
-PAIR: Final = Own(
+PAIR = Own(
     "--pair",
     PANEL,
     "NAME",
     "Name of the two robots; a run refuses the calibration of another pair; default simulated.",
 )
 
-ARM: Final = Own(
+ARM = Own(
     "--arm",
     PANEL,
     "NAME",

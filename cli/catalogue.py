@@ -4,15 +4,15 @@ experiment."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
 
 from polish_sim.cli import console
 from polish_sim.errors import unknown_name
 
-KINDS: Final = ("parts", "controllers", "experiments", "patterns", "faults", "tools")
-LIMITS: Final = "limits"  #: Not an experiment, but a file of defaults as well
+KINDS = ("parts", "controllers", "experiments", "patterns", "faults", "tools")
+LIMITS = "limits"  #: Not an experiment, but a file of defaults as well
 
 Kind = Annotated[
     str | None,

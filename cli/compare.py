@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from polish_sim.exchange.robot_log import RobotRecording
 
-PANEL: Final = "Log"
-ROBOT: Final = "robot."  #: What --set may change
-REPLAY: Final = ("--arm", "--payload", "--payload-center", "--set")
+PANEL = "Log"
+ROBOT = "robot."  #: What --set may change
+REPLAY = ("--arm", "--payload", "--payload-center", "--set")
 LogFile = Annotated[
     Path,
     typer.Argument(
@@ -32,7 +32,7 @@ LogFile = Annotated[
 ]  # fmt: skip
 
 
-LOG_OPTIONS: Final = (
+LOG_OPTIONS = (
     Own("--map", PANEL, "FILE.toml", "Names of columns and units where they are others'; "
                                      "docs/how_to_log.md.", Path),
     Own("--run", PANEL, "NAME", "Which of several runs in an npz."),

@@ -16,15 +16,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, Final
+from typing import Any
 
 from polish_sim.config import Scenario
 from polish_sim.kernel_cache import event, is_warm, kernels_under
 from polish_sim.workers import processors
 
-FIRST_START: Final = "compiling kernels: at the first start only, they are kept"
-REHEARSED: Final = ("arc", "force", "surface")  #: Simulations compiled ahead: with the types of the arc's
-QUIET_S: Final = 10.0  #: Least time between two lines where no bar can be shown [s]
+FIRST_START = "compiling kernels: at the first start only, they are kept"
+REHEARSED = ("arc", "force", "surface")  #: Simulations compiled ahead: with the types of the arc's
+QUIET_S = 10.0  #: Least time between two lines where no bar can be shown [s]
 
 
 class CompileProgress(event.Listener):  # type: ignore[misc]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     from polish_sim.cell import Observer
     from polish_sim.cli.pictures import Image
 
-FILM: Final = "video.mp4"
-FRAMES_PER_S: Final = 16
-LONGEST_S: Final = 32.0  #: Of a film; longer runs are shown faster
-SPEEDS: Final = (1, 2, 4, 8, 16, 32, 64, 128)  #: Simulated seconds per second of film
-CELL: Final = Quality(800, 720, 0, 1024)
-PAD: Final = Quality(480, 360, 0, 1024)
+FILM = "video.mp4"
+FRAMES_PER_S = 16
+LONGEST_S = 32.0  #: Of a film; longer runs are shown faster
+SPEEDS = (1, 2, 4, 8, 16, 32, 64, 128)  #: Simulated seconds per second of film
+CELL = Quality(800, 720, 0, 1024)
+PAD = Quality(480, 360, 0, 1024)
 CURVE_INCH, DPI = (4.8, 3.6), 100
-GROWS: Final = "grows"  #: Mark of what of a plot grows with time
+GROWS = "grows"  #: Mark of what of a plot grows with time
 
 
 def check_film() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from polish_sim.arms import IDEAL
 from polish_sim.cli import console
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
     RunReader = Callable[[Path, LoggedRobot], tuple[RobotLog, States]]
 
-PANEL: Final = "Identification"
-FULL_PERIODS: Final = 5
-ARM_KEYS: Final = ("robot.arm=", "robot.real.")  #: What --set may change
+PANEL = "Identification"
+FULL_PERIODS = 5
+ARM_KEYS = ("robot.arm=", "robot.real.")  #: What --set may change
 #: A joint is noted if the model explains less than this share of its torque's variance
-LITTLE_EXPLAINED: Final = 0.5
-SETTINGS: Final = ("periods", "starts", "seed", "payload")
+LITTLE_EXPLAINED = 0.5
+SETTINGS = ("periods", "starts", "seed", "payload")
 """Options of a simulated identification, by the names of its settings."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,8 +19,8 @@ from polish_sim.row_file import whole_file
 if TYPE_CHECKING:
     from polish_sim.job.run_job import Row
 
-INIT: Final = "init"
-COPY: Final = "job.toml"  #: Of the job's file, in its folder
+INIT = "init"
+COPY = "job.toml"  #: Of the job's file, in its folder
 What = Annotated[
     str, typer.Argument(metavar="JOB.toml|init", help="A job's file, or init PART.", show_default=False)
 ]

@@ -9,7 +9,7 @@ import html
 import math
 import time
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
@@ -20,19 +20,19 @@ from polish_sim.arrays import Array
 from polish_sim.cli.view import Address, close_server, open_server, say_address
 from polish_sim.spatial import apply, inverse
 
-SHOWN_HZ: Final = 30.0  #: Moments sent to the page per second, at most
-GAUGES_HZ: Final = 10.0  #: As often numbers, plot, trace and colours
-PLOT_S: Final = 12.0  #: Length of the plot [s]
+SHOWN_HZ = 30.0  #: Moments sent to the page per second, at most
+GAUGES_HZ = 10.0  #: As often numbers, plot, trace and colours
+PLOT_S = 12.0  #: Length of the plot [s]
 PAUSE, GO_ON, STEP = "pause", "go on", "step"
-SPEEDS: Final = {"¼ x": 0.25, "1 x": 1.0, "4 x": 4.0, "fastest": math.inf}
+SPEEDS = {"¼ x": 0.25, "1 x": 1.0, "4 x": 4.0, "fastest": math.inf}
 PART, TOOL, CELL = "part", "tool", "cell"
-FROM: Final = np.array([0.62, -0.66, 0.42])  #: Where the camera is, seen from what it looks at
+FROM = np.array([0.62, -0.66, 0.42])  #: Where the camera is, seen from what it looks at
 FORCE_COLOR, ASKED_COLOR = "#0072b2", "#009e73"
-DOTS: Final = 20_000  #: Spread over the part; those the pad comes to show where it has worked
-MARKS: Final = np.array([(200, 204, 210), (38, 70, 140), (0, 140, 140), (110, 190, 90), (250, 225, 60)])
-TRACE_APART: Final = 1e-3  #: Places of a trace, at least [m]
+DOTS = 20_000  #: Spread over the part; those the pad comes to show where it has worked
+MARKS = np.array([(200, 204, 210), (38, 70, 140), (0, 140, 140), (110, 190, 90), (250, 225, 60)])
+TRACE_APART = 1e-3  #: Places of a trace, at least [m]
 PATH_M, TRACE_M = 0.0006, 0.0012  #: Width of their lines [m]
-DOTS_M: Final = 3e-4  #: Dots are drawn so far above the part [m]
+DOTS_M = 3e-4  #: Dots are drawn so far above the part [m]
 
 
 class Moment(NamedTuple):

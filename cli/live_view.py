@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import queue
 import time
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from polish_sim.cell import Stroke
     from polish_sim.config import Scenario
 
-SETTLED_S: Final = 0.25  #: A slider counts when it has rested this long [s]
-STAGES: Final = (
+SETTLED_S = 0.25  #: A slider counts when it has rested this long [s]
+STAGES = (
     "zero the sensor",
     "travel",
     "approach",

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.cli import console
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from polish_sim.workers import Heard, Workers
 
 Figures = Row
-ASKED: Final = "asked.json"  #: What the rows in the folder are of
-QUIET_S: Final = 10.0  #: Between two lines of progress where no bar can be shown [s]
+ASKED = "asked.json"  #: What the rows in the folder are of
+QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
 
 
 @contextmanager

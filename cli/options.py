@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -24,9 +24,9 @@ from polish_sim.scenario_file import AUTO, COUNTS, load_scenario, merge, overrid
 
 Given = Mapping[str, Any]  #: Options by name, e.g. ``--feed``, in SI; None where not given.
 
-PURE: Final = Unit("", 1.0)
-_LENGTHS: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254, "in": 0.0254}
-_IN_RUNS: Final[Mapping[str, tuple[str, str]]] = {
+PURE = Unit("", 1.0)
+_LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254, "in": 0.0254}
+_IN_RUNS: Mapping[str, tuple[str, str]] = {
     "payload": ("payload", "file"),
     "base": ("dual", "bases_file"),
     "tcp": ("dual", "tool_file"),
@@ -62,7 +62,7 @@ class Own(NamedTuple):
         return Path(text) if self.kind is Path else text
 
 
-OWN: Final = {
+OWN = {
     own.name: own
     for own in (
         Own(
@@ -163,8 +163,8 @@ OWN: Final = {
         Own("--overwrite", OUTPUT, "", "Replace files in an existing output folder.", bool),
     )
 }
-CONFIG_OPTIONS: Final = ("--config", "--set")
-OUTPUT_OPTIONS: Final = ("--out", "--overwrite")
+CONFIG_OPTIONS = ("--config", "--set")
+OUTPUT_OPTIONS = ("--out", "--overwrite")
 
 
 class Key(NamedTuple):

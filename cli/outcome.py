@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from polish_sim.analysis.claim import Claim, claim_row, shortfalls
 from polish_sim.arms import FIRST, IDEAL
@@ -14,14 +14,14 @@ from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT, STOPPED
 from polish_sim.config import Scenario
 
-CONDITIONS: Final = (
+CONDITIONS = (
     *("sensor", "robot", "head", "pad", "simulation", "faults", "spindle"),
     *("part.real_file", "part.displacement_m", "part.rotation_rad", "part.form_error_m", "part.motion_m"),
     *("dual.master_delay_s", "dual.master_rate_hz", "dual.tracker_noise_m", "dual.touch_noise_m"),
     *("dual.arm_length_error_m", "dual.arm_angle_error_rad"),
 )
 """Sections and keys whose default values hold for every figure that is asked."""
-CHOSEN: Final = (
+CHOSEN = (
     "pad.radius_m",
     "pad.choice",
     "simulation.log_rate_hz",

@@ -10,7 +10,7 @@ import time
 import warnings
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from polish_sim.cli import console
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.uint8]
 
-CELL_PICTURE: Final = "cell.png"
+CELL_PICTURE = "cell.png"
 
 
 class FrameSink(AbstractContextManager[Any], Protocol):
@@ -60,17 +60,17 @@ class Quality(NamedTuple):
     shadow: int  #: Resolution of the shadows
 
 
-LIBRARIES: Final = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}  #: Of what MUJOCO_GL may name
-CROSS: Final = 11.0  #: Half the size of the cross at a protective stop [pixels]
-STOP_COLOR: Final = "#E00020"
-CELL: Final = Quality(720, 640, 4, 2048)
-PAD_WIDTH: Final = 560  #: Of the picture of the pad on the part, from near
-LOOK_AT: Final = (0.0, -0.32, 0.28)
-DISTANCE: Final = 1.5
+LIBRARIES = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}  #: Of what MUJOCO_GL may name
+CROSS = 11.0  #: Half the size of the cross at a protective stop [pixels]
+STOP_COLOR = "#E00020"
+CELL = Quality(720, 640, 4, 2048)
+PAD_WIDTH = 560  #: Of the picture of the pad on the part, from near
+LOOK_AT = (0.0, -0.32, 0.28)
+DISTANCE = 1.5
 AZIMUTH, ELEVATION = 125.0, -22.0
-PAIR_DISTANCE: Final = 2.0
+PAIR_DISTANCE = 2.0
 PAIR_AZIMUTH, PAIR_ELEVATION = 70.0, -18.0  #: Of two robots, seen from the side
-NEAR: Final = 0.4  #: Distance from the pad in the picture of pad and part
+NEAR = 0.4  #: Distance from the pad in the picture of pad and part
 
 
 def prepare_headless() -> None:
@@ -183,7 +183,7 @@ def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
     return True
 
 
-CLOSING_S: Final = 5.0  #: A window is waited for, at most [s]
+CLOSING_S = 5.0  #: A window is waited for, at most [s]
 
 
 class Viewer(FrameSink):

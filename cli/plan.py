@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from polish_sim.experiments.setups import Patch
     from polish_sim.planning import PlanResult
 
-PAIR_OPTIONS: Final = ("--master-speed", "--master-turn", "--master-path")  #: Only for a plan for two robots
-ALL: Final = "all"  #: The region that is split into setups
+PAIR_OPTIONS = ("--master-speed", "--master-turn", "--master-path")  #: Only for a plan for two robots
+ALL = "all"  #: The region that is split into setups
 PartFile = Annotated[
     str,
     typer.Argument(

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -22,8 +22,8 @@ from rich.progress import (
 from polish_sim.cli.compiling import CompileProgress, compiling_shown, now_and_then
 from polish_sim.cli.pictures import FrameSink
 
-QUIET_S: Final = 20.0  #: How long a stage may be quiet where no bar can be shown [s]
-IDLE_FRAME_S: Final = 0.5  #: Simulated time between looks at the run when no frames are asked for [s]
+QUIET_S = 20.0  #: How long a stage may be quiet where no bar can be shown [s]
+IDLE_FRAME_S = 0.5  #: Simulated time between looks at the run when no frames are asked for [s]
 
 
 class ProgressObserver:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperGroup
@@ -53,10 +53,10 @@ if TYPE_CHECKING:
     from polish_sim.planning import PlanResult, ToolPath
 
 # Feed and step-over such that the whole spiral is fed in less than 60 s.
-DEMO: Final = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
-COMMON_OPTIONS: Final = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
-PLAN_FACTS: Final = ("part", "fixture", "plan", "up", "pad", "contact_force_n", "feed_m_s", "proof")
-PICTURES_MISSING: Final = "pictures_missing"  #: In metrics.json, if interrupted while pictures were drawn
+DEMO = {"part": {"file": "freeform"}, "plan": {"stepover_m": 0.02}, "process": {"feed_m_s": 0.03}}
+COMMON_OPTIONS = ("--check", *CONFIG_OPTIONS, *OUTPUT_OPTIONS)
+PLAN_FACTS = ("part", "fixture", "plan", "up", "pad", "contact_force_n", "feed_m_s", "proof")
+PICTURES_MISSING = "pictures_missing"  #: In metrics.json, if interrupted while pictures were drawn
 
 
 class RunGroup(TyperGroup):

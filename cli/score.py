@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     Verdicts = Sequence[tuple[Entry, Sequence[Verdict]]]
 
-SEEDS: Final = 5
-SEEDS_OF_REACH: Final = 20
-CONTROLLER_TEXT: Final = (
+SEEDS = 5
+SEEDS_OF_REACH = 20
+CONTROLLER_TEXT = (
     "A shipped controller (see 'list'; default hybrid-pi), FILE.py:CLASS, or a policy: FILE.npz:linear, "
     "FILE.zip:sb3. A .py or .zip file runs code."
 )

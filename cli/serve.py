@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
@@ -37,15 +37,15 @@ if TYPE_CHECKING:
     from polish_sim.ur.controller import Controller
     from polish_sim.ur.server import Pace
 
-SPEEDS: Final = ("1", "max")
-POLYSCOPES: Final = ("5.11", "5.23", "5.26")
-CLIENT: Final = "the client's programme"  #: What the figures call the controller
-LOG: Final = "controller.log"  #: What the controller noted
-SCORE: Final = "score.json"
-READY: Final = "def ready():\n  sync()\nend\n"  #: A programme to begin with
-SWITCH_S: Final = 5e-4  #: The clock waits so long for a thread that reads a programme, or draws [s]
-ROW: Final = experiment("surface")
-CELL: Final = (
+SPEEDS = ("1", "max")
+POLYSCOPES = ("5.11", "5.23", "5.26")
+CLIENT = "the client's programme"  #: What the figures call the controller
+LOG = "controller.log"  #: What the controller noted
+SCORE = "score.json"
+READY = "def ready():\n  sync()\nend\n"  #: A programme to begin with
+SWITCH_S = 5e-4  #: The clock waits so long for a thread that reads a programme, or draws [s]
+ROW = experiment("surface")
+CELL = (
     "--part",
     "--real-part",
     "--part-pose",

@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from polish_sim.smoothing.place import SmoothingTask
     from polish_sim.smoothing.plots import Curves
 
-LIMITS: Final = "limits.toml"
-MANY: Final = 20_000  #: A path of more segments is smoothed by the rules asked for only
-DRAWN: Final = 20_000  #: Samples of a curve; motions of more than that many milliseconds are drawn with fewer
-MOTION: Final = "Motion"
+LIMITS = "limits.toml"
+MANY = 20_000  #: A path of more segments is smoothed by the rules asked for only
+DRAWN = 20_000  #: Samples of a curve; motions of more than that many milliseconds are drawn with fewer
+MOTION = "Motion"
 
 PathFile = Annotated[
     Path,
@@ -43,7 +43,7 @@ PathFile = Annotated[
         show_default=False,
     ),
 ]
-OPTIONS: Final = (
+OPTIONS = (
     Own("--rule", MOTION, "NAME", "spline (default), joint-jerk or joint-acceleration."),
     Own("--against", MOTION, "NAME", "A rule to measure and draw beside it."),
     Own(

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, redirect_stdout
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from polish_sim.studies.study import Study
     from polish_sim.studies.table import RunTable
 
-MOST_CHECKED: Final = 100  #: Values of an axis that are tried before the start
-OF_RUNS: Final = ("--controller", "--part", "--path", "--fault")
-OF_STUDY: Final = ("--vary", "--seeds", "--seed", "--sample", "--count", *OF_RUNS, *CONFIG_OPTIONS)
+MOST_CHECKED = 100  #: Values of an axis that are tried before the start
+OF_RUNS = ("--controller", "--part", "--path", "--fault")
+OF_STUDY = ("--vary", "--seeds", "--seed", "--sample", "--count", *OF_RUNS, *CONFIG_OPTIONS)
 What = Annotated[
     str,
     typer.Argument(

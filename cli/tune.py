@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,7 +23,7 @@ from polish_sim.page import PAGE
 if TYPE_CHECKING:
     from polish_sim.studies.tune import Search, Verdict
 
-TUNED: Final = "tuned.toml"
+TUNED = "tuned.toml"
 TRIALS, SEEDS, HELD_OUT_SEEDS = 100, 2, 5
 Controller = Annotated[
     str,

@@ -13,7 +13,7 @@ import socket
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from urllib.parse import urlsplit
 
 import typer
@@ -25,9 +25,9 @@ from polish_sim.errors import InputError
 if TYPE_CHECKING:
     from http.server import HTTPServer
 
-LOOPBACK: Final = "127.0.0.1"
-PORT: Final = 8080
-PORTS: Final = 20  #: Tried one after the other where none was asked for
+LOOPBACK = "127.0.0.1"
+PORT = 8080
+PORTS = 20  #: Tried one after the other where none was asked for
 
 
 class Address(NamedTuple):

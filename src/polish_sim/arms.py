@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -44,7 +44,7 @@ def _sizes(first: float, second: float, elbow: float, wrist: float) -> Six:
     return first, second, elbow, wrist, wrist, wrist
 
 
-_UR5E: Final = ArmTable(
+_UR5E = ArmTable(
     label="UR5e",
     type_number=1,
     d=(0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996),
@@ -55,7 +55,7 @@ _UR5E: Final = ArmTable(
     stiff=_sizes(2e5, 2e5, 2e5, 3e4),
     damped=_sizes(1600.0, 1600.0, 1600.0, 220.0),
 )
-_UR10E: Final = ArmTable(
+_UR10E = ArmTable(
     label="UR10e",
     type_number=2,
     d=(0.1807, 0.0, 0.0, 0.17415, 0.11985, 0.11655),
@@ -92,10 +92,10 @@ _UR10E: Final = ArmTable(
         "coulomb_nm": (16.8, 11.8, 5.3, 2.8, 3.3, 2.75),
     }),
 )  # fmt: skip
-ARMS: Final[Mapping[str, ArmTable]] = MappingProxyType({"ur5e": _UR5E, "ur10e": _UR10E})
+ARMS: Mapping[str, ArmTable] = MappingProxyType({"ur5e": _UR5E, "ur10e": _UR10E})
 """By the word of ``robot.arm``; the model file draws the first."""
-IDEAL: Final = "ideal"  #: The first one with rigid gears, exact encoders and an exact table
-FIRST: Final = next(iter(ARMS))
+IDEAL = "ideal"  #: The first one with rigid gears, exact encoders and an exact table
+FIRST = next(iter(ARMS))
 
 
 def arm_table(name: str) -> ArmTable:

@@ -1,7 +1,7 @@
 """Types of the arrays that flow between modules; docstrings say shapes and units."""
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-SLICE: Final = 16_384
+SLICE = 16_384
 
 
 def rms(values: Any) -> float:

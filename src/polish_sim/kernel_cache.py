@@ -30,7 +30,7 @@ from contextlib import contextmanager, suppress
 from functools import cache, cached_property
 from multiprocessing import parent_process
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import llvmlite
 import llvmlite.binding as llvm
@@ -40,7 +40,7 @@ from polish_sim.errors import PolishSimError
 from polish_sim.source_stamp import source_stamp
 
 #: Versions whose internals are used here: from the first on, before the second
-NUMBA: Final = ("0.61", "0.69")
+NUMBA = ("0.61", "0.69")
 
 
 def check_numba(version: str) -> None:
@@ -75,17 +75,17 @@ try:
 except ImportError:
     fcntl = None  # type: ignore[assignment]
 
-SHIPPED: Final = "kernels"  #: Folder of the package, of a wheel that carries its kernels
-MADE_FOR: Final = "made_for.json"  #: What they were compiled for
-FOLDER: Final = "POLISH_SIM_KERNELS"
+SHIPPED = "kernels"  #: Folder of the package, of a wheel that carries its kernels
+MADE_FOR = "made_for.json"  #: What they were compiled for
+FOLDER = "POLISH_SIM_KERNELS"
 """Environment variable that names another folder than the user's; a worker process inherits a temporary one
 by it."""
 
-_PACKAGE: Final = __name__.partition(".")[0]
-_MOST_DAYS: Final = 60  # since a subfolder was last used
-_MOST_BYTES: Final = 1 << 30
-_DAY: Final = 86400.0
-_LONGEST_WAIT_S: Final = 600.0  # for another process that compiles the same kernel
+_PACKAGE = __name__.partition(".")[0]
+_MOST_DAYS = 60  # since a subfolder was last used
+_MOST_BYTES = 1 << 30
+_DAY = 86400.0
+_LONGEST_WAIT_S = 600.0  # for another process that compiles the same kernel
 _log = logging.getLogger(__name__)
 
 

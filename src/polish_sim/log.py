@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from polish_sim.arrays import Array
 from polish_sim.errors import InputError
 from polish_sim.row_file import whole_file
 
-UNREADABLE: Final = (
+UNREADABLE = (
     *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError),
     *(zipfile.BadZipFile, zlib.error),
 )
@@ -51,7 +51,7 @@ COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "host_depth_m": (0, "m"),  # of the tool beyond its target along the target's axis, by the encoders
     }
 )
-NEWER: Final = ("host_depth_m",)  #: Columns that older runs' logs go without
+NEWER = ("host_depth_m",)  #: Columns that older runs' logs go without
 # Added after the run where they are known; older logs and other experiments go without.
 LATER: Mapping[str, tuple[int, str]] = MappingProxyType(
     {

@@ -11,11 +11,11 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from polish_sim.errors import InputError
 
-ROWS: Final = "rows.jsonl"
+ROWS = "rows.jsonl"
 Row = dict[str, Any]
 
 

@@ -9,18 +9,17 @@ import os
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
 
-_PACKAGE: Final = __name__.partition(".")[0]
-_ELSEWHERE: Final = (f"{_PACKAGE}.cli", f"{_PACKAGE}.models")  # in a checkout
-_NOT_COMPILED_IN: Final = {
+_PACKAGE = __name__.partition(".")[0]
+_ELSEWHERE = (f"{_PACKAGE}.cli", f"{_PACKAGE}.models")  # in a checkout
+_NOT_COMPILED_IN = {
     *(f"{_PACKAGE}.kernel_cache", f"{_PACKAGE}.source_stamp"),  # they only find what was compiled
     *(f"{_PACKAGE}.arms", f"{_PACKAGE}.motion.makes"),  # kernels take an arm as an argument
 }
 
 # they start runs and show results: no figure depends on them
-_ONLY_SHOWN: Final = ("cli/", "page/", "workers")
-_SOURCES: Final = (".py", ".xml", ".npz", ".stl")
+_ONLY_SHOWN = ("cli/", "page/", "workers")
+_SOURCES = (".py", ".xml", ".npz", ".stl")
 
 
 @cache

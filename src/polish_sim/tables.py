@@ -12,15 +12,15 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError, near_file
 
-OTHER_SEPARATORS: Final = {";": "semicolons", "\t": "tabs", "|": "bars"}
-LARGEST: Final = 1e12  #: No quantity in a file is larger, in whatever unit
+OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+LARGEST = 1e12  #: No quantity in a file is larger, in whatever unit
 Place = Callable[[int], str]  #: Says where in a file a row stands, e.g. "line 4, point 3"
 
 

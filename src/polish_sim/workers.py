@@ -27,17 +27,17 @@ from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from polish_sim.errors import InputError, PolishSimError, did_you_mean
 from polish_sim.row_file import Row, Rows
 from polish_sim.source_stamp import package_hash
 
-TRIES: Final = 2  #: A task at which this many processes died is left out
-MOST_DEATHS: Final = 4  #: Deaths in a row, without a result between them, after which all is given up
-AHEAD: Final = 2  #: Tasks a process is given: it does not wait for the way here and back
-JOIN_S: Final = 20.0  #: How long a scheduler is waited for, and a worker of it [s]
-ENGINES: Final = ("local", "dask", "tcp://HOST:PORT", "tls://HOST:PORT")
+TRIES = 2  #: A task at which this many processes died is left out
+MOST_DEATHS = 4  #: Deaths in a row, without a result between them, after which all is given up
+AHEAD = 2  #: Tasks a process is given: it does not wait for the way here and back
+JOIN_S = 20.0  #: How long a scheduler is waited for, and a worker of it [s]
+ENGINES = ("local", "dask", "tcp://HOST:PORT", "tls://HOST:PORT")
 
 Work = Callable[[Any], Any]
 GroupOf = Callable[[Any], Hashable]
@@ -484,7 +484,7 @@ class _Cluster:
         raise WorkersError(f"the scheduler is gone ({self.where}). The same command resumes when it is back.")
 
 
-_FILES_MISSING: Final = "a worker lacks the user's files"
+_FILES_MISSING = "a worker lacks the user's files"
 _copies: dict[str, str] = {}  #: Of shipped files, by their names on the machine they come from
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from polish_sim.errors import number_text
 
-DEGREES: Final = 180.0 / math.pi  #: Scale of an angle shown in degrees
-SCALES: Final = {"mm": 1e3, "mm/s": 1e3, "mN m": 1e3, "mrad": 1e3, "g": 1e3, "%": 100.0, "deg": DEGREES}
+DEGREES = 180.0 / math.pi  #: Scale of an angle shown in degrees
+SCALES = {"mm": 1e3, "mm/s": 1e3, "mN m": 1e3, "mrad": 1e3, "g": 1e3, "%": 100.0, "deg": DEGREES}
 """Value in a unit / SI value; 1 for every other unit."""
 
 
@@ -46,7 +46,7 @@ class Claim(NamedTuple):
         return min(known) if self.more_is_better else max(known)
 
 
-PATH_DONE: Final = Claim("path_done", "path done", "%", "100", low=1.0, more_is_better=True)
+PATH_DONE = Claim("path_done", "path done", "%", "100", low=1.0, more_is_better=True)
 
 
 def bound_text(claim: Claim) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 FLAT_1_M = 1.0 / 0.300  #: Below this normal curvature the path counts as gentle [1/m]
 SHARP_1_M = 1.0 / 0.120  #: A peak of the normal curvature rises above this [1/m]
-FORCE_BANDS_N: Final = {"force": 3.0, "surface": 4.0, "dual": 1.5}  #: Band about the set force, by experiment
+FORCE_BANDS_N = {"force": 3.0, "surface": 4.0, "dual": 1.5}  #: Band about the set force, by experiment
 WINDOW_M = 0.015  #: Half-width of a peak's window along the path [m]: the curvature rises within 15 mm
 
 
@@ -159,10 +159,10 @@ SPEED_WINDOW_S = 0.05
 BRAKING = 0.99  #: Share of the feed below which the target brakes at the end [-]
 
 
-AREAS: Final = ("region_area_m2", "polished_area_m2", "left_out_area_m2", "left_out")
-WITHIN_BAND: Final = 0.995  #: Share of the process in which the force is to be within its band
-MOST_FORCE: Final = 1.25  #: Of the set force: more is a blow
-LEFT_OUT: Final = 0.01  #: Share of the region that may be left out without a word
+AREAS = ("region_area_m2", "polished_area_m2", "left_out_area_m2", "left_out")
+WITHIN_BAND = 0.995  #: Share of the process in which the force is to be within its band
+MOST_FORCE = 1.25  #: Of the set force: more is a blow
+LEFT_OUT = 0.01  #: Share of the region that may be left out without a word
 
 
 def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -44,7 +44,7 @@ MM, MICRO = 1e3, 1e6
 TOP = 2.0  #: Removal over its mean at which the colours end
 BARE = "#3A0010"
 """Where nothing was removed."""
-SCALE: Final = Normalize(0.0, TOP)
+SCALE = Normalize(0.0, TOP)
 BINS = 80
 RELATIVE, PER_TENTH = "removal / its mean", "share of the area per 0.1 [%]"
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -141,10 +141,10 @@ def _read_path(file: Path) -> ToolPath:
 # What runs that are put side by side were asked to do, how each ended, and what they differ in.
 
 #: What runs are put side by side for: differences there need no word
-COMPARED: Final = ("seed", "controller")
+COMPARED = ("seed", "controller")
 
 
-WHOLE: Final = "whole"
+WHOLE = "whole"
 
 
 class Setting(NamedTuple):
@@ -162,7 +162,7 @@ def path_words(scenario: Scenario) -> str:
     return Path(scenario.plan.file).name or planned
 
 
-SETTINGS: Final = (
+SETTINGS = (
     Setting("part", "", lambda s: Path(s.part.file).name, ("force", "surface", "dual")),
     Setting("path", "", path_words, ("surface", "dual")),
     Setting(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, wraps
-from typing import Any, Final, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
@@ -25,22 +25,22 @@ P = ParamSpec("P")
 Drawn = TypeVar("Drawn", Figure, Figure | None)
 
 # Colours of Okabe and Ito: distinguishable with every common kind of colour blindness.
-BLUE: Final = "#0072B2"
-ORANGE: Final = "#D55E00"
-GREEN: Final = "#009E73"
-YELLOW: Final = "#E69F00"
-SKY: Final = "#56B4E9"
-PINK: Final = "#CC79A7"
-GREY: Final = "#6E6E6E"
-RED: Final = "#E00020"
-SERIES: Final = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY)
-DASHES: Final[Any] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (6, 1.5, 1.5, 1.5)), (0, (3, 3)))
-MARKS: Final = ("o", "^", "s", "D", "v", "P")
-HATCHES: Final = ("", "//")  #: Of bars of two series
-AXIS_COLORS: Final = (BLUE, ORANGE, PINK)  #: Of x, y and z, of force and place alike
-GAP: Final = " " * 5  #: Between the figures of a head
+BLUE = "#0072B2"
+ORANGE = "#D55E00"
+GREEN = "#009E73"
+YELLOW = "#E69F00"
+SKY = "#56B4E9"
+PINK = "#CC79A7"
+GREY = "#6E6E6E"
+RED = "#E00020"
+SERIES = (BLUE, ORANGE, GREEN, PINK, YELLOW, SKY)
+DASHES: Any = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (6, 1.5, 1.5, 1.5)), (0, (3, 3)))
+MARKS = ("o", "^", "s", "D", "v", "P")
+HATCHES = ("", "//")  #: Of bars of two series
+AXIS_COLORS = (BLUE, ORANGE, PINK)  #: Of x, y and z, of force and place alike
+GAP = " " * 5  #: Between the figures of a head
 
-_RC: Final[Any] = {
+_RC: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.titlesize": 10.0,
@@ -68,7 +68,7 @@ _RC: Final[Any] = {
 }
 
 
-OTHER_SCRIPTS: Final = (
+OTHER_SCRIPTS = (
     "Noto Sans CJK JP",
     "Noto Sans CJK SC",
     "WenQuanYi Zen Hei",
@@ -108,12 +108,12 @@ def line_look(number: int) -> dict[str, Any]:
 # The head of a figure: its title, under it what it comes to in figures, and why the run stopped; the legend
 # is below.
 
-TITLE_SIZE: Final = 11.5
-LINE: Final = 1.2 * TITLE_SIZE / 72.0  #: Height of a line of the head [inch]
-TOP: Final = 5.5 / 72.0  #: From the figure's border to the top of its first line [inch]
-LETTERS_PER_INCH: Final = 13.5  #: Of small print
-MARGIN: Final = 0.03  #: Beside the data of a panel, share of their width
-HANDLE: Final = 9  #: Width of the mark before a name in a legend, in letters
+TITLE_SIZE = 11.5
+LINE = 1.2 * TITLE_SIZE / 72.0  #: Height of a line of the head [inch]
+TOP = 5.5 / 72.0  #: From the figure's border to the top of its first line [inch]
+LETTERS_PER_INCH = 13.5  #: Of small print
+MARGIN = 0.03  #: Beside the data of a panel, share of their width
+HANDLE = 9  #: Width of the mark before a name in a legend, in letters
 
 
 def head(figure: Figure, title: str, facts: Sequence[str] = (), legend: Sequence[Axes] = ()) -> None:

@@ -9,7 +9,7 @@ period.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,12 +20,12 @@ from polish_sim.config import RealArmConfig
 from polish_sim.errors import CalibrationError
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
 
-LEAST_POSES: Final = 20
-USUAL_NOISE: Final = 3e-5  #: Of a laser tracker, per coordinate [m]
+LEAST_POSES = 20
+USUAL_NOISE = 3e-5  #: Of a laser tracker, per coordinate [m]
 _PLACEMENT, _GEARS = 9, 42
-CATALOGUE: Final = RealArmConfig()  #: Of the gears: where their stiffness changes, and their ratio
-_RIGID: Final = np.zeros((6, 7))
-_LIKELY: Final = np.repeat([[1e-4, *[2e-5] * 2, *[3e-4] * 4], [6e-4, *[12e-5] * 2, *[3e-4] * 4]], 3, axis=0)
+CATALOGUE = RealArmConfig()  #: Of the gears: where their stiffness changes, and their ratio
+_RIGID = np.zeros((6, 7))
+_LIKELY = np.repeat([[1e-4, *[2e-5] * 2, *[3e-4] * 4], [6e-4, *[12e-5] * 2, *[3e-4] * 4]], 3, axis=0)
 """What gears may do: wind up, and do so more or less beyond a knee [rad/(N m)], err [rad], standard
 deviations, shape (6, 7)."""
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -17,14 +17,14 @@ from polish_sim.errors import CalibrationError
 
 X = TypeVar("X")
 
-CHANCE: Final = 1e-6  #: A measurement this unlikely (Gaussian noise, its coordinates together) is an outlier
-LARGEST_SHARE: Final = 0.25  #: With more outliers than this the measurements as a whole are refused
-LEAST_TO_JUDGE: Final = 7  #: With fewer measurements nothing is left out: too few would be left to decide
-SMALLEST_NOISE: Final = 1e-12  # of exact data with several kinds of noise
-_ROUNDS: Final = 25
-_EVALUATIONS: Final = 100  #: Levenberg-Marquardt needs 5 to 20; on exact data rounding hides its end
-_NOISE_ROUNDS: Final = 21
-_GAUSSIAN_MEDIAN: Final = 0.6745
+CHANCE = 1e-6  #: A measurement this unlikely (Gaussian noise, its coordinates together) is an outlier
+LARGEST_SHARE = 0.25  #: With more outliers than this the measurements as a whole are refused
+LEAST_TO_JUDGE = 7  #: With fewer measurements nothing is left out: too few would be left to decide
+SMALLEST_NOISE = 1e-12  # of exact data with several kinds of noise
+_ROUNDS = 25
+_EVALUATIONS = 100  #: Levenberg-Marquardt needs 5 to 20; on exact data rounding hides its end
+_NOISE_ROUNDS = 21
+_GAUSSIAN_MEDIAN = 0.6745
 
 
 class Noise(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from polish_sim.calibration.tables import (
 from polish_sim.errors import InputError
 from polish_sim.tables import csv_text
 
-PAYLOAD: Final = Kind(
+PAYLOAD = Kind(
     "payload",
     "a payload",
     "The tool behind the wrist sensor and the sensor's bias, with standard deviations (_std), from readings "
@@ -29,8 +29,8 @@ PAYLOAD: Final = Kind(
     "= c x (m g u) + b_t, u against gravity. Covariance in the order of: mass, first moment xyz [kg m], "
     "force bias xyz, torque bias xyz.",
 )
-TIME: Final = "time_s"
-WRENCH: Final = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
+TIME = "time_s"
+WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 
 
 class CalibratedTool(NamedTuple):

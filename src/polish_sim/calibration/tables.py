@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,16 +18,16 @@ from polish_sim.spatial import transform
 from polish_sim.tables import Columns
 from polish_sim.toml_text import read_toml, toml_text
 
-ROTATION_TOLERANCE: Final = 1e-3  #: For the rounding of printed digits
-QUATERNION: Final = ("qw", "qx", "qy", "qz")
-ROTATION_VECTOR: Final = ("rx_rad", "ry_rad", "rz_rad")
-MATRIX: Final = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
-JOINTS: Final = tuple(f"q{joint}_rad" for joint in range(1, 7))
-XYZ_MM: Final = ("x_mm", "y_mm", "z_mm")
-UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
-FULL_TURN: Final = 2.0 * np.pi + 0.01  #: A rotation vector is no longer than this [rad]
+ROTATION_TOLERANCE = 1e-3  #: For the rounding of printed digits
+QUATERNION = ("qw", "qx", "qy", "qz")
+ROTATION_VECTOR = ("rx_rad", "ry_rad", "rz_rad")
+MATRIX = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
+JOINTS = tuple(f"q{joint}_rad" for joint in range(1, 7))
+XYZ_MM = ("x_mm", "y_mm", "z_mm")
+UNITS: Mapping[str, float] = {"m": 1.0, "mm": 1e-3}
+FULL_TURN = 2.0 * np.pi + 0.01  #: A rotation vector is no longer than this [rad]
 _LARGEST_RATIO = 100.0  # of a line's distance and that of the middle one
-REACH: Final = (0.02, 5.0)  #: From any robot's base to its flange or tip, in the middle of all lines [m]
+REACH = (0.02, 5.0)  #: From any robot's base to its flange or tip, in the middle of all lines [m]
 
 
 def no_rotations(R: Array, tolerance: float = ROTATION_TOLERANCE) -> Bools:

@@ -3,7 +3,7 @@ there."""
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -27,13 +27,13 @@ from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.spatial import apply, inverse
 
-CLEARANCE_M: Final = 0.005  #: The arm keeps this far from table, stand, part and fixture [m]
-BASE_RADIUS_M: Final = 0.11  #: Of the robot's base and pedestal [m]
-_BASE_AXIS: Final = np.linspace([0.0, 0.0, -0.75], [0.0, 0.0, 0.1], 50)
+CLEARANCE_M = 0.005  #: The arm keeps this far from table, stand, part and fixture [m]
+BASE_RADIUS_M = 0.11  #: Of the robot's base and pedestal [m]
+_BASE_AXIS = np.linspace([0.0, 0.0, -0.75], [0.0, 0.0, 0.1], 50)
 """From the floor to the shoulder, base frame [m], shape (k, 3)."""
-_SUNK_M: Final = 1e-3
-_LINKS: Final = ("link_2", "link_3", "link_4", "link_5", "tool")
-_WRIST_AND_FOREARM: Final = ("link_5", "link_4", "link_3")
+_SUNK_M = 1e-3
+_LINKS = ("link_2", "link_3", "link_4", "link_5", "tool")
+_WRIST_AND_FOREARM = ("link_5", "link_4", "link_3")
 
 
 def standing_fault(mesh: PartMesh, surface: Surface, T_base_work: Array) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -76,7 +76,7 @@ class Played(NamedTuple):
     trace: NDArray[np.void]  #: ``TraceStep`` of every step
 
 
-NO_LESSON: Final = Lesson(np.zeros(0), 1.0, 0.0, 0)
+NO_LESSON = Lesson(np.zeros(0), 1.0, 0.0, 0)
 
 
 class PayloadErrors(NamedTuple):

@@ -8,7 +8,7 @@ therefore linear in it.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -19,8 +19,8 @@ from polish_sim.kernel_cache import njit
 from polish_sim.planning.ground.points import build_point_grid
 
 #: Newton's steps for the depth; the field grows faster than linearly, so each comes nearer
-ROUNDS: Final = 20
-CLOSE: Final = 1e-9  #: Depth to which it is found [m]
+ROUNDS = 20
+CLOSE = 1e-9  #: Depth to which it is found [m]
 
 
 class PadPoses(NamedTuple):

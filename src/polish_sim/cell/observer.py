@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numba import types
@@ -50,14 +50,14 @@ class Silent(Observer):
     frame_every_s = 0.5
 
 
-SILENT: Final = Silent()
+SILENT = Silent()
 
 
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
 
-STOPPING: Final = "stopping at the next cycle; Ctrl-C again to abort"
+STOPPING = "stopping at the next cycle; Ctrl-C again to abort"
 #: After the first Ctrl-C a controller may go on for this long before it is aborted [s]
-PATIENCE_S: Final = 2.0
+PATIENCE_S = 2.0
 
 
 @dataclass
@@ -102,7 +102,7 @@ def interrupts_noted(observer: Observer = SILENT) -> Iterator[Interrupt]:
 
 # A user's Python controller as a law the compiled loop can call.
 
-EXPECTED: Final = "(6,), or (7,) with the feed's share"  #: Shape of an answer
+EXPECTED = "(6,), or (7,) with the feed's share"  #: Shape of an answer
 
 
 def _locked(record: Any) -> Any:

@@ -8,7 +8,7 @@ its calibration has left. That is the same as an arm with any table whose host h
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,19 +22,19 @@ from polish_sim.config import RealArmConfig, Scenario
 from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
 
-ARMS: Final = (IDEAL, *TABLES_OF_ARMS)
-SIDES: Final = ("motor", "link")
-TABLES: Final = ("calibrated", "uncalibrated", "exact")
-_STREAM: Final = 17  # of the scenario's seed, for what is drawn of the arms themselves
+ARMS = (IDEAL, *TABLES_OF_ARMS)
+SIDES = ("motor", "link")
+TABLES = ("calibrated", "uncalibrated", "exact")
+_STREAM = 17  # of the scenario's seed, for what is drawn of the arms themselves
 # share of a joint's inertia its gear's stiffness may have in a step without more damping
-_LIGHT: Final = 0.25
-_TARGETS: Final = np.array([[0.0, 0.0, 0.22, 1.0], [0.15, 0.0, 0.1, 1.0], [0.0, 0.15, 0.1, 1.0]])
+_LIGHT = 0.25
+_TARGETS = np.array([[0.0, 0.0, 0.22, 1.0], [0.15, 0.0, 0.1, 1.0], [0.0, 0.15, 0.1, 1.0]])
 """Points on the tool that a calibration measures, flange frame [m]."""
-AROUND: Final = np.array([0.5, 0.4, 0.5, 0.6, 0.6, 1.0])
+AROUND = np.array([0.5, 0.4, 0.5, 0.6, 0.6, 1.0])
 """How far joints are from where the work starts in the poses of a calibration, at most [rad]."""
 #: Way of every joint to a pose that is reached from a known side, and its largest acceleration there
 APPROACH_RAD, APPROACH_RAD_S2 = 0.3, 5.0
-_INSTANTS: Final = 16  # of such a way at which the gears are looked at
+_INSTANTS = 16  # of such a way at which the gears are looked at
 
 
 class ArmPlace(NamedTuple):
@@ -55,7 +55,7 @@ class ArmPlace(NamedTuple):
         return np.random.default_rng([seed, _STREAM, 2 * self.number + what])
 
 
-LONE: Final = ArmPlace()
+LONE = ArmPlace()
 
 
 def is_real(scenario: Scenario) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -17,8 +17,8 @@ from polish_sim.kernels import memory_of
 if TYPE_CHECKING:
     from polish_sim.cell.cell import Cell
 
-_ENGINE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-_LEARNED: Final = ("learned", "known")  # what a law writes into the rows of its course
+_ENGINE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_LEARNED = ("learned", "known")  # what a law writes into the rows of its course
 
 
 class CellSnapshot(NamedTuple):

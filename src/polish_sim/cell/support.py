@@ -8,8 +8,6 @@ of one that is displaced to the other side. So the pad is pressed at rest, to al
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from polish_sim.arrays import Array, Bools
@@ -20,9 +18,9 @@ from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
 from polish_sim.spatial import perpendicular
 
-SIDES: Final = 8  #: Directions in which the part may lie aside
-SINKS: Final = 0.001  #: Deeper than where the drawn part carries it a pad must not sink [m]
-STEP: Final = 5e-4  #: Between the depths that are looked at [m]
+SIDES = 8  #: Directions in which the part may lie aside
+SINKS = 0.001  #: Deeper than where the drawn part carries it a pad must not sink [m]
+STEP = 5e-4  #: Between the depths that are looked at [m]
 
 
 @kernel

@@ -3,16 +3,16 @@ alike."""
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array, rms
 
-TOUCH_N: Final = 2.0  #: Force from which the tool is in contact
-BAND_N: Final = 10.0  #: A force that stays so near what is asked has settled
-WINDOW_S: Final = 3.0  #: After first contact, in which a step is looked at
-_AIR_N: Final = 0.5
+TOUCH_N = 2.0  #: Force from which the tool is in contact
+BAND_N = 10.0  #: A force that stays so near what is asked has settled
+WINDOW_S = 3.0  #: After first contact, in which a step is looked at
+_AIR_N = 0.5
 
 
 class ForceStep(NamedTuple):

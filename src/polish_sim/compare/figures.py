@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import itertools
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.arrays import Array
 
-RATE_HZ: Final = 100.0  #: Both sides are looked at on this clock
-CYCLES: Final = np.arange(20.0, 450.0, 0.1)  #: Of a turn of the joint, looked through for ripple
-_HIGH_PASS_HZ: Final = 2.0
-_HARDLY: Final = 0.05  #: Deviation by the largest column's below which one says nothing of a delay
-_CLOCK_S: Final = 1e-3  #: Shifts are tried in steps of it [s]
+RATE_HZ = 100.0  #: Both sides are looked at on this clock
+CYCLES = np.arange(20.0, 450.0, 0.1)  #: Of a turn of the joint, looked through for ripple
+_HIGH_PASS_HZ = 2.0
+_HARDLY = 0.05  #: Deviation by the largest column's below which one says nothing of a delay
+_CLOCK_S = 1e-3  #: Shifts are tried in steps of it [s]
 _SLOW, _FAST = 0.1, 0.9  #: Speeds between which ripple is within the band of a log of 100 Hz [rad/s]
-_STILL: Final = 0.02  #: Below it friction is not that of sliding [rad/s]
-_LEAST: Final = 300  #: Samples of a direction
-SPEEDS: Final = np.array([0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3])
+_STILL = 0.02  #: Below it friction is not that of sliding [rad/s]
+_LEAST = 300  #: Samples of a direction
+SPEEDS = np.array([0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3])
 """Bounds between which friction is averaged [rad/s]."""
 
 

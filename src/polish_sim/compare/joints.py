@@ -3,7 +3,7 @@ figures)."""
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from polish_sim.compare.replay import Payload, commands_of, replay, rigid_torque
 from polish_sim.config import Scenario
 from polish_sim.exchange.robot_log import RobotRecording
 
-JOINTS: Final = range(6)
-_SHARP: Final = 0.01  #: Speed in which Coulomb's friction changes its sign where it is taken off [rad/s]
+JOINTS = range(6)
+_SHARP = 0.01  #: Speed in which Coulomb's friction changes its sign where it is taken off [rad/s]
 
 
 class JointComparison(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -17,11 +17,11 @@ from polish_sim.cell.scene import build_scene
 from polish_sim.config import RobotConfig, Scenario, SpindleConfig
 from polish_sim.exchange.robot_log import RobotRecording
 
-SCENARIO: Final = Scenario(experiment="compare", robot=RobotConfig(), spindle=SpindleConfig(speed_rpm=0.0))
-MOTION_HZ: Final = 4.0  #: What of a measured motion was commanded [Hz]
-CLOCK_S: Final = 0.005  #: On which it is looked at [s]
-LEAD_S: Final = 0.5  #: In which the arm gets up to the speed a log begins with [s]
-_NO_TOOL: Final = 1e-3  #: Mass of a tool that is not there [kg]
+SCENARIO = Scenario(experiment="compare", robot=RobotConfig(), spindle=SpindleConfig(speed_rpm=0.0))
+MOTION_HZ = 4.0  #: What of a measured motion was commanded [Hz]
+CLOCK_S = 0.005  #: On which it is looked at [s]
+LEAD_S = 0.5  #: In which the arm gets up to the speed a log begins with [s]
+_NO_TOOL = 1e-3  #: Mass of a tool that is not there [kg]
 
 
 class Payload(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,9 +19,9 @@ from polish_sim.config import Scenario
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
 from polish_sim.page.page import Line, Motion, Page, Plot, page_html, tables_page
 
-FIGURES: Final = "compare.json"
-PICTURE: Final = "compare.png"
-_LABELS: Final = {
+FIGURES = "compare.json"
+PICTURE = "compare.png"
+_LABELS = {
     "nrms": ("torque, rms of the difference", "% of its range", 100.0),
     "ripple_cycles": ("ripple", "1/turn", 1.0),
     "ripple_nm": ("  amplitude", "N m", 1.0),

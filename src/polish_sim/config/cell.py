@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any
 
 from polish_sim.arms import ARMS, FIRST, IDEAL
 from polish_sim.config.key import (
@@ -289,7 +289,7 @@ class HeadConfig:
 
 
 #: Height of pad and backing plate in the model [m]; the plate is no wider than the pad
-PAD_TOP: Final = 0.022
+PAD_TOP = 0.022
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 
 class Unit(NamedTuple):
@@ -17,19 +17,19 @@ class Unit(NamedTuple):
     words: Mapping[str, float] = {}  #: Words that stand for a value [SI]
 
 
-MM: Final = Unit("mm", 1e-3)
-DEG: Final = Unit("deg", math.pi / 180.0)
-MM_S: Final = Unit("mm/s", 1e-3)
-FEED: Final = Unit("mm/s", 1e-3, {"auto": 0.01})  #: The feed to reach; a proof slows it where it has to
-DEG_S: Final = Unit("deg/s", math.pi / 180.0)
-SECOND: Final = Unit("s", 1.0)
-NEWTON: Final = Unit("N", 1.0)
-PER_MINUTE: Final = Unit("1/min", 1.0)
-HERTZ_OR_FULL: Final = Unit("Hz", 1.0, {"full": 0.0})
-DIAMETER: Final = Unit("mm", 0.5e-3)  #: A diameter in mm, where the key is a radius
-DIRECTION: Final = Unit("", 1.0)
-POSE: Final = (MM, MM, MM, DEG, DEG, DEG)
-PANELS: Final = (
+MM = Unit("mm", 1e-3)
+DEG = Unit("deg", math.pi / 180.0)
+MM_S = Unit("mm/s", 1e-3)
+FEED = Unit("mm/s", 1e-3, {"auto": 0.01})  #: The feed to reach; a proof slows it where it has to
+DEG_S = Unit("deg/s", math.pi / 180.0)
+SECOND = Unit("s", 1.0)
+NEWTON = Unit("N", 1.0)
+PER_MINUTE = Unit("1/min", 1.0)
+HERTZ_OR_FULL = Unit("Hz", 1.0, {"full": 0.0})
+DIAMETER = Unit("mm", 0.5e-3)  #: A diameter in mm, where the key is a radius
+DIRECTION = Unit("", 1.0)
+POSE = (MM, MM, MM, DEG, DEG, DEG)
+PANELS = (
     "Part and region",
     "Path",
     "Landing and tool axis",

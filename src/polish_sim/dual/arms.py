@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -39,7 +39,7 @@ from polish_sim.motion.kinematics import (
 )
 from polish_sim.spatial import inverse
 
-COMFORTABLE: Final = 0.5 * np.pi  #: Distance from its limits from which on a joint counts as free [rad]
+COMFORTABLE = 0.5 * np.pi  #: Distance from its limits from which on a joint counts as free [rad]
 
 
 class ClosedChain(NamedTuple):
@@ -104,8 +104,8 @@ def limit_margin(q: Array) -> float:
     return float(np.minimum(q - JOINT_LIMITS[:, 0], JOINT_LIMITS[:, 1] - q).min())
 
 
-_NOMINAL: Final = dict.fromkeys(ROBOTS, NOMINAL)
-_RIGID: Final = dict.fromkeys(ROBOTS, np.zeros((6, 7)))
+_NOMINAL = dict.fromkeys(ROBOTS, NOMINAL)
+_RIGID = dict.fromkeys(ROBOTS, np.zeros((6, 7)))
 
 
 class PairArms(NamedTuple):
@@ -160,8 +160,8 @@ class PairArms(NamedTuple):
         return read
 
 
-NOMINAL_ARMS: Final = PairArms()
-PLACES: Final = MappingProxyType(dict(zip(ROBOTS, (MASTER_ARM, FOLLOWER_ARM), strict=True)))
+NOMINAL_ARMS = PairArms()
+PLACES = MappingProxyType(dict(zip(ROBOTS, (MASTER_ARM, FOLLOWER_ARM), strict=True)))
 
 
 def real_arms(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import quad
@@ -45,9 +45,9 @@ from polish_sim.dual.frames import (
 from polish_sim.dual.placement import default_poses
 from polish_sim.spatial import apply, transform
 
-TOGETHER: Final = "together"
+TOGETHER = "together"
 #: Sets of measured arcs the prediction is averaged over: a tracker takes its points where it will
-DESIGNS: Final = 10
+DESIGNS = 10
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ def _slopes(trial: PairBudgetTrial, true: ClosedChain) -> Array:
 
 
 #: Gauss-Legendre nodes in each angle of an eighth of the sphere; the others are its mirror images
-NODES: Final = 48
+NODES = 48
 
 
 def length_probability(covariances: Array, lengths: Array) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -29,14 +29,14 @@ from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import apply, from_pose, inverse
 
 #: The tracker's target on the flange [m]: outwards, for larger circles
-TARGET: Final = np.array([-0.03, 0.02, 0.05])
+TARGET = np.array([-0.03, 0.02, 0.05])
 #: Joint angles of the arcs of axes 1 and 2 [deg]: the arm stays up
-ARCS: Final = ((-60.0, 60.0), (-120.0, 0.0))
+ARCS = ((-60.0, 60.0), (-120.0, 0.0))
 LOW, HIGH = np.radians([[-80, -140, 20, -180, -90, -90], [80, -50, 120, 0, 90, 90]])
 """Joint angles of tracked poses, drawn evenly between [rad]."""
-CHECKS: Final = 400  # poses in which calibrated arms are compared with the true ones
-Q_NEAR: Final = np.array([0.3, -1.6, 1.7, -1.6, -1.5, 0.0])  #: Touches are made in this configuration [rad]
-AWAY: Final = 1.0  #: Where a frame's error at a distance is given [m]
+CHECKS = 400  # poses in which calibrated arms are compared with the true ones
+Q_NEAR = np.array([0.3, -1.6, 1.7, -1.6, -1.5, 0.0])  #: Touches are made in this configuration [rad]
+AWAY = 1.0  #: Where a frame's error at a distance is given [m]
 
 
 M = TypeVar("M")

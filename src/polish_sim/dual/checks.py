@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +18,7 @@ from polish_sim.experiments.placement import failure_of
 from polish_sim.motion import track
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 
-DIFFERENCE_S: Final = 0.01  # of the master's time, for derivatives [s]
+DIFFERENCE_S = 0.01  # of the master's time, for derivatives [s]
 
 
 class MotionCheck(NamedTuple):

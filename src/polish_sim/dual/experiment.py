@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
 
 from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
 from polish_sim.config import PartConfig, Scenario
@@ -22,18 +21,18 @@ from polish_sim.experiments.registry import (
 )
 from polish_sim.experiments.rows import PAYLOAD_CLAIMS, PAYLOAD_DATA_CLAIMS
 
-TOOL_ON_PART: Final = (
+TOOL_ON_PART = (
     Claim("relative_error_rms_m", "tool on the part, error rms", "mm", high=6e-5),
     Claim("relative_error_p95_m", "  95% below", "mm", high=1e-4),
 )
-_PAIR: Final = (
+_PAIR = (
     Claim("tracking_error_worst_m", "tracking error, worst axis", "mm", high=1e-4),
     *TOOL_ON_PART,
     Claim("chain_residual_m", "closed chain of the planned joints", "mm", high=1e-9),
     Claim("master_way_m", "way of the part", "mm"),
     Claim("master_turn_rad", "turn of the part", "deg"),
 )
-PRESSING_CLAIMS: Final = (
+PRESSING_CLAIMS = (
     Claim("force_max_deviation_n", "force error, max", "N", high=1.5),
     Claim("force_mean_n", "force, mean", "N"),
     Claim("force_rms_error_n", "force error, rms", "N"),
@@ -43,36 +42,36 @@ PRESSING_CLAIMS: Final = (
     Claim("removal_cv", "removal, std / mean", "%"),
     PATH_DONE,
 )
-FREE_CLAIMS: Final = (*_PAIR, PATH_DONE)  #: At a stand-off there is no force
+FREE_CLAIMS = (*_PAIR, PATH_DONE)  #: At a stand-off there is no force
 
-_TOUCH: Final = Claim("residual_rms_m", "residual of a touch, rms", "mm")
-_POINT: Final = Claim("residual_rms_m", "residual of a point, rms", "mm")
-_AXES_SEEN: Final = (
+_TOUCH = Claim("residual_rms_m", "residual of a touch, rms", "mm")
+_POINT = Claim("residual_rms_m", "residual of a point, rms", "mm")
+_AXES_SEEN = (
     Claim("origin_std_m", "origin seen by the tracker, 3D std", "mm", high=1.7e-5),
     Claim("axis_std_rad", "first axis, std", "deg", high=0.001 / DEGREES),
     Claim("point_std_1m_m", "a metre from the origin, 3D std", "mm", high=2.7e-5),
     # Several times what the noise of a tracker of 0.03 mm makes of axes that do meet.
     Claim("gap_m", "axes 1 and 2 miss each other by", "mm", high=1e-4),
 )
-_RELATIVE_BASE: Final = (
+_RELATIVE_BASE = (
     Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm"),
     Claim("relative_origin_error_m", "follower's origin in the master's, error", "mm"),
     Claim("point_error_1m_m", "a metre from the follower's, error", "mm"),
     _POINT,
 )
-_BASE_DATA: Final = (
+_BASE_DATA = (
     Claim("relative_origin_std_m", "follower's origin in the master's, 3D std", "mm", high=1e-4),
     Claim("noise_m", "noise of a point, per coordinate", "mm"),
     _POINT,
 )
 
-_ARM: Final = (
+_ARM = (
     Claim("heldout_rms_m", "target in poses left out, rms", "mm"),
     Claim("nominal_rms_m", "  with nominal tables, all poses", "mm"),
     Claim("residual_rms_m", "residual of a coordinate, rms", "mm"),
 )
 
-CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
+CALIBRATIONS: Mapping[str, tuple[Claim, ...]] = {
     "payload": PAYLOAD_CLAIMS,
     "payload-data": PAYLOAD_DATA_CLAIMS,
     "arm": (
@@ -132,7 +131,7 @@ CALIBRATIONS: Final[Mapping[str, tuple[Claim, ...]]] = {
 unknown, less."""
 
 
-DUAL: Final = Experiment(
+DUAL = Experiment(
     "dual",
     "two robots: the master moves the part, the follower polishes its rim meanwhile (paper 2)",
     Scenario(experiment="dual", part=PartConfig(file="wheel_hub_rim")),

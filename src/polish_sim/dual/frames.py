@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -40,16 +40,16 @@ from polish_sim.geometry import Region, Surface
 from polish_sim.spatial import apply, from_pose, inverse, perpendicular, rotation_to_axis, transform
 
 #: Where the simulated tracker sees the master
-T_TRACKER_MASTER: Final = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
-ARC_POINTS: Final = 200
-LEAST_APART: Final = 0.2  #: Between the bases of two arms, each 0.15 m wide [m]
-SAME_POSE: Final = 1e-8  #: Poses that differ by less are the same but for rounding [m], [-]
+T_TRACKER_MASTER = from_pose([2.5, -0.8, -0.4, 0.0, 0.0, 2.0])
+ARC_POINTS = 200
+LEAST_APART = 0.2  #: Between the bases of two arms, each 0.15 m wide [m]
+SAME_POSE = 1e-8  #: Poses that differ by less are the same but for rounding [m], [-]
 #: A part whose frame is that of the gripper's face, as the hub's is
-ON_FACE: Final = transform(np.eye(3), np.zeros(3))
+ON_FACE = transform(np.eye(3), np.zeros(3))
 FAR_M, FAR_RAD = 0.01, 0.1  #: Farther off, a calibration is of another tool or of robots elsewhere [m], [rad]
-INSIDE: Final = 0.9  #: Share of the way from the middle to the edge: a pointer does not find an edge itself
+INSIDE = 0.9  #: Share of the way from the middle to the edge: a pointer does not find an edge itself
 #: A region this narrow for its length does not fix the turn about it: marks then cover the part
-NARROW: Final = 0.1
+NARROW = 0.1
 
 
 def marks_on(region: Region, surface: Surface, count: int) -> Array:

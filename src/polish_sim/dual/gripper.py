@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,13 +14,13 @@ from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.spatial import apply, from_pose, inverse, transform
 
-GRIPPER_LENGTH: Final = 0.1  # from the flange to its face [m]
-GRIPPER_RADIUS: Final = 0.04  # [m]
-GRIPPER_MASS: Final = 0.9  # [kg]
-PAYLOAD_LIMIT: Final = 5.0  # of the arm [kg]
-TOUCHING: Final = 1e-4  #: A part this close to the gripper is held by it [m]
-_SPACING: Final = 0.002  # between the sampled points of the gripper's face [m]
-_STEPS: Final = 2000
+GRIPPER_LENGTH = 0.1  # from the flange to its face [m]
+GRIPPER_RADIUS = 0.04  # [m]
+GRIPPER_MASS = 0.9  # [kg]
+PAYLOAD_LIMIT = 5.0  # of the arm [kg]
+TOUCHING = 1e-4  #: A part this close to the gripper is held by it [m]
+_SPACING = 0.002  # between the sampled points of the gripper's face [m]
+_STEPS = 2000
 
 
 class Seat(NamedTuple):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -21,11 +21,11 @@ from polish_sim.errors import ConfigError, InputError
 from polish_sim.planning import ToolPath
 from polish_sim.spatial import inverse, transform
 
-TIME: Final = "time_s"
-FLANGE: Final = "flange_"  #: What the columns of a place begin with where the poses are the flange's
+TIME = "time_s"
+FLANGE = "flange_"  #: What the columns of a place begin with where the poses are the flange's
 #: Faster between lines is a jump: the arm's tool speed and joints' [m/s], [rad/s]
 JUMP_M_S, JUMP_RAD_S = 1.0, np.pi
-WITHOUT_FILE: Final = (
+WITHOUT_FILE = (
     "master_speed_m_s",
     "master_direction",
     "master_arc_radius_m",

@@ -8,7 +8,7 @@ limits.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,15 +22,15 @@ from polish_sim.experiments.placement import failure_of, given_placement, rotati
 from polish_sim.motion import JointPath, inverse_all, track
 from polish_sim.spatial import inverse, rotation_to_axis, transform
 
-UPS: Final = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+UPS = ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 """Directions of the worked side, best guess first: up, half towards the follower, towards it; see
 ``_frame``."""
-SHARES: Final = (0.5, 0.6, 0.4)  #: Where between the bases the part is held, from the master's
-SIDES: Final = (0.1, -0.1, 0.0)  #: How far beside the line between the bases [m]
-HEIGHTS: Final = (0.3, 0.2, 0.4, 0.5)  #: Of the gripper's face above the master's base [m]
-SPINS: Final = tuple(np.radians(range(0, 360, 45)))
-GOOD: Final = 0.1  #: A way this far from singularities and limits is taken without looking further [-]
-SAME_WAY: Final = 0.1  #: Joints of one way with a chain that calibration has changed differ by less [rad]
+SHARES = (0.5, 0.6, 0.4)  #: Where between the bases the part is held, from the master's
+SIDES = (0.1, -0.1, 0.0)  #: How far beside the line between the bases [m]
+HEIGHTS = (0.3, 0.2, 0.4, 0.5)  #: Of the gripper's face above the master's base [m]
+SPINS = tuple(np.radians(range(0, 360, 45)))
+GOOD = 0.1  #: A way this far from singularities and limits is taken without looking further [-]
+SAME_WAY = 0.1  #: Joints of one way with a chain that calibration has changed differ by less [rad]
 #: What touches what with joints of master and follower, (n, 6) each; or empty
 Collides = Callable[[Array, Array], str]
 

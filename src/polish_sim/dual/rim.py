@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
@@ -13,7 +11,7 @@ from polish_sim.geometry import Region, Surface
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, ToolPath, arc_length, interpolate
 from polish_sim.spatial import unit
 
-DEGREE: Final = 5  #: Of the curve, which has four continuous derivatives everywhere
+DEGREE = 5  #: Of the curve, which has four continuous derivatives everywhere
 
 
 def fit_closed_spline(points: Array) -> BSpline:
@@ -38,10 +36,10 @@ def length_of(curve: BSpline) -> float:
     return float(curve.t[-1 - DEGREE])
 
 
-SPACING: Final = 0.001  # of the path's points [m]
-POINTS: Final = (12, 24, 48, 96)  # the curve goes through as few points as will do
-OFF_SURFACE: Final = 2e-5  # the curve may leave the surface by this [m]
-_DENSE: Final = 5e-4  # between points the borders are compared at [m]
+SPACING = 0.001  # of the path's points [m]
+POINTS = (12, 24, 48, 96)  # the curve goes through as few points as will do
+OFF_SURFACE = 2e-5  # the curve may leave the surface by this [m]
+_DENSE = 5e-4  # between points the borders are compared at [m]
 
 
 def rim_path(surface: Surface, region: Region, clearance: float) -> ToolPath:

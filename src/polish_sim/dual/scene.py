@@ -7,7 +7,7 @@ the single robot with its tool is true of the follower.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -28,10 +28,10 @@ from polish_sim.geometry import PartMesh
 from polish_sim.motion.kinematics import is_nominal
 
 #: Geoms that are nearer to the part than the housing is
-PAD: Final = ("head_pad", "head_plate", "head_shaft")
+PAD = ("head_pad", "head_plate", "head_shaft")
 CAPSULES, PAD_GROUP, SHELLS, PART = 1, 2, 4, 8
 """Bits of the engine's contact types: a geom of this kind meets those that have the bit in their affinity."""
-_SUFFIXES: Final = ("_collision", "_shell", "_seam", "_cap")
+_SUFFIXES = ("_collision", "_shell", "_seam", "_cap")
 
 
 class Clearances(NamedTuple):

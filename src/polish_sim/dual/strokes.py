@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,10 +26,10 @@ from polish_sim.planning.toolpath import stretches
 from polish_sim.spatial import apply
 
 #: Of feed that is planned beyond the most there may be: a feed comes to rest in less [s]
-SPARE_S: Final = 1.0
-FEWEST: Final = 3  # visits of every move, however short it is
-BEYOND_S: Final = 1.0  # of the master's motion, as long as a feed takes to come to rest [s]
-ON_THE_WAY: Final = -1  # to a stroke or from it
+SPARE_S = 1.0
+FEWEST = 3  # visits of every move, however short it is
+BEYOND_S = 1.0  # of the master's motion, as long as a feed takes to come to rest [s]
+ON_THE_WAY = -1  # to a stroke or from it
 
 
 def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list[Stroke]:

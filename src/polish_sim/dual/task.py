@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -46,14 +46,14 @@ from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.spatial import inverse
 
-SAMPLES: Final = 60  # moments of the work at which a placement is tried, at least
-SAMPLE_M: Final = 0.02  # between its places then, at the usual feed, at most [m]
-CHECK_S: Final = 0.05  # between the moments at which the chosen placement is checked, at most [s]
-CHECK_M: Final = 0.001  # between its places, at most [m]
-ROW_S: Final = 0.02  # between rows of the master's joints [s]
-SPARE_S: Final = 1.0  # of its motion beyond the work, should the controller slow the feed [s]
-FRAMES_STREAM: Final = 15  # of the seed, for the simulated calibrations
-ARMS_STREAM: Final = 16  # of the seed, for arms off their tables
+SAMPLES = 60  # moments of the work at which a placement is tried, at least
+SAMPLE_M = 0.02  # between its places then, at the usual feed, at most [m]
+CHECK_S = 0.05  # between the moments at which the chosen placement is checked, at most [s]
+CHECK_M = 0.001  # between its places, at most [m]
+ROW_S = 0.02  # between rows of the master's joints [s]
+SPARE_S = 1.0  # of its motion beyond the work, should the controller slow the feed [s]
+FRAMES_STREAM = 15  # of the seed, for the simulated calibrations
+ARMS_STREAM = 16  # of the seed, for arms off their tables
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import mujoco
@@ -37,11 +37,11 @@ from polish_sim.scoring.figures import measure_score
 from polish_sim.scoring.reach import REACH, Asked
 from polish_sim.toml_text import read_toml
 
-USUAL: Final = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safety.contact_lost_s=0.5")
+USUAL = ("simulation.control_every=2", "process.approach_speed_m_s=0.02", "safety.contact_lost_s=0.5")
 """What an environment sets of the experiment's default scenario: a host at 500 Hz that waits less for lost
 contact."""
-REWARDS: Final = ("dense", "sparse")
-ASKED: Final = {
+REWARDS = ("dense", "sparse")
+ASKED = {
     "force": tuple(row for row in REACH if row.cases == "reach-springs-*"),
     "surface": (
         Asked("stable", "*", "stable", 1.0, ""),
@@ -50,9 +50,9 @@ ASKED: Final = {
 }
 """Bands of the scorecard that are success: stable; ``force`` settled to ±1 N within 0.6 s, ``surface`` within
 3 N."""
-TRUTH: Final = TraceStep.dtype.names
+TRUTH = TraceStep.dtype.names
 Numbers = NDArray[np.float32]
-_LIVE: Final = (
+_LIVE = (
     *(
         "sensor.",
         "spindle.",
@@ -65,8 +65,8 @@ _LIVE: Final = (
     *("pad.damping_s_m", "pad.friction", "part.displacement_m", "part.rotation_rad", "part.motion"),
 )
 # a new cell for every episode
-_LATER: Final = ("robot.", "head.", "process.", "payload.", "part.form_error_m")
-_BLOCK: Final = 1024  # steps whose noise is drawn at once
+_LATER = ("robot.", "head.", "process.", "payload.", "part.form_error_m")
+_BLOCK = 1024  # steps whose noise is drawn at once
 
 Ranges = Mapping[str, tuple[float, float]]
 Info = dict[str, Any]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from numba import carray, types
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Observations: what the host knows. Vectors are in tool axes, everything is divided by a scale.
 
-OBSERVATION: Final = {
+OBSERVATION = {
     "force": (3, 20.0),
     "torque": (3, 1.0),
     "force_error": (1, 20.0),
@@ -47,9 +47,9 @@ OBSERVATION: Final = {
 }
 """Width and scale [SI] of each part, in order: wrench as the sensor gives it, set force less measured force,
 planned pose less the encoders', velocities. The last action follows."""
-SEEN: Final = sum(width for width, _ in OBSERVATION.values())
-LARGEST: Final = 1000.0  #: A number of an observation is cut off here
-_SCALES: Final = np.repeat(
+SEEN = sum(width for width, _ in OBSERVATION.values())
+LARGEST = 1000.0  #: A number of an observation is cut off here
+_SCALES = np.repeat(
     [scale for _, scale in OBSERVATION.values()], [width for width, _ in OBSERVATION.values()]
 )
 
@@ -132,7 +132,7 @@ class ActionKind(NamedTuple):
     scale: Mapping[str, float]  #: What 1 stands for [SI], by the names of its numbers
 
 
-ACTIONS: Final = {
+ACTIONS = {
     "twist": ActionKind(
         _twist_law,
         "velocity of the tool, tool axes",
@@ -185,9 +185,9 @@ def observe_law(context, _course, measurement, target, _answer):  # type: ignore
 # A step of an environment: the loop from one action to the next.
 
 #: The force is held where its error is within this, as in the scorecard's settling time [N]
-BAND_N: Final = 1.0
-SPARE: Final = 64  #: Steps a host may be late by
-ON_THE_WAY: Final = 0.1  #: Largest dense reward of a step before contact
+BAND_N = 1.0
+SPARE = 64  #: Steps a host may be late by
+ON_THE_WAY = 0.1  #: Largest dense reward of a step before contact
 _ASTRAY_M, _ASKEW_RAD = 0.01, 0.2  # errors of pose at which a step is worth nothing
 
 

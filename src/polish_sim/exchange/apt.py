@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from polish_sim.arrays import Bools
 from polish_sim.errors import InputError
@@ -28,8 +28,8 @@ from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT, SEGMENTS, T
 # The statements of an APT/CLDATA file: comments, continuations and words taken apart (text -> statements).
 
 #: The rest is prose
-FREE_TEXT: Final = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")
-IGNORED: Final = frozenset(
+FREE_TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "DISPLY", "LETTER")
+IGNORED = frozenset(
     (
         *FREE_TEXT,
         *(
@@ -76,7 +76,7 @@ IGNORED: Final = frozenset(
     )
 )
 """Words that do not move the tool."""
-REFUSED: Final[dict[str, str]] = {
+REFUSED: dict[str, str] = {
     **dict.fromkeys(("CIRCLE", "ARC", "MOVARC", "CYLNDR", "CIRCUL", "ARCSLP"), "arcs"),
     **dict.fromkeys(("CYCLE", "GOHOME", "RETRCT", "GODLTA"), "canned and relative motions"),
     **dict.fromkeys(("NURBS", "SPLINE", "BSPLIN"), "splines"),
@@ -90,7 +90,7 @@ REFUSED: Final[dict[str, str]] = {
     ),
 }
 """Words that move the tool in ways a list of points does not say."""
-KNOWN: Final = ("GOTO", "FROM", "FEDRAT", "RAPID", "UNITS", "MULTAX", "TLAXIS")
+KNOWN = ("GOTO", "FROM", "FEDRAT", "RAPID", "UNITS", "MULTAX", "TLAXIS")
 
 
 class Statement(NamedTuple):
@@ -141,7 +141,7 @@ def _is_prose(code: str) -> bool:
     return code.upper().startswith(FREE_TEXT)
 
 
-UNITS: Final[Mapping[str, float]] = {
+UNITS: Mapping[str, float] = {
     "MM": 1e-3,
     "CM": 1e-2,
     "M": 1.0,
@@ -149,12 +149,12 @@ UNITS: Final[Mapping[str, float]] = {
     "INCHES": 0.0254,
     "IN": 0.0254,
 }
-FEED_UNITS: Final[Mapping[str, float]] = {"MMPM": 1e-3 / 60.0, "IPM": 0.0254 / 60.0}
-PER_MINUTE: Final = ("PERMIN", "UPM")
-PER_TURN: Final = ("PERREV", "MMPR", "IPR")
-OWN_FRAME: Final = ((0, 0, 0, 1, 0, 0, 0, 1, 0), (0, 0, 0, 1, 0, 0, 0, 0, 1))
+FEED_UNITS: Mapping[str, float] = {"MMPM": 1e-3 / 60.0, "IPM": 0.0254 / 60.0}
+PER_MINUTE = ("PERMIN", "UPM")
+PER_TURN = ("PERREV", "MMPR", "IPR")
+OWN_FRAME = ((0, 0, 0, 1, 0, 0, 0, 1, 0), (0, 0, 0, 1, 0, 0, 0, 0, 1))
 """Origin, x and y axis, or x and z axis, of the part's own frame."""
-NOTE: Final = "polish-sim:"  #: Begins a comment that says segment, pass and force of the points to come
+NOTE = "polish-sim:"  #: Begins a comment that says segment, pass and force of the points to come
 
 
 @dataclass
@@ -267,7 +267,7 @@ def _frame(machine: _Machine, statement: Statement) -> None:
         raise _refusal(machine, statement)
 
 
-_ACTIONS: Final[Mapping[str, Callable[[_Machine, Statement], None]]] = {
+_ACTIONS: Mapping[str, Callable[[_Machine, Statement], None]] = {
     "GOTO": _goto,
     "FROM": _from,
     "RAPID": _rapid,

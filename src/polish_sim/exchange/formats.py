@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -98,7 +98,7 @@ class Format(NamedTuple):
     write: Callable[[PlanResult, ExportSetup], str | bytes]
 
 
-FORMATS: Final[Mapping[str, Format]] = {
+FORMATS: Mapping[str, Format] = {
     "csv": Format(PATH_CSV, lambda result, setup: path_csv(result.path)),
     "json": Format(PATH_JSON, lambda result, setup: json_text(result)),
     "apt": Format("path.apt", apt_text),
@@ -109,7 +109,7 @@ FORMATS: Final[Mapping[str, Format]] = {
     "html": Format("path.html", html_text),
 }
 """Name -> format; a new one is one file and a line here."""
-ALL: Final = "all"
+ALL = "all"
 
 
 def check_formats(names: Sequence[str]) -> tuple[str, ...]:

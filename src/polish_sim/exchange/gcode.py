@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from polish_sim.errors import InputError
 from polish_sim.exchange.way_points import CamPoints, Unknown, WayPoints, refuse_unknown
@@ -20,7 +20,7 @@ from polish_sim.planning.toolpath import APPROACH, PROCESS
 
 # The words of a G-code file: comments, letters and numbers taken apart (text -> blocks).
 
-REFUSED: Final[dict[str, str]] = {
+REFUSED: dict[str, str] = {
     **dict.fromkeys(("G2", "G3"), "an arc"),
     **dict.fromkeys(("G5", "G5.1", "G5.2", "G5.3", "G6.2"), "a spline"),
     **dict.fromkeys(("G28", "G28.1", "G30", "G30.1", "G53"), "a move in the machine's own coordinates"),
@@ -37,7 +37,7 @@ REFUSED: Final[dict[str, str]] = {
     **dict.fromkeys(("M97", "M98", "M99"), "a subprogram"),
 }
 """Words that move the tool in ways straight lines between points do not say."""
-IGNORED: Final = frozenset(
+IGNORED = frozenset(
     (
         *(
             "G8",
@@ -61,12 +61,12 @@ IGNORED: Final = frozenset(
     )
 )
 """Words that do not move the tool."""
-SILENT: Final = frozenset("NOSTDH")  #: Letters whose number does not move the tool, whatever it is
-ENDS: Final = frozenset(("M2", "M30"))
-KNOWN: Final = "G0, G1, G20, G21, G90, G91, X, Y, Z, the tool axis as I, J, K or A, B, C, and F"
+SILENT = frozenset("NOSTDH")  #: Letters whose number does not move the tool, whatever it is
+ENDS = frozenset(("M2", "M30"))
+KNOWN = "G0, G1, G20, G21, G90, G91, X, Y, Z, the tool axis as I, J, K or A, B, C, and F"
 
-_WORD: Final = re.compile(r"\s+|([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))(?![=\[#])|(.)")
-_COMMENT: Final = re.compile(r"\([^()]*\)")
+_WORD = re.compile(r"\s+|([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))(?![=\[#])|(.)")
+_COMMENT = re.compile(r"\([^()]*\)")
 
 
 class Word(NamedTuple):
@@ -139,12 +139,12 @@ def _words(file: Path, line: int, code: str, unknown: Unknown) -> Iterator[Word]
         end = found.end() if stray else -1
 
 
-UNITS: Final[Mapping[str, float]] = {"G20": 0.0254, "G21": 1e-3, "G70": 0.0254, "G71": 1e-3}
+UNITS: Mapping[str, float] = {"G20": 0.0254, "G21": 1e-3, "G70": 0.0254, "G71": 1e-3}
 LINES, ANGLES, VECTOR = "XYZ", "ABC", "IJK"
-PER_MINUTE: Final = 1.0 / 60.0
+PER_MINUTE = 1.0 / 60.0
 
 
-NO_AXIS: Final = (
+NO_AXIS = (
     "'{file}' says no tool axis (I, J, K or A, B, C): it is taken to be z of the path's frame everywhere."
 )
 """What such G-code is taken for: that of a machine with three axes."""

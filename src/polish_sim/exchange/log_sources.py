@@ -8,16 +8,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple, Protocol
+from typing import IO, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.errors import InputError, near_file, unknown_name
 
-BLOCK: Final = 5000  #: Rows read at a time
-SEPARATORS: Final = (",", ";", "\t", "|", " ")
-ARM_JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+BLOCK = 5000  #: Rows read at a time
+SEPARATORS = (",", ";", "\t", "|", " ")
+ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 _STATE, _WRENCH = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
 
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from polish_sim.planning.quality.areas import CutOut
 
 PATH_CSV, PATH_JSON, METRICS = "path.csv", "path.json", "metrics.json"
-VERSIONED: Final = ("polish-sim", "numpy", "scipy", "numba")
-OWN: Final = ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment")
-PLAIN: Final = ("x", "y", "z", "i", "j", "k")
-CURVATURE: Final = "curvature_1_m"
+VERSIONED = ("polish-sim", "numpy", "scipy", "numba")
+OWN = ("s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment")
+PLAIN = ("x", "y", "z", "i", "j", "k")
+CURVATURE = "curvature_1_m"
 FORCE, FEED = "force_n", "feed_m_s"
 PLAIN_FORCE, PLAIN_FEED = "force", "feed"
-MM: Final = 1e-3
-NEAR: Final = 0.25  #: Distance between the places cut out of a path that are kept [pad radii]
+MM = 1e-3
+NEAR = 0.25  #: Distance between the places cut out of a path that are kept [pad radii]
 
 
 class Table(NamedTuple):

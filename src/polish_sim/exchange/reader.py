@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from polish_sim.errors import InputError, near_file
 from polish_sim.exchange.apt import read_apt
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Reader = Callable[[Path, str, Unknown], WayPoints]
 
-READERS: Final[Mapping[str, Reader]] = {
+READERS: Mapping[str, Reader] = {
     **dict.fromkeys((".csv", ".txt"), read_csv),
     ".json": read_json,
     **dict.fromkeys((".apt", ".aptsource", ".cls", ".cl", ".ncl"), read_apt),

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from polish_sim.errors import InputError, unknown_name
 from polish_sim.exchange.log_sources import LogSource, open_source
 from polish_sim.toml_text import read_toml
 
-WIDTHS: Final[Mapping[str, int]] = MappingProxyType(
+WIDTHS: Mapping[str, int] = MappingProxyType(
     {
         "q_rad": 6,
         "qd_rad_s": 6,
@@ -38,8 +38,8 @@ WIDTHS: Final[Mapping[str, int]] = MappingProxyType(
         #: Quantities and how many columns each has; a wrench is (force; torque) the tool exerts [N], [N m]
     }
 )
-TIME: Final = "time_s"
-NAMES: Final[Mapping[str, str]] = MappingProxyType(
+TIME = "time_s"
+NAMES: Mapping[str, str] = MappingProxyType(
     {
         "timestamp": TIME,
         "time": TIME,
@@ -61,7 +61,7 @@ NAMES: Final[Mapping[str, str]] = MappingProxyType(
         "tcp_force": "wrench",
     }
 )  #: What recorders call them, in small letters
-UNITS: Final[Mapping[str, float]] = MappingProxyType(
+UNITS: Mapping[str, float] = MappingProxyType(
     {
         "s": 1.0,
         "ms": 1e-3,
@@ -79,11 +79,11 @@ UNITS: Final[Mapping[str, float]] = MappingProxyType(
         "Nmm": 1e-3,
     }
 )
-MOST_ROWS: Final = 500_000  #: That are kept: 1000 s at 500 Hz
-_FULL_TURN: Final = 2.0 * math.pi
+MOST_ROWS = 500_000  #: That are kept: 1000 s at 500 Hz
+_FULL_TURN = 2.0 * math.pi
 _GAP_S, _GAP_STEPS = 0.1, 10.0  #: Steps longer than both this time and this number of usual steps are gaps
-_SLOWEST_S: Final = 0.5
-_INDEX: Final = re.compile(r"^(?P<name>.*?)[_ ]?[\[(]?(?P<digit>\d)[\])]?(?P<unit>_[a-z_]+)?$")
+_SLOWEST_S = 0.5
+_INDEX = re.compile(r"^(?P<name>.*?)[_ ]?[\[(]?(?P<digit>\d)[\])]?(?P<unit>_[a-z_]+)?$")
 
 
 class RobotRecording(NamedTuple):
@@ -110,7 +110,7 @@ class RobotRecording(NamedTuple):
         return np.empty((0, 6))
 
 
-HOW_TO_MAP: Final = (
+HOW_TO_MAP = (
     "Name columns with --map FILE.toml: [columns] with e.g. q_rad = 'joint_{i}' (i from 0) or a list."
 )
 

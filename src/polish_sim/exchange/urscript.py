@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,17 +32,17 @@ from polish_sim.planning.toolpath import APPROACH, RETRACT
 # The fixed part of a URScript program: settings at the top, force mode, spindle, what happens when
 # contact fails.
 
-CONTACT_SHARE: Final = 0.5  #: The tool counts as landed at this share of the force
-TRAVEL_M_S: Final = 0.05
-JOINT_RAD_S: Final = 0.2
-ACCELERATION_M_S2: Final = 0.3
-SIDEWAYS_M: Final = 0.01
-ANGLE_RAD: Final = 0.1  #: In force mode the robot stops when it is pushed this far off the path, or turned
-DAMPING: Final = 0.05
-GAIN_SCALING: Final = 0.5
-PATIENCE: Final = 2.0  #: Contact is waited for this many times as long as the way takes
+CONTACT_SHARE = 0.5  #: The tool counts as landed at this share of the force
+TRAVEL_M_S = 0.05
+JOINT_RAD_S = 0.2
+ACCELERATION_M_S2 = 0.3
+SIDEWAYS_M = 0.01
+ANGLE_RAD = 0.1  #: In force mode the robot stops when it is pushed this far off the path, or turned
+DAMPING = 0.05
+GAIN_SCALING = 0.5
+PATIENCE = 2.0  #: Contact is waited for this many times as long as the way takes
 
-HEADER: Final = """\
+HEADER = """\
 # {name}: polish '{part}' with force mode. For Universal Robots e-Series, PolyScope 5. Made by polish-sim.
 #
 # READ BEFORE YOU RUN{warning}
@@ -63,7 +63,7 @@ protects you.
 # - {poses} poses in {pattern}, step-over {stepover:g} mm, {length:.2f} m in contact.
 """
 
-FUNCTIONS: Final = """\
+FUNCTIONS = """\
   def on_part(T_work_tool):
     return pose_trans(pose_trans(T_base_work, T_work_tool), p[0, 0, 0, 0, 0, tool_turn])
   end
@@ -205,16 +205,16 @@ def _pose(values: Sequence[float] | Array, form: str = ".6g") -> str:
     return "p[" + ", ".join(f"{value:{form}}" for value in values) + "]"
 
 
-CHORD_M: Final = 5e-5
-AXIS_RAD: Final = np.radians(3.0)
+CHORD_M = 5e-5
+AXIS_RAD = np.radians(3.0)
 #: Points left out lie this close to the move [m], [rad]; no move is longer than this [m]
-LONGEST_M: Final = 1e-2
-BLEND_SHARE: Final = 0.4
+LONGEST_M = 1e-2
+BLEND_SHARE = 0.4
 #: Less than half of the moves beside a blend: blends that overlap stop the robot
-LARGEST_BLEND_M: Final = 2e-3
-STANDOFF_M: Final = 3e-3  #: Height above the surface at which force mode takes over the landing [m]
-CLEARANCE_M: Final = 0.03  #: Height from which a path without leads of its own is landed [m]
-MOVES_PER_FUNCTION: Final = 200
+LARGEST_BLEND_M = 2e-3
+STANDOFF_M = 3e-3  #: Height above the surface at which force mode takes over the landing [m]
+CLEARANCE_M = 0.03  #: Height from which a path without leads of its own is landed [m]
+MOVES_PER_FUNCTION = 200
 
 
 class _Move(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +23,19 @@ from polish_sim.spatial import perpendicular, rotation_to_axis, transform, unit
 
 Colors = NDArray[np.uint8]
 
-SIDES: Final = 5
-RADIUS_SHARE: Final = 0.1  #: Radius of the tube in step-overs
-SMALLEST_SHARE: Final = 0.001  #: Its least radius as a share of the part's size
+SIDES = 5
+RADIUS_SHARE = 0.1  #: Radius of the tube in step-overs
+SMALLEST_SHARE = 0.001  #: Its least radius as a share of the part's size
 #: Points of the path are left out where the tube moves by less than this share of its radius
-CHORD_SHARE: Final = 0.25
-BEND_RAD: Final = 0.35
-PART_COLOR: Final = (176, 182, 190)
-FIXTURE_COLOR: Final = (112, 124, 143)
-LEAD_COLOR: Final = (230, 120, 20)
-LEFT_OUT_COLOR: Final = (230, 159, 0)
-IN_PART_COLOR: Final = (224, 0, 32)
-MENDED_COLORS: Final = {SLOWED: (255, 255, 255), EASED: (86, 180, 233)}
-VIRIDIS: Final = np.array(
+CHORD_SHARE = 0.25
+BEND_RAD = 0.35
+PART_COLOR = (176, 182, 190)
+FIXTURE_COLOR = (112, 124, 143)
+LEAD_COLOR = (230, 120, 20)
+LEFT_OUT_COLOR = (230, 159, 0)
+IN_PART_COLOR = (224, 0, 32)
+MENDED_COLORS = {SLOWED: (255, 255, 255), EASED: (86, 180, 233)}
+VIRIDIS = np.array(
     [(68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142)]
     + [(31, 158, 137), (53, 183, 121), (109, 205, 89), (180, 222, 44), (253, 231, 37)]
 )
@@ -125,13 +125,13 @@ def _joined(pieces: list[Tube]) -> Tube:
 
 # The plan as a page for the browser, without a robot: part, path, and the pad going along it (plan -> Page).
 
-MM: Final = 1e3
-MOST_FACETS: Final = 60_000  #: A finer part is shown by a lighter copy
-MOST_NODES: Final = 40_000  #: Of the mesh on which the removal is predicted, about
-AIR_SPEED: Final = 0.05  #: Of the tool in the air [m/s]
+MM = 1e3
+MOST_FACETS = 60_000  #: A finer part is shown by a lighter copy
+MOST_NODES = 40_000  #: Of the mesh on which the removal is predicted, about
+AIR_SPEED = 0.05  #: Of the tool in the air [m/s]
 SHAFT_RADIUS, SHAFT_LENGTH = 0.009, 0.07  #: Of what is drawn behind the pad [m]
 PAD_COLOR, SHAFT_COLOR = (0.93, 0.62, 0.18), (0.55, 0.57, 0.60)
-FIGURES: Final[tuple[tuple[str, str, float, str], ...]] = (
+FIGURES: tuple[tuple[str, str, float, str], ...] = (
     ("path in contact", "path_length_m", 1.0, "{:.2f} m"),
     ("cycle time", "cycle_time_s", 1.0, "{:.0f} s"),
     ("step-over, mean", "stepover_mean_m", MM, "{:.2f} mm"),

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,7 +24,7 @@ from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_pag
 from polish_sim.planning.part_plan import load_mesh
 
 #: Curves of one run each that are put over each other
-ALIKE: Final = ("exact force", "error", "speed", "distance")
+ALIKE = ("exact force", "error", "speed", "distance")
 
 
 def saved_page(folder: Path, record: RunRecord) -> Page | None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 from textwrap import wrap
-from typing import Final
 
 import numpy as np
 
@@ -26,16 +25,16 @@ from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.toml_text import read_toml, toml_text
 
 NONE, TRACKER = "none", "tracker"
-POSES: Final = 200
-_STREAM: Final = 18  # of the seed
-KIND: Final = "compensation"
-HEAD: Final = (
+POSES = 200
+_STREAM = 18  # of the seed
+KIND = "compensation"
+HEAD = (
     "An arm as found: table (joint offsets [rad], d [m], a [m], alpha [rad], six each), base (where it "
     "stands in the frame its work is given in), tool_point on the flange [m], gears (of each joint: wind-up "
     "below, between and above the knees [rad/(N m)]; sine and cosine of twice the rotor's angle, of four "
     "times it [rad])."
 )
-FILE: Final = "compensation.toml"
+FILE = "compensation.toml"
 
 
 def knowing_host(scenario: Scenario, q_start: Array) -> HostArm | None:

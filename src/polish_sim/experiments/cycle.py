@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -105,7 +105,7 @@ def _axes(quaternions: np.ndarray) -> np.ndarray:
 
 # The whole cycle, row by row: what a picture of the plan in motion plays.
 
-ROWS_S: Final = 0.05  #: Between rows of a motion, about [s]
+ROWS_S = 0.05  #: Between rows of a motion, about [s]
 
 
 class Cycle(NamedTuple):

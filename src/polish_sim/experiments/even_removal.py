@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize
@@ -36,24 +35,24 @@ from polish_sim.planning.part_plan import UNSEEN, PlanObserver
 from polish_sim.planning.toolpath import ToolPath, interpolate, stretches
 from polish_sim.spatial import unit
 
-EVEN: Final = "even"
-PLANNED: Final = "removal planned"
-TARGET_COLUMNS: Final = ("target", "relative", "removal_m")
+EVEN = "even"
+PLANNED = "removal planned"
+TARGET_COLUMNS = ("target", "relative", "removal_m")
 """Properties a target's vertices may have; the first one there counts, over its mean."""
-OVERRUN: Final = 0.5  #: How far past the border a path goes unless the plan says so [pad radii]
-POSES: Final = 0.05  #: Places of the pad are so far apart [pad radii]
-KNOTS: Final = 0.32  #: Knots of dwell and force are at least so far apart [pad radii]
-NODES: Final = 0.25  #: Longest edge of the nodes' triangles [pad radii]
-MOST_SUNK: Final = 0.3
+OVERRUN = 0.5  #: How far past the border a path goes unless the plan says so [pad radii]
+POSES = 0.05  #: Places of the pad are so far apart [pad radii]
+KNOTS = 0.32  #: Knots of dwell and force are at least so far apart [pad radii]
+NODES = 0.25  #: Longest edge of the nodes' triangles [pad radii]
+MOST_SUNK = 0.3
 """Share of the limit of the surface's place by which the pad may sink in deeper than on a plane; over an edge
 the force is taken off for it."""
-ROUNDS: Final = 3  #: Of dwell and force by turns
+ROUNDS = 3  #: Of dwell and force by turns
 #: Times as much as at the rim, where less can be done about it, a deviation counts a pad's radius inside
-INSIDE: Final = 4.0
-LEAST_GOAL: Final = 0.02  #: Share of the mean below which a target's deviations weigh no more
-SMOOTH: Final = 1e-4  #: Weight of changes from knot to knot beside the deviation's
+INSIDE = 4.0
+LEAST_GOAL = 0.02  #: Share of the mean below which a target's deviations weigh no more
+SMOOTH = 1e-4  #: Weight of changes from knot to knot beside the deviation's
 #: Weight of the time, over that at one feed, beside half the mean square of the deviation
-QUICK: Final = 0.008
+QUICK = 0.008
 
 
 def plan_removal(scenario: Scenario, observer: PlanObserver = UNSEEN) -> PlanResult:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -29,14 +28,14 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.log import PHASES
 from polish_sim.planning.toolpath import ToolPath
 
-SPACING: Final = 0.0005  #: Of the places at which it is learned [m]
-SHORTEST_S: Final = 0.5  #: A stretch in contact from which something is learned [s]
-FED: Final = PHASES.index("process")  #: In the log
-SAME: Final = ("part", "robot", "head", "pad", "process", "smoothing")
+SPACING = 0.0005  #: Of the places at which it is learned [m]
+SHORTEST_S = 0.5  #: A stretch in contact from which something is learned [s]
+FED = PHASES.index("process")  #: In the log
+SAME = ("part", "robot", "head", "pad", "process", "smoothing")
 """Sections that decide what repeats."""
-FREE: Final = ("part.pose", "process.learn", "process.preston_1_pa")
+FREE = ("part.pose", "process.learn", "process.preston_1_pa")
 """Keys of these that may differ; where the part stands is compared by itself."""
-FIGURE: Final = "learned_from"  #: Figure of a run: how many before it, each learned from the one before
+FIGURE = "learned_from"  #: Figure of a run: how many before it, each learned from the one before
 
 
 def check_learning(scenario: Scenario, controller: Controller) -> None:

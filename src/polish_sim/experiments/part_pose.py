@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,9 +34,9 @@ from polish_sim.planning.toolpath import ToolPath, pressed
 if TYPE_CHECKING:
     from polish_sim.geometry import PartMesh, Surface
 
-TRIED: Final = 150  #: Poses of the reach map that are followed with the joints before the part is refused
-LOOKED_AT: Final = 60  #: Places along the path at which the arm is checked against what stands around it
-SINGULAR_SHARE: Final = 1.25
+TRIED = 150  #: Poses of the reach map that are followed with the joints before the part is refused
+LOOKED_AT = 60  #: Places along the path at which the arm is checked against what stands around it
+SINGULAR_SHARE = 1.25
 """A path keeps this many times ``safety.singular_value_limit`` away from singularities [-]."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -224,7 +224,7 @@ def failure_of(joints: JointPath, above_table: bool) -> Failure | None:
 
 # Whether the pad's shaft has room on a path, before anything moves.
 
-EVERY: Final = 0.002  #: Along the path, between places that are looked at [m]
+EVERY = 0.002  #: Along the path, between places that are looked at [m]
 
 
 def check_shaft(path: ToolPath, surface: Surface, clearance: float) -> None:

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing import parent_process
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -49,27 +49,27 @@ from polish_sim.planning.part_plan import EASED, LEFT_OUT, PAD_SIZES_M, SLOWED, 
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
-SLOWER: Final = 0.5  #: A stretch that fails is slowed to this share of its feed
-SLOWEST: Final = 0.2  #: Share of the planned feed below which slowing is given up
-PLAYED: Final = "when it was played, "
-SINKS_OFF: Final = "the pad would sink off an edge of a part that lies aside"
-LOOKED_M: Final = 1e-3  #: Places of the path at which that is looked at are so far apart [m]
-MUCH: Final = 0.05  #: Share of the region from which a smaller pad is tried for what fails when it is played
+SLOWER = 0.5  #: A stretch that fails is slowed to this share of its feed
+SLOWEST = 0.2  #: Share of the planned feed below which slowing is given up
+PLAYED = "when it was played, "
+SINKS_OFF = "the pad would sink off an edge of a part that lies aside"
+LOOKED_M = 1e-3  #: Places of the path at which that is looked at are so far apart [m]
+MUCH = 0.05  #: Share of the region from which a smaller pad is tried for what fails when it is played
 MUCH_SMALLER, MOST_PADS = 0.7, 2  #: Share of the pad's size from which on others are tried, and how many
-LEAST_POLISHED: Final = 0.1  #: Share of the region below which a plan is refused
-WORTH_A_PAD: Final = 1.02  #: Times as much it has to polish
-PROOFS: Final = ("none", "nominal")
-MOST_SEEDS: Final = 1000
-EASIER: Final = 0.5  #: A stretch that fails is pressed with this share of its force
-EASIEST: Final = 0.25  #: Share of the force below which easing is given up by an even removal; else `EASIER`
-MOST_EASED: Final = 10  #: Places eased after playing, after which such places are left out
-SLOWING_S: Final = 0.5  #: Of the feed before a place that is mended may have changed too [s]
-AROUND_S: Final = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
-AROUND_M: Final = 0.004  #: And for at least this far [m]
-MOST_SLOWED: Final = 20  #: Times a stretch is slowed after which the rest of the path is, too
-MOST_MENDS: Final = 60  #: Places left out, after which whole strokes that fail are
-MOST_ROUNDS: Final = 4  #: A mended path is played whole at most so often
-HOPELESS: Final = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
+LEAST_POLISHED = 0.1  #: Share of the region below which a plan is refused
+WORTH_A_PAD = 1.02  #: Times as much it has to polish
+PROOFS = ("none", "nominal")
+MOST_SEEDS = 1000
+EASIER = 0.5  #: A stretch that fails is pressed with this share of its force
+EASIEST = 0.25  #: Share of the force below which easing is given up by an even removal; else `EASIER`
+MOST_EASED = 10  #: Places eased after playing, after which such places are left out
+SLOWING_S = 0.5  #: Of the feed before a place that is mended may have changed too [s]
+AROUND_S = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
+AROUND_M = 0.004  #: And for at least this far [m]
+MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path is, too
+MOST_MENDS = 60  #: Places left out, after which whole strokes that fail are
+MOST_ROUNDS = 4  #: A mended path is played whole at most so often
+HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,22 +25,22 @@ from polish_sim.experiments.assembly import build_part, cell_for, course_for, st
 from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.surface import SurfaceTask
 
-MARGIN: Final = 0.2
+MARGIN = 0.2
 """Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
-DRAWN_MARGIN: Final = 0.1  #: The same on a part that is displaced and bent
+DRAWN_MARGIN = 0.1  #: The same on a part that is displaced and bent
 #: Times as much as in the proof the gears of another seed shake the arm at the same place
-SHAKEN: Final = 1.4
-CHUNK_S: Final = 0.5  #: Simulated time between looks; what is slowed reaches as far (`AROUND_S`) [s]
-SETTLED_S: Final = 0.1  #: After the feed begins the force may settle for this long [s]
+SHAKEN = 1.4
+CHUNK_S = 0.5  #: Simulated time between looks; what is slowed reaches as far (`AROUND_S`) [s]
+SETTLED_S = 0.1  #: After the feed begins the force may settle for this long [s]
 #: Share of the limit of the surface's place that is kept, however the part is drawn
-LEAST_OFFSET: Final = 0.4
-FED: Final = 2  #: Phase of the log in which the force is to be held
-BAND: Final = "force error"
-SAVE_EVERY_S: Final = 2.0  #: Simulated time between saved states [s]
-SAVED: Final = 12  #: States kept; with the beginnings of strokes
-DYNAMIC: Final = (guard.JUMP, guard.FORCE, guard.TORQUE, guard.OVERLOAD, guard.SPINDLE)
+LEAST_OFFSET = 0.4
+FED = 2  #: Phase of the log in which the force is to be held
+BAND = "force error"
+SAVE_EVERY_S = 2.0  #: Simulated time between saved states [s]
+SAVED = 12  #: States kept; with the beginnings of strokes
+DYNAMIC = (guard.JUMP, guard.FORCE, guard.TORQUE, guard.OVERLOAD, guard.SPINDLE)
 """Guards that a slower feed keeps quiet."""
-OFFSETS: Final = (guard.HIGH, guard.LOW, guard.RISEN, guard.FALLEN)  #: Guards of the surface's place
+OFFSETS = (guard.HIGH, guard.LOW, guard.RISEN, guard.FALLEN)  #: Guards of the surface's place
 
 
 class Failure(NamedTuple):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,11 +22,11 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.kinematics import arm_lengths, solve_all
 from polish_sim.spatial import inverse, transform
 
-DISTANCES: Final = np.arange(0.20, 0.96, 0.05)  #: Of the path's middle from the base axis [m]
-HEIGHTS: Final = np.array([0.0, 0.03, 0.08, 0.16, 0.25, 0.35, 0.45, 0.6, 0.75])
+DISTANCES = np.arange(0.20, 0.96, 0.05)  #: Of the path's middle from the base axis [m]
+HEIGHTS = np.array([0.0, 0.03, 0.08, 0.16, 0.25, 0.35, 0.45, 0.6, 0.75])
 """Of the part's lowest point above the table [m]."""
-TURNS: Final = np.radians(np.arange(0.0, 360.0, 15.0))  #: Of the part about the vertical [rad]
-_SAMPLES: Final = 12  #: Points along the path, besides the outermost ones
+TURNS = np.radians(np.arange(0.0, 360.0, 15.0))  #: Of the part about the vertical [rad]
+_SAMPLES = 12  #: Points along the path, besides the outermost ones
 
 
 class ReachMap(NamedTuple):

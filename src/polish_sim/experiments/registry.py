@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.analysis.claim import Claim, without_paper
 from polish_sim.config import Scenario
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from polish_sim.experiments.result import RunResult
     from polish_sim.planning import PlanResult, ToolPath
 
-ROWS: Final[Mapping[str, str]] = {
+ROWS: Mapping[str, str] = {
     "arc": "polish_sim.experiments.rows:ARC",
     "force": "polish_sim.experiments.rows:FORCE",
     "surface": "polish_sim.experiments.rows:SURFACE",
@@ -36,10 +36,10 @@ ROWS: Final[Mapping[str, str]] = {
 }
 """Where the row of each experiment is; a branch is known by this name only."""
 
-REGION_OPTIONS: Final = ("--region", "--feature-angle", "--edge-margin", "--hole-margin")
-PART_OPTIONS: Final = ("--part", "--part-pose", "--units", "--up")
-REMOVAL_OPTIONS: Final = ("--even-removal", "--removal")
-COVER_OPTIONS: Final = (
+REGION_OPTIONS = ("--region", "--feature-angle", "--edge-margin", "--hole-margin")
+PART_OPTIONS = ("--part", "--part-pose", "--units", "--up")
+REMOVAL_OPTIONS = ("--even-removal", "--removal")
+COVER_OPTIONS = (
     "--pattern",
     "--stepover",
     "--overlap",
@@ -56,15 +56,15 @@ COVER_OPTIONS: Final = (
     "--axis-deviation",
 )
 """How a path covers a region."""
-PATH_OPTIONS: Final = (*REGION_OPTIONS, *COVER_OPTIONS, *REMOVAL_OPTIONS)
+PATH_OPTIONS = (*REGION_OPTIONS, *COVER_OPTIONS, *REMOVAL_OPTIONS)
 """What decides where a planned path runs."""
-FINISHED: Final = "is a finished plan"
+FINISHED = "is a finished plan"
 FLANGED, POSITION = ("surface", "force"), "position"
 """Experiments an active flange takes part in, and the shipped controller of the arm behind it."""
-TOOL_OPTIONS: Final = ("--pad-diameter", "--contact-force", "--spindle-rpm")
-SEED_OPTIONS: Final = ("--seed", "--seeds", "--workers", "--on")
-TRIAL_OPTIONS: Final = ("--controller", "--calibration", *SEED_OPTIONS, "--fault", "--dry-run")
-WATCH_OPTIONS: Final = ("--view", "--live", "--live-port", "--live-host", "--video", "--log-rate")
+TOOL_OPTIONS = ("--pad-diameter", "--contact-force", "--spindle-rpm")
+SEED_OPTIONS = ("--seed", "--seeds", "--workers", "--on")
+TRIAL_OPTIONS = ("--controller", "--calibration", *SEED_OPTIONS, "--fault", "--dry-run")
+WATCH_OPTIONS = ("--view", "--live", "--live-port", "--live-host", "--video", "--log-rate")
 
 
 def _usual_title(scenario: Scenario) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def draw_comparison(records: Sequence[RunRecord]) -> dict[str, Figure]:
 
 
 #: They choose the worst seed
-WORST_BY: Final = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")
+WORST_BY = ("force_max_deviation_n", "tracking_error_max_m", "overshoot_n")
 
 
 def draw_seeds(records: Sequence[RunRecord]) -> dict[str, Figure]:

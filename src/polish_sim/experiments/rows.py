@@ -3,8 +3,6 @@ asked."""
 
 from __future__ import annotations
 
-from typing import Final
-
 from polish_sim.analysis.claim import PATH_DONE, Claim
 from polish_sim.config import PartConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.experiments.registry import (
@@ -38,7 +36,7 @@ def arc_claims(scenario: Scenario) -> tuple[Claim, ...]:
     )
 
 
-FORCE_CLAIMS: Final = (
+FORCE_CLAIMS = (
     Claim("settling_time_3n_s", "settling to ±3 N", "s", "< 0.5", high=0.4),
     Claim("settling_time_1n_s", "settling to ±1 N", "s"),
     Claim("steady_within_3n", "in ±3 N after 0.5 s", "%", "most", low=1.0, more_is_better=True),
@@ -79,7 +77,7 @@ def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
     )
 
 
-ARC: Final = Experiment(
+ARC = Experiment(
     "arc",
     "the tool point on a circle in free space at constant feed (paper 1, fig. 12)",
     Scenario(experiment="arc", spindle=SpindleConfig(speed_rpm=0.0)),
@@ -92,7 +90,7 @@ ARC: Final = Experiment(
     on_part=False,
     paper={"process.feed_m_s": 0.01},
 )
-FORCE: Final = Experiment(
+FORCE = Experiment(
     "force",
     "a step of the contact force from first contact, at one point (paper 1, fig. 13)",
     Scenario(experiment="force", part=PartConfig(file="plate"), spindle=SpindleConfig(speed_rpm=0.0)),
@@ -109,7 +107,7 @@ FORCE: Final = Experiment(
     holds=True,
     paper={"part.file": "plate", "process.contact_force_n": 20.0},
 )
-SURFACE: Final = Experiment(
+SURFACE = Experiment(
     "surface",
     "polish a part along a planned path under force control (paper 1, fig. 14, 15)",
     Scenario(experiment="surface"),
@@ -140,13 +138,13 @@ SURFACE: Final = Experiment(
     },
 )
 
-PAYLOAD_SCENARIO: Final = Scenario(
+PAYLOAD_SCENARIO = Scenario(
     experiment="calibrate-payload",
     spindle=SpindleConfig(speed_rpm=0.0),
     simulation=SimulationConfig(log_rate_hz=0.0),
 )
 """What ``calibrate payload`` starts from: the host averages every reading, one per physics step."""
-PAYLOAD_CLAIMS: Final = (
+PAYLOAD_CLAIMS = (
     Claim("mass_error_relative", "mass error", "%", high=0.01),
     Claim("center_error_m", "centre error", "mm", high=1e-3),
     Claim("residual_force_max_n", "force left, worst of 200 poses", "N", high=0.3),
@@ -159,7 +157,7 @@ PAYLOAD_CLAIMS: Final = (
     Claim("drift_600s_retared_rms_n", "  tared every 60 s, rms", "N"),
 )
 """What is asked of a simulated calibration."""
-PAYLOAD_DATA_CLAIMS: Final = (
+PAYLOAD_DATA_CLAIMS = (
     Claim("mass_std_relative", "mass, std", "%", high=0.01),
     Claim("center_std_max_m", "centre, std of its worst axis", "mm", high=1e-3),
     Claim("residual_rms_n", "residual of the fit, force, rms", "N"),

@@ -4,7 +4,7 @@ plan too."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -30,14 +30,14 @@ from polish_sim.spatial import apply, transform
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult
 
-JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-ROWS_PER_S: Final = 50.0
-MOST_ROWS: Final = 40_000
-JOINT_ERROR: Final = 2.5e-4  #: Between rows, at most, where there are not too many [rad]
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+ROWS_PER_S = 50.0
+MOST_ROWS = 40_000
+JOINT_ERROR = 2.5e-4  #: Between rows, at most, where there are not too many [rad]
 #: Of the part and of its removal; finer ones are shown by lighter copies
 MOST_FACETS, MOST_NODES = 40_000, 40_000
-HIDDEN_GROUP: Final = 3  #: Of geoms that are there for contact only
-MEASURED: Final = "wrench_measured_tool"
+HIDDEN_GROUP = 3  #: Of geoms that are there for contact only
+MEASURED = "wrench_measured_tool"
 MM, DEG = 1e3, 180.0 / np.pi
 
 

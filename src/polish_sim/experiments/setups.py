@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,14 +33,14 @@ from polish_sim.planning.quality.tool_room import Tool
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import unit
 
-ALIKE: Final = np.cos(np.radians(20.0))  #: Patches that look ways this close are tried together
-SAME_SIDE: Final = np.cos(np.radians(5.0))  #: Sides up that are closer are one
-MOST_SIDES: Final = 4  #: Sides up that are tried before each setup
-POSES: Final = 40  #: Of the reach map, that are tried for each way
-MOST_FACETS: Final = 400  #: Of a patch, whose corners are looked at
-AROUND: Final = 12  #: Points of a way round the part
-BETWEEN: Final = 3  #: Points of a way from place to place of a patch
-SAME: Final = 1e-3  #: Of sides that show as much, relative, the first is taken
+ALIKE = np.cos(np.radians(20.0))  #: Patches that look ways this close are tried together
+SAME_SIDE = np.cos(np.radians(5.0))  #: Sides up that are closer are one
+MOST_SIDES = 4  #: Sides up that are tried before each setup
+POSES = 40  #: Of the reach map, that are tried for each way
+MOST_FACETS = 400  #: Of a patch, whose corners are looked at
+AROUND = 12  #: Points of a way round the part
+BETWEEN = 3  #: Points of a way from place to place of a patch
+SAME = 1e-3  #: Of sides that show as much, relative, the first is taken
 
 
 class Patch(NamedTuple):

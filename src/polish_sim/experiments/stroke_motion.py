@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def check_stroke_rule(scenario: Scenario) -> None:
 
 
 _MOTIONS: dict[bytes, TimedPath | None] = {}
-MOST_ROWS: Final = 200_000
+MOST_ROWS = 200_000
 """Rows of motions that are kept, 20 MB: a proof plays the same strokes again and again, and a run those of
 its plan."""
 

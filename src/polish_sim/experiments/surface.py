@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from polish_sim.log import RemovalMap, RunLog, with_column
 from polish_sim.planning import PlanResult, coverage_until
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
 
-TOOL_IN_PART: Final = ("refuse", "allow")
+TOOL_IN_PART = ("refuse", "allow")
 
 # What a run of ``surface`` or ``dual`` took off the part, by Preston's law.
 

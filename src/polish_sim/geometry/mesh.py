@@ -7,7 +7,7 @@ import hashlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -224,7 +224,7 @@ def _refuse_soup(faces: Ints, vertices: int, path: Path) -> None:
         )
 
 
-MUCH_FINER: Final = 4.0  #: Times the wanted number of facets
+MUCH_FINER = 4.0  #: Times the wanted number of facets
 
 
 class LighterMesh(NamedTuple):

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -16,12 +15,12 @@ from polish_sim.errors import MeshError
 from polish_sim.geometry.polygon import FileTriangles
 
 #: Chords are this close to the solid [mm]; the surface through them is 100 times closer
-CHORD_MM: Final = 0.1
+CHORD_MM = 0.1
 #: Neighbouring facets of a smooth face bend by no more: well below plan.feature_angle_rad
-ANGLE_RAD: Final = 0.2
+ANGLE_RAD = 0.2
 SECONDS, SECONDS_PER_MB = 9.0, 6.0  #: A file that takes longer is refused [s, s/MB]
-MEMORY: Final = 4_000_000_000  #: Of the process that reads it [bytes]
-ENDINGS: Final = (".step", ".stp")  #: Of files that state their own unit
+MEMORY = 4_000_000_000  #: Of the process that reads it [bytes]
+ENDINGS = (".step", ".stp")  #: Of files that state their own unit
 _FIRST, _LAST = b"ISO-10303-21;", b"END-ISO-10303-21;"
 _CHILD = Path(__file__).with_name("step_child.py")
 

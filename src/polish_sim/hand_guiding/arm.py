@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -28,7 +28,7 @@ from polish_sim.motion.serial_chain import SerialChain, chain_model
 # The cell's robot in torque mode: the model file's arm, its servos replaced by motors.
 
 #: The head's slide is clamped while a hand guides: dry friction far above its weight [N]
-CLAMP_N: Final = 100.0
+CLAMP_N = 100.0
 
 
 class LaidPart(NamedTuple):
@@ -94,7 +94,7 @@ def chain_of_file(file: Path) -> SerialChain:
         raise InputError(f"guide.model_file '{file}' is not this arm's: {error}") from error
 
 
-HOME: Final = (
+HOME = (
     1.300932701746,
     -1.591205400892,
     1.509041313016,
@@ -103,7 +103,7 @@ HOME: Final = (
     -0.269863625049,
 )
 """Joint angles the hand's moves are centred on, the model file's home [rad]."""
-DIRECTIONS: Final[Mapping[str, tuple[float, float, float]]] = MappingProxyType(
+DIRECTIONS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
     {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
 )
 """Unit vectors in the base frame."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -99,12 +99,12 @@ def pull_by_hand(
         applied[3 + i] = grip * turning + (tool[j] - at[j]) * force[k] - (tool[k] - at[k]) * force[j]
 
 
-BRAKED_S: Final = 0.5  #: After a protective stop the arm is braked and recorded for this long [s]
+BRAKED_S = 0.5  #: After a protective stop the arm is braked and recorded for this long [s]
 HOLD_RAD, HOLD_RAD_S, BRAKE_RAD_S = 0.04, 1.2, 1.0
 """Error and speed at which the holding servos, and speed at which the brakes, take all of a motor's
 torque."""
-TARE_HZ: Final = 5.0
-TARE_STEPS: Final = 4.0  #: A tare smaller than the torque of this many encoder steps counts as zero
+TARE_HZ = 5.0
+TARE_STEPS = 4.0  #: A tare smaller than the torque of this many encoder steps counts as zero
 
 
 class GuidingRow(Record):

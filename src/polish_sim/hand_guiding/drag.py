@@ -6,7 +6,7 @@ import math
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.signal import butter, sosfilt
@@ -47,11 +47,11 @@ from polish_sim.spatial import apply, inverse
 # A hand that drags the tool along a path, with the wander, tremor and wobble of a person's.
 
 
-TREMOR_HZ: Final = (8.0, 12.0)  #: Where a person's hand trembles [Hz]
-RAMP_S: Final = 0.8  #: The hand sets off and stops during this time [s]
+TREMOR_HZ = (8.0, 12.0)  #: Where a person's hand trembles [Hz]
+RAMP_S = 0.8  #: The hand sets off and stops during this time [s]
 
 
-TAUGHT: Final = "taught.csv"  #: The file of the taught path
+TAUGHT = "taught.csv"  #: The file of the taught path
 
 
 class DragTable(NamedTuple):
@@ -122,8 +122,8 @@ def _noise(rng: np.random.Generator, steps: int, dt: float, rms: float, low: flo
 
 # What a hand drags the tool along: a part's rim or a path's file, placed before the arm.
 
-RIM: Final = "rim"
-SPACING_M: Final = 0.001
+RIM = "rim"
+SPACING_M = 0.001
 
 
 class DragTask(NamedTuple):

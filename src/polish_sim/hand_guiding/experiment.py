@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
 from polish_sim.config import Scenario, SpindleConfig
@@ -19,16 +19,16 @@ from polish_sim.experiments.registry import (
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
 
-_FORCE: Final = (
+_FORCE = (
     Claim("hand_force_peak_n", "hand force, peak", "N"),
     Claim("hand_force_rms_n", "  rms", "N"),
 )
-_LET_GO: Final = (
+_LET_GO = (
     Claim("drift_rad", "hands off, drift", "deg", high=0.01 / DEGREES),
     Claim("lent_energy_j", "energy lent, most", "J"),
 )
 
-CLAIMS: Final[Mapping[str, tuple[Claim, ...]]] = {
+CLAIMS: Mapping[str, tuple[Claim, ...]] = {
     "trial": (
         Claim("none_peak_n", "hand force, nothing compensated, peak", "N", "> 100"),
         Claim("classical_peak_n", "  gravity and friction (classical)", "N", "< 30"),
@@ -89,7 +89,7 @@ def _title(scenario: Scenario) -> str:
     return f"teach, {scenario.guide.mode or 'every mode'}"
 
 
-TEACH: Final = Experiment(
+TEACH = Experiment(
     "teach",
     "a hand guides the arm, whose torques make it light (paper 3, fig. 6)",
     Scenario(experiment="teach", spindle=SpindleConfig(speed_rpm=0.0)),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,9 +13,9 @@ from polish_sim.planning.toolpath import ToolPath
 
 Figures = dict[str, float]
 
-COAST_S: Final = 1.0  #: A released arm may roll out for this long; what it moves then is drift [s]
+COAST_S = 1.0  #: A released arm may roll out for this long; what it moves then is drift [s]
 #: Compared with the classical mode, and how their figures begin
-RATIOS: Final = {"inertia": "", "assist": "assist_"}
+RATIOS = {"inertia": "", "assist": "assist_"}
 
 
 def measure_move(force: Array, whole: bool, lent_j: float) -> Figures:

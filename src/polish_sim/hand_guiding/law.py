@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record
 from polish_sim.motion.serial_chain import ChainModel, chain_torque
 
-ON_S: Final = 0.01  #: Compensation comes within this time when a hand is felt [s]
-OFF_S: Final = 0.2  #: And goes within this time when none is [s]
+ON_S = 0.01  #: Compensation comes within this time when a hand is felt [s]
+OFF_S = 0.2  #: And goes within this time when none is [s]
 
 
 class Belief(NamedTuple):
@@ -182,7 +182,7 @@ class Mode(NamedTuple):
     assist: float = 0.0
 
 
-MODES: Final[Mapping[str, Mode]] = MappingProxyType(
+MODES: Mapping[str, Mode] = MappingProxyType(
     {
         "none": Mode("nothing: the hand carries the arm"),
         "gravity": Mode("gravity", 1.0),
@@ -217,7 +217,7 @@ def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
 
 
 JOINT_SPEED, TOOL_SPEED, ENERGY, UNSTABLE, TOUCH, JOINT_END = 1, 2, 3, 4, 5, 6
-GUARDS: Final[Mapping[int, str]] = MappingProxyType(
+GUARDS: Mapping[int, str] = MappingProxyType(
     {
         JOINT_SPEED: "a joint is faster than guide.joint_speed_limit_rad_s",
         TOOL_SPEED: "the tool is faster than guide.tool_speed_limit_m_s",
@@ -230,7 +230,7 @@ GUARDS: Final[Mapping[int, str]] = MappingProxyType(
 )
 """Reasons of a protective stop, by code."""
 #: Share of a speed limit from which compensation fades: the joints' own friction brakes [-]
-FADE_FROM: Final = 0.9
+FADE_FROM = 0.9
 
 
 class Lent(Record):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from textwrap import wrap
-from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,8 +28,8 @@ from polish_sim.arrays import Array
 from polish_sim.hand_guiding.figures import distance_to_line
 from polish_sim.planning.toolpath import arc_length
 
-COLORS: Final = {"assist": BLUE, "classical": ORANGE, "inertia": SKY, "gravity": PINK, "none": GREY}
-PAPER_N: Final = {"none": 100.0, "classical": 30.0, "inertia": 0.714 * 30.0}  #: Peaks of paper 3 [N]
+COLORS = {"assist": BLUE, "classical": ORANGE, "inertia": SKY, "gravity": PINK, "none": GREY}
+PAPER_N = {"none": 100.0, "classical": 30.0, "inertia": 0.714 * 30.0}  #: Peaks of paper 3 [N]
 _BEFORE_S, _AFTER_S = 0.1, 0.2
 
 

@@ -4,7 +4,7 @@ ToolPath)."""
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_lsq_spline
@@ -18,11 +18,11 @@ from polish_sim.hand_guiding.figures import distance_to_chord
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from polish_sim.spatial import unit
 
-DEGREE: Final = 3
-MOVING_SHARE: Final = 0.2  #: A hand slower than this share of its usual speed has not begun, or has ended [-]
-SHORTEST_M: Final = 0.01  #: Less way than this teaches nothing [m]
+DEGREE = 3
+MOVING_SHARE = 0.2  #: A hand slower than this share of its usual speed has not begun, or has ended [-]
+SHORTEST_M = 0.01  #: Less way than this teaches nothing [m]
 #: The recording is fitted at places this far apart, so that a slow hand does not weigh more [m]
-EVEN_M: Final = 0.0005
+EVEN_M = 0.0005
 
 
 class Recording(NamedTuple):

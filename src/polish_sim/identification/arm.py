@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 import mujoco
 import numpy as np
@@ -39,8 +38,8 @@ from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.makes import use_arm, used_arm
 from polish_sim.motion.serial_chain import ChainGeometry
 
-RAMP_S: Final = 2.0
-_TORQUE: Final = np.array([150.0] * 3 + [28.0] * 3)
+RAMP_S = 2.0
+_TORQUE = np.array([150.0] * 3 + [28.0] * 3)
 _LINK_DOUBT, _FRICTION_DOUBT = 0.15, 0.3
 
 

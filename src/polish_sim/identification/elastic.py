@@ -16,7 +16,7 @@ low-passed alike.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,17 +38,17 @@ from polish_sim.motion.kinematics import jacobian, link_frames
 from polish_sim.motion.serial_chain import ChainGeometry
 
 #: Of torques and columns that are fitted: above, encoder steps are all there is to see
-LOW_PASS_HZ: Final = 30.0
-BAND_HZ: Final = 250.0  #: Of the states columns are made of
+LOW_PASS_HZ = 30.0
+BAND_HZ = 250.0  #: Of the states columns are made of
 #: Of the states torques are predicted from: less loses the gears' ripple, more adds steps
-PREDICTED_HZ: Final = 130.0
-BLOCK_S: Final = 0.2  #: How long residuals may be alike
+PREDICTED_HZ = 130.0
+BLOCK_S = 0.2  #: How long residuals may be alike
 #: Size of these shares before anything is measured: decides only where gears show no error
-LIKELY: Final = 0.3
-LOADS: Final = 2  #: Parameters of friction by load, a joint
-_ORDER: Final = 8
-_ROUNDS: Final = 5
-_SAMPLES: Final = 200
+LIKELY = 0.3
+LOADS = 2  #: Parameters of friction by load, a joint
+_ORDER = 8
+_ROUNDS = 5
+_SAMPLES = 200
 
 
 class SprungHead(NamedTuple):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,19 +18,19 @@ from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.regressor import PIECE, States, TorqueModel, random_states
 
-INDEPENDENT: Final = 1e-8  #: A column is new if this share of its length stands off the earlier ones
+INDEPENDENT = 1e-8  #: A column is new if this share of its length stands off the earlier ones
 #: Below this speed [rad/s] a joint's torque gets no weight: its friction has no known size
-STANDSTILL: Final = 0.1
+STANDSTILL = 0.1
 #: While any joint is slower [rad/s] no torque gets weight: all feel how its friction reverses
-TURNING: Final = 0.06
-STANDING: Final = (0.01, 0.5)  #: Slower than this [rad/s], [rad/s^2], a joint stands: no friction reverses
-INTERVAL_95: Final = 1.959964  #: Half width of a 95% interval in standard deviations
-LONGEST: Final = 0.1  #: Correlations are followed over this share of the samples at most
-_SAMPLES: Final = 200
-_CLEAN: Final = 1e-9
-_ROUNDS: Final = 4
+TURNING = 0.06
+STANDING = (0.01, 0.5)  #: Slower than this [rad/s], [rad/s^2], a joint stands: no friction reverses
+INTERVAL_95 = 1.959964  #: Half width of a 95% interval in standard deviations
+LONGEST = 0.1  #: Correlations are followed over this share of the samples at most
+_SAMPLES = 200
+_CLEAN = 1e-9
+_ROUNDS = 4
 #: Share of the scaled regressor's largest singular value below which a direction is hidden
-_HIDDEN: Final = 1e-5
+_HIDDEN = 1e-5
 
 
 class BaseParameters(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -46,14 +46,14 @@ def i_optimal(H: Array, G: Array) -> Judged:
     return Judged(float(np.log(mean)), -(CG @ C) / mean)
 
 
-GRID: Final = 100  #: Samples of a period while searching
-FINE: Final = 1000  #: Samples of a period when limits are checked
-_SHARE: Final = 0.9  #: Of a random motion's limits of speed and acceleration
-_MARGIN: Final = 0.98
-_PENALTY: Final = 30.0
-_SHRINK: Final = 0.98
-_LEAST: Final = 0.3
-_RESTARTS: Final = 4
+GRID = 100  #: Samples of a period while searching
+FINE = 1000  #: Samples of a period when limits are checked
+_SHARE = 0.9  #: Of a random motion's limits of speed and acceleration
+_MARGIN = 0.98
+_PENALTY = 30.0
+_SHRINK = 0.98
+_LEAST = 0.3
+_RESTARTS = 4
 
 
 @dataclass(frozen=True)
@@ -257,4 +257,4 @@ class Search:
         return _PENALTY * float(np.sum(short**2)), slope
 
 
-_ROOM: Final = 0.02  #: Within this of the least clearance poses are pushed away [m]
+_ROOM = 0.02  #: Within this of the least clearance poses are pushed away [m]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,8 +22,8 @@ from polish_sim.identification.payload import BODY_NAMES, BODY_UNITS, Weighed, b
 from polish_sim.identification.physical import ParameterRow, parameter_rows, parameters_csv
 from polish_sim.tables import csv_text
 
-PAYLOAD_FILE: Final = "payload.csv"
-PAYLOAD_COLUMNS: Final = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")
+PAYLOAD_FILE = "payload.csv"
+PAYLOAD_COLUMNS = ("name", "value", "unit", "std", "low_95", "high_95", "nearest_body", "true_value")
 
 
 def write_folder(folder: Path, found: Identification, source: RobotSource = None) -> None:

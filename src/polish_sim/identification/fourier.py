@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.identification.regressor import States
 
-HARMONICS: Final = 5
-FREQUENCY: Final = 0.1  #: Of the first harmonic [Hz]: a period of 10 s
+HARMONICS = 5
+FREQUENCY = 0.1  #: Of the first harmonic [Hz]: a period of 10 s
 
 
 def fourier_basis(t: Array, frequency: float = FREQUENCY, harmonics: int = HARMONICS) -> States:

@@ -12,7 +12,7 @@ acceleration asks for.
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,17 +24,17 @@ from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of
 from polish_sim.identification.log_file import Gears, RobotLog
 from polish_sim.identification.physical import ParameterRow
 
-LOW_PASS_HZ: Final = 30.0
-SAMPLED_HZ: Final = 100.0  #: Of what is fitted
-BLOCK_S: Final = 0.2  #: How long residuals may be alike
-FORGOTTEN: Final = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
+LOW_PASS_HZ = 30.0
+SAMPLED_HZ = 100.0  #: Of what is fitted
+BLOCK_S = 0.2  #: How long residuals may be alike
+FORGOTTEN = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
 #: A slope is fitted where a first estimate of the torque goes beyond this share of its knee
-SEEN: Final = 0.7
-KNOWN: Final = 0.1  #: A slope whose standard deviation is a larger share of it is not known
-SURE: Final = 0.03  #: Standard deviation below which a share of friction by load counts as known
-CONFOUNDED: Final = 1e6  #: Condition number of the fit from which its parameters are not separable
-_ENDS_S: Final = 0.2  #: Left out at both ends of the log, where the low-pass has no past or future
-_NAMES: Final = (
+SEEN = 0.7
+KNOWN = 0.1  #: A slope whose standard deviation is a larger share of it is not known
+SURE = 0.03  #: Standard deviation below which a share of friction by load counts as known
+CONFOUNDED = 1e6  #: Condition number of the fit from which its parameters are not separable
+_ENDS_S = 0.2  #: Left out at both ends of the log, where the low-pass has no past or future
+_NAMES = (
     "Jr",
     "fvr",
     "fcr",
@@ -51,9 +51,9 @@ _NAMES: Final = (
     "Kb",
     "Kc",
 )
-_UNITS: Final = ("kg m^2", "N m s/rad", "N m", "-", "-", "N m s/rad", "N m", *["rad"] * 5, *["N m/rad"] * 3)
-_TYPICAL: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 10.0, 1.0, *[1e-4] * 5, *[1e4] * 3])
-_FIRST: Final = 12  #: Where the slopes begin in these
+_UNITS = ("kg m^2", "N m s/rad", "N m", "-", "-", "N m s/rad", "N m", *["rad"] * 5, *["N m/rad"] * 3)
+_TYPICAL = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 10.0, 1.0, *[1e-4] * 5, *[1e4] * 3])
+_FIRST = 12  #: Where the slopes begin in these
 _LOADS, _ERRORS = slice(3, 5), slice(8, _FIRST)  #: Where friction by load is, and the error of the gears
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_lsq_spline
@@ -22,7 +22,7 @@ from polish_sim.identification.regressor import States
 from polish_sim.motion.serial_chain import HINGE
 from polish_sim.tables import Columns
 
-KNOTS_S: Final = 0.05  #: Between two knots of a spline [s]
+KNOTS_S = 0.05  #: Between two knots of a spline [s]
 HARMONICS_FITTED = 20  #: Of the measured positions: four times what is commanded, for what the servos add
 
 
@@ -81,16 +81,16 @@ def smooth_states(log: RobotLog) -> States:
     return spline_states(log, max(KNOTS_S, 10.0 * float(np.median(np.diff(log.time)))))
 
 
-TURN: Final = 2.0 * np.pi
-_GAP: Final = 3.0  #: Steps longer than this many usual ones are gaps
+TURN = 2.0 * np.pi
+_GAP = 3.0  #: Steps longer than this many usual ones are gaps
 #: Between two samples, at most: splines with a knot every 0.05 s need more of them than knots
-_SLOWEST_S: Final = 0.02
+_SLOWEST_S = 0.02
 #: Share of samples at exactly the largest torque from which a drive is taken as saturated
-_FLAT: Final = 0.01
+_FLAT = 0.01
 #: Samples at the largest torque by those at the next smaller: saturation, not coarse steps
-_PILED: Final = 3.0
-_LEAST_SAMPLES: Final = 500
-_ARM: Final = (HINGE,) * 6
+_PILED = 3.0
+_LEAST_SAMPLES = 500
+_ARM = (HINGE,) * 6
 
 
 def log_columns(kinds: Sequence[int]) -> tuple[list[str], list[str]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 from xml.etree import ElementTree
 
 import mujoco
@@ -20,9 +20,9 @@ from polish_sim.motion.serial_chain import inertia_at_origin, point_inertia
 
 RobotSource: TypeAlias = Path | mujoco.MjSpec | None
 """A robot's MJCF: a file, or a model not yet compiled; None: the shipped robot's file."""
-BY_LOAD: Final = "friction_by_load"  #: Name of its numbers in an identified model
-ASSETS: Final = "meshes"  #: Folder beside the model with copies of its files
-_TEXTURE_FILES: Final = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
+BY_LOAD = "friction_by_load"  #: Name of its numbers in an identified model
+ASSETS = "meshes"  #: Folder beside the model with copies of its files
+_TEXTURE_FILES = ("file", "fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
 
 def write_portable(file: Path, xml: str) -> Path:

@@ -7,7 +7,7 @@ arm, found in the run without payload or known beforehand.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -36,11 +36,11 @@ from polish_sim.motion.serial_chain import (
     point_inertia,
 )
 
-BODY_NAMES: Final = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-BODY_UNITS: Final = ("kg", "m", "m", "m", *["kg m^2"] * 6)
-_LOWER: Final = np.tril_indices(4)
+BODY_NAMES = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+BODY_UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
+_LOWER = np.tril_indices(4)
 #: Share of its size a body that cannot exist is thickened by before the nearest that can is sought
-_THIN: Final = 1e-6
+_THIN = 1e-6
 
 
 class Body(NamedTuple):
@@ -139,8 +139,8 @@ def _widened(sums: JointSums) -> JointSums:
     return sums._replace(squares=squares, products=np.pad(sums.products, ((0, 0), (0, 10))))
 
 
-_DENSITY: Final = 2700.0  #: Of the blocks that are carried [kg/m^3]
-_AHEAD: Final = 0.05  #: Of the last link's origin, where a block begins [m]
+_DENSITY = 2700.0  #: Of the blocks that are carried [kg/m^3]
+_AHEAD = 0.05  #: Of the last link's origin, where a block begins [m]
 
 
 class Weighed(NamedTuple):

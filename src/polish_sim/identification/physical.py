@@ -8,7 +8,7 @@ directions without effect on torques stay at the drawing.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -19,11 +19,11 @@ from polish_sim.identification.regressor import FULL, TorqueModel
 from polish_sim.motion.serial_chain import inertia_at_origin, packed
 from polish_sim.tables import csv_text
 
-_FLOOR: Final = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
-_THIN: Final = 1e-9  #: Share of its size a drawn body is thickened by, so that it has a root
-_PRIOR: Final = 1.0  #: How far from the drawing parameters are expected, in sizes of the drawing's
-_LOWER: Final = np.tril_indices(4)
-_NOT_NEGATIVE: Final = ("coulomb", "viscous", "armature", "load")
+_FLOOR = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
+_THIN = 1e-9  #: Share of its size a drawn body is thickened by, so that it has a root
+_PRIOR = 1.0  #: How far from the drawing parameters are expected, in sizes of the drawing's
+_LOWER = np.tril_indices(4)
+_NOT_NEGATIVE = ("coulomb", "viscous", "armature", "load")
 
 
 def pseudo_inertia(parameters: Array) -> Array:
@@ -152,7 +152,7 @@ def _lower(numbers: Array) -> Array:
     return L
 
 
-COLUMNS: Final = ("name", "value", "unit", "std", "identifiable", "low_95", "high_95", "true_value")
+COLUMNS = ("name", "value", "unit", "std", "identifiable", "low_95", "high_95", "true_value")
 
 
 class ParameterRow(NamedTuple):

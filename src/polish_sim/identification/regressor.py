@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,8 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.serial_chain import HINGE, LINK_PARAMETERS, LINK_UNITS, ChainGeometry, SerialChain
 
 STEP = 1e-30  #: Size of the complex step: its square vanishes beside one
-PIECE: Final = 2000  #: Samples whose regressors are held at once
-SIGN_WIDTH: Final = 0.02  #: Speed over which the sign of Coulomb friction is smoothed [rad/s]
+PIECE = 2000  #: Samples whose regressors are held at once
+SIGN_WIDTH = 0.02  #: Speed over which the sign of Coulomb friction is smoothed [rad/s]
 
 
 def rigid_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
@@ -206,7 +206,7 @@ def _none(chain: SerialChain) -> Array:
     return np.zeros_like(chain.damping)
 
 
-TERMS: Final[dict[str, JointTerm]] = {
+TERMS: dict[str, JointTerm] = {
     "coulomb": JointTerm(
         "fc", "N m", lambda x, _load: _sign(x), _slope_of_sign, lambda chain: chain.frictionloss
     ),
@@ -230,7 +230,7 @@ TERMS: Final[dict[str, JointTerm]] = {
 """Terms a model may have beside the rigid links."""
 
 
-WAVES: Final = {"cos": np.cos, "sin": np.sin}
+WAVES = {"cos": np.cos, "sin": np.sin}
 
 
 def term_of(name: str) -> JointTerm:
@@ -243,7 +243,7 @@ def term_of(name: str) -> JointTerm:
     return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(int(teeth) * x.q), None, _none)
 
 
-FULL: Final = ("coulomb", "viscous", "armature", "offset")
+FULL = ("coulomb", "viscous", "armature", "offset")
 """Of rigid joints, in the order of the model's columns."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -162,8 +162,8 @@ def _inertias(
 
 # Distances of the robot from itself and from what stands around it, pose by pose.
 
-FAR: Final = 0.05  #: Larger distances count as this [m]
-_TOUCH: Final = 1e-9
+FAR = 0.05  #: Larger distances count as this [m]
+_TOUCH = 1e-9
 
 
 class RobotClearance:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
 
 from polish_sim.analysis.claim import Claim
 from polish_sim.arms import IDEAL
@@ -13,13 +12,13 @@ from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleCo
 from polish_sim.errors import InputError
 from polish_sim.identification.regressor import FULL
 
-STEP_S: Final = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
-SCENARIO: Final = Scenario(
+STEP_S = 2.5e-4  #: Physics step: the engine takes friction half a step late, so it is kept short
+SCENARIO = Scenario(
     experiment="identify", robot=RobotConfig(arm="ideal"), spindle=SpindleConfig(speed_rpm=0.0),
     simulation=SimulationConfig(timestep_s=STEP_S),
 )  # fmt: skip
 """The arm whose torques are those of the fit: what a log is read by and methods are measured on."""
-LARGEST_PAYLOAD: Final = 3.0  #: Five kilograms less the tool's two [kg]
+LARGEST_PAYLOAD = 3.0  #: Five kilograms less the tool's two [kg]
 
 
 @dataclass(frozen=True)
@@ -76,22 +75,22 @@ def _identify(error: float, predicted: float = 0.0285) -> tuple[Claim, ...]:
     )
 
 
-_IDENTIFY_DATA: Final = (
+_IDENTIFY_DATA = (
     Claim("nrms_heldout_mean", "residual held out / range of the torque", "%"),
     Claim("nrms_heldout_drawing_mean", "the same by the drawing", "%"),
     Claim("base_parameters", "base parameters", ""),
     Claim("condition", "condition, SI units", ""),
     Claim("physically_consistent", "bodies that can exist", "", low=1.0, more_is_better=True),
 )
-ELASTIC: Final = 5e-3  #: Asked of an elastic arm's error held out, in ranges of the torque
-GEARS: Final = (
+ELASTIC = 5e-3  #: Asked of an elastic arm's error held out, in ranges of the torque
+GEARS = (
     Claim("gear_slopes_found", "slopes of the gears' stiffness found, of 18", ""),
     Claim("gear_stiffness_error_max", "  their largest error", "%"),
     Claim("gear_interval_coverage", "  95% intervals that hold the truth", "%"),
 )
 """More of elastic joints."""
 
-IDENTIFY: Final[Mapping[str, tuple[Claim, ...]]] = {
+IDENTIFY: Mapping[str, tuple[Claim, ...]] = {
     "full": _identify(6e-4),
     "short": _identify(1.3e-3),
     # The bound on the predicted error is for the default task, random motions under the same limits.

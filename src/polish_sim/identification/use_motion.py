@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -19,15 +18,15 @@ from polish_sim.motion.serial_chain import HINGE
 from polish_sim.smoothing.place import distinct_rows, follow_path
 from polish_sim.tables import Columns
 
-JOINTS: Final = 6
-LOGS: Final = ("log.npz", "trajectory.npz")  #: Files of run folders that hold ``time_s`` and ``q_rad``
-_SAMPLE_S: Final = 0.02
-_SAMPLES: Final = 20_000
-_KNOTS: Final = 10.0  #: Samples between two knots of the spline that speeds and accelerations come from
-_MOST: Final = 2000
-_POSES: Final = 2  #: Of a move, at least
-_LEAST: Final = 50  #: Samples of the shortest motion
-_TURN_S: Final = 0.02  #: The least time between two poses of a path: where the tool only turns
+JOINTS = 6
+LOGS = ("log.npz", "trajectory.npz")  #: Files of run folders that hold ``time_s`` and ``q_rad``
+_SAMPLE_S = 0.02
+_SAMPLES = 20_000
+_KNOTS = 10.0  #: Samples between two knots of the spline that speeds and accelerations come from
+_MOST = 2000
+_POSES = 2  #: Of a move, at least
+_LEAST = 50  #: Samples of the shortest motion
+_TURN_S = 0.02  #: The least time between two poses of a path: where the tool only turns
 
 
 def use_states(source: Path) -> States:

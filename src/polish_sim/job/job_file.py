@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from polish_sim.config import Scenario
 from polish_sim.config.key import key
@@ -21,7 +21,7 @@ from polish_sim.scenario_file import merge, region_with_file, with_files
 from polish_sim.toml_text import read_toml
 
 T = TypeVar("T")
-SECTIONS: Final = ("plan", "process", "smoothing", "safety", "controller")
+SECTIONS = ("plan", "process", "smoothing", "safety", "controller")
 """Sections of the scenario that a pass may set; `[cell]` may set any."""
 
 
@@ -169,7 +169,7 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
     return merge(default, own, ""), {name: table[name] for name in inner if name in table}  # type: ignore[type-var]
 
 
-TEMPLATE: Final = """\
+TEMPLATE = """\
 # A job: setups x regions x passes. Run it: polish-sim job {name}
 part = "{part}"
 parts = 1  # of the batch

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -39,10 +39,10 @@ from polish_sim.planning.toolpath import stretches
 from polish_sim.row_file import whole_file
 from polish_sim.spatial import to_pose
 
-PIECE_S: Final = 1.0  #: Of simulated time between pieces on disk
-FED: Final = 2  #: Phase of the log from which the pad has worked
-NOTHING_M: Final = 1e-4  #: So little of a path left is done [m]
-ON_ZONE_M: Final = 1e-4  #: Points of a path so near a zone are in it [m]
+PIECE_S = 1.0  #: Of simulated time between pieces on disk
+FED = 2  #: Phase of the log from which the pad has worked
+NOTHING_M = 1e-4  #: So little of a path left is done [m]
+ON_ZONE_M = 1e-4  #: Points of a path so near a zone are in it [m]
 
 
 class Row(NamedTuple):
@@ -280,7 +280,7 @@ def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
     }
 
 
-PASS_KEYS: Final = (
+PASS_KEYS = (
     *(
         "tool",
         "grit",

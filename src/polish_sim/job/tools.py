@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from polish_sim.config import FlangeConfig
 from polish_sim.config.key import key
@@ -17,9 +17,9 @@ from polish_sim.job.lines import naming_line
 from polish_sim.scenario_file import merge
 from polish_sim.toml_text import read_toml
 
-SHIPPED: Final = Path(__file__).with_name("tools.toml")
+SHIPPED = Path(__file__).with_name("tools.toml")
 SPINDLE, ORBITAL, BELT = "spindle", "orbital", "belt"
-KINDS: Final = (SPINDLE, ORBITAL, BELT)
+KINDS = (SPINDLE, ORBITAL, BELT)
 
 
 @dataclass(frozen=True)

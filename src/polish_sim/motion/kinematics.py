@@ -12,7 +12,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -39,8 +38,8 @@ JOINT_LIMITS = (
     np.array([[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0], [-2.0, 2.0], [-2.0, 2.0], [-2.0, 2.0]]) * np.pi
 )
 """Lowest and highest joint angle [rad], shape (6, 2)."""
-CLOSE: Final = 1e-12  #: Newton's method ends when the flange pose is reached to this [m] and [rad]
-_MOST_ROUNDS: Final = 10
+CLOSE = 1e-12  #: Newton's method ends when the flange pose is reached to this [m] and [rad]
+_MOST_ROUNDS = 10
 
 
 # Forward: one step of the chain, written once for every kernel.

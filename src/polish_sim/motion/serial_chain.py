@@ -6,7 +6,7 @@ of the first joint is the base frame.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,11 +14,11 @@ from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.kernel_cache import njit
 
-HINGE: Final = 0
-SLIDE: Final = 1
-LINK_PARAMETERS: Final = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+HINGE = 0
+SLIDE = 1
+LINK_PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Ten inertial parameters of a link about its frame's origin, in this order (paper 3)."""
-LINK_UNITS: Final = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
+LINK_UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 
 
 class ChainGeometry(NamedTuple):

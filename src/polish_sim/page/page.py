@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Ints
 from polish_sim.errors import InputError
 
-SCRIPTS: Final = ("scene.js", "plots.js", "page.js")
-LEVELS: Final = 65534  #: Of a rounded number; one more stands for what is undefined
+SCRIPTS = ("scene.js", "plots.js", "page.js")
+LEVELS = 65534  #: Of a rounded number; one more stands for what is undefined
 
 
 class Body(NamedTuple):
@@ -129,7 +129,7 @@ class Page(NamedTuple):
 
 # Simple shapes, and a tool without an arm.
 
-SIDES: Final = 40  #: Of a cylinder
+SIDES = 40  #: Of a cylinder
 
 
 def box(half: Array) -> tuple[Array, Ints]:

@@ -3,7 +3,7 @@ it)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from polish_sim.planning.quality.figures import Quality
     from polish_sim.planning.toolpath import ToolPath
 
-ORDERS: Final = ("inward", "outward")
-DIRECTIONS: Final = ("climb", "conventional")
+ORDERS = ("inward", "outward")
+DIRECTIONS = ("climb", "conventional")
 
 NARROWEST = 0.5
 """A region narrower than this share of the pad's diameter, seen from above, cannot carry it; a wider one is

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -42,7 +42,7 @@ from polish_sim.planning.quality.tool_room import CHECKED_APART, Tool, pad_in_pa
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
-FIRST_FORCE: Final = 0.5  #: Share of the force with which a plan resumes behind a place
+FIRST_FORCE = 0.5  #: Share of the force with which a plan resumes behind a place
 ROUNDS = 4  #: Places at which the tool is found in the part are left out at most
 
 
@@ -62,7 +62,7 @@ class _Silent(PlanObserver):
     """Says nothing."""
 
 
-UNSEEN: Final = _Silent()  #: Planning nobody looks on at
+UNSEEN = _Silent()  #: Planning nobody looks on at
 
 SLOWED, EASED, LEFT_OUT = "slowed", "eased", "left out"
 
@@ -320,8 +320,8 @@ class PreparedRegion:
         return PlanResult(self.mesh, self.surface, within, path, *found)
 
 
-PAD_CHOICES: Final = ("auto", "stepover", "given")  #: What is chosen: pad and step-over, the pad, nothing
-PAD_SIZES_M: Final = (
+PAD_CHOICES = ("auto", "stepover", "given")  #: What is chosen: pad and step-over, the pad, nothing
+PAD_SIZES_M = (
     0.05,
     0.04,
     0.03,
@@ -339,7 +339,7 @@ PAD_SIZES_M: Final = (
 )
 """Diameters a pad is chosen from."""
 #: A pad is not chosen that the force presses in by more than this share of its radius
-MOST_SUNK: Final = 0.25
+MOST_SUNK = 0.25
 
 
 def prepare_region(
@@ -421,7 +421,7 @@ def _pads(
         )
 
 
-ON_SURFACE_M: Final = 1e-6  #: Places this close to a surface are on it [m]
+ON_SURFACE_M = 1e-6  #: Places this close to a surface are on it [m]
 
 
 def accessible(

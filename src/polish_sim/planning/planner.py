@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,11 +36,11 @@ from polish_sim.planning.quality.tool_room import Tool, ground_under, pressed_pl
 from polish_sim.planning.toolpath import ToolPath, arc_length, stretches
 
 #: Spacing along a stroke at which the tool is checked for being in the part [pad radii]
-CUT_APART: Final = 0.1
-NO_WAY: Final = "the tool cannot come there without running into the part"
-TOO_NARROW: Final = "too narrow for a turn half a step-over inside its border"
-CUT_HERE: Final = "cut where the path would cross itself"
-SHORTENED: Final = "no room for the lead at the end of a stroke"
+CUT_APART = 0.1
+NO_WAY = "the tool cannot come there without running into the part"
+TOO_NARROW = "too narrow for a turn half a step-over inside its border"
+CUT_HERE = "cut where the path would cross itself"
+SHORTENED = "no room for the lead at the end of a stroke"
 
 
 class Planned(NamedTuple):

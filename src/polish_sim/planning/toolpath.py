@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import PlanError
 
-SEGMENTS: Final = ("approach", "lead_in", "process", "link", "lead_out", "retract")
+SEGMENTS = ("approach", "lead_in", "process", "link", "lead_out", "retract")
 APPROACH, LEAD_IN, PROCESS, LINK, LEAD_OUT, RETRACT = range(len(SEGMENTS))
 
 

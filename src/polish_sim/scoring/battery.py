@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,7 +119,7 @@ def latency_settings(total_ms: float) -> tuple[str, str]:
     return f"sensor.latency_s={shared.sensor}", f"robot.command_latency_s={shared.command}"
 
 
-BATTERY: Final = (
+BATTERY = (
     _hold("step-10", "10 N on a flat plate, approach 5 mm/s, held 4 s", "process.contact_force_n=10"),
     _hold("step-20", "20 N on a flat plate, approach 5 mm/s, held 4 s"),
     _hold(

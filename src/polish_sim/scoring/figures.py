@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,16 +25,16 @@ from polish_sim.analysis.metrics import (
 from polish_sim.arrays import Array
 from polish_sim.log import Trace
 
-STEADY_AFTER_S: Final = 0.5  #: The steady window of a hold begins this long after first contact [s]
+STEADY_AFTER_S = 0.5  #: The steady window of a hold begins this long after first contact [s]
 #: A moving mean over this keeps how the force follows the part and takes oscillation away [s]
-SLOW_S: Final = 0.25
+SLOW_S = 0.25
 #: Amplitude a stable loop may swing with, as a share of the wanted force [-]
-LARGEST_OSCILLATION: Final = 0.1
-LEAST_ALLOWED_N: Final = 2.0  #: The amplitude allowed at small forces [N]
-LARGEST_GROWTH: Final = 2.0  #: Of the amplitude from the third to the last quarter of the window [-]
-QUIET_N: Final = 0.5  #: Growth below this amplitude is noise [N]
+LARGEST_OSCILLATION = 0.1
+LEAST_ALLOWED_N = 2.0  #: The amplitude allowed at small forces [N]
+LARGEST_GROWTH = 2.0  #: Of the amplitude from the third to the last quarter of the window [-]
+QUIET_N = 0.5  #: Growth below this amplitude is noise [N]
 
-DEFINITIONS: Final[Mapping[str, str]] = MappingProxyType(
+DEFINITIONS: Mapping[str, str] = MappingProxyType(
     {
         "force": "exact contact force along the tool axis, in the tool frame, at every physics step; error "
         "= force minus the force wanted at that place",
@@ -133,7 +133,7 @@ def spread(values: Sequence[float | None]) -> Spread:
     return Spread(sum(known) / len(known), max(known) if len(known) == len(values) else None)
 
 
-FIGURES: Final = (
+FIGURES = (
     "settling_1n_s",
     "overshoot_n",
     "rms_error_n",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Hashable, Iterable
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -136,7 +136,7 @@ def _done(task: Task, place: Workplace, run: CellRun) -> bool:
     return timed_out or path_done(place.path, run.trace.path_s_m[fed]) > 0.999
 
 
-_NOTHING: Final[Row] = dict.fromkeys((*FIGURES, "peaks_error_n", "slowed")) | {"stable": False}
+_NOTHING: Row = dict.fromkeys((*FIGURES, "peaks_error_n", "slowed")) | {"stable": False}
 
 
 def keys_of(tasks: Iterable[Task]) -> dict[Task, str]:

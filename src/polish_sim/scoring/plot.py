@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,16 +21,16 @@ class _Panel(NamedTuple):
     least: float  #: Smaller values are drawn here: the axis is logarithmic
 
 
-PANELS: Final = (
+PANELS = (
     _Panel("settling_1n_s", "settling to ±1 N [s]", 0.05),
     _Panel("rms_error_n", "RMS error [N]", 0.02),
     _Panel("max_error_n", "largest error [N]", 0.1),
     _Panel("overshoot_n", "overshoot [N]", 0.02),
 )
-FAR: Final = 100.0  #: Span of an axis beyond which only every other number fits
-_ROW_INCH: Final = 0.27
-_WORTH_A_NAME: Final = 1.2
-_FAR: Final = 4.0
+FAR = 100.0  #: Span of an axis beyond which only every other number fits
+_ROW_INCH = 0.27
+_WORTH_A_NAME = 1.2
+_FAR = 4.0
 
 
 @styled

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from polish_sim.row_file import Row
 from polish_sim.scoring.battery import APPROACH_20, Case, Draw, latency_settings, spring_settings
 from polish_sim.scoring.figures import spread
 
-SPRINGS: Final = (0.2, 0.5, 1.0, 2.0, 5.0)  #: Real springs by what the controller takes them for [-]
-LATENCIES_MS: Final = (2, 4, 8, 12, 20)  #: Total latencies [ms]
+SPRINGS = (0.2, 0.5, 1.0, 2.0, 5.0)  #: Real springs by what the controller takes them for [-]
+LATENCIES_MS = (2, 4, 8, 12, 20)  #: Total latencies [ms]
 
 
 def _grid() -> tuple[Case, ...]:
@@ -28,7 +28,7 @@ def _grid() -> tuple[Case, ...]:
     )
 
 
-REACH_CASES: Final = (
+REACH_CASES = (
     Case("reach-step", "20 N on a flat plate, approach 20 mm/s, held 4 s", "force", (APPROACH_20,)),
     Case(
         "reach-freeform-10",
@@ -82,22 +82,22 @@ class Asked(NamedTuple):
         return value == 1.0 if self.figure == "stable" else value <= self.most
 
 
-_STEP: Final = (
+_STEP = (
     ("force step 20 N at 20 mm/s: settling to ±1 N", "settling_1n_s", 0.25, "s", "0.5 s to ±3 N"),
     ("force step 20 N at 20 mm/s: overshoot", "overshoot_n", 1.0, "N", "-"),
     ("steady: standard deviation", "std_n", 0.3, "N", "±3 N"),
     ("steady: max error", "max_error_n", 1.0, "N", "±3 N"),
     ("approach 20 mm/s: peak force", "peak_force_n", 30.0, "N", "-"),
 )
-_FREEFORM: Final = (
+_FREEFORM = (
     ("freeform 10 mm/s: max error", "max_error_n", 1.5, "N", "±4 N"),
     ("freeform 10 mm/s: RMS", "rms_error_n", 0.4, "N", "±1.5 N"),
     ("freeform 10 mm/s: at the peaks", "peaks_error_n", 1.5, "N", "-"),
 )
-_OF_GRID: Final = (("stable", "stable", 1.0, ""), ("settling to ±1 N", "settling_1n_s", 0.6, "s"))
-_SPRING_TEXT: Final = "springs x 0.2-5, latency 2-20 ms: "
+_OF_GRID = (("stable", "stable", 1.0, ""), ("settling to ±1 N", "settling_1n_s", 0.6, "s"))
+_SPRING_TEXT = "springs x 0.2-5, latency 2-20 ms: "
 
-REACH: Final = (
+REACH = (
     *(Asked(label, "reach-step", figure, most, unit, known) for label, figure, most, unit, known in _STEP),
     *(
         Asked(label, "reach-freeform-10", figure, most, unit, known)
@@ -112,7 +112,7 @@ REACH: Final = (
 )
 """The rows asked; payload and faults have commands of their own, see docs/score.md."""
 
-BATTERY_ASKED: Final = (
+BATTERY_ASKED = (
     *(asked._replace(cases="approach-20") for asked in REACH if asked.cases == "reach-step"),
     *(asked._replace(cases="freeform-10") for asked in REACH if asked.cases == "reach-freeform-10"),
     Asked("freeform 30 mm/s: max error", "freeform-30", "max_error_n", 3.0, "N"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from polish_sim.errors import InputError, count_text
 from polish_sim.experiments import default_scenario
@@ -17,7 +17,7 @@ from polish_sim.scoring.reach import Verdict
 from polish_sim.scoring.score import Score
 from polish_sim.tables import Table
 
-SHOWN: Final[Mapping[str, str]] = {
+SHOWN: Mapping[str, str] = {
     "settling_1n_s": "settling [s]",
     "overshoot_n": "overshoot [N]",
     "rms_error_n": "RMS [N]",
@@ -30,7 +30,7 @@ SHOWN: Final[Mapping[str, str]] = {
 """Figures of the tables and their headings."""
 
 
-SHORT: Final = ("settling", "overshoot", "RMS", "p95", "max", "peak", "lost", "slowed")
+SHORT = ("settling", "overshoot", "RMS", "p95", "max", "peak", "lost", "slowed")
 """The same for the screen, where N and s are said in the title."""
 
 
@@ -94,10 +94,10 @@ def _error_share(row: Row) -> float:
     return float("inf") if row["max_error_n"] is None else float(row["max_error_n"])
 
 
-_FIGURES: Final = (*SHOWN, "mean_error_n", "std_n", "oscillation_n", "peaks_error_n")
+_FIGURES = (*SHOWN, "mean_error_n", "std_n", "oscillation_n", "peaks_error_n")
 
 
-NONE: Final = "-"
+NONE = "-"
 
 
 def number(value: float | None) -> str:
@@ -250,14 +250,14 @@ def _weakness(summary: Summary) -> str:
 
 # What each law of a composed controller is worth: the battery with one of them left out at a time.
 
-COMPOSED: Final = "hybrid-adaptive"  #: The controller whose laws can be left out
-KEY: Final = "controller.adaptive.laws"
+COMPOSED = "hybrid-adaptive"  #: The controller whose laws can be left out
+KEY = "controller.adaptive.laws"
 
-_ABLATION_KEYS: Final = {
+_ABLATION_KEYS = {
     name: SHOWN[name] for name in ("settling_1n_s", "overshoot_n", "rms_error_n", "max_error_n", "slowed")
 }
-_WITHOUT: Final = "without "
-_NOTHING: Final = 5e-4  # a smaller change counts as zero
+_WITHOUT = "without "
+_NOTHING = 5e-4  # a smaller change counts as zero
 
 
 def ablations(entry: Entry) -> list[Entry]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -26,10 +26,10 @@ from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.scenario_file import merge
 
-PARTS: Final = ("plate", "sphere_100", "freeform")
+PARTS = ("plate", "sphere_100", "freeform")
 #: Springs as they are by what plan and controller take them for [-]
-STIFFER: Final = (0.25, 0.5, 1.0, 2.0, 4.0)
-RANGES: Final[Mapping[str, tuple[float, float]]] = {
+STIFFER = (0.25, 0.5, 1.0, 2.0, 4.0)
+RANGES: Mapping[str, tuple[float, float]] = {
     "part": (0.0, len(PARTS) - 1e-9),
     "head.spring_scale": (0.0, len(STIFFER) - 1e-9),
     "seed": (500.0, 100_000.0),
@@ -41,10 +41,10 @@ RANGES: Final[Mapping[str, tuple[float, float]]] = {
     "process.feed_m_s": (0.005, 0.040),
 }
 """Bounds of each key that is searched; of part and springs, numbers in their lists."""
-FEED_S: Final = 2.0  #: A run is fed for this long [s]
-GROWN: Final = 4  #: Vectors of a generation by keys
-FIGURES: Final = ("worst_peak_force_n", "worst_contact_lost_s", "worst_error_n")
-SETTLED_S: Final = 0.3  #: After the feed begins, before errors count [s]
+FEED_S = 2.0  #: A run is fed for this long [s]
+GROWN = 4  #: Vectors of a generation by keys
+FIGURES = ("worst_peak_force_n", "worst_contact_lost_s", "worst_error_n")
+SETTLED_S = 0.3  #: After the feed begins, before errors count [s]
 
 
 class Found(NamedTuple):

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from polish_sim.analysis.claim import PATH_DONE, Claim
 from polish_sim.config import Scenario, SmoothingConfig, SpindleConfig
 from polish_sim.experiments.registry import SEED_OPTIONS, Experiment, always
 
-TOLERANCE: Final = 0.02e-3  #: Of the tip in the paper's trial [m]
-AXIS_TOLERANCE: Final = math.radians(0.02)  #: Of the tool axis [rad]
+TOLERANCE = 0.02e-3  #: Of the tip in the paper's trial [m]
+AXIS_TOLERANCE = math.radians(0.02)  #: Of the tool axis [rad]
 
-CLAIMS: Final = (
+CLAIMS = (
     Claim(
         "spline_reduction_largest",
         "spline: error less at a jerk peak, largest",
@@ -46,7 +45,7 @@ CLAIMS: Final = (
     PATH_DONE,
 )
 
-SMOOTH: Final = Experiment(
+SMOOTH = Experiment(
     "smooth",
     "one path played with every smoothing rule on the joint servos (paper 4, fig. 10)",
     Scenario(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,17 +16,17 @@ from polish_sim.motion.rules.limits import Arm, LimitValues, SmoothingLimits, bu
 from polish_sim.motion.rules.schedule import Samples, SmoothMotion, turning
 from polish_sim.motion.segment_rates import sampled_joints
 
-ORDERS: Final = ("speed", "acceleration", "jerk")
-EDGE: Final = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
+ORDERS = ("speed", "acceleration", "jerk")
+EDGE = 1e-7  #: Share of a stretch that is kept from its ends, where the jerk jumps
 NODES, STEP_S = 5, 0.01  #: Samples in a smooth stretch: least number, largest distance [s]
 MANY, FEWEST = 200_000, 2  #: In a motion of more stretches than this, at least so few samples each
 SHORTEST_S = 1e-9  #: A shorter stretch is rounding where pieces meet, and left out [s]
 BLOCK = 100_000
 NPZ, CSV = "trajectory.npz", "trajectory.csv"
-TOOL: Final = ("time_s", "x_m", "y_m", "z_m", "nx", "ny", "nz")
-JOINTS: Final = tuple(f"q{j}_rad" for j in range(1, 7))
-TIP_UNITS: Final = ("m_s", "m_s2", "m_s3")
-TURN_UNITS: Final = ("rad_s", "rad_s2", "rad_s3")
+TOOL = ("time_s", "x_m", "y_m", "z_m", "nx", "ny", "nz")
+JOINTS = tuple(f"q{j}_rad" for j in range(1, 7))
+TIP_UNITS = ("m_s", "m_s2", "m_s3")
+TURN_UNITS = ("rad_s", "rad_s2", "rad_s3")
 
 Locate = Callable[[float], dict[str, Any]]  #: From a time [s] to the tool's place
 

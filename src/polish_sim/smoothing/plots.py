@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,18 +20,18 @@ from polish_sim.motion.rules.limits import LimitValues
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.smoothing.figures import ORDERS, axis_limits, tip_limits
 
-SUFFIX: Final = ("/s", "/s²", "/s³")
-LOOKS: Final = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))
-DEGREES: Final = 180.0 / np.pi
-MICRO: Final = 1e6
+SUFFIX = ("/s", "/s²", "/s³")
+LOOKS = ((BLUE, DASHES[0]), (ORANGE, DASHES[1]))
+DEGREES = 180.0 / np.pi
+MICRO = 1e6
 #: A limit is drawn to scale if the curve reaches this share of it; others are only labelled
-NEAR: Final = 0.4
-SHOWN: Final = 6  #: Corners in the figure
-LEAST_VIEW_M: Final = 5e-6  #: Half the width of a view is this at least
-VIEW: Final = 2.5  #: Half the width of a view in distances of the corner from the tip
-LEAST_TURN: Final = 1e-4  #: A way point the path turns less at is no corner [rad]
-SAMPLES: Final = 1500  #: Of each way through a view
-WINDOW: Final = 12  #: Way points on either side that a view's path is made of
+NEAR = 0.4
+SHOWN = 6  #: Corners in the figure
+LEAST_VIEW_M = 5e-6  #: Half the width of a view is this at least
+VIEW = 2.5  #: Half the width of a view in distances of the corner from the tip
+LEAST_TURN = 1e-4  #: A way point the path turns less at is no corner [rad]
+SAMPLES = 1500  #: Of each way through a view
+WINDOW = 12  #: Way points on either side that a view's path is made of
 
 
 class Curves(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,9 +32,9 @@ NEAR_M = 0.006  #: Of the path on either side of the jerk peak that is drawn
 AROUND_S = 0.03  #: Time before and after a jerk peak that belongs to it [s]
 APART_S = 0.05  #: Between two peaks, at least [s]
 HIGH = 0.8  #: Share of the largest jerk that counts as a peak where none breaks the limit
-RULES: Final = {"joint-acceleration": ORANGE, "joint-jerk": PINK, "spline": BLUE}  #: Names and colours
-JOINT_NAMES: Final = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
-TICKS: Final = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
+RULES = {"joint-acceleration": ORANGE, "joint-jerk": PINK, "spline": BLUE}  #: Names and colours
+JOINT_NAMES = ("shoulder pan", "shoulder lift", "elbow", "wrist 1", "wrist 2", "wrist 3")
+TICKS = tuple(name.replace(" ", "\n") for name in JOINT_NAMES)
 
 
 class PlayedRule(NamedTuple):

@@ -7,7 +7,7 @@ import io
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -24,14 +24,14 @@ from polish_sim.page.page import page_html, tables_page
 from polish_sim.studies.study import Run, Study
 from polish_sim.studies.table import DONE, FAILED, LOST, STOPPED
 
-WORST: Final = 10  #: Runs that are shown with the command that repeats them
-MOST_LINES: Final = 1500  #: Of parallel coordinates
-PREFERRED: Final = (
+WORST = 10  #: Runs that are shown with the command that repeats them
+MOST_LINES = 1500  #: Of parallel coordinates
+PREFERRED = (
     *("force_rms_error_n", "settling_time_1n_s", "settling_time_3n_s", "tracking_error_rms_m"),
     *("cycle_time_s", "overshoot_n", "tracking_error_max_m", "force_max_deviation_n"),
 )
 """The figures a front is drawn of, the first two that differ between the runs."""
-MOST_BINS: Final = 40  #: More values of a setting than this are put together by twentieths of its range
+MOST_BINS = 40  #: More values of a setting than this are put together by twentieths of its range
 
 
 def sweep_page(study: Study, columns: Mapping[str, Sequence[Any]]) -> str:

@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from polish_sim.analysis.run_record import changed_words
 from polish_sim.config import Scenario
@@ -19,11 +19,11 @@ from polish_sim.experiments.registry import ROWS, default_scenario
 from polish_sim.scenario_file import override, parse_value
 from polish_sim.toml_text import read_toml, toml_text, value_text
 
-STUDY: Final = "study.toml"
-SAMPLES: Final = ("grid", "random", "sobol", "lhs")
-MOST_RUNS: Final = 10_000_000
+STUDY = "study.toml"
+SAMPLES = ("grid", "random", "sobol", "lhs")
+MOST_RUNS = 10_000_000
 _RANGE = re.compile(r"([^:,\s]+):([^:,\s]+)(?::(lin|log)(\d*))?")
-_KEYS: Final = ("experiment", "seeds", "first_seed", "sample", "count", "settings", "vary")
+_KEYS = ("experiment", "seeds", "first_seed", "sample", "count", "settings", "vary")
 
 
 class Axis(NamedTuple):

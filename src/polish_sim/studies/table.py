@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from polish_sim.analysis.run_record import RunRecord, package_versions, write_json, write_record
 from polish_sim.errors import InputError, PolishSimError
@@ -25,10 +25,10 @@ from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Run, Study
 from polish_sim.workers import Heard, Result, Workers, do_all, local_copy
 
-RUNS: Final = "runs.parquet"
-RUN_FOLDERS: Final = "runs"  #: Of logs, where they are wanted
+RUNS = "runs.parquet"
+RUN_FOLDERS = "runs"  #: Of logs, where they are wanted
 DONE, STOPPED, FAILED, LOST = "done", "stopped", "failed", "lost"
-_NOT_FIGURES: Final = (
+_NOT_FIGURES = (
     "protective_stop",
     "protective_stop_at",
     "T_base_work",
@@ -36,8 +36,8 @@ _NOT_FIGURES: Final = (
     "real_time_factor",
     "seed",
 )
-_PAUSE_S: Final = 60.0  #: Between two writings of the table, at least
-_SHARE: Final = 50.0  #: Pause over the time one takes, at least
+_PAUSE_S = 60.0  #: Between two writings of the table, at least
+_SHARE = 50.0  #: Pause over the time one takes, at least
 
 _PLANS = Memory()
 

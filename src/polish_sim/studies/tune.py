@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
@@ -23,8 +23,8 @@ from polish_sim.scoring.figures import FIGURES
 from polish_sim.scoring.journal import Task, keys_of, measure_row, setup_key
 from polish_sim.workers import Workers, fill_rows
 
-SAMPLERS: Final = ("tpe", "cmaes")
-TRAINING: Final = (
+SAMPLERS = ("tpe", "cmaes")
+TRAINING = (
     "step-20",
     "approach-20",
     "stiffness-0.5",
@@ -34,12 +34,12 @@ TRAINING: Final = (
     "flat-30",
 )
 """The cases the search sees unless others are named; the rest of the battery is held out."""
-HELD_OUT_SEED: Final = 1000  #: The first seed the search does not see
+HELD_OUT_SEED = 1000  #: The first seed the search does not see
 #: Added to the goal of a trial that breaks a condition, beside the share of its rows that do
-BROKEN: Final = 1e6
+BROKEN = 1e6
 #: A range that is not given goes from the shipped value by this to the shipped value times this
-WIDE: Final = 4.0
-BY_LOG: Final = 8.0  #: Ratio of a range's ends from which it is searched by logarithm
+WIDE = 4.0
+BY_LOG = 8.0  #: Ratio of a range's ends from which it is searched by logarithm
 
 
 class Searched(NamedTuple):
@@ -85,7 +85,7 @@ class Condition(NamedTuple):
         return _has(self.figure, row["case"]) and (value is None or value > self.most)
 
 
-_MOVING: Final = {case.name: case.moving for case in BATTERY}
+_MOVING = {case.name: case.moving for case in BATTERY}
 _OF_HOLDS, _OF_PATHS = ("settling_1n_s",), ("peaks_error_n", "slowed")
 
 

@@ -9,17 +9,15 @@ the radius of gyration `GYRATION_M`.
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.spatial import transform, unit
 from polish_sim.ur.kinematics import matrix_of, pose_of
 
-GYRATION_M: Final = 0.25  #: Of the virtual mass [m]
-BACK_HZ: Final = 5.0  #: Rate at which the axes that follow return to their set-points [1/s]
-FREE_DAMPING: Final = 0.05  #: Of freedrive: it comes to rest where nothing pulls
+GYRATION_M = 0.25  #: Of the virtual mass [m]
+BACK_HZ = 5.0  #: Rate at which the axes that follow return to their set-points [1/s]
+FREE_DAMPING = 0.05  #: Of freedrive: it comes to rest where nothing pulls
 TO_ORIGIN, FIXED, ALONG_SPEED = 1, 2, 3  #: Types of force mode
 
 

@@ -33,15 +33,15 @@ if TYPE_CHECKING:
     from polish_sim.ur.script import Machine, ScriptError
     from polish_sim.ur.script.translate import Program
 
-VERSIONS: Final = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000), "5.26": (5, 26, 0, 130000)}
+VERSIONS = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000), "5.26": (5, 26, 0, 130000)}
 """PolyScope versions a controller may say it is: major, minor, bug fix, build."""
-UNLOCK_TICKS: Final = 2500  #: The dashboard unlocks a protective stop 5 s after it
+UNLOCK_TICKS = 2500  #: The dashboard unlocks a protective stop 5 s after it
 #: Other ports, whose clients wait 5 s at most, 1 s after it; the robot's time is not public
-WAIT_TICKS: Final = 500
-GONE_TICKS: Final = 100  #: A programme whose RTDE client has gone goes on for so long
+WAIT_TICKS = 500
+GONE_TICKS = 100  #: A programme whose RTDE client has gone goes on for so long
 PROTECTIVE_CODE, WARNING = 209, 2  #: Of the message that a protective stop was triggered
-KEPT: Final = 1000  #: Lines of the controller's log that are kept, and messages of a tick
-UNREAD: Final = 8  #: Programmes that may wait to be read
+KEPT = 1000  #: Lines of the controller's log that are kept, and messages of a tick
+UNREAD = 8  #: Programmes that may wait to be read
 
 Start = Callable[["Program", "Controller", str], "Machine"]
 """Makes a machine of a programme, for a client's address."""

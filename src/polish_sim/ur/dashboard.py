@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Final
 
 from polish_sim.ur.controller import UNLOCK_TICKS, Controller
 from polish_sim.ur.robot import IDLE, POWER_OFF, RUNNING, STOPPED
 
-GREETING: Final = "Connected: Universal Robots Dashboard Server"
-SERIAL: Final = "20265500001"
-MODES: Final[Mapping[int, str]] = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}
-SAFETY: Final[Mapping[int, str]] = {1: "NORMAL", 3: "PROTECTIVE_STOP"}
-STATES: Final[Mapping[int, str]] = {1: "STOPPED", 2: "PLAYING", 4: "PAUSED"}
-LONGEST: Final = 4096  #: Of a line
-BYE: Final = "Disconnected"
+GREETING = "Connected: Universal Robots Dashboard Server"
+SERIAL = "20265500001"
+MODES: Mapping[int, str] = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}
+SAFETY: Mapping[int, str] = {1: "NORMAL", 3: "PROTECTIVE_STOP"}
+STATES: Mapping[int, str] = {1: "STOPPED", 2: "PLAYING", 4: "PAUSED"}
+LONGEST = 4096  #: Of a line
+BYE = "Disconnected"
 
 
 def _power(mode: int, said: str) -> Callable[[Controller, str], str]:
@@ -70,7 +69,7 @@ def _version(controller: Controller, _: str) -> str:
     return f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2026)"
 
 
-COMMANDS: Final[Mapping[str, Callable[[Controller, str], str]]] = {
+COMMANDS: Mapping[str, Callable[[Controller, str], str]] = {
     "load": lambda c, name: f"File not found: {name}",
     "play": _play,
     "stop": _stop,

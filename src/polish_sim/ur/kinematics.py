@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Final
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from polish_sim.kernel_cache import njit
 from polish_sim.motion.kinematics import NOMINAL, advance_frame, joint_rows
 from polish_sim.spatial import quaternion_from_rotation, rotation_from_quaternion
 
-SINGULAR: Final = 0.02  #: Damping of the inverse Jacobian [-]
+SINGULAR = 0.02  #: Damping of the inverse Jacobian [-]
 _rows = lru_cache(1)(lambda table: joint_rows(np.frombuffer(table).reshape(4, 6)))
 
 

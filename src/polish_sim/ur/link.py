@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from polish_sim.ur.physics import TICK_S
 if TYPE_CHECKING:
     from polish_sim.config import Scenario
 
-STREAM: Final = 0x4C494E4B  #: Of the random numbers
+STREAM = 0x4C494E4B  #: Of the random numbers
 
 
 class Link:

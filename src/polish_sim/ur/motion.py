@@ -7,7 +7,7 @@ A drive is asked once a tick. It gets joint angles [rad] and speeds [rad/s] and 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +18,7 @@ from polish_sim.motion.kinematics import inverse_on_branch
 from polish_sim.spatial import inverse, transform
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, tool_at
 
-LEVER_M: Final = 0.25  #: A line's rotation takes as long as a way of this length for each radian
+LEVER_M = 0.25  #: A line's rotation takes as long as a way of this length for each radian
 
 
 class Drive(Protocol):

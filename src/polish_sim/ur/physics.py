@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from itertools import pairwise
 from tempfile import TemporaryFile
-from typing import Any, Final
+from typing import Any
 from weakref import finalize
 
 import numpy as np
@@ -39,12 +39,12 @@ from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, Vector6
 from polish_sim.log import row_layout
 
-TICK_S: Final = 0.002  #: Cycle of the robot's controller
+TICK_S = 0.002  #: Cycle of the robot's controller
 TOUCH_PHASE, PROCESS_PHASE, RETRACT_PHASE = 1, 2, 3  #: In the log
-SEATED: Final = 0.8  #: Share of the set force from which a client's pad counts as working
-LIFTED_S: Final = 1.0  #: A gap in the contact at least so long is a lift [s]
-FAR_M: Final = 10.0  #: Below its place a part that is not there is kept [m]
-_DRAWN: Final = 64  # ticks of the sensor's noise drawn at once
+SEATED = 0.8  #: Share of the set force from which a client's pad counts as working
+LIFTED_S = 1.0  #: A gap in the contact at least so long is a lift [s]
+FAR_M = 10.0  #: Below its place a part that is not there is kept [m]
+_DRAWN = 64  # ticks of the sensor's noise drawn at once
 
 
 class Order(Record):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 ROBOT_STATE, ROBOT_MESSAGE = 16, 20
 TEXT, POPUP, VERSION, SAFETY_MODE, ERROR, KEY, RUNTIME_EXCEPTION = 0, 2, 3, 5, 6, 7, 10
-STATE_HZ: Final = 10.0
+STATE_HZ = 10.0
 BOX, SUB_TYPE = 7, 1  #: Controller of an e-Series
 
 

@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -25,20 +25,20 @@ from polish_sim.ur.physics import TICK_S, Rig
 Side = Literal["in", "out"]
 Kind = Literal["int", "double", "bool"]
 
-CLOCK_S: Final = 42.0  #: At the start; clients take less for a robot that boots
+CLOCK_S = 42.0  #: At the start; clients take less for a robot that boots
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  #: Robot modes
 NORMAL, PROTECTIVE = 1, 3  #: Safety modes
 STOPPED, PLAYING, PAUSED = 1, 2, 4  #: Runtime states
-JOINT_SPEED: Final = 1.05 * np.pi  #: Of a set-point, above which the arm stops itself [rad/s]
-SETTLED: Final = 0.01  #: Speed below which a joint counts as at rest [rad/s]
-STOP_A: Final = 20.0  #: Deceleration of the joints in a protective stop [rad/s^2]
-HISTORY: Final = 1000  #: Ticks of joint angles and forces that are kept
-CLEAR: Final = 10  #: Ticks in which all points of the links are looked at, and more
-TARE: Final = 100  #: Readings that make the sensor's zero
-CONTACT_N: Final = 8.0  #: Change of the force that counts as contact [N]
-TOUCH_N: Final = 2.0  #: Change with which it began [N]
-FEED_HZ: Final = 10.0  #: Least rate of the readings of a client's sensor
-OUTPUTS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
+JOINT_SPEED = 1.05 * np.pi  #: Of a set-point, above which the arm stops itself [rad/s]
+SETTLED = 0.01  #: Speed below which a joint counts as at rest [rad/s]
+STOP_A = 20.0  #: Deceleration of the joints in a protective stop [rad/s^2]
+HISTORY = 1000  #: Ticks of joint angles and forces that are kept
+CLEAR = 10  #: Ticks in which all points of the links are looked at, and more
+TARE = 100  #: Readings that make the sensor's zero
+CONTACT_N = 8.0  #: Change of the force that counts as contact [N]
+TOUCH_N = 2.0  #: Change with which it began [N]
+FEED_HZ = 10.0  #: Least rate of the readings of a client's sensor
+OUTPUTS = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """First bit and number of the digital inputs and outputs."""
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 VERSION, CONTROLLER, TEXT, DATA = ord("V"), ord("v"), ord("M"), ord("U")
 OUTPUTS, INPUTS, START, PAUSE = ord("O"), ord("I"), ord("S"), ord("P")
-FORMATS: Final[Mapping[str, str]] = {
+FORMATS: Mapping[str, str] = {
     "BOOL": "?", "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d",
     "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
 }  # fmt: skip
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
-MOST_RECIPES: Final = 255
-MOST_HZ: Final = 500.0
-UNSENT: Final = 1 << 20  #: Bytes a slow reader may leave unread before it is dropped
+MOST_RECIPES = 255
+MOST_HZ = 500.0
+UNSENT = 1 << 20  #: Bytes a slow reader may leave unread before it is dropped
 
 
 class ProtocolError(Exception):
@@ -51,7 +51,7 @@ def _registers(side: str) -> dict[str, tuple[str, Callable[[Controller], Any]]]:
     return found
 
 
-RESTING: Final[Mapping[str, Mapping[str, Any]]] = {
+RESTING: Mapping[str, Mapping[str, Any]] = {
     "VECTOR6D": {
         "actual_current_window": np.full(6, 10.0),
         "joint_temperatures": np.full(6, 30.0),
@@ -86,7 +86,7 @@ def _still(value: Any) -> Callable[[Controller], Any]:
     return lambda c: value
 
 
-FIELDS: Final[Mapping[str, tuple[str, Callable[[Controller], Any]]]] = {
+FIELDS: Mapping[str, tuple[str, Callable[[Controller], Any]]] = {
     "timestamp": ("DOUBLE", lambda c: c.robot.time_s),
     "target_q": ("VECTOR6D", lambda c: c.robot.target_q),
     "target_qd": ("VECTOR6D", lambda c: c.robot.target_qd),
@@ -137,7 +137,7 @@ FIELDS: Final[Mapping[str, tuple[str, Callable[[Controller], Any]]]] = {
 }
 """Output fields: type and value."""
 
-SETTINGS: Final[Mapping[str, str]] = {
+SETTINGS: Mapping[str, str] = {
     "speed_slider_mask": "UINT32",
     "speed_slider_fraction": "DOUBLE",
     **{

@@ -7,7 +7,7 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 from polish_sim.errors import InputError
 from polish_sim.ur.controller import Controller, Programs
@@ -17,12 +17,12 @@ from polish_sim.ur.primary import STATE_HZ, realtime_state, robot_state, version
 from polish_sim.ur.rtde import UNSENT, ProtocolError, RtdeSession
 
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
-CLIENTS: Final = 64  #: Of one port
-COARSE_S: Final = 1e-3  #: Resolution of waiting on sockets
-LATE_S: Final = 0.25  #: So far behind the clock the server gives up catching up [s]
-BOUNDS_S: Final = 0.0005, 0.0025  #: By which cycles that begin late are counted [s]
-EVERY: Final = round(1.0 / (STATE_HZ * TICK_S))
-CONFIGURED: Final = 20  #: States between two with the configuration
+CLIENTS = 64  #: Of one port
+COARSE_S = 1e-3  #: Resolution of waiting on sockets
+LATE_S = 0.25  #: So far behind the clock the server gives up catching up [s]
+BOUNDS_S = 0.0005, 0.0025  #: By which cycles that begin late are counted [s]
+EVERY = round(1.0 / (STATE_HZ * TICK_S))
+CONFIGURED = 20  #: States between two with the configuration
 
 
 class Session(Protocol):
@@ -123,7 +123,7 @@ class _Rtde(RtdeSession):
         super().close()
 
 
-PORTS: Final[dict[int, Callable[[Controller, Callable[[bytes], None], str], Any]]] = {
+PORTS: dict[int, Callable[[Controller, Callable[[bytes], None], str], Any]] = {
     DASHBOARD: _Dashboard,
     PRIMARY: _Primary,
     SECONDARY: _Secondary,

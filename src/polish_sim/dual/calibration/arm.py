@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.tables import csv_text
 
 FOLDS = 5  #: Parts of the poses that are predicted from the others in turn
-ARM: Final = Kind(
+ARM = Kind(
     "arm",
     "two arms",
     "Two arms' Denavit-Hartenberg tables as found: joint offsets [rad], d [m], a [m], alpha [rad], six "
@@ -44,7 +44,7 @@ ARM: Final = Kind(
     "robots it is true for. true_...: of simulated robots only.",
 )
 FAR_M, FAR_RAD = 0.01, 0.02  #: No built arm is farther off its table than this [m], [rad]
-JOINTS_DEG: Final = tuple(f"q{k}_deg" for k in range(1, 7))
+JOINTS_DEG = tuple(f"q{k}_deg" for k in range(1, 7))
 TURNS = 2.0  #: No joint of the arm turns farther, so that a larger angle is in degrees [full turns]
 
 

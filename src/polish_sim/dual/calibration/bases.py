@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +25,14 @@ from polish_sim.tables import csv_text
 T = TypeVar("T")
 
 ROBOTS = ("master", "follower")
-BASE: Final = Kind(
+BASE = Kind(
     "base",
     "two bases",
     "The follower robot's base in the master's, T_master_follower, and its covariance: displacement of the "
     "origin xyz [m] and small rotation xyz [rad], master axes. `pair` names the two robots it is true for. "
     "true_transform: of simulated robots only.",
 )
-_NAMES: Final[Mapping[str, str]] = {
+_NAMES: Mapping[str, str] = {
     "1": "master",
     "2": "follower",
     "master": "master",

@@ -12,7 +12,7 @@ the errors of what was found one by one, and the Cramér-Rao bound is met.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,11 +22,11 @@ from polish_sim.calibration.fit import Problem, solve
 from polish_sim.calibration.matched_points import check_matched, kabsch, moved_frame, point_slopes
 from polish_sim.spatial import apply
 
-SOURCES: Final = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise
-INSTRUMENTS: Final = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
+SOURCES = ("bases", "tool", "part", "closing")  #: Groups of measurements, each with its own noise
+INSTRUMENTS = {"bases": "tracker", "tool": "touches", "part": "touches", "closing": "touches"}
 """What each source is measured with."""
 #: Smaller standard deviations are taken as this [m], [rad]: rounding is not much below
-LEAST_NOISE: Final = 1e-9
+LEAST_NOISE = 1e-9
 BASES, TIP, PART = slice(0, 6), slice(6, 9), slice(9, 15)
 """Places of the unknowns: displacement and small turn of the follower's base (master axes) and of the part
 (flange axes), displacement of the tip between them."""

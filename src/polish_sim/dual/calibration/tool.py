@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,15 +42,15 @@ from polish_sim.tables import csv_text
 
 LEAST_MOVE = 5e-3  #: Shortest move that gives a direction [m]
 LEAST_SINE = 0.1  #: Least sine of the angle between the two moves
-TCP: Final = Kind(
+TCP = Kind(
     "tcp",
     "a tool frame",
     "The tool on the flange: its tip [m] and axes (unit quaternion wxyz), with standard deviations (_std), "
     "covariance of the tip [m^2, flange axes]. rotation_rad_std: small rotations about the tool's x, y, z.",
 )
 KIND_COLUMN, TOUCH, START, ALONG_X, IN_XZ = "kind", "touch", "start", "along_x", "in_xz"
-MOVES: Final = (START, ALONG_X, IN_XZ)
-KINDS: Final = (TOUCH, *MOVES)
+MOVES = (START, ALONG_X, IN_XZ)
+KINDS = (TOUCH, *MOVES)
 
 
 class ToolPoint(Fit[Array]):

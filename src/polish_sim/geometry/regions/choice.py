@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -235,7 +235,7 @@ def looking(kept: Clipped, direction: Array) -> Clipped:
     return seen
 
 
-FINE: Final = 0.005  #: A map of removal is looked at in pieces no wider than this [m]
+FINE = 0.005  #: A map of removal is looked at in pieces no wider than this [m]
 
 
 class RemovalLimit(NamedTuple):

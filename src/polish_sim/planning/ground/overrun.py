@@ -4,7 +4,6 @@ skirt)."""
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
 
 #: Least cosine of half the turn at a corner of the border that is continued to a point [-]
-SHARPEST: Final = 0.6
+SHARPEST = 0.6
 
 
 def with_skirt(region: Region, width: float) -> Region:

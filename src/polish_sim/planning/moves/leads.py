@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ def arc_lead(height: float) -> Array:
     return height * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=1)
 
 
-LEADS: Final[Mapping[str, LeadShape]] = {"normal": normal_lead, "tangent": tangent_lead, "arc": arc_lead}
+LEADS: Mapping[str, LeadShape] = {"normal": normal_lead, "tangent": tangent_lead, "arc": arc_lead}
 
 
 def with_leads(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from polish_sim.lazy import FunctionOnUse
 
@@ -26,7 +26,7 @@ def _runs(pattern: str) -> Callable[[PatternRequest], list[SurfaceRun]]:
     return FunctionOnUse(f"polish_sim.planning.patterns.{pattern}", f"{pattern}_runs")
 
 
-PATTERNS: Final[Mapping[str, Pattern]] = {
+PATTERNS: Mapping[str, Pattern] = {
     "spiral": Pattern(_runs("spiral"), listens=("order", "direction", "start")),
     "raster": Pattern(_runs("raster"), listens=("start", "raster_direction"), one_way=False),
     "contour": Pattern(_runs("contour"), listens=("order", "direction", "start")),

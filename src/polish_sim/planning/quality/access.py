@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -26,16 +26,16 @@ from polish_sim.planning.quality.tool_room import (
     pressed_places,
 )
 
-BEYOND: Final = 0.5  #: Largest room that is measured [pad radii]
-SCOUTED_APART: Final = 0.25  #: Spacing of the places checked first [pad radii]; all only where room is little
-LITTLE: Final = 0.4  #: Little room, in pad radii
-FINE: Final = 0.02  #: There, vertices closer than this [pad radii] are checked once
-TURN_INSIDE: Final = 0.45
+BEYOND = 0.5  #: Largest room that is measured [pad radii]
+SCOUTED_APART = 0.25  #: Spacing of the places checked first [pad radii]; all only where room is little
+LITTLE = 0.4  #: Little room, in pad radii
+FINE = 0.02  #: There, vertices closer than this [pad radii] are checked once
+TURN_INSIDE = 0.45
 """Least distance of the outermost turn from the region's border [step-overs]: the border may be that much
 nearer to a wall than the pad."""
-HOLLOW: Final = "too hollow for the pad"
+HOLLOW = "too hollow for the pad"
 TRIM, TILT = "trim", "tilt"
-AVOID: Final = (TRIM, TILT)
+AVOID = (TRIM, TILT)
 
 
 @dataclass(frozen=True, eq=False)

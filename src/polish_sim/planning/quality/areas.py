@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,11 +15,11 @@ from polish_sim.config import PadConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.planning.ground.ground import Ground
 
-NARROW: Final = "component narrower than half the pad"
-MARGIN: Final = "edge margin"
-UNCOVERED: Final = "not covered by the pattern"
-BORDER: Final = "at the border"
-WORTH_A_NOTE: Final = 1e-3  #: A reason gets a note if it leaves out more than this share of the region
+NARROW = "component narrower than half the pad"
+MARGIN = "edge margin"
+UNCOVERED = "not covered by the pattern"
+BORDER = "at the border"
+WORTH_A_NOTE = 1e-3  #: A reason gets a note if it leaves out more than this share of the region
 
 
 class CutOut(NamedTuple):

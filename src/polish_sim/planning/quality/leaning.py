@@ -10,7 +10,7 @@ A leaned pad presses with the side it leans to: its rim goes as deep as on the m
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,12 +22,12 @@ from polish_sim.planning.quality.coverage import pad_depths
 from polish_sim.planning.quality.tool_room import Places, Tool, UnderPad, most_hollow, pressed_places
 from polish_sim.spatial import perpendicular, unit
 
-SLOPES: Final = 6  #: Leans up to the largest that are tried; the least with room is taken
-LEANED_APART: Final = 0.25  #: Spacing of the places at which they are tried [pad radii]
-FADES: Final = 2.0  #: Length over which a lean fades [pad radii], no less than `SHORTEST_M`
-SHORTEST_M: Final = 0.03
-STEP: Final = 0.1  #: Distance at which more room is looked for [pad radii]
-AROUND: Final = 16  #: Nearest vertices a lean is averaged over, weighted by distance
+SLOPES = 6  #: Leans up to the largest that are tried; the least with room is taken
+LEANED_APART = 0.25  #: Spacing of the places at which they are tried [pad radii]
+FADES = 2.0  #: Length over which a lean fades [pad radii], no less than `SHORTEST_M`
+SHORTEST_M = 0.03
+STEP = 0.1  #: Distance at which more room is looked for [pad radii]
+AROUND = 16  #: Nearest vertices a lean is averaged over, weighted by distance
 
 
 class RoomOf(Protocol):

@@ -4,7 +4,7 @@ places)."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class Body(NamedTuple):
     radius: float  #: [m]
 
 
-BEHIND_PAD: Final = (
+BEHIND_PAD = (
     Body("shaft", PAD_TOP, 0.060, 0.009),
     Body("spindle", 0.060, 0.102, 0.0325),
     Body("spindle with its connector", 0.102, 0.125, 0.0602),
@@ -40,8 +40,8 @@ BEHIND_PAD: Final = (
     Body("wrist", 0.2655, 0.400, 0.1435),
 )
 """What stands above the pad in the model file with the head's spring at rest, up to the arm's fourth link."""
-HOLLOW_SHARE: Final = 0.2
-MOST_HOLLOW_M: Final = 0.005
+HOLLOW_SHARE = 0.2
+MOST_HOLLOW_M = 0.005
 """On hollow ground the part may stand above the pad's face by this share of its radius, and by no more than
 this [m]: the rim carries there, and with the ground more hollow than 2.5 pad radii the pad would be held off
 it."""
@@ -75,7 +75,7 @@ class Standing(NamedTuple):
 
 
 PART, FIXTURE = "part", "fixture"
-UNSURE_M: Final = 0.003
+UNSURE_M = 0.003
 """How far a part may lie otherwise in its fixture than drawn, and the arm with it: besides the clearance, the
 tool keeps this from the fixture, its pad only from what is below [m]."""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,7 +25,7 @@ MOST_STEPS = 10**9
 OPTIMAL_A, OPTIMAL_V = 5.0, 3.14  #: Of which ``optimovej`` takes a share [rad/s^2, rad/s]
 OPTIMAL_A_M, OPTIMAL_V_M = 2.5, 1.0  #: Of which ``optimovel`` takes a share [m/s^2, m/s]
 #: What a programme reads, by the robot's names: angles [rad], speeds [rad/s], [m/s], wrenches [N, N m], [m]
-LISTS: Final = {
+LISTS = {
     "get_actual_joint_positions": "actual_q",
     "get_joint_positions": "actual_q",
     "get_actual_joint_speeds": "actual_qd",
@@ -39,7 +39,7 @@ LISTS: Final = {
     "get_target_payload_cog": "payload_cog",
     "get_target_payload_inertia": "payload_inertia",
 }
-POSES: Final = {
+POSES = {
     "get_actual_tcp_pose": "actual_tcp_pose",
     "get_target_tcp_pose": "target_tcp_pose",
     "get_tcp_offset": "tcp_offset",
