@@ -74,3 +74,15 @@ def _format(hint: Any) -> Any:
 def memory_of(record: Any) -> NDArray[np.uint8]:
     """The bytes of a record, the same memory, shape (size,): for compiled code that takes an address."""
     return np.asarray(record).reshape(1).view(np.uint8)
+
+
+@kernel
+def dot(a: Array, b: Array) -> float:
+    """Scalar product of two vectors (3,)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # type: ignore[no-any-return]
+
+
+@kernel
+def cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> tuple[float, float, float]:
+    """Vector product."""
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

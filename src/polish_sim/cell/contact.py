@@ -16,7 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, SpindleConfig
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Record, kernel
+from polish_sim.kernels import Record, dot, kernel
 
 
 class PadMaterial(Record):
@@ -115,8 +115,8 @@ def press_pad(
         return
     _sum_pressure(pad, spin)
     for i in range(3):
-        force[i] = R[i, 0] * w[5, 0] + R[i, 1] * w[5, 1] + R[i, 2] * w[5, 2]
-        torque[i] = R[i, 0] * w[6, 0] + R[i, 1] * w[6, 1] + R[i, 2] * w[6, 2]
+        force[i] = dot(R[i], w[5])
+        torque[i] = dot(R[i], w[6])
 
 
 @kernel

@@ -49,7 +49,7 @@ from polish_sim.cell.stroke import (
 )
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel
+from polish_sim.kernels import cross, kernel
 
 LOOK_EVERY = 4  # steps between looks at the engine's own contacts
 FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
@@ -173,11 +173,7 @@ def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Arra
     for j in range(6):
         ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
         rx, ry, rz = tool[0] - anchors[j, 0], tool[1] - anchors[j, 1], tool[2] - anchors[j, 2]
-        jacobian[0, j], jacobian[1, j], jacobian[2, j] = (
-            ay * rz - az * ry,
-            az * rx - ax * rz,
-            ax * ry - ay * rx,
-        )
+        jacobian[0, j], jacobian[1, j], jacobian[2, j] = cross(ax, ay, az, rx, ry, rz)
         jacobian[3, j], jacobian[4, j], jacobian[5, j] = ax, ay, az
         for i in range(6):
             m.twist[i] += jacobian[i, j] * speeds[j]

@@ -24,7 +24,7 @@ from polish_sim.cell.robot import brakes_of
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Target
-from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, kernel
+from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, dot, kernel
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
 
@@ -233,8 +233,8 @@ def drive_master(
 def _firmness(carrier: Carrier) -> float:
     """Share of the flange's motion that the brakes take in a second [1/s]."""
     v, w, brakes = carrier.velocity, carrier.turning, carrier.brakes
-    moving = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / brakes[0]
-    turning = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) / brakes[1]
+    moving = math.sqrt(dot(v, v)) / brakes[0]
+    turning = math.sqrt(dot(w, w)) / brakes[1]
     return 1.0 / max(moving, turning, 1e-9)
 
 
@@ -260,11 +260,7 @@ def carry_part(
     _add_joints(p_flange, e.xanchor, e.xaxis, FIRST_JOINT, e.qvel, FIRST_JOINT, carrier.velocity, w)
     multiply(R_flange, carrier.R_part, part.rotation)
     for i in range(3):
-        x = (
-            R_flange[i, 0] * carrier.p_part[0]
-            + R_flange[i, 1] * carrier.p_part[1]
-            + R_flange[i, 2] * carrier.p_part[2]
-        )
+        x = dot(R_flange[i], carrier.p_part)
         motion.place[i] = p_flange[i] + x
         motion.turning[i] = w[i]
     # A host that receives nothing continues with the last value.
@@ -349,7 +345,7 @@ def carry_target(carrier: Carrier, target: Target) -> None:
         target.position[i] = (
             carrier.p_moved[i] + R[i, 0] * old[0, 0] + R[i, 1] * old[0, 1] + R[i, 2] * old[0, 2]
         )
-        target.twist[i] = R[i, 0] * old[1, 0] + R[i, 1] * old[1, 1] + R[i, 2] * old[1, 2]
+        target.twist[i] = dot(R[i], old[1])
         target.twist[3 + i] = b[2, i] + R[i, 0] * old[2, 0] + R[i, 1] * old[2, 1] + R[i, 2] * old[2, 2]
     rx, ry, rz = (target.position[0] - b[0, 0], target.position[1] - b[0, 1], target.position[2] - b[0, 2])
     target.twist[0] += b[1, 0] + b[2, 1] * rz - b[2, 2] * ry
@@ -391,17 +387,17 @@ def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Ar
     shift = work[6]
     for i in range(3):
         shift[i] = p_flange[i] - (
-            turn[i, 0] * carrier.p_rest[0] + turn[i, 1] * carrier.p_rest[1] + turn[i, 2] * carrier.p_rest[2]
+            dot(turn[i], carrier.p_rest)
         )  # fmt: skip
     multiply(B, turn, R_B)
     multiply(R_B, B.T, R)
     seen = carrier.believed
     for i in range(3):
-        carrier.p_moved[i] = b[i] - (R[i, 0] * b[0] + R[i, 1] * b[1] + R[i, 2] * b[2])
-        carrier.p_moved[i] += B[i, 0] * shift[0] + B[i, 1] * shift[1] + B[i, 2] * shift[2]
+        carrier.p_moved[i] = b[i] - (dot(R[i], b))
+        carrier.p_moved[i] += dot(B[i], shift)
         seen[0, i] = b[i] + B[i, 0] * p_flange[0] + B[i, 1] * p_flange[1] + B[i, 2] * p_flange[2]
-        seen[1, i] = B[i, 0] * v[0] + B[i, 1] * v[1] + B[i, 2] * v[2]
-        seen[2, i] = B[i, 0] * w[0] + B[i, 1] * w[1] + B[i, 2] * w[2]
+        seen[1, i] = dot(B[i], v)
+        seen[2, i] = dot(B[i], w)
 
 
 @kernel

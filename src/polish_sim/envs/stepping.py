@@ -24,7 +24,7 @@ from polish_sim.cell.stroke import PROCESS, RETRACT
 from polish_sim.control import hybrid, signals
 from polish_sim.control.loops import rotation_error
 from polish_sim.kernel_cache import cfunc, njit, structref
-from polish_sim.kernels import Record, Vector3, Vector6, kernel
+from polish_sim.kernels import Record, Vector3, Vector6, dot, kernel
 
 if TYPE_CHECKING:
     from polish_sim.cell import Cell
@@ -74,7 +74,7 @@ _CONTEXT = ActionContext.dtype
 @kernel
 def _to_base(R: Array, vector: Array, out: Array) -> None:
     for i in range(3):
-        out[i] = R[i, 0] * vector[0] + R[i, 1] * vector[1] + R[i, 2] * vector[2]
+        out[i] = dot(R[i], vector)
 
 
 @kernel

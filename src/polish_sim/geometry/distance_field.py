@@ -19,6 +19,7 @@ from polish_sim.geometry.closest_on_patch import on_edge
 from polish_sim.geometry.field_lookup import CELLS, INSIDE, NODES, OUTSIDE, DistanceField
 from polish_sim.geometry.surface import Surface
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import cross
 
 _ON_EDGE = 1e-9
 _MOST_NODES = 400_000_000
@@ -106,7 +107,7 @@ def _point_and_normal(patch, u, v):  # type: ignore[no-untyped-def]
     px, ax, bx = _component(patch, 0, u, v, w)
     py, ay, by = _component(patch, 1, u, v, w)
     pz, az, bz = _component(patch, 2, u, v, w)
-    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    nx, ny, nz = cross(ax, ay, az, bx, by, bz)
     size = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
     return px, py, pz, nx / size, ny / size, nz / size
 

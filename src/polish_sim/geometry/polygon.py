@@ -9,6 +9,7 @@ import numpy as np
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import MeshError
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import cross
 
 MOST_CORNERS = 1000  #: Hollow polygons with more corners than this are not split
 LARGEST_CUT = 64  #: Convex polygons with more corners than this are split as a fan
@@ -104,7 +105,7 @@ def _cross(points, a, b, c):  # type: ignore[no-untyped-def]
     """Twice the area vector of a triangle."""
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
-    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return cross(ux, uy, uz, vx, vy, vz)
 
 
 @njit

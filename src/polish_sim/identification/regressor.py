@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import unknown_name
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import cross, dot
 from polish_sim.motion.serial_chain import HINGE, LINK_PARAMETERS, LINK_UNITS, ChainGeometry, SerialChain
 
 STEP = 1e-30  #: Size of the complex step: its square vanishes beside one
@@ -89,7 +90,7 @@ def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> N
         py += q * (fixed[1, 0] * zx + fixed[1, 1] * zy + fixed[1, 2] * zz)
         pz += q * (fixed[2, 0] * zx + fixed[2, 1] * zy + fixed[2, 2] * zz)
     # Acceleration of the new origin.
-    ux, uy, uz = w[1] * pz - w[2] * py, w[2] * px - w[0] * pz, w[0] * py - w[1] * px
+    ux, uy, uz = cross(w[0], w[1], w[2], px, py, pz)
     a[0] += dw[1] * pz - dw[2] * py + w[1] * uz - w[2] * uy
     a[1] += dw[2] * px - dw[0] * pz + w[2] * ux - w[0] * uz
     a[2] += dw[0] * py - dw[1] * px + w[0] * uy - w[1] * ux
@@ -111,7 +112,7 @@ def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> N
     screws[0, j, 0], screws[0, j, 1], screws[0, j, 2] = zx + 0.0 * q, zy + 0.0 * q, zz + 0.0 * q
     screws[1, j, 0], screws[1, j, 1], screws[1, j, 2] = 0.0 * q, 0.0 * q, 0.0 * q
     # What the joint's own motion adds.
-    gx, gy, gz = w[1] * zz - w[2] * zy, w[2] * zx - w[0] * zz, w[0] * zy - w[1] * zx
+    gx, gy, gz = cross(w[0], w[1], w[2], zx, zy, zz)
     if hinge:
         dw[0] += gx * qd + zx * qdd
         dw[1] += gy * qd + zy * qdd
@@ -149,18 +150,18 @@ def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ig
     """Torque at a joint (axis z, arm from its origin to the link's) by the ten parameters of a link."""
     if kind == HINGE:
         nx, ny, nz = z[0], z[1], z[2]
-        lx, ly, lz = ny * arm[2] - nz * arm[1], nz * arm[0] - nx * arm[2], nx * arm[1] - ny * arm[0]
+        lx, ly, lz = cross(nx, ny, nz, arm[0], arm[1], arm[2])
     else:
         nx, ny, nz = 0.0 * z[0], 0.0 * z[0], 0.0 * z[0]
         lx, ly, lz = z[0], z[1], z[2]
     Y[first] = lx * a[0] + ly * a[1] + lz * a[2]
     # First moment: l . (dw x c + w x (w x c)) - n . (a x c).
-    along, w2 = lx * w[0] + ly * w[1] + lz * w[2], w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    along, w2 = lx * w[0] + ly * w[1] + lz * w[2], dot(w, w)
     Y[first + 1] = ly * dw[2] - lz * dw[1] + along * w[0] - w2 * lx + a[1] * nz - a[2] * ny
     Y[first + 2] = lz * dw[0] - lx * dw[2] + along * w[1] - w2 * ly + a[2] * nx - a[0] * nz
     Y[first + 3] = lx * dw[1] - ly * dw[0] + along * w[2] - w2 * lz + a[0] * ny - a[1] * nx
     # Inertia: n . (I dw + w x I w) = n . I dw + (n x w) . I w.
-    px, py, pz = ny * w[2] - nz * w[1], nz * w[0] - nx * w[2], nx * w[1] - ny * w[0]
+    px, py, pz = cross(nx, ny, nz, w[0], w[1], w[2])
     Y[first + 4] = nx * dw[0] + px * w[0]
     Y[first + 5] = nx * dw[1] + ny * dw[0] + px * w[1] + py * w[0]
     Y[first + 6] = ny * dw[1] + py * w[1]

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Matrix4, Matrix6, Record, Vector6
+from polish_sim.kernels import Matrix4, Matrix6, Record, Vector6, cross
 from polish_sim.motion.kinematics import advance_frame
 
 Links = Annotated[Array, (6, 3)]
@@ -72,7 +72,7 @@ def _fill_jacobian(state: ArmState) -> None:
     for i in range(5, -1, -1):
         rx, ry, rz = rx + links[i, 0], ry + links[i, 1], rz + links[i, 2]
         x, y, z = axes[i, 0], axes[i, 1], axes[i, 2]
-        J[0, i], J[1, i], J[2, i] = y * rz - z * ry, z * rx - x * rz, x * ry - y * rx
+        J[0, i], J[1, i], J[2, i] = cross(x, y, z, rx, ry, rz)
         J[3, i], J[4, i], J[5, i] = x, y, z
 
 
@@ -110,7 +110,7 @@ def _solve_second(state: ArmState) -> None:
         ez += q1[k] * (wx * y - wy * x)
         wx, wy, wz = wx + q1[k] * x, wy + q1[k] * y, wz + q1[k] * z
         x, y, z = links[k, 0], links[k, 1], links[k, 2]
-        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        ux, uy, uz = cross(wx, wy, wz, x, y, z)
         lx += ey * z - ez * y + wy * uz - wz * uy
         ly += ez * x - ex * z + wz * ux - wx * uz
         lz += ex * y - ey * x + wx * uy - wy * ux
@@ -125,7 +125,7 @@ def _solve_third(state: ArmState) -> None:
     fx, fy, fz, lx, ly, lz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(6):
         x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
-        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        ux, uy, uz = cross(wx, wy, wz, x, y, z)
         a, b = q1[k], 2.0 * q2[k]
         fx += b * ux + a * (ey * z - ez * y + wy * uz - wz * uy)
         fy += b * uy + a * (ez * x - ex * z + wz * ux - wx * uz)
@@ -133,7 +133,7 @@ def _solve_third(state: ArmState) -> None:
         ex, ey, ez = ex + q2[k] * x + a * ux, ey + q2[k] * y + a * uy, ez + q2[k] * z + a * uz
         wx, wy, wz = wx + a * x, wy + a * y, wz + a * z
         x, y, z = links[k, 0], links[k, 1], links[k, 2]
-        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        ux, uy, uz = cross(wx, wy, wz, x, y, z)
         vx = ey * z - ez * y + wy * uz - wz * uy
         vy = ez * x - ex * z + wz * ux - wx * uz
         vz = ex * y - ey * x + wx * uy - wy * ux

@@ -13,6 +13,7 @@ import numpy as np
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot
 
 HINGE = 0
 SLIDE = 1
@@ -119,7 +120,7 @@ def chain_torque(model: ChainModel, q: Array, qd: Array, qdd: Array, gravity: fl
         _link_wrench(model.parameters[j], model.motion[j + 1], model.wrench[j + 1])
     for j in range(n - 1, -1, -1):
         z, moment = model.geometry.axis[j], model.wrench[j + 1, 1]
-        out[j] = z[0] * moment[0] + z[1] * moment[1] + z[2] * moment[2] + model.armature[j] * qdd[j]
+        out[j] = dot(z, moment) + model.armature[j] * qdd[j]
         if j:
             _carry_wrench(model, j)
 
@@ -130,7 +131,7 @@ def _turn_link(model: ChainModel, j: int, angle: float) -> None:
     z, fixed, R = model.geometry.axis[j], model.geometry.rotation[j], model.turns[j]
     c, s = np.cos(angle), np.sin(angle)
     for i in range(3):
-        along = (1.0 - c) * (fixed[i, 0] * z[0] + fixed[i, 1] * z[1] + fixed[i, 2] * z[2])
+        along = (1.0 - c) * (dot(fixed[i], z))
         R[i, 0] = c * fixed[i, 0] + s * (fixed[i, 1] * z[2] - fixed[i, 2] * z[1]) + along * z[0]
         R[i, 1] = c * fixed[i, 1] + s * (fixed[i, 2] * z[0] - fixed[i, 0] * z[2]) + along * z[1]
         R[i, 2] = c * fixed[i, 2] + s * (fixed[i, 0] * z[1] - fixed[i, 1] * z[0]) + along * z[2]
@@ -190,11 +191,11 @@ def _link_wrench(parameters: Array, motion: Array, wrench: Array) -> None:
 def _carry_wrench(model: ChainModel, j: int) -> None:
     """Add the wrench of link j to that of link j - 1."""
     R, p, need, below = model.turns[j], model.geometry.position[j], model.wrench[j + 1], model.wrench[j]
-    f0 = R[0, 0] * need[0, 0] + R[0, 1] * need[0, 1] + R[0, 2] * need[0, 2]
-    f1 = R[1, 0] * need[0, 0] + R[1, 1] * need[0, 1] + R[1, 2] * need[0, 2]
-    f2 = R[2, 0] * need[0, 0] + R[2, 1] * need[0, 1] + R[2, 2] * need[0, 2]
+    f0 = dot(R[0], need[0])
+    f1 = dot(R[1], need[0])
+    f2 = dot(R[2], need[0])
     for i in range(3):
-        below[1, i] += R[i, 0] * need[1, 0] + R[i, 1] * need[1, 1] + R[i, 2] * need[1, 2]
+        below[1, i] += dot(R[i], need[1])
     below[0, 0], below[0, 1], below[0, 2] = below[0, 0] + f0, below[0, 1] + f1, below[0, 2] + f2
     below[1, 0] += p[1] * f2 - p[2] * f1
     below[1, 1] += p[2] * f0 - p[0] * f2

@@ -10,6 +10,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import cross, dot
 from polish_sim.spatial import rotation_to_axis, unit
 
 
@@ -191,9 +192,9 @@ def _fill_turn(chain: Chain, k: int) -> None:
     a, b, n = chain.axes[k], chain.axes[k + 1], chain.turn_axes[k]
     # From the difference, square to their middle by construction: accurate for the smallest turns.
     dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    n[0], n[1], n[2] = a[1] * dz - a[2] * dy, a[2] * dx - a[0] * dz, a[0] * dy - a[1] * dx
-    sine = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-    angle = math.atan2(sine, a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    n[0], n[1], n[2] = cross(a[0], a[1], a[2], dx, dy, dz)
+    sine = math.sqrt(dot(n, n))
+    angle = math.atan2(sine, dot(a, b))
     chain.angles[k] = angle if angle > SAME_AXIS else 0.0
     for i in range(3):
         n[i] = n[i] / sine if angle > SAME_AXIS else 0.0
@@ -207,10 +208,10 @@ def _roll(chain: Chain, k: int) -> float:
     along_x = along_y = 0.0
     for j in range(2):
         v = chain.rotations[k, :, j]
-        dot = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+        along = dot(n, v)
         for i in range(3):
             across = n[(i + 1) % 3] * v[(i + 2) % 3] - n[(i + 2) % 3] * v[(i + 1) % 3]
-            turned = v[i] * cosine + across * sine + n[i] * dot * (1.0 - cosine)
+            turned = v[i] * cosine + across * sine + n[i] * along * (1.0 - cosine)
             if j == 0:
                 along_x += turned * chain.rotations[k + 1, i, 0]
                 along_y -= turned * chain.rotations[k + 1, i, 1]
@@ -240,14 +241,14 @@ def axis_distance(raw: Chain, first: int, stop: int, axis: Array) -> float:
     for k in range(first, stop):
         best = min(best, angle_between(raw.axes[k], axis), angle_between(raw.axes[k + 1], axis))
         n, a = raw.turn_axes[k], raw.axes[k]
-        x = axis[0] * a[0] + axis[1] * a[1] + axis[2] * a[2]
+        x = dot(axis, a)
         y = (
             axis[0] * (n[1] * a[2] - n[2] * a[1])
             + axis[1] * (n[2] * a[0] - n[0] * a[2])
             + axis[2] * (n[0] * a[1] - n[1] * a[0])
         )
         if raw.angles[k] > 0.0 and 0.0 <= math.atan2(y, x) <= raw.angles[k]:
-            out = axis[0] * n[0] + axis[1] * n[1] + axis[2] * n[2]
+            out = dot(axis, n)
             best = min(best, abs(math.atan2(out, math.sqrt(x * x + y * y))))
     return best
 
@@ -255,5 +256,5 @@ def axis_distance(raw: Chain, first: int, stop: int, axis: Array) -> float:
 @njit
 def angle_between(a: Array, b: Array) -> float:
     """Angle of two unit vectors [rad], accurate near zero too."""
-    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    return math.atan2(math.sqrt(x * x + y * y + z * z), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    x, y, z = cross(a[0], a[1], a[2], b[0], b[1], b[2])
+    return math.atan2(math.sqrt(x * x + y * y + z * z), dot(a, b))

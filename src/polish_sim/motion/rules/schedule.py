@@ -12,6 +12,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import cross
 from polish_sim.motion.rules.chain import Chain
 
 
@@ -262,7 +263,7 @@ def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None
     # (A w)' = phi' n x A w + A w', and once more.
     a0, a1, a2 = spin[0, 0], spin[0, 1], spin[0, 2]
     b0, b1, b2 = spin[1, 0], spin[1, 1], spin[1, 2]
-    u0, u1, u2 = n1 * a2 - n2 * a1, n2 * a0 - n0 * a2, n0 * a1 - n1 * a0
+    u0, u1, u2 = cross(n0, n1, n2, a0, a1, a2)
     d0, d1, d2 = phi_1 * u0 + 2.0 * b0, phi_1 * u1 + 2.0 * b1, phi_1 * u2 + 2.0 * b2
     spin[2, 0] += n0 * phi_3 + phi_2 * u0 + phi_1 * (n1 * d2 - n2 * d1)
     spin[2, 1] += n1 * phi_3 + phi_2 * u1 + phi_1 * (n2 * d0 - n0 * d2)

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot
 from polish_sim.planning.curves.curve import Curve, foot_on_chord
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.ground.points import build_point_grid, cells_between, thin
@@ -223,7 +224,7 @@ def _sum_up(points, point_normals, steps, radius, grid):  # type: ignore[no-unty
 @njit(inline="always")
 def _share_under(point, normal, a, b, axis, depth, radius):  # type: ignore[no-untyped-def]
     """Share of a step during which a point is under the pad's compressed area."""
-    if normal[0] * axis[0] + normal[1] * axis[1] + normal[2] * axis[2] <= 0.0:
+    if dot(normal, axis) <= 0.0:
         return 0.0
     height = rise = 0.0
     for d in range(3):
