@@ -44,7 +44,7 @@ def inspect(path: PathFile, given: Given) -> None:
     from polish_sim.analysis.run_record import write_json
     from polish_sim.cli.run import check_part, plan_facts, planned_part, planned_settings
     from polish_sim.exchange import read_path
-    from polish_sim.experiments import time_law
+    from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.report import save_plots
     from polish_sim.planning import guessed_stepover, inspect_path
 
@@ -70,7 +70,8 @@ def inspect(path: PathFile, given: Given) -> None:
     with claimed(given, "inspect") as folder, console.progress() as observer:
         found = inspect_path(tool_path, scenario.part, plan, scenario.process, scenario.pad, observer)
         observer.stage("time the motion")
-        found.figures.update(time_law(scenario, tool_path, found.mesh.noise, observer.progress))
+        strokes = cycle_strokes(scenario, tool_path, found.mesh.noise, observer.progress)
+        found.figures.update(time_figures(strokes))
         observer.stage("draw")
         notes += found.notes
         write_json(folder.draft / "metrics.json", found.figures | {"notes": notes})

@@ -10,7 +10,6 @@ from polish_sim.lazy import names_on_use
 
 if TYPE_CHECKING:
     from polish_sim.experiments.arc import run_arc
-    from polish_sim.experiments.cycle import time_law
     from polish_sim.experiments.force import prepare_force, run_force
     from polish_sim.experiments.payload import PayloadCalibration, calibrate_from, run_payload_calibration
     from polish_sim.experiments.registry import (

@@ -33,28 +33,6 @@ from polish_sim.spatial import unit
 OWN = ("cycle_time_s", "smoothed_off_max_m", "smoothed_axis_off_max_rad")
 
 
-def time_law(
-    scenario: Scenario,
-    path: ToolPath,
-    noise: Noise,
-    progress: Callable[[float, float], None],
-    reach: Reach | None = None,
-) -> dict[str, float]:
-    """Time a path, not pressed, on the part as a run does where it is placed; unplaced, with the tool's
-    limits alone.
-
-    Returns ``feed_figures`` and
-
-    - cycle_time_s: zeroing of the sensor, way down, touch-down, strokes, moves through the air and lifts;
-
-    - smoothed_off_max_m, smoothed_axis_off_max_rad: how far the motion in contact is from the path, place and
-      axis.
-
-    They are undefined for a path that cannot be smoothed. ``process.max_feed_s`` ends nothing here.
-    """
-    return time_figures(cycle_strokes(scenario, path, noise, progress, reach))
-
-
 def cycle_strokes(
     scenario: Scenario,
     path: ToolPath,
@@ -62,7 +40,11 @@ def cycle_strokes(
     progress: Callable[[float, float], None],
     reach: Reach | None = None,
 ) -> list[Stroke]:
-    """The strokes of a path as a run does them, arguments of ``time_law``; none if it cannot be smoothed."""
+    """The strokes of a path, not pressed, as a run does them on the part where it is placed.
+
+    Unplaced, without a ``reach``, they keep the tool's limits alone. There are none if the path cannot be
+    smoothed. ``process.max_feed_s`` ends nothing here.
+    """
     whole = replace(within_noise(scenario, noise), process=replace(scenario.process, max_feed_s=0.0))
     placed = (
         placed_tool(path, reach)
@@ -76,7 +58,15 @@ def cycle_strokes(
 
 
 def time_figures(strokes: Sequence[Stroke]) -> dict[str, float]:
-    """The figures of ``time_law`` of some strokes."""
+    """``feed_figures`` of a path's strokes, and
+
+    - cycle_time_s: zeroing of the sensor, way down, touch-down, strokes, moves through the air and lifts;
+
+    - smoothed_off_max_m, smoothed_axis_off_max_rad: how far the motion in contact is from the path, place and
+      axis.
+
+    They are undefined where there are no strokes.
+    """
     if not strokes:
         return dict.fromkeys((*feed_figures(()), *OWN), math.nan)
     off = np.max([(0.0, 0.0), *(_deviations(stroke) for stroke in strokes)], axis=0)

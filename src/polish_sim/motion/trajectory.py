@@ -75,15 +75,10 @@ def at_rows(table: PathTable, s: Array, values: Array) -> Array:
     return np.interp(np.arange(len(table.positions)) * table.spacing, s - s[0], values)
 
 
-def with_feed_share(table: PathTable, s: Array, feed_share: Array, braking: float = math.inf) -> PathTable:
+def with_feed_share(table: PathTable, s: Array, feed_share: Array) -> PathTable:
     """Give a table a feed that changes along the path, linear between the points it was made of, at ``s``
-    (n,) [m].
-
-    ``feed_share`` (n,) is positive, a share of the stroke's feed. Half its square falls by ``braking`` per
-    length [1/m] at most: before a slow place the feed falls early enough.
-    """
-    feed = at_rows(table, s, feed_share)
-    return table._replace(feed_share=slowed_before(feed, 2.0 * braking * table.spacing))
+    (n,) [m]; ``feed_share`` (n,) is positive, a share of the stroke's feed."""
+    return table._replace(feed_share=at_rows(table, s, feed_share))
 
 
 @njit

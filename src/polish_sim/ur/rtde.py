@@ -215,6 +215,7 @@ class RtdeSession:
 
     controller: Controller
     send: Callable[[bytes], None]
+    client: str = ""  #: Its address
     version: int = 1
     started: bool = False
     answered: bool = True  #: Whether it has sent data since its last package

@@ -7,7 +7,7 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from polish_sim.errors import InputError
 from polish_sim.ur.controller import Controller, Programs
@@ -25,20 +25,15 @@ EVERY = round(1.0 / (STATE_HZ * TICK_S))
 CONFIGURED = 20  #: States between two with the configuration
 
 
-class Session(Protocol):
+class Session:
     """One client of a port."""
-
-    def feed(self, data: bytes) -> bool:
-        """Take what it sent; False to drop it."""
-        ...
 
     def packages(self) -> Sequence[bytes]:
         """What it gets at this tick."""
-        ...
+        return ()
 
     def close(self) -> None:
         """It has gone."""
-        ...
 
 
 class _Dashboard(Session):
@@ -55,13 +50,6 @@ class _Dashboard(Session):
             if said == BYE:
                 return False
         return len(self._buffer) <= LONGEST
-
-    def packages(self) -> Sequence[bytes]:
-        """Nothing."""
-        return ()
-
-    def close(self) -> None:
-        """Nothing is kept."""
 
 
 class _Script(Session):
@@ -114,9 +102,6 @@ class _Realtime(_Script):
 
 
 class _Rtde(RtdeSession):
-    def __init__(self, controller: Controller, send: Callable[[bytes], None], client: str) -> None:
-        super().__init__(controller, send)
-
     def close(self) -> None:
         """Say so before giving the registers back."""
         self.controller.client_gone(self)
