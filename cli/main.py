@@ -70,37 +70,28 @@ def _every_run() -> None:
     """Simulate an experiment of the papers; 'polish-sim run EXPERIMENT --help' shows its options."""
 
 
-commands.command("demo", cls=PanelledCommand, short_help="The whole main job on a shipped part.")(demo)
-commands.command("plan", cls=PanelledCommand, short_help="A tool path on a part.")(plan)
-commands.command("inspect", cls=PanelledCommand, short_help="The quality of any tool path on a part.")(
-    inspect
-)
-commands.command("job", cls=PanelledCommand, short_help="Setups, regions and passes from one file.")(job)
-commands.command("smooth", cls=PanelledCommand, short_help="Jerk-limited motion along any tool path.")(smooth)
+for _name, _command, _text in (
+    ("demo", demo, "The whole main job on a shipped part."),
+    ("plan", plan, "A tool path on a part."),
+    ("inspect", inspect, "The quality of any tool path on a part."),
+    ("job", job, "Setups, regions and passes from one file."),
+    ("smooth", smooth, "Jerk-limited motion along any tool path."),
+    ("score", score, "Score a controller by a fixed battery of cases."),
+    ("serve", serve, "A simulated UR controller for your own programme."),
+    ("sweep", sweep, "Many runs over settings and seeds, in one table."),
+    ("tune", tune, "Search a controller's parameters."),
+    ("identify", identify, "A robot's dynamics from its own motion."),
+    ("compare", compare, "A robot's log beside the simulation."),
+    ("report", report, "Plots and tables again from saved runs."),
+    ("view", view, "A saved run in the browser, in 3D and over time."),
+    ("config", config, "The full default config as TOML."),
+    ("list", list_names, "What ships with the package."),
+):
+    commands.command(_name, cls=PanelledCommand, short_help=_text)(_command)
 commands.add_typer(runs, name="run", short_help="Simulate arc, force, surface, smooth, teach or dual.")
-commands.command("score", cls=PanelledCommand, short_help="Score a controller by a fixed battery of cases.")(
-    score
-)
-commands.command(
-    "serve", cls=PanelledCommand, short_help="A simulated UR controller for your own programme."
-)(serve)
-commands.command("sweep", cls=PanelledCommand, short_help="Many runs over settings and seeds, in one table.")(
-    sweep
-)
-commands.command("tune", cls=PanelledCommand, short_help="Search a controller's parameters.")(tune)
 commands.add_typer(
     calibrate, name="calibrate", short_help="Calibrate the cell: payload, tcp, base, arm, budget."
 )
-commands.command("identify", cls=PanelledCommand, short_help="A robot's dynamics from its own motion.")(
-    identify
-)
-commands.command("compare", cls=PanelledCommand, short_help="A robot's log beside the simulation.")(compare)
-commands.command("report", cls=PanelledCommand, short_help="Plots and tables again from saved runs.")(report)
-commands.command("view", cls=PanelledCommand, short_help="A saved run in the browser, in 3D and over time.")(
-    view
-)
-commands.command("config", cls=PanelledCommand, short_help="The full default config as TOML.")(config)
-commands.command("list", cls=PanelledCommand, short_help="What ships with the package.")(list_names)
 
 
 def app() -> None:

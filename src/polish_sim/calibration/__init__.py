@@ -14,14 +14,13 @@ if TYPE_CHECKING:
         payload_regressor,
     )
     from polish_sim.calibration.payload_file import (
-        CalibratedTool,
         estimate_figures,
         read_calibrated_tool,
         read_readings,
         residual_table,
         write_calibration,
     )
-    from polish_sim.calibration.poses import PosePlan, plan_payload_poses
+    from polish_sim.calibration.poses import plan_payload_poses
     from polish_sim.calibration.tables import calibration_kind
 else:
     __getattr__ = names_on_use(__name__)

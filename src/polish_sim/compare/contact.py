@@ -29,20 +29,20 @@ def from_contact(time: Array, force: Array, asked: float) -> ForceStep:
     return ForceStep(time - (time[touched[0]] if len(touched) else time[-1]), force, asked)
 
 
-def measure_step(step: ForceStep, window: float = WINDOW_S) -> dict[str, float]:
-    """Settling, mean and largest error, time in the air after contact, mean of the last third of the
-    ``window`` [s].
+def measure_step(step: ForceStep) -> dict[str, float]:
+    """Settling, mean and largest error, time in the air after contact, mean of the last third of
+    `WINDOW_S`.
 
     The mean error is that of |force - asked| from first contact on.
     """
-    inside = (step.time >= 0.0) & (step.time <= window)
+    inside = (step.time >= 0.0) & (step.time <= WINDOW_S)
     time, off = step.time[inside], step.force[inside] - step.asked
     outside = np.flatnonzero(np.abs(off) > BAND_N)
     settled = float(time[outside[-1]]) if len(outside) else 0.0
-    late = time > 2.0 / 3.0 * window
+    late = time > 2.0 / 3.0 * WINDOW_S
     dt = float(np.median(np.diff(time)))
     return {
-        "settling_s": settled if settled < window - 0.1 else float("nan"),
+        "settling_s": settled if settled < WINDOW_S - 0.1 else float("nan"),
         "mean_error_n": float(np.abs(off).mean()),
         "peak_n": float(step.force[inside].max()),
         "lost_s": float(np.sum(step.force[inside] < _AIR_N) * dt),
@@ -50,14 +50,14 @@ def measure_step(step: ForceStep, window: float = WINDOW_S) -> dict[str, float]:
     }
 
 
-def compare_steps(measured: ForceStep, simulated: ForceStep, window: float = WINDOW_S) -> dict[str, Any]:
+def compare_steps(measured: ForceStep, simulated: ForceStep) -> dict[str, Any]:
     """Both steps' figures, and the rms of the difference of their curves [N]."""
-    time = measured.time[(measured.time >= 0.0) & (measured.time <= window)]
+    time = measured.time[(measured.time >= 0.0) & (measured.time <= WINDOW_S)]
     ours = np.interp(time, simulated.time, simulated.force)
     theirs = np.interp(time, measured.time, measured.force)
-    own = measure_step(simulated, window)
+    own = measure_step(simulated)
     return {
         "force_rms_n": rms(ours - theirs),
-        **measure_step(measured, window),
+        **measure_step(measured),
         **{f"simulated_{name}": value for name, value in own.items()},
     }

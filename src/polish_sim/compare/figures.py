@@ -14,6 +14,7 @@ RATE_HZ = 100.0  #: Both sides are looked at on this clock
 CYCLES = np.arange(20.0, 450.0, 0.1)  #: Of a turn of the joint, looked through for ripple
 _HIGH_PASS_HZ = 2.0
 _HARDLY = 0.05  #: Deviation by the largest column's below which one says nothing of a delay
+MOST_S = 0.1  #: Delays looked at [s]
 _CLOCK_S = 1e-3  #: Shifts are tried in steps of it [s]
 _SLOW, _FAST = 0.1, 0.9  #: Speeds between which ripple is within the band of a log of 100 Hz [rad/s]
 _STILL = 0.02  #: Below it friction is not that of sliding [rad/s]
@@ -28,13 +29,13 @@ def nrms(measured: Array, simulated: Array) -> Array:
     return off / np.maximum(np.ptp(measured, axis=0), 1e-12)
 
 
-def delay(time: Array, measured: Array, simulated: Array, most: float = 0.1) -> float:
-    """How late what is measured is behind what is simulated [s], columns (n, k), within +-``most``.
+def delay(time: Array, measured: Array, simulated: Array) -> float:
+    """How late what is measured is behind what is simulated [s], columns (n, k), within +-`MOST_S`.
 
     The shift of the least squared difference, columns in shares of their deviation, those that hardly change
     left out; NaN if none is within.
     """
-    t, count = np.arange(time[0], time[-1], _CLOCK_S), round(most / _CLOCK_S)
+    t, count = np.arange(time[0], time[-1], _CLOCK_S), round(MOST_S / _CLOCK_S)
     if len(t) < 4 * count:
         return float("nan")
     scale = measured.std(axis=0)

@@ -10,6 +10,6 @@ if TYPE_CHECKING:
     from polish_sim.geometry.fit import fit_surface
     from polish_sim.geometry.mesh import PartMesh, load_part, part_from_arrays
     from polish_sim.geometry.regions.region import Region, merge_regions, select_region
-    from polish_sim.geometry.surface import ClosestPoints, Curvature, Surface, SurfacePoints
+    from polish_sim.geometry.surface import ClosestPoints, Surface
 else:
     __getattr__ = names_on_use(__name__)

@@ -65,10 +65,10 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = (
     return Offset(feet, heights, np.linalg.norm(gap - heights[:, None] * axes, axis=1), outward)
 
 
-def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float, sideways: float) -> None:
+def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: float) -> None:
     """Refuse a path that does not belong on a part.
 
-    It may be off the surface by ``height`` [m] along the tool axis, and run beyond the part's edge by
+    It may be off the surface by `OFF_PART_M` along the tool axis, and run beyond the part's edge by
     ``sideways`` [m].
 
     Raises:
@@ -80,7 +80,7 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float,
         )
     middle = float(np.median(offset.heights))
     highest, furthest = float(np.abs(offset.heights).max()), float(offset.sideways.max())
-    if highest <= height and furthest <= sideways:
+    if highest <= OFF_PART_M and furthest <= sideways:
         if offset.outward < 0.5:
             todo = _other_unit(mesh, path) or "Turn the axes round (-i, -j, -k)."
             raise PlanError(
@@ -91,7 +91,7 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, height: float,
     away = (
         f"the path does not lie on '{mesh.name}': along the tool axis it is "
         f"{1e3 * offset.heights.min():+.2f} to {1e3 * offset.heights.max():+.2f} mm off the surface (median "
-        f"{1e3 * middle:+.2f} mm, allowed {1e3 * height:g} mm), sideways up to {1e3 * furthest:.1f} mm. "
+        f"{1e3 * middle:+.2f} mm, allowed {1e3 * OFF_PART_M:g} mm), sideways up to {1e3 * furthest:.1f} mm. "
     )
     even = np.abs(offset.heights - middle) < EVEN * abs(middle)
     raise PlanError(away + (_other_unit(mesh, path) or _reason(mesh, path, middle, float(even.mean()))))
@@ -179,7 +179,7 @@ def inspect_path(
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
     offset = offset_from(surface, path, _bridges(region, plan))
-    check_on_part(offset, mesh, path, OFF_PART_M, 2.0 * pad.radius_m)
+    check_on_part(offset, mesh, path, 2.0 * pad.radius_m)
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))

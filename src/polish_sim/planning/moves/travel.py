@@ -130,7 +130,7 @@ def order_blocks(ends: Array, free: bool, start: Array | None = None) -> Tour:
     """
     order, flips = nearest_neighbours(ends, free, start)
     if len(order) > 2:
-        _improve(np.ascontiguousarray(ends), order, flips, free, WINDOW, MOST_SWEEPS)
+        _improve(np.ascontiguousarray(ends), order, flips, free)
     return Tour(order, flips.astype(bool))
 
 
@@ -190,13 +190,13 @@ def _shift(order: Indices, flips: Indices, i: int, j: int) -> None:
 
 
 @njit
-def _improve(ends: Array, order: Indices, flips: Indices, free: bool, window: int, sweeps: int) -> None:
+def _improve(ends: Array, order: Indices, flips: Indices, free: bool) -> None:
     """Turn stretches round and move blocks while that shortens the way; the first place stays."""
     n = len(order)
-    for _ in range(sweeps):
+    for _ in range(MOST_SWEEPS):
         better = False
         for i in range(1, n):
-            for j in range(max(1, i - window), min(n, i + window + 1)):
+            for j in range(max(1, i - WINDOW), min(n, i + WINDOW + 1)):
                 first, last = min(i, j) - 1, min(max(i, j) + 1, n - 1)
                 before = _way(ends, order, flips, first, last)
                 if j >= i:

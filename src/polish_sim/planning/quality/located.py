@@ -78,11 +78,11 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None)
     )
 
 
-def with_points_between(path: ToolPath, longest: float = LONGEST_M) -> ToolPath:
+def with_points_between(path: ToolPath) -> ToolPath:
     """Put points into chords in contact that are longer than wanted [m]; the polyline stays what it is."""
     chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
     pressing = path.process[1:] & path.process[:-1]
-    counts = np.where(pressing, np.maximum(np.ceil(chords / longest * (1.0 - 1e-9)), 1.0), 1.0).astype(
+    counts = np.where(pressing, np.maximum(np.ceil(chords / LONGEST_M * (1.0 - 1e-9)), 1.0), 1.0).astype(
         np.int64
     )
     if (counts == 1).all():
