@@ -28,7 +28,7 @@ from polish_sim.cli.calibrate_pair import (
 from polish_sim.cli.help import PanelledCommand
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.outcome import Outcome
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import SENSOR
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
@@ -139,7 +139,7 @@ def _write(found: PayloadCalibration, folder: Path) -> None:
     estimate, readings = found.estimate, found.readings
     write_calibration(folder / CALIBRATION, estimate)
     if found.scenario is not None:
-        (folder / CONFIG).write_text(to_toml(found.scenario), encoding="utf-8")
+        put(folder, CONFIG, to_toml(found.scenario))
     left = readings.time, estimate.residuals, estimate.noise, estimate.used
     plots = {"residuals.png": plot_residuals(*left, found.scenario is not None, _facts(found))}
     if found.long_run is not None:

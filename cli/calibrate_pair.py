@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder, whole_folder
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_without, takes
 from polish_sim.cli.outcome import Outcome
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError, leave_out, unknown_name
@@ -274,7 +274,7 @@ def write_found(folder: Path, figures: Figures, residuals: str, plots: Mapping[s
     from polish_sim.analysis.run_record import write_metrics
     from polish_sim.experiments.report import save_plots
 
-    (folder / "residuals.csv").write_text(residuals, encoding="utf-8")
+    put(folder, "residuals.csv", residuals)
     write_metrics(folder, figures)
     save_plots(folder, plots)
 

@@ -10,7 +10,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
-from polish_sim.cli.output_folder import claimed
+from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import SECOND
 from polish_sim.errors import InputError, leave_out
 from polish_sim.page import PAGE
@@ -113,10 +113,10 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         found = compare_joints(scenario, log, payload)
         observer.stage("draw")
         title = f"{real.name} beside {scenario.robot.arm}"
-        (draft / "config.toml").write_text(to_toml(scenario), encoding="utf-8")
+        put(draft, "config.toml", to_toml(scenario))
         write_json(draft / FIGURES, found.figures)
         plot_joints(found, title).savefig(draft / PICTURE)
-        (draft / PAGE).write_text(joint_page(found, scenario, title), encoding="utf-8")
+        put(draft, PAGE, joint_page(found, scenario, title))
     delays = (f"{name} {1e3 * found.figures[key]:.1f} ms" for name, key in
               (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in found.figures)  # fmt: skip
     caption = f"measured behind simulated: {', '.join(delays)}"
@@ -151,5 +151,5 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     )
     write_json(draft / FIGURES, found)
     plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
-    (draft / PAGE).write_text(page_html(step_page(found, title)), encoding="utf-8")
+    put(draft, PAGE, page_html(step_page(found, title)))
     console.table(f"compare: {title}", ["figure", "measured", "simulated"], step_rows(found))

@@ -11,7 +11,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, STOPPED
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
-from polish_sim.cli.output_folder import RESULTS, refuse_taken, unused
+from polish_sim.cli.output_folder import RESULTS, put, refuse_taken, unused
 from polish_sim.config.key import OUTPUT
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.row_file import whole_file
@@ -59,10 +59,8 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
         raise
     figures = job_figures(asked, folder, rows)
     for number, text in programs(asked, folder):
-        (folder / f"setup_{number}.script").write_text(text, encoding="utf-8")
-    (folder / "report.html").write_text(
-        job_page(f"Job {file.stem}: {asked.head.part}", figures), encoding="utf-8"
-    )
+        put(folder, f"setup_{number}.script", text)
+    put(folder, "report.html", job_page(f"Job {file.stem}: {asked.head.part}", figures))
     write_json(folder / "job.json", figures)
     _show(rows)
     console.say(

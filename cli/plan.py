@@ -22,7 +22,7 @@ from polish_sim.cli.options import (
     refuse_idle_on_path,
     takes,
 )
-from polish_sim.cli.output_folder import claimed, refuse_taken
+from polish_sim.cli.output_folder import claimed, put, refuse_taken
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, check_flange, experiment, refuse_idle_options
@@ -152,7 +152,7 @@ def plan_once(
     page = path_page(result, setup)
     if reach is not None and strokes:
         page = plan_page(page, scenario, result, reach, strokes)
-    (folder / PAGE).write_text(page_html(page), encoding="utf-8")
+    put(folder, PAGE, page_html(page))
     save_plots(folder, plots)
     return result, unreached
 

@@ -26,7 +26,7 @@ from polish_sim.cli.options import (
     refuse_without,
     takes,
 )
-from polish_sim.cli.output_folder import claimed, refuse_taken
+from polish_sim.cli.output_folder import claimed, put, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell
 from polish_sim.cli.view import live_address
 from polish_sim.config import Scenario
@@ -280,7 +280,7 @@ def simulate(
     record = RunRecord(scenario.experiment, ran, figures, result.log, result.path, result.removal)
     write_record(folder, record)
     for name, text in result.files.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        put(folder, name, text)
     return record
 
 

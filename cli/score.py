@@ -139,7 +139,7 @@ def find_worst(given: Given) -> int:
         if not worst.found:
             raise KeyboardInterrupt
         for name in FIGURES:
-            (folder.draft / f"{name}.toml").write_text(to_toml(worst.found[name].scenario), encoding="utf-8")
+            put(folder.draft, f"{name}.toml", to_toml(worst.found[name].scenario))
         values = {name: found.value for name, found in worst.found.items()}
         write_json(folder.draft / "metrics.json", {**values, "runs": worst.runs, "stops": worst.stops})
     rows = []

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
-from polish_sim.cli.output_folder import claimed, refuse_taken
+from polish_sim.cli.output_folder import claimed, put, refuse_taken
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
 from polish_sim.errors import InputError, count_text, leave_out, unknown_name
@@ -116,7 +116,7 @@ def serve(given: Given) -> int:
         for address, controller in controllers.items():
             own = folder.draft if len(addresses) == 1 else folder.draft / address
             own.mkdir(exist_ok=True)
-            (own / LOG).write_text("".join(f"{line}\n" for line in controller.log), encoding="utf-8")
+            put(own, LOG, "".join(f"{line}\n" for line in controller.log))
             _write_run(job, controller, own)
     console.say_folder(folder.final)
     return DONE

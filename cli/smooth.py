@@ -14,7 +14,7 @@ import typer
 
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
-from polish_sim.cli.output_folder import claimed, refuse_taken
+from polish_sim.cli.output_folder import claimed, put, refuse_taken
 from polish_sim.config.key import DEG, MM, MM_S, OUTPUT, PATH, Unit
 from polish_sim.errors import InputError, PolishSimError, count_text
 
@@ -181,7 +181,7 @@ def smooth_file(
     first = motions[0]
     times = even_times(first.motion.end, request.rate)
     write_trajectory(folder, sample_in_blocks(first.motion, times, task.placed.arm))
-    (folder / LIMITS).write_text(limits_toml(task.limits), encoding="utf-8")
+    put(folder, LIMITS, limits_toml(task.limits))
     write_metrics(folder, {**figures, "notes": notes})
     observer.stage("draw")
     save_plots(folder, draw_smoothing(task, motions, request.path.name))
