@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cell import Stroke, build_course
 from polish_sim.cell.course import nearest_earlier
+from polish_sim.cell.linear_arm import gears_about, joints_about, motion_matrices, slipping_gears
 from polish_sim.control import Course
 from polish_sim.experiments import default_scenario
 from polish_sim.geometry.field_lookup import DistanceField
 from polish_sim.scenario_file import override
-from tests.cell.cells import TOUCH, along_tool, path_through, pressing_stroke, tool_pose
+from tests.cell.cells import IDEAL_ARM, TOUCH, along_tool, joints_at, path_through, pressing_stroke, tool_pose
 from tests.cell.fields import plane, sampled, sphere
 from tests.cell.pressing import DOWN, HEAD_STIFFNESS, PAD, PRESSED, below_sphere, foundation
 
@@ -22,9 +24,15 @@ UPRIGHT = np.array(TOUCH) @ np.diag([1.0, -1.0, -1.0, 1.0])  # pose of a part th
 FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all on the part [N m/rad]
 
 
-def course_on(field: DistanceField, *strokes: Stroke, T_base_work: Array = UPRIGHT) -> Course:
+def course_on(
+    field: DistanceField, *strokes: Stroke, T_base_work: Array = UPRIGHT, arm: str = "robot.arm=ur5e"
+) -> Course:
     return build_course(
-        override(default_scenario("surface"), ["plan.stepover_m=0.008"]), strokes, field, T_base_work
+        override(default_scenario("surface"), ["plan.stepover_m=0.008", arm]),
+        strokes,
+        field,
+        T_base_work,
+        joints_at(TOUCH),
     )
 
 
@@ -150,3 +158,26 @@ def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning() -> None:
     here = course_on(sphere(0.1), pressing_stroke(turn @ TOUCH, slide=0.01), T_base_work=turn @ UPRIGHT)
     np.testing.assert_allclose(here.depth, there.depth, atol=1e-7)
     np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)
+
+
+def test_the_arm_swings_slower_the_further_it_reaches_and_a_rigid_one_is_not_known_to() -> None:
+    modes = [
+        course_on(plane(), pressing_stroke(tool), T_base_work=tool @ np.diag([1.0, -1.0, -1.0, 1.0])).arm_mode
+        for tool in (along_tool(TOUCH, y=-0.2), TOUCH, along_tool(TOUCH, y=0.2))
+    ]
+    assert modes[0].min() > 1.1 * modes[1].max() > 1.2 * modes[2].max()
+    assert not course_on(plane(), pressing_stroke(), arm=IDEAL_ARM).arm_mode.any()
+
+
+def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it() -> None:
+    """Against the eigenvalues of links, rotors and springs: a tenth above the slowest."""
+    scenario = default_scenario("surface")
+    about = joints_about(scenario, joints_at(TOUCH)[None])[0]
+    moving = motion_matrices(about, gears_about(scenario, about, slipping_gears(about.arm, 0.0)))
+    tool = np.append(about.axis @ about.jacobian[:3], np.zeros(6))
+    squares, shapes = eigh(moving.stiffness + 5000.0 * np.outer(tool, tool), moving.mass)
+    softness = (tool @ shapes) ** 2 / squares
+    assert softness[0] > 0.9 * softness.sum()
+    assert course_on(plane(), pressing_stroke()).arm_mode[0] / 1.1 == pytest.approx(
+        np.sqrt(squares[0]), rel=0.02
+    )

@@ -11,19 +11,24 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.cell.contact import build_pad
+from polish_sim.cell.linear_arm import arm_modes
+from polish_sim.cell.real_arm import is_real
+from polish_sim.cell.scene import tool_on_flange
 from polish_sim.cell.stroke import Stroke
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
+from polish_sim.motion.kinematics import track
 from polish_sim.motion.trajectory import PathTable, sample_column, sample_path
-from polish_sim.spatial import rotation_from_quaternion
+from polish_sim.spatial import rotation_from_quaternion, transform
 
 SPACING = 0.0005  # of the rows [m]
 REACH = 1.5  # step-overs within which a turn counts as neighbour
 STRANDS_APART = 2.5  # times that reach along the path: nearer places are the same strand
 ROUNDS = 30
 CLOSE_N = 1e-4  # force to which the statics are solved [N]
+POSE_SPACING, MOST_POSES = 0.01, 400  # at which the arm's vibration is worked out [m], and at most
 LONGEST_STEP = 0.002  # of the search for the depth [m]
 FURTHEST = 0.03  # the pad is sought this far from its planned place [m]
 
@@ -51,12 +56,17 @@ class _Press(NamedTuple):
 
 
 def build_course(
-    scenario: Scenario, strokes: Sequence[Stroke], drawn: DistanceField, T_base_work: Array
+    scenario: Scenario,
+    strokes: Sequence[Stroke],
+    drawn: DistanceField,
+    T_base_work: Array,
+    q_start: Array,
 ) -> Course:
     """Work out what force, springs, pad and the drawn part ask for along the whole path of all ``strokes``.
 
     ``drawn`` is the signed distance of the nominal part in the work frame, which lies at ``T_base_work``,
-    shape (4, 4). Rows between two strokes, in the air, repeat the nearest row in contact.
+    shape (4, 4); the arm reaches the first pose with its joints near ``q_start`` (6,) [rad]. Rows between
+    two strokes, in the air, repeat the nearest row in contact.
     """
     rows = math.floor(max(stroke.start_s + stroke.process.length for stroke in strokes) / SPACING) + 2
     s = np.arange(rows) * SPACING
@@ -77,7 +87,15 @@ def build_course(
     unpressed = poses.positions - pressed_in[:, None] * poses.rotations[:, :, 2]
     along = poses.curvature, poses.bending, poses.turning, poses.feed
     earlier = nearest_earlier(unpressed, SPACING, REACH * scenario.plan.stepover_m)
-    return Course(SPACING, pressed_in + surplus, surplus, stiffness, moment, tilt_stiffness, *along, earlier)
+    few = np.linspace(0, rows - 1, min(math.ceil(s[-1] / POSE_SPACING) + 1, MOST_POSES)).astype(np.int64)
+    modes = np.zeros(rows)
+    if is_real(scenario):
+        tools = transform(poses.rotations[few], poses.positions[few])
+        modes = np.interp(
+            np.arange(rows), few, arm_modes(scenario, track(tools, tool_on_flange(), q_start).q)
+        )
+    statics = pressed_in + surplus, surplus, stiffness, moment, tilt_stiffness
+    return Course(SPACING, *statics, *along, earlier, modes)
 
 
 def nearest_earlier(points: Array, spacing: float, reach: float) -> Indices:

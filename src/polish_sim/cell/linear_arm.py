@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -14,9 +14,6 @@ from polish_sim.cell.real_arm import build_real_arm, gear_twists, weights
 from polish_sim.cell.scene import build_scene
 from polish_sim.cell.wrist_sensor import carried_payload
 from polish_sim.config import Scenario
-
-if TYPE_CHECKING:
-    pass
 
 
 class JointsAbout(NamedTuple):
@@ -99,6 +96,27 @@ def motion_matrices(about: JointsAbout, gears: Gears) -> MotionMatrices:
         twisted = np.diag(gear)
         matrices.append(np.block([[twisted, -twisted], [-twisted, twisted + np.diag(servo)]]))
     return MotionMatrices(mass, *matrices)
+
+
+_ABOVE: Final = 1.1  # the servos hold rotors that the resting shape leaves alone
+
+
+def arm_modes(scenario: Scenario, q: Array) -> Array:
+    """Frequency at which the arm swings along the tool axis, pressing on the part, at each of ``q`` (n, 6)
+    [rad], shape (n,) [rad/s].
+
+    One for all modes that share the axis: Rayleigh's quotient of the shape into which the tool's force bends
+    the arm, and a tenth more. On twenty poses the loop of ``hybrid-adaptive`` has the largest gain margin
+    with its notch there (`python -m benchmarks.arm_notch`).
+    """
+    springs = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
+    modes = []
+    for about in joints_about(scenario, q):
+        moving = motion_matrices(about, gears_about(scenario, about, slipping_gears(about.arm, 0.0)))
+        tool = np.append(about.axis @ about.jacobian[:3], np.zeros(6))
+        bent = np.linalg.solve(moving.stiffness + springs * np.outer(tool, tool), tool)
+        modes.append(math.sqrt(tool @ bent / (bent @ moving.mass @ bent)))
+    return _ABOVE * np.array(modes)
 
 
 def slipping_gears(arm: RealArm, swing: float) -> Array:

@@ -36,8 +36,8 @@ class AdaptiveConfig:
     crossover_rad_s: float = key(40.0, "highest crossover of the force loop [rad/s]", 1.0, 500.0)
     arm_mode_hz: float = key(
         24.0,
-        "vibration of the arm along the tool axis that the force loop must not excite, believed; 0 = rigid "
-        "[Hz]",
+        "vibration of the arm along the tool axis that the force loop must not excite, where the path does "
+        "not say it; 0 = rigid [Hz]",
         0.0,
         200.0,
     )

@@ -138,3 +138,5 @@ class Course(NamedTuple):
     feed: Array
     #: Row of the nearest place on an earlier turn, -1 without one nearby, shape (n,)
     neighbour: NDArray[np.int64]
+    #: Frequency at which the loop would make the arm swing [rad/s], shape (n,); 0 where nobody knows it
+    arm_mode: Array

@@ -251,7 +251,9 @@ def course_for(
     """What lies ahead on the path, for a controller that prepares for it; None for the others."""
     if not callable(getattr(controller, "prepare", None)):
         return None
-    return build_course(scenario, strokes, place.drawn(scenario).near, place.reach.T_base_work)
+    return build_course(
+        scenario, strokes, place.drawn(scenario).near, place.reach.T_base_work, place.reach.q_start
+    )
 
 
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.

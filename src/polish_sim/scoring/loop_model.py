@@ -61,15 +61,16 @@ FORCE_POSE: Final = np.array([1.3009, -1.5168, 1.9295, -1.9834, -1.5708, 2.8717]
 """Joints in the experiment ``force`` [rad], shape (6,)."""
 
 
-def elastic_arm(scenario: Scenario, swing: float = 0.0) -> Arm:
-    """The arm with gears and rotors about the pose of ``force``, loaded by its weight and the contact force.
+def elastic_arm(scenario: Scenario, swing: float = 0.0, q: Array = FORCE_POSE) -> Arm:
+    """The arm with gears and rotors about a pose (6,) [rad], that of ``force`` if not given, loaded by its
+    weight and the contact force.
 
     Hysteresis is taken at an amplitude of the gears' twist [rad]: a part of its torque is elastic, a part
     damps (by harmonic balance, about 20 Hz). Coulomb friction of the motors and of the pad is left out; it
     damps. The host's loops across the tool axis are left out, too, and so is the slow correction of servos on
     the links' side.
     """
-    about = joints_about(scenario, FORCE_POSE[None])[0]
+    about = joints_about(scenario, q[None])[0]
     arm, J, axis = about.arm, about.jacobian, about.axis
     tool, nothing = axis @ J[:3], np.zeros(6)
     way = np.linalg.solve(J, np.concatenate([axis, np.zeros(3)]))

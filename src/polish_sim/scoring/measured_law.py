@@ -73,7 +73,7 @@ def flat_course(force: float, stiffness: float) -> Course:
     rows = np.zeros(3)
     return Course(
         0.001, rows + force / stiffness, rows, rows + stiffness, np.zeros((3, 2)), np.zeros((3, 2)), rows,
-        rows, np.zeros((3, 3)), rows + 0.01, np.full(3, -1),
+        rows, np.zeros((3, 3)), rows + 0.01, np.full(3, -1), rows,
     )  # fmt: skip
 
 

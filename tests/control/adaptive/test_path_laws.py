@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.config import AdaptiveConfig
+from polish_sim.config import AdaptiveConfig, ControllerConfig
 from polish_sim.control.adaptive.drawing import (
     Abilities,
     Ahead,
@@ -46,7 +46,7 @@ from polish_sim.control.signals import Target
 from tests.control.adaptive.track import SPACING, SPRING, course_of, follow
 from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
 
-CAN = Abilities(1.0, 40.0, 1.2, 6.0, math.inf)
+CAN = Abilities(1.0, 40.0, 1.2, 6.0, 202.0)
 ON = FeedForwardGains(0.01, True)
 ALONG = np.eye(3)
 LEARN = LearningGains(0.005, 0.0, 0.1, 1.0, True)
@@ -180,16 +180,25 @@ def test_before_a_sharp_corner_the_feed_falls_no_faster_than_it_may_grow_and_not
 
 def test_where_the_tool_turns_the_gears_error_stays_below_half_the_arms_vibration() -> None:
     """200 waves a turn and 24 Hz: at most 2 pi 12 / 200 rad/s."""
-    can = abilities(AdaptiveConfig(arm_mode_hz=24.0, gear_waves=200.0))
-    turning = np.zeros((2000, 3))
+    can = abilities(AdaptiveConfig(gear_waves=200.0))
+    turning, mode = np.zeros((2000, 3)), np.full(2000, 2.0 * math.pi * 24.0)
     turning[800:1200, 1] = 1.0 / 0.06  # a bend of 60 mm radius
-    share = followable_share(course_of(np.zeros(2000), feed=0.03)._replace(turning=turning), can)
+    rigid = course_of(np.zeros(2000), feed=0.03)._replace(turning=turning)
+    share = followable_share(rigid._replace(arm_mode=mode), can)
     assert share[1000] * 0.03 / 0.06 == pytest.approx(2.0 * math.pi * 12.0 / 200.0, rel=0.01)
     assert share[0] == share[-1] == 1.0
-    rigid = abilities(AdaptiveConfig(arm_mode_hz=0.0))
-    assert (
-        followable_share(course_of(np.zeros(2000), feed=0.03)._replace(turning=turning), rigid)[1000] == 1.0
+    assert followable_share(rigid, can)[1000] == 1.0
+
+
+def test_the_path_says_how_the_arm_swings_and_the_config_where_it_does_not() -> None:
+    course = course_of(np.zeros(300))._replace(arm_mode=np.repeat([0.0, 100.0, 120.0], 100))
+    known, rigid = (
+        hybrid_adaptive(ControllerConfig(adaptive=AdaptiveConfig(arm_mode_hz=hz))) for hz in (20.0, 0.0)
     )
+    known.prepare(course)
+    rigid.prepare(course)
+    np.testing.assert_allclose(known.course["arm_mode"][::100], [40.0 * math.pi, 100.0, 120.0])
+    assert not rigid.course["arm_mode"].any()
 
 
 def test_a_steep_slope_is_fed_so_slowly_that_its_unforeseen_part_stays_within_the_budget() -> None:

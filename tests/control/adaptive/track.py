@@ -35,6 +35,7 @@ def course_of(surplus: Array, neighbour: Array | None = None, feed: float = 0.06
         np.zeros((n, 3)),
         zero + feed,
         np.full(n, -1) if neighbour is None else neighbour.astype(np.int64),
+        zero,
     )
 
 

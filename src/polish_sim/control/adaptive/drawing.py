@@ -38,6 +38,7 @@ class AheadRow(Record):
     tilt_y: float
     share: float  #: Share of the planned feed the loops can follow [-]
     neighbour: int  #: Row of the nearest place on an earlier turn, -1 for none
+    arm_mode: float  #: Vibration of the arm that the notch takes out [rad/s]; 0: none
     learned: float  #: How much deeper than drawn the tool had to go here, memory of the run [m]
     known: bool  #: Whether that was learned in this run
 
@@ -60,7 +61,7 @@ def rows_ahead(course: Course, share: Array) -> NDArray[np.void]:
     rows["turn_x"], rows["turn_y"], rows["turn_z"] = course.turning.T
     rows["moment_x"], rows["moment_y"] = course.moment.T
     rows["tilt_x"], rows["tilt_y"] = course.tilt_stiffness.T
-    rows["neighbour"] = course.neighbour
+    rows["neighbour"], rows["arm_mode"] = course.neighbour, course.arm_mode
     return rows
 
 
@@ -155,7 +156,7 @@ class Abilities(NamedTuple):
     bandwidth: float  #: Crossover of the force loop [rad/s]
     acceleration: float  #: Of the tool point [m/s^2]
     angular_acceleration: float  #: Of the tool's axis [rad/s^2]
-    turning: float  #: Of the tool, at which the gears' error comes at half the arm's vibration [rad/s]
+    gear_waves: float  #: Periods of the gears' error in a turn of a joint [-]
 
 
 class FeedGains(Record):
@@ -173,7 +174,7 @@ def followable_share(course: Course, can: Abilities) -> Array:
     Limits on the speed v: the unforeseen part of the planned rate ``slope v`` costs the force loop an error
     of ``k slope v / w_c``; the rate changes by ``slope' v^2``, the path bends by ``bending v^2`` and the axis
     turns faster by ``turning' v^2``, all within a share of the robot's accelerations; the joints, which turn
-    about as fast as the tool, must not let the gears' error come at the arm's vibration. Where the plan
+    about as fast as the tool, must not let the gears' error come at half the arm's vibration. Where the plan
     itself is as slow, all of it is granted. Before a slow place the share falls in time, at the rate at which
     it may grow.
     """
@@ -190,7 +191,8 @@ def followable_share(course: Course, can: Abilities) -> Array:
             can.error * can.bandwidth / (UNFORESEEN * course.stiffness * np.abs(slope)),
             np.sqrt(OF_LIMIT * can.acceleration / push),
             np.sqrt(OF_LIMIT * can.angular_acceleration / turning_change),
-            can.turning / np.linalg.norm(turning, axis=1),
+            np.where(course.arm_mode > 0.0, 0.5 * course.arm_mode / can.gear_waves, math.inf)
+            / np.linalg.norm(turning, axis=1),
         ])  # fmt: skip
     speed, top = np.maximum(course.feed, 1e-6), max(float(course.feed.max()), 1e-6)
     rise = max(0.05 / top, 2.0)  # of the share, the sequence's own ramp [1/s]

@@ -98,11 +98,11 @@ def observe_force(
 
 
 @kernel
-def correction(g: AdaptiveGains, memory: PressMemory, crossover: float, landed: float, dt: float) -> float:
-    """What is added to k z [N]: b and, at a weight ``landed``, its rate's share, without the arm's
-    vibration."""
-    state, turn = memory.force, g.arm_mode * dt
-    lead = 1.0 / crossover + (2.0 / g.arm_mode if turn > 0.0 else 0.0)
+def correction(memory: PressMemory, arm_mode: float, crossover: float, landed: float, dt: float) -> float:
+    """What is added to k z [N]: b and, at a weight ``landed``, its rate's share, without the arm's vibration
+    [rad/s]."""
+    state, turn = memory.force, arm_mode * dt
+    lead = 1.0 / crossover + (2.0 / arm_mode if arm_mode > 0.0 else 0.0)
     added = state.at_no_travel + lead * landed * state.rate
     state.swing = (state.swing + turn * (added - state.slow)) / (1.0 + turn) ** 2
     state.slow += turn * state.swing

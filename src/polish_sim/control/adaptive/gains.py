@@ -37,7 +37,7 @@ class AdaptiveGains(Record):
     noise: float  #: Noise of a low-passed reading for which ``observer`` is meant, rms [N]
     command_delay: float  #: From command to motion, until it has been measured [s]
     crossover: float  #: Highest crossover of the force loop [rad/s]
-    arm_mode: float  #: Vibration of the arm that the notch takes out [rad/s]; 0: none
+    arm_mode: float  #: Vibration of the arm that the notch takes out without a course [rad/s]; 0: none
     observer: float  #: Highest corner of the force observer [rad/s]
     delay_share: float  #: Crossover times command delay, at most [-]
     speed: float  #: Highest speed of the force loop [m/s]
@@ -226,5 +226,5 @@ def abilities(config: AdaptiveConfig) -> Abilities:
         config.crossover_rad_s,
         config.acceleration_m_s2,
         config.angular_acceleration_rad_s2,
-        math.pi * config.arm_mode_hz / config.gear_waves if config.arm_mode_hz else math.inf,
+        config.gear_waves,
     )

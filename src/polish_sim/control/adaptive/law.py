@@ -83,7 +83,8 @@ def _hybrid_adaptive_law(context, course, measurement, target, answer):  # type:
     ratio = g.stiffness / force.stiffness if force.stiffness > 0.0 else 1.0
     expected = expected_rate(p, ahead, path, m, t, 0.0, ratio, dt)
     expected_then = expected_rate(p, ahead, path, m, t, press_memory.delay.delay, ratio, 0.0)
-    speed = press(g, press_memory, m, t, by_position, expected, expected_then, dt)
+    arm_mode = drawing.at(ahead.rows.arm_mode, ahead.spacing, t.s) if c.rows > 1 else g.arm_mode
+    speed = press(g, press_memory, m, t, by_position, expected, expected_then, arm_mode, dt)
     replace_along_z(m, speed, twist)
     force_loop.remember_command(press_memory, speed)
     out.feed = look_back(p, press_memory, ahead, path, m, t, ratio, dt)
@@ -163,13 +164,14 @@ def press(
     by_position: float,
     expected: float,
     expected_then: float,
+    arm_mode: float,
     dt: float,
 ) -> float:
     """Speed along tool z [m/s]: the laws along z in turn.
 
     ``by_position`` is what the position law asks for, the answer in the air; ``expected`` is the speed the
     path asks for at this moment to keep the force, ``expected_then`` the same when today's command acts
-    [m/s].
+    [m/s]; ``arm_mode`` is the arm's vibration [rad/s].
     """
     force_loop.expect_delay(g, memory)
     speed = along_z(m, m.twist)
@@ -191,7 +193,7 @@ def press(
     )
     force_loop.observe_force(memory, pace.observer, seen.path, reading, state.landed, dt)
     force = state.stiffness * state.travel + force_loop.correction(
-        g, memory, pace.crossover, state.landed, dt
+        memory, arm_mode, pace.crossover, state.landed, dt
     )
     # What the path will have asked for until then is no travel into the part.
     asked = 0.5 * (expected + expected_then) * memory.delay.delay
@@ -248,7 +250,10 @@ class AdaptiveController(CompiledController):
         self._abilities = abilities(laws)
 
     def prepare(self, course: Course) -> None:
-        """Take in what lies ahead on the path."""
+        """Take in what lies ahead on the path, and how the arm swings there, or is believed to."""
+        believed = self.context.press.arm_mode
+        modes = np.where(course.arm_mode > 0.0, course.arm_mode, believed) * (believed > 0.0)
+        course = course._replace(arm_mode=modes)
         self.course = drawing.rows_ahead(course, drawing.followable_share(course, self._abilities))
         self.context.spacing, self.context.rows = course.spacing, len(self.course)
 

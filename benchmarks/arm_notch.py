@@ -1,0 +1,70 @@
+"""`python -m benchmarks.arm_notch`: gain margins of ``hybrid-adaptive`` over the arm's reach, its notch at
+one frequency and at the one its pose has."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.loop_margins import margins, response_of
+from polish_sim import default_scenario
+from polish_sim.arrays import Array
+from polish_sim.cell.linear_arm import arm_modes
+from polish_sim.config import Scenario
+from polish_sim.errors import ReachError
+from polish_sim.motion.kinematics import forward, inverse_near
+from polish_sim.scoring.border import linear_law_of
+from polish_sim.scoring.loop_model import FORCE_POSE, elastic_arm, setup_of
+from polish_sim.scoring.margins import force_loop
+
+SWINGS = (0.0, 5e-5, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]
+REACH = np.array([[-0.3, 0.3], [-0.25, 0.3], [0.0, 0.3]])  #: Of the tool from where ``force`` works [m]
+SHARES = (0.9, 1.0, 1.1, 1.2)  #: Of what `arm_modes` says, to try
+
+
+def main() -> None:
+    """Draw poses and print what is left of the loop's gain at each."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.arm_notch", description=__doc__)
+    parser.add_argument("--poses", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    usual = default_scenario("surface")
+    scenario = replace(usual, controller=replace(usual.controller, name="hybrid-adaptive"))
+    q = np.array(list(_poses(options.poses, np.random.default_rng(options.seed))))
+    found = []
+    for pose, mode in zip(q, arm_modes(scenario, q) / (2.0 * math.pi), strict=True):
+        tried = (scenario.controller.adaptive.arm_mode_hz, *(share * mode for share in SHARES))
+        found.append([_gain_margin(scenario, hz, pose) for hz in tried])
+        print(f"{mode:.1f} Hz  " + "  ".join(f"{margin:.2f}" for margin in found[-1]), flush=True)
+    names = (f"{scenario.controller.adaptive.arm_mode_hz:g} Hz", *(f"{share:g} x" for share in SHARES))
+    for name, column in zip(names, np.array(found).T, strict=True):
+        print(f"notch at {name}: gain margin {column.min():.2f} at worst, {np.median(column):.2f} median")
+
+
+def _poses(count: int, rng: np.random.Generator) -> Iterator[Array]:
+    """Joints (6,) [rad] with the tool down, where the arm reaches."""
+    while count:
+        T = forward(FORCE_POSE)
+        T[:3, 3] += rng.uniform(*REACH.T)
+        try:
+            yield inverse_near(T, FORCE_POSE)
+        except ReachError:
+            continue
+        count -= 1
+
+
+def _gain_margin(scenario: Scenario, notch_hz: float, q: Array) -> float:
+    """The least over the amplitudes of the gears' twist."""
+    adaptive = replace(scenario.controller.adaptive, arm_mode_hz=notch_hz)
+    told = replace(scenario, controller=replace(scenario.controller, adaptive=adaptive))
+    law, dt = linear_law_of(told, told.head.spring_scale), told.simulation.timestep_s
+    loops = (force_loop(setup_of(told, elastic_arm(told, swing, q)), law) for swing in SWINGS)
+    return min(margins(response_of(loop, dt)).gain for loop in loops)
+
+
+if __name__ == "__main__":
+    main()
