@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +15,10 @@ from benchmarks.loop_margins import margins, response_of
 from polish_sim import default_scenario
 from polish_sim.arrays import Array
 from polish_sim.cell.linear_arm import arm_modes
+from polish_sim.cell.scene import tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError
-from polish_sim.motion.kinematics import forward, inverse_near
+from polish_sim.motion.kinematics import forward, inverse_near, smallest_singular_values
 from polish_sim.scoring.border import linear_law_of
 from polish_sim.scoring.loop_model import FORCE_POSE, elastic_arm, setup_of
 from polish_sim.scoring.margins import force_loop
@@ -34,7 +36,8 @@ def main() -> None:
     options = parser.parse_args()
     usual = default_scenario("surface")
     scenario = replace(usual, controller=replace(usual.controller, name="hybrid-adaptive"))
-    q = np.array(list(_poses(options.poses, np.random.default_rng(options.seed))))
+    rng, limit = np.random.default_rng(options.seed), scenario.safety.singular_value_limit
+    q = np.array(list(_poses(options.poses, rng, limit)))
     found = []
     for pose, mode in zip(q, arm_modes(scenario, q) / (2.0 * math.pi), strict=True):
         tried = (scenario.controller.adaptive.arm_mode_hz, *(share * mode for share in SHARES))
@@ -45,16 +48,16 @@ def main() -> None:
         print(f"notch at {name}: gain margin {column.min():.2f} at worst, {np.median(column):.2f} median")
 
 
-def _poses(count: int, rng: np.random.Generator) -> Iterator[Array]:
-    """Joints (6,) [rad] with the tool down, where the arm reaches."""
+def _poses(count: int, rng: np.random.Generator, limit: float) -> Iterator[Array]:
+    """Joints (6,) [rad] with the tool down, where the arm reaches and is not near a singularity."""
     while count:
         T = forward(FORCE_POSE)
         T[:3, 3] += rng.uniform(*REACH.T)
-        try:
-            yield inverse_near(T, FORCE_POSE)
-        except ReachError:
-            continue
-        count -= 1
+        with suppress(ReachError):
+            q = inverse_near(T, FORCE_POSE)
+            if smallest_singular_values(q[None], tool_on_flange()[:3, 3])[0] > limit:
+                count -= 1
+                yield q
 
 
 def _gain_margin(scenario: Scenario, notch_hz: float, q: Array) -> float:
