@@ -1,5 +1,5 @@
-"""`python -m benchmarks.arm_notch`: gain margins of ``hybrid-adaptive`` over the arm's reach, its notch at
-one frequency and at the one its pose has."""
+"""`python -m benchmarks.arm_notch`: gain margins of both laws over the arm's reach, with the notch of
+``hybrid-adaptive`` and the filter of ``hybrid-pi`` as set and as the arm's vibration at the pose has them."""
 
 from __future__ import annotations
 
@@ -34,18 +34,28 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    usual = default_scenario("surface")
-    scenario = replace(usual, controller=replace(usual.controller, name="hybrid-adaptive"))
+    scenario = default_scenario("surface")
     rng, limit = np.random.default_rng(options.seed), scenario.safety.singular_value_limit
     q = np.array(list(_poses(options.poses, rng, limit)))
-    found = []
+    found: dict[str, list[float]] = {}
     for pose, mode in zip(q, arm_modes(scenario, q) / (2.0 * math.pi), strict=True):
-        tried = (scenario.controller.adaptive.arm_mode_hz, *(share * mode for share in SHARES))
-        found.append([_gain_margin(scenario, hz, pose) for hz in tried])
-        print(f"{mode:.1f} Hz  " + "  ".join(f"{margin:.2f}" for margin in found[-1]), flush=True)
-    names = (f"{scenario.controller.adaptive.arm_mode_hz:g} Hz", *(f"{share:g} x" for share in SHARES))
-    for name, column in zip(names, np.array(found).T, strict=True):
-        print(f"notch at {name}: gain margin {column.min():.2f} at worst, {np.median(column):.2f} median")
+        for name, tried in _tries(scenario, float(mode)):
+            found.setdefault(name, []).append(_gain_margin(tried, pose))
+        print(f"{mode:.1f} Hz  " + "  ".join(f"{column[-1]:.2f}" for column in found.values()), flush=True)
+    for name, column in found.items():
+        print(f"{name}: gain margin {min(column):.2f} at worst, {np.median(column):.2f} median")
+
+
+def _tries(scenario: Scenario, mode: float) -> Iterator[tuple[str, Scenario]]:
+    controller, believed = scenario.controller, scenario.controller.adaptive.arm_mode_hz
+    for name, hz in ((f"{believed:g} Hz", believed), *((f"{share:g} x", share * mode) for share in SHARES)):
+        told = replace(
+            controller, name="hybrid-adaptive", adaptive=replace(controller.adaptive, arm_mode_hz=hz)
+        )
+        yield f"hybrid-adaptive, notch at {name}", replace(scenario, controller=told)
+    for name, share in (("as set", 1.0), ("by the pose", min(1.0, mode / believed))):
+        told = replace(controller, name="hybrid-pi", force_filter_hz=share * controller.force_filter_hz)
+        yield f"hybrid-pi, filter {name}", replace(scenario, controller=told)
 
 
 def _poses(count: int, rng: np.random.Generator, limit: float) -> Iterator[Array]:
@@ -60,12 +70,10 @@ def _poses(count: int, rng: np.random.Generator, limit: float) -> Iterator[Array
                 yield q
 
 
-def _gain_margin(scenario: Scenario, notch_hz: float, q: Array) -> float:
+def _gain_margin(scenario: Scenario, q: Array) -> float:
     """The least over the amplitudes of the gears' twist."""
-    adaptive = replace(scenario.controller.adaptive, arm_mode_hz=notch_hz)
-    told = replace(scenario, controller=replace(scenario.controller, adaptive=adaptive))
-    law, dt = linear_law_of(told, told.head.spring_scale), told.simulation.timestep_s
-    loops = (force_loop(setup_of(told, elastic_arm(told, swing, q)), law) for swing in SWINGS)
+    law, dt = linear_law_of(scenario, scenario.head.spring_scale), scenario.simulation.timestep_s
+    loops = (force_loop(setup_of(scenario, elastic_arm(scenario, swing, q)), law) for swing in SWINGS)
     return min(margins(response_of(loop, dt)).gain for loop in loops)
 
 
