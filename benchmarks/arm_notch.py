@@ -17,11 +17,12 @@ from polish_sim.arrays import Array
 from polish_sim.cell.linear_arm import arm_modes
 from polish_sim.cell.scene import tool_on_flange
 from polish_sim.config import Scenario
+from polish_sim.control import build_controller
 from polish_sim.errors import ReachError
 from polish_sim.motion.kinematics import forward, inverse_near, smallest_singular_values
-from polish_sim.scoring.border import linear_law_of
-from polish_sim.scoring.loop_model import FORCE_POSE, elastic_arm, setup_of
+from polish_sim.scoring.loop_model import FORCE_POSE, elastic_arm, one_mass, setup_of
 from polish_sim.scoring.margins import force_loop
+from polish_sim.scoring.measured_law import measure_law
 
 SWINGS = (0.0, 5e-5, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]
 REACH = np.array([[-0.3, 0.3], [-0.25, 0.3], [0.0, 0.3]])  #: Of the tool from where ``force`` works [m]
@@ -72,7 +73,9 @@ def _poses(count: int, rng: np.random.Generator, limit: float) -> Iterator[Array
 
 def _gain_margin(scenario: Scenario, q: Array) -> float:
     """The least over the amplitudes of the gears' twist."""
-    law, dt = linear_law_of(scenario, scenario.head.spring_scale), scenario.simulation.timestep_s
+    rigid, dt = setup_of(scenario, one_mass()), scenario.simulation.timestep_s
+    force = scenario.process.contact_force_n
+    law = measure_law(build_controller(scenario.controller), rigid, force, rigid.stiffness)
     loops = (force_loop(setup_of(scenario, elastic_arm(scenario, swing, q)), law) for swing in SWINGS)
     return min(margins(response_of(loop, dt)).gain for loop in loops)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,10 +15,12 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, new_figure, styled
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer
+from polish_sim.cell.linear_arm import arm_modes
+from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.scoring.force_bench import Border, Rest, build_bench, press
-from polish_sim.scoring.loop_model import one_mass, setup_of
+from polish_sim.scoring.loop_model import FORCE_POSE, one_mass, setup_of
 from polish_sim.scoring.margins import (
     longest_latency,
     share_latency,
@@ -35,11 +38,17 @@ def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
     """The force law of a scenario's controller made linear, settled on springs ``scale`` times as stiff as
     drawn.
 
-    It settles on an ideal arm: it is to be the law of this cell though it may swing there.
+    It settles on an ideal arm: it is to be the law of this cell though it may swing there. Of an elastic one
+    it knows the vibration in the pose of ``force``, as from the course.
     """
+    controller = scenario.controller
+    if is_real(scenario) and controller.adaptive.arm_mode_hz:
+        mode = float(arm_modes(scenario, FORCE_POSE[None])[0])
+        known = replace(controller.adaptive, arm_mode_hz=mode / (2.0 * math.pi))
+        controller = replace(controller, adaptive=known)
     setup = setup_of(replace(scenario, head=replace(scenario.head, spring_scale=1.0)), one_mass())
     return measure_law(
-        build_controller(scenario.controller), with_springs(setup, scale), scenario.process.contact_force_n,
+        build_controller(controller), with_springs(setup, scale), scenario.process.contact_force_n,
         setup.stiffness,
     )  # fmt: skip
 
