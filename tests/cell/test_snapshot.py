@@ -12,9 +12,10 @@ from polish_sim.cell.cell import CellRun, Played
 from polish_sim.experiments import default_scenario, prepare_surface
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.scenario_file import override
+from tests.kept import plate_file
 
 SHORT = (
-    "part.file=plate",
+    f"part.file={plate_file()}",
     "plan.stepover_m=0.05",
     "process.feed_m_s=0.06",
     "process.approach_speed_m_s=0.02",

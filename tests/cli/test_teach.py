@@ -63,7 +63,7 @@ def test_bad_input_is_one_message_and_nothing_written(
 @pytest.mark.pictures
 def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
     """From the hand to the polished part: taught.csv of one run is the path of the next."""
-    code, out, _ = polish_sim("run", "teach", "--part", "freeform", "--follow", "rim", "--out", "taught")
+    code, out, _ = polish_sim("run", "teach", "--part", "sphere_50", "--follow", "rim", "--out", "taught")
     assert code == 0
     assert "taught path off what was meant" in out
     assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}
@@ -71,7 +71,7 @@ def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
     assert path.length_m == metrics_of(Path("taught"))["taught_length_m"]
     words = (
         "--part",
-        "freeform",
+        "sphere_50",
         "--path",
         "taught/taught.csv",
         "--set",

@@ -13,9 +13,10 @@ from polish_sim.errors import PolishSimError
 from polish_sim.job.job_file import Job, read_job
 from polish_sim.job.run_job import Row, job_figures, programs, run_job
 from polish_sim.log import read_removal
+from tests.kept import plate_file
 
-JOB = """
-part = "plate"
+JOB = f"""
+part = "{plate_file()}"
 [cell]
 safety.proof = "none"
 [[setup]]
