@@ -145,7 +145,7 @@ def test_a_fault_happens_at_its_step_whoever_looks_on() -> None:
 
     runs = [
         faulty("part-shift@0.7304, sensor-dropout@contact+0.1234").run(onlooker)
-        for onlooker in (None, Onlooker())
+        for onlooker in (Silent(), Onlooker())
     ]
     assert runs[0].safety == runs[1].safety
     assert runs[0].safety.fault_time_s == pytest.approx(0.731)

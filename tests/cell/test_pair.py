@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell import CellRun, build_scene
+from polish_sim.cell import SILENT, CellRun, build_scene
 from polish_sim.cell.gears import elastic_torque, slip
 from polish_sim.cell.guards import CONTROLLER_NAN
 from polish_sim.cell.real_arm import built_table, gear_twists, resting_arm, slip_along, weights
@@ -204,7 +204,7 @@ def pressed(
     )
     scenario = ideal("force", EVERY_STEP, "controller.name=position", "pad.friction=0", *changes)
     cell = pair_cell(scenario, scene(), master, pressing_stroke(hold=1.2, lift=lift), part)
-    return cell.run(EachStep(look) if look else None)
+    return cell.run(EachStep(look) if look else SILENT)
 
 
 def test_the_masters_joints_carry_what_is_pressed_on_the_part() -> None:
