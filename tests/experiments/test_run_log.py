@@ -181,7 +181,7 @@ def test_nor_does_it_when_strokes_follow_each_other(every_s: float) -> None:
     )
     runs = [
         cell_for(default_scenario("force"), *strokes, part=part_under(plane())).run(who)
-        for who in (None, Onlooker())
+        for who in (Silent(), Onlooker())
     ]
     assert runs[0].stop_reason is None
     assert same(runs[0].log, runs[1].log)
