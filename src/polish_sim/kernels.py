@@ -63,8 +63,9 @@ class Record:
 def _format(hint: Any) -> Any:
     """Type of a field for numpy."""
     if get_origin(hint) is Annotated:
-        array, shape = get_args(hint)
-        (element,) = get_args(array) if get_origin(array) is list else get_args(get_args(array)[1])
+        element, shape = get_args(hint)
+        while parts := get_args(element):  # newer numpy's `NDArray` is an alias of one argument
+            element = parts[-1]
         return (element.dtype if issubclass(element, Record) else element, shape)
     if hint in _SCALARS:
         return _SCALARS[hint]
