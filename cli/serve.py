@@ -5,25 +5,25 @@ from __future__ import annotations
 import gc
 import ipaddress
 import math
-import multiprocessing
+import multiprocessing.connection
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE
+from polish_sim.cli.boundary import DONE, INTERRUPTED
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, put, refuse_taken
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
-from polish_sim.errors import InputError, count_text, leave_out, unknown_name
+from polish_sim.errors import InputError, PolishSimError, count_text, leave_out, unknown_name
 from polish_sim.experiments.registry import check_flange, experiment
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ LOG = "controller.log"  #: What the controller noted
 SCORE = "score.json"
 READY = "def ready():\n  sync()\nend\n"  #: A programme to begin with
 SWITCH_S = 5e-4  #: The clock waits so long for a thread that reads a programme, or draws [s]
+LIVE_S = 0.04  #: Between two moments drawn of it: the clock shares a processor with what draws [s]
 ROW = experiment("surface")
 CELL = (
     "--part",
@@ -78,10 +79,9 @@ CELL = (
 def serve(given: Given) -> int:
     """Serve a simulated UR with sensor, pad and part to programmes written for a real one; Ctrl-C ends it."""
     addresses = given["--address"] or ["127.0.0.1"]
-    speed, version = given["--speed"] or SPEEDS[0], given["--polyscope"] or POLYSCOPES[0]
-    for name, word, known in (("--speed", speed, SPEEDS), ("--polyscope", version, POLYSCOPES)):
-        if word not in known:
-            raise unknown_name(name, word, known)
+    for name, known in (("--speed", SPEEDS), ("--polyscope", POLYSCOPES)):
+        if given[name] not in (None, *known):
+            raise unknown_name(name, given[name], known)
     for address in addresses:
         try:
             near = ipaddress.IPv4Address(address).is_loopback
@@ -105,21 +105,61 @@ def serve(given: Given) -> int:
     for address in addresses:
         for port in PORTS:  # before all is prepared
             listening(address, port + (given["--port-offset"] or 0)).close()
-    with claimed(given, "serve") as folder, ExitStack() as open_:
+    with claimed(given, "serve") as folder:
+        folders = [folder.draft / address for address in addresses] if addresses[1:] else [folder.draft]
+        code = _robot(given, case, addresses, folders, live)
+    console.say_folder(folder.final)
+    return code
+
+
+def _robot(
+    given: Given, case: Task | None, addresses: Sequence[str], folders: Sequence[Path], live: Address | None
+) -> int:
+    """Serve a robot at the first address, each of the others in a process of its own, and write what is left
+    of them."""
+    apart = multiprocessing.get_context("spawn").Process
+    beside = [
+        apart(target=_beside, args=(given, *own)) for own in zip(addresses[1:], folders[1:], strict=True)
+    ]
+    real_time, stopped = given["--speed"] in (None, SPEEDS[0]), True
+    with ExitStack() as open_:
         with console.progress() as observer:
             job = _prepared(given, case, observer)
-            reader = open_.enter_context(_reader()) if speed == SPEEDS[0] else None
-            controllers = {
-                address: _controller(job, given, version, reader, observer) for address in addresses
-            }
-        _serve(job, given, controllers, reader is not None, live)
-        for address, controller in controllers.items():
-            own = folder.draft if len(addresses) == 1 else folder.draft / address
-            own.mkdir(exist_ok=True)
-            put(own, LOG, "".join(f"{line}\n" for line in controller.log))
-            _write_run(job, controller, own)
-    console.say_folder(folder.final)
-    return DONE
+            reader = open_.enter_context(_reader()) if real_time else None
+            controller = _controller(job, given, reader, observer)
+        try:
+            for process in beside:
+                process.start()
+            stopped = _serve(job, given, addresses[0], controller, real_time, live)
+        finally:
+            for process in beside if stopped else ():
+                process.terminate()
+    folders[0].mkdir(exist_ok=True)
+    put(folders[0], LOG, "".join(f"{line}\n" for line in controller.log))
+    _write_run(job, controller, folders[0])
+    for process in beside:
+        process.join()
+    codes = [process.exitcode or DONE for process in beside]  # below 0: ended by a signal, as by us
+    return max([DONE, *(code if stopped else abs(code) for code in codes)])
+
+
+def _beside(given: Given, address: str, folder: Path) -> None:
+    """Another robot in its own process, which ends with the one that started it."""
+    starter = multiprocessing.parent_process()
+    assert starter is not None
+
+    def end_with_it() -> None:
+        multiprocessing.connection.wait([starter.sentinel])
+        signal.raise_signal(signal.SIGTERM)
+
+    threading.Thread(target=end_with_it, daemon=True).start()
+    try:
+        code = _robot(given, None, [address], [folder], None)
+    except PolishSimError as error:
+        code = console.fail(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    sys.exit(code)
 
 
 # What is served.
@@ -201,7 +241,7 @@ def _reader() -> Executor:
     return reader
 
 
-def _controller(job: _Job, given: Given, version: str, reader: Executor | None, observer: Any) -> Controller:
+def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any) -> Controller:
     from polish_sim.experiments.assembly import build_cell
     from polish_sim.ur.controller import Controller
     from polish_sim.ur.physics import clear_away
@@ -214,42 +254,45 @@ def _controller(job: _Job, given: Given, version: str, reader: Executor | None, 
         clear_away(cell)
     robot = SimulatedRobot(cell)
     robot.step()  # compiles what it needs before a client waits
-    return Controller(robot, version, Machine, reader)
+    return Controller(robot, given["--polyscope"] or POLYSCOPES[0], Machine, reader)
 
 
 # Serving.
 
 
 def _serve(
-    job: _Job, given: Given, controllers: dict[str, Controller], real_time: bool, live: Address | None
-) -> None:
+    job: _Job, given: Given, address: str, controller: Controller, real_time: bool, live: Address | None
+) -> bool:
+    """Serve until told to end, or until the time is over; whether it was told to."""
     from polish_sim.cell.observer import interrupts_noted
     from polish_sim.motion.makes import used_arm
     from polish_sim.ur.physics import TICK_S
     from polish_sim.ur.server import Server
 
-    server, asked = Server(controllers, real_time, given["--port-offset"] or 0), threading.Event()
+    robot, asked = controller.robot, threading.Event()
+    server = Server(controller, address, real_time, given["--port-offset"] or 0)
     signal.signal(signal.SIGTERM, lambda *_: asked.set())  # in the background Ctrl-C does not reach it
-    started, end, (first, *_) = time.perf_counter(), given["--for"], controllers.values()
+    started, end = time.perf_counter(), given["--for"]
     most = math.inf if end is None else end / TICK_S
     sys.setswitchinterval(SWITCH_S)
     gc.freeze()  # what is here stays: collecting looks at what comes later only
     try:
         with (
             before_others() if real_time else nullcontext(),
-            _watched(live, first.robot.cell),
+            _watched(live, robot.cell),
             interrupts_noted() as interrupt,
         ):
             console.say(
-                f"serving a {used_arm().label} (PolyScope {'.'.join(map(str, first.version[:2]))}) at "
-                f"{', '.join(controllers)}; Ctrl-C ends it"
+                f"serving a {used_arm().label} (PolyScope {'.'.join(map(str, controller.version[:2]))}) at "
+                f"{address}; Ctrl-C ends it"
             )
-            server.run(lambda: interrupt.seen or asked.is_set() or first.robot.ticks >= most)
+            server.run(lambda: interrupt.seen or asked.is_set() or robot.ticks >= most)
     finally:
         server.close()
     job.wall_s = time.perf_counter() - started
     if server.pace.ticks:
         console.say(_pace_text(server.pace))
+    return interrupt.seen or asked.is_set()
 
 
 @contextmanager
@@ -281,7 +324,7 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
 
         def draw() -> None:
             view.start(cell)
-            while not ended.wait(view.every_s):
+            while not ended.wait(LIVE_S):
                 view.take(cell.model, cell.data)
 
         thread = threading.Thread(target=draw)

@@ -42,7 +42,7 @@ class Served:
         self.controller, self.robot, self._ended = Controller(robot, "5.11", Machine), robot, False
         for self.offset in range(1000 + os.getpid() % 1000, 30000, 997):
             with contextlib.suppress(InputError):
-                self.server = Server({ADDRESS: self.controller}, real_time, self.offset)
+                self.server = Server(self.controller, ADDRESS, real_time, self.offset)
                 break
         self.thread = threading.Thread(target=self.server.run, args=(lambda: self._ended,), daemon=True)
         self.thread.start()
@@ -366,7 +366,7 @@ def test_a_lock_step_client_gets_the_same_bytes_twice(build: Callable[[], Simula
 
 def test_taken_ports_are_named(served: Served) -> None:
     with pytest.raises(InputError, match=f"port {DASHBOARD + served.offset} of {ADDRESS} cannot be used"):
-        Server({ADDRESS: served.controller}, True, served.offset)
+        Server(served.controller, ADDRESS, True, served.offset)
 
 
 def test_a_server_without_its_ports_says_so_once_and_ends(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The wire of one or more simulated controllers: their ports, their clients and their clock."""
+"""The wire of a simulated controller: its ports, its clients and its clock."""
 
 from __future__ import annotations
 
@@ -156,20 +156,17 @@ def listening(address: str, port: int) -> socket.socket:
 
 
 class Server:
-    """Controllers by address; ``offset`` is added to every port."""
+    """A controller at an address; ``offset`` is added to every port."""
 
-    def __init__(self, controllers: dict[str, Controller], real_time: bool = True, offset: int = 0) -> None:
-        self._controllers, self._real_time, self.pace = controllers, real_time, Pace()
+    def __init__(self, controller: Controller, address: str, real_time: bool = True, offset: int = 0) -> None:
+        self._controller, self._real_time, self.pace = controller, real_time, Pace()
         self._selector = selectors.DefaultSelector()
-        self._clients: dict[Controller, list[_Client]] = {
-            controller: [] for controller in controllers.values()
-        }
+        self._clients: list[_Client] = []
         self._listening: list[socket.socket] = []
         try:
-            for address, controller in controllers.items():
-                for port in PORTS:
-                    self._listening.append(listening(address, port + offset))
-                    self._selector.register(self._listening[-1], selectors.EVENT_READ, (controller, port))
+            for port in PORTS:
+                self._listening.append(listening(address, port + offset))
+                self._selector.register(self._listening[-1], selectors.EVENT_READ, port)
         except InputError:
             self.close()
             raise
@@ -202,60 +199,57 @@ class Server:
 
     def _in_step(self) -> bool:
         """Whether every client that answers packages has answered, and every reader has read."""
-        everyone = [client for clients in self._clients.values() for client in clients]
-        talking = [c for c in everyone if isinstance(c.session, RtdeSession) and c.session.started]
+        talking = [c for c in self._clients if isinstance(c.session, RtdeSession) and c.session.started]
         answered = all(c.session.answered or c.held or not c.session.inputs for c in talking)
         return bool(talking) and answered and not any(c.unsent for c in talking)
 
     def _tick(self) -> None:
-        for controller, clients in self._clients.items():
-            controller.tick()
-            for client in list(clients):
-                if client.session is None or (
-                    isinstance(client.session, RtdeSession) and not client.session.started
-                ):
-                    continue
-                # A slow reader misses states; what it misses of messages or data would be a gap: it is
-                # dropped.
-                if client.unsent and client.port == REALTIME:
-                    continue
-                for package in client.session.packages():
-                    client.held += package
-                if client.held and not controller.link.silent:
-                    self._send(client, bytes(client.held))
-                    client.held.clear()
-                if len(client.unsent) > UNSENT:
-                    self._drop(controller, client)
-            controller.messages.clear()
+        controller = self._controller
+        controller.tick()
+        for client in list(self._clients):
+            if client.session is None or (
+                isinstance(client.session, RtdeSession) and not client.session.started
+            ):
+                continue
+            # A slow reader misses states; what it misses of messages or data would be a gap: it is dropped.
+            if client.unsent and client.port == REALTIME:
+                continue
+            for package in client.session.packages():
+                client.held += package
+            if client.held and not controller.link.silent:
+                self._send(client, bytes(client.held))
+                client.held.clear()
+            if len(client.unsent) > UNSENT:
+                self._drop(client)
+        controller.messages.clear()
 
     def _attend(self, timeout: float) -> None:
         for key, events in self._selector.select(timeout):
-            controller, what = key.data
+            what = key.data
             if isinstance(what, int):
-                self._accept(key.fileobj, controller, what)  # type: ignore[arg-type]
+                self._accept(key.fileobj, what)  # type: ignore[arg-type]
                 continue
             if events & selectors.EVENT_WRITE:
-                self._flush(controller, what)
-            if events & selectors.EVENT_READ and what in self._clients[controller]:
-                self._read(controller, what)
+                self._flush(what)
+            if events & selectors.EVENT_READ and what in self._clients:
+                self._read(what)
 
-    def _accept(self, listening: socket.socket, controller: Controller, port: int) -> None:
+    def _accept(self, listening: socket.socket, port: int) -> None:
         try:
             connection, peer = listening.accept()
         except OSError:
             return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        clients = self._clients[controller]
-        if sum(client.port == port for client in clients) >= CLIENTS:
+        if sum(client.port == port for client in self._clients) >= CLIENTS:
             connection.close()
             return
         client = _Client(connection, port)
-        clients.append(client)
-        self._selector.register(connection, selectors.EVENT_READ, (controller, client))
-        client.session = PORTS[port](controller, lambda data: self._send(client, data), peer[0])
+        self._clients.append(client)
+        self._selector.register(connection, selectors.EVENT_READ, client)
+        client.session = PORTS[port](self._controller, lambda data: self._send(client, data), peer[0])
 
-    def _read(self, controller: Controller, client: _Client) -> None:
+    def _read(self, client: _Client) -> None:
         try:
             data = client.socket.recv(1 << 16)
         except BlockingIOError:
@@ -265,10 +259,10 @@ class Server:
         try:
             keep = bool(data) and client.session.feed(data) is not False
         except ProtocolError as error:
-            controller.note(f"port {client.port}: a client was dropped: {error}")
+            self._controller.note(f"port {client.port}: a client was dropped: {error}")
             keep = False
         if not keep:
-            self._drop(controller, client)
+            self._drop(client)
 
     def _send(self, client: _Client, data: bytes) -> None:
         """Send what goes at once, keep the rest."""
@@ -282,12 +276,10 @@ class Server:
             if sent == len(data):
                 return
             data = data[sent:]
-            controller = next(c for c, clients in self._clients.items() if client in clients)
-            both = selectors.EVENT_READ | selectors.EVENT_WRITE
-            self._selector.modify(client.socket, both, (controller, client))
+            self._selector.modify(client.socket, selectors.EVENT_READ | selectors.EVENT_WRITE, client)
         client.unsent += data
 
-    def _flush(self, controller: Controller, client: _Client) -> None:
+    def _flush(self, client: _Client) -> None:
         try:
             del client.unsent[: client.socket.send(client.unsent)]
         except BlockingIOError:
@@ -295,10 +287,10 @@ class Server:
         except OSError:
             client.unsent.clear()
         if not client.unsent:
-            self._selector.modify(client.socket, selectors.EVENT_READ, (controller, client))
+            self._selector.modify(client.socket, selectors.EVENT_READ, client)
 
-    def _drop(self, controller: Controller, client: _Client) -> None:
-        self._clients[controller].remove(client)
+    def _drop(self, client: _Client) -> None:
+        self._clients.remove(client)
         self._selector.unregister(client.socket)
         client.socket.close()
         if client.session is not None:
@@ -307,9 +299,8 @@ class Server:
 
     def close(self) -> None:
         """Close every port and client."""
-        for controller, clients in self._clients.items():
-            for client in list(clients):
-                self._drop(controller, client)
+        for client in list(self._clients):
+            self._drop(client)
         for listening in self._listening:
             listening.close()
         self._selector.close()
