@@ -26,7 +26,7 @@ def serving(*words: str) -> Iterator[subprocess.Popen[bytes]]:
         )
         try:
             begun = time.monotonic()
-            while "serving" not in Path(said.name).read_text():
+            while Path(said.name).read_text().count("serving") < max(words.count("--address"), 1):
                 if process.poll() is not None or time.monotonic() - begun > START_S:
                     raise SystemExit(f"no server: {Path(said.name).read_text()}")
                 time.sleep(0.1)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE, INTERRUPTED
+from polish_sim.cli.boundary import DONE
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, put, refuse_taken
 from polish_sim.cli.view import Address, live_address
@@ -144,22 +144,26 @@ def _robot(
 
 
 def _beside(given: Given, address: str, folder: Path) -> None:
-    """Another robot in its own process, which ends with the one that started it."""
-    starter = multiprocessing.parent_process()
-    assert starter is not None
-
-    def end_with_it() -> None:
-        multiprocessing.connection.wait([starter.sentinel])
-        signal.raise_signal(signal.SIGTERM)
-
-    threading.Thread(target=end_with_it, daemon=True).start()
+    """Another robot, in a process of its own."""
+    _end_with_starter()
     try:
         code = _robot(given, None, [address], [folder], None)
     except PolishSimError as error:
         code = console.fail(str(error), error.exit_code)
-    except KeyboardInterrupt:
-        code = INTERRUPTED
     sys.exit(code)
+
+
+def _end_with_starter() -> None:
+    """Leave Ctrl-C to the process that started this one, and end when that has gone, even if killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    starter = multiprocessing.parent_process()
+    assert starter is not None
+
+    def watch() -> None:
+        multiprocessing.connection.wait([starter.sentinel])
+        signal.raise_signal(signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 # What is served.
@@ -236,7 +240,7 @@ def _reader() -> Executor:
 
     translate(READY)  # refuses here what it would refuse when a client waits
     context = multiprocessing.get_context("spawn")
-    reader = ProcessPoolExecutor(1, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    reader = ProcessPoolExecutor(1, context, _end_with_starter)
     reader.submit(read, READY).result()  # started before a client waits
     return reader
 

@@ -30,6 +30,7 @@ from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
 from tests.cli.conftest import PROGRAM, UNPROVEN
+from tests.kept import plate_file
 
 ADDRESS = "127.0.0.1"
 LOOP = "def prog():\n  while True:\n    x = read_input_integer_register(0)\n    sync()\n  end\nend\n"
@@ -247,7 +248,7 @@ def test_the_primary_port_tells_of_stops_and_unknown_names_as_a_robot_does(serve
     line, column = struct.unpack(">ii", (text := next(messages(primary, 10)))[:8])
     assert (line, column, text[8:]) == (2, 3, b"compile_error_name_not_found:no_such_function:")
     modes, errors = (messages(served.connect(PRIMARY), kind) for kind in (5, 6))
-    served.until(lambda: len(served.server._clients[served.controller]) == 3)
+    served.until(lambda: len(served.server._clients) == 3)
     primary.sendall(b"sec stops():\n  protective_stop()\nend\n")
     assert struct.unpack(">iiBII", next(modes)) == (0, 0, 3, 0, 0)
     assert struct.unpack(">iiiII", next(errors)[:20])[:3] == (209, 0, 2)
@@ -321,7 +322,7 @@ def test_bytes_that_nobody_should_send_do_no_harm(served: Served) -> None:
                 data = struct.pack(">HB", 3 + len(data), kind) + data
             connection.sendall(data)
     assert served.thread.is_alive()
-    served.until(lambda: len(served.server._clients[served.controller]) == 0)
+    served.until(lambda: len(served.server._clients) == 0)
     assert served.controller.claimed == {}
     connection = served.connect(DASHBOARD)
     connection.recv(200)
@@ -377,6 +378,34 @@ def test_a_server_without_its_ports_says_so_once_and_ends(tmp_path: Path) -> Non
     assert ended.stderr.count("error:") == ended.stderr.count(f"port {REALTIME} of 127.0.0.8") == 1
     assert "plan" not in ended.stderr  # before the cell is prepared
     assert not (tmp_path / "SERVED").exists()
+
+
+def test_two_robots_have_a_process_each_and_end_with_the_first(tmp_path: Path) -> None:
+    both = ("127.0.0.9", "127.0.0.10")
+    plan = [*PROGRAM, "plan", str(plate_file()), "--stepover", "40", *UNPROVEN, "--out", "PLAN"]
+    subprocess.run(plan, cwd=tmp_path, check=True)
+    words = [*PROGRAM, "serve", "--part", str(plate_file()), "--path", "PLAN/path.csv", "--out", "TWO"]
+    for address in both:
+        words += ["--address", address]
+    with (tmp_path / "said").open("w") as stream:
+        process = subprocess.Popen(words, cwd=tmp_path, stdout=stream, stderr=stream)
+    try:
+        for _ in range(1200):
+            assert process.poll() is None, (tmp_path / "said").read_text()
+            if (tmp_path / "said").read_text().count("serving") == 2:
+                break
+            time.sleep(0.1)
+        for address in both:
+            with socket.create_connection((address, SECONDARY)) as line:
+                line.sendall(f'textmsg("this is {address}")\n'.encode())
+                assert line.recv(1)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(120) == 0, (tmp_path / "said").read_text()
+    finally:
+        process.kill()
+    for address in both:
+        assert f"this is {address}" in (tmp_path / f"TWO/{address}/controller.log").read_text()
 
 
 def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Callable[..., object]) -> None:
