@@ -1,7 +1,7 @@
 """The URScript that ``plan --export urscript`` writes, run by the served robot, beside `run surface` of the
 same plan.
 
-    python -m benchmarks.served_export [--part NAME]... [--feed 20] [--stepover 20]
+    python -m benchmarks.served_export [--part NAME]... [--feed 20] [--stepover 20] [--set robot.arm=ideal]
 
 Only the part's place is filled in, as a user does. No ports and no clock: the programme runs as fast as it
 goes. A line for each: mean of the exact force, share within 4 N, rms and largest error in contact, time fed,
@@ -48,11 +48,12 @@ def main() -> None:
     parser.add_argument("--feed", type=float, default=20.0)
     parser.add_argument("--stepover", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=700)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     asked = parser.parse_args()
     for part in asked.part or PARTS:
         settings = [f"part.file={part}", f"process.feed_m_s={1e-3 * asked.feed}",
                     f"plan.stepover_m={1e-3 * asked.stepover}", "safety.proof=none"]  # fmt: skip
-        scenario = override(default_scenario("surface"), [*settings, f"seed={asked.seed}"])
+        scenario = override(default_scenario("surface"), [*settings, *asked.set, f"seed={asked.seed}"])
         plan = plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad)
         task = prepare_surface(scenario, plan)
         own = run_experiment(scenario, plan)

@@ -117,7 +117,7 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         write_json(draft / FIGURES, found.figures)
         plot_joints(found, title).savefig(draft / PICTURE)
         put(draft, PAGE, joint_page(found, scenario, title))
-    delays = (f"{name} {1e3 * found.figures[key]:.1f} ms" for name, key in
+    delays = (f"{name} {console.number_or_dash(found.figures[key], '.1f', 1e3)} ms" for name, key in
               (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in found.figures)  # fmt: skip
     caption = f"measured behind simulated: {', '.join(delays)}"
     heads = ["figure", "unit", "side", *(f"joint {j}" for j in range(1, 7))]

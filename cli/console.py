@@ -83,9 +83,9 @@ def table(
         say(caption)
 
 
-def number_or_dash(value: float, scale: float, form: str) -> str:
+def number_or_dash(value: float | None, form: str, scale: float = 1.0) -> str:
     """A scaled number, or a dash where there is none: a path without neighbouring turns has no step-over."""
-    return "-" if math.isnan(value) else f"{value * scale:{form}}"
+    return "-" if value is None or math.isnan(value) else f"{value * scale:{form}}"
 
 
 @contextmanager

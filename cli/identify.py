@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from polish_sim.arms import IDEAL
 from polish_sim.cli import console
 from polish_sim.cli.compare import LOG_OPTIONS, read_log
+from polish_sim.cli.console import number_or_dash as dash
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import claimed
 from polish_sim.errors import InputError, count_text, leave_out
@@ -232,15 +233,11 @@ def show(found: Identification) -> None:
 
     rows = rows_of(found)
     alone = [row for row in rows if row.identifiable in ("alone", "gear") and row.name[:3] not in WAVES]
-    table = [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", _or_dash(r.true_value)] for r in alone]
+    table = [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", dash(r.true_value, ".5g")] for r in alone]
     console.table("parameters identified alone", ["parameter", "unit", "value", "std", "true"], table)
     console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
     if found.weighed is not None:
         show_payload(found.weighed)
-
-
-def _or_dash(value: float) -> str:
-    return "-" if value != value else f"{value:.5g}"
 
 
 def _reader(given: Given) -> RunReader:
@@ -295,7 +292,7 @@ def show_payload(weighed: Weighed) -> None:
     values, std = weighed.payload.body()
     true = [float("nan")] * 10 if weighed.truth is None else body_of(weighed.truth, weighed.payload.origin)
     rows = [
-        [name, unit, f"{value:.5g}", f"{deviation:.2g}", _or_dash(truth)]
+        [name, unit, f"{value:.5g}", f"{deviation:.2g}", dash(truth, ".5g")]
         for name, unit, value, deviation, truth in zip(BODY_NAMES, BODY_UNITS, values, std, true, strict=True)
     ]
     console.table("payload, in the last link's frame", ["number", "unit", "value", "std", "true"], rows)

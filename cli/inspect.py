@@ -86,20 +86,20 @@ def inspect(path: PathFile, given: Given) -> None:
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     mm, percent, mm2 = 1e3, 1e2, 1e6
     names = ("min", "p5", "mean", "p95", "max")
-    spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], mm, ".2f") for name in names)
+    spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], ".2f", mm) for name in names)
     return [
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["length / (area / step-over)", "", f"{m['length_ratio']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
-        ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], 1.0, ".1f")],
+        ["time in contact, smoothed motion", "s", console.number_or_dash(m["motion_time_s"], ".1f")],
         [
             "cycle time: with air, touch-down and lifts",
             "s",
-            console.number_or_dash(m["cycle_time_s"], 1.0, ".1f"),
+            console.number_or_dash(m["cycle_time_s"], ".1f"),
         ],
         ["lifts on the way", "", str(m["lifts"])],
         ["step-over, min / p5 / mean / p95 / max", "mm", spread],
-        ["overlap of neighbouring turns", "% of pad", console.number_or_dash(m["overlap"], percent, ".1f")],
+        ["overlap of neighbouring turns", "% of pad", console.number_or_dash(m["overlap"], ".1f", percent)],
         ["covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
         ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],
         ["time under the pad, mean", "s", f"{m['exposure_mean_s']:.3g}"],

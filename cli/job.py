@@ -111,7 +111,7 @@ def _show(rows: list[Row]) -> None:
     for row in rows:
         f = row.figures
         times = (f["cycle_time_s"], f["planned_cycle_time_s"], f["contact_time_s"])
-        spread = console.number_or_dash(f["removal_cv"], 100.0, ".1f")
+        spread = console.number_or_dash(f["removal_cv"], ".1f", 100.0)
         table.append([row.folder, f["tool"], str(f["grit"] or "-"), *(f"{t:.1f}" for t in times), spread])
     heads = ["pass", "tool", "grit", "time, s", "planned, s", "contact, s", "removal std, %"]
     console.table("job", heads, table, left=2)

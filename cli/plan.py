@@ -240,7 +240,7 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
         m = result.figures
         sizes = (1e4 * m["region_area_m2"], 1e4 * m["left_out_area_m2"])
         shares = f"{100.0 * m['coverage']:.1f}", str(m["retracts"]), f"{m['path_length_m']:.2f}"
-        cycle = console.number_or_dash(m["cycle_time_s"], 1.0, ".1f")
+        cycle = console.number_or_dash(m["cycle_time_s"], ".1f")
         rows.append(
             [f"setup_{number}", describe(result.mesh.up), *(f"{size:.1f}" for size in sizes), *shares, cycle]
         )
@@ -326,7 +326,7 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
     cycle = "cycle time: with air, touch-down and lifts" + (
         "" if "T_base_work" in m else "; tool's limits alone"
     )
-    spread = " / ".join(dash(m[f"stepover_{name}_m"], mm, ".2f") for name in ("p5", "p95"))
+    spread = " / ".join(dash(m[f"stepover_{name}_m"], ".2f", mm) for name in ("p5", "p95"))
     return [
         ["facets", "", str(m["facets"])],
         [
@@ -339,14 +339,14 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["path length in contact", "m", f"{m['path_length_m']:.3f}"],
         ["  through the air, leads included", "m", f"{m['air_length_m']:.3f}"],
         ["time in contact, at the feed", "s", f"{m['time_in_contact_s']:.1f}"],
-        ["time in contact, smoothed motion", "s", dash(m["motion_time_s"], 1.0, ".1f")],
-        [cycle, "s", dash(m["cycle_time_s"], 1.0, ".1f")],
-        ["way at the full feed, starts and stops included", "%", dash(m["feed_kept"], percent, ".1f")],
-        ["least feed, starts and stops left out", "mm/s", dash(m["feed_least_m_s"], mm, ".2f")],
-        ["  at, along the path with its leads", "m", dash(m["feed_least_at_m"], 1.0, ".3f")],
-        ["motion beside the path, at most", "mm", dash(m["smoothed_off_max_m"], mm, ".2g")],
-        ["  tool axis", "deg", dash(m["smoothed_axis_off_max_rad"], math.degrees(1.0), ".2g")],
-        ["step-over, mean", "mm", dash(m["stepover_mean_m"], mm, ".2f")],
+        ["time in contact, smoothed motion", "s", dash(m["motion_time_s"], ".1f")],
+        [cycle, "s", dash(m["cycle_time_s"], ".1f")],
+        ["way at the full feed, starts and stops included", "%", dash(m["feed_kept"], ".1f", percent)],
+        ["least feed, starts and stops left out", "mm/s", dash(m["feed_least_m_s"], ".2f", mm)],
+        ["  at, along the path with its leads", "m", dash(m["feed_least_at_m"], ".3f")],
+        ["motion beside the path, at most", "mm", dash(m["smoothed_off_max_m"], ".2g", mm)],
+        ["  tool axis", "deg", dash(m["smoothed_axis_off_max_rad"], ".2g", math.degrees(1.0))],
+        ["step-over, mean", "mm", dash(m["stepover_mean_m"], ".2f", mm)],
         ["step-over, p5 / p95", "mm", spread],
         ["region covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
         ["  within 0.55 step-overs", "%", f"{m['coverage_stepover'] * percent:.1f}"],

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from polish_sim.experiments.result import RunResult
     from polish_sim.scoring import Task
     from polish_sim.ur.controller import Controller
-    from polish_sim.ur.server import Pace
 
 SPEEDS = ("1", "max")
 POLYSCOPES = ("5.11", "5.23", "5.26")
@@ -71,7 +70,7 @@ CELL = (
     ),
     Own("--polyscope", RUN, "5.11|5.23|5.26", "Version the controller says it is. Default 5.11."),
     Own("--port-offset", RUN, "N", "Added to every port, for clients that can be told.", int, 0, 30000),
-    Own("--for", RUN, "SECONDS", "End after this robot time; default: at Ctrl-C.", float, 0.0, 1e6),
+    Own("--for", RUN, "SECONDS", "End after this robot time; default: at Ctrl-C.", float, 0.01, 1e6),
     *("--live", "--live-port", "--live-host"),
     *OUTPUT_OPTIONS,
     defaults=ROW.defaults,
@@ -95,11 +94,11 @@ def serve(given: Given) -> int:
             )
     if len(set(addresses)) < len(addresses):
         raise InputError("--address: each robot needs an address of its own, e.g. 127.0.0.1 and 127.0.0.2.")
-    live = live_address(given)
-    if len(addresses) > 1 and (live or given["--score"]):
-        raise InputError("--live and --score are for one robot: give one --address.")
+    if given["--live-port"] and addresses[1:]:
+        raise InputError("--live-port is for one robot: leave it out, each one's page finds a port.")
+    live_address(given)
+    _case(given)
     refuse_taken(given)
-    case = _case(given)
     from polish_sim.ur.server import PORTS, listening
 
     for address in addresses:
@@ -107,30 +106,28 @@ def serve(given: Given) -> int:
             listening(address, port + (given["--port-offset"] or 0)).close()
     with claimed(given, "serve") as folder:
         folders = [folder.draft / address for address in addresses] if addresses[1:] else [folder.draft]
-        code = _robot(given, case, addresses, folders, live)
+        code = _robot(given, addresses, folders)
     console.say_folder(folder.final)
     return code
 
 
-def _robot(
-    given: Given, case: Task | None, addresses: Sequence[str], folders: Sequence[Path], live: Address | None
-) -> int:
+def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> int:
     """Serve a robot at the first address, each of the others in a process of its own, and write what is left
     of them."""
     apart = multiprocessing.get_context("spawn").Process
     beside = [
         apart(target=_beside, args=(given, *own)) for own in zip(addresses[1:], folders[1:], strict=True)
     ]
-    real_time, stopped = given["--speed"] in (None, SPEEDS[0]), True
+    real_time, stopped = given["--speed"] != SPEEDS[1], True
     with ExitStack() as open_:
         with console.progress() as observer:
-            job = _prepared(given, case, observer)
+            job = _prepared(given, _case(given), observer)
             reader = open_.enter_context(_reader()) if real_time else None
             controller = _controller(job, given, reader, observer)
         try:
             for process in beside:
                 process.start()
-            stopped = _serve(job, given, addresses[0], controller, real_time, live)
+            stopped = _serve(job, given, addresses[0], controller, real_time)
         finally:
             for process in beside if stopped else ():
                 process.terminate()
@@ -147,7 +144,7 @@ def _beside(given: Given, address: str, folder: Path) -> None:
     """Another robot, in a process of its own."""
     _end_with_starter()
     try:
-        code = _robot(given, None, [address], [folder], None)
+        code = _robot(given, [address], [folder])
     except PolishSimError as error:
         code = console.fail(str(error), error.exit_code)
     sys.exit(code)
@@ -156,11 +153,9 @@ def _beside(given: Given, address: str, folder: Path) -> None:
 def _end_with_starter() -> None:
     """Leave Ctrl-C to the process that started this one, and end when that has gone, even if killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    starter = multiprocessing.parent_process()
-    assert starter is not None
 
     def watch() -> None:
-        multiprocessing.connection.wait([starter.sentinel])
+        multiprocessing.connection.wait([multiprocessing.parent_process().sentinel])  # type: ignore[union-attr]
         signal.raise_signal(signal.SIGTERM)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -200,18 +195,20 @@ def _case(given: Given) -> Task | None:
 def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     from polish_sim.cli.run import checked, plan_to_run
     from polish_sim.experiments.assembly import build_part
-    from polish_sim.experiments.force import ForceTask, measure_hold, place_force
+    from polish_sim.experiments.force import measure_hold, place_force
     from polish_sim.experiments.surface import measure_run, prepare_surface
 
     if task is not None and not task.case.moving:
         scenario = task.scenario
         place = place_force(scenario, observer)
-        part = build_part(scenario, place)
-
-        def measure(ran: Any, cell: Cell, run: CellRun) -> RunResult:
-            return measure_hold(ran, ForceTask(cell, place.path, place.reach), run)
-
-        return _Job(scenario, place, part, measure, task=task, most_s=scenario.process.hold_s)
+        return _Job(
+            scenario,
+            place,
+            build_part(scenario, place),
+            lambda ran, _, run: measure_hold(ran, place.path, place.reach, run),
+            task=task,
+            most_s=scenario.process.hold_s,
+        )
     path, scenario = checked(task.scenario if task else build_scenario(ROW.defaults, given), given)
     check_flange(scenario, "serve")
     if scenario.robot.compensation != "none":
@@ -264,9 +261,7 @@ def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any)
 # Serving.
 
 
-def _serve(
-    job: _Job, given: Given, address: str, controller: Controller, real_time: bool, live: Address | None
-) -> bool:
+def _serve(job: _Job, given: Given, address: str, controller: Controller, real_time: bool) -> bool:
     """Serve until told to end, or until the time is over; whether it was told to."""
     from polish_sim.cell.observer import interrupts_noted
     from polish_sim.motion.makes import used_arm
@@ -276,14 +271,13 @@ def _serve(
     robot, asked = controller.robot, threading.Event()
     server = Server(controller, address, real_time, given["--port-offset"] or 0)
     signal.signal(signal.SIGTERM, lambda *_: asked.set())  # in the background Ctrl-C does not reach it
-    started, end = time.perf_counter(), given["--for"]
-    most = math.inf if end is None else end / TICK_S
+    started, most = time.perf_counter(), (given["--for"] or math.inf) / TICK_S
     sys.setswitchinterval(SWITCH_S)
     gc.freeze()  # what is here stays: collecting looks at what comes later only
     try:
         with (
             before_others() if real_time else nullcontext(),
-            _watched(live, robot.cell),
+            _watched(live_address(given), robot.cell),
             interrupts_noted() as interrupt,
         ):
             console.say(
@@ -294,8 +288,11 @@ def _serve(
     finally:
         server.close()
     job.wall_s = time.perf_counter() - started
-    if server.pace.ticks:
-        console.say(_pace_text(server.pace))
+    if (pace := server.pace).ticks:
+        console.say(
+            f"real time: of {count_text(pace.ticks, 'cycle')} {100.0 * (1.0 - pace.late / pace.ticks):.3f}% "
+            f"within 2.5 ms of when they were due, the latest {1e3 * pace.worst_s:.1f} ms late"
+        )
     return interrupt.seen or asked.is_set()
 
 
@@ -339,17 +336,6 @@ def _watched(live: Address | None, cell: Cell) -> Iterator[None]:
             ended.set()
             view.stage(STOPPING)
             thread.join()
-
-
-def _pace_text(pace: Pace) -> str:
-    late = [
-        f"{100.0 * (1.0 - count / pace.ticks):.3f}% within {1e3 * bound:g} ms"
-        for bound, count in pace.late.items()
-    ]
-    return (
-        f"real time: of {count_text(pace.ticks, 'cycle')} {', '.join(late)} of when they were due, the "
-        f"latest {1e3 * pace.worst_s:.1f} ms late"
-    )
 
 
 # What is left of it.

@@ -276,7 +276,7 @@ def _show(name: str, figures: Mapping[str, Any]) -> None:
     columns = [figures] + ([figures["against"]] if "against" in figures else [])
     rows = [[label, unit, *(text(m) for m in columns)] for label, unit, text in _rows()]
     for rule, seconds in figures["cycle_time_by_rule_s"].items():
-        shown = "-" if seconds is None else f"{seconds:.3f}"
+        shown = console.number_or_dash(seconds, ".3f")
         rows.append([f"cycle time by {rule}", "s", shown, *[""] * (len(columns) - 1)])
     console.table(f"{name}, smoothed", ["figure", "unit", *(m["rule"] for m in columns)], rows)
 
@@ -285,7 +285,7 @@ def _rows() -> list[tuple[str, str, Any]]:
     from polish_sim.smoothing.figures import ORDERS
 
     def ratio(name: str) -> Any:
-        return lambda m: "-" if m[name] is None else f"{m[name]:.4f}"
+        return lambda m: console.number_or_dash(m[name], ".4f")
 
     shares = [
         (f"{part} {order}, peak / limit", "", ratio(f"{part}_{order}_ratio_max"))

@@ -416,7 +416,7 @@ def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Callable[.
         (("--address", ADDRESS, "--address", ADDRESS), "an address of its own"),
         (("--score", "nothing"), "step-20"),
         (("--score", "step-20", "--part", "plate"), "--part"),
-        (("--score", "step-20", "--address", ADDRESS, "--address", "127.0.0.2"), "one robot"),
+        (("--live", "--live-port", "8099", "--address", ADDRESS, "--address", "127.0.0.2"), "one robot"),
     ):
         call = polish_sim("serve", *words)
         assert (call.code, said in call.err, call.err.count("\n")) == (2, True, 1), call.err  # type: ignore[attr-defined]

@@ -66,6 +66,7 @@ class CellRun(NamedTuple):
     steps: int
     wall_s: float  #: Time spent stepping [s]
     safety: SafetyRecord  #: Faults and guards
+    payload: PayloadErrors
     stroke: str = ""  #: Which of how many was under way at the end; empty where there is no part
 
 
@@ -340,6 +341,7 @@ class Cell:
             len(trace),
             wall_s,
             record_safety(self.kernel, self.faults),
+            self.payload_errors,
             f"{self.stroke_number + 1} of {len(self.strokes)}" if self.on_part else "",
         )
 

@@ -76,7 +76,6 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
     figures |= {"chain_residual_m": task.residual, "placement_value": task.reach.value}
     figures["T_gripper_work"] = task.seat.T_gripper_work.tolist()
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
-    figures |= cell.payload_errors._asdict()
     log = with_column(log, "relative_error_m", _at_rows(run, errors.relative))
     return RunResult(scenario, log, run.trace, figures, run.stop_reason, run.interrupted, path, removal)
 

@@ -80,9 +80,7 @@ def run_arc(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     believe_tool(cell, random_streams(scenario.seed)[PAYLOAD_STREAM])
     run = cell.run(observer)
     done = float(run.trace.path_s_m[-1] / table.length)
-    figures = (
-        measure_arc(run.trace) | common_figures(run, scenario, done, None) | cell.payload_errors._asdict()
-    )
+    figures = measure_arc(run.trace) | common_figures(run, scenario, done, None)
     return RunResult(
         scenario,
         run.log,

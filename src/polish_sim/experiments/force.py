@@ -98,15 +98,13 @@ def run_force(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     """
     task = prepare_force(scenario, observer)
     observer.stage("simulate")
-    return measure_hold(scenario, task, task.cell.run(observer))
+    return measure_hold(scenario, task.path, task.reach, task.cell.run(observer))
 
 
-def measure_hold(scenario: Scenario, task: ForceTask, run: CellRun) -> RunResult:
-    """How well a ``run`` of the task's cell has pressed on its point."""
-    cell, path, reach = task
+def measure_hold(scenario: Scenario, path: ToolPath, reach: Reach, run: CellRun) -> RunResult:
+    """How well a ``run`` has pressed on its point."""
     figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, hold_done(scenario, run), reach.T_base_work)
-    figures |= cell.payload_errors._asdict()
     return RunResult(
         scenario,
         run.log,

@@ -43,9 +43,10 @@ def common_figures(
     1.
 
     ``T_base_work`` (4, 4) is the nominal pose of the part, None without one. They are path_done,
-    protective_stop, protective_stop_at, what ``SafetyRecord`` names, peak_force_n (of the whole run),
-    interrupted, T_base_work, cycle_time_s (air moves, touch-down and lifts included), simulated_s, wall_s,
-    real_time_factor, steps, seed; of an active flange flange_stroke_used, the share of its stroke used.
+    protective_stop, protective_stop_at, what ``SafetyRecord`` and ``PayloadErrors`` name, peak_force_n (of
+    the whole run), interrupted, T_base_work, cycle_time_s (air moves, touch-down and lifts included),
+    simulated_s, wall_s, real_time_factor, steps, seed; of an active flange flange_stroke_used, the share of
+    its stroke used.
     """
     simulated = run.steps * scenario.simulation.timestep_s
     travel = run.trace.pad_travel_m[run.trace.phase == 2]
@@ -55,6 +56,7 @@ def common_figures(
         "path_done": path_done,
         **_stop(run, scenario, T_base_work),
         **run.safety._asdict(),
+        **run.payload._asdict(),
         "peak_force_n": float(run.trace.normal_force_n.max()),
         "interrupted": run.interrupted,
         "T_base_work": None if T_base_work is None else T_base_work.tolist(),

@@ -187,7 +187,6 @@ def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPar
     removal = remove_material(scenario, place, part, run)
     figures |= measure_removal(removal.map, scenario.pad.radius_m)
     figures |= common_figures(run, scenario, path_done(path, fed), reach.T_base_work)
-    figures |= cell.payload_errors._asdict()
     figures |= shape_figures(task.shape, path)
     figures |= feed_figures(cell.strokes)
     figures[FIGURE] = cell.lesson.runs

@@ -20,7 +20,7 @@ DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 3000
 CLIENTS = 64  #: Of one port
 COARSE_S = 1e-3  #: Resolution of waiting on sockets
 LATE_S = 0.25  #: So far behind the clock the server gives up catching up [s]
-BOUNDS_S = 0.0005, 0.0025  #: By which cycles that begin late are counted [s]
+BEHIND_S = 0.0025  #: Cycles that begin later than this count as late [s]
 EVERY = round(1.0 / (STATE_HZ * TICK_S))
 CONFIGURED = 20  #: States between two with the configuration
 
@@ -132,10 +132,8 @@ class Pace:
     """How well the clock was kept."""
 
     ticks: int = 0
-    #: By more than each bound
-    late: dict[float, int] = field(default_factory=lambda: dict.fromkeys(BOUNDS_S, 0))
+    late: int = 0  #: By more than `BEHIND_S`
     worst_s: float = 0.0
-    given_up: int = 0  #: Times the server was too far behind and went on from there
 
 
 def listening(address: str, port: int) -> socket.socket:
@@ -190,12 +188,11 @@ class Server:
             now = time.perf_counter()
             late, pace = now - due, self.pace
             pace.ticks, pace.worst_s = pace.ticks + 1, max(pace.worst_s, late)
-            for bound in BOUNDS_S:
-                pace.late[bound] += late > bound
+            pace.late += late > BEHIND_S
             self._tick()
             due += TICK_S
             if late > LATE_S:
-                due, pace.given_up = time.perf_counter() + TICK_S, pace.given_up + 1
+                due = time.perf_counter() + TICK_S
 
     def _in_step(self) -> bool:
         """Whether every client that answers packages has answered, and every reader has read."""
