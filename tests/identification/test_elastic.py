@@ -1,45 +1,12 @@
-"""Elastic arms identified as they are: planted gears, friction by load and links come back."""
+"""The head of an elastic arm, as its identification knows it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from polish_sim.config import RobotConfig
 from polish_sim.identification.elastic import SprungHead, filtered
-from polish_sim.identification.identify import Identification, run_identification
 from polish_sim.identification.regressor import States
-from polish_sim.identification.settings import IdentifySettings
-
-
-@pytest.fixture(scope="module")
-def identified() -> Identification:
-    return run_identification(
-        IdentifySettings(periods=2, iterations=15, robot=RobotConfig(arm="ur5e"), seed=540)
-    )
-
-
-def test_torques_of_an_elastic_arm_are_predicted_from_both_sides_of_its_gears(
-    identified: Identification,
-) -> None:
-    assert identified.figures["nrms_heldout_mean"] < 0.006
-    assert identified.figures["nrms_heldout_drawing_mean"] > 4.0 * identified.figures["nrms_heldout_mean"]
-
-
-def test_links_are_not_taken_for_friction(identified: Identification) -> None:
-    assert float(np.mean(identified.figures["nrms_rigid"])) < 0.01
-
-
-def test_friction_by_load_is_found_driving_and_driven(identified: Identification) -> None:
-    assert identified.gears is not None
-    loads, std = (np.array(identified.figures[key]) for key in ("friction_by_load", "friction_by_load_std"))
-    off = loads - identified.gears.true_loads()
-    assert np.all(np.abs(off[:5]) < 0.03)
-    assert np.sqrt(np.mean((off / std) ** 2)) < 3.0
-
-
-def test_most_intervals_hold(identified: Identification) -> None:
-    assert identified.figures["interval_coverage"] > 0.85
 
 
 def test_a_head_on_its_spring_follows_a_slow_arm_and_leaves_a_quick_one() -> None:

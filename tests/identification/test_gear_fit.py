@@ -94,10 +94,24 @@ def test_the_files_of_the_real_arm_are_whole(planted: Planted) -> None:
     assert len(planted.figures["nrms_heldout"]) == 6
 
 
-def test_of_elastic_joints_as_they_are_errors_are_near_the_bound(planted: Planted) -> None:
+def test_torques_of_an_elastic_arm_are_predicted_from_both_sides_of_its_gears(planted: Planted) -> None:
+    figures = planted.figures
+    assert figures["nrms_heldout_mean"] < 0.006
+    assert figures["nrms_heldout_drawing_mean"] > 4.0 * figures["nrms_heldout_mean"]
+    assert figures["physically_consistent"]
+
+
+def test_links_are_not_taken_for_friction_and_errors_are_near_the_bound(planted: Planted) -> None:
+    assert float(np.mean(planted.figures["nrms_rigid"])) < 0.01
     assert planted.figures["error_over_crb"] < 4.0
-    assert planted.figures["nrms_heldout_mean"] < 0.008
-    assert planted.figures["physically_consistent"]
+    assert planted.figures["interval_coverage"] > 0.85
+
+
+def test_friction_by_load_is_found_driving_and_driven(planted: Planted) -> None:
+    loads, std = (np.array(planted.figures[f"friction_by_load{end}"]) for end in ("", "_std"))
+    off = loads - planted.gears("true_value", "ldr ldn")
+    assert np.all(np.abs(off[:5]) < 0.03)
+    assert np.sqrt(np.mean((off / std) ** 2)) < 3.0
 
 
 def test_gears_without_error_cannot_tell_load_from_links_and_are_taken_for_alike_both_ways() -> None:
