@@ -44,9 +44,12 @@ class Segment(Record):
 @kernel
 def _copy_segment(chain: Chain, k: int, segment: Segment) -> None:
     """Write segment k of a chain that is given in the base frame."""
-    segment.tip[:], segment.rotation[:], segment.length = chain.tips[k], chain.rotations[k], chain.lengths[k]
-    segment.direction[:], segment.angle = chain.directions[k], chain.angles[k]
-    segment.turn_axis[:], segment.roll = chain.turn_axes[k], chain.rolls[k]
+    segment.length, segment.angle, segment.roll = chain.lengths[k], chain.angles[k], chain.rolls[k]
+    for i in range(3):
+        segment.tip[i], segment.direction[i] = chain.tips[k, i], chain.directions[k, i]
+        segment.turn_axis[i] = chain.turn_axes[k, i]
+        for j in range(3):
+            segment.rotation[i, j] = chain.rotations[k, i, j]
 
 
 @njit(_nrt=False, inline="always")
@@ -151,7 +154,8 @@ def _fill_rates(
 ) -> tuple[int, int]:
     """Rates at every node of every segment in order; (status, row) of the first that fails, or (REACHED,
     -1)."""
-    state.q[:] = arm.q_start
+    for j in range(6):
+        state.q[j] = arm.q_start[j]
     for k in range(chain.lengths.shape[0]):
         _copy_segment(chain, k, segment)
         for i in range(nodes.shape[0]):
@@ -222,13 +226,18 @@ def sampled_joints(tool: Samples, arm: Arm) -> JointRates:
 @njit
 def _fill_motion(poses: Array, twists: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
     """Joint rates of every sample; (status, row) of the first that fails, or (REACHED, -1)."""
-    state.q[:] = arm.q_start
+    for j in range(6):
+        state.q[j] = arm.q_start[j]
     for row in range(poses.shape[0]):
-        state.T[:] = poses[row]
+        for i in range(4):
+            for j in range(4):
+                state.T[i, j] = poses[row, i, j]
         status = reach_pose(state, arm)
         if status != REACHED:
             return status, row
-        state.twists[:] = twists[row]
+        for i in range(twists.shape[1]):
+            for j in range(6):
+                state.twists[i, j] = twists[row, i, j]
         solve_rates(state)
         _keep_rates(state, out, row)
     return REACHED, -1
