@@ -19,7 +19,7 @@ from polish_sim.arrays import Array, Indices
 from polish_sim.errors import ReachError
 from polish_sim.experiments.placement import LOWEST_JOINT, SPINS, tool_rotations, upright
 from polish_sim.kernel_cache import njit
-from polish_sim.motion.kinematics import arm_lengths, solve_all
+from polish_sim.motion.kinematics import arm_lengths, solve_row
 from polish_sim.spatial import inverse, transform
 
 DISTANCES = np.arange(0.20, 0.96, 0.05)  #: Of the path's middle from the base axis [m]
@@ -108,23 +108,28 @@ def outermost(positions: Array, axes: Array) -> Indices:
 def _least_manipulability(lengths: Array, T_base_flange: Array, shifts: Array) -> Array:
     """Least |det J| over poses (n, 4, 4) in the best configuration, after each of the shifts (k, 3) of all,
     (k,); ``lengths`` as of `arm_lengths`."""
-    values, T = np.zeros(len(shifts)), np.eye(4)
+    values, q = np.zeros(len(shifts)), np.empty(6)
     d1, d5, a2, a3 = lengths[0], lengths[2], lengths[4], lengths[5]
     for k in range(len(shifts)):
         least = np.full(8, np.inf)
         for i in range(len(T_base_flange)):
-            T[:3] = T_base_flange[i, :3]
-            T[:3, 3] += shifts[k]
-            q = solve_all(lengths, T, 0.0)
+            T = T_base_flange[i].copy()
+            for j in range(3):
+                T[j, 3] += shifts[k, j]
             for row in range(8):
+                if least[row] == 0.0:
+                    continue  # it stays 0
+                solve_row(lengths, T, row, 0.0, q)
                 value = 0.0
-                if not math.isnan(q[row, 0]):
-                    q2, q23, q234 = q[row, 1], q[row, 1] + q[row, 2], q[row, 1] + q[row, 2] + q[row, 3]
+                if not math.isnan(q[0]):
+                    q2 = q[1]
+                    q23 = q2 + q[2]
+                    q234 = q23 + q[3]
                     elbow = d1 + a2 * math.sin(q2)
                     wrist = elbow + a3 * math.sin(q23)
                     if min(elbow, wrist, wrist - d5 * math.cos(q234)) >= LOWEST_JOINT:
                         reach = a2 * math.cos(q2) + a3 * math.cos(q23) + d5 * math.sin(q234)
-                        value = abs(a2 * a3 * math.sin(q[row, 2]) * math.sin(q[row, 4]) * reach)
+                        value = abs(a2 * a3 * math.sin(q[2]) * math.sin(q[4]) * reach)
                 least[row] = min(least[row], value)
             if least.max() == 0.0:
                 break

@@ -234,11 +234,17 @@ def solve_all(lengths: Array, T_base_flange: Array, q6_if_aligned: float) -> Arr
     """All joint angles (8, 6) of a flange pose (4, 4); see `inverse_all`."""
     solutions = np.empty((8, 6))
     for row in range(8):
-        side, wrist, elbow = 2.0 * (row // 4) - 1.0, 1.0 - row // 2 % 2 * 2.0, 1.0 - row % 2 * 2.0
-        angles = _solve_branch(lengths, T_base_flange, side, wrist, elbow, q6_if_aligned)[1]
-        for j in range(6):
-            solutions[row, j] = _near(angles[j], 0.0)
+        solve_row(lengths, T_base_flange, row, q6_if_aligned, solutions[row])
     return solutions
+
+
+@njit
+def solve_row(lengths: Array, T_base_flange: Array, row: int, q6_if_aligned: float, q: Array) -> None:
+    """Write one row (6,) of the solutions of `solve_all`."""
+    side, wrist, elbow = 2.0 * (row // 4) - 1.0, 1.0 - row // 2 % 2 * 2.0, 1.0 - row % 2 * 2.0
+    angles = _solve_branch(lengths, T_base_flange, side, wrist, elbow, q6_if_aligned)[1]
+    for j in range(6):
+        q[j] = _near(angles[j], 0.0)
 
 
 @njit

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class JointRates(NamedTuple):
 
 
 class Segment(Record):
-    """One segment in the base frame."""
+    """One segment in the base frame; the fields of a `Chain` without the axes, in their order."""
 
     tip: Vector3  #: Start [m]
     rotation: Matrix3  #: R_base_tool at the start
@@ -39,17 +39,6 @@ class Segment(Record):
     angle: float
     turn_axis: Vector3  #: Unit, or zero
     roll: float
-
-
-@kernel
-def _copy_segment(chain: Chain, k: int, segment: Segment) -> None:
-    """Write segment k of a chain that is given in the base frame."""
-    segment.length, segment.angle, segment.roll = chain.lengths[k], chain.angles[k], chain.rolls[k]
-    for i in range(3):
-        segment.tip[i], segment.direction[i] = chain.tips[k, i], chain.directions[k, i]
-        segment.turn_axis[i] = chain.turn_axes[k, i]
-        for j in range(3):
-            segment.rotation[i, j] = chain.rotations[k, i, j]
 
 
 @njit(_nrt=False, inline="always")
@@ -149,18 +138,13 @@ def _keep_rates(state: ArmState, out: JointRates, row: int) -> None:
 
 
 @njit
-def _fill_rates(
-    chain: Chain, nodes: Array, arm: Arm, segment: Segment, state: ArmState, out: JointRates
-) -> tuple[int, int]:
+def _fill_rates(segments: Any, nodes: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
     """Rates at every node of every segment in order; (status, row) of the first that fails, or (REACHED,
-    -1)."""
-    for j in range(6):
-        state.q[j] = arm.q_start[j]
-    for k in range(chain.lengths.shape[0]):
-        _copy_segment(chain, k, segment)
+    -1). ``segments``: records of `Segment`, shape (n,)."""
+    for k in range(len(segments)):
         for i in range(nodes.shape[0]):
             row = k * nodes.shape[0] + i
-            status = rates_at(state, segment, nodes[i], arm)
+            status = rates_at(state, segments[k], nodes[i], arm)
             if status == REACHED and not within_range(state.q):
                 status = BEYOND
             if status != REACHED:
@@ -178,11 +162,13 @@ def chain_rates(chain: Chain, nodes: Array, arm: Arm) -> JointRates:
     Raises:
         ReachError: A place cannot be reached, is singular, or has a joint beyond its range.
     """
-    count = len(chain.lengths) * len(nodes)
+    segments, in_base = np.zeros(len(chain.lengths), Segment.dtype), chain_in_base(chain, arm)
+    for name, values in zip(Segment.dtype.names, (in_base.tips, *in_base[2:]), strict=True):
+        segments[name] = values[: len(segments)]
+    count = len(segments) * len(nodes)
     out = JointRates(*(np.full((count, 6), np.nan) for _ in range(4)))
-    status, row = _fill_rates(
-        chain_in_base(chain, arm), np.asarray(nodes, dtype=float), arm, Segment(), ArmState(), out
-    )
+    nodes = np.asarray(nodes, dtype=float)
+    status, row = _fill_rates(segments, nodes, arm, ArmState(q=arm.q_start), out)
     if status != REACHED:
         k, i = divmod(row, len(nodes))
         raise unreachable(status, k, chain.tips[k] + nodes[i] * chain.lengths[k] * chain.directions[k])
@@ -211,7 +197,7 @@ def joint_motion(tips: Array, rotations: Array, linear: Array, angular: Array, a
     poses[:, 3, 3] = 1.0
     twists = np.ascontiguousarray(np.concatenate([linear @ R.T, angular @ R.T], axis=2).swapaxes(0, 1))
     out = JointRates(*(np.full((len(tips), 6), np.nan) for _ in range(4)))
-    status, row = _fill_motion(poses, twists, arm, ArmState(), out)
+    status, row = _fill_motion(poses, twists, arm, ArmState(q=arm.q_start), out)
     if status != REACHED:
         raise unreachable(status, row, tips[row])
     return out
@@ -226,8 +212,6 @@ def sampled_joints(tool: Samples, arm: Arm) -> JointRates:
 @njit
 def _fill_motion(poses: Array, twists: Array, arm: Arm, state: ArmState, out: JointRates) -> tuple[int, int]:
     """Joint rates of every sample; (status, row) of the first that fails, or (REACHED, -1)."""
-    for j in range(6):
-        state.q[j] = arm.q_start[j]
     for row in range(poses.shape[0]):
         for i in range(4):
             for j in range(4):
