@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import mujoco
@@ -54,10 +55,14 @@ def tool_pose(x: float, y: float, z: float, tilt: Sequence[float] = (0.0, 0.0, 0
 TOUCH = tool_pose(0.0, -0.5, 0.1)
 
 
+@cache
+def _home() -> Array:
+    return np.array(mujoco.MjModel.from_xml_path(str(robot_model_path())).key("home").qpos[:6])
+
+
 def joints_at(T_base_tool: Array) -> Array:
     """Joint positions of a tool pose, elbow up as at home [rad]."""
-    home = mujoco.MjModel.from_xml_path(str(robot_model_path())).key("home").qpos[:6]
-    return inverse_near(T_base_tool @ inverse(tool_on_flange()), home)
+    return inverse_near(T_base_tool @ inverse(tool_on_flange()), _home())
 
 
 def along_tool(T_base_tool: Array, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:

@@ -14,6 +14,12 @@ from tests.cli.conftest import UNPROVEN, Tool, metrics_of
 PLAN = ("--region", "all", "--stepover", "20", *UNPROVEN, "--out", "all")
 
 
+@pytest.fixture(autouse=True)
+def _few_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parts with square sides are turned by 45 deg at a time, a third of the reach map's places."""
+    monkeypatch.setattr("polish_sim.experiments.reach_map.TURNS", np.radians(np.arange(0.0, 360.0, 45.0)))
+
+
 @pytest.fixture
 def cube(tmp_path: Path) -> Path:
     trimesh.creation.box((80.0, 80.0, 80.0)).export(tmp_path / "cube.stl")

@@ -52,6 +52,19 @@ def bodies_behind_pad() -> tuple[tuple[str, manifold3d.Manifold], ...]:
     return tuple(found)
 
 
+@cache
+def room_behind_pad() -> manifold3d.Manifold:
+    """Cylinders round the bodies behind the pad, few facets: where they share nothing with a part, no body
+    does."""
+    cylinders, sides = [], 32
+    for _, hull in bodies_behind_pad():
+        x, y, z = hull.to_mesh().vert_properties[:, :3].T
+        radius = float(np.hypot(x, y).max()) / np.cos(np.pi / sides)
+        cylinder = manifold3d.Manifold.cylinder(float(np.ptp(z)), radius, circular_segments=sides)
+        cylinders.append(cylinder.translate((0.0, 0.0, float(z.min()))))
+    return manifold3d.Manifold.batch_boolean(cylinders, manifold3d.OpType.Add)
+
+
 def volumes_in_part(
     path: ToolPath, part: trimesh.Trimesh, pad_radius: float, yields: float | Array, apart: float = 4e-3
 ) -> dict[str, float]:
@@ -66,7 +79,8 @@ def volumes_in_part(
             (n,).
         apart: Distance of the places looked at along the path [m].
     """
-    shape, worst = solid(part.copy().apply_scale(1e-3)), {}
+    shape = solid(part.copy().apply_scale(1e-3))
+    worst = dict.fromkeys(("pad", *(name for name, _ in bodies_behind_pad())), 0.0)
     yields = np.broadcast_to(yields, len(path.s))
     rows = np.unique(np.searchsorted(path.s, np.arange(0.0, path.s[-1], apart)))
     for row in rows:
@@ -77,9 +91,10 @@ def volumes_in_part(
         pad = manifold3d.Manifold.cylinder(0.022 - low, pad_radius, circular_segments=64).translate(
             (0.0, 0.0, low)
         )
-        for name, body in (("pad", pad), *bodies_behind_pad()):
+        behind = not (room_behind_pad().transform(place) ^ shape).is_empty()
+        for name, body in (("pad", pad), *(bodies_behind_pad() if behind else ())):
             shared = (body.transform(place) ^ shape).volume() * 1e9
-            worst[name] = max(worst.get(name, 0.0), shared)
+            worst[name] = max(worst[name], shared)
     return worst
 
 
