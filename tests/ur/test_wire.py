@@ -380,11 +380,18 @@ def test_a_server_without_its_ports_says_so_once_and_ends(tmp_path: Path) -> Non
     assert not (tmp_path / "SERVED").exists()
 
 
-def test_two_robots_have_a_process_each_and_end_with_the_first(tmp_path: Path) -> None:
-    both = ("127.0.0.9", "127.0.0.10")
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The path of a coarse plan of the plate."""
+    folder = tmp_path_factory.mktemp("planned")
     plan = [*PROGRAM, "plan", str(plate_file()), "--stepover", "40", *UNPROVEN, "--out", "PLAN"]
-    subprocess.run(plan, cwd=tmp_path, check=True)
-    words = [*PROGRAM, "serve", "--part", str(plate_file()), "--path", "PLAN/path.csv", "--out", "TWO"]
+    subprocess.run(plan, cwd=folder, check=True)
+    return folder / "PLAN/path.csv"
+
+
+def test_two_robots_have_a_process_each_and_end_with_the_first(planned: Path, tmp_path: Path) -> None:
+    both = ("127.0.0.9", "127.0.0.10")
+    words = [*PROGRAM, "serve", "--part", str(plate_file()), "--path", str(planned), "--out", "TWO"]
     for address in both:
         words += ["--address", address]
     with (tmp_path / "said").open("w") as stream:
@@ -425,21 +432,9 @@ def test_addresses_and_versions_that_are_none_are_refused(polish_sim: Callable[.
 @pytest.mark.skipif(
     importlib.util.find_spec("rtde_control") is None, reason="no ur_rtde: there is no wheel of it here"
 )
-def test_the_unmodified_client_polishes(tmp_path: Path) -> None:
-    subprocess.run(
-        [*PROGRAM, "plan", "plate", "--stepover", "40", *UNPROVEN, "--out", "PLAN"], cwd=tmp_path, check=True
-    )
-    words = [
-        "serve",
-        "--part",
-        "plate",
-        "--path",
-        "PLAN/path.csv",
-        "--out",
-        "SERVED",
-        "--address",
-        "127.0.0.3",
-    ]
+def test_the_unmodified_client_polishes(planned: Path, tmp_path: Path) -> None:
+    words = ["serve", "--part", str(plate_file()), "--path", str(planned)]
+    words += ["--out", "SERVED", "--address", "127.0.0.3"]
     with (tmp_path / "said").open("w") as stream:
         process = subprocess.Popen([*PROGRAM, *words], cwd=tmp_path, stdout=stream, stderr=stream)
     try:
@@ -449,7 +444,7 @@ def test_the_unmodified_client_polishes(tmp_path: Path) -> None:
                 break
             time.sleep(0.1)
         example = Path(__file__).parents[2] / "examples/ur_rtde_polish.py"
-        client = [sys.executable, str(example), "PLAN/path.csv", "--seconds", "4", "--host", "127.0.0.3"]
+        client = [sys.executable, str(example), str(planned), "--seconds", "4", "--host", "127.0.0.3"]
         done = subprocess.run(client, cwd=tmp_path, capture_output=True, text=True, timeout=240)
         assert done.returncode == 0, done.stdout + done.stderr
         mean = float(done.stdout.partition("mean ")[2].split(" ")[0])

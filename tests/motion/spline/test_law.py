@@ -93,8 +93,8 @@ def test_a_jagged_stroke_is_timed_in_steps_that_hardly_grow_with_its_length(
         law_module, "plan_law", lambda knots, *rest: solved.append(len(knots)) or plan_law(knots, *rest)
     )
     rng, work = np.random.default_rng(5), []
-    steps = 0.002 * np.stack([np.ones(1600), *0.15 * rng.normal(size=(2, 1600))], axis=1)
-    for count in (400, 1600):
+    steps = 0.002 * np.stack([np.ones(800), *0.15 * rng.normal(size=(2, 800))], axis=1)
+    for count in (200, 800):
         solved.clear()
         plan(*stroke(np.cumsum(steps[:count], axis=0), 0.02 * rng.normal(size=(count, 3))), 0.03)
         work.append(sum(solved))
