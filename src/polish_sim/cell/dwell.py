@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from polish_sim.arrays import Array
 from polish_sim.cell.removal import CELL, DEEPEST, PressedNodes, _find_near, _press_nodes
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 from polish_sim.planning.ground.points import build_point_grid
 
 #: Newton's steps for the depth; the field grows faster than linearly, so each comes nearer
@@ -69,7 +70,7 @@ def _count(nodes, poses, grid, radius):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(forceinline=True)
+@kernel
 def _sunk(poses, k, depth):  # type: ignore[no-untyped-def]
     return poses.tips[k] - depth * poses.axes[k]
 

@@ -21,6 +21,7 @@ from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import kernel
 from polish_sim.log import RunLog, Trace
 from polish_sim.planning.ground.points import build_point_grid
 from polish_sim.planning.ground.triangulation import Triangulation, triangulate
@@ -319,7 +320,7 @@ def _carry(nodes, motion, grid, radius, bedding, slide):  # type: ignore[no-unty
     return exposure, gained, carried
 
 
-@njit(forceinline=True)
+@kernel
 def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no-untyped-def]
     """List the nodes over the face of a pad at ``center``, a way ``up`` its axis."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
@@ -340,7 +341,7 @@ def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no
     return number
 
 
-@njit(forceinline=True)
+@kernel
 def _find_under(positions, normals, first, last, center, axis, radius, under, number):  # type: ignore[no-untyped-def]
     """List the nodes that stand over the pad's face and look at it; returns how many are listed."""
     cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
@@ -354,7 +355,7 @@ def _find_under(positions, normals, first, last, center, axis, radius, under, nu
     return number
 
 
-@njit(forceinline=True)
+@kernel
 def _press_nodes(  # type: ignore[no-untyped-def]
     positions, normals, areas, center, axis, velocity, turning, bedding, slide, under, number, force, power
 ):

@@ -41,7 +41,7 @@ from polish_sim.hand_guiding.law import (
     watch_guiding,
 )
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Matrix3, Record, Vector3, Vector6
+from polish_sim.kernels import Matrix3, Record, Vector3, Vector6, kernel
 
 # The simulated hand: a spring and a damper between where it wants the tool and where the tool is.
 
@@ -64,7 +64,7 @@ class HandMotion(NamedTuple):
     grip: Array  #: 1 while it holds the tool, 0 while its hands are off, shape (n,)
 
 
-@njit(forceinline=True)
+@kernel
 def tool_velocity(e: EngineViews, out: Array) -> None:
     """Velocity of the tool point, which moves with the housing, base frame [m/s], shape (3,)."""
     w, com, tool = e.cvel[e.mount_body], e.subtree_com[e.root_body], e.site_xpos[e.tool_site]
@@ -74,7 +74,7 @@ def tool_velocity(e: EngineViews, out: Array) -> None:
     out[2] = w[5] + w[0] * ry - w[1] * rx
 
 
-@njit(forceinline=True)
+@kernel
 def pull_by_hand(
     hand: Hand, motion: HandMotion, row: int, e: EngineViews, velocity: Array, force: Array
 ) -> None:
@@ -290,7 +290,7 @@ def _advance(k: _Kernel, arm: RealArm | None, rows: NDArray[Any], last: int) -> 
             return
 
 
-@njit(forceinline=True)
+@kernel
 def _hold(k: _Kernel, share: float) -> None:
     """Servos that hold the start, and the tare: what law and servos together give beyond the model's
     gravity."""
@@ -307,7 +307,7 @@ def _hold(k: _Kernel, share: float) -> None:
             memory.torque[j] = min(max(memory.torque[j] + share * pull, -limit), limit)
 
 
-@njit(forceinline=True)
+@kernel
 def _brake(k: _Kernel) -> None:
     """Hold the weight and brake."""
     memory = k.memory
@@ -317,7 +317,7 @@ def _brake(k: _Kernel) -> None:
         memory.torque[j] = min(max(wanted, -limit), limit)
 
 
-@njit(forceinline=True)
+@kernel
 def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
     e, memory, R = k.engine, k.memory, k.engine.site_xmat[k.engine.tool_site]
     row.time, row.speed, row.lent = step * e.dt, speed, k.limits.lent.now
@@ -335,7 +335,7 @@ def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
             row.R_base_tool[i, j] = R[3 * i + j]
 
 
-@njit(forceinline=True)
+@kernel
 def _touches(e: EngineViews, ranges: Array) -> int:
     """Code of links in contact or a joint at its end."""
     for j in range(6):

@@ -19,8 +19,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.config import GuideConfig
 from polish_sim.errors import unknown_name
-from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Record
+from polish_sim.kernels import Record, kernel
 from polish_sim.motion.serial_chain import ChainModel, chain_torque
 
 ON_S = 0.01  #: Compensation comes within this time when a hand is felt [s]
@@ -81,7 +80,7 @@ def build_memory(joints: int) -> GuidingMemory:
     return GuidingMemory(*(np.zeros(joints) for _ in GuidingMemory._fields))
 
 
-@njit(forceinline=True)
+@kernel
 def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: float, first: bool) -> None:
     """Quantise positions [rad], difference them to speeds, these to filtered accelerations; ``first``: none
     before."""
@@ -93,7 +92,7 @@ def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: floa
         memory.q[j], memory.qd[j] = read, qd
 
 
-@njit(forceinline=True)
+@kernel
 def guide_by_hand(
     belief: Belief, gains: GuidingGains, memory: GuidingMemory, share: float, dt: float
 ) -> None:
@@ -118,14 +117,14 @@ def guide_by_hand(
         memory.torque[j] = min(max(wanted, -belief.torque_limit[j]), belief.torque_limit[j])
 
 
-@njit(forceinline=True)
+@kernel
 def dry_friction(belief: Belief, memory: GuidingMemory, j: int, qd: float) -> float:
     """Coulomb friction of joint ``j`` at a speed [rad/s] under the weight it holds [N m]."""
     load = belief.driving[j] if memory.weight[j] * qd > 0.0 else belief.driven[j]
     return belief.coulomb[j] + load * abs(memory.weight[j])
 
 
-@njit(forceinline=True)
+@kernel
 def _observe(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> None:
     """Momentum observer of the hand's torque, from the torque given in the last step.
 
@@ -146,7 +145,7 @@ def _observe(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: flo
         memory.steady[j] += gains.onset * dt * (memory.external[j] - memory.steady[j])
 
 
-@njit(forceinline=True)
+@kernel
 def _onset(belief: Belief, gains: GuidingGains, memory: GuidingMemory, j: int) -> float:
     """Sign and size, -1 to 1, of a push that has just begun: what lasts without motion is no start."""
     rise = memory.external[j] - memory.steady[j]
@@ -155,7 +154,7 @@ def _onset(belief: Belief, gains: GuidingGains, memory: GuidingMemory, j: int) -
     return min(max(rise / (gains.threshold * belief.coulomb[j]), -1.0), 1.0)
 
 
-@njit(forceinline=True)
+@kernel
 def _feel(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> float:
     """Whether a hand is on the tool, fading: without one friction is left to the joints, and they stop and
     stay."""
@@ -249,7 +248,7 @@ class GuidingLimits(NamedTuple):
     lent: Lent  #: Memory
 
 
-@njit(forceinline=True)
+@kernel
 def fade_out(limits: GuidingLimits, qd: Array, tool_speed: float) -> float:
     """Share of the compensation granted at these speeds, 1 to 0."""
     near = tool_speed / limits.tool_speed
@@ -258,7 +257,7 @@ def fade_out(limits: GuidingLimits, qd: Array, tool_speed: float) -> float:
     return min(max((1.0 - near) / (1.0 - FADE_FROM), 0.0), 1.0)
 
 
-@njit(forceinline=True)
+@kernel
 def watch_guiding(
     limits: GuidingLimits,
     belief: Belief,

@@ -13,7 +13,7 @@ import numpy as np
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot
+from polish_sim.kernels import dot, kernel
 
 HINGE = 0
 SLIDE = 1
@@ -125,7 +125,7 @@ def chain_torque(model: ChainModel, q: Array, qd: Array, qdd: Array, gravity: fl
             _carry_wrench(model, j)
 
 
-@njit(forceinline=True)
+@kernel
 def _turn_link(model: ChainModel, j: int, angle: float) -> None:
     """R_{j-1,j}: the fixed turn, then that of the joint (Rodrigues)."""
     z, fixed, R = model.geometry.axis[j], model.geometry.rotation[j], model.turns[j]
@@ -137,14 +137,14 @@ def _turn_link(model: ChainModel, j: int, angle: float) -> None:
         R[i, 2] = c * fixed[i, 2] + s * (fixed[i, 0] * z[1] - fixed[i, 1] * z[0]) + along * z[2]
 
 
-@njit(forceinline=True)
+@kernel
 def _cross(a: Array, b: Array, i: int) -> float:
     """Element i of a x b."""
     j, k = (i + 1) % 3, (i + 2) % 3
     return a[j] * b[k] - a[k] * b[j]
 
 
-@njit(forceinline=True)
+@kernel
 def _carry_motion(model: ChainModel, j: int, qd: float, qdd: float) -> None:
     """Carry the motion from link j - 1 to link j."""
     before, after = model.motion[j], model.motion[j + 1]
@@ -164,7 +164,7 @@ def _carry_motion(model: ChainModel, j: int, qd: float, qdd: float) -> None:
         after[0, i] += z[i] * qd
 
 
-@njit(forceinline=True)
+@kernel
 def _link_wrench(parameters: Array, motion: Array, wrench: Array) -> None:
     """Wrench of a link about its origin: m a + dw x mc + w x (w x mc) and mc x a + I dw + w x I w."""
     w, dw, a, mc = motion[0], motion[1], motion[2], parameters[1:4]
@@ -187,7 +187,7 @@ def _link_wrench(parameters: Array, motion: Array, wrench: Array) -> None:
     moment[2] += xz * dw[0] + yz * dw[1] + zz * dw[2] + w[0] * h1 - w[1] * h0
 
 
-@njit(forceinline=True)
+@kernel
 def _carry_wrench(model: ChainModel, j: int) -> None:
     """Add the wrench of link j to that of link j - 1."""
     R, p, need, below = model.turns[j], model.geometry.position[j], model.wrench[j + 1], model.wrench[j]
