@@ -6,11 +6,11 @@ arm, found in the run without payload or known beforehand.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from polish_sim.arrays import Array, Indices, rms
 from polish_sim.identification.arm import LoggedRobot, build_arm, play_motion
@@ -24,7 +24,7 @@ from polish_sim.identification.estimate import (
 )
 from polish_sim.identification.fourier import FourierMotion
 from polish_sim.identification.log_file import RobotLog, periodic_states, with_noise
-from polish_sim.identification.physical import is_consistent, parameters_of, pseudo_inertia
+from polish_sim.identification.physical import is_consistent, nearest_bodies
 from polish_sim.identification.regressor import States, TorqueModel
 from polish_sim.identification.robot_model import CarriedLoad
 from polish_sim.identification.settings import IdentifySettings
@@ -38,9 +38,6 @@ from polish_sim.motion.serial_chain import (
 
 BODY_NAMES = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 BODY_UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
-_LOWER = np.tril_indices(4)
-#: Share of its size a body that cannot exist is thickened by before the nearest that can is sought
-_THIN = 1e-6
 
 
 class Body(NamedTuple):
@@ -76,16 +73,9 @@ class Payload:
         if is_consistent(self.parameters[None]):
             return self.parameters
         whiten = np.linalg.cholesky(np.linalg.inv(self.covariance)).T
-        values, vectors = np.linalg.eigh(pseudo_inertia(self.parameters))
-        lifted = (vectors * np.maximum(values, _THIN * max(values[-1], self.std[0]))) @ vectors.T
-
-        def body(x: Array) -> Array:
-            L = np.zeros((4, 4))
-            L[_LOWER] = x
-            return parameters_of(L @ L.T + _THIN * np.diag(np.diag(lifted)))
-
-        start = np.linalg.cholesky(lifted)[_LOWER]
-        return body(least_squares(lambda x: whiten @ (body(x) - self.parameters), start, x_scale="jac").x)
+        mass, inertia = (max(abs(self.parameters[k]), self.std[k]) for k in (0, 4))
+        size = np.array([mass, *[math.sqrt(mass * inertia)] * 3, *[inertia] * 6])
+        return nearest_bodies(whiten, whiten @ self.parameters, size, [np.zeros((4, 4))], np.zeros(0, int))
 
 
 def body_of(parameters: Array, origin: Array) -> Array:

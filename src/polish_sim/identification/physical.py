@@ -1,28 +1,32 @@
 """From base parameters to full ones a real body can have: pseudo-inertia above zero, friction not below.
 
 A body's pseudo-inertia J = [[Sigma, m c], [m c^T, m]], Sigma = tr(I)/2 - I, is positive exactly if a
-distribution of mass has these parameters. J = L L^T + a share of the drawing's, so every fit is consistent;
-directions without effect on torques stay at the drawing.
+distribution of mass has these parameters: the nearest consistent ones solve a semidefinite programme
+(Wensing, Kim and Slotine 2018). Directions without effect on torques stay at the drawing.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import clarabel
 import numpy as np
-from scipy.optimize import least_squares
+from scipy import sparse
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Indices
+from polish_sim.errors import IdentificationError
 from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_names, identifiable
 from polish_sim.identification.regressor import FULL, TorqueModel
 from polish_sim.motion.serial_chain import inertia_at_origin, packed
 from polish_sim.tables import csv_text
 
 _FLOOR = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
-_THIN = 1e-9  #: Share of its size a drawn body is thickened by, so that it has a root
+_THIN = 1e-6  #: And share of its size by which it stays above zero
 _PRIOR = 1.0  #: How far from the drawing parameters are expected, in sizes of the drawing's
-_LOWER = np.tril_indices(4)
+_UPPER = np.tril_indices(4)[::-1]  #: Column by column
 _NOT_NEGATIVE = ("coulomb", "viscous", "armature", "load")
 
 
@@ -59,97 +63,79 @@ def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, dr
     """Full parameters (p,) nearest to the estimated base, in its own covariance, that a body can have.
 
     Directions without effect on torques stay at the drawing.
+
+    Raises:
+        IdentificationError: The programme has no solution to working precision.
     """
-    fit = _ConsistentFit(model, drawing)
+    n, believed = model.joints, drawing.parameters
     correlation = found.covariance / np.outer(found.std, found.std)
     whiten = np.linalg.cholesky(np.linalg.inv(correlation)).T / found.std
-    size = fit.sizes()
-
-    def residuals(x: Array) -> Array:
-        pi = fit.parameters(x)
-        return np.concatenate(
-            [whiten @ (base.combination @ pi - found.theta), (pi - drawing.parameters) / size]
-        )
-
-    def slopes(x: Array) -> Array:
-        J = fit.slopes(x)
-        return np.vstack([whiten @ base.combination @ J, J / size[:, None]])
-
-    return fit.parameters(least_squares(residuals, fit.start(), jac=slopes, x_scale="jac", max_nfev=200).x)
-
-
-class _ConsistentFit:
-    """Parameters as a function of free numbers: ten of L for each link, square roots of friction, offsets."""
-
-    def __init__(self, model: TorqueModel, drawing: Drawing) -> None:
-        self._model, self._drawing = model, drawing
-        n = model.joints
-        own = drawing.parameters[: 10 * n].reshape(n, 10) - drawing.carried
-        self._drawn = [pseudo_inertia(link) for link in own]
-        self._not_negative = np.repeat([term in _NOT_NEGATIVE for term in model.terms], n)
-
-    def start(self) -> Array:
-        """The numbers of the drawing."""
-        links = [_root(J)[_LOWER] for J in self._drawn]
-        friction = self._drawing.parameters[10 * self._model.joints :]
-        return np.concatenate(
-            [*links, np.where(self._not_negative, np.sqrt(np.maximum(friction, 1e-4)), friction)]
-        )
-
-    def parameters(self, x: Array) -> Array:
-        """All parameters, shape (p,)."""
-        n = self._model.joints
-        links = []
-        for number, numbers in enumerate(x[: 10 * n].reshape(n, 10)):
-            L = _lower(numbers)
-            links.append(
-                parameters_of(L @ L.T + _FLOOR * self._drawn[number]) + self._drawing.carried[number]
-            )
-        friction = x[10 * n :]
-        return np.concatenate([*links, np.where(self._not_negative, friction**2, friction)])
-
-    def slopes(self, x: Array) -> Array:
-        """Derivatives of the parameters by the numbers, shape (p, p)."""
-        n = self._model.joints
-        J = np.zeros((len(x), len(x)))
-        for number, numbers in enumerate(x[: 10 * n].reshape(n, 10)):
-            L, first = _lower(numbers), 10 * number
-            for k, (row, column) in enumerate(zip(*_LOWER, strict=True)):
-                E = np.zeros((4, 4))
-                E[row] = L[:, column]
-                J[first : first + 10, first + k] = parameters_of(E + E.T)
-        rest = np.arange(10 * n, len(x))
-        J[rest, rest] = np.where(self._not_negative, 2.0 * x[10 * n :], 1.0)
-        return J
-
-    def sizes(self) -> Array:
-        """How far every parameter is expected from the drawing, shape (p,)."""
-        n = self._model.joints
-        sizes = np.abs(self._drawing.parameters).copy()
-        for number, link in enumerate(self._drawing.parameters[: 10 * n].reshape(n, 10)):
-            inertia = 0.5 * float(link[[4, 6, 9]].sum())
-            arm = np.sqrt(inertia * link[0])
-            sizes[10 * number : 10 * number + 10] = [link[0], *[arm] * 3, *[inertia] * 6]
-        # No drawing tells of a gear's friction: it may be as large as Coulomb's.
-        friction = sizes[10 * n :].reshape(-1, n)
-        friction[len(FULL) :] = friction[:1]
-        return _PRIOR * np.maximum(sizes, 0.1)
+    size = _sizes(believed, n)
+    drawn = [pseudo_inertia(link) for link in believed[: 10 * n].reshape(n, 10) - drawing.carried]
+    return nearest_bodies(
+        np.vstack([whiten @ base.combination, np.diag(1.0 / size)]),
+        np.concatenate([whiten @ found.theta, believed / size]),
+        size,
+        [
+            pseudo_inertia(carried) + _FLOOR * own if own.any() else None
+            for carried, own in zip(drawing.carried, drawn, strict=True)
+        ],
+        10 * n + np.flatnonzero(np.repeat([term in _NOT_NEGATIVE for term in model.terms], n)),
+    )
 
 
-def _root(J: Array) -> Array:
-    """L of a drawn pseudo-inertia less its floor; a body without thickness gets some, none at all stays
-    none."""
-    size = float(np.trace(J))
-    if size <= 0.0:
-        return np.zeros((4, 4))
-    thick = J + _THIN * np.diag([size - J[3, 3]] * 3 + [J[3, 3]])
-    return np.asarray(np.linalg.cholesky((1.0 - _FLOOR) * thick))
+def nearest_bodies(
+    rows: Array, wanted: Array, size: Array, least: Sequence[Array | None], not_negative: Indices
+) -> Array:
+    """Parameters x (p,) with the least |rows x - wanted| among those that bodies can have: a semidefinite
+    programme.
+
+    The first ten are the first link's, and so on. Its pseudo-inertia less the one in ``least`` (4, 4) stays
+    above zero; a link without one has no body. ``size`` (p,): about how large parameters are; the numbers
+    ``not_negative`` are none below zero.
+
+    Raises:
+        IdentificationError: It has no solution to working precision.
+    """
+    count, free, every = len(wanted), len(size), np.diag(size)
+    blocks, limits, cones = [np.hstack([rows * size, -np.eye(count)])], [wanted], [clarabel.ZeroConeT(count)]
+
+    def hold(cone: Any, block: Array, limit: Array) -> None:
+        blocks.append(np.hstack([block, np.zeros((len(block), count))]))
+        limits.append(limit)
+        cones.append(cone)
+
+    hold(clarabel.NonnegativeConeT(len(not_negative)), -every[not_negative], np.zeros(len(not_negative)))
+    for own, floor in zip(every[: 10 * len(least)].reshape(-1, 10, free), least, strict=True):
+        if floor is None:
+            hold(clarabel.ZeroConeT(10), own, np.zeros(10))
+            continue
+        scale = 1.0 / np.sqrt([*[own[4].max()] * 3, own[0].max()])
+        turn = np.outer(scale, scale)[_UPPER] * np.where(_UPPER[0] == _UPPER[1], 1.0, math.sqrt(2.0))
+        shape = np.array([pseudo_inertia(unit)[_UPPER] * turn for unit in np.eye(10)]).T
+        thin = _THIN * (_UPPER[0] == _UPPER[1])
+        hold(clarabel.PSDTriangleConeT(4), -shape @ own, -floor[_UPPER] * turn - thin)
+    quiet = clarabel.DefaultSettings()
+    quiet.verbose = False
+    cost = sparse.diags_array(np.repeat([0.0, 1.0], [free, count]), format="csc")
+    matrix, zero = sparse.csc_array(np.vstack(blocks)), np.zeros(free + count)
+    solved = clarabel.DefaultSolver(cost, zero, matrix, np.concatenate(limits), cones, quiet).solve()
+    if str(solved.status) not in ("Solved", "AlmostSolved"):
+        raise IdentificationError(f"no bodies fit what was estimated: {solved.status}.")
+    return size * np.array(solved.x[:free])
 
 
-def _lower(numbers: Array) -> Array:
-    L = np.zeros((4, 4))
-    L[_LOWER] = numbers
-    return L
+def _sizes(believed: Array, n: int) -> Array:
+    """How far every parameter is expected from the drawing, shape (p,)."""
+    sizes = np.abs(believed)
+    for number, link in enumerate(believed[: 10 * n].reshape(n, 10)):
+        inertia = 0.5 * float(link[[4, 6, 9]].sum())
+        arm = np.sqrt(inertia * link[0])
+        sizes[10 * number : 10 * number + 10] = [link[0], *[arm] * 3, *[inertia] * 6]
+    # No drawing tells of a gear's friction: it may be as large as Coulomb's.
+    friction = sizes[10 * n :].reshape(-1, n)
+    friction[len(FULL) :] = friction[:1]
+    return _PRIOR * np.maximum(sizes, 0.1)
 
 
 COLUMNS = ("name", "value", "unit", "std", "identifiable", "low_95", "high_95", "true_value")
