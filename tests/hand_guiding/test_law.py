@@ -146,6 +146,16 @@ def test_without_a_hand_friction_is_left_to_the_joint(belief: Belief) -> None:
     assert memory.torque[0] == pytest.approx(MASS * 9.81 * ARM * math.cos(0.3))
 
 
+def test_an_elastic_joint_is_helped_the_way_it_was_moved_last(belief: Belief) -> None:
+    """Also while it stands; a step of the law at the first and last speed is twice the way that counts."""
+    memory, law = build_memory(1), gains("assist", hand_felt=0.0)._replace(start=1e-5)
+    for speed, way in ((0.02, 1.0), (0.0, 1.0), (-0.01, 0.0), (-0.02, -1.0), (0.0, -1.0)):
+        memory.qd[0] = speed
+        guide_by_hand(belief, law, memory, 1.0, DT)
+        eased = memory.torque[0] - memory.weight[0]
+        assert eased == pytest.approx(0.95 * (COULOMB * way + VISCOUS * speed), abs=1e-9)
+
+
 def test_encoders_read_in_steps() -> None:
     memory, law = build_memory(1), gains("inertia")._replace(encoder=1e-3)
     read_encoders(law, memory, np.array([0.0104]), DT, True)

@@ -145,7 +145,9 @@ def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: 
         raise unknown_name("guide.encoder_side", guide.encoder_side, SIDES)
     real = replace(scenario.robot.real, servo_side=guide.encoder_side)
     elastic = replace(scenario, robot=replace(scenario.robot, real=real))
-    return GuidedArm(model, belief, gains._replace(encoder=real.encoder_rad), limits, hand, elastic)
+    start = guide.start_rad if gains.assist > 0.0 else 0.0
+    gains = gains._replace(encoder=real.encoder_rad, start=start)
+    return GuidedArm(model, belief, gains, limits, hand, elastic)
 
 
 def hand_of(config: HandConfig) -> Hand:

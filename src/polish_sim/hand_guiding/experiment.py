@@ -101,7 +101,7 @@ TEACH = Experiment(
         *("--mode", "--direction", "--duration", "--follow"),
         *(*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS, *WATCH_OPTIONS),
     ),
-    only_with={("--follow",): (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS)},
+    only_with={("--follow",): (*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter")},
     not_with=(Excludes("--follow", "says where the hand goes", ("--direction", "--duration")),),
     title=_title,
     controlled=False,

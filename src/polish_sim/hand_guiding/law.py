@@ -2,9 +2,10 @@
 
     tau = wg (g(q) + tare) + kc fc s(qd) + kv fv qd + alpha M(q) qdd_f
 
-s is tanh(qd / vs); with the start-up assist the sign of the hand's torque, as a momentum observer sees it,
-takes its place at standstill. qdd_f is the low-passed difference of the measured speed. Coriolis torques are
-left out.
+s is tanh(qd / vs). With the start-up assist of an ideal arm the sign of the hand's torque, as a momentum
+observer sees it, takes its place at standstill; of elastic joints s is the way each was moved last, as a hand
+that winds up a gear moves it before friction breaks away. qdd_f is the low-passed difference of the measured
+speed. Coriolis torques are left out.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ class GuidingGains(NamedTuple):
     sign_speed: float  #: vs [rad/s]
     threshold: float  #: Observed torque that counts as a full push, by the joint's Coulomb friction [-]
     onset: float  #: Bandwidth of the slow part of the observed torque, which is no start [rad/s]
+    start: float  #: Way in which an elastic joint's direction builds up [rad]; 0: rigid
     felt: float  #: Observed torque from which a hand is felt, by the joint's Coulomb friction [-]; 0: always
     acceleration_blend: float  #: Weight of a new sample in the low-pass of the acceleration [-]
     observer: float  #: Bandwidth of the momentum observer [rad/s]
@@ -67,6 +69,7 @@ class GuidingMemory(NamedTuple):
     external: Array  #: Torque of the hand as observed [N m]
     impulse: Array  #: Integral of the observer [N m s]
     steady: Array  #: Slow part of the observed torque [N m]
+    lean: Array  #: Way an elastic joint was moved last, -1 to 1
     grip: Array  #: First entry: how surely a hand is on the tool, 0 to 1
     tare: Array  #: Torque the servos had to give beyond the model while they held the arm [N m]
     weight: Array  #: Gravity torque of the model [N m]
@@ -107,9 +110,13 @@ def guide_by_hand(
     chain_torque(belief.chain, memory.q, memory.still, memory.qdd, 0.0, memory.part)
     for j in range(memory.q.shape[0]):
         qd = memory.qd[j]
-        dry = dry_friction(belief, memory, j, qd)
-        eased = gains.coulomb * dry * math.tanh(qd / gains.sign_speed)
-        if gains.assist > 0.0:
+        lean = math.tanh(qd / gains.sign_speed)
+        if gains.start > 0.0:
+            lean = min(max(memory.lean[j] + dt * qd / gains.start, -1.0), 1.0)
+            memory.lean[j] = lean
+        dry = dry_friction(belief, memory, j, lean)
+        eased = gains.coulomb * dry * lean
+        if gains.assist > 0.0 and gains.start == 0.0:
             at_rest = math.exp(-((qd / gains.sign_speed) ** 2))
             eased += at_rest * (gains.assist * dry * _onset(belief, gains, memory, j) - eased)
         eased += gains.viscous * belief.viscous[j] * qd + gains.inertia * memory.part[j]
@@ -157,12 +164,18 @@ def _onset(belief: Belief, gains: GuidingGains, memory: GuidingMemory, j: int) -
 @kernel
 def _feel(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float) -> float:
     """Whether a hand is on the tool, fading: without one friction is left to the joints, and they stop and
-    stay."""
+    stay.
+
+    An elastic joint that is pushed back has no need of help: its friction brakes it.
+    """
     if gains.felt == 0.0:
         return 1.0
     felt = False
     for j in range(memory.q.shape[0]):
-        felt = felt or abs(memory.external[j]) > gains.felt * belief.coulomb[j]
+        push = abs(memory.external[j])
+        if gains.start > 0.0:
+            push = memory.external[j] * memory.lean[j]
+        felt = felt or push > gains.felt * belief.coulomb[j]
     rate = dt / (ON_S if felt else OFF_S)
     memory.grip[0] = min(memory.grip[0] + rate, 1.0) if felt else max(memory.grip[0] - rate, 0.0)
     return memory.grip[0]
@@ -208,6 +221,7 @@ def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
         sign_speed=guide.sign_speed_rad_s,
         threshold=guide.assist_threshold,
         onset=1.0 / guide.assist_memory_s,
+        start=0.0,
         felt=m.assist * guide.hand_felt,
         acceleration_blend=1.0 - math.exp(-2.0 * math.pi * guide.acceleration_filter_hz * dt),
         observer=2.0 * math.pi * guide.observer_hz,
