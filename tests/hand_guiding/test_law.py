@@ -147,9 +147,9 @@ def test_without_a_hand_friction_is_left_to_the_joint(belief: Belief) -> None:
 
 
 def test_an_elastic_joint_is_helped_the_way_it_was_moved_last(belief: Belief) -> None:
-    """Also while it stands; a step of the law at the first and last speed is twice the way that counts."""
+    """Also while it stands."""
     memory, law = build_memory(1), gains("assist", hand_felt=0.0)._replace(start=1e-5)
-    for speed, way in ((0.02, 1.0), (0.0, 1.0), (-0.01, 0.0), (-0.02, -1.0), (0.0, -1.0)):
+    for speed, way in ((0.02, 1.0), (0.0, 1.0), (-0.02, -1.0)):
         memory.qd[0] = speed
         guide_by_hand(belief, law, memory, 1.0, DT)
         eased = memory.torque[0] - memory.weight[0]

@@ -145,8 +145,7 @@ def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: 
         raise unknown_name("guide.encoder_side", guide.encoder_side, SIDES)
     real = replace(scenario.robot.real, servo_side=guide.encoder_side)
     elastic = replace(scenario, robot=replace(scenario.robot, real=real))
-    start = guide.start_rad if gains.assist > 0.0 else 0.0
-    gains = gains._replace(encoder=real.encoder_rad, start=start)
+    gains = gains._replace(encoder=real.encoder_rad, start=guide.start_rad * (gains.assist > 0.0))
     return GuidedArm(model, belief, gains, limits, hand, elastic)
 
 

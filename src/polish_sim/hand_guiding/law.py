@@ -3,9 +3,8 @@
     tau = wg (g(q) + tare) + kc fc s(qd) + kv fv qd + alpha M(q) qdd_f
 
 s is tanh(qd / vs). With the start-up assist of an ideal arm the sign of the hand's torque, as a momentum
-observer sees it, takes its place at standstill; of elastic joints s is the way each was moved last, as a hand
-that winds up a gear moves it before friction breaks away. qdd_f is the low-passed difference of the measured
-speed. Coriolis torques are left out.
+observer sees it, takes its place at standstill; of elastic joints s is the way each was moved last. qdd_f is
+the low-passed difference of the measured speed. Coriolis torques are left out.
 """
 
 from __future__ import annotations
@@ -53,11 +52,11 @@ class GuidingGains(NamedTuple):
     sign_speed: float  #: vs [rad/s]
     threshold: float  #: Observed torque that counts as a full push, by the joint's Coulomb friction [-]
     onset: float  #: Bandwidth of the slow part of the observed torque, which is no start [rad/s]
-    start: float  #: Way in which an elastic joint's direction builds up [rad]; 0: rigid
     felt: float  #: Observed torque from which a hand is felt, by the joint's Coulomb friction [-]; 0: always
     acceleration_blend: float  #: Weight of a new sample in the low-pass of the acceleration [-]
     observer: float  #: Bandwidth of the momentum observer [rad/s]
     encoder: float  #: Step of the encoders [rad]; 0: exact
+    start: float = 0.0  #: Way in which an elastic joint's direction builds up [rad]; 0: rigid
 
 
 class GuidingMemory(NamedTuple):
@@ -172,10 +171,11 @@ def _feel(belief: Belief, gains: GuidingGains, memory: GuidingMemory, dt: float)
         return 1.0
     felt = False
     for j in range(memory.q.shape[0]):
-        push = abs(memory.external[j])
-        if gains.start > 0.0:
-            push = memory.external[j] * memory.lean[j]
-        felt = felt or push > gains.felt * belief.coulomb[j]
+        push = memory.external[j]
+        felt = (
+            felt
+            or (push * memory.lean[j] if gains.start > 0.0 else abs(push)) > gains.felt * belief.coulomb[j]
+        )
     rate = dt / (ON_S if felt else OFF_S)
     memory.grip[0] = min(memory.grip[0] + rate, 1.0) if felt else max(memory.grip[0] - rate, 0.0)
     return memory.grip[0]
@@ -221,7 +221,6 @@ def gains_of(mode: str, guide: GuideConfig, dt: float) -> GuidingGains:
         sign_speed=guide.sign_speed_rad_s,
         threshold=guide.assist_threshold,
         onset=1.0 / guide.assist_memory_s,
-        start=0.0,
         felt=m.assist * guide.hand_felt,
         acceleration_blend=1.0 - math.exp(-2.0 * math.pi * guide.acceleration_filter_hz * dt),
         observer=2.0 * math.pi * guide.observer_hz,
