@@ -49,6 +49,7 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: T
         (("--duration", "-1"), "--duration -1 is outside 0 to 60 s"),
         (("--contact-force", "20"), "--contact-force would change nothing in 'run teach'"),
         (("--dry-run",), "--dry-run would change nothing in 'run teach'"),
+        (("--set", "robot.real.encoder_rad=4.8e-5"), "too coarse for --mode assist"),
         (("--set", "guide.model_file=gone.xml"), "'gone.xml' is not a robot's MJCF"),
     ],
 )

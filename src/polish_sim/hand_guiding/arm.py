@@ -29,6 +29,8 @@ from polish_sim.motion.serial_chain import SerialChain, chain_model
 
 #: The head's slide is clamped while a hand guides: dry friction far above its weight [N]
 CLAMP_N = 100.0
+#: Step of the encoders up to which a released arm stands still with an assist that goes by them
+COARSEST_RAD = 2e-5
 
 
 class LaidPart(NamedTuple):
@@ -145,6 +147,11 @@ def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: 
         raise unknown_name("guide.encoder_side", guide.encoder_side, SIDES)
     real = replace(scenario.robot.real, servo_side=guide.encoder_side)
     elastic = replace(scenario, robot=replace(scenario.robot, real=real))
+    if gains.assist > 0.0 and real.encoder_rad > COARSEST_RAD:
+        raise InputError(
+            f"robot.real.encoder_rad = {real.encoder_rad:g} rad is too coarse for --mode {mode}: when it is "
+            f"released the arm would drive on. Give {COARSEST_RAD:g} or less, or --mode classical."
+        )
     gains = gains._replace(encoder=real.encoder_rad, start=guide.start_rad * (gains.assist > 0.0))
     return GuidedArm(model, belief, gains, limits, hand, elastic)
 
