@@ -10,8 +10,9 @@ import os
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import typer
 
@@ -36,14 +37,21 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
     gc.set_threshold(200_000)
     # More threads would mostly wait for each other: the systems solved here are small.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+    def invoke() -> Any:
+        command = typer.main.get_command(commands)
+        with command.make_context("polish-sim", list(arguments) or ["--help"]) as context:
+            return command.invoke(context)
+
+    return exit_code(invoke, "--debug" in arguments)
+
+
+def exit_code(work: Callable[[], Any], debug: bool = False) -> int:
+    """Do some work; what it returns, or the code of the message that its error becomes."""
     swallowed: list[object] = []
     try:
-        command = typer.main.get_command(commands)
-        with (
-            _interrupts_kept(swallowed),
-            command.make_context("polish-sim", list(arguments) or ["--help"]) as context,
-        ):
-            outcome = command.invoke(context)
+        with _interrupts_kept(swallowed):
+            outcome = work()
     except typer.Exit as end:
         return end.exit_code
     except PolishSimError as error:
@@ -59,7 +67,7 @@ def execute(commands: typer.Typer, arguments: Sequence[str]) -> int:
             return console.fail(NOTHING_RECORDED, INTERRUPTED)
         if isinstance(error, OSError) and error.errno in NO_ROOM:
             return console.fail(f"cannot write: {error.strerror}. Make room, or write elsewhere.", USAGE)
-        return console.fail(_bug_message(error, "--debug" in arguments), BUG)
+        return console.fail(_bug_message(error, debug), BUG)
     return outcome if isinstance(outcome, int) else DONE
 
 

@@ -18,16 +18,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE
+from polish_sim.cli.boundary import BUG, DONE, exit_code
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, put, refuse_taken
 from polish_sim.cli.view import Address, live_address
 from polish_sim.config.key import RUN
-from polish_sim.errors import InputError, PolishSimError, count_text, leave_out, unknown_name
+from polish_sim.errors import InputError, count_text, leave_out, unknown_name
 from polish_sim.experiments.registry import check_flange, experiment
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+    from multiprocessing.process import BaseProcess
 
     from polish_sim.cell import Cell
     from polish_sim.cell.cell import CellRun
@@ -114,40 +115,39 @@ def serve(given: Given) -> int:
 def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> int:
     """Serve a robot at the first address, each of the others in a process of its own, and write what is left
     of them."""
-    apart = multiprocessing.get_context("spawn").Process
-    beside = [
-        apart(target=_beside, args=(given, *own)) for own in zip(addresses[1:], folders[1:], strict=True)
-    ]
-    real_time, stopped = given["--speed"] != SPEEDS[1], True
-    with ExitStack() as open_:
-        with console.progress() as observer:
-            job = _prepared(given, _case(given), observer)
-            reader = open_.enter_context(_reader()) if real_time else None
-            controller = _controller(job, given, reader, observer)
-        try:
+    apart, code = multiprocessing.get_context("spawn").Process, DONE
+    real_time, others = given["--speed"] != SPEEDS[1], list(zip(addresses, folders, strict=True))[1:]
+    beside = [apart(target=_beside, args=(given, *own), name=own[0]) for own in others]
+    with ExitStack() as started:
+        with ExitStack() as open_:
+            with console.progress() as observer:
+                job = _prepared(given, _case(given), observer)
+                reader = open_.enter_context(_reader()) if real_time else None
+                controller = _controller(job, given, reader, observer)
             for process in beside:
                 process.start()
-            stopped = _serve(job, given, addresses[0], controller, real_time)
-        finally:
-            for process in beside if stopped else ():
-                process.terminate()
-    folders[0].mkdir(exist_ok=True)
-    put(folders[0], LOG, "".join(f"{line}\n" for line in controller.log))
-    _write_run(job, controller, folders[0])
-    for process in beside:
-        process.join()
-    codes = [process.exitcode or DONE for process in beside]  # below 0: ended by a signal, as by us
-    return max([DONE, *(code if stopped else abs(code) for code in codes)])
+                started.callback(process.kill)  # of what has ended already it does nothing
+            if _serve(job, given, addresses[0], controller, real_time, beside):
+                for process in beside:
+                    process.terminate()
+        folders[0].mkdir(exist_ok=True)
+        put(folders[0], LOG, "".join(f"{line}\n" for line in controller.log))
+        _write_run(job, controller, folders[0])
+        for process in beside:
+            process.join()
+            if process.exitcode not in (DONE, -signal.SIGTERM):
+                code = abs(process.exitcode or BUG)
+                console.note(
+                    f"warning: the robot at {process.name} ended with {code}: its folder is not whole."
+                )
+    return code
 
 
 def _beside(given: Given, address: str, folder: Path) -> None:
     """Another robot, in a process of its own."""
     _end_with_starter()
-    try:
-        code = _robot(given, [address], [folder])
-    except PolishSimError as error:
-        code = console.fail(str(error), error.exit_code)
-    sys.exit(code)
+    console.note(f"the robot at {address}:")
+    sys.exit(exit_code(lambda: _robot(given, [address], [folder])))
 
 
 def _end_with_starter() -> None:
@@ -261,8 +261,16 @@ def _controller(job: _Job, given: Given, reader: Executor | None, observer: Any)
 # Serving.
 
 
-def _serve(job: _Job, given: Given, address: str, controller: Controller, real_time: bool) -> bool:
-    """Serve until told to end, or until the time is over; whether it was told to."""
+def _serve(
+    job: _Job,
+    given: Given,
+    address: str,
+    controller: Controller,
+    real_time: bool,
+    beside: Sequence[BaseProcess],
+) -> bool:
+    """Serve until told to end, one of the others has ended or the time is over; whether it was not the
+    time."""
     from polish_sim.cell.observer import interrupts_noted
     from polish_sim.motion.makes import used_arm
     from polish_sim.ur.physics import TICK_S
@@ -274,6 +282,10 @@ def _serve(job: _Job, given: Given, address: str, controller: Controller, real_t
     started, most = time.perf_counter(), (given["--for"] or math.inf) / TICK_S
     sys.setswitchinterval(SWITCH_S)
     gc.freeze()  # what is here stays: collecting looks at what comes later only
+
+    def told() -> bool:
+        return interrupt.seen or asked.is_set() or not all(process.is_alive() for process in beside)
+
     try:
         with (
             before_others() if real_time else nullcontext(),
@@ -284,16 +296,17 @@ def _serve(job: _Job, given: Given, address: str, controller: Controller, real_t
                 f"serving a {used_arm().label} (PolyScope {'.'.join(map(str, controller.version[:2]))}) at "
                 f"{address}; Ctrl-C ends it"
             )
-            server.run(lambda: interrupt.seen or asked.is_set() or robot.ticks >= most)
+            server.run(lambda: told() or robot.ticks >= most)
     finally:
         server.close()
     job.wall_s = time.perf_counter() - started
     if (pace := server.pace).ticks:
         console.say(
-            f"real time: of {count_text(pace.ticks, 'cycle')} {100.0 * (1.0 - pace.late / pace.ticks):.3f}% "
-            f"within 2.5 ms of when they were due, the latest {1e3 * pace.worst_s:.1f} ms late"
+            f"{address}, real time: of {count_text(pace.ticks, 'cycle')} "
+            f"{100.0 * (1.0 - pace.late / pace.ticks):.3f}% within 2.5 ms of when they were due, the latest "
+            f"{1e3 * pace.worst_s:.1f} ms late"
         )
-    return interrupt.seen or asked.is_set()
+    return told()
 
 
 @contextmanager
