@@ -155,7 +155,8 @@ def _end_with_starter() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
-        multiprocessing.connection.wait([multiprocessing.parent_process().sentinel])  # type: ignore[union-attr]
+        starter = multiprocessing.parent_process()
+        multiprocessing.connection.wait([starter.sentinel])  # type: ignore[union-attr]
         signal.raise_signal(signal.SIGTERM)
 
     threading.Thread(target=watch, daemon=True).start()
