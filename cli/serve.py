@@ -136,7 +136,7 @@ def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> i
         for process in beside:
             process.join()
             if process.exitcode not in (DONE, -signal.SIGTERM):
-                code = abs(process.exitcode or BUG)
+                code = max(process.exitcode or DONE, DONE) or BUG
                 console.note(
                     f"warning: the robot at {process.name} ended with {code}: its folder is not whole."
                 )
