@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from polish_sim.dual.calibrate_bases import (
 from polish_sim.dual.calibration.arm import held_out_rms
 from polish_sim.dual.calibration.circle import (
     BaseFrame,
+    Circle,
     base_from_circles,
     base_from_meeting_axes,
     fit_circle,
@@ -86,19 +88,21 @@ def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets: Array
     assert found.gap < 1e-12
 
 
+@cache
+def drawn_circles() -> list[tuple[Circle, Circle]]:
+    """Of both axes, with noise, 300 times."""
+    rng, exact = np.random.default_rng(1), (arc(0), arc(1))
+    return [tuple(fit_circle(noisy(points, rng), SIGMA) for points in exact) for _ in range(300)]
+
+
 @pytest.mark.parametrize(
     ("rule", "origin", "tilt"), [(base_from_circles, 2.1e-5, 1.1e-3), (base_from_meeting_axes, 1.7e-5, 1e-3)]
 )
 def test_the_base_is_as_good_as_asked_and_as_stated(
     rule: Callable[..., BaseFrame], origin: float, tilt: float
 ) -> None:
-    rng, found, errors = np.random.default_rng(1), [], []
-    exact = [arc(0), arc(1)]
-    for _ in range(300):
-        base = rule(*(fit_circle(noisy(points, rng), SIGMA) for points in exact))
-        errors.append(step_from(T_TRACKER_BASE, base.T))
-        found.append(base)
-    errors, covariance = np.array(errors), found[0].covariance
+    found = [rule(*circles) for circles in drawn_circles()]
+    errors, covariance = np.array([step_from(T_TRACKER_BASE, base.T) for base in found]), found[0].covariance
     # Mahalanobis distances average to the number of unknowns.
     distance = np.einsum("na,ab,nb->n", errors, np.linalg.inv(covariance), errors)
     assert np.mean(distance) == pytest.approx(6.0, abs=0.8)

@@ -88,6 +88,13 @@ def test_ten_times_the_noise_is_ten_times_the_error(prediction: Prediction) -> N
         np.testing.assert_allclose(many[name], 100.0 * one[name], rtol=1e-3, atol=1e-13)
 
 
+@pytest.fixture
+def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What holds for every design of the calibrations is looked at for one."""
+    monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
+
+
+@pytest.mark.usefixtures("one_design")
 def test_an_exact_tracker_leaves_the_touches_alone() -> None:
     exact = replace(ONE_BY_ONE, draws=2, dual=replace(ONE_BY_ONE.dual, tracker_noise_m=0.0))
     errors = list(draw_errors(exact))
@@ -103,6 +110,7 @@ def test_an_exact_tracker_leaves_the_touches_alone() -> None:
     )
 
 
+@pytest.mark.usefixtures("one_design")
 def test_exact_instruments_put_the_tool_where_it_is_wanted() -> None:
     exact = replace(TRIAL, draws=1, dual=DualConfig(tracker_noise_m=0.0, touch_noise_m=0.0))
     for errors in next(draw_errors(exact)).values():

@@ -3,10 +3,10 @@ refused."""
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,7 +23,7 @@ from polish_sim.dual.frames import true_chain
 from polish_sim.dual.master import master_motion
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.scene import Held, build_pair_scene
-from polish_sim.dual.task import prepare_dual
+from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.errors import CalibrationError, ConfigError, InputError, PlanError, ReachError
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
 from polish_sim.geometry import load_part
@@ -64,6 +64,20 @@ def base_file(folder: Path, off_m: float, true: bool = True) -> Path:
     file = folder / "calibration.toml"
     file.write_text("\n".join(lines), encoding="utf-8")
     return file
+
+
+def task_and_run(scenario: Scenario, plan: PlanResult | None = None) -> tuple[DualTask, RunResult]:
+    """A run, and what it prepared."""
+    tasks: list[DualTask] = []
+
+    def prepare(*asked: Any) -> DualTask:
+        tasks.append(prepare_dual(*asked))
+        return tasks[0]
+
+    with pytest.MonkeyPatch.context() as watched:
+        watched.setattr("polish_sim.dual.dual.prepare_dual", prepare)
+        run = run_experiment(scenario, plan)
+    return tasks[0], run
 
 
 @pytest.fixture(scope="module")
@@ -252,24 +266,27 @@ def test_an_even_removal_by_a_tool_that_touches_nothing_is_refused() -> None:
         check_experiment(dual("plan.removal=even", "dual.standoff_m=0.005"))
 
 
-@pytest.mark.parametrize(("travel_m", "reached"), [(0.3, True), (2.0, False)])
-def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes(
-    travel_m: float, reached: bool
-) -> None:
+def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes() -> None:
     task = prepare_dual(dual(*EXACT))
     chain, start = task.frames.believed, task.reach
-    scenario = dual(f"dual.master_travel_m={travel_m}")
-    way = master_motion(scenario, task.place.path, task.place.region.up, chain).way
-    poses = chain.master_flange(way(start.T_master_work, np.linspace(0.0, 400.0, 801)))
-    with nullcontext() if reached else pytest.raises(ReachError, match="the master cannot bring its flange"):
+
+    def follow(travel_m: float) -> None:
+        scenario = dual(f"dual.master_travel_m={travel_m}")
+        way = master_motion(scenario, task.place.path, task.place.region.up, chain).way
+        poses = chain.master_flange(way(start.T_master_work, np.linspace(0.0, 400.0, 801)))
         follow_joints(poses, start.q_master, "master")
+
+    follow(0.3)
+    with pytest.raises(ReachError, match="the master cannot bring its flange"):
+        follow(2.0)
 
 
 @cache
 def two_stretches() -> PlanResult:
-    """The rim's path, a piece of it lifted off the part."""
+    """A third of the rim's path, a piece of it lifted off the part."""
     scenario = dual()
-    path = prepare_dual(scenario).place.path
+    path = check_experiment(scenario)[0]
+    path = path.rows(path.s < path.length_m / 3.0)
     first, last = len(path.s) // 2, len(path.s) // 2 + 20
     points, segment = path.positions_work.copy(), path.segment.copy()
     points[first:last] += 0.03 * path.axes_work[first:last]
@@ -353,14 +370,14 @@ def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def real() -> RunResult:
-    return run_experiment(dual("robot.arm=ur5e", f"process.max_feed_s={PRESSED_S}"))
+def real() -> tuple[DualTask, RunResult]:
+    return task_and_run(dual("robot.arm=ur5e", f"process.max_feed_s={PRESSED_S}"))
 
 
 def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(
-    real: RunResult, pressed: RunResult
+    real: tuple[DualTask, RunResult], pressed: RunResult
 ) -> None:
-    figures = real.figures
+    figures = real[1].figures
     assert figures["protective_stop"] is None
     assert figures["force_max_deviation_n"] <= 1.5
     assert figures["chain_residual_m"] < 1e-9
@@ -381,9 +398,11 @@ def test_without_gears_in_the_way_calibration_finds_arms_with_rotors_as_it_does_
         np.testing.assert_allclose(believed, true, atol=2e-5)
 
 
-def test_the_way_found_with_arms_as_drawn_is_taken_again_once_they_are_calibrated(real: RunResult) -> None:
+def test_the_way_found_with_arms_as_drawn_is_taken_again_once_they_are_calibrated(
+    real: tuple[DualTask, RunResult],
+) -> None:
     """Otherwise tables made around the work in one configuration would be used in another."""
-    task = prepare_dual(real.scenario)
+    task = real[0]
     for robot, q in (("master", task.reach.q_master), ("follower", task.reach.q_follower)):
         off = task.arms.resting_flange(robot, q)[:3, 3] - forward(q)[:3, 3]
         assert np.linalg.norm(off) < 3e-4

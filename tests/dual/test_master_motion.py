@@ -26,7 +26,7 @@ from polish_sim.experiments import RunResult, run_experiment
 from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.spatial import inverse
-from tests.dual.test_dual import EXACT, dual, two_stretches
+from tests.dual.test_dual import EXACT, dual, task_and_run, two_stretches
 
 FEED, RADIUS = 0.05, 0.08
 ABOVE = ("dual.standoff_m=0.005", f"process.feed_m_s={FEED}", *EXACT)
@@ -80,11 +80,8 @@ def between(task: DualTask, run: RunResult) -> tuple[Array, Array]:
 @pytest.fixture(scope="module")
 def stretches() -> tuple[DualTask, RunResult]:
     """The rim's path in two stretches, above the part, which turns and goes along."""
-    plan = two_stretches()
-    scenario = dual(
-        *ABOVE, "dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0"
-    )
-    return prepare_dual(scenario, plan), run_experiment(scenario, plan)
+    moving = ("dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0")
+    return task_and_run(dual(*ABOVE, *moving), two_stretches())
 
 
 def test_two_stretches_above_the_part_are_followed_as_the_check_looked_at_them(
@@ -181,7 +178,7 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(
 
 
 def test_an_arc_bends_in_the_run_as_told() -> None:
-    task = prepare_dual(dual(*ABOVE, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02"))
+    task = prepare_dual(dual(*SHORT, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02"))
     places = (forward(task.master.q) @ task.frames.true.T_flange_gripper)[:, :3, 3]
     # Along y at first, and to the right: the middle is at +x.
     middle = places[0] + np.array([0.05, 0.0, 0.0])

@@ -118,7 +118,7 @@ def test_touches_two_millimetres_off_are_named_and_left_out(wrong: list[int]) ->
 
 def test_nothing_is_left_out_of_good_touches() -> None:
     rng = np.random.default_rng(5)
-    for _ in range(200):
+    for _ in range(60):
         found = fit_tool_point_without_outliers(touches(planned(), SIGMA * rng.standard_normal((10, 3))))
         assert found.used.all()
 
