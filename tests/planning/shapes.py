@@ -138,9 +138,13 @@ def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig) -> PlanResult:
     return plan_part(PartConfig(str(file), up="z"), plan)
 
 
-@cache
 def shipped_plan(name: str, pattern: str = "spiral") -> PlanResult:
     """The plan of a shipped part with 8 mm step-over; made once for all tests."""
+    return _made_once(name, pattern)
+
+
+@cache
+def _made_once(name: str, pattern: str) -> PlanResult:
     return plan_part(PartConfig(name), PlanConfig(pattern=pattern, stepover_m=0.008))
 
 

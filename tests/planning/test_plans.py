@@ -18,8 +18,8 @@ WHOLE = (*DISCS, "cylinder", "sphere_100", RING)
 PLANS = [
     *((name, "spiral", 1, 0.995) for name in WHOLE),
     *((name, "contour", 1, 0.995) for name in ("plate", "freeform", RING)),
-    *((name, "raster", 1, 0.995) for name in (*DISCS, "cylinder")),
-    *((name, "fermat", 1, 0.995) for name in (*DISCS, RING, HOLES)),
+    *((name, "raster", 1, 0.995) for name in ("plate", "freeform", "cylinder")),
+    *((name, "fermat", 1, 0.995) for name in ("plate", "freeform", RING, HOLES)),
     *((name, "contour", 20, 0.995) for name in ("saddle", HOLES)),
     *((name, "raster", 4, 0.99) for name in (RING, HOLES)),
     (HOLES, "spiral", 3, 0.99),
@@ -46,11 +46,6 @@ def test_a_part_is_covered_in_few_strokes_on_its_surface_without_crossings(name,
     assert np.diff(path.pass_index).min() >= 0
 
 
-def four_holes(x, y):
-    holes = (x + 60) ** 2 + (y - 50) ** 2, (x - 55) ** 2 + (y - 40) ** 2, (x - 20) ** 2 + (y + 50) ** 2
-    return (np.min(holes, axis=0) > 20**2) & ((x + 50) ** 2 + (y + 40) ** 2 > 28**2)
-
-
 OUTLINES = {
     "arm": (lambda x, y: (np.abs(x) < 70) & (y < -10) | (x < -10), 160.0),
     "neck": (lambda x, y: (np.abs(y) < 10) | (np.abs(x) > 40), 200.0),
@@ -58,7 +53,6 @@ OUTLINES = {
     "even frame": (lambda x, y: np.maximum(np.abs(x), np.abs(y)) > 40, 160.0),
     "uneven frame": (lambda x, y: np.maximum(np.abs(x), np.abs(y + 10)) > 35, 160.0),
     "notch": (lambda x, y: (np.abs(x) > 20) | (y < 10), 160.0),
-    "four holes": (four_holes, 240.0),
 }
 
 
@@ -68,20 +62,22 @@ OUTLINES = {
         ("arm", "spiral", 9, 0.97),
         ("neck", "spiral", 3, 0.97),
         ("even frame", "spiral", 1, 0.97),
-        ("four holes", "spiral", 3, 0.99),
         ("arm", "fermat", 1, 0.98),
         ("wide neck", "fermat", 1, 0.98),
         ("uneven frame", "fermat", 2, 0.98),
         ("notch", "raster", 2, 0.99),
     ],
 )
-def test_arms_necks_frames_and_holes_are_covered_in_few_strokes(shape, pattern, strokes, share, tmp_path):
+def test_arms_necks_and_frames_are_covered_in_few_strokes(shape, pattern, strokes, share, tmp_path):
     plan = PlanConfig(pattern=pattern, stepover_m=STEP, raster_direction=(1.0, 0.0, 0.0))
     figures = plan_of(prism(*OUTLINES[shape]), tmp_path / "part.stl", plan).figures
     assert figures["retracts"] <= strokes
     assert figures["self_crossings"] == 0
     assert figures["coverage_stepover"] > share
-    assert figures["stepover_p5_m"] >= 0.8 * STEP or shape != "four holes"
+
+
+def test_round_holes_too_the_turns_of_a_spiral_stay_apart():
+    assert shipped_plan(HOLES).figures["stepover_p5_m"] >= 0.8 * STEP
 
 
 @pytest.mark.parametrize("name", WHOLE)

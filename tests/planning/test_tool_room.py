@@ -118,7 +118,6 @@ def planned(part):
         ("pocket", "spiral", 50.0),
         ("pocket", "contour", 20.0),
         ("walled plate", "raster", 16.0),
-        ("boss", "spiral", 20.0),
         ("boss", "fermat", 20.0),
         ("shelf", "raster", 20.0),
         ("bowl", "spiral", 30.0),
