@@ -202,6 +202,7 @@ def run_once(
     """
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.run_record import METRICS, stop_mark, write_json
+    from polish_sim.cell.observer import results_kept
     from polish_sim.cli.outcome import Outcome, other_conditions
     from polish_sim.experiments.report import save_plots, write_page
 
@@ -213,7 +214,10 @@ def run_once(
                 stack.enter_context(sink)
             stack.enter_context(observer.compiling.ahead(scenario))
             planned, scenario = plan_to_run(scenario, plan, observer, draft)
-            record = simulate(scenario, planned, draft, observer, sinks)
+            with results_kept() as again:
+                record = simulate(scenario, planned, draft, observer, sinks)
+            if again.seen:
+                raise KeyboardInterrupt
             observer.stage("draw")
             stop = stop_mark(record.metrics)
             model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)

@@ -115,10 +115,12 @@ def serve(given: Given) -> int:
 def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> int:
     """Serve a robot at the first address, each of the others in a process of its own, and write what is left
     of them."""
+    from polish_sim.cell.observer import results_kept
+
     apart, code = multiprocessing.get_context("spawn").Process, DONE
     real_time, others = given["--speed"] != SPEEDS[1], list(zip(addresses, folders, strict=True))[1:]
     beside = [apart(target=_beside, args=(given, *own), name=own[0]) for own in others]
-    with ExitStack() as started:
+    with ExitStack() as started, results_kept():
         with ExitStack() as open_:
             with console.progress() as observer:
                 job = _prepared(given, _case(given), observer)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from polish_sim.cell import CellRun, Silent
+from polish_sim.cell.observer import interrupts_noted, results_kept
 from tests.cell.cells import Law, on_plane
 
 WRAPS = """
@@ -141,9 +142,30 @@ def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_ke
 
     before = signal.getsignal(signal.SIGINT)
     run = on_plane(controller=Law(stuck)).run(Listening())
-    assert said == ["stopping at the next cycle; Ctrl-C again to abort"]
+    assert said == ["stopping at the next cycle"]
     assert run.interrupted
     assert run.stop_reason is None
     assert run.steps == 102
     assert signal.getsignal(signal.SIGINT) is before
     assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
+
+
+def test_a_second_ctrl_c_loses_nothing_and_waits_until_results_are_written() -> None:
+    class Impatient(Silent):
+        def progress(self, done: float, total: float) -> None:
+            for _ in range(2):
+                signal.raise_signal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    with results_kept() as again:
+        run = on_plane().run(Impatient())
+        assert run.interrupted
+        assert not again.seen
+        signal.raise_signal(signal.SIGINT)  # while results are written
+        assert again.seen
+        with interrupts_noted() as next_run:
+            assert next_run.seen
+    assert signal.getsignal(signal.SIGINT) is before
+    with results_kept() as again, pytest.raises(KeyboardInterrupt):  # nothing was recorded yet
+        signal.raise_signal(signal.SIGINT)
+    assert not again.seen

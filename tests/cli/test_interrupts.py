@@ -41,9 +41,11 @@ def has_rows(folder: Path) -> bool:
     return file.exists() and file.stat().st_size > 0
 
 
-def interrupted(words: list[str], folder: Path, ready: Callable[[Path, str], bool], then_s: float) -> str:
+def interrupted(
+    words: list[str], folder: Path, ready: Callable[[Path, str], bool], then_s: float, times: int = 1
+) -> str:
     """What a command says when Ctrl-C comes a while after it is ready, by its draft folder and what it has
-    said; it ends with 130.
+    said, and then again and again; it ends with 130.
     """
     command, environment = [*PROGRAM, *words, "--out", "out/cut"], os.environ | {"PYTHONUNBUFFERED": "1"}
     with (
@@ -54,7 +56,9 @@ def interrupted(words: list[str], folder: Path, ready: Callable[[Path, str], boo
             assert run.poll() is None, Path(said.name).read_text()
             time.sleep(0.02)
         time.sleep(then_s)
-        run.send_signal(signal.SIGINT)
+        for _ in range(times):
+            run.send_signal(signal.SIGINT)
+            time.sleep(0.02)
         run.wait()
         err = Path(said.name).read_text()
     assert run.returncode == 130, err
@@ -137,8 +141,10 @@ def test_ctrl_c_that_is_dropped_or_taken_for_another_error_is_no_bug_of_ours(
     assert capsys.readouterr().err == "error: interrupted; nothing was recorded yet.\n"
 
 
-def test_ctrl_c_of_a_run_keeps_what_was_recorded(tmp_path: Path) -> None:
-    err = interrupted(["run", "arc", "--feed", "0.5"], tmp_path, lambda _, said: "simulate" in said, 1.0)
+@pytest.mark.parametrize("times", [1, 20])
+def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path: Path, times: int) -> None:
+    arc = ["run", "arc", "--feed", "0.5"]
+    err = interrupted(arc, tmp_path, lambda _, said: "simulate" in said, 1.0, times)
     assert "kept" in err
     assert len(read_log(tmp_path / "out/cut/log.npz")) > 10
     assert metrics_of(tmp_path / "out/cut")["path_done"] < 1.0

@@ -55,7 +55,7 @@ SILENT = Silent()
 
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
 
-STOPPING = "stopping at the next cycle; Ctrl-C again to abort"
+STOPPING = "stopping at the next cycle"
 #: After the first Ctrl-C a controller may go on for this long before it is aborted [s]
 PATIENCE_S = 2.0
 
@@ -65,26 +65,37 @@ class Interrupt:
     """Whether the user has asked to stop."""
 
     seen: bool = False
+    waits: bool = False  #: Until results are written
+
+    def note(self, *_: object) -> None:
+        """Handle the signal."""
+        self.seen = True
+
+
+_waiting = Interrupt()
 
 
 @contextmanager
 def interrupts_noted(observer: Observer = SILENT) -> Iterator[Interrupt]:
-    """Note the first Ctrl-C instead of raising it; a second one raises, and so does a controller that does
-    not end.
+    """Note Ctrl-C instead of raising it; a second one ends a controller's step, and so does one that does not
+    end by itself.
 
     Raised, the first could land inside a callback from compiled code, where Python can only print and drop
     it. Outside the main thread, or where somebody else handles or ignores the signal, everything stays as it
     is.
     """
-    interrupt, before = Interrupt(), signal.getsignal(signal.SIGINT)
-    ours = threading.current_thread() is threading.main_thread() and before is signal.default_int_handler
+    interrupt, before = Interrupt(_waiting.seen), signal.getsignal(signal.SIGINT)
+    ours = threading.current_thread() is threading.main_thread() and before in (
+        signal.default_int_handler,
+        _waiting.note,
+    )
     alarm = ours and hasattr(signal, "setitimer") and signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
 
     def note(_number: int, _frame: FrameType | None) -> None:
         interrupt.seen = True
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, _abort_step)
         if alarm:
-            signal.signal(signal.SIGALRM, signal.default_int_handler)
+            signal.signal(signal.SIGALRM, _abort_step)
             signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
         observer.stage(STOPPING)
 
@@ -97,12 +108,34 @@ def interrupts_noted(observer: Observer = SILENT) -> Iterator[Interrupt]:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
         if ours:
+            signal.signal(signal.SIGINT, _waiting.note if _waiting.waits else before)
+
+
+@contextmanager
+def results_kept() -> Iterator[Interrupt]:
+    """From the end of a run to the end of the block Ctrl-C waits, so that what was recorded is written; it is
+    noted."""
+    before = signal.getsignal(signal.SIGINT)
+    _waiting.waits, _waiting.seen = True, False
+    try:
+        yield _waiting
+    finally:
+        _waiting.waits = False
+        if signal.getsignal(signal.SIGINT) == _waiting.note:
             signal.signal(signal.SIGINT, before)
 
 
 # A user's Python controller as a law the compiled loop can call.
 
 EXPECTED = "(6,), or (7,) with the feed's share"  #: Shape of an answer
+
+
+def _abort_step(_number: int, frame: FrameType | None) -> None:
+    """End a controller's step; nothing else, or what was recorded would be lost."""
+    while frame is not None:
+        if frame.f_code is PythonLaw._call.__code__:
+            raise KeyboardInterrupt
+        frame = frame.f_back
 
 
 def _locked(record: Any) -> Any:
