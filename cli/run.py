@@ -171,16 +171,12 @@ def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario
 
     row = experiment(scenario.experiment)
     source = Path(scenario.plan.file) if scenario.plan.file else None
-    check_settings(scenario, plans=row.plans and source is None)
+    check_settings(scenario)
     path = None
     if row.along_plan and source is not None:
         path, scenario = take_plan(source, scenario, given)
     elif source is not None and "--path" not in row.options:
-        raise InputError(
-            "plan.file is for 'run "
-            f"{', '.join(n for n, r in experiments().items() if '--path' in r.options)}': '{row.name}' runs "
-            "along no plan."
-        )
+        raise InputError(f"'{row.name}' runs along no plan: leave plan.file out.")
     elif source is not None:
         scenario = merge(scenario, {"plan": {"file": str(source.resolve())}}, "")
     elif row.plans:
@@ -214,10 +210,8 @@ def run_once(
                 stack.enter_context(sink)
             stack.enter_context(observer.compiling.ahead(scenario))
             planned, scenario = plan_to_run(scenario, plan, observer, draft)
-            with results_kept() as again:
+            with results_kept():
                 record = simulate(scenario, planned, draft, observer, sinks)
-            if again.seen:
-                raise KeyboardInterrupt
             observer.stage("draw")
             stop = stop_mark(record.metrics)
             model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
@@ -336,11 +330,8 @@ def plan_to_run(
     from polish_sim.experiments.even_removal import axis_kept, plan_removal
     from polish_sim.experiments.proof import is_proven, proof_notes, prove_with_a_pad_that_fits
     from polish_sim.experiments.report import save_plots
-    from polish_sim.experiments.stroke_motion import check_stroke_rule
     from polish_sim.planning import measure_given_path
 
-    if row.plans:
-        check_stroke_rule(scenario)
     scenario = axis_kept(scenario)
     asked = (scenario.part, scenario.plan, scenario.process, scenario.pad, observer)
     if given is None:

@@ -124,8 +124,7 @@ def check_values(study: Study) -> None:
 
     for axis in study.axes:
         for value in axis.values[:MOST_CHECKED]:
-            scenario = study.with_value(axis, value)
-            check_settings(scenario, plans=experiment(scenario.experiment).plans and not scenario.plan.file)
+            check_settings(study.with_value(axis, value))
 
 
 def sweep_folder(out: Path | None, study: Study) -> AbstractContextManager[Path]:

@@ -124,7 +124,7 @@ def test_wrong_words_are_one_message_with_code_2_and_nothing_written(
         (["run", "dual", *FLANGED], "leave it out of 'dual'"),
         (["serve", *FLANGED], "leave it out of 'serve'"),
         (["plan", "plate", *FLANGED, "--export", "urscript"], "leave it out of '--export urscript'"),
-        (["run", "surface", "--real-part", "gone.stl"], "the real part 'gone.stl' is no file"),
+        (["run", "surface", "--real-part", "gone.stl"], "'gone.stl' is no file"),
         (["run", "surface", "--stepover", "60"], "would leave stripes: the pad measures 50 mm"),
         (["run", "force", "--region", "box:1,2"], "region 'box:1,2' is not box:"),
         (["run", "dual", "--region", "faces:gone.txt"], "gone.txt: cannot be read"),

@@ -78,9 +78,9 @@ def test_the_file_of_another_arm_is_refused_but_for_one_who_insists(tmp_path: Pa
     file.write_text(text, encoding="utf-8")
     other = replace(arc(f"robot.compensation={file}"), seed=SEED + 1)
     with pytest.raises(InputError, match=f"seed {SEED + 1}"):
-        check_settings(other, plans=False)
+        check_settings(other)
     file.write_text(text.replace(f"seed = {SEED}\n", ""), encoding="utf-8")
-    check_settings(other, plans=False)
+    check_settings(other)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, name
     file.write_text('kind = "arm"\n', encoding="utf-8")
     words = [change.format(file=file) for change in changes]
     with pytest.raises((ConfigError, InputError), match=named):
-        check_settings(override(default_scenario(experiment), words), plans=False)
+        check_settings(override(default_scenario(experiment), words))
 
 
 def test_two_arms_that_know_their_gears_put_the_tool_on_the_part() -> None:

@@ -87,4 +87,4 @@ def test_what_cannot_learn_is_refused_before_anything_is_planned(
     first: Path, change: str, named: str
 ) -> None:
     with pytest.raises(InputError, match=named):
-        check_settings(scenario(f"process.learn={first}", change), plans=True)
+        check_settings(scenario(f"process.learn={first}", change))

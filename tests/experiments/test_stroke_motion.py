@@ -14,10 +14,10 @@ import trimesh
 from polish_sim.cell import Stroke
 from polish_sim.config import PartConfig, PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
+from polish_sim.experiments import check_experiment
 from polish_sim.experiments.part_setup import placed_strokes, placed_tool
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.stroke_motion import STROKE_RULES, StrokePath, stroke_motion, within_noise
-from polish_sim.experiments.surface import prepare_surface
 from polish_sim.geometry.repair.skin import NOISELESS, Noise
 from polish_sim.motion.timed_path import TimedPath
 from polish_sim.planning import PlanResult, plan_part
@@ -101,7 +101,7 @@ def test_settings_of_smoothing_are_refused_before_the_part_is_looked_at(
         scenario, part=replace(scenario.part, file="none.stl"), smoothing=replace(scenario.smoothing, **wrong)
     )
     with pytest.raises(PolishSimError, match=said):
-        prepare_surface(scenario)
+        check_experiment(scenario)
 
 
 # Several stretches in contact become several strokes: travel through the air, a way down, the stretch, a

@@ -14,11 +14,10 @@ from polish_sim.identification.physical import (
     Drawing,
     fit_consistent,
     is_consistent,
-    parameters_of,
     pseudo_inertia,
 )
 from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, carry, own_parameters, read_chain
-from polish_sim.motion.serial_chain import link_parameters
+from polish_sim.motion.serial_chain import inertia_at_origin, link_parameters
 from tests.identification.known import arm_chain, arm_model, known_robot, noisy
 
 KNOWN = known_robot()
@@ -26,7 +25,10 @@ KNOWN = known_robot()
 
 def test_every_link_of_the_model_is_consistent_and_one_of_negative_mass_is_not() -> None:
     parameters = arm_chain().parameters.copy()
-    np.testing.assert_allclose(parameters_of(pseudo_inertia(parameters[2])), parameters[2], atol=1e-14)
+    J = pseudo_inertia(parameters[2])
+    assert [J[3, 3], *J[3, :3], *J[:3, 3]] == [*parameters[2, :4], *parameters[2, 1:4]]
+    inertia = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]
+    np.testing.assert_allclose(inertia, inertia_at_origin(parameters[2]), atol=1e-14)
     assert is_consistent(parameters)
     parameters[1, 0] = -1.0
     assert not is_consistent(parameters)

@@ -83,9 +83,6 @@ class GuideConfig:
     assist_memory_s: float = key(
         1.0, "a push that lasts this long without motion is no start [s]", 0.01, 60.0
     )
-    start_rad: float = key(
-        1e-5, "way after which the assist takes an elastic joint for started or turned back [rad]", 1e-7, 0.01
-    )
     hand_felt: float = key(
         0.04,
         "push from which the assist mode compensates at all, by the joint's friction, 0 = always [-]",

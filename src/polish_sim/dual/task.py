@@ -15,7 +15,6 @@ from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
 from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
-from polish_sim.control import build_controller
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joints, pair_arms, real_arms
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
@@ -88,7 +87,6 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     Raises PolishSimError if the part cannot be used or planned, a calibration does not fit, or an arm cannot
     follow.
     """
-    build_controller(scenario.controller)
     observer.stage("plan the path")
     mesh, surface, region, path = _given_or_rim(scenario, plan)
     check_load(mesh, scenario.dual.density_kg_m3)

@@ -82,13 +82,6 @@ def run_arc(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
     done = float(run.trace.path_s_m[-1] / table.length)
     figures = measure_arc(run.trace) | common_figures(run, scenario, done, None)
     return RunResult(
-        scenario,
-        run.log,
-        run.trace,
-        figures,
-        run.stop_reason,
-        run.interrupted,
-        path,
-        None,
+        scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path, None,
         arm_file(scenario, reach.q_start),
-    )
+    )  # fmt: skip

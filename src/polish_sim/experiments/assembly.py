@@ -37,7 +37,7 @@ from polish_sim.experiments.part_setup import (
 )
 from polish_sim.experiments.payload import believe_tool
 from polish_sim.experiments.registry import check_flange, experiment
-from polish_sim.experiments.stroke_motion import within_noise
+from polish_sim.experiments.stroke_motion import check_stroke_rule, within_noise
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.models import part_path
 from polish_sim.scenario_file import FILE_KEYS
@@ -259,9 +259,8 @@ def course_for(
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
 
-def check_settings(scenario: Scenario, plans: bool) -> None:
-    """Refuse a scenario that could not be run on any part, or whose path could not be planned on any
-    (``plans``).
+def check_settings(scenario: Scenario) -> None:
+    """Refuse a scenario that could not be run on any part, or whose path could not be planned on any.
 
     Raises:
         PolishSimError: Naming what is wrong and what to do.
@@ -282,19 +281,23 @@ def check_settings(scenario: Scenario, plans: bool) -> None:
     if not row.controlled:
         return
     if row.on_part:
-        if plans:
+        if row.plans and not scenario.plan.file:
             from polish_sim.planning.feasibility import check_asked  # slow to import
 
             check_asked(scenario.part, scenario.plan, scenario.pad)
         else:
             check_part_words(scenario.part, scenario.plan)
-        _check_file(scenario.part.real_file, "real part", "--real-part")
-        _check_file(scenario.part.fixture_file, "fixture", "--fixture")
+        check_stroke_rule(scenario)
+        for name in (scenario.part.real_file, scenario.part.fixture_file):
+            if name and not part_path(name).is_file():
+                raise InputError(f"'{name}' is no file. Check the name and the folder.")
     check_rates(scenario)
     planned_events(scenario, row.on_part, two_robots=row.carried)
     controller = build_controller(scenario.controller)
     if scenario.process.learn:
         check_learning(scenario, controller)
+    if not scenario.plan.file:
+        check_force(scenario, None)
 
 
 def check_force(scenario: Scenario, path: ToolPath | None) -> None:
@@ -310,8 +313,3 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
             change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE
         ]
         check_contact_settings(scenario, force / usual * max([usual, *raised]))
-
-
-def _check_file(name: str, what: str, option: str) -> None:
-    if name and not part_path(name).is_file():
-        raise InputError(f"the {what} '{name}' is no file. Check the name and the folder ({option}).")

@@ -8,7 +8,6 @@ import numpy as np
 
 from polish_sim.analysis.metrics import measure_force
 from polish_sim.cell import SILENT, Cell, CellRun, Observer
-from polish_sim.control import build_controller
 from polish_sim.experiments.assembly import PLACES, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_pose import reach_path
@@ -60,7 +59,6 @@ def place_force(scenario: Scenario, observer: Observer = SILENT) -> Workplace:
     Raises:
         PolishSimError: If the part cannot be used or the point not reached.
     """
-    build_controller(scenario.controller)
     return PLACES.get(place_key(scenario), lambda: _place(scenario, observer))
 
 
@@ -106,16 +104,9 @@ def measure_hold(scenario: Scenario, path: ToolPath, reach: Reach, run: CellRun)
     figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
     figures |= common_figures(run, scenario, hold_done(scenario, run), reach.T_base_work)
     return RunResult(
-        scenario,
-        run.log,
-        run.trace,
-        figures,
-        run.stop_reason,
-        run.interrupted,
-        path,
-        None,
+        scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path, None,
         arm_file(scenario, reach.q_start),
-    )
+    )  # fmt: skip
 
 
 def hold_done(scenario: Scenario, run: CellRun) -> float:

@@ -210,7 +210,10 @@ def _call(
     from polish_sim.motion.makes import use_arm  # compiled code is slow to import
 
     use_arm(scenario.robot.arm)
-    check_flange(scenario)
+    checks = import_module("polish_sim.experiments.assembly")
+    checks.check_settings(scenario)
+    if plan is not None:
+        checks.check_force(scenario, plan.path)
     function = load(name)
     looking_on = () if observer is None else (observer,)
     return function(scenario, plan, *looking_on) if row.along_plan else function(scenario, *looking_on)

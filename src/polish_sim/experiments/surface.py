@@ -14,7 +14,6 @@ from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Scenario
-from polish_sim.control import build_controller
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.compensation import arm_file
@@ -32,7 +31,7 @@ from polish_sim.experiments.part_setup import (
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
-from polish_sim.experiments.stroke_motion import check_stroke_rule, feed_figures
+from polish_sim.experiments.stroke_motion import feed_figures
 from polish_sim.log import RemovalMap, RunLog, with_column
 from polish_sim.planning import PlanResult, coverage_until
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
@@ -122,8 +121,6 @@ def prepare_surface(
     Raises:
         PolishSimError: If the part cannot be used, planned or reached.
     """
-    build_controller(scenario.controller)
-    check_stroke_rule(scenario)
     task = PLACES.get((place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer))
     refuse_collision(scenario, task.plan)
     return task

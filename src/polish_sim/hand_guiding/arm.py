@@ -31,6 +31,7 @@ from polish_sim.motion.serial_chain import SerialChain, chain_model
 CLAMP_N = 100.0
 #: Step of the encoders up to which a released arm stands still with an assist that goes by them
 COARSEST_RAD = 2e-5
+START_RAD = 1e-5  #: Way after which the assist takes an elastic joint for started or turned back
 
 
 class LaidPart(NamedTuple):
@@ -152,7 +153,7 @@ def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: 
             f"robot.real.encoder_rad = {real.encoder_rad:g} rad is too coarse for --mode {mode}: when it is "
             f"released the arm would drive on. Give {COARSEST_RAD:g} or less, or --mode classical."
         )
-    gains = gains._replace(encoder=real.encoder_rad, start=guide.start_rad * (gains.assist > 0.0))
+    gains = gains._replace(encoder=real.encoder_rad, start=START_RAD * (gains.assist > 0.0))
     return GuidedArm(model, belief, gains, limits, hand, elastic)
 
 

@@ -20,7 +20,7 @@ from polish_sim.arrays import Array, Indices
 from polish_sim.errors import IdentificationError
 from polish_sim.identification.estimate import INTERVAL_95, BaseParameters, Estimate, base_names, identifiable
 from polish_sim.identification.regressor import FULL, TorqueModel
-from polish_sim.motion.serial_chain import inertia_at_origin, packed
+from polish_sim.motion.serial_chain import inertia_at_origin
 from polish_sim.tables import csv_text
 
 _FLOOR = 1e-3  #: Share of the drawing's pseudo-inertia every link keeps
@@ -38,11 +38,6 @@ def pseudo_inertia(parameters: Array) -> Array:
     J[:3, 3] = J[3, :3] = parameters[1:4]
     J[3, 3] = parameters[0]
     return J
-
-
-def parameters_of(J: Array) -> Array:
-    """Ten parameters of a pseudo-inertia (4, 4), shape (10,)."""
-    return np.array([J[3, 3], *J[:3, 3], *packed(np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3])])
 
 
 def is_consistent(parameters: Array) -> bool:
