@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import SILENT, Observer, tool_on_flange
+from polish_sim.config import Scenario
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool
@@ -20,9 +20,6 @@ from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.standing_still import free_cell
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
-
-if TYPE_CHECKING:
-    from polish_sim.config import Scenario
 
 TOOL_AXIS = np.array([0.0, 0.0, 1.0])  # the tool points straight down [-]
 

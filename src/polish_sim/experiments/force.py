@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from polish_sim.analysis.metrics import measure_force
 from polish_sim.cell import SILENT, Cell, CellRun, Observer
+from polish_sim.config import Scenario
 from polish_sim.experiments.assembly import PLACES, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import real_shape
+from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.geometry import Region, fit_surface, select_region
 from polish_sim.planning.part_plan import load_mesh
 from polish_sim.planning.toolpath import APPROACH, PROCESS, ToolPath
-
-if TYPE_CHECKING:
-    from polish_sim.config import Scenario
-from polish_sim.experiments.placement import Reach
 
 START_HEIGHT = 0.01  # of the tool above the part [m]
 
