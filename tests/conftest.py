@@ -23,10 +23,7 @@ share_parts()
 
 # What compiles longest comes first and side by side: with an empty cache each process has its own kernels to
 # make.
-COMPILE_LONGEST = (
-    "cell/test_engine_contact.py",
-    "analysis/test_path_plot.py",
-)
+COMPILE_LONGEST = ("cell/test_engine_contact.py", "analysis/test_path_plot.py")
 # What mostly waits for the clock runs beside the others: at the end one process would wait alone.
 WAITS_FOR_THE_CLOCK = "ur/test_wire.py"
 

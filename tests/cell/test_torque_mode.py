@@ -141,8 +141,7 @@ PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/
 
 
 @pytest.mark.parametrize(
-    ("rest", "said"),
-    [("", "is not a robot's MJCF"), (PENDULUM, "is not this arm's: the model has no joint")],
+    ("rest", "said"), [("", "is not a robot's MJCF"), (PENDULUM, "is not this arm's: the model has no joint")]
 )
 def test_a_file_that_is_no_model_of_this_arm_is_refused(rest: str, said: str, tmp_path: Path) -> None:
     file = tmp_path / "identified.xml"

@@ -28,6 +28,12 @@ def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp
     assert figures["settings"]["tracker_noise_m"] == 3e-5
 
 
+@pytest.fixture
+def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Predict with one design of the calibrations instead of ten."""
+    monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
+
+
 def drawn_cheaply(trial: PairBudgetTrial, count: int) -> Iterator[dict[str, Any]]:
     """Draws as large as one real draw: a calibration each would take most of the time."""
     drawn, rng = next(draw_errors(trial)), np.random.default_rng(0)
@@ -35,6 +41,7 @@ def drawn_cheaply(trial: PairBudgetTrial, count: int) -> Iterator[dict[str, Any]
         yield {name: rng.standard_normal() * errors for name, errors in drawn.items()}
 
 
+@pytest.mark.usefixtures("one_design")
 def test_worse_instruments_fall_short(
     polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -49,6 +56,7 @@ def test_worse_instruments_fall_short(
     assert figures["sources"]["bases"]["predicted_rms_m"] == 0.0
 
 
+@pytest.mark.usefixtures("one_design")
 @pytest.mark.parametrize(("after", "kept"), [(30, True), (3, False)])
 def test_broken_off_what_was_drawn_is_kept_if_it_is_enough(
     after: int, kept: bool, polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -203,11 +203,7 @@ def test_bad_files_are_one_message_and_nothing_is_written(
 
 
 @pytest.mark.parametrize(
-    ("name", "line", "column", "said"),
-    [
-        ("tcp", 6, "y_mm", 6),
-        ("base", 4, "y_mm", "master, axis 1: 4"),
-    ],
+    ("name", "line", "column", "said"), [("tcp", 6, "y_mm", 6), ("base", 4, "y_mm", "master, axis 1: 4")]
 )
 def test_a_measurement_off_by_two_millimetres_is_named(
     name: str, line: int, column: str, said: Any, files: Any, polish_sim: Tool, tmp_path: Path

@@ -45,7 +45,6 @@ def run_dual(calibrations: Path, polish_sim: Tool, tmp_path: Path) -> Tool:
     return run
 
 
-@pytest.mark.pictures
 def test_calibrations_of_bases_and_tool_are_both_taken_and_the_cell_stands_as_they_were_made(
     run_dual: Tool, tmp_path: Path
 ) -> None:

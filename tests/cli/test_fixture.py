@@ -16,20 +16,8 @@ def test_a_plan_says_its_fixture_inspect_and_run_take_it_and_ask_for_it_when_it_
     polish_sim: Tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     asked(Path(), wall(10.0))  # called by relative names
-    words = (
-        "--fixture",
-        "fixture.stl",
-        "--region",
-        "point:0,0,0",
-        "--stepover",
-        "20",
-        "--up",
-        "z",
-        *UNPROVEN,
-        "--out",
-        "made",
-    )
-    assert polish_sim("plan", "plate.stl", *words).code == 0
+    words = "--fixture fixture.stl --region point:0,0,0 --stepover 20 --up z --out made"
+    assert polish_sim("plan", "plate.stl", *words.split(), *UNPROVEN).code == 0
     folder = Path("made").resolve()
     said = json.loads((folder / "path.json").read_text())["fixture"]
     assert said["file"] == "fixture.stl"

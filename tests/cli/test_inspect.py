@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 from tests.cli.conftest import UNPROVEN, Tool
+from tests.kept import plate_file
 
 FILES = ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
 KEYS = {
@@ -56,7 +57,8 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: 
 
 
 def test_a_plan_folder_knows_its_part_and_step_over(polish_sim: Tool) -> None:
-    assert polish_sim("plan", "sphere_100", "--stepover", "10", *UNPROVEN, "--out", "plan")[0] == 0
+    words = ("--up", "z", "--stepover", "20", *UNPROVEN, "--out", "plan")
+    assert polish_sim("plan", plate_file(), *words)[0] == 0
     code, _, err = polish_sim("inspect", "plan", "--out", "seen")
     assert code == 0
     assert "step-over taken from the path" not in err

@@ -70,7 +70,6 @@ def interrupted(
     "words",
     [
         ["smooth", "path.csv"],
-        ["run", "smooth"],
         ["identify", "--starts", "50"],
         ["run", "force", "--seeds", "2", "--set", "process.hold_s=600"],
     ],
@@ -168,11 +167,8 @@ def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_the_same_command_does_t
     assert polish_sim(*many, "--feed", "20", "--out", "out/cut").code == 2  # another run is not mixed in
 
 
-@pytest.mark.parametrize("what", ["tcp", "payload"])
-def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(
-    what: str, polish_sim: Tool, tmp_path: Path
-) -> None:
-    calibrate = ["calibrate", what, "--poses", "4"]
+def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(polish_sim: Tool, tmp_path: Path) -> None:
+    calibrate = ["calibrate", "payload", "--poses", "4"]
     assert polish_sim(*calibrate, "--out", "compiled").code == 0
     words = [*calibrate, "--seeds", "100000"]
     err = interrupted(words, tmp_path, lambda folder, _: has_rows(folder), 0.05)
@@ -183,7 +179,7 @@ def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(
     assert 0 < count < 100_000
     assert metrics["seeds"] == list(range(count))
     assert len(metrics["runs"]) == count
-    folders = {f"seed-{seed:04d}" for seed in range(count)} if what == "payload" else set()
+    folders = {f"seed-{seed:04d}" for seed in range(count)}
     assert {path.name for path in cut.iterdir()} == {"metrics.json", "rows.jsonl", "asked.json"} | folders
     files = {"calibration.toml", "residuals.csv", "metrics.json", "config.toml", "residuals.png", "drift.png"}
     assert all({path.name for path in (cut / name).iterdir()} == files for name in folders)

@@ -104,12 +104,8 @@ def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_
     code, _, err = polish_sim("plan", "rod.stl", "--pad-diameter", "50", "--out", "plan")
     assert code == 2
     assert "narrower than half the pad: 20 mm across, the pad 50 mm" in err
-    assert (
-        polish_sim("plan", "rod.stl", "--pad-diameter", "20", "--stepover", "4", *UNPROVEN, "--out", "plan")[
-            0
-        ]
-        == 0
-    )
+    words = ("--pad-diameter", "20", "--stepover", "4", *UNPROVEN, "--out", "plan")
+    assert polish_sim("plan", "rod.stl", *words)[0] == 0
 
 
 def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim: Tool) -> None:
@@ -138,10 +134,8 @@ def test_a_chosen_pad_does_not_sink_off_corners_and_a_face_too_small_for_the_for
 ) -> None:
     for side, name in ((20.0, "cube.stl"), (6.0, "tiny.stl")):
         trimesh.creation.box((side, side, 20.0)).export(name)
-    assert (
-        polish_sim("run", "surface", "--part", "cube.stl", "--up", "z", "--feed", "30", "--out", "run")[0]
-        == 0
-    )
+    words = "--part cube.stl --up z --feed 30 --out run"
+    assert polish_sim("run", "surface", *words.split())[0] == 0
     assert json.loads(Path("run/metrics.json").read_text())["path_done"] == 1.0
     code, _, err = polish_sim("plan", "tiny.stl", "--up", "z")
     assert code == 2
@@ -154,26 +148,14 @@ def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allow
     trimesh.boolean.union([plate, wall], engine="manifold").export("walled.stl")
     words = ("--region", "point:0,0,0", "--up", "z", "--pad-diameter", "12", "--stepover", "12")
     assert polish_sim("plan", "walled.stl", *words, *UNPROVEN, "--out", "plan")[0] == 0
-    run = [
-        "run",
-        "surface",
-        "--path",
-        "plan",
-        "--pad-diameter",
-        "50",
-        "--set",
-        "process.max_feed_s=0.5",
-        *UNPROVEN,
-        "--out",
-        "run",
-    ]
+    run = "run surface --path plan --pad-diameter 50 --set process.max_feed_s=0.5 --out run"
     for more in ([], ["--dry-run"]):
-        code, _, err = polish_sim(*run, *more)
+        code, _, err = polish_sim(*run.split(), *UNPROVEN, *more)
         assert code == 2
         assert "mm into the part over" in err
         assert "--allow-contact" in err
         assert not Path("run").exists()
-    assert polish_sim(*run, "--allow-contact")[0] in (0, 3)
+    assert polish_sim(*run.split(), *UNPROVEN, "--allow-contact")[0] in (0, 3)
     assert 'tool_in_part = "allow"' in Path("run/config.toml").read_text()
 
 
@@ -185,10 +167,8 @@ def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_th
         both = [hole.apply_translation([x, 0, 0]), sink.apply_translation([x, 0, 6.001])]
         plate = trimesh.boolean.difference([plate, *both], engine="manifold")
     plate.export("plate.stl")
-    assert (
-        polish_sim("plan", "plate.stl", "--up", "z", "--edge-margin", "20", *UNPROVEN, "--out", "plan")[0]
-        == 0
-    )
+    words = ("--up", "z", "--edge-margin", "20", *UNPROVEN, "--out", "plan")
+    assert polish_sim("plan", "plate.stl", *words)[0] == 0
     metrics = json.loads(Path("plan/metrics.json").read_text())
     assert metrics["bridged_holes"] == 3
     assert metrics["region_area_m2"] == pytest.approx(0.120 * 0.060 - 3 * np.pi * 0.006**2, rel=0.01)

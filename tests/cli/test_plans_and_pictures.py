@@ -18,8 +18,8 @@ from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
 from polish_sim.cli.main import commands
 from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
-from polish_sim.models import workpiece_path
 from tests.cli.conftest import PROGRAM, UNPROVEN, Tool
+from tests.kept import plate_file
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
 PANELS = ("Part and region:", "Path:", "Landing and tool axis:", "Tool and process:", "Config:", "Output:")
@@ -66,29 +66,9 @@ def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Tool, command:
 
 
 def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
-    words = (
-        "--order",
-        "outward",
-        "--direction",
-        "climb",
-        "--start",
-        "0,0,25",
-        "--lead-in",
-        "arc",
-        "--lead-angle",
-        "5",
-        "--tilt-angle",
-        "-3",
-        "--axis-smoothing",
-        "15",
-        "--axis-deviation",
-        "2",
-        "--feature-angle",
-        "25",
-        "--edge-margin",
-        "3",
-    )
-    code, out, err = polish_sim("plan", "sphere_50", "--stepover", "20", *words, *UNPROVEN, "--out", "plan")
+    words = "--order outward --direction climb --start 0,0,25 --lead-in arc --lead-angle 5 --tilt-angle -3"
+    words += " --axis-smoothing 15 --axis-deviation 2 --feature-angle 25 --edge-margin 3 --stepover 20"
+    code, out, err = polish_sim("plan", "sphere_50", *words.split(), *UNPROVEN, "--out", "plan")
     assert code == 0, err
     assert "through the air, leads included" in out
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
@@ -104,19 +84,8 @@ def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
 def test_a_dry_run_takes_the_same_options_checks_the_reach_and_writes_nothing(
     polish_sim: Tool, tmp_path: Path
 ) -> None:
-    words = (
-        "--overlap",
-        "50",
-        "--pad-diameter",
-        "40",
-        "--lead-in",
-        "tangent",
-        "--tilt-angle",
-        "4",
-        *UNPROVEN,
-        "--dry-run",
-    )
-    code, out, err = polish_sim("run", "surface", "--part", "sphere_50", *words)
+    words = "--part sphere_50 --overlap 50 --pad-diameter 40 --lead-in tangent --tilt-angle 4 --dry-run"
+    code, out, err = polish_sim("run", "surface", *words.split(), *UNPROVEN)
     assert code == 0, err
     assert "within reach" in out
     assert list(tmp_path.iterdir()) == []
@@ -126,8 +95,8 @@ def test_a_dry_run_takes_the_same_options_checks_the_reach_and_writes_nothing(
 def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The plan of a user's own part, which lies beside it."""
     folder = tmp_path_factory.mktemp("planned")
-    (folder / "mine.stl").write_bytes(workpiece_path("sphere_50").read_bytes())
-    words = ["plan", str(folder / "mine.stl"), "--stepover", "10", *UNPROVEN]
+    shutil.copy(plate_file(), folder / "mine.stl")
+    words = ["plan", str(folder / "mine.stl"), "--up", "z", "--stepover", "40", *UNPROVEN]
     words += ["--out", str(folder / "plan")]
     assert execute(commands, words) == 0
     return folder / "plan"
@@ -138,7 +107,7 @@ def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(polish_s
     assert code == 0, err
     config = Path("run/config.toml").read_text()
     assert f'file = "{plan.parent / "mine.stl"}"' in config
-    assert "stepover_m = 0.01 " in config
+    assert "stepover_m = 0.04 " in config
 
 
 @pytest.mark.parametrize(
@@ -178,19 +147,8 @@ def test_a_plan_of_a_part_that_is_not_there_any_more_asks_where_it_is(
 def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_check(
     polish_sim: Tool, tmp_path: Path
 ) -> None:
-    code, _, err = polish_sim(
-        "run",
-        "surface",
-        "--part",
-        "sphere_50",
-        "--stepover",
-        "10",
-        *QUICK,
-        *UNPROVEN,
-        "--check",
-        "--out",
-        "run",
-    )
+    words = ("--part", plate_file(), "--up", "z", "--stepover", "40", *QUICK, *UNPROVEN)
+    code, _, err = polish_sim("run", "surface", *words, "--check", "--out", "run")
     assert code == 1, err
     assert {"path.csv", "path.json", "path.png", "force.png"} <= {
         f.name for f in (tmp_path / "run").iterdir()

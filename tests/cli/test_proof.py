@@ -75,26 +75,11 @@ def test_a_proof_that_is_none_is_refused(
 
 
 def test_a_run_with_bad_figures_says_each_and_fails_with_check(polish_sim: Tool, tmp_path: Path) -> None:
-    words = (
-        "run",
-        "surface",
-        "--part",
-        plate_file(),
-        "--up",
-        "z",
-        *WORDS,
-        "--controller",
-        "position",
-        "--proof",
-        "none",
-        "--set",
-        "part.displacement_m=0.003",
-        "--set",
-        "process.max_feed_s=3",
-    )
-    kept = polish_sim(*words, "--seed", "504", "--out", "kept")
+    words = f"run surface --part {plate_file()} --up z --controller position --proof none --seed 504".split()
+    words += [*WORDS, "--set", "part.displacement_m=0.003", "--set", "process.max_feed_s=3"]
+    kept = polish_sim(*words, "--out", "kept")
     assert kept.code == 0, kept.err
     found = metrics_of(tmp_path / "kept")
     assert found["bad_figures"]
     assert sum(line.startswith("bad: ") for line in kept.err.splitlines()) == len(found["bad_figures"])
-    assert polish_sim(*words, "--seed", "504", "--check", "--out", "checked").code == 1
+    assert polish_sim(*words, "--check", "--out", "checked").code == 1

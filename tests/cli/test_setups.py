@@ -11,7 +11,7 @@ import trimesh
 
 from tests.cli.conftest import UNPROVEN, Tool, metrics_of
 
-PLAN = ("--region", "all", "--stepover", "20", *UNPROVEN, "--out", "all")
+PLAN = ("--region", "all", "--stepover", "40", *UNPROVEN, "--out", "all")
 
 
 @pytest.fixture(autouse=True)

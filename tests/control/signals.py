@@ -7,11 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.config import ControllerConfig
 from polish_sim.control import CONTROLLERS
-from polish_sim.control.signals import (
-    CompiledController,
-    Measurement,
-    Target,
-)
+from polish_sim.control.signals import CompiledController, Measurement, Target
 
 DT = 0.001
 CONFIG = ControllerConfig()

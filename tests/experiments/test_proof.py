@@ -66,8 +66,7 @@ def proven_at_the_corner(to_the_corner: tuple[Scenario, PlanResult]) -> Proven:
 
 
 @pytest.mark.parametrize(
-    ("changes", "shares"),
-    [((), [0.5]), (("pad.stiffness_n_m=10000", "plan.removal=even"), [0.5, 0.25])],
+    ("changes", "shares"), [((), [0.5]), (("pad.stiffness_n_m=10000", "plan.removal=even"), [0.5, 0.25])]
 )
 def test_where_the_corner_carries_a_share_of_the_force_the_path_is_pressed_with_that_and_runs_on_drawn_parts(
     changes: tuple[str, ...], shares: list[float]

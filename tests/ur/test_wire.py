@@ -21,6 +21,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polish_sim.cli.boundary import execute
+from polish_sim.cli.main import commands
 from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
@@ -384,8 +386,8 @@ def test_a_server_without_its_ports_says_so_once_and_ends(tmp_path: Path) -> Non
 def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The path of a coarse plan of the plate."""
     folder = tmp_path_factory.mktemp("planned")
-    plan = [*PROGRAM, "plan", str(plate_file()), "--stepover", "40", *UNPROVEN, "--out", "PLAN"]
-    subprocess.run(plan, cwd=folder, check=True)
+    words = ["plan", str(plate_file()), "--stepover", "40", *UNPROVEN, "--out", str(folder / "PLAN")]
+    assert execute(commands, words) == 0
     return folder / "PLAN/path.csv"
 
 
