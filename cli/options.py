@@ -249,7 +249,8 @@ def takes(
                 given={k: None if v is False or v == [] else v for k, v in given.items()}, **values
             )
 
-        flattened.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in flat])  # type: ignore[attr-defined]
+        signature = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in flat])
+        flattened.__signature__ = signature  # type: ignore[attr-defined]
         flattened.__annotations__ = {p.name: p.annotation for p in flat}
         return flattened
 
@@ -304,8 +305,9 @@ def _help(key: Key) -> str:
     if empty and key.default in ("", ()):
         text += f"; default: {empty}" if word == "empty" else f", or auto: {empty}; default auto"
     elif key.default not in ("", ()):
-        scaled = isinstance(unit, Unit) and isinstance(key.default, float)
-        shown = number_text(key.default / unit.si, 4) if scaled else str(key.default)  # type: ignore[union-attr]
+        shown = str(key.default)
+        if isinstance(unit, Unit) and isinstance(key.default, float):
+            shown = number_text(key.default / unit.si, 4)
         text += f"; default {shown}"
     listed = text.partition(" ")[0][-1:] in ",:"
     return (text if listed else text[:1].upper() + text[1:]) + "."

@@ -242,7 +242,8 @@ def read_removal(file: Path) -> RemovalMap:
         with np.load(file, allow_pickle=False) as archive:
             found = {name: archive[name].astype(np.float64) for name in archive.files}
         columns = {name: value if value.ndim else float(value) for name, value in found.items()}
-        return RemovalMap(**(columns | {"triangles": found["triangles"].astype(np.int64)}))  # type: ignore[arg-type]
+        columns["triangles"] = found["triangles"].astype(np.int64)
+        return RemovalMap(**columns)  # type: ignore[arg-type]
     except UNREADABLE as error:
         raise InputError(
             f"cannot read the removal map '{file}': {error}. Delete it to see the run without."

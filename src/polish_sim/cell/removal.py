@@ -342,7 +342,9 @@ def _find_near(nodes, center, axis, grid, radius, up, under):  # type: ignore[no
 
 
 @kernel
-def _find_under(positions, normals, first, last, center, axis, radius, under, number):  # type: ignore[no-untyped-def]
+def _find_under(  # type: ignore[no-untyped-def]
+    positions, normals, first, last, center, axis, radius, under, number
+):
     """List the nodes that stand over the pad's face and look at it; returns how many are listed."""
     cx, cy, cz, ax, ay, az = center[0], center[1], center[2], axis[0], axis[1], axis[2]
     for q in range(first, last):

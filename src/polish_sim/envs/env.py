@@ -48,8 +48,8 @@ ASKED = {
         *(row for row in REACH if row.cases == "reach-freeform-30"),
     ),
 }
-"""Bands of the scorecard that are success: stable; ``force`` settled to ±1 N within 0.6 s, ``surface`` within
-3 N."""
+"""Bands of the scorecard that are success: stable; ``force`` settled to ±1 N within 0.6 s, ``surface``
+within 3 N."""
 TRUTH = TraceStep.dtype.names
 Numbers = NDArray[np.float32]
 _LIVE = (

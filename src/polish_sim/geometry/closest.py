@@ -235,7 +235,9 @@ def closest_in_tree(control, tree, x, y, z, hint, limit):  # type: ignore[no-unt
 
 
 @njit
-def _best_of(control, items, lowers, found, x, y, z, best, facet, best_u, best_v):  # type: ignore[no-untyped-def]
+def _best_of(  # type: ignore[no-untyped-def]
+    control, items, lowers, found, x, y, z, best, facet, best_u, best_v
+):
     """Closest of the best so far and some candidates, the last found first: it is usually the closest."""
     for i in range(found - 1, -1, -1):
         if lowers[i] > 0.0 and lowers[i] * lowers[i] > best:

@@ -53,7 +53,9 @@ def regressor_derivatives(chain: ChainGeometry, q: Array, qd: Array, qdd: Array)
 
 
 @njit(_nrt=False)
-def _fill_regressors(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> None:  # type: ignore[no-untyped-def]
+def _fill_regressors(  # type: ignore[no-untyped-def]
+    chain: ChainGeometry, q, qd, qdd, motion, screws, Y
+) -> None:
     """Fill regressors (m, n, 10 n) of m real or complex states (m, n); blocks below the diagonal are left as
     they are.
 
@@ -73,7 +75,9 @@ def _fill_regressors(chain: ChainGeometry, q, qd, qdd, motion, screws, Y) -> Non
 
 
 @njit(_nrt=False)
-def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> None:  # type: ignore[no-untyped-def]
+def _step_outward(  # type: ignore[no-untyped-def]
+    chain: ChainGeometry, j: int, q, qd, qdd, motion, screws
+) -> None:
     """Carry motion and the joints' screws from link j - 1 to link j."""
     w, dw, a = motion[0], motion[1], motion[2]
     hinge = chain.kind[j] == HINGE
@@ -127,7 +131,9 @@ def _step_outward(chain: ChainGeometry, j: int, q, qd, qdd, motion, screws) -> N
 
 
 @njit(forceinline=True, _nrt=False)
-def _turn_about(zx: float, zy: float, zz: float, c: Any, s: Any, v: Array, out) -> None:  # type: ignore[no-untyped-def]
+def _turn_about(  # type: ignore[no-untyped-def]
+    zx: float, zy: float, zz: float, c: Any, s: Any, v: Array, out
+) -> None:
     """Turn v back about the axis by the angle whose cosine and sine are c and s."""
     x, y, z = v[0], v[1], v[2]
     along = (1.0 - c) * (zx * x + zy * y + zz * z)

@@ -165,7 +165,8 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
     if not isinstance(table, dict):
         raise ConfigError("it is no table of keys.")
     own = {name: value for name, value in table.items() if name not in inner}
-    return merge(default, own, ""), {name: table[name] for name in inner if name in table}  # type: ignore[type-var]
+    below = {name: table[name] for name in inner if name in table}
+    return merge(default, own, ""), below  # type: ignore[type-var]
 
 
 TEMPLATE = """\
