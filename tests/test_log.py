@@ -12,28 +12,12 @@ from polish_sim.errors import InputError
 from polish_sim.log import COLUMNS, RunLog, from_rows, read_log, row_layout, row_width, write_log
 
 CONTRACT = {
-    "time_s": 0,
-    "q_rad": 6,
-    "qd_rad_s": 6,
-    "torque_nm": 6,
-    "tcp_position_m": 3,
-    "tcp_quaternion_wxyz": 4,
-    "target_position_m": 3,
-    "target_quaternion_wxyz": 4,
-    "tcp_speed_m_s": 0,
-    "command_twist": 6,
-    "wrench_measured_tool": 6,
-    "wrench_raw_sensor": 6,
-    "wrench_true_tool": 6,
-    "normal_force_n": 0,
-    "normal_force_min_n": 0,
-    "normal_force_max_n": 0,
-    "pad_travel_m": 0,
-    "path_s_m": 0,
-    "pass_index": 0,
-    "phase": 0,
-    "host_depth_m": 0,
-}
+    "time_s": 0, "q_rad": 6, "qd_rad_s": 6, "torque_nm": 6, "tcp_position_m": 3, "tcp_quaternion_wxyz": 4,
+    "target_position_m": 3, "target_quaternion_wxyz": 4, "tcp_speed_m_s": 0, "command_twist": 6,
+    "wrench_measured_tool": 6, "wrench_raw_sensor": 6, "wrench_true_tool": 6, "normal_force_n": 0,
+    "normal_force_min_n": 0, "normal_force_max_n": 0, "pad_travel_m": 0, "path_s_m": 0, "pass_index": 0,
+    "phase": 0, "host_depth_m": 0,
+}  # fmt: skip
 
 
 @pytest.fixture

@@ -50,12 +50,8 @@ def test_a_run_reads_back_as_it_was_written(record: RunRecord, tmp_path: Path) -
 
 def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path: Path) -> None:
     figures = {
-        "a": math.nan,
-        "b": np.float64(2.0),
-        "c": np.int64(3),
-        "d": [math.inf, 1.0],
-        "e": np.array([1.0]),
-    }
+        "a": math.nan, "b": np.float64(2.0), "c": np.int64(3), "d": [math.inf, 1.0], "e": np.array([1.0]),
+    }  # fmt: skip
     write_json(tmp_path / "metrics.json", figures)
 
     def refuse(text: str) -> float:

@@ -29,15 +29,10 @@ from tests.cell.fields import plane
 
 IDEAL_ARM = "robot.arm=ideal"
 IDEAL_SENSOR = [
-    "sensor.force_noise_n=0",
-    "sensor.torque_noise_nm=0",
-    "sensor.force_bias_n=0",
-    "sensor.torque_bias_nm=0",
-    "sensor.force_drift_n_s=0",
-    "sensor.torque_drift_nm_s=0",
-    "sensor.force_quantum_n=0",
+    "sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_bias_n=0", "sensor.torque_bias_nm=0",
+    "sensor.force_drift_n_s=0", "sensor.torque_drift_nm_s=0", "sensor.force_quantum_n=0",
     "sensor.torque_quantum_nm=0",
-]
+]  # fmt: skip
 NOMINAL_PART = ["part.displacement_m=0", "part.rotation_rad=0", "part.form_error_m=0"]
 EVERY_STEP = "simulation.log_rate_hz=0"
 

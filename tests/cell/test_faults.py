@@ -66,12 +66,9 @@ def assert_it_ends_well(run: CellRun) -> None:
 
 
 AT_ONCE = {
-    "sensor-dropout": NO_READING,
-    "sensor-zeros": NO_READING,
-    "sensor-jump": JUMP,
-    "sensor-drop": JUMP,
+    "sensor-dropout": NO_READING, "sensor-zeros": NO_READING, "sensor-jump": JUMP, "sensor-drop": JUMP,
     "controller-nan": CONTROLLER_NAN,
-}
+}  # fmt: skip
 
 
 WHEN = ("0.8", "contact+0.02", "contact+1")

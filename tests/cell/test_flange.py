@@ -19,12 +19,9 @@ from tests.cell.fields import plane
 
 STROKE_M = 0.034
 FLANGE = [
-    "controller.name=position",
-    "head.stiffness_n_m=12000",
-    "head.mass_kg=1.5",
-    f"head.travel_m={STROKE_M}",
+    "controller.name=position", "head.stiffness_n_m=12000", "head.mass_kg=1.5", f"head.travel_m={STROKE_M}",
     "head.flange.bandwidth_hz=20",
-]
+]  # fmt: skip
 EXACT = ["head.flange.friction_n=0", "head.flange.weight_error=0", "pad.friction=0"]
 
 

@@ -15,12 +15,9 @@ from polish_sim.scenario_file import override
 from tests.kept import plate_file
 
 SHORT = (
-    f"part.file={plate_file()}",
-    "plan.stepover_m=0.05",
-    "process.feed_m_s=0.06",
-    "process.approach_speed_m_s=0.02",
-    "simulation.log_rate_hz=0",
-)
+    f"part.file={plate_file()}", "plan.stepover_m=0.05", "process.feed_m_s=0.06",
+    "process.approach_speed_m_s=0.02", "simulation.log_rate_hz=0",
+)  # fmt: skip
 
 
 def cell(*changes: str, seed: int = 500) -> Cell:
@@ -42,12 +39,9 @@ def test_a_restored_cell_runs_on_with_the_bytes_of_a_run_that_was_never_cut(
     controller: str, arm: str
 ) -> None:
     settings = (
-        f"controller.name={controller}",
-        f"robot.arm={arm}",
-        "process.max_feed_s=2",
-        "faults.events='sensor-noise@contact+1'",
-        "process.changes='force_n=15@contact+0.7'",
-    )
+        f"controller.name={controller}", f"robot.arm={arm}", "process.max_feed_s=2",
+        "faults.events='sensor-noise@contact+1'", "process.changes='force_n=15@contact+0.7'",
+    )  # fmt: skip
     whole, one = cell(*settings).run(), cell(*settings)
     assert whole.trace.phase.max() >= 2
     before = [one.play(1000), one.play(777)]

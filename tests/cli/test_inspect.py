@@ -14,16 +14,9 @@ from tests.kept import plate_file
 
 FILES = ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
 KEYS = {
-    "coverage",
-    "coverage_stepover",
-    "overlap",
-    "exposure_cv",
-    "stepover_p5_m",
-    "stepover_p95_m",
-    "self_crossings",
-    "max_axis_rate_rad_m",
-    "unreachable_area_m2",
-}
+    "coverage", "coverage_stepover", "overlap", "exposure_cv", "stepover_p5_m", "stepover_p95_m",
+    "self_crossings", "max_axis_rate_rad_m", "unreachable_area_m2",
+}  # fmt: skip
 
 
 def write_raster(file: Path, height: float = 20.0) -> None:

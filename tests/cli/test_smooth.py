@@ -17,15 +17,9 @@ from tests.cli.conftest import Tool, metrics_of
 HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
 FILES = {
-    "trajectory.npz",
-    "trajectory.csv",
-    "metrics.json",
-    "limits.toml",
-    "tool.png",
-    "joints.png",
-    "corners.png",
-    "deviation.png",
-}
+    "trajectory.npz", "trajectory.csv", "metrics.json", "limits.toml", "tool.png", "joints.png",
+    "corners.png", "deviation.png",
+}  # fmt: skip
 KEYS = {
     "rule", "segments", "cycle_time_s", "tip_deviation_vertex_max_m", "tip_deviation_contour_max_m",
     "axis_deviation_max_rad", "joint_speed_ratio_max", "joint_acceleration_ratio_max", "joint_jerk_ratio_max",

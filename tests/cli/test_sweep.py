@@ -41,15 +41,9 @@ def rows_of(folder: Path) -> dict[str, dict[str, object]]:
 def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(MINE)
     vary = (
-        "sweep",
-        "arc",
-        "--controller",
-        "mine.py:Mine",
-        "--vary",
-        "controller.own.gain=0:1:lin2",
-        *SHORT,
+        "sweep", "arc", "--controller", "mine.py:Mine", "--vary", "controller.own.gain=0:1:lin2", *SHORT,
         *ONE,
-    )
+    )  # fmt: skip
     dry = polish_sim(*vary, "--out", "s", "--dry-run")
     assert dry.code == 0
     assert not (tmp_path / "s").exists()

@@ -18,12 +18,9 @@ from tests.exchange.robot_logs import write_bag, write_csv, write_npz
 
 UR10E = warm(override(SCENARIO, ["robot.arm=ur10e"]))
 NAMES = {
-    "time_s": "timestamp",
-    "q_rad": "actual_q_{i}",
-    "qd_rad_s": "actual_qd_{i}",
-    "q_desired_rad": "target_q_{i}",
-    "torque_nm": "actual_current_as_torque_{i}",
-}
+    "time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}",
+    "q_desired_rad": "target_q_{i}", "torque_nm": "actual_current_as_torque_{i}",
+}  # fmt: skip
 
 
 @pytest.fixture(autouse=True)

@@ -27,12 +27,9 @@ from polish_sim.experiments import run_experiment  # noqa: E402
 
 SHORT = ("process.hold_s=1",)
 SMOOTH = (
-    "robot.real.coulomb_nm=[0,0,0,0,0,0]",
-    "robot.real.lost_motion_rad=[0,0,0,0,0,0]",
-    "robot.real.encoder_rad=0",
-    "sensor.force_quantum_n=0",
-    "sensor.torque_quantum_nm=0",
-)
+    "robot.real.coulomb_nm=[0,0,0,0,0,0]", "robot.real.lost_motion_rad=[0,0,0,0,0,0]",
+    "robot.real.encoder_rad=0", "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",
+)  # fmt: skip
 PLATE = (
     "part.file=plate",
     "plan.pattern=raster",

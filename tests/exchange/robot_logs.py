@@ -8,23 +8,14 @@ from numpy.typing import NDArray
 
 Log = Mapping[str, NDArray[np.float64]]
 CSV_NAMES = {
-    "time_s": "timestamp",
-    "q_rad": "actual_q_{i}",
-    "qd_rad_s": "actual_qd_{i}",
-    "current_a": "actual_current_{i}",
-    "current_desired_a": "target_current_{i}",
-    "torque_desired_nm": "target_moment_{i}",
-    "wrench": "actual_TCP_force_{i}",
-    "force_n": "force_n",
-}
+    "time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}",
+    "current_a": "actual_current_{i}", "current_desired_a": "target_current_{i}",
+    "torque_desired_nm": "target_moment_{i}", "wrench": "actual_TCP_force_{i}", "force_n": "force_n",
+}  # fmt: skip
 JOINTS = (
-    "elbow_joint",
-    "shoulder_lift_joint",
-    "shoulder_pan_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
+    "elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint", "wrist_1_joint", "wrist_2_joint",
     "wrist_3_joint",
-)
+)  # fmt: skip
 
 
 def synthetic_log(seconds: float, rate: float = 500.0) -> dict[str, NDArray[np.float64]]:

@@ -62,14 +62,10 @@ def test_a_vector_of_any_length_is_the_tool_axis_until_the_next(tmp_path):
 @pytest.mark.parametrize(
     ("words", "axis"),
     [
-        ("A90", (0, -1, 0)),
-        ("B90", (1, 0, 0)),
-        ("C90", (0, 0, 1)),
-        ("B90 C90", (0, 1, 0)),
-        ("A90 B45", (0, -1, 0)),
-        ("A30 C180", (0, 0.5, np.sqrt(0.75))),
+        ("A90", (0, -1, 0)), ("B90", (1, 0, 0)), ("C90", (0, 0, 1)), ("B90 C90", (0, 1, 0)),
+        ("A90 B45", (0, -1, 0)), ("A30 C180", (0, 0.5, np.sqrt(0.75))),
     ],
-)
+)  # fmt: skip
 def test_a_turns_about_x_then_b_about_y_then_c_about_z(tmp_path, words, axis):
     assert read(tmp_path, HEAD + words + "\n").path.axes_work[1] == pytest.approx(np.array(axis), abs=1e-15)
 

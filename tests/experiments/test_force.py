@@ -146,12 +146,9 @@ FINE = ("simulation.timestep_s=0.0005", "simulation.control_every=2", "process.a
 def pressed_on(stiffer: float, *changes: str) -> RunResult:
     """Force mode on springs stiffer than drawn by a factor."""
     asked = [
-        "controller.name=force-mode",
-        "process.contact_force_n=10",
-        "safety.force_limit_n=80",
-        *FINE,
+        "controller.name=force-mode", "process.contact_force_n=10", "safety.force_limit_n=80", *FINE,
         *changes,
-    ]
+    ]  # fmt: skip
     return run_experiment(override(default_scenario("force"), [f"head.spring_scale={stiffer}", *asked]))
 
 

@@ -15,13 +15,9 @@ from polish_sim.experiments.assembly import check_settings
 from polish_sim.scenario_file import override
 
 SHORT = (
-    "part.file=saddle",
-    "plan.stepover_m=0.03",
-    "plan.edge_margin_m=0.05",
-    "process.feed_m_s=0.03",
-    "process.max_feed_s=8",
-    "seed=931",
-)
+    "part.file=saddle", "plan.stepover_m=0.03", "plan.edge_margin_m=0.05", "process.feed_m_s=0.03",
+    "process.max_feed_s=8", "seed=931",
+)  # fmt: skip
 
 
 def scenario(*changes: str) -> Scenario:

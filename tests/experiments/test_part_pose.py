@@ -75,12 +75,9 @@ def test_the_part_that_is_reached_in_front_of_the_robot_stays_there() -> None:
 
 
 BAD = {
-    "beside the table": "500,0,200,90,0,0",
-    "inside the table": "0,-500,20,0,0,0",
-    "pedestal": "0,-100,60,0,0,0",
-    "floor": "0,-500,-800,0,0,0",
-    "out of reach": "0,-900,400,0,0,0",
-}
+    "beside the table": "500,0,200,90,0,0", "inside the table": "0,-500,20,0,0,0",
+    "pedestal": "0,-100,60,0,0,0", "floor": "0,-500,-800,0,0,0", "out of reach": "0,-900,400,0,0,0",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", BAD)

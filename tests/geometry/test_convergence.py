@@ -41,13 +41,9 @@ def errors(shape: Shape) -> dict[str, np.ndarray]:
 
 # Least orders (of the rms error) of position, normal and curvature.
 ORDERS = {
-    "sphere": (3.8, 2.8, 1.9),
-    "cylinder": (3.8, 4.5, 1.9),
-    "torus": (3.0, 1.9, 1.9),
-    "uneven torus": (3.0, 1.9, 1.9),
-    "saddle": (3.0, 1.9, 1.4),
-    "uneven saddle": (2.5, 1.5, 0.9),
-}
+    "sphere": (3.8, 2.8, 1.9), "cylinder": (3.8, 4.5, 1.9), "torus": (3.0, 1.9, 1.9),
+    "uneven torus": (3.0, 1.9, 1.9), "saddle": (3.0, 1.9, 1.4), "uneven saddle": (2.5, 1.5, 0.9),
+}  # fmt: skip
 
 
 def rms(values: np.ndarray) -> float:

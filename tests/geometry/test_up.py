@@ -97,17 +97,11 @@ def test_an_axis_of_the_file_is_taken_where_a_wavy_sheet_looks_along_it_but_for_
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("x", [1, 0, 0]),
-        ("-x", [-1, 0, 0]),
-        ("y", [0, 1, 0]),
-        ("-y", [0, -1, 0]),
-        ("z", [0, 0, 1]),
-        ("-z", [0, 0, -1]),
-        ("0,0,1", [0, 0, 1]),
-        ("1, 2, 2", [1 / 3, 2 / 3, 2 / 3]),
+        ("x", [1, 0, 0]), ("-x", [-1, 0, 0]), ("y", [0, 1, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1]),
+        ("-z", [0, 0, -1]), ("0,0,1", [0, 0, 1]), ("1, 2, 2", [1 / 3, 2 / 3, 2 / 3]),
         ("-1e-200,0,0", [-1, 0, 0]),
     ],
-)
+)  # fmt: skip
 def test_up_may_be_a_side_or_a_vector_of_any_length(text, expected):
     assert part_of(BLOCK, text).up == pytest.approx(expected, abs=1e-12)
 

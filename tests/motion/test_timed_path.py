@@ -131,12 +131,8 @@ def test_between_its_rows_it_is_where_the_schedule_is() -> None:
     clock = np.linspace(0.0, schedule.end, 400)
     exact = sample_schedule(chain, schedule, clock)
     position, velocity, spin, quaternion, place = (
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty(4),
-        np.empty(2),
-    )
+        np.empty(3), np.empty(3), np.empty(3), np.empty(4), np.empty(2),
+    )  # fmt: skip
     for i, t in enumerate(clock):
         sample_motion(motion, float(t), position, velocity, quaternion, spin, place)
         np.testing.assert_allclose(position, exact.tips[i, 0], atol=2e-8)

@@ -59,15 +59,11 @@ OUTLINES = {
 @pytest.mark.parametrize(
     ("shape", "pattern", "strokes", "share"),
     [
-        ("arm", "spiral", 9, 0.97),
-        ("neck", "spiral", 3, 0.97),
-        ("even frame", "spiral", 1, 0.97),
-        ("arm", "fermat", 1, 0.98),
-        ("wide neck", "fermat", 1, 0.98),
-        ("uneven frame", "fermat", 2, 0.98),
+        ("arm", "spiral", 9, 0.97), ("neck", "spiral", 3, 0.97), ("even frame", "spiral", 1, 0.97),
+        ("arm", "fermat", 1, 0.98), ("wide neck", "fermat", 1, 0.98), ("uneven frame", "fermat", 2, 0.98),
         ("notch", "raster", 2, 0.99),
     ],
-)
+)  # fmt: skip
 def test_arms_necks_and_frames_are_covered_in_few_strokes(shape, pattern, strokes, share, tmp_path):
     plan = PlanConfig(pattern=pattern, stepover_m=STEP, raster_direction=(1.0, 0.0, 0.0))
     figures = plan_of(prism(*OUTLINES[shape]), tmp_path / "part.stl", plan).figures

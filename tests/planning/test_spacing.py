@@ -58,19 +58,8 @@ def test_a_single_line_has_no_neighbour():
 
 def test_the_corners_of_a_square_spiral_are_left_out():
     corners = [
-        (0, 0),
-        (10, 0),
-        (10, 10),
-        (0, 10),
-        (0, 1),
-        (9, 1),
-        (9, 9),
-        (1, 9),
-        (1, 2),
-        (8, 2),
-        (8, 8),
-        (2, 8),
-    ]
+        (0, 0), (10, 0), (10, 10), (0, 10), (0, 1), (9, 1), (9, 9), (1, 9), (1, 2), (8, 2), (8, 8), (2, 8),
+    ]  # fmt: skip
     points = STEP * np.concatenate([np.linspace(a, b, 300) for a, b in pairwise(corners)])
     found = measure_stepover([level(points)], STEP)
     assert found.p95_m == pytest.approx(STEP, rel=0.03)

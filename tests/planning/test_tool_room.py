@@ -115,15 +115,11 @@ def planned(part):
 @pytest.mark.parametrize(
     ("name", "pattern", "diameter_mm"),
     [
-        ("pocket", "spiral", 50.0),
-        ("pocket", "contour", 20.0),
-        ("walled plate", "raster", 16.0),
-        ("boss", "fermat", 20.0),
-        ("shelf", "raster", 20.0),
-        ("bowl", "spiral", 30.0),
+        ("pocket", "spiral", 50.0), ("pocket", "contour", 20.0), ("walled plate", "raster", 16.0),
+        ("boss", "fermat", 20.0), ("shelf", "raster", 20.0), ("bowl", "spiral", 30.0),
         ("scan", "contour", 20.0),
     ],
-)
+)  # fmt: skip
 def test_no_body_of_the_tool_shares_volume_with_the_part_anywhere_on_the_plan(
     planned, name, pattern, diameter_mm
 ):

@@ -20,17 +20,11 @@ FORCE = override(default_scenario("force"), [REAL])
 ADAPTIVE = "controller.name=hybrid-adaptive"
 NO_NOTCH = "controller.adaptive.arm_mode_hz=0"
 HELD = [  # no loops across the tool axis, no friction of the pad, no gaps: what the linear model has
-    "controller.look_ahead_s=10",
-    "controller.position_p=0",
-    "controller.orientation_p=0",
-    "controller.orientation_i_hz=0",
-    "controller.moment_p_rad_snm=0",
-    "controller.moment_i_rad_s2nm=0",
-    "controller.adaptive.normal_rate_1_s=0",
-    "pad.friction=0",
-    "robot.real.missed_every_s=0",
+    "controller.look_ahead_s=10", "controller.position_p=0", "controller.orientation_p=0",
+    "controller.orientation_i_hz=0", "controller.moment_p_rad_snm=0", "controller.moment_i_rad_s2nm=0",
+    "controller.adaptive.normal_rate_1_s=0", "pad.friction=0", "robot.real.missed_every_s=0",
     "process.hold_s=6",
-]
+]  # fmt: skip
 
 
 def test_slow_motion_presses_head_and_arm_in_series() -> None:

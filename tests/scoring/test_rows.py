@@ -130,12 +130,9 @@ def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp
         return names["package_hash"]()
 
     made_by = (
-        "scoring/journal.py",
-        "scoring/score.py",
-        "row_file.py",
-        "studies/table.py",
+        "scoring/journal.py", "scoring/score.py", "row_file.py", "studies/table.py",
         "models/ur5e_spindle.xml",
-    )
+    )  # fmt: skip
     for file, counts in [*((name, True) for name in made_by), ("page/page.py", False), ("workers.py", False)]:
         before = source()
         with (copy / file).open("a") as edited:

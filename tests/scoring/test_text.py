@@ -37,25 +37,11 @@ HOLD, PATH = (
 def row(case: Case, entry: Entry, seed: int, **changed: Any) -> dict[str, Any]:
     settled = None if case.moving else 0.2
     whole = {
-        "case": case.name,
-        "controller": entry.label,
-        "seed": seed,
-        "settling_1n_s": settled,
-        "overshoot_n": 0.5,
-        "rms_error_n": 0.1,
-        "p95_error_n": 0.2,
-        "max_error_n": 0.4 + 0.1 * seed,
-        "peak_force_n": 20.5,
-        "contact_lost_s": 0.0,
-        "stable": True,
-        "mean_error_n": 0.0,
-        "std_n": 0.1,
-        "oscillation_n": 0.1,
-        "peaks_error_n": None,
-        "protective_stop": None,
-        "duration": 5.0,
-        "slowed": None,
-    }
+        "case": case.name, "controller": entry.label, "seed": seed, "settling_1n_s": settled,
+        "overshoot_n": 0.5, "rms_error_n": 0.1, "p95_error_n": 0.2, "max_error_n": 0.4 + 0.1 * seed,
+        "peak_force_n": 20.5, "contact_lost_s": 0.0, "stable": True, "mean_error_n": 0.0, "std_n": 0.1,
+        "oscillation_n": 0.1, "peaks_error_n": None, "protective_stop": None, "duration": 5.0, "slowed": None,
+    }  # fmt: skip
     return whole | changed
 
 

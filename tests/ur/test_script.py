@@ -278,39 +278,14 @@ def test_a_failing_programme_stops_with_its_place(body: str, words: str) -> None
 @pytest.mark.parametrize(
     "text",
     [
-        "__import__(1)",
-        "x = __builtins__",
-        "x = f.__class__",
-        "x = open(1)",
-        "x = spend",
-        "b_movej(1)",
-        "x = main",
-        "x = Halt",
-        'exec("1")',
-        "x = movej",
-        "f_f()",
-        "x = (1).real",
-        "x = [1].append",
-        "lambda: 1",
-        "x = 1 if True else 2",
-        "x = [y for y in [1]]",
-        "import os",
-        "global f = 1\nf.x = 2",
-        "x = g_y",
-        "raise Halt",
-        "x = yield",
-        "del x",
-        "x = 1; y = 2",
-        "x := 1",
-        "movej.__globals__[0]",
-        "x = {1: 2}",
-        "x = *[1]",
-        "movej([0,0,0,0,0,0], **a)",
-        'socket_open("a", 1, self=1)',
-        "set_tcp(self=1)",
-        "x = 1e999",
+        "__import__(1)", "x = __builtins__", "x = f.__class__", "x = open(1)", "x = spend", "b_movej(1)",
+        "x = main", "x = Halt", 'exec("1")', "x = movej", "f_f()", "x = (1).real", "x = [1].append",
+        "lambda: 1", "x = 1 if True else 2", "x = [y for y in [1]]", "import os", "global f = 1\nf.x = 2",
+        "x = g_y", "raise Halt", "x = yield", "del x", "x = 1; y = 2", "x := 1", "movej.__globals__[0]",
+        "x = {1: 2}", "x = *[1]", "movej([0,0,0,0,0,0], **a)", 'socket_open("a", 1, self=1)',
+        "set_tcp(self=1)", "x = 1e999",
     ],
-)
+)  # fmt: skip
 def test_nothing_of_python_can_be_reached(text: str) -> None:
     with pytest.raises(ScriptError):
         Machine(f"def f():\n{text}\nend\n", Notes())
@@ -319,18 +294,9 @@ def test_nothing_of_python_can_be_reached(text: str) -> None:
 def test_a_programme_compiles_to_its_own_names_and_ours_only() -> None:
     """Whatever a programme is called and says, its code names nothing but what it was given."""
     words = (
-        "__class__",
-        "__globals__",
-        "gi_frame",
-        "f_back",
-        "eval",
-        "os",
-        "main",
-        "spend",
-        "List",
-        "Halt",
+        "__class__", "__globals__", "gi_frame", "f_back", "eval", "os", "main", "spend", "List", "Halt",
         "self",
-    )
+    )  # fmt: skip
     body = "".join(f"{word} = 1\ndef {word}_(a):\n local {word} = a\n return {word}\nend\n" for word in words)
     text = f"def f():\n{body}x = 'a\\\\\" + __import__(1)'\nsync()\nend\n"
     machine = Machine(text, Notes())
@@ -340,19 +306,8 @@ def test_a_programme_compiles_to_its_own_names_and_ours_only() -> None:
         seen |= set(code.co_names)
         codes += [value for value in code.co_consts if hasattr(value, "co_names")]
     known = {
-        "main",
-        "spend",
-        "List",
-        "checked",
-        "pose",
-        "add",
-        "sub",
-        "mul",
-        "mod",
-        "xor",
-        "element",
-        "replaced",
-    }
+        "main", "spend", "List", "checked", "pose", "add", "sub", "mul", "mod", "xor", "element", "replaced",
+    }  # fmt: skip
     assert {name for name in seen if name[:2] not in ("g_", "l_", "f_", "b_")} <= known
 
 
