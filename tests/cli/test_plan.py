@@ -71,15 +71,12 @@ def test_a_plan_out_of_reach_says_so(polish_sim: Tool) -> None:
 
 
 BAD = {
-    "negative step-over": (("plate", "--stepover", "-3"), "--stepover -3"),
-    "step-over beyond the pad": (("plate", "--stepover", "60"), "would leave stripes"),
     "step-over beyond the part": (("plate", "--stepover", "300"), "300 mm"),
     "unknown pattern": (
         ("plate", "--pattern", "star"),
         "unknown pattern 'star'. Did you mean 'raster'? Known: ",
     ),
     "unknown lead-in": (("plate", "--lead-in", "jump"), "Known: arc, normal, tangent"),
-    "unknown region": (("plate", "--region", "left"), "auto, top, all"),
     "overlap twice": (("plate", "--overlap", "70", "--stepover", "8"), "give one of them"),
     "overlap too large": (("plate", "--overlap", "100"), "percentage"),
     "reach map of two robots": (("plate", "--dual", "--reach-map"), "--reach-map shows one robot"),

@@ -103,7 +103,7 @@ def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, name
 
 def test_two_arms_that_know_their_gears_put_the_tool_on_the_part() -> None:
     scenario = override(
-        default_scenario("dual"), [f"seed={SEED}", KNOWN, "process.max_feed_s=8", "simulation.log_rate_hz=0"]
+        default_scenario("dual"), [f"seed={SEED}", KNOWN, "process.max_feed_s=4", "simulation.log_rate_hz=0"]
     )
     figures = run_experiment(scenario).figures
     assert figures["relative_error_rms_m"] < 0.1e-3  # 0.2 to 0.35 mm with gears the hosts do not know
