@@ -8,6 +8,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,14 +47,9 @@ def metrics_of(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
 
 
-@pytest.fixture(autouse=True)
-def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave pictures empty where no test looks at them: drawing takes most of the time of a short run.
-
-    Tests with the mark `pictures` and fixtures of a whole module draw; so do commands in other processes.
-    """
-    if "pictures" in request.keywords:
-        return
+@contextmanager
+def undrawn() -> Iterator[None]:
+    """Leave pictures empty: drawing takes most of the time of a short run."""
 
     def save(self: Figure, file: object, **words: Any) -> None:
         if isinstance(file, Path):
@@ -66,11 +62,20 @@ def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
         return True
 
     drawn = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", save)
-    for name in ("path_plot.plot_plan", "inspect_plot.plot_maps", "inspect_plot.plot_distributions"):
-        monkeypatch.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
-    for name in ("run", "report"):
-        monkeypatch.setattr(f"polish_sim.cli.{name}.save_cell", save_cell)
+    with pytest.MonkeyPatch.context() as left_out:
+        left_out.setattr(Figure, "savefig", save)
+        for name in ("path_plot.plot_plan", "inspect_plot.plot_maps", "inspect_plot.plot_distributions"):
+            left_out.setattr(f"polish_sim.analysis.{name}", lambda *_, **__: Figure())
+        for name in ("run", "report"):
+            left_out.setattr(f"polish_sim.cli.{name}.save_cell", save_cell)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _undrawn(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Tests with the mark `pictures` draw, and commands in other processes."""
+    with nullcontext() if "pictures" in request.keywords else undrawn():
+        yield
 
 
 class Call(NamedTuple):

@@ -13,7 +13,7 @@ from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.config import Scenario
 from polish_sim.scenario_file import load_scenario
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import Tool, metrics_of, undrawn
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,8 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one small calibration, made once."""
     folder = tmp_path_factory.mktemp("calibrated") / "one"
     words = ["calibrate", "payload", "--poses", "6", "--seed", "4", "--out", str(folder), "--check"]
-    assert execute(commands, words) == 0
+    with undrawn():
+        assert execute(commands, words) == 0
     return folder
 
 

@@ -13,7 +13,14 @@ from polish_sim.dual.budget import PairBudgetTrial, draw_errors
 from tests.cli.conftest import Tool, metrics_of
 
 
+@pytest.fixture
+def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Predict with one design of the calibrations instead of ten."""
+    monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
+
+
 @pytest.mark.pictures
+@pytest.mark.usefixtures("one_design")
 def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp_path: Path) -> None:
     call = polish_sim("calibrate", "budget", "--draws", "30", "--check", "--out", "one")
     assert call.code == 0
@@ -26,12 +33,6 @@ def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp
     assert sources["together"]["predicted_rms_m"] == pytest.approx(np.linalg.norm(alone))
     assert figures["relative_error_rms_m"] == sources["together"]["drawn_rms_m"]
     assert figures["settings"]["tracker_noise_m"] == 3e-5
-
-
-@pytest.fixture
-def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Predict with one design of the calibrations instead of ten."""
-    monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
 
 
 def drawn_cheaply(trial: PairBudgetTrial, count: int) -> Iterator[dict[str, Any]]:

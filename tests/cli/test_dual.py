@@ -12,7 +12,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.spatial import from_pose
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import Tool, metrics_of, undrawn
 
 SHORT = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
 
@@ -21,13 +21,15 @@ SHORT = ("--set", "process.max_feed_s=0.3", "--standoff", "5")
 def calibrations(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Calibrations of bases, of another pair's, of a planted tool and of the cell's own, made once."""
     made = tmp_path_factory.mktemp("calibrations")
-    for name, words in {
+    asked = {
         "base": ("base", "--seed", "1"),
         "other": ("base", "--pair", "cell 7"),
         "tool": ("tcp",),
         "own": ("tcp", "--cell-tool", "--seed", "3", "--check"),
-    }.items():
-        assert execute(commands, ["calibrate", *words, "--out", str(made / name)]) == 0
+    }
+    with undrawn():
+        for name, words in asked.items():
+            assert execute(commands, ["calibrate", *words, "--out", str(made / name)]) == 0
     return made
 
 

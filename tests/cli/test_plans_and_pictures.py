@@ -18,7 +18,7 @@ from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
 from polish_sim.cli.main import commands
 from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
-from tests.cli.conftest import PROGRAM, UNPROVEN, Tool
+from tests.cli.conftest import PROGRAM, UNPROVEN, Tool, undrawn
 from tests.kept import plate_file
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
@@ -98,7 +98,8 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(plate_file(), folder / "mine.stl")
     words = ["plan", str(folder / "mine.stl"), "--up", "z", "--stepover", "40", *UNPROVEN]
     words += ["--out", str(folder / "plan")]
-    assert execute(commands, words) == 0
+    with undrawn():
+        assert execute(commands, words) == 0
     return folder / "plan"
 
 

@@ -31,7 +31,7 @@ from polish_sim.ur.link import Link
 from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server
-from tests.cli.conftest import PROGRAM, UNPROVEN
+from tests.cli.conftest import PROGRAM, UNPROVEN, undrawn
 from tests.kept import plate_file
 
 ADDRESS = "127.0.0.1"
@@ -387,7 +387,8 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The path of a coarse plan of the plate."""
     folder = tmp_path_factory.mktemp("planned")
     words = ["plan", str(plate_file()), "--stepover", "40", *UNPROVEN, "--out", str(folder / "PLAN")]
-    assert execute(commands, words) == 0
+    with undrawn():
+        assert execute(commands, words) == 0
     return folder / "PLAN/path.csv"
 
 
