@@ -40,7 +40,7 @@ class Press:
 
 def scored(folder: Path, seeds: int = 1, workers: int = 1, *cases: Case) -> tuple[Score, list[int]]:
     measured: list[int] = []
-    with open_workers(count=workers) as crew:
+    with open_workers("here" if workers == 1 else "local", workers) as crew:
         score = run_score(
             cases or (SHORT, OTHER),
             [PI],
