@@ -24,8 +24,8 @@ share_parts()
 # What compiles longest comes first and side by side: with an empty cache each process has its own kernels to
 # make.
 COMPILE_LONGEST = ("cell/test_engine_contact.py", "analysis/test_path_plot.py")
-# What mostly waits for the clock runs beside the others: at the end one process would wait alone.
-WAITS_FOR_THE_CLOCK = "ur/test_wire.py"
+# What waits for the clock or takes long runs beside the others: at the end one process would do it alone.
+NOT_LAST = "ur"
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
@@ -40,7 +40,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         place, first = item.path.as_posix(), len(COMPILE_LONGEST)
         if place.endswith(COMPILE_LONGEST):
             return next(k for k, name in enumerate(COMPILE_LONGEST) if place.endswith(name))
-        if place.endswith(WAITS_FOR_THE_CLOCK):
+        if item.path.parent.name == NOT_LAST:
             return first + 1
         return first if item.path.parent.name < "dual" else first + 2
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +29,14 @@ def plan() -> PlanResult:
     return plan_removal(EVEN)
 
 
+@cache
+def without_removal() -> PlanResult:
+    return plan_part(EVEN.part, replace(EVEN.plan, removal=""))
+
+
 def ramp(file: Path, top: float = 2.0) -> Path:
     """A map over the plate's box that rises from 1 to ``top`` along x."""
-    mesh = plan_part(EVEN.part, replace(EVEN.plan, removal="")).ready.ground.mesh
+    mesh = without_removal().ready.ground.mesh
     x = mesh.vertices[:, 0]
     target = 1.0 + (top - 1.0) * (x - x.min()) / np.ptp(x)
     colors = np.zeros((len(x), 3), dtype=np.uint8)
@@ -115,7 +121,7 @@ def test_what_cannot_be_followed_is_refused(change: dict[str, object]):
 
 
 def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_path: Path):
-    ready = plan_part(EVEN.part, replace(EVEN.plan, removal="")).ready
+    ready = without_removal().ready
     mesh = ready.ground.mesh
     x = mesh.vertices[:, 0]
     exposure = np.where(x > np.median(x), 3.0, 1.0)

@@ -82,7 +82,7 @@ def test_where_the_corner_carries_a_share_of_the_force_the_path_is_pressed_with_
     assert force[-1] == pytest.approx(shares[-1] * asked)
     assert force[0] == asked
     assert np.abs(np.gradient(force, path.s)).max() < 0.75 * asked / 0.0149  # [N/m] over half a second
-    for seed in (501, 502, 503):
+    for seed in (501, 502):
         run = run_experiment(replace(proven.scenario, seed=seed), proven.plan)
         assert run.stop_reason is None
         assert run.figures["path_done"] == 1.0
@@ -114,7 +114,7 @@ def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_ru
     assert np.abs(cut[:, :2] - 0.1).max() < 0.05  # [m], all of it near the corner
     kept = proven.plan.path.process
     assert np.isin(proven.plan.path.positions_work[kept], plan.path.positions_work).all()
-    for seed in (501, 502, 503):
+    for seed in (501, 502):
         run = run_experiment(replace(proven.scenario, seed=seed), proven.plan)
         assert run.stop_reason is None
         assert run.figures["path_done"] == 1.0
