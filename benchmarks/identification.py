@@ -43,7 +43,7 @@ from polish_sim.identification.settings import IdentifySettings
 from polish_sim.models import robot_model_path
 
 SEEDS, SEEDS_GEARS = 50, 20
-FIRST_ELASTIC = 520
+FIRST_ELASTIC = 8460
 SAMPLES = 10_000
 CHUNK = 2000
 DESIGNS = 5
@@ -270,7 +270,10 @@ def elastic_rows() -> Iterator[Row]:
         runs.append(run_identification(IdentifySettings(iterations=60, seed=seed)).figures)
         print(
             seed,
-            [round(float(runs[-1][key]), 4) for key in ("nrms_heldout_mean", "error_over_crb")],
+            [
+                round(float(runs[-1][key]), 4)
+                for key in ("nrms_heldout_mean", "error_over_crb", "interval_coverage")
+            ],
             flush=True,
         )
     for key, label, share, asked in (

@@ -1,8 +1,8 @@
 """Dynamics of an arm with elastic joints: rigid links behind gears whose two sides have encoders of their
 own.
 
-    tau = Ia a + fv w + fc s(w) + f0 + (1 + e'(motor) + load) T
-    load = ld where T drives, -ln where it is driven
+    tau = Ia a + fv w + fc s(w) + f0 + (1 + e'(motor)) T + load (T - D d(twist)/dt)
+    load = ld where the motor drives, -ln where it is driven
     T = Y(link) pi + the sprung head's share + dY/dtable pi (table - nominal one)
 
 Motor side and link side are measured, so neither the springs nor their hysteresis have to be known. Only e',
@@ -10,15 +10,17 @@ the slope of the gears' error, tells the size of T from the friction that grows 
 else be scaled together. What the arm is built off its table bends the weight's lever arms; it is fitted
 along, with the table's tolerance as prior knowledge. The parameters are those of `TorqueModel` with all its
 terms, the two shares of load and the bends behind them; Gauss-Newton on torques and columns that are
-low-passed alike.
+filtered alike: what is left of the torques becomes white. Encoder steps outweigh the torques' noise from
+some 80 Hz on.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from polish_sim.arrays import Array, Bools
 from polish_sim.config import RealArmConfig
@@ -30,21 +32,25 @@ from polish_sim.identification.estimate import (
     base_of_rows,
     condition_number,
     inverse_of,
+    spread_of_sums,
 )
-from polish_sim.identification.gear_fit import GearFit
+from polish_sim.identification.gear_fit import GearFit, slope_of
 from polish_sim.identification.log_file import Gears, RobotLog
 from polish_sim.identification.regressor import FULL, States, TorqueModel, random_states, rigid_regressor
 from polish_sim.motion.kinematics import jacobian, link_frames
 from polish_sim.motion.serial_chain import ChainGeometry
 
-#: Of torques and columns that are fitted: above, encoder steps are all there is to see
+#: Of speeds that say where motors turn back, and of torques that are fitted while their noise is unknown
 LOW_PASS_HZ = 30.0
-BAND_HZ = 250.0  #: Of the states columns are made of
+#: Of what is fitted: the gears' ripple at full speed is at 96 Hz; much above, steps make all of |T| larger
+BAND_HZ = 140.0
+#: Over which the spectrum of the noise is smoothed: over little it would follow what the fit has taken
+SMOOTH_HZ = 20.0
 #: Of the states torques are predicted from: less loses the gears' ripple, more adds steps
 PREDICTED_HZ = 130.0
 BLOCK_S = 0.2  #: How long residuals may be alike
 #: Size of these shares before anything is measured: decides only where gears show no error
-LIKELY = 0.3
+LIKELY = 0.1
 LOADS = 2  #: Parameters of friction by load, a joint
 _ORDER = 8
 _ROUNDS = 5
@@ -74,9 +80,13 @@ class SprungHead(NamedTuple):
 def filtered(signal: Array, dt: float, band: float, order: int = 0) -> Array:
     """A periodic signal (m, ...) or its derivative of an order, low-passed at ``band`` [Hz] without delay."""
     f = np.fft.rfftfreq(len(signal), dt)
-    gain = (2j * np.pi * f) ** order / np.sqrt(1.0 + (f / band) ** (2 * _ORDER))
+    gain = (2j * np.pi * f) ** order * _passed(f, band)
     spectrum = np.fft.rfft(signal, axis=0) * gain.reshape(-1, *[1] * (signal.ndim - 1))
     return np.fft.irfft(spectrum, len(signal), axis=0)
+
+
+def _passed(f: Any, band: float) -> Any:
+    return 1.0 / np.sqrt(1.0 + (f / band) ** (2 * _ORDER))
 
 
 def one_period(log: RobotLog, period: float) -> RobotLog:
@@ -135,7 +145,7 @@ class ElasticMotion:
         That needs no second derivative of encoder steps, but is no function of the links' parameters.
         """
         assert log.gears is not None
-        model, errors = arm.model, gears.errors()
+        model = arm.model
         self.dt = float(np.mean(np.diff(log.time)))
         motor, link = (States(*(filtered(side, self.dt, band, k) for k in range(3))) for side in log.gears)
         self.model, self.motor = model, motor
@@ -149,14 +159,20 @@ class ElasticMotion:
             springs = gears.torques(arm.real, Gears(motor.q, link.q), self.dt)
             self.quick = springs - filtered(springs, self.dt, LOW_PASS_HZ)
         waves = 2.0 * arm.real.gear_ratio
-        s, c, e = np.sin(waves * motor.q), np.cos(waves * motor.q), errors.T
-        self.slope = waves * (e[0] * c - e[1] * s + 2.0 * (e[2] * (c**2 - s**2) - e[3] * 2.0 * s * c))
+        self.slope = waves * np.einsum("mjk,jk->mj", slope_of(waves * motor.q), gears.errors())
+        turned = States(*(a - b for a, b in zip(motor, link, strict=True)))
+        #: Damping of the gears, which friction by load does not grow with, shape (m, n) [N m]
+        self.damped = gears.damping() * (turned.qd + self.slope * motor.qd)
 
     def torques(self, found: Found) -> Array:
         """Torques of the motors (m, n) [N m]."""
         T, shares = self.passed(found)
         own = found.full[self.Y.shape[2] :].reshape(len(FULL), -1)
-        return shares * T + np.einsum("kmj,kj->mj", self.terms(), own)
+        return (
+            shares * T
+            - (shares - 1.0 - self.slope) * self.damped
+            + np.einsum("kmj,kj->mj", self.terms(), own)
+        )
 
     def passed(self, found: Found) -> tuple[Array, Array]:
         """What the gears pass on [N m], and how many times that the motors feel, (m, n) each."""
@@ -167,7 +183,7 @@ class ElasticMotion:
 
     def driving(self, T: Array) -> Bools:
         """Where the motors drive, not the load."""
-        return T * self.motor.qd > 0.0
+        return (T - self.damped) * self.motor.qd > 0.0
 
     def terms(self) -> Array:
         """Columns of the terms in the order of `FULL`, shape (4, m, n)."""
@@ -202,23 +218,21 @@ def fit_elastic(
     x, r, n = np.zeros(fit.size), base.rank, motion.model.joints
     for number in range(_ROUNDS):
         known = slice(0, fit.size if number else r)  # friction by load needs a first torque
-        pieces = [(a[:, known], left) for a, left in fit.linearised(x)]
-        H, g = _normal(pieces, fit.noise)
-        prior = fit.prior[known]
-        step = inverse_of(H + np.diag(prior)) @ (g - prior * x[known])
-        x[known] += step
-        fit.noise = np.array([np.std(left - a @ step) for a, left in pieces])
-    pieces = fit.linearised(x)
-    H = _normal(pieces, fit.noise)[0] + np.diag(fit.prior)
-    covariance = _clustered(pieces, fit, inverse_of(H))
+        if number:
+            fit.whiten(x)
+        a, left = fit.linearised(x)
+        a, prior = a[:, known], fit.prior[known]
+        x[known] += inverse_of(a.T @ a + np.diag(prior)) @ (a.T @ left - prior * x[known])
+    a, left = fit.linearised(x)
+    H = a.T @ a + np.diag(fit.prior)
+    C = inverse_of(H)
+    covariance = C @ (spread_of_sums(a * left[:, None], fit.blocks) + np.diag(fit.prior)) @ C
     of_period = periods * fit.information(x, sigma) + np.diag(fit.prior)
-    spread = np.array([np.var(fit.torque[moving, j]) for j, moving in enumerate(fit.moving.T)])
-    plain = np.asarray(sum(a[:, :r].T @ a[:, :r] for a, _left in pieces))
+    spread = np.array([np.var(torque[moving, j]) for j, moving in enumerate(fit.moving.T)])
     scale = 1.0 / np.sqrt(np.diag(H)[:r])
-    # White noise of the mean is passed in this share by the low-pass.
-    passed = math.sqrt(2.0 * LOW_PASS_HZ * motion.dt / periods)
     estimate = Estimate(
-        x[:r], covariance[:r, :r], fit.noise / passed, 1.0 - fit.noise**2 / spread, condition_number(plain),
+        x[:r], covariance[:r, :r], math.sqrt(periods) * fit.noise, 1.0 - fit.noise**2 / spread,
+        condition_number(fit.information(x, np.ones(n))[:r, :r]),
         condition_number(H[:r, :r] * np.outer(scale, scale)), np.ones(n),
     )  # fmt: skip
     shown = slice(0, r + LOADS * n)
@@ -228,29 +242,8 @@ def fit_elastic(
     )
 
 
-def _normal(pieces: list[tuple[Array, Array]], noise: Array) -> tuple[Array, Array]:
-    H = sum((a / s).T @ (a / s) for (a, _left), s in zip(pieces, noise, strict=True))
-    return np.asarray(H), np.asarray(
-        sum(a.T @ left / s**2 for (a, left), s in zip(pieces, noise, strict=True))
-    )
-
-
-def _clustered(pieces: list[tuple[Array, Array]], fit: _Fit, C: Array) -> Array:
-    """Covariance of a fit whose residuals may be alike within a block of one joint (sandwich); ``C``: were
-    they not."""
-    scores = []
-    for (a, left), s, block in zip(pieces, fit.noise, fit.blocks, strict=True):
-        used, which = np.unique(block, return_inverse=True)
-        sums = np.zeros((len(used), a.shape[1]))
-        np.add.at(sums, which, a * left[:, None] / s**2)
-        scores.append(sums)
-    all_of_them = np.concatenate(scores)
-    few = len(all_of_them) / max(len(all_of_them) - len(C), 1)
-    return C @ (few * all_of_them.T @ all_of_them + np.diag(fit.prior)) @ C
-
-
 class _Fit:
-    """Low-passed samples and columns of one fit."""
+    """Samples and columns of one fit, and the gains by frequency that make what is left white."""
 
     def __init__(self, motion: ElasticMotion, base: BaseParameters, torque: Array) -> None:
         self.motion, self.base, self.dt = motion, base, motion.dt
@@ -260,17 +253,22 @@ class _Fit:
         self.prior = (np.arange(self.size) >= self.bends).astype(float)
         self.prior[base.rank : self.bends] = 1.0 / LIKELY**2
         self.rigid = base.columns[base.columns < 10 * n]
-        self.rows = slice(None, None, max(1, round(1.0 / (2.5 * LOW_PASS_HZ * self.dt))))
-        self.torque, self.noise = self.low(torque)[self.rows], np.ones(n)
+        self.torque, self.noise = torque, np.ones(n)
         reach = round(0.5 / LOW_PASS_HZ / self.dt)
-        slow = np.abs(self.low(motion.motor.qd)) < TURNING
-        near = np.array([np.convolve(joint, np.ones(2 * reach + 1), "same") > 0.5 for joint in slow.T]).T
-        self.moving = ~near[self.rows]
-        block = (np.arange(len(torque)) * self.dt / BLOCK_S).astype(np.int64)[self.rows]
-        self.blocks = [block[moving] for moving in self.moving.T]
+        slow = np.abs(filtered(motion.motor.qd, self.dt, LOW_PASS_HZ)) < TURNING
+        self.moving = np.array([np.convolve(j, np.ones(2 * reach + 1), "same") < 0.5 for j in slow.T]).T
+        joint, row = np.nonzero(self.moving.T)
+        self.blocks = joint * len(torque) + (row * self.dt / BLOCK_S).astype(np.int64)
+        self.frequency = np.fft.rfftfreq(len(torque), self.dt)
+        self.gains = np.repeat(_passed(self.frequency, LOW_PASS_HZ)[:, None], n, axis=1)
 
-    def low(self, signal: Array) -> Array:
-        return filtered(signal, self.dt, LOW_PASS_HZ)
+    def whiten(self, x: Array) -> None:
+        """Find the gains from what ``x`` leaves of the torques."""
+        left = np.where(self.moving, self.torque - self.motion.torques(self.found(x)), 0.0)
+        power = np.abs(np.fft.rfft(left, axis=0)) ** 2 / self.moving.sum(axis=0)
+        self.noise = np.sqrt(power[self.frequency < LOW_PASS_HZ].mean(axis=0))
+        smooth = gaussian_filter1d(power, SMOOTH_HZ * len(left) * self.dt, axis=0)
+        self.gains = _passed(self.frequency, BAND_HZ)[:, None] / np.sqrt(smooth)
 
     def found(self, x: Array) -> Found:
         full = np.zeros(self.motion.model.columns)
@@ -286,25 +284,27 @@ class _Fit:
         first = len(self.rigid)
         slopes[:, :first] = shares[:, j, None] * motion.Y[:, j, self.rigid]
         slopes[:, first + j : self.base.rank : n] = motion.terms()[:, :, j].T
-        driving = motion.driving(T)[:, j]
+        driving, T = motion.driving(T)[:, j], T - motion.damped
         slopes[:, self.base.rank + j], slopes[:, self.base.rank + n + j] = (
             np.where(driving, T[:, j], 0.0), np.where(driving, 0.0, -T[:, j]),
         )  # fmt: skip
         return slopes
 
-    def linearised(self, x: Array) -> list[tuple[Array, Array]]:
-        """Of every joint the samples' columns and what the parameters leave of their torques."""
-        left = self.torque - self.low(self.motion.torques(self.found(x)))[self.rows]
-        return [
-            (self.low(self.columns(x, j))[self.rows][moving], left[moving, j])
-            for j, moving in enumerate(self.moving.T)
-        ]
+    def linearised(self, x: Array) -> tuple[Array, Array]:
+        """Columns of the samples of all joints, one after the other, and what the parameters leave of their
+        torques, whitened."""
+        left, rows = self.torque - self.motion.torques(self.found(x)), []
+        for j, moving in enumerate(self.moving.T):
+            both = np.column_stack([self.columns(x, j), left[:, j]])
+            spectrum = np.fft.rfft(both, axis=0) * self.gains[:, j, None]
+            rows.append(np.fft.irfft(spectrum, len(both), axis=0)[moving])
+        of_all = np.concatenate(rows)
+        return of_all[:, :-1], of_all[:, -1]
 
     def information(self, x: Array, sigma: Array) -> Array:
-        """Fisher information of one period's samples that count, white noise, nothing low-passed."""
-        every = self.rows.step
+        """Fisher information of one period's samples that count, white noise, nothing filtered."""
         H = np.zeros((self.size, self.size))
         for j, moving in enumerate(self.moving.T):
-            a = self.columns(x, j)[np.repeat(moving, every)[: len(self.motion.Y)]] / sigma[j]
+            a = self.columns(x, j)[moving] / sigma[j]
             H += a.T @ a
         return H

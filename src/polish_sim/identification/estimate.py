@@ -206,6 +206,15 @@ def estimate(sums: JointSums, sigma: Array | None = None) -> Estimate:
     return Estimate(theta, covariance, noise, 1.0 - left / np.maximum(total, 1e-30), plain, equal)
 
 
+def spread_of_sums(scores: Array, blocks: Indices) -> Array:
+    """Covariance (p, p) of the sum of scores (m, p) that may be alike within a block (m,) (sandwich)."""
+    used, which = np.unique(blocks, return_inverse=True)
+    sums = np.zeros((len(used), scores.shape[1]))
+    np.add.at(sums, which, scores)
+    few = len(used) / max(len(used) - scores.shape[1], 1)
+    return few * sums.T @ sums
+
+
 def condition_number(H: Array) -> float:
     """Condition number of the stacked regressor whose information is H."""
     values = np.linalg.eigvalsh(H)

@@ -20,11 +20,13 @@ from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.arrays import Array, Bools
 from polish_sim.config import RealArmConfig
-from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of
+from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of, spread_of_sums
 from polish_sim.identification.log_file import Gears, RobotLog
 from polish_sim.identification.physical import ParameterRow
 
 LOW_PASS_HZ = 30.0
+#: Of twists: the encoders' steps, added up, would be a longer way of the hysteresis
+TWIST_HZ = 140.0
 SAMPLED_HZ = 100.0  #: Of what is fitted
 BLOCK_S = 0.2  #: How long residuals may be alike
 FORGOTTEN = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
@@ -80,6 +82,11 @@ class GearFit(NamedTuple):
     def errors(self) -> Array:
         """Factors of the gears' errors, shape (n, 4) [rad], 0 where none is seen."""
         return np.nan_to_num(self.values[:, _ERRORS])
+
+    def damping(self) -> Array:
+        """Damping of the gears [N m s/rad], shape (n,), 0 where it may be none."""
+        D, std = self.values[:, 5], self.std[:, 5]
+        return np.where(INTERVAL_95 * std < D, D, 0.0)
 
     def torques(self, real: RealArmConfig, sides: Gears, dt: float) -> Array:
         """What the gears' springs, hysteresis and damping pass on, (m, n) [N m]; NaN where no slope is
@@ -173,14 +180,13 @@ class _Gear:
         self._sos = butter(2, 2.0 * LOW_PASS_HZ * self._dt, output="sos")
         self._rise, self._knees = real.lost_motion_rise_rad, (real.knee_1_nm[j], real.knee_2_nm[j])
         angle = log.gears.motor[:, j]
-        self._turned = angle - log.gears.link[:, j]
+        sharp = butter(8, 2.0 * TWIST_HZ * self._dt, output="sos")
+        self._turned = sosfiltfilt(sharp, angle - log.gears.link[:, j])
         self._speed = np.gradient(self._low(angle), self._dt)
         self._acceleration = np.gradient(self._speed, self._dt)
         self._torque = self._low(log.torque[:, j])
         waves = 2.0 * real.gear_ratio
-        s, c = np.sin(waves * angle), np.cos(waves * angle)
-        self._error = _error_of(waves * angle)
-        self._slope = waves * np.column_stack([c, -s, 2.0 * (c**2 - s**2), -4.0 * s * c])
+        self._error, self._slope = _error_of(waves * angle), waves * slope_of(waves * angle)
         self._every = max(1, round(1.0 / (SAMPLED_HZ * self._dt)))
         self._counts = self._moving()
         self._phase = ((log.time % period) if period else log.time - log.time[0])[:: self._every][
@@ -221,12 +227,9 @@ class _Gear:
         if np.linalg.cond(slopes[:, seen] / size[seen]) > CONFOUNDED:
             return deviations
         slopes = slopes[:, seen]
-        used, which = np.unique((self._phase / BLOCK_S).astype(np.int64), return_inverse=True)
-        sums = np.zeros((len(used), slopes.shape[1]))
-        np.add.at(sums, which, slopes * left[:, None])
-        H = inverse_of(slopes.T @ slopes)
-        few = len(used) / max(len(used) - slopes.shape[1], 1)
-        deviations[seen] = np.sqrt(few * np.diag(H @ (sums.T @ sums) @ H))
+        C = inverse_of(slopes.T @ slopes)
+        blocks = (self._phase / BLOCK_S).astype(np.int64)
+        deviations[seen] = np.sqrt(np.diag(C @ spread_of_sums(slopes * left[:, None], blocks) @ C))
         return deviations
 
     def _start(self) -> Array:
@@ -254,8 +257,13 @@ class _Gear:
 
 def _error_of(phase: Array) -> Array:
     """Columns of the gear's error at its phases (m,), shape (m, 4)."""
-    s, c = np.sin(phase), np.cos(phase)
-    return np.column_stack([s, c, 2.0 * s * c, c**2 - s**2])
+    return np.stack([np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)], axis=-1)
+
+
+def slope_of(phase: Array) -> Array:
+    """Slopes of these columns by phases of any shape (..., 4)."""
+    sin, cos, sin2, cos2 = np.moveaxis(_error_of(phase), -1, 0)
+    return np.stack([cos, -sin, 2.0 * cos2, -2.0 * sin2], axis=-1)
 
 
 def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:
