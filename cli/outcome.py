@@ -4,6 +4,7 @@ contract."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,8 @@ class Outcome:
     def finish(self, folder: Path, check: bool | None, more: str = "") -> int:
         """Show the outcome, ``more``, and the folder; returns the exit code, falling short counts with
         ``check``."""
-        self.show()
+        with suppress(KeyboardInterrupt):  # all is written
+            self.show()
         if more:
             console.say(more)
         console.say_folder(folder)

@@ -210,8 +210,10 @@ def run_once(
                 stack.enter_context(sink)
             stack.enter_context(observer.compiling.ahead(scenario))
             planned, scenario = plan_to_run(scenario, plan, observer, draft)
-            with results_kept():
+            with results_kept() as again:
                 record = simulate(scenario, planned, draft, observer, sinks)
+            if again.seen:
+                raise KeyboardInterrupt
             observer.stage("draw")
             stop = stop_mark(record.metrics)
             model = next((sink.model for sink in sinks if isinstance(sink, Snapshot)), None)
@@ -340,9 +342,7 @@ def plan_to_run(
         plan = measure_given_path(given, *asked, read_cuts(Path(scenario.plan.file)))
     if scenario.plan.begin_m > 0.0:
         plan = plan.behind(scenario.plan.begin_m)
-    if folder is None or row.name != "surface" or scenario.safety.proof == "none":
-        pass
-    else:
+    if folder is not None and row.name == "surface" and scenario.safety.proof != "none":
         known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
         if known is not None and is_proven(scenario, plan.path, known):
             plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))

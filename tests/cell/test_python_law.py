@@ -142,7 +142,7 @@ def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_ke
 
     before = signal.getsignal(signal.SIGINT)
     run = on_plane(controller=Law(stuck)).run(Listening())
-    assert said == ["stopping at the next cycle"]
+    assert said == ["stopping at the next cycle; Ctrl-C again ends a controller's step"]
     assert run.interrupted
     assert run.stop_reason is None
     assert run.steps == 102

@@ -55,7 +55,7 @@ SILENT = Silent()
 
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
 
-STOPPING = "stopping at the next cycle"
+STOPPING = "stopping at the next cycle; Ctrl-C again ends a controller's step"
 #: After the first Ctrl-C a controller may go on for this long before it is aborted [s]
 PATIENCE_S = 2.0
 
@@ -121,8 +121,7 @@ def results_kept() -> Iterator[Interrupt]:
         yield _waiting
     finally:
         _waiting.waits = False
-        if signal.getsignal(signal.SIGINT) == _waiting.note:
-            signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, before)
 
 
 # A user's Python controller as a law the compiled loop can call.

@@ -278,6 +278,8 @@ def check_settings(scenario: Scenario) -> None:
         raise InputError(
             f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'."
         )
+    check_stroke_rule(scenario)
+    controller = build_controller(scenario.controller)
     if not row.controlled:
         return
     if row.on_part:
@@ -287,13 +289,11 @@ def check_settings(scenario: Scenario) -> None:
             check_asked(scenario.part, scenario.plan, scenario.pad)
         else:
             check_part_words(scenario.part, scenario.plan)
-        check_stroke_rule(scenario)
         for name in (scenario.part.real_file, scenario.part.fixture_file):
             if name and not part_path(name).is_file():
                 raise InputError(f"'{name}' is no file. Check the name and the folder.")
     check_rates(scenario)
     planned_events(scenario, row.on_part, two_robots=row.carried)
-    controller = build_controller(scenario.controller)
     if scenario.process.learn:
         check_learning(scenario, controller)
     if not scenario.plan.file:
@@ -306,7 +306,7 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
     Raises:
         ConfigError: Naming the limit that is broken.
     """
-    if experiment(scenario.experiment).controlled:
+    if experiment(scenario.experiment).on_part:
         usual = scenario.process.contact_force_n
         force = usual if path is None else largest_force(scenario, path)
         raised = [

@@ -178,6 +178,8 @@ def check_experiment(
         PolishSimError: If the scenario cannot be run.
     """
     row = experiment(scenario.experiment)
+    if not row.prepare:
+        raise InputError(f"'{row.name}' has no path to check: run it.")
     return CheckedPath(*_call(row, row.prepare, scenario, plan, observer))
 
 

@@ -76,11 +76,10 @@ def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[s
     ``protective_stop_at`` holds the same for pictures: name, time_s, path_s_m, tool_m in the base frame and
     on the part, tool_on_part_m.
     """
-    if run.stop_reason is None:
-        return {"protective_stop": None, "protective_stop_at": None}
-    limits = re.sub(r"\b([a-z]+)\.([a-z]\w+)", lambda key: _with_value(key, scenario), run.stop_reason)
-    at = run.safety.protective_stop_time_s
-    if at is None or not len(run.trace.time_s):
+    limits, at = run.stop_reason, run.safety.protective_stop_time_s
+    if limits:
+        limits = re.sub(r"\b([a-z]+)\.([a-z]\w+)", lambda key: _with_value(key, scenario), limits)
+    if limits is None or at is None or not len(run.trace.time_s):
         return {"protective_stop": limits, "protective_stop_at": None}
     row = min(int(np.searchsorted(run.trace.time_s, at)), len(run.trace.time_s) - 1)
     tip = run.trace.tcp_position_m[row]

@@ -117,7 +117,7 @@ class GearFit(NamedTuple):
         mean."""
         loads, std = self.values[:, _LOADS], self.std[:, _LOADS]
         weights = np.where(std < SURE, 1.0 / std**2, 0.0)
-        mean = (weights * loads).sum(axis=0) / weights.sum(axis=0)
+        mean = (weights * loads).sum(axis=0) / (weights.sum(axis=0) + 1e-300)  # none where none shows them
         return np.where(std < SURE, loads, mean)
 
     def figures(self) -> dict[str, Any]:

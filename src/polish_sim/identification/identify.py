@@ -105,7 +105,7 @@ def run_identification(
     started = time.process_time()
     task, other, excitation = _design(arm, base, drawing, settings, streams[1], use)
     design_s = time.process_time() - started
-    observer.stage(f"play {settings.periods} periods and one of another motion")
+    observer.stage("play the motion, and another one to check with")
     log = with_noise(
         play_motion(arm, excitation.motion, settings.periods, settings.rate),
         settings.encoder_step,
@@ -143,7 +143,7 @@ def run_identification(
     figures |= {"design_s": design_s, "fit_s": fit_s, "samples": len(log.time), "seed": settings.seed}
     weighed = None
     if settings.payload:
-        observer.stage(f"play {settings.periods} periods with a payload")
+        observer.stage("play the motion with a payload")
         weighed = weigh_block(sums, task.base, excitation.motion, settings, streams[5])
         figures |= weighed.figures
     return Identification(

@@ -165,8 +165,7 @@ def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str,
     if not isinstance(table, dict):
         raise ConfigError("it is no table of keys.")
     own = {name: value for name, value in table.items() if name not in inner}
-    below = {name: table[name] for name in inner if name in table}
-    return merge(default, own, ""), below  # type: ignore[type-var]
+    return merge(default, own, ""), {k: table[k] for k in inner if k in table}  # type: ignore[type-var]
 
 
 TEMPLATE = """\
