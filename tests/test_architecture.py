@@ -90,6 +90,7 @@ def test_the_command_line_starts_without_the_heavy_libraries() -> None:
     assert run.stdout.strip() == ""
 
 
+@pytest.mark.skipif(sys.version_info >= (3, 12), reason="from 3.12 on parts of f-strings are tokens as well")
 def test_the_house_keeps_its_size(capsys: pytest.CaptureFixture[str]) -> None:
     """Tokens of each room; new ones must be worth it."""
     rooms: dict[str, int] = {}

