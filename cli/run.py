@@ -342,7 +342,7 @@ def plan_to_run(
         plan = measure_given_path(given, *asked, read_cuts(Path(scenario.plan.file)))
     if scenario.plan.begin_m > 0.0:
         plan = plan.behind(scenario.plan.begin_m)
-    if folder is not None and row.name == "surface" and scenario.safety.proof != "none":
+    if folder and row.name == "surface" and scenario.safety.proof != "none":
         known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
         if known is not None and is_proven(scenario, plan.path, known):
             plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))

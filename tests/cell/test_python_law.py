@@ -166,6 +166,8 @@ def test_a_second_ctrl_c_loses_nothing_and_waits_until_results_are_written() -> 
         with interrupts_noted() as next_run:
             assert next_run.seen
     assert signal.getsignal(signal.SIGINT) is before
+    with interrupts_noted() as afterwards:
+        assert not afterwards.seen
     with results_kept() as again, pytest.raises(KeyboardInterrupt):  # nothing was recorded yet
         signal.raise_signal(signal.SIGINT)
     assert not again.seen

@@ -84,7 +84,7 @@ def interrupts_noted(observer: Observer = SILENT) -> Iterator[Interrupt]:
     it. Outside the main thread, or where somebody else handles or ignores the signal, everything stays as it
     is.
     """
-    interrupt, before = Interrupt(_waiting.seen), signal.getsignal(signal.SIGINT)
+    interrupt, before = Interrupt(_waiting.waits and _waiting.seen), signal.getsignal(signal.SIGINT)
     ours = threading.current_thread() is threading.main_thread() and before in (
         signal.default_int_handler,
         _waiting.note,
