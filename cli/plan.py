@@ -86,12 +86,13 @@ def plan(part: PartFile, given: Given) -> int:
     scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.exchange import check_formats
-    from polish_sim.experiments.assembly import check_settings
+    from polish_sim.experiments.assembly import check_force, check_settings
     from polish_sim.planning import PATTERNS
 
     refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
     wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
     check_settings(scenario)
+    check_force(scenario, None)
     if "urscript" in wanted.formats:
         check_flange(scenario, "--export urscript")
     with claimed(given, "plan") as folder, console.progress() as observer:

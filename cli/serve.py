@@ -117,9 +117,11 @@ def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> i
     of them."""
     from polish_sim.cell.observer import results_kept
 
-    apart, code = multiprocessing.get_context("spawn").Process, DONE
-    real_time, others = given["--speed"] != SPEEDS[1], list(zip(addresses, folders, strict=True))[1:]
-    beside = [apart(target=_beside, args=(given, *own), name=own[0]) for own in others]
+    code, real_time = DONE, given["--speed"] != SPEEDS[1]
+    beside = [
+        multiprocessing.get_context("spawn").Process(target=_beside, args=(given, *own), name=own[0])
+        for own in list(zip(addresses, folders, strict=True))[1:]
+    ]
     with ExitStack() as started, results_kept():
         with ExitStack() as open_:
             with console.progress() as observer:

@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from polish_sim.cli.sweep import check_values
+from polish_sim.errors import PolishSimError
+from polish_sim.experiments import default_scenario
+from polish_sim.studies.study import Axis, Study
 from tests.cli.conftest import PROGRAM, Tool, metrics_of
 
 pytest.importorskip("pyarrow")
@@ -110,3 +114,10 @@ def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(
     assert polish_sim(*asked, *HERE, "--out", "t").code == 0
     assert rows_of(tmp_path / "s") == rows_of(tmp_path / "t")
     assert len(rows_of(tmp_path / "s")) == 12
+
+
+def test_a_force_that_fits_the_limit_it_is_swept_with_alone_is_no_wrong_value() -> None:
+    force, limit = Axis("process.contact_force_n", "60", (60.0,)), Axis("safety.force_limit_n", "80", (80.0,))
+    check_values(Study(default_scenario("force"), (force, limit)))
+    with pytest.raises(PolishSimError):
+        check_values(Study(default_scenario("force"), (force._replace(key="sensor.rate_hz", values=(5e3,)),)))

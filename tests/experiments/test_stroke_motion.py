@@ -85,6 +85,11 @@ def test_without_a_rule_the_feed_is_kept_whatever_it_takes() -> None:
     assert acceleration.max() == pytest.approx(FEED**2 / 0.003, rel=0.2)
 
 
+def test_an_unknown_rule_is_refused_by_whoever_asks_for_a_motion() -> None:
+    with pytest.raises(PolishSimError, match="spline"):
+        follow("splines", 0.003)
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [

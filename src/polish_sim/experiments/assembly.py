@@ -296,8 +296,6 @@ def check_settings(scenario: Scenario) -> None:
     planned_events(scenario, row.on_part, two_robots=row.carried)
     if scenario.process.learn:
         check_learning(scenario, controller)
-    if not scenario.plan.file:
-        check_force(scenario, None)
 
 
 def check_force(scenario: Scenario, path: ToolPath | None) -> None:
@@ -306,7 +304,7 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
     Raises:
         ConfigError: Naming the limit that is broken.
     """
-    if experiment(scenario.experiment).on_part:
+    if experiment(scenario.experiment).controlled:
         usual = scenario.process.contact_force_n
         force = usual if path is None else largest_force(scenario, path)
         raised = [

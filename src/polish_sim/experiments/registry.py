@@ -214,8 +214,7 @@ def _call(
     use_arm(scenario.robot.arm)
     checks = import_module("polish_sim.experiments.assembly")
     checks.check_settings(scenario)
-    if plan is not None:
-        checks.check_force(scenario, plan.path)
+    checks.check_force(scenario, plan and plan.path)
     function = load(name)
     looking_on = () if observer is None else (observer,)
     return function(scenario, plan, *looking_on) if row.along_plan else function(scenario, *looking_on)

@@ -77,8 +77,10 @@ def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> Ti
     Without an arm only the tool's limits count.
 
     Raises:
+        InputError: The rule is not known.
         SmoothingError: There is no such motion; names the place.
     """
+    check_stroke_rule(scenario)
     limits = cell_limits(scenario, stroke.limits, math.inf)
     asked = repr((scenario.smoothing, limits)).encode()
     robot = b"" if arm is None else memory_of(arm).tobytes()

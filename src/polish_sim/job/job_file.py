@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 from polish_sim.config import Scenario
 from polish_sim.config.key import key
 from polish_sim.errors import ConfigError, unknown_name
-from polish_sim.experiments.assembly import check_settings
+from polish_sim.experiments.assembly import check_force, check_settings
 from polish_sim.experiments.even_removal import axis_kept
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.job.lines import at, naming_line
@@ -155,6 +155,7 @@ def _pass(
         raise ConfigError("'zone' is a list: write [[setup.pass.zone]].")
     tool.check_force(head.tool, scenario.process.contact_force_n)
     check_settings(scenario)
+    check_force(scenario, None)
     read = (_split(zone, Zone(), ())[0] for zone in zones)
     placed = (replace(zone, region=region_with_file(zone.region, folder)) for zone in read)
     return Pass(*number, setup, head, tool, tuple(placed), scenario)
