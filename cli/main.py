@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import signal
 import sys
 from contextlib import suppress
 from typing import Annotated
@@ -97,6 +98,7 @@ commands.add_typer(
 def app() -> None:
     """Run the command line of this process and end it with the exit code of the contract."""
     code = execute(commands, sys.argv[1:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written and said
     atexit._run_exitfuncs()
     for stream in filter(None, (sys.stdout, sys.stderr)):  # closed ones are None
         with suppress(OSError):  # its reader has gone

@@ -49,6 +49,7 @@ from polish_sim.scenario_file import merge
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
     from polish_sim.cell import Observer
+    from polish_sim.cell.observer import Interrupt
     from polish_sim.cli.outcome import Outcome
     from polish_sim.planning import PlanResult, ToolPath
 
@@ -141,14 +142,12 @@ def run(row: Experiment, given: Given) -> int:
         from polish_sim.cli.many import run_many
 
         return run_many(scenario, plan, {**given, "--seed": scenario.seed})
-    with claimed(given, f"run-{row.name}") as folder:
-        sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
-        if live is not None:
-            from polish_sim.cli.live_view import LiveView
+    sinks: list[FrameSink] = [Snapshot(), *([Viewer()] if view else [])]
+    if live is not None:
+        from polish_sim.cli.live_view import LiveView
 
-            sinks.append(LiveView(live, row.title(scenario)))
-        outcome = run_once(scenario, plan, folder.draft, sinks, bool(video))
-    return outcome.finish(folder.final, given["--check"])
+        sinks.append(LiveView(live, row.title(scenario)))
+    return run_into(f"run-{row.name}", given, scenario, plan, sinks)
 
 
 @takes(*OUTPUT_OPTIONS)
@@ -158,10 +157,25 @@ def demo(given: Given) -> int:
     console.note(
         f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N"
     )
-    with claimed(given, "demo") as folder:
-        outcome = run_once(scenario, None, folder.draft, [Snapshot()])
     more = "pictures and figures are in the folder; for more: polish-sim run --help"
-    return outcome.finish(folder.final, check=False, more=more)
+    return run_into("demo", given, scenario, None, [Snapshot()], more)
+
+
+def run_into(
+    kind: str,
+    given: Given,
+    scenario: Scenario,
+    plan: ToolPath | None,
+    sinks: Sequence[FrameSink],
+    more: str = "",
+) -> int:
+    """Run a scenario into an output folder of its own and show its outcome, and ``more``."""
+    from polish_sim.cell.observer import results_kept
+
+    with results_kept(waits=False) as again:
+        with claimed(given, kind) as folder:
+            outcome = run_once(scenario, plan, folder.draft, again, sinks, bool(given.get("--video")))
+        return outcome.finish(folder.final, given.get("--check"), more)
 
 
 def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario]:
@@ -189,16 +203,16 @@ def run_once(
     scenario: Scenario,
     plan: ToolPath | None,
     draft: Path,
-    sinks: Sequence[FrameSink] = (),
-    video: bool = False,
+    again: Interrupt,
+    sinks: Sequence[FrameSink],
+    video: bool,
 ) -> Outcome:
     """Run a scenario, on a ``plan`` if one is given, and write its run folder into ``draft``; how it ended.
 
-    ``sinks`` get the frames; with ``video`` a film is made.
+    Ctrl-C ``again`` after the run ends the drawing. ``sinks`` get the frames; with ``video`` a film is made.
     """
     from polish_sim.analysis.path_plot import plot_plan
     from polish_sim.analysis.run_record import METRICS, stop_mark, write_json
-    from polish_sim.cell.observer import results_kept
     from polish_sim.cli.outcome import Outcome, other_conditions
     from polish_sim.experiments.report import save_plots, write_page
 
@@ -210,8 +224,9 @@ def run_once(
                 stack.enter_context(sink)
             stack.enter_context(observer.compiling.ahead(scenario))
             planned, scenario = plan_to_run(scenario, plan, observer, draft)
-            with results_kept() as again:
-                record = simulate(scenario, planned, draft, observer, sinks)
+            again.waits = True
+            record = simulate(scenario, planned, draft, observer, sinks)
+            again.waits = False
             if again.seen:
                 raise KeyboardInterrupt
             observer.stage("draw")
@@ -229,6 +244,7 @@ def run_once(
 
                 observer.stage("film")
                 write_film(draft, record, model, observer)
+            again.waits = True
     except KeyboardInterrupt:
         if record is None:
             raise

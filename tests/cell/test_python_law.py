@@ -171,3 +171,14 @@ def test_a_second_ctrl_c_loses_nothing_and_waits_until_results_are_written() -> 
     with results_kept() as again, pytest.raises(KeyboardInterrupt):  # nothing was recorded yet
         signal.raise_signal(signal.SIGINT)
     assert not again.seen
+
+
+def test_once_results_are_kept_one_ctrl_c_ends_the_drawing_and_no_other_is_raised() -> None:
+    with results_kept(waits=False) as again:
+        again.waits = True
+        on_plane().run()
+        again.waits = False
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        assert again.seen

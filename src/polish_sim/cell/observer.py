@@ -68,8 +68,10 @@ class Interrupt:
     waits: bool = False  #: Until results are written
 
     def note(self, *_: object) -> None:
-        """Handle the signal."""
-        self.seen = True
+        """Handle the signal: raise the first one unless it waits, and no other."""
+        first, self.seen = not self.seen, True
+        if first and not self.waits:
+            raise KeyboardInterrupt
 
 
 _waiting = Interrupt()
@@ -112,11 +114,11 @@ def interrupts_noted(observer: Observer = SILENT) -> Iterator[Interrupt]:
 
 
 @contextmanager
-def results_kept() -> Iterator[Interrupt]:
-    """From the end of a run to the end of the block Ctrl-C waits, so that what was recorded is written; it is
-    noted."""
+def results_kept(waits: bool = True) -> Iterator[Interrupt]:
+    """From the end of a run to the end of the block Ctrl-C is noted while it ``waits``, so that what was
+    recorded is written; after one that came no other is raised."""
     before = signal.getsignal(signal.SIGINT)
-    _waiting.waits, _waiting.seen = True, False
+    _waiting.waits, _waiting.seen = waits, False
     try:
         yield _waiting
     finally:
