@@ -49,13 +49,10 @@ class Outcome:
     conditions: tuple[str, ...] = ()
     """Conditions that differ from those the figures are asked for; nothing is called met or not met then."""
 
-    def finish(self, folder: Path, check: bool | None, more: str = "") -> int:
-        """Show the outcome, ``more``, and the folder; returns the exit code, falling short counts with
-        ``check``."""
+    def finish(self, folder: Path, check: bool | None) -> int:
+        """Show the outcome and the folder; returns the exit code, falling short counts with ``check``."""
         with suppress(KeyboardInterrupt):  # all is written
             self.show()
-        if more:
-            console.say(more)
         console.say_folder(folder)
         return self.exit_code(check)
 

@@ -121,10 +121,9 @@ def _command_of(row: Experiment) -> Callable[..., int]:
 def run(row: Experiment, given: Given) -> int:
     """Simulate an experiment with the options given."""
     view, video, seeds = given.get("--view"), given.get("--video"), given.get("--seeds")
-    if seeds is not None and (view or video or given.get("--live")):
-        raise InputError("--view, --live and --video show one run: leave --seeds out.")
-    if seeds is not None and given.get("--learn"):
-        raise InputError("--learn takes what one arm did on one part: leave --seeds out.")
+    of_one = [option for option in ("--view", "--live", "--video", "--learn") if given.get(option)]
+    if seeds is not None and of_one:
+        raise InputError(f"{of_one[0]} is for one run, of one arm on one part: leave --seeds out.")
     live = live_address(given)
     if seeds is None:
         refuse_taken(given)
@@ -157,8 +156,9 @@ def demo(given: Given) -> int:
     console.note(
         f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N"
     )
-    more = "pictures and figures are in the folder; for more: polish-sim run --help"
-    return run_into("demo", given, scenario, None, [Snapshot()], more)
+    code = run_into("demo", given, scenario, None, [Snapshot()])
+    console.say("pictures and figures are in the folder; for more: polish-sim run --help")
+    return code
 
 
 def run_into(
@@ -167,15 +167,14 @@ def run_into(
     scenario: Scenario,
     plan: ToolPath | None,
     sinks: Sequence[FrameSink],
-    more: str = "",
 ) -> int:
-    """Run a scenario into an output folder of its own and show its outcome, and ``more``."""
+    """Run a scenario into an output folder of its own and show its outcome."""
     from polish_sim.cell.observer import results_kept
 
     with results_kept(waits=False) as again:
         with claimed(given, kind) as folder:
-            outcome = run_once(scenario, plan, folder.draft, again, sinks, bool(given.get("--video")))
-        return outcome.finish(folder.final, given.get("--check"), more)
+            outcome = run_once(scenario, plan, folder.draft, again, sinks, given.get("--video"))
+        return outcome.finish(folder.final, given.get("--check"))
 
 
 def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario]:

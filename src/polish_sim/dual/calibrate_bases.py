@@ -104,11 +104,6 @@ def planted_bases(rng: np.random.Generator) -> Bases:
     return dict(zip(ROBOTS, (T_tracker_master, T_tracker_master @ T_master_follower), strict=True))
 
 
-def follower_in_master(bases: Bases) -> Array:
-    """T_master_follower, shape (4, 4)."""
-    return inverse(bases[ROBOTS[0]]) @ bases[ROBOTS[1]]
-
-
 def simulate_arcs(
     truth: Bases, count: int, noise: float, rng: np.random.Generator, flanges: Flanges | None = None
 ) -> AxisArcs:
@@ -149,7 +144,7 @@ def _stated(found: BaseCalibration) -> dict[str, Any]:
 
 def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
     """Calibration minus truth: of each base as the tracker sees it, of one in the other, and a metre away."""
-    T, wanted = found.T_master_follower, follower_in_master(truth)
+    T, wanted = found.T_master_follower, inverse(truth[ROBOTS[0]]) @ truth[ROBOTS[1]]
     figures = _frame_error("relative_", T, wanted)
     # Of a metre away in any direction: rms over the three axes of the follower's base.
     ends = np.concatenate([AWAY * np.eye(3), -AWAY * np.eye(3)])

@@ -491,7 +491,10 @@ class _Prover:
             "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": pose,
             "eased": any(mend.what == EASED for mend in self.mends),
             "limits": {name: {"share": share, "at_m": at} for name, (share, at) in self.shares.items()},
-            "mends": [_mend_facts(mend) for mend in (*self.plan.mends, *self.mends)],
+            "mends": [
+                {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()}
+                for mend in (*self.plan.mends, *self.mends)
+            ],
         }  # fmt: skip
         stands = {
             "T_base_work": task.reach.T_base_work.tolist(),
@@ -511,10 +514,6 @@ class _Prover:
         final.place.keep_fields_of(self.task.place)
         PLACES.get((place_key(scenario), Same(plan)), lambda: final)
         return Proven(plan, scenario)
-
-
-def _mend_facts(mend: Mend) -> dict[str, Any]:
-    return {**mend._asdict(), "places": None, "at_m": mend.places[0].tolist()}
 
 
 def proof_notes(proof: Mapping[str, Any]) -> list[str]:

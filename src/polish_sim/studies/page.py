@@ -134,10 +134,6 @@ def pareto(
 # Charts, as SVG.
 
 
-def _numeric(values: Sequence[Any]) -> bool:
-    return all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values if v is not None)
-
-
 def _by_log(known: Array) -> bool:
     """Whether values are shown by their logarithm: where they span a decade evenly."""
     low, high = float(known.min()), float(known.max())
@@ -160,7 +156,7 @@ def _svg(figure: Figure) -> str:
 
 def _places(values: Sequence[Any], unit: float = 1.0) -> tuple[Array, list[tuple[float, str]]]:
     """Where values stand on an axis from 0 to 1, NaN where there is none, and its ticks."""
-    if not _numeric(values):
+    if any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in values if v is not None):
         words = sorted({_word(v) for v in values if v is not None})
         last = max(1, len(words) - 1)
         at = [math.nan if v is None else words.index(_word(v)) / last for v in values]

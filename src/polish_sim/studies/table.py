@@ -83,7 +83,7 @@ def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
     return row | {
         "wall_s": wall,
         "host": platform.node(),
-        "versions": _versions(),
+        "versions": ", ".join(f"{name} {number}" for name, number in package_versions().items()),
         "source": package_hash()[:12],
     }
 
@@ -109,10 +109,6 @@ def _given_plan(scenario: Any) -> PlanResult:
         return measure_given_path(read_path(file), *asked, cuts=read_cuts(file))
 
     return _PLANS.get(place_key(scenario), measured)
-
-
-def _versions() -> str:
-    return ", ".join(f"{name} {number}" for name, number in package_versions().items())
 
 
 def _is_cell(value: Any) -> bool:
