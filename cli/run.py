@@ -120,7 +120,7 @@ def _command_of(row: Experiment) -> Callable[..., int]:
 
 def run(row: Experiment, given: Given) -> int:
     """Simulate an experiment with the options given."""
-    view, video, seeds = given.get("--view"), given.get("--video"), given.get("--seeds")
+    view, seeds = given.get("--view"), given.get("--seeds")
     of_one = [option for option in ("--view", "--live", "--video", "--learn") if given.get(option)]
     if seeds is not None and of_one:
         raise InputError(f"{of_one[0]} is for one run, of one arm on one part: leave --seeds out.")
@@ -128,7 +128,7 @@ def run(row: Experiment, given: Given) -> int:
     if seeds is None:
         refuse_taken(given)
         refuse_without(given, "--seeds", "--workers", "--on")
-    if video:
+    if given.get("--video"):
         from polish_sim.cli.film import check_film
 
         check_film()
@@ -204,7 +204,7 @@ def run_once(
     draft: Path,
     again: Interrupt,
     sinks: Sequence[FrameSink],
-    video: bool,
+    video: bool | None,
 ) -> Outcome:
     """Run a scenario, on a ``plan`` if one is given, and write its run folder into ``draft``; how it ended.
 
