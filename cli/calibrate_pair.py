@@ -124,7 +124,7 @@ def tcp(given: Given) -> int:
 @takes(
     DATA,
     noise_option("--noise", "a measured point", "0.03"),
-    Own("--points", PANEL, "N", "Points of an arc; default 200.", int, 3, 100_000),
+    Own("--points", PANEL, "N", "Points of an arc; default 200.", int, 6, 100_000),
     *(ARM, PAIR, *TRIAL_OPTIONS),
 )  # fmt: skip
 def base(given: Given) -> int:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
+from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED, USAGE
 from polish_sim.cli.many import at_work, duration
 from polish_sim.cli.options import CONFIG_OPTIONS, OWN, Given, Own, build_scenario, takes
 from polish_sim.cli.output_folder import put, rows_folder
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from polish_sim.studies.study import Study
     from polish_sim.studies.table import RunTable
 
+SHOWN = 3  #: Reasons of runs that failed
 MOST_CHECKED = 100  #: Values of an axis that are tried before the start
 OF_RUNS = ("--controller", "--part", "--path", "--fault")
 OF_STUDY = ("--vary", "--seeds", "--seed", "--sample", "--count", *OF_RUNS, *CONFIG_OPTIONS)
@@ -213,7 +214,7 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
     if interrupted:
         console.note("interrupted: the runs that are done are kept; the same command with --out resumes.")
         return INTERRUPTED
-    return DONE if facts["done"] else STOPPED
+    return DONE if facts["done"] else USAGE if facts["failed"] else STOPPED
 
 
 def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
@@ -221,7 +222,7 @@ def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
     from polish_sim.experiments.registry import claims_shown
     from polish_sim.studies.page import sweep_page
     from polish_sim.studies.table import DONE as ENDED
-    from polish_sim.studies.table import read_rows
+    from polish_sim.studies.table import FAILED, read_rows
 
     columns = read_rows(table.folder)
     put(table.folder, PAGE, sweep_page(study, columns))
@@ -240,6 +241,9 @@ def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
         f"{facts[name]} {name}" for name in ("done", "stopped", "failed", "lost") if facts[name]
     )
     console.say(f"{count_text(facts['runs'], 'run')} in the folder: {ended}")
+    reasons = zip(columns["outcome"], columns["reason"], strict=True)
+    for reason in list({why: None for outcome, why in reasons if outcome == FAILED})[:SHOWN]:
+        console.note(f"failed: {reason}")
     if facts["lost"]:
         console.note("runs whose processes died are lost; the same command does them again.")
     console.say_folder(table.folder)

@@ -42,10 +42,19 @@ from polish_sim.experiments.even_removal import even_out, plan_removal
 from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, MARGIN, Failure, Play
-from polish_sim.experiments.surface import SurfaceTask, prepare_surface
+from polish_sim.experiments.surface import TOOL_IN_PART, SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.leave_out import Remaining, leave_out
-from polish_sim.planning.part_plan import EASED, LEFT_OUT, PAD_SIZES_M, SLOWED, Mend, mend_of
+from polish_sim.planning.part_plan import (
+    EASED,
+    IN_PART,
+    LEFT_OUT,
+    PAD_SIZES_M,
+    SLOWED,
+    Mend,
+    mend_of,
+    out_of_part,
+)
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import to_pose
 
@@ -313,12 +322,12 @@ class _Prover:
 
     def settle(self, seed: int | None, begun: _Begun | None = None) -> None:
         """Play the path until it passes whole from its start: on the part as drawn, or as a seed draws it."""
-        for _ in range(MOST_ROUNDS):
+        for number in range(MOST_ROUNDS):
             mended = len(self.mends)
             self._even_out()
             self.pass_through(seed, begun)
             begun = None
-            if len(self.mends) == mended:
+            if len(self.mends) == mended and self._keeps_clear(2.0**number):
                 return
             self.shares.clear()
         raise PlanError(
@@ -326,6 +335,19 @@ class _Prover:
             f"mending, the last time because {self.mends[-1].why}. Set a lower --feed or --contact-force, a "
             "smaller --pad-diameter or another --region; --proof none runs it all the same."
         )
+
+    def _keeps_clear(self, wider: float) -> bool:
+        """Leave out where the tool would stand in the part, as the path is mended; whether it stands there
+        nowhere."""
+        if not self.mends or self.scenario.safety.tool_in_part != TOOL_IN_PART[0]:
+            return True
+        ready = self.plan.ready
+        inside = ready.measure(self.task_now().plan.path).pad_in_part.positions
+        remaining = out_of_part(ready, self.path, inside, wider) if len(inside) else None
+        if remaining is not None:
+            self.mends.append(mend_of(LEFT_OUT, IN_PART, 0.0, self.path, remaining.lost))
+            self._keep(remaining)
+        return not len(inside)
 
     def pass_through(self, seed: int | None, begun: _Begun | None = None) -> None:
         """Play the path once from its start to its end, going back a little for every mend."""

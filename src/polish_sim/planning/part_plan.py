@@ -33,7 +33,7 @@ from polish_sim.planning.feasibility import (
 )
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import Air, with_way_down
-from polish_sim.planning.moves.leave_out import leave_out
+from polish_sim.planning.moves.leave_out import Remaining, leave_out
 from polish_sim.planning.planner import Planned, plan_on
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
@@ -43,6 +43,7 @@ from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
 FIRST_FORCE = 0.5  #: Share of the force with which a plan resumes behind a place
+IN_PART = "the tool would stand in the part"  #: Why a place is left out
 ROUNDS = 4  #: Places at which the tool is found in the part are left out at most
 
 
@@ -213,21 +214,26 @@ def _clear_of_part(ready: PreparedRegion, planned: Planned) -> tuple[Planned, Qu
     Raises:
         PlanError: It would be so on any of what is left.
     """
-    air = ready.air
     for wider in 2.0 ** np.arange(ROUNDS):
         path, quality = planned.path, ready.measure(planned.path, planned.cuts)
         inside = quality.pad_in_part.positions
         if not len(inside):
             return planned, quality
-        far, _ = cKDTree(inside).query(path.positions_work)
-        gone = path.process & (far < wider * CHECKED_APART * ready.tool.pad.radius_m)
-        remaining = leave_out(path, gone, ready.plan, air)
+        remaining = out_of_part(ready, path, inside, wider)
         if remaining is None:
             break
-        cut = CutOut("the tool would stand in the part", path.positions_work[remaining.lost])
+        cut = CutOut(IN_PART, path.positions_work[remaining.lost])
         planned = planned._replace(path=remaining.path, cuts=(*planned.cuts, cut))
     raise PlanError(f"no path keeps clear of the part: {pad_in_part_warning(quality.figures)}. "
                     "Set a smaller --pad-diameter or another --region.")  # fmt: skip
+
+
+def out_of_part(ready: PreparedRegion, path: ToolPath, inside: Array, wider: float) -> Remaining | None:
+    """A path without what is near the places (n, 3) at which the tool was found to be in the part [m], each
+    as wide as the tool is checked apart times ``wider``; None if nothing stays."""
+    far, _ = cKDTree(inside).query(path.positions_work)
+    gone = path.process & (far < wider * CHECKED_APART * ready.tool.pad.radius_m)
+    return leave_out(path, gone, ready.plan, ready.air)
 
 
 def measure_given_path(
