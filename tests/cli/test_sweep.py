@@ -121,3 +121,10 @@ def test_a_force_that_fits_the_limit_it_is_swept_with_alone_is_no_wrong_value() 
     check_values(Study(default_scenario("force"), (force, limit)))
     with pytest.raises(PolishSimError):
         check_values(Study(default_scenario("force"), (force._replace(key="sensor.rate_hz", values=(5e3,)),)))
+
+
+def test_a_sweep_of_runs_none_of_which_can_be_done_says_why_and_ends_with_2(polish_sim: Tool) -> None:
+    code, out, err = polish_sim("sweep", "force", "--vary", "part.file=nothere.stl", "--workers", "1")
+    assert code == 2
+    assert "1 failed" in out
+    assert "failed: nothere.stl: no such file" in err

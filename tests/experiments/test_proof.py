@@ -3,6 +3,7 @@ parts."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,9 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.experiments.proof import Proven, _Prover, is_proven, prove
 from polish_sim.experiments.proof_play import Failure
 from polish_sim.planning import PlanResult, ToolPath, measure_given_path
-from polish_sim.planning.part_plan import EASED, LEFT_OUT, SLOWED
+from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, PreparedRegion
+from polish_sim.planning.quality.figures import Quality
+from polish_sim.planning.quality.tool_room import CHECKED_APART
 from polish_sim.planning.toolpath import PROCESS, arc_length
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply
@@ -102,6 +105,29 @@ def test_a_place_that_fails_is_eased_step_by_step_before_it_is_left_out(
         prover._mend([Failure("the surface has fallen away", 0.5 * plan.path.s[-1], FALLEN, False)])
     assert [mend.what for mend in prover.mends] == [*len(shares) * [EASED], LEFT_OUT]
     assert [mend.share for mend in prover.mends[:-1]] == shares
+
+
+def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = pressing()
+    prover = _Prover(scenario, planned(scenario, straight((-0.06, 0.0), (0.06, 0.0))), Silent())
+    measure = PreparedRegion.measure
+
+    def in_the_middle(self: PreparedRegion, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
+        quality = measure(self, path, cuts)
+        there = path.positions_work[path.process & (np.abs(path.positions_work[:, 0]) < 0.002)]
+        return replace(quality, pad_in_part=quality.pad_in_part._replace(positions=there))
+
+    monkeypatch.setattr(PreparedRegion, "measure", in_the_middle)
+    assert prover._keeps_clear(1.0)  # nothing was mended: the plan is as it was measured
+    prover._ease(prover.path.positions_work[:, 0] > 0.04, "a guard tripped", 0.5)
+    assert not prover._keeps_clear(1.0)
+    assert (prover.mends[-1].what, prover.mends[-1].why) == (LEFT_OUT, IN_PART)
+    kept = prover.path.positions_work[prover.path.process]
+    apart = CHECKED_APART * scenario.pad.radius_m
+    assert np.abs(kept[:, 0]).min() == pytest.approx(0.002 + apart, abs=0.0011)  # its points are 1 mm apart
+    assert prover.pressed.min() == 0.5
+    assert prover._keeps_clear(1.0)  # it was cut, and is played again
+    assert prove(scenario, prover.task_now().plan).plan.figures["proven"]
 
 
 def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts(

@@ -262,7 +262,7 @@ def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:
     rows = rows[seen.in_space[rows]]
     if not len(rows):
         return  # the part stands before all of them
-    height = 0.06 * float(np.ptp(shown[process], axis=0).max())
+    height = 0.06 * np.ptp(shown[process], axis=0).max()
     tips = shown[rows] + height * seen.towards[rows]
     lines = np.stack([shown[rows], tips], axis=1)
     solid.add_collection3d(Line3DCollection(lines, colors=GREY, lw=0.6, zorder=4))

@@ -157,7 +157,7 @@ def _refined(tracked: TrackedArm, spread: Array, noise: float) -> ArmEstimate:
 def _start(tracked: TrackedArm) -> ArmEstimate:
     """The nominal arm, the target on the flange's origin, the base by matched points."""
     own = link_frames(tracked.q)[:, 6, :3, 3]
-    stretch = float(np.linalg.norm(np.std(tracked.seen, axis=0)) / np.linalg.norm(np.std(own, axis=0)))
+    stretch = np.linalg.norm(np.std(tracked.seen, axis=0)) / np.linalg.norm(np.std(own, axis=0))
     if not 0.5 < stretch < 2.0:
         raise CalibrationError(
             f"the tracker saw the target move {stretch:.3g} times as far as the arm did: are units mixed "

@@ -48,7 +48,7 @@ def check_matched(points_a: Array, points_b: Array) -> None:
                 f"all {len(points_a)} points lie on a line or in one place: the turn about it is unknown. "
                 "Add points well off it."
             )
-    stretch = float(np.median(spreads[0][:2] / spreads[1][:2]))
+    stretch = np.median(spreads[0][:2] / spreads[1][:2])
     if abs(stretch - 1.0) > LARGEST_STRETCH:
         raise CalibrationError(
             f"the same distances are {stretch:.4g} times as long in one frame as in the other: are units "
@@ -60,8 +60,8 @@ def check_matched(points_a: Array, points_b: Array) -> None:
     # Planar points can be turned onto their mirror image.
     if np.linalg.det(U @ Vt) > 0.0 or values[2] <= LEAST_WIDTH**2 * values[0]:
         return
-    mirrored = float(np.sum((a - b @ (U @ Vt).T) ** 2))
-    turned = float(np.sum(a**2) + np.sum(b**2) - 2.0 * (values[0] + values[1] - values[2]))
+    mirrored = np.sum((a - b @ (U @ Vt).T) ** 2)
+    turned = np.sum(a**2) + np.sum(b**2) - 2.0 * (values[0] + values[1] - values[2])
     if turned > 25.0 * mirrored:
         raise CalibrationError(
             "the points fit a mirror image, not a rotation: one of the frames is left-handed. Two columns "

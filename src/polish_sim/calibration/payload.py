@@ -275,7 +275,7 @@ def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> Non
             "fit best. Are units mixed, lines of several tools in one file, or the orientations not those of "
             "the readings?"
         )
-    far = float(np.linalg.norm(estimate.center))
+    far = np.linalg.norm(estimate.center)
     if far > FARTHEST:
         raise CalibrationError(
             f"the tool's centre of mass comes out {far:.3g} m from the sensor: are the torques in N m, as "
@@ -286,7 +286,7 @@ def refuse_doubtful(readings: PayloadReadings, estimate: PayloadEstimate) -> Non
 def _refuse_swapped(X: Array, y: Array, letter: str, possible: Callable[[Array], bool]) -> None:
     """Refuse three columns that fit five times better in another order or with other signs."""
     left = _left(X, y)[0]
-    if left < _GOOD * float(np.std(y - y.mean(axis=0))):
+    if left < _GOOD * np.std(y - y.mean(axis=0)):
         return
     for read, named in column_orders(y, letter):
         rest, theta = _left(X, read)

@@ -38,7 +38,7 @@ class PosePlan(NamedTuple):
 
 def move_time(q_from: Array, q_to: Array) -> float:
     """Time for the way between two poses [s], see ``move``."""
-    longest = float(np.abs(q_to - q_from).max())
+    longest = np.abs(q_to - q_from).max()
     return max(longest / WRIST_SPEED, math.pi * math.sqrt(0.5 * longest / WRIST_ACCELERATION))
 
 

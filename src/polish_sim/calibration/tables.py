@@ -65,7 +65,7 @@ class Measured(Columns):
         self.need(names, f"{what}, in mm (or in m: {', '.join(f'{prefix}{axis}_m' for axis in 'xyz')})")
         points = UNITS[unit] * self.numbers(names)
         distance = np.linalg.norm(points, axis=1)
-        middle = float(np.median(distance))
+        middle = np.median(distance)
         self.refuse(
             (distance > _LARGEST_RATIO * middle) | (distance * _LARGEST_RATIO < middle),
             lambda row: (
@@ -79,7 +79,7 @@ class Measured(Columns):
         """`points` that a robot reached, in its own base; InputError where no robot can be: the unit is
         another one."""
         points = self.points("", what)
-        middle = float(np.median(np.linalg.norm(points, axis=1)))
+        middle = np.median(np.linalg.norm(points, axis=1))
         if not REACH[0] <= middle <= REACH[1]:
             unit = next(unit for unit in UNITS if f"x_{unit}" in self.texts)
             raise InputError(

@@ -80,7 +80,7 @@ def bend_of(config: PartConfig, points: Array, rng: np.random.Generator) -> Form
     numbers = 2.0 * np.pi * directions / np.linalg.norm(directions, axis=1, keepdims=True) / lengths[:, None]
     waves = FormError(numbers, rng.uniform(0.0, 2.0 * np.pi, _WAVES))
     values = waves(points)
-    span = float(np.ptp(values))
+    span = np.ptp(values)
     scale = config.form_error_m / span if span > 0.0 else 0.0
     return waves._replace(scale=scale, middle=0.5 * float(values.max() + values.min()))
 
@@ -129,7 +129,7 @@ def build_real_part(
     ``up``, work frame, shape (3,).
     """
     points, normal = spread_over(region), region.normal_sum
-    size = float(np.linalg.norm(normal)) / float(region.facet_areas.sum())
+    size = np.linalg.norm(normal) / float(region.facet_areas.sum())
     normal = normal / np.linalg.norm(normal) if size > 0.1 else up
     bent = fields._replace(near=bend_field(fields.near, bend_of(config, points, rng).on_grid))
     return place_part(bent, displacement_of(config, normal, points.mean(axis=0), rng), T_base_work, normal)

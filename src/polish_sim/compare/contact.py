@@ -40,7 +40,7 @@ def measure_step(step: ForceStep) -> dict[str, float]:
     outside = np.flatnonzero(np.abs(off) > BAND_N)
     settled = float(time[outside[-1]]) if len(outside) else 0.0
     late = time > 2.0 / 3.0 * WINDOW_S
-    dt = float(np.median(np.diff(time)))
+    dt = np.median(np.diff(time))
     return {
         "settling_s": settled if settled < WINDOW_S - 0.1 else float("nan"),
         "mean_error_n": float(np.abs(off).mean()),

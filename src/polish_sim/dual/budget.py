@@ -220,11 +220,11 @@ def budget_figures(
 def _share(covariances: Array, errors: Array, axes: Array) -> Share:
     whole = np.sum(errors**2, axis=2)
     along = np.einsum("dnk,nk->dn", errors, axes) ** 2
-    expected = float(np.mean(np.trace(covariances, axis1=1, axis2=2)))
-    expected_along = float(np.mean(np.einsum("nj,njk,nk->n", axes, covariances, axes)))
+    expected = np.mean(np.trace(covariances, axis1=1, axis2=2))
+    expected_along = np.mean(np.einsum("nj,njk,nk->n", axes, covariances, axes))
     # The errors around one rim belong together: what is independent is the draws.
     each, rms = whole.mean(axis=1), float(np.sqrt(whole.mean()))
-    spread = float(np.std(each, ddof=1) / np.sqrt(len(each)))
+    spread = np.std(each, ddof=1) / np.sqrt(len(each))
     return Share(
         float(np.sqrt(expected)),
         rms,
@@ -296,7 +296,7 @@ def length_quantile(covariances: Array, share: float) -> float:
     """The length [m] below which a share, 0 to 1, of the errors stays; covariances as in
     `length_probability`."""
     # Chebyshev: no more than (1 - share) / 2 are longer than this.
-    longest = float(np.sqrt(2.0 * np.trace(covariances, axis1=1, axis2=2).max() / (1.0 - share)))
+    longest = np.sqrt(2.0 * np.trace(covariances, axis1=1, axis2=2).max() / (1.0 - share))
     if longest == 0.0:
         return 0.0
 

@@ -227,7 +227,7 @@ def _follower_pose(config: DualConfig) -> Array:
             "'dual.follower_pose' is empty: say where the follower's base stands in the master's."
         )
     T = from_pose(config.follower_pose)
-    apart = float(np.linalg.norm(T[:3, 3]))
+    apart = np.linalg.norm(T[:3, 3])
     if apart < LEAST_APART:
         raise ConfigError(
             f"'dual.follower_pose' puts the follower's base {1e3 * apart:.4g} mm from the master's: no two "

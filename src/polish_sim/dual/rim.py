@@ -73,7 +73,7 @@ def _curve_between(surface: Surface, outer: Array, inner: Array) -> BSpline:
         nearest = inner[np.argmin(np.linalg.norm(out[:, None] - inner[None], axis=2), axis=1)]
         curve = fit_closed_spline(surface.closest(0.5 * (out + nearest)).positions)
         points = curve(np.linspace(0.0, length_of(curve), 8 * count))
-        gap = float(np.linalg.norm(points - surface.closest(points).positions, axis=1).max())
+        gap = np.linalg.norm(points - surface.closest(points).positions, axis=1).max()
         if gap <= OFF_SURFACE:
             return curve
     raise PlanError(

@@ -54,7 +54,7 @@ class Tube(NamedTuple):
 def path_tube(result: PlanResult) -> Tube:
     """Wrap the path in a thin tube, coloured along its length; every stretch in contact or in the air on its
     own."""
-    size = float(np.ptp(result.mesh.vertices, axis=0).max())
+    size = np.ptp(result.mesh.vertices, axis=0).max()
     radius = max(RADIUS_SHARE * result.plan.stepover_m, SMALLEST_SHARE * size)
     path = result.path
     rows = needed_rows(path, CHORD_SHARE * radius, BEND_RAD, size)

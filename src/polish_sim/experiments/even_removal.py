@@ -224,7 +224,7 @@ class _Problem:
         wanted = (self.goal - self.landing) * by
         scaled = (columns * by[:, None]).tocsr()
         square = (scaled.T @ scaled).toarray()
-        usual = float(np.sqrt(low * high).min())
+        usual = np.sqrt(low * high).min()
         change = np.diff(np.eye(len(start)), axis=0) / usual
         square += SMOOTH / len(start) * change.T @ change
         linear = scaled.T @ wanted - cost
@@ -299,8 +299,8 @@ def _shape_of(removal: str, mesh: Triangulation) -> Array:
             f"the map '{removal}' must say 0 or more at every vertex, and more than 0 somewhere."
         )
     apart, nearest = cKDTree(places).query(mesh.vertices)
-    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    if float(np.median(apart)) > 0.1 * size:
+    size = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    if np.median(apart) > 0.1 * size:
         raise InputError(
             f"the map '{removal}' lies {1e3 * np.median(apart):.3g} mm beside the region. Is it in mm?"
         )

@@ -88,7 +88,7 @@ def read_lesson(scenario: Scenario, path: ToolPath, reach: Reach) -> Lesson:
     wanted = path.force_at(s, scenario.process.contact_force_n)
     reading = numbers(record.log, "wrench_measured_tool")[:, 2]
     height = numbers(record.log, "host_depth_m") + (wanted - reading) / beliefs.stiffness_n_m
-    rate = 1.0 / float(np.median(np.diff(time)))
+    rate = 1.0 / np.median(np.diff(time))
     highest = math.sqrt(beliefs.stiffness_n_m / beliefs.tool_mass_kg) / (2.0 * math.pi)
     low = butter(2, min(highest, 0.2 * rate), fs=rate, output="sos")
     places = np.arange(0.0, float(path.s[-1]), SPACING)

@@ -281,7 +281,7 @@ def _check_place(shape: RealShape, mesh: PartMesh, config: PartConfig, positions
         MeshError: Saying how far away it is, and how large beside the drawing.
     """
     away = np.linalg.norm(shape.surface.closest(positions).positions - positions, axis=1)
-    if float(np.median(away)) <= FAR_M:
+    if np.median(away) <= FAR_M:
         return
     nearest = int(np.argmin(away))
     raise MeshError(

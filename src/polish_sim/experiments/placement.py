@@ -60,7 +60,7 @@ def tool_rotations(axes_base: Array, spin: float) -> Array:
 def spin_direction(axes_base: Array, spin: float) -> Array:
     """Where tool x points for a spin, but for what lies along the tool axis: base frame, shape (3,)."""
     main = -axes_base.mean(axis=0)
-    size = float(np.linalg.norm(main))
+    size = np.linalg.norm(main)
     if size < _ALL_ROUND:
         raise ReachError("the tool axes of this path point all around: no fixed tool spin fits.")
     main /= size
@@ -190,7 +190,7 @@ def given_placement(pose: tuple[float, ...]) -> Iterator[Array]:
 def upright(up: Array) -> Array:
     """Least rotation that turns ``up`` to base z."""
     axis = np.cross(up, [0.0, 0.0, 1.0])
-    size = float(np.linalg.norm(axis))
+    size = np.linalg.norm(axis)
     if size < 1e-9:
         return np.eye(3) if up[2] > 0.0 else np.diag([1.0, -1.0, -1.0])
     return Rotation.from_rotvec(axis / size * math.atan2(size, float(up[2]))).as_matrix()

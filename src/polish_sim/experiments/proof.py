@@ -256,7 +256,9 @@ class _Prover:
         path, scenario = self.path, self.scenario
         rows = np.flatnonzero(path.process)
         rows = rows[
-            np.unique(np.searchsorted(path.s[rows], np.arange(path.s[rows[0]], path.s[rows[-1]], LOOKED_M)))
+            np.unique(
+                np.searchsorted(path.s[rows[:-1]], np.arange(path.s[rows[0]], path.s[rows[-1]], LOOKED_M))
+            )
         ]
         places, force = (
             path.positions_work[rows],

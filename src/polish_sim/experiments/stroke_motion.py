@@ -137,7 +137,7 @@ def by_rule(plan: Rule, scenario: Scenario, stroke: StrokePath, chain: Chain, ar
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     top = float(stroke.feed.max())
     # At one speed short chords may be joined; the motion's clock then keeps the contact at the feed.
-    stretch = float(np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99))
+    stretch = np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99)
     limits = cell_limits(scenario, stroke.limits, top * stretch)
     for share in AXIS_SHARES:
         tool = replace(

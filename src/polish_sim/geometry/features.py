@@ -139,7 +139,7 @@ def flat_faces(vertices: Array, faces: Ints, adjacency: Adjacency) -> tuple[Ints
     bent after all is left apart: each of its facets is a face.
     """
     normals, areas = facet_normals(vertices, faces)
-    tolerance = FLAT_TOLERANCE * float(np.ptp(vertices, axis=0).max())
+    tolerance = FLAT_TOLERANCE * np.ptp(vertices, axis=0).max()
     opposite = faces[adjacency.facets, (adjacency.edges + 2) % 3]
     off_plane = np.abs(np.einsum("mej,mj->me", vertices[opposite] - vertices[faces], normals))
     facing = np.einsum("mj,mej->me", normals, normals[adjacency.facets]) > 0.0

@@ -164,7 +164,7 @@ def part_from_arrays(
 
 
 def _build_part(triangles: FileTriangles, path: Path, sha256: str, unit: str, up: str) -> PartMesh:
-    extent = float(np.ptp(triangles.corners.reshape(-1, 3), axis=0).max())
+    extent = np.ptp(triangles.corners.reshape(-1, 3), axis=0).max()
     unit, unit_notes = _unit_of(extent, unit, triangles.unit, path)
     skin = mend(triangles.corners * metres_per_unit(unit), path)
     direction, up_note = choose_up(skin.vertices, skin.faces, up)
@@ -247,7 +247,7 @@ def lighter_mesh(vertices: Array, faces: Ints, most_facets: int) -> LighterMesh:
         return LighterMesh(vertices, faces)
     from fast_simplification import simplify  # slow to import
 
-    size = float(np.ptp(vertices, axis=0).max())  # its tolerances are lengths
+    size = np.ptp(vertices, axis=0).max()  # its tolerances are lengths
     points, triangles = simplify(vertices / size, faces.astype(np.int32), target_count=most_facets)
     return LighterMesh(size * points.astype(np.float64), triangles.astype(np.int32))
 

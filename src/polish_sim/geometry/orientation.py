@@ -160,13 +160,13 @@ def _whole_direction(graph: FacetGraph, face: Face) -> Array | None:
     labels = label_pieces(graph.links, len(graph.areas))[1]
     weights = np.where(labels == labels[face.facets[0]], graph.areas, 0.0)
     total = weights @ graph.normals
-    length = float(np.linalg.norm(total))
+    length = np.linalg.norm(total)
     return np.asarray(total / length) if length > _SAME * float(weights.sum()) else None
 
 
 def _mean(normals: Array, weights: Array, otherwise: Array) -> Array:
     total = weights @ normals
-    length = float(np.linalg.norm(total))
+    length = np.linalg.norm(total)
     return np.asarray(total / length) if length > 1e-9 * float(weights.sum()) else otherwise
 
 

@@ -325,7 +325,7 @@ def _sample(surface: Surface, loop: list[tuple[int, int]]) -> Array:
     for facet, edge in loop:
         start, end = surface.control[facet, edge], surface.control[facet, (edge + 1) % 3]
         control = surface.control[facet, 3 + edge]
-        sagitta = 0.5 * float(np.linalg.norm(control - 0.5 * (start + end)))
+        sagitta = 0.5 * np.linalg.norm(control - 0.5 * (start + end))
         parts = int(np.clip(np.ceil(np.sqrt(sagitta / CHORD_ERROR)), 1, 64))
         t = (np.arange(parts) / parts)[:, None]
         pieces.append(edge_points(start, control, end, t))

@@ -58,7 +58,7 @@ def teach_path(
     at = np.linspace(0.0, s[-1], max(2, round(s[-1] / spacing)) + 1)
     points = np.asarray(make_lsq_spline(s, way, _knots(s, s[corners]), DEGREE)(at))
     found = surface.closest(points)
-    off = float(np.linalg.norm(points - found.positions, axis=1).max())
+    off = np.linalg.norm(points - found.positions, axis=1).max()
     return Taught(path_through(surface, found), len(corners), off)
 
 
@@ -89,11 +89,11 @@ def simplified(points: Array, tolerance: float) -> Indices:
 
 def _moving(record: Recording, filter_hz: float) -> Array:
     """The low-passed way from where the hand begins to where it ends."""
-    rate = 1.0 / float(np.median(np.diff(record.time)))
+    rate = 1.0 / np.median(np.diff(record.time))
     sections = butter(2, min(filter_hz / (0.5 * rate), 0.99), output="sos")
     positions = np.asarray(sosfiltfilt(sections, record.positions, axis=0))
     speed = np.linalg.norm(np.gradient(positions, record.time, axis=0), axis=1)
-    usual = float(np.percentile(speed, 75))
+    usual = np.percentile(speed, 75)
     going = np.flatnonzero(speed > MOVING_SHARE * usual)
     whole = slice(int(going[0]), int(going[-1]) + 1) if len(going) else slice(0, 0)
     length = float(arc_length(positions[whole])[-1]) if len(going) > 1 else 0.0

@@ -205,7 +205,7 @@ class ElasticFit(NamedTuple):
         theta, std = self.estimate.theta, self.estimate.std
         off = np.concatenate([theta - base.combination @ full, (self.numbers.loads - loads).T.ravel()])
         held = np.abs(off) <= INTERVAL_95 * np.concatenate([std, self.loads_std.T.ravel()])
-        over = float(np.sqrt(np.mean(off**2 / self.bound)))
+        over = np.sqrt(np.mean(off**2 / self.bound))
         return {"error_over_crb": over, "interval_coverage": float(np.mean(held))}
 
 

@@ -66,7 +66,7 @@ def base_of_rows(W: Array) -> BaseParameters:
         rest = R[:, column] / size[column]
         for _twice in range(2):
             rest = rest - basis @ (basis.T @ rest)
-        length = float(np.linalg.norm(rest))
+        length = np.linalg.norm(rest)
         if length > INDEPENDENT:
             kept.append(int(column))
             basis = np.column_stack([basis, rest / length])

@@ -42,7 +42,7 @@ def i_optimal(H: Array, G: Array) -> Judged:
     """
     C = inverse_of(H)
     CG = C @ G
-    mean = float(np.trace(CG))
+    mean = np.trace(CG)
     return Judged(float(np.log(mean)), -(CG @ C) / mean)
 
 

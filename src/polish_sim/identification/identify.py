@@ -127,7 +127,7 @@ def run_identification(
         found = estimate_widened(arm.truth, base, sums, states, log.torque)
         full = fit_consistent(arm.truth, base, found, drawing)
         off = found.theta - base.combination @ truth
-        over = float(np.sqrt(np.mean(off**2 / np.diag(inverse_of(information(sums, sigma))))))
+        over = np.sqrt(np.mean(off**2 / np.diag(inverse_of(information(sums, sigma)))))
         against = {
             "error_over_crb": over,
             "interval_coverage": float(np.mean(found.covers(base.combination @ truth))),

@@ -181,7 +181,7 @@ def _check_order(file: Path, time: Array, lines: Sequence[int]) -> None:
 def _check_steps(file: Path, time: Array, lines: Sequence[int]) -> None:
     """Samples close enough, and none missing, for splines."""
     step = np.diff(time)
-    usual = float(np.median(step))
+    usual = np.median(step)
     if usual > 1.001 * _SLOWEST_S:
         raise InputError(
             f"'{file}': samples are {usual:.3g} s apart. Are these milliseconds? Give seconds, "

@@ -148,7 +148,7 @@ def random_block(mass: float, rng: np.random.Generator) -> CarriedLoad:
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     squares = sides**2
     inertia = turn @ np.diag(mass / 12.0 * (squares.sum() - squares)) @ turn.T
-    reach = 0.5 * float(np.linalg.norm(sides))
+    reach = 0.5 * np.linalg.norm(sides)
     return CarriedLoad(mass, np.array([*rng.uniform(-0.04, 0.04, 2), _AHEAD + reach]), inertia)
 
 

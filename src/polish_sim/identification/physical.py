@@ -43,7 +43,7 @@ def pseudo_inertia(parameters: Array) -> Array:
 def is_consistent(parameters: Array) -> bool:
     """Whether every link's parameters (n, 10) belong to a body with mass everywhere positive, or to no body
     at all."""
-    return all(float(np.linalg.eigvalsh(pseudo_inertia(link))[0]) > 0.0 for link in parameters if link.any())
+    return all(np.linalg.eigvalsh(pseudo_inertia(link))[0] > 0.0 for link in parameters if link.any())
 
 
 @dataclass(frozen=True)

@@ -200,7 +200,7 @@ class RobotClearance:
 
     def _slope(self, distance: float, ends: Array, pair: tuple[int, int]) -> Array:
         way = ends[3:] - ends[:3]
-        length = float(np.linalg.norm(way))
+        length = np.linalg.norm(way)
         if length < _TOUCH:
             return np.zeros(self._joints)
         jacobians = []

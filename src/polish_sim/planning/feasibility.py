@@ -140,7 +140,7 @@ def in_another_unit(mesh: PartMesh, width: float, wanted: float) -> str:
     none is."""
     if width >= wanted or mesh.path.suffix.lower() in ENDINGS:
         return ""
-    size = float(np.ptp(mesh.vertices, axis=0).max())
+    size = np.ptp(mesh.vertices, axis=0).max()
     scales = {unit: scale / metres_per_unit(mesh.unit) for unit, scale in METRES_PER_UNIT.items()}
     fitting = [
         f"--units {unit} makes it {size * scale * 1e3:.4g} mm"
@@ -162,8 +162,8 @@ def check_start(part: Surface, plan: PlanConfig) -> None:
     if not plan.start:
         return
     nearest = part.closest(np.array([plan.start])).positions[0]
-    distance = float(np.linalg.norm(nearest - plan.start))
-    if distance > START_REACH * float(np.ptp(part.bounds, axis=0).max()):
+    distance = np.linalg.norm(nearest - plan.start)
+    if distance > START_REACH * np.ptp(part.bounds, axis=0).max():
         raise PlanError(
             f"the start {place_in_mm(plan.start)} is {distance * 1e3:.4g} mm away from the part. "
             f"The nearest point of the part is {place_in_mm(nearest)}."
@@ -175,7 +175,7 @@ def start_notes(path: ToolPath, plan: PlanConfig) -> list[str]:
     if not plan.start:
         return []
     begin = path.positions_work[path.process][0]
-    distance = float(np.linalg.norm(begin - plan.start))
+    distance = np.linalg.norm(begin - plan.start)
     if distance <= FAR_START * plan.stepover_m:
         return []
     why = "; an outward path begins in the middle" if plan.order == "outward" else ""

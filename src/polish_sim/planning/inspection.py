@@ -78,7 +78,7 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
         raise PlanError(
             "the path has no points in contact. Mark points as 'process', or give x, y, z, i, j, k."
         )
-    middle = float(np.median(offset.heights))
+    middle = np.median(offset.heights)
     highest, furthest = float(np.abs(offset.heights).max()), float(offset.sideways.max())
     if highest <= OFF_PART_M and furthest <= sideways:
         if offset.outward < 0.5:
@@ -102,11 +102,11 @@ def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
     box = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
     points = path.positions_work[path.process]
     own = np.stack([points.min(axis=0), points.max(axis=0)])
-    size = float(np.ptp(box, axis=0).max())
+    size = np.ptp(box, axis=0).max()
     for text, factor in UNITS.items():
         for scale, larger, smaller in ((factor, "part", "path"), (1.0 / factor, "path", "part")):
             beyond = max(float((box[0] - scale * own[0]).max()), float((scale * own[1] - box[1]).max()))
-            if beyond < SLACK * size and scale * float(np.ptp(own, axis=0).max()) > LEAST_SHARE * size:
+            if beyond < SLACK * size and scale * np.ptp(own, axis=0).max() > LEAST_SHARE * size:
                 return (
                     f"The {larger} is about {text} as large as the {smaller}: another unit? "
                     "Give it in mm, or set --units."

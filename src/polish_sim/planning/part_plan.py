@@ -80,7 +80,7 @@ class Mend(NamedTuple):
 
 def mend_of(what: str, why: str, share: float, path: ToolPath, rows: Bools) -> Mend:
     """What is changed about some rows of a path (n,)."""
-    length = float(np.diff(path.s)[rows[1:] & rows[:-1]].sum())
+    length = np.diff(path.s)[rows[1:] & rows[:-1]].sum()
     return Mend(what, why, share, length, path.positions_work[rows])
 
 
@@ -265,7 +265,7 @@ def measure_given_path(
     # Over holes that the pad runs over it is off the part, at the border of what is left out off the region.
     contact, bodies = path.positions_work[path.process], (surface, given.asked.ground.region.surface)
     away = [np.linalg.norm(body.closest(contact).positions - contact, axis=1) for body in bodies]
-    off = float(np.min(away, axis=0).max())
+    off = np.min(away, axis=0).max()
     if off > OFF_PART_M:
         raise PlanError(
             f"the path lies up to {1e3 * off:.2f} mm off the surface of this part, more than "

@@ -248,7 +248,7 @@ def _frame(first: Circle, second: Circle, step: Array) -> Array:
     across = np.cross(z1, z2)
     x = unit(across)
     # Foot of the common normal on the first axis.
-    foot = c1 + float(np.cross(c2 - c1, z2) @ across / (across @ across)) * z1
+    foot = c1 + np.cross(c2 - c1, z2) @ across / (across @ across) * z1
     return transform(np.column_stack([x, np.cross(z1, x), z1]), foot - NOMINAL[1, 0] * z1)
 
 
@@ -280,8 +280,8 @@ def _check_axes(first: Circle, second: Circle) -> None:
             "joint or the robot's stand move?"
         )
     foot = _frame(first, second, np.zeros(10))[:3, 3] + NOMINAL[1, 0] * first.axis
-    backwards_2 = float((second.center - foot) @ second.axis) < 0.0
-    backwards_1 = float((first.center - foot) @ first.axis) > 0.0
+    backwards_2 = (second.center - foot) @ second.axis < 0.0
+    backwards_1 = (first.center - foot) @ first.axis > 0.0
     if backwards_1 and backwards_2:
         raise CalibrationError(
             "the circles are the mirror image of the arm's: the measurements are left-handed. Two columns "

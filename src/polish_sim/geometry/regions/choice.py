@@ -186,8 +186,8 @@ def pick_point(whole: Whole, argument: str) -> list[Clipped]:
     looks."""
     point = parse_point(argument)
     found = whole.surface.closest(point[None])
-    distance = float(np.linalg.norm(found.positions[0] - point))
-    if distance > _POINT_REACH * float(np.ptp(whole.surface.bounds, axis=0).max()):
+    distance = np.linalg.norm(found.positions[0] - point)
+    if distance > _POINT_REACH * np.ptp(whole.surface.bounds, axis=0).max():
         raise PlanError(
             f"the region's point ({argument}) mm is {distance * 1e3:.4g} mm away from the part. "
             f"The nearest point of the part is {place_in_mm(found.positions[0])}."
@@ -321,7 +321,7 @@ def pick_polygon(whole: Whole, argument: str) -> list[Clipped]:
     )
     for start, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
         side = end - start
-        length = float(np.linalg.norm(side))
+        length = np.linalg.norm(side)
         if length > _ON_OUTLINE:
             across = np.array([-side[1], side[0]]) / length
             values = kept.surface.control @ (across @ frame) - float(across @ start)

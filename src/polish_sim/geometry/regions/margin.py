@@ -111,7 +111,7 @@ def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indi
 def _is_flat(surface: Surface) -> bool:
     points = surface.control.reshape(-1, 3)
     normal = surface.evaluate(np.zeros(1, dtype=np.int32), np.full((1, 3), 1.0 / 3.0)).normals[0]
-    return float(np.ptp(points @ normal)) < _FLAT * float(np.ptp(points, axis=0).max())
+    return np.ptp(points @ normal) < _FLAT * np.ptp(points, axis=0).max()
 
 
 def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:

@@ -34,7 +34,7 @@ def middle_points(surface: Surface) -> SurfacePoints:
 def lies_open(surface: Surface) -> bool:
     """Whether all of a surface is seen from one side."""
     mean = facing(surface)
-    length = float(np.linalg.norm(mean))
+    length = np.linalg.norm(mean)
     if length < 1e-6:
         return False
     seen = middle_points(surface).normals @ (mean / length) > np.cos(OPEN_ANGLE)

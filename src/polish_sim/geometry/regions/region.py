@@ -200,7 +200,7 @@ def merge_regions(components: Sequence[Region], up: Array, notes: tuple[str, ...
 
 def _seen_from(surface: Surface, up: Array) -> Array:
     mean = facing(surface)
-    length = float(np.linalg.norm(mean))
+    length = np.linalg.norm(mean)
     if length < 0.1 or mean @ up > np.cos(UP_CONE) * length:
         return up
     mean = mean / length

@@ -45,7 +45,7 @@ def smooth_noise(skin: Skin) -> Skin:
     if len(used) < FEWEST_VERTICES:
         return skin
     edges = skin.vertices[np.roll(skin.faces, -1, axis=1)] - skin.vertices[skin.faces]
-    edge = float(np.median(np.linalg.norm(edges, axis=2)))
+    edge = np.median(np.linalg.norm(edges, axis=2))
     normals = _vertex_normals(skin.vertices, skin.faces)
     noise = _noise(skin, used, normals, QUIET * edge)
     if noise <= NOISY * edge:

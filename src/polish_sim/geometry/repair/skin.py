@@ -62,7 +62,7 @@ def merge_vertices(triangles: Array) -> tuple[Array, Ints, tuple[str, ...]]:
     gaps = find_edge_faults(faces).open
     if gaps == 0:
         return vertices, faces, ()
-    tolerance = WELD * float(np.ptp(vertices, axis=0).max())
+    tolerance = WELD * np.ptp(vertices, axis=0).max()
     welded = _weld(vertices, faces, tolerance)
     collapsed = (welded == np.roll(welded, 1, axis=1)).any(axis=1)
     faults = find_edge_faults(welded[~collapsed])

@@ -198,7 +198,7 @@ def grow_turns(
     roots = [Turn(curve) for curve in borders]
     front = Front(mesh, first, stepover)
     pieces, number = [Piece(tuple(roots), {0: [np.arange(len(mesh.vertices))]})], 0
-    area, total = float(mesh.areas.sum()), float(mesh.areas.sum())
+    area = total = mesh.areas.sum()
     while pieces:
         inner, covered = zip(*[_shrink(surface, front, piece, number) for piece in pieces], strict=True)
         pieces, number = [new for found in inner for new in found], number + 1

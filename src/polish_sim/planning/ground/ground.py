@@ -142,7 +142,7 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
         PlanError: The region, or a piece of it, has no border, or the step-over is not positive or larger
             than it.
     """
-    size = float(np.linalg.norm(np.diff(region.surface.bounds, axis=0)))
+    size = np.linalg.norm(np.diff(region.surface.bounds, axis=0))
     if not 0.0 < plan.stepover_m < size:
         raise PlanError(
             f"a step-over of {plan.stepover_m * 1e3:.4g} mm does not fit: it must be positive and smaller "

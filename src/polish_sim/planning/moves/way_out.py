@@ -63,7 +63,7 @@ def _is_free(part: Surface, ball: Ball, point: Array, direction: Array, kept: fl
     """Walk along a ray in steps no longer than the distance to the part allows."""
     here = point
     for _ in range(MOST_STEPS):
-        if float(np.linalg.norm(here - ball.middle)) > ball.radius:
+        if np.linalg.norm(here - ball.middle) > ball.radius:
             return True
         height = float(signed_distances(part, here[None])[0])
         if height < kept:

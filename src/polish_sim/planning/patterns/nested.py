@@ -192,7 +192,7 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, sha
             or deepest < shallowest * stepover
         ):
             continue
-        edge = float(np.clip(deepest - (INNER - WIDER) * stepover, EDGE * stepover, DEEP_EDGE * stepover))
+        edge = np.clip(deepest - (INNER - WIDER) * stepover, EDGE * stepover, DEEP_EDGE * stepover)
         for line in level_lines(mesh, np.where(place, distance, 0.0), edge):
             curve = _loop(line, stepover) if line.closed else None
             if curve is not None and curve.length > SHORTEST * stepover:

@@ -46,7 +46,7 @@ def _parallel_lines(request: PatternRequest) -> list[list[Curve]]:
     needed = max(int(np.ceil(width / stepover - 2.0 * MOST - ROUNDING)) + 1, 1)
     margin = 0.5 * (width - (needed - 1) * stepover)
     half = (0.5 + ROUNDING) * stepover
-    shift = float(np.mod(above - margin + half, stepover) - half)
+    shift = np.mod(above - margin + half, stepover) - half
     return _both_sides(region, mesh, heights, shift, stepover, lambda share: report(0.5 + 0.5 * share))[0]
 
 

@@ -60,7 +60,7 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     Returns beginnings and the length of the first step.
     """
     total = sum(curve.length for curve in curves)
-    longest = float(np.clip(SHARE_OF_PATH * total, SHORTEST * stepover, LONGEST * stepover))
+    longest = np.clip(SHARE_OF_PATH * total, SHORTEST * stepover, LONGEST * stepover)
     lines = _outwards(curves, stepover)
     if len(outer):
         lines = np.concatenate([lines, _inwards(curves, outer, stepover)], axis=1)

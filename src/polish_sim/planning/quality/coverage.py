@@ -33,7 +33,7 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
     part."""
     path = Strands(runs).sample(CHORD * stepover)
     limit = STRICT * stepover
-    reach = float(np.hypot(limit, 0.5 * CHORD * stepover))
+    reach = np.hypot(limit, 0.5 * CHORD * stepover)
     found, index = cKDTree(path.points).query(points, distance_upper_bound=reach)
     rows = np.flatnonzero(np.isfinite(found))
     near = index[rows]
@@ -294,9 +294,9 @@ def expose(ground: Ground, on: PathOnSurface, pad: PadConfig, counted: Array | N
     times = time_under_pad(points, normals, pad_steps(on, pad), pad.radius_m)
     own = mesh.part_areas(ground.part_facets) * (1.0 if counted is None else counted)
     areas: Array = np.bincount(some.stands_for, weights=own, minlength=len(points)).astype(np.float64)
-    total = float(areas.sum())
-    mean = float((areas * times).sum()) / total
-    spread = float(np.sqrt((areas * (times - mean) ** 2).sum() / total))
+    total = areas.sum()
+    mean = (areas * times).sum() / total
+    spread = np.sqrt((areas * (times - mean) ** 2).sum() / total)
     under = times > 0.0
     median = _median(times[under], areas[under])
     return ExposureMap(

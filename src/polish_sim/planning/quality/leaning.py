@@ -48,7 +48,7 @@ class Leaning:
     @property
     def note(self) -> str:
         """How far it leans."""
-        slope = float(np.linalg.norm(self.leans, axis=1).max())
+        slope = np.linalg.norm(self.leans, axis=1).max()
         return f"by up to {np.degrees(np.arctan(slope)):.3g} deg away from what stands beside it"
 
     def lean(self, points: Array, axes: Array) -> Array:
