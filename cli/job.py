@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli.boundary import DONE, STOPPED
+from polish_sim.cli.boundary import DONE, INTERRUPTED, STOPPED
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
 from polish_sim.cli.output_folder import RESULTS, put, refuse_taken, unused
 from polish_sim.config.key import OUTPUT
@@ -53,6 +53,12 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     try:
         with console.progress() as observer:
             rows.extend(run_job(asked, folder, observer))
+    except KeyboardInterrupt:
+        console.note(
+            "interrupted: what was recorded up to now is kept. Go on with: polish-sim job "
+            f"{what} --out {folder} --resume"
+        )
+        return INTERRUPTED
     except PolishSimError:
         if not (rows or given["--resume"] or given["--overwrite"]):
             shutil.rmtree(folder)

@@ -185,3 +185,13 @@ def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(polish_sim: Tool
     assert {path.name for path in cut.iterdir()} == {"metrics.json", "rows.jsonl", "asked.json"} | folders
     files = {"calibration.toml", "residuals.csv", "metrics.json", "config.toml", "residuals.png", "drift.png"}
     assert all({path.name for path in (cut / name).iterdir()} == files for name in folders)
+
+
+def test_ctrl_c_of_a_job_says_how_to_go_on_and_that_goes_on(tmp_path: Path, polish_sim: Tool) -> None:
+    job = 'part = "plate"\n[cell]\nsafety.proof = "none"\n[[setup]]\n[[setup.pass]]\n'
+    (tmp_path / "job.toml").write_text(f"{job}plan.stepover_m = 0.04\nprocess.feed_m_s = 0.01\n")
+    pieces = tmp_path / "out/cut/setup_1/region_1/pass_1/pieces"
+    err = interrupted(["job", "job.toml"], tmp_path, lambda *_: any(pieces.rglob("[0-9]*.npz")), 0.0)
+    told = err.splitlines()[-1]
+    assert told.endswith("Go on with: polish-sim job job.toml --out out/cut --resume")
+    assert polish_sim(*told.partition("polish-sim ")[2].split()).code == 0

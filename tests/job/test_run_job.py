@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
 from polish_sim.cell import Silent
-from polish_sim.errors import PolishSimError
+from polish_sim.errors import InputError, PolishSimError
 from polish_sim.job.job_file import Job, read_job
 from polish_sim.job.run_job import Row, job_figures, programs, run_job
 from polish_sim.log import read_removal
@@ -129,3 +130,28 @@ def test_a_pass_with_a_flange_and_a_force_controller_is_refused(tmp_path: Path) 
     file.write_text(head + 'controller.name = "hybrid-pi"\n')
     with pytest.raises(PolishSimError, match="hybrid-pi"):
         read_job(file)
+
+
+@pytest.mark.parametrize(
+    ("gone", "told"), [("plan/path.script", "programme in plan/"), ("run", "cycle_time_s in run/")]
+)
+def test_a_pass_that_is_no_longer_whole_is_named(
+    job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, gone: str, told: str
+) -> None:
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    here = tmp_path / "setup_1/region_1/pass_1"
+    if gone == "run":
+        figures = json.loads((here / "run/metrics.json").read_text())
+        del figures["cycle_time_s"]
+        (here / "run/metrics.json").write_text(json.dumps(figures))
+    else:
+        (here / gone).unlink()
+
+    def resumed() -> list[tuple[int, str]]:
+        list(run_job(job, tmp_path, Silent()))
+        return list(programs(job, tmp_path))
+
+    with pytest.raises(InputError, match=f"pass_1' has no {told}"):
+        resumed()
+    shutil.rmtree(here)
+    assert resumed() == list(programs(job, whole[0]))

@@ -53,7 +53,7 @@ def write_coverage_mesh(file: Path, found: Inspection) -> None:
 
 
 def _colors(times: Array) -> NDArray[np.uint8]:
-    top = float(np.percentile(times, 99.0)) or 1.0
+    top = np.percentile(times, 99.0) or 1.0
     colors = np.asarray(colormaps["viridis"](np.clip(times / top, 0.0, 1.0), bytes=True))[:, :3].copy()
     colors[times <= 0.0] = BARE
     return colors
@@ -173,7 +173,7 @@ def _look(found: Inspection) -> _View:
     shown = np.flatnonzero(mesh.normals @ views.flat[2] > 0.02)
     shown = shown if len(shown) else np.arange(len(seen))
     low, high = seen[shown, :2].min(axis=0), seen[shown, :2].max(axis=0)
-    pixel = float((high - low).max()) / PIXELS
+    pixel = (high - low).max() / PIXELS
     edge = MM * float(
         np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1).max()
     )
@@ -193,7 +193,7 @@ def _image(view: _View, values: Array) -> Array:
 
 def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
     m, times = found.figures, found.quality.exposure.times
-    top = max(float(np.percentile(times, 99.5)), 1e-9)
+    top = max(np.percentile(times, 99.5), 1e-9)
     drawn = axes.imshow(
         _image(view, times),
         extent=view.extent,

@@ -166,7 +166,7 @@ LEFT_OUT = 0.01  #: Share of the region that may be left out without a word
 
 
 def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
-    """What is bad about a run of ``surface``, in sentences; ``contact_force`` is the set one [N]."""
+    """What is bad about a run of ``surface``, in sentences; ``contact_force`` is the largest one set [N]."""
     found, lost, within = [], figures["contact_lost_s"], figures["force_within_4n"]
     if lost > 0.0:
         found.append(f"contact was lost for {lost:.3g} s")

@@ -39,7 +39,7 @@ def seat_part(surface: Surface, up: Array, pose: tuple[float, ...] = ()) -> Seat
     """
     corners = surface.control.reshape(-1, 3)
     T_gripper_work = from_pose(pose) if pose else _on_lowest_point(corners, up)
-    depth = float(apply(T_gripper_work, corners)[:, 2].max())
+    depth = apply(T_gripper_work, corners)[:, 2].max()
     nose = _gap_to_part(surface, inverse(T_gripper_work), depth)
     if nose is None:
         raise ReachError(
@@ -85,7 +85,7 @@ def _gap_to_part(surface: Surface, T_work_gripper: Array, depth: float) -> float
     inside = np.hypot(x, y) <= GRIPPER_RADIUS + 1e-12
     face, way = np.stack([x[inside], y[inside], np.zeros(int(inside.sum()))], axis=1), 0.0
     for _ in range(_STEPS):
-        gap = float(signed_distances(surface, apply(T_work_gripper, face)).min())
+        gap = signed_distances(surface, apply(T_work_gripper, face)).min()
         if gap < TOUCHING:
             return way
         way += gap
@@ -99,7 +99,7 @@ def volume_and_center(mesh: PartMesh) -> tuple[float, Array]:
     """Volume [m^3] and its centre [m] by the divergence theorem; of an open mesh what its faces enclose."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
-    volume = float(volumes.sum())
+    volume = volumes.sum()
     return volume, (volumes @ (a + b + c)) / (4.0 * volume) if volume else np.zeros(3)
 
 

@@ -93,7 +93,7 @@ def through_poses(times: Array, poses: Array) -> PartWay:
     """Through poses (n, 4, 4) at rising times from zero [s]: splines of positions and rotations, both C2."""
     places = CubicSpline(times, poses[:, :3, 3] - poses[0, :3, 3])
     turned = RotationSpline(times, Rotation.from_matrix((inverse(poses[0]) @ poses)[:, :3, :3]))
-    end = float(times[-1])
+    end = times[-1]
 
     def shift(t: Array) -> Array:
         return places(np.clip(t, 0.0, end))

@@ -190,7 +190,7 @@ def _what_to_change(work: Work, failed: Failed, file: MasterPath | None) -> str:
             "dual.master_direction, dual.master_travel_m, dual.master_turn_rad_s, dual.master_path)."
         )
     clock = work.visits.clock
-    there = float(clock[min(round(failed.share * len(clock)), len(clock) - 1)])
+    there = clock[min(round(failed.share * len(clock)), len(clock) - 1)]
     return (
         f", {there:.2f} s into the master's motion ({file.place(there)}). Change the poses in the file, so "
         "that the part is held elsewhere or moves less."

@@ -183,7 +183,7 @@ def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
                     time=time + visits.time, clock=clock + visits.clock, meant=clock + visits.meant
                 )
             )
-            time = float(done[-1].time[-1])
+            time = done[-1].time[-1]
         clock, meant = float(done[-1].clock[-1]), float(done[-1].meant[-1])
     return Visits(*(np.concatenate(columns) for columns in zip(*done, strict=True)))
 

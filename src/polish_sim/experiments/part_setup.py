@@ -72,8 +72,9 @@ def check_set_points(path: ToolPath) -> None:
         wrong = np.flatnonzero(path.process & ~((column >= low) & (column <= high)))
         if len(wrong):
             raise PlanError(
-                f"point {wrong[0]} of the path asks for a {name} of {column[wrong[0]]:.4g} {unit}: it must "
-                f"be within {low:g} to {high:g} {unit}. Mend the path's file."
+                f"at {place_in_mm(path.positions_work[wrong[0]])} the path asks for a {name} of "
+                f"{column[wrong[0]]:.4g} {unit}: it must be within {low:g} to {high:g} {unit}. Mend "
+                "the path's file."
             )
 
 

@@ -23,6 +23,7 @@ from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import (
     RealShape,
     check_set_points,
+    largest_force,
     path_done,
     real_shape,
     shape_figures,
@@ -188,7 +189,7 @@ def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPar
     figures |= feed_figures(cell.strokes)
     figures[FIGURE] = cell.lesson.runs
     figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
-    figures["bad_figures"] = shortcomings(figures, scenario.process.contact_force_n)
+    figures["bad_figures"] = shortcomings(figures, largest_force(scenario, path))
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map,
         arm_file(scenario, reach.q_start),

@@ -23,6 +23,7 @@ from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
 from polish_sim.cell.stroke import cycle_time
 from polish_sim.config import Scenario
+from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.even_removal import plan_removal
@@ -92,6 +93,9 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
                 with naming_line(job.file), at(here):
                     run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
             figures = read_json(target / "run" / METRICS)
+            for key in ("sliding_work_after_nm", "area_m2", *PASS_KEYS):
+                if key not in figures:
+                    raise _no_longer_whole(target, f"{key} in run/{METRICS}")
             worn[abrasive] = figures["sliding_work_after_nm"]
             yield Row(here, part, one, figures)
 
@@ -318,11 +322,18 @@ def programs(job: Job, folder: Path) -> Iterator[tuple[int, str]]:
                 calls.append(_say(f"Run {one.folder}/plan with the flange's own programme: no force mode."))
                 continue
             where = folder / ("part_1" if job.head.parts > 1 else "") / one.folder
-            text = next((where / "plan").glob("*.script")).read_text(encoding="utf-8")
+            script = next((where / "plan").glob("*.script"), None)
+            if script is None:
+                raise _no_longer_whole(where, "programme in plan/")
+            text = script.read_text(encoding="utf-8")
             name = next(line.split()[1] for line in text.splitlines() if line.startswith("def "))
             lines += [text.replace(name, f"{name}_{k}")]
             calls.append(f"  {name}_{k}()")
         yield number, "\n".join([*lines, f"def setup_{number}():", *calls, "end", f"setup_{number}()", ""])
+
+
+def _no_longer_whole(folder: Path, what: str) -> InputError:
+    return InputError(f"'{folder}' has no {what} any more: delete it, and --resume does that pass again.")
 
 
 def _say(text: str) -> str:

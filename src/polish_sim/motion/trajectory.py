@@ -48,13 +48,13 @@ def build_path_table(
     place, points, frames = place[kept], positions[kept], rotations[kept]
     bend = np.zeros(len(points)) if curvature is None else curvature[kept]
     turns = np.zeros(len(points), np.int32) if pass_index is None else pass_index[kept].astype(np.int32)
-    length = float(place[-1])
+    length = place[-1]
     if len(points) == 1:
         place, points = np.array([0.0, spacing]), np.repeat(points, 2, axis=0)
         frames, bend, turns = np.repeat(frames, 2, axis=0), np.repeat(bend, 2), np.repeat(turns, 2)
     nodes = np.linspace(0.0, float(place[-1]), max(2, math.ceil(place[-1] / spacing) + 1))
     curve = CubicSpline(place, points, axis=0, bc_type="natural")
-    step = float(nodes[1] - nodes[0])
+    step = nodes[1] - nodes[0]
     quaternions = _interpolate_quaternions(place, continuous_quaternions(frames), nodes)
     return PathTable(
         step,

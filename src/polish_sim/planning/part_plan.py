@@ -135,7 +135,7 @@ class PlanResult:
         path = self.path
         remaining = leave_out(path, path.process & (path.s < s), self.plan, self.ready.air)
         if remaining is None:
-            end = float(path.s[path.process][-1])
+            end = path.s[path.process][-1]
             raise PlanError(
                 f"nothing of the path is left behind {1e3 * s:.4g} mm, it ends at {1e3 * end:.4g} mm "
                 "(--from)."

@@ -86,7 +86,7 @@ def fit_circle(points: Array, noise: float | None = None, used: Bools | None = N
     center, frame, radius = found.x
     x, y, _ = ((points[used] - center) @ frame).T
     angle = np.unwrap(np.arctan2(y, x))
-    arc = float(angle.max() - angle.min())
+    arc = angle.max() - angle.min()
     if arc < LEAST_ARC:
         raise CalibrationError(
             f"an arc of {np.degrees(arc):.0f} deg is too short to determine an axis: turn the joint by 120 "

@@ -140,7 +140,7 @@ def _six_directions(surface: Surface, up: Array) -> Array:
     weights = areas * length
     turn = np.arctan2(level @ back, level @ right)
     four = np.sum(weights * np.exp(4j * turn))
-    angle = float(np.angle(four)) / 4.0 if abs(four) > 1e-3 * float(weights.sum()) else 0.0
+    angle = np.angle(four) / 4.0 if abs(four) > 1e-3 * weights.sum() else 0.0
     one = np.cos(angle) * right + np.sin(angle) * back
     two = np.cross(up, one)
     return np.array([up, -up, one, -one, two, -two])

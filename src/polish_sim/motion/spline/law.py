@@ -471,7 +471,7 @@ def fastest_law(knots: Array, look: Look, launch: Launch) -> tuple[Law, float] |
         if law is None:
             break
         factors = factors_of_spans(law, bounded)
-        most = float(factors.max())
+        most = factors.max()
         if best is None or most < best[1]:
             best = law, most
         if not most > MOST_SLOWED:

@@ -47,7 +47,7 @@ def level_lines(
     triangles = mesh.triangles if among is None else mesh.triangles[among]
     found = values[triangles]
     finite = found[np.isfinite(found)]
-    flags = found > level + ROUNDING * float(finite.max(initial=level) - finite.min(initial=level))
+    flags = found > level + ROUNDING * (finite.max(initial=level) - finite.min(initial=level))
     crossed = (flags[:, 0] != flags[:, 1]) | (flags[:, 1] != flags[:, 2])
     if not crossed.any():
         return []

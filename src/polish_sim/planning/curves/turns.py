@@ -202,7 +202,7 @@ def grow_turns(
     while pieces:
         inner, covered = zip(*[_shrink(surface, front, piece, number) for piece in pieces], strict=True)
         pieces, number = [new for found in inner for new in found], number + 1
-        area -= sum(float(mesh.vertex_areas[rows].sum()) for rows in covered)
+        area -= sum(mesh.vertex_areas[rows].sum() for rows in covered)
         report(1.0 - (area if pieces else 0.0) / total)
     return [turn for root in roots for turn in root.children]
 
@@ -234,7 +234,7 @@ def ring_turns(
     gap = last.nearest(inner.positions).distances
     if np.ptp(gap) > EVEN * stepover or gap.max() > 2.0 * stepover:
         return None
-    width = (count - 0.5) * stepover + float(gap.mean())
+    width = (count - 0.5) * stepover + gap.mean()
     fitting = max(round(width / stepover), 1)
     first = 0.5 * (width - (fitting - 1) * stepover)
     if abs(first - 0.5 * stepover) < AT_BORDER * stepover:

@@ -220,7 +220,7 @@ def _is_clear(
 ) -> bool:
     """Whether neither the lead nor the way out from it runs into the part."""
     end = slice(0, 1) if at_start else slice(-1, None)
-    landed = float(rim_depths(air.part, process.positions[end], process.axes[end], air.pad_radius)[0])
+    landed = rim_depths(air.part, process.positions[end], process.axes[end], air.pad_radius)[0]
     lead, above = landing(process, at_start, shape, clearance)
     line = np.concatenate([lead.positions, above.positions])
     axes = np.concatenate([lead.axes, above.axes])

@@ -65,7 +65,7 @@ def _is_free(part: Surface, ball: Ball, point: Array, direction: Array, kept: fl
     for _ in range(MOST_STEPS):
         if np.linalg.norm(here - ball.middle) > ball.radius:
             return True
-        height = float(signed_distances(part, here[None])[0])
+        height = signed_distances(part, here[None])[0]
         if height < kept:
             return False
         here = here + direction * max(height - kept, SHORTEST_STEP_M)

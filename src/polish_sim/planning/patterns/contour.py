@@ -138,7 +138,7 @@ def _joined(
 
 def _step(here: Curve, s: float, there: Curve, arrive: float, stepover: float) -> Array | None:
     """Slanting way from one loop to a place on the next, without its ends; None if it is too long."""
-    foot = float(there.nearest(here.at(np.array([s]))[0]).s[0])
+    foot = there.nearest(here.at(np.array([s]))[0]).s[0]
     length = _step_length(here, there, stepover)
     ahead = np.mod(arrive - foot, there.length)
     gap = np.linalg.norm(there.at(np.array([arrive]))[0] - here.at(np.array([s + length]))[0])

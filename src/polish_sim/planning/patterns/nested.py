@@ -185,7 +185,7 @@ def _close_gaps(mesh: Triangulation, turns: Sequence[Turn], stepover: float, sha
     for label in range(count):
         place = labels == label
         open_area = mesh.vertex_areas[place & (distance > STRICT * stepover)].sum()
-        deepest = float(distance[place].max())
+        deepest = distance[place].max()
         if (
             open_area < WORTH_A_LOOP * stepover**2
             or at_border[place].any()

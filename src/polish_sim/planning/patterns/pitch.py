@@ -159,7 +159,7 @@ def _grid(length: float, stepover: float) -> Array:
 
 def _first_step(grid: Array, band: float) -> Shares:
     """Smoothly from 0 to 1 around the seam."""
-    length = float(grid[-1])
+    length = grid[-1]
     u = np.clip(np.stack([grid, grid - length]) / band + 0.5, 0.0, 1.0)
     ahead, behind = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     return Shares(ahead - 1.0 + behind, length)

@@ -248,9 +248,9 @@ def _away(turn: Curve, point: Array) -> float:
 
 def _turn_first(turn: Curve, positions: Array, stepover: float) -> Array:
     """Once round a turn, then over into a stroke in the direction it sets out."""
-    foot = float(turn.nearest(positions[:1]).s[0])
+    foot = turn.nearest(positions[:1]).s[0]
     ahead = unit(positions[min(8, len(positions) - 1)] - positions[0])
-    along = float(turn.tangents(np.array([foot]), 0.25 * stepover)[0] @ ahead)
+    along = turn.tangents(np.array([foot]), 0.25 * stepover)[0] @ ahead
     sign, lead = (1.0 if along >= 0.0 else -1.0), LEAD * abs(along) * stepover
     corner = foot - sign * lead
     first = corner + sign * (GAP + LATER * abs(along)) * stepover

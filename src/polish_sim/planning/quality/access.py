@@ -114,7 +114,7 @@ def find_access(ground: Ground, region: Region, part: Surface, tool: Tool, plan:
     reasons = (*(too_near(*pair) for pair in tool.pairs), HOLLOW)
     why = np.where(reach.hollow, len(tool.pairs), reach.rooms.argmin(axis=1))
     why[reach.touched >= 0.5] = -1
-    missed = float(ground.mesh.part_areas(ground.part_facets).sum()) - reach.area(ground)
+    missed = ground.mesh.part_areas(ground.part_facets).sum() - reach.area(ground)
     return Access(cut or region, reach.touched, reasons, why, missed, leaning, gained)
 
 

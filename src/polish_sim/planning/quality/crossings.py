@@ -51,7 +51,7 @@ def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:
     length.
     """
     length = np.linalg.norm(chords.end - chords.start, axis=1)
-    piece = float(length.mean())
+    piece = length.mean()
     counts = np.ceil(length / piece).astype(np.int64)
     owner = np.repeat(np.arange(len(length)), counts)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)

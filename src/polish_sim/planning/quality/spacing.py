@@ -184,7 +184,7 @@ def guess_stepover(path: ToolPath) -> float | None:
     # No surface yet: the tool axis stands in for its normal.
     runs = [Curve(path.positions_work[some], path.axes_work[some], False) for some in rows]
     strands = Strands(runs)
-    total = float(strands.lengths.sum())
+    total = strands.lengths.sum()
     for coarse in COARSER:
         guess = _refined_guess(strands, total, coarse * total / ASKED)
         if guess is not None:
