@@ -241,8 +241,8 @@ def _show(study: Study, table: RunTable, facts: Mapping[str, Any]) -> None:
         f"{facts[name]} {name}" for name in ("done", "stopped", "failed", "lost") if facts[name]
     )
     console.say(f"{count_text(facts['runs'], 'run')} in the folder: {ended}")
-    reasons = zip(columns["outcome"], columns["reason"], strict=True)
-    for reason in list({why: None for outcome, why in reasons if outcome == FAILED})[:SHOWN]:
+    reasons = dict.fromkeys(zip(columns["outcome"], columns.get("reason", ()), strict=False))
+    for reason in [why for outcome, why in reasons if outcome == FAILED][:SHOWN]:
         console.note(f"failed: {reason}")
     if facts["lost"]:
         console.note("runs whose processes died are lost; the same command does them again.")

@@ -284,7 +284,7 @@ def test_files_that_are_none_are_one_message(polish_sim: Tool, tmp_path: Path) -
         (("tcp", "--data", "gone.csv", "--seed", "3"), "--seed would change nothing with --data"),
         (("tcp", "--data", "gone.csv", "--cell-tool"), "--cell-tool would change nothing with --data"),
         (("tcp", "--arm", "ur10"), "unknown --arm 'ur10'. Did you mean 'ur10e'?"),
-        (("base", "--points", "5"), "5 points are too few for a circle"),
+        (("base", "--points", "5"), "--points 5 is outside 6 to 100000"),
         (("arm", "--poses", "19"), "--poses 19 is outside 20 to"),
         (("arm", "--length-error", "5"), "--length-error 5 is outside 0 to 2 mm"),
         (("arm", "--data", "gone.csv"), "cannot read the measurements 'gone.csv'"),

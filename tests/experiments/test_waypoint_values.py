@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from polish_sim.config import Scenario
-from polish_sim.errors import PlanError
+from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.experiments import RunResult, prepare_surface, run_experiment
 from polish_sim.planning import PlanResult
 from polish_sim.scenario_file import override
@@ -94,7 +95,7 @@ def test_values_that_are_the_scenario_s_own_change_nothing(cap: Cap) -> None:
         ("feed", 0.0, r"asks for a feed of 0 m/s: it must be within 0\.0001 to 0\.5 m/s"),
     ],
 )
-def test_values_no_robot_should_follow_are_refused_with_their_point(
+def test_values_no_robot_should_follow_are_refused_with_their_place(
     cap: Cap, column: str, value: float, said: str
 ) -> None:
     scenario, plan = cap
@@ -102,5 +103,6 @@ def test_values_no_robot_should_follow_are_refused_with_their_point(
     row = int(np.flatnonzero(plan.path.process)[7])
     values[row] = value
     path = replace(plan.path, **{column: values})
-    with pytest.raises(PlanError, match=f"point {row} of the path {said}"):
+    place = re.escape(place_in_mm(path.positions_work[row]))
+    with pytest.raises(PlanError, match=f"at {place} the path {said}"):
         prepare_surface(scenario, replace(plan, path=path))

@@ -70,7 +70,7 @@ def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
     begin = 0.0
     for rows in on.stretches:
         s = arc_length(on.positions[rows])
-        span = min(RATE_M, float(s[-1]))
+        span = min(RATE_M, s[-1])
         # From every waypoint ahead, and from the last places a whole span fits.
         first = np.append(s[s < s[-1] - span], s[-1] - span)
         axes = Curve(on.positions[rows], on.axes[rows], False)

@@ -256,7 +256,7 @@ def find_pad_in_part(
     rows = rows_apart(on, s, CHECKED_APART * pad.radius_m)
     ground = UnderPad(on.normals[rows], on.principal[rows], on.curvatures[rows])
     places = pressed_places(on.positions[rows], on.axes[rows], ground, pad, on.forces[rows])
-    tool = Tool(pad, float(on.forces.max()), fixture)
+    tool = Tool(pad, on.forces.max(), fixture)
     found = tool.stands_in(part, places)
     way = np.where(np.diff(on.stretch_of[rows]) == 0, np.diff(s[rows]), 0.0)
     lengths = 0.5 * (np.append(way, 0.0) + np.append(0.0, way))
