@@ -55,8 +55,8 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
             rows.extend(run_job(asked, folder, observer))
     except KeyboardInterrupt:
         console.note(
-            "interrupted: what was recorded up to now is kept. Go on with: polish-sim job "
-            f"{what} --out {folder} --resume"
+            "interrupted: what was recorded up to now is kept; the same command goes on with "
+            f"--resume --out '{folder}'"
         )
         return INTERRUPTED
     except PolishSimError:
