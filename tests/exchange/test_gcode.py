@@ -17,10 +17,6 @@ def read(tmp_path, text, **how):
     return read_way_points(file, **how)
 
 
-def points_mm(tmp_path, text):
-    return 1e3 * read(tmp_path, text).path.positions_work
-
-
 PROGRAM = """%
 O0001 (roughing)
 N10 G21 G90 G17 G40 G54 T1 M6 S3000 M3 ; all of this moves nothing
@@ -51,7 +47,8 @@ def test_an_inch_is_25_4_millimetres(tmp_path):
 
 
 def test_the_path_begins_where_all_three_coordinates_are_known(tmp_path):
-    assert points_mm(tmp_path, "G0 X1 Y2\nG0 Z3\nG1 X4\n").tolist() == [[1, 2, 3], [4, 2, 3]]
+    points = 1e3 * read(tmp_path, "G0 X1 Y2\nG0 Z3\nG1 X4\n").path.positions_work
+    assert points.tolist() == [[1, 2, 3], [4, 2, 3]]
 
 
 def test_a_vector_of_any_length_is_the_tool_axis_until_the_next(tmp_path):
@@ -62,8 +59,7 @@ def test_a_vector_of_any_length_is_the_tool_axis_until_the_next(tmp_path):
 @pytest.mark.parametrize(
     ("words", "axis"),
     [
-        ("A90", (0, -1, 0)), ("B90", (1, 0, 0)), ("C90", (0, 0, 1)), ("B90 C90", (0, 1, 0)),
-        ("A90 B45", (0, -1, 0)), ("A30 C180", (0, 0.5, np.sqrt(0.75))),
+        ("B90 C90", (0, 1, 0)), ("A90 B45", (0, -1, 0)), ("A30 C180", (0, 0.5, np.sqrt(0.75))),
     ],
 )  # fmt: skip
 def test_a_turns_about_x_then_b_about_y_then_c_about_z(tmp_path, words, axis):
@@ -80,16 +76,10 @@ def test_turning_in_place_is_a_move_for_those_who_ask_for_way_points(tmp_path):
 
 BAD = {
     "an arc": (HEAD + "G2 X10 Y0 I5 J0\n", r"line 4, column 1: G2 \(an arc\)"),
-    "the other arc": (HEAD + "X5 G03 X10 R5\n", r"line 4, column 4: G3 \(an arc\)"),
-    "a cycle": (HEAD + "G81 X10 Z-5 R2\n", "canned cycle"),
     "a moved frame": (HEAD + "G55\nX1\n", r"line 4, column 1: G55 \(a moved frame\)"),
-    "a subprogram": (HEAD + "M98 P100\n", "subprogram"),
     "an unknown letter": (HEAD + "X1 U12\n", r"line 4, column 4: unknown word 'U12'"),
     "an unknown code": (HEAD + "G123 X1\n", r"line 4, column 1: unknown word 'G123'"),
     "a parameter": (HEAD + "X#1\n", r"line 4, column 1: 'X#1' is no word"),
-    "an expression": (HEAD + "Y2 X[1+2]\n", r"line 4, column 4: 'X\[1\+2\]' is no word"),
-    "a lost letter": (HEAD + "X1 2\n", r"line 4, column 4: '2' is no word"),
-    "an exponent": (HEAD + "X1E5\n", r"line 4, column 3: unknown word 'E5'"),
     "an open comment": (HEAD + "X1 (open\n", r"line 4, column 4: the comment's bracket"),
     "a letter twice": (HEAD + "X1 X2\n", r"line 4, column 4: X stands twice"),
     "no way to move": ("X1 Y2 Z3\n", r"line 1, column 1: X1 stands before any G0 or G1"),
@@ -97,12 +87,9 @@ BAD = {
     "half a vector": (HEAD + "X1 I0 K1\n", "stand together"),
     "a zero vector": (HEAD + "X1 I0 J0 K0\n", "no direction"),
     "two ways": (HEAD + "A10\nX1 I0 J0 K1\n", "give it in one way"),
-    "two ways, turned round": (HEAD + "X1 I0 J0 K1\nA10\n", r"line 5, column 1: .* give it in one way"),
     "no feed": (HEAD + "X1 F0\n", r"line 4, column 4: F0 is no feed"),
     "nothing": ("M30\n", "holds no points"),
-    "one point": ("G1 X0 Y0 Z0\n", "it has one point"),
     "in the air only": ("G0 X0 Y0 Z0\nX5\n", "every move is G0"),
-    "metres": (HEAD + "X1000000\n", "a coordinate beyond"),
 }
 
 

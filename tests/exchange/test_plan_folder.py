@@ -54,38 +54,28 @@ def test_the_files_hold_what_the_contract_names(folder):
     with (folder / "path.csv").open() as file:
         header = next(csv.reader(file))
     assert header[:9] == ["s_m", "x_m", "y_m", "z_m", "nx", "ny", "nz", "pass_index", "segment"]
-    metrics = json.loads((folder / "metrics.json").read_text())
     wanted = (
         "facets fit_rms_m path_length_m cycle_time_s stepover_mean_m stepover_p5_m stepover_p95_m coverage "
-    )
-    wanted += (
         "coverage_stepover self_crossings retracts max_distance_to_surface_m plan_time_s stepover_excluded"
     )
-    assert set(wanted.split()) <= set(metrics)
+    assert set(wanted.split()) <= set(json.loads((folder / "metrics.json").read_text()))
     document = json.loads((folder / "path.json").read_text())
     assert document["part"]["sha256"] == shipped_plan("sphere_100").mesh.sha256
-    assert document["part"]["unit"] == "mm"
-    assert document["pattern"] == "spiral"
-    assert document["stepover_m"] == 0.008
-    assert document["up"] == [0.0, 0.0, 1.0]
+    assert (document["part"]["unit"], document["up"]) == ("mm", [0.0, 0.0, 1.0])
+    assert (document["pattern"], document["stepover_m"]) == ("spiral", 0.008)
 
 
-def test_a_plain_path_in_millimetres_is_read_with_its_force_and_feed(tmp_path):
-    path = read_text(tmp_path, "plain.csv", "x,y,z,i,j,k\n0,0,20,0,0,1\n10,0,20,0,0,1\n10, 5,20,0,0.6,0.8\n")
+def test_a_plain_path_in_millimetres_is_read_with_force_and_feed_from_any_editor(tmp_path):
+    """With a byte-order mark, blank lines, comments, capitals and blanks."""
+    text = "# made elsewhere\r\n\r\nX, Y, Z, I, J, K, Force, Feed\r\n0,0,20,0,0,1,12,10\r\n\r\n# half way\r\n"
+    text += "10,0,20,0,0,1,15,20\r\n10, 5,20,0,0.6,0.8,15,20\r\n"
+    path = read_text(tmp_path, "plain.csv", b"\xef\xbb\xbf" + text.encode())
     assert path.positions_work[2] == pytest.approx([0.01, 0.005, 0.02])
     assert path.axes_work[2] == pytest.approx([0.0, 0.6, 0.8])
     assert path.s == pytest.approx([0.0, 0.01, 0.015])
     assert (path.segment == PROCESS).all()
-    path = read_text(
-        tmp_path, "plain.csv", "x,y,z,i,j,k,force,feed\n0,0,20,0,0,1,12,10\n10,0,20,0,0,1,15,20\n"
-    )
-    assert path.force == pytest.approx([12.0, 15.0])
-    assert path.feed == pytest.approx([0.01, 0.02])
-
-
-def test_byte_order_marks_blank_lines_comments_and_capitals_do_no_harm(tmp_path):
-    text = "# made elsewhere\r\n\r\nX, Y, Z, I, J, K\r\n0,0,20,0,0,1\r\n\r\n# half way\r\n10,0,20,0,0,1\r\n"
-    assert read_text(tmp_path, "plain.csv", b"\xef\xbb\xbf" + text.encode()).length_m == pytest.approx(0.01)
+    assert path.force == pytest.approx([12.0, 15.0, 15.0])
+    assert path.feed == pytest.approx([0.01, 0.02, 0.02])
 
 
 HEADER = "x,y,z,i,j,k\n"
@@ -93,27 +83,21 @@ FIRST = HEADER + "0,0,0,0,0,1\n"
 WISHES = "x,y,z,i,j,k,force,feed\n0,0,20,0,0,1,12,10\n"
 OWN = "s_m,x_m,y_m,z_m,nx,ny,nz,pass_index,segment\n0,0,0,0,0,0,1,0,process\n"
 BAD = {
-    "empty": ("", "holds no points"),
     "only a header": (HEADER, "holds no points"),
     "wrong columns": ("a,b\n1,2\n", "columns a, b"),
     "a column twice": ("x,y,z,i,j,k,x\n0,0,20,0,0,1,3\n", "line 1: the header names x more than once"),
     "a short row": (FIRST + "1,2\n", "line 3: 2 values"),
-    "a word": (FIRST + "1,0,zero,0,0,1\n", "line 3, point 2: z is 'zero'"),
     "lines as an editor counts them": (
         "# here\n\n" + FIRST + "\n1,0,oops,0,0,1\n",
         "line 6, point 2: z is 'oops'",
     ),
     "beyond what is measured": (FIRST + "1,0,-1e300,0,0,1\n", "point 2: z is '-1e300', beyond 1e\\+12"),
-    "not a number": (FIRST + "1,0,nan,0,0,1\n", "point 2: z is 'nan'"),
-    "infinite": (FIRST + "1,0,inf,0,0,1\n", "point 2: z is 'inf'"),
     "a huge field": (HEADER + '"' + 200_000 * "1" + '",0,0,0,0,1\n', "not CSV"),
     "an axis too long": (FIRST + "1,0,0,0,0,2\n", "point 2: the tool axis"),
-    "a zero axis": (FIRST + "1,0,20,0,0,0\n", "point 2: the tool axis .* length 0"),
     "a repeated point": (FIRST + "0,0,0,0,0,1\n", "points 1 and 2 are the same"),
     "one point": (FIRST, "one point"),
     "metres for millimetres": (FIRST + "1e6,0,20,0,0,1\n", "line 3, point 2: a coordinate beyond"),
     "no force": (WISHES + "1,0,20,0,0,1,0,10\n", "line 3, point 2: force is 0"),
-    "pulling": (WISHES + "1,0,20,0,0,1,-3,10\n", "line 3, point 2: force is -3"),
     "standing still": (WISHES + "1,0,20,0,0,1,5,0\n", "line 3, point 2: feed is 0"),
     "a part of a pass": (OWN + "1,1,0,0,0,0,1,0.5,process\n", "line 3, point 2: pass_index is '0.5'"),
     "an unknown segment": (OWN + "1,1,0,0,0,0,1,0,jump\n", "line 3, point 2: unknown segment 'jump'"),
@@ -128,26 +112,20 @@ def test_a_bad_file_is_named_with_the_place(tmp_path, case):
     assert "bad.csv" in str(caught.value)
 
 
-def test_a_bad_json_is_named(folder):
+def test_a_bad_json_and_a_missing_or_foreign_source_are_named(folder):
     document = json.loads((folder / "path.json").read_text())
     document["path"]["nx"].pop()
-    unequal = json.dumps(document)
-    for text, message in (
-        ("{", "not JSON"), ("[1, 2]", "holds no path"), ("{}", "holds no path"), (unequal, "unequal length"),
+    for name, text, message in (
+        ("bad.json", "{", "not JSON"), ("bad.json", "[1, 2]", "holds no path"),
+        ("bad.json", json.dumps(document), "unequal length"), ("part.stl", "solid", r"\.apt.*\.csv"),
+        ("picture.csv", b"\x89PNG\xff\xfe\x00", "not a text file"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=message):
-            read_text(folder, "bad.json", text)
-
-
-def test_a_missing_or_foreign_source_is_named(tmp_path):
+            read_text(folder, name, text)
     with pytest.raises(InputError, match="cannot read"):
-        read_path(tmp_path / "nothing.csv")
+        read_path(folder / "nothing.csv")
     with pytest.raises(InputError, match="not a plan folder"):
-        read_path(tmp_path)
-    with pytest.raises(InputError, match="not a text file"):
-        read_text(tmp_path, "picture.csv", b"\x89PNG\xff\xfe\x00")
-    with pytest.raises(InputError, match=r"\.stl.*\.apt.*\.csv"):
-        read_text(tmp_path, "part.stl", "solid")
+        read_path(folder.parent)
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
@@ -161,15 +139,12 @@ def test_a_damaged_file_is_a_path_or_one_message(tmp_path, suffix):
     """150 files with bytes changed, cut, doubled: never a traceback."""
     rng = np.random.default_rng(7)
     export_plan(tmp_path, shipped_plan("sphere_100"), ["csv", "json", "apt"], ExportSetup())
+    whole = PROGRAM.encode() if suffix == ".nc" else (tmp_path / f"path{suffix}").read_bytes()
     if suffix == ".json":
-        document = json.loads((tmp_path / "path.json").read_text())
-        whole = json.dumps({"path": {name: column[:8] for name, column in document["path"].items()}}).encode()
-    else:
-        lines = (
-            PROGRAM.encode().splitlines()
-            if suffix == ".nc"
-            else (tmp_path / f"path{suffix}").read_bytes().splitlines()
-        )
+        columns = json.loads(whole)["path"].items()
+        whole = json.dumps({"path": {name: column[:8] for name, column in columns}}).encode()
+    elif suffix != ".nc":
+        lines = whole.splitlines()
         whole = b"\n".join([*lines[:12], *lines[-3:]])
     messages = []
     for _ in range(150):

@@ -1,4 +1,4 @@
-"""The robot program is run by a small machine of our own: what it does to the tool is what the plan says."""
+"""The robot program is run by our URScript machine: what it does to the tool is what the plan says."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from polish_sim.exchange import ExportSetup
 from polish_sim.exchange.strokes import feed_frames
 from polish_sim.exchange.urscript import STANDOFF_M, urscript_text
 from polish_sim.planning import PlanResult, plan_part
-from polish_sim.planning.toolpath import LEAD_IN, PROCESS
+from polish_sim.planning.toolpath import LEAD_IN
 from polish_sim.spatial import from_pose, inverse
-from tests.exchange.urscript_machine import Halted, Machine
+from tests.exchange.urscript_machine import Recorder, run_program
 from tests.planning.shapes import shipped_plan
 
 Array = NDArray[np.float64]
@@ -25,19 +25,17 @@ SETUP = ExportSetup(part_pose=PART_POSE)
 PRINTED_M = 2e-6
 
 
-def executed(result: PlanResult, setup: ExportSetup = SETUP) -> Machine:
-    machine = Machine()
-    machine.run(urscript_text(result, setup))
-    return machine
+def executed(result: PlanResult, setup: ExportSetup = SETUP) -> Recorder:
+    return run_program(urscript_text(result, setup))
 
 
 @pytest.fixture(scope="module")
-def ball() -> Machine:
+def ball() -> Recorder:
     return executed(shipped_plan("sphere_100"))
 
 
 @pytest.fixture(scope="module")
-def plate() -> Machine:
+def plate() -> Recorder:
     return executed(shipped_plan("plate_two_holes"))
 
 
@@ -46,53 +44,34 @@ def in_work(T_base_tool: list[Array]) -> Array:
 
 
 def test_without_a_measured_part_the_program_stops_before_it_moves():
-    machine = Machine()
-    with pytest.raises(Halted):
-        machine.run(urscript_text(shipped_plan("sphere_100"), ExportSetup()))
-    assert machine.motions == []
-    assert machine.events[-1] == "popup"
+    robot = executed(shipped_plan("sphere_100"), ExportSetup())
+    assert robot.motions == []
+    assert "popup" in robot.names()
 
 
-def test_the_tool_is_declared_before_it_moves_and_zeroed_before_it_presses(ball):
-    first = ball.events.index
-    assert (
-        first("set_tcp")
-        < first("zero_ftsensor")
-        < first("spindle True")
-        < first("run")
-        < first("end_force_mode")
-    )
-    assert first("set_payload") < first("zero_ftsensor")
-    assert first("spindle False") < first("zero_ftsensor"), "the sensor is zeroed with the spindle still"
-
-
-def test_pressing_ends_before_the_tool_lifts_and_the_spindle_stops_last(ball, plate):
+def test_the_tool_is_declared_zeroed_pressed_lifted_and_switched_off_in_this_order(ball, plate):
+    order = ["set_tcp", "set_payload", "spindle False", "zero_ftsensor", "spindle True", "force_mode"]
+    order += ["end_force_mode"]
+    places = [ball.names().index(event) for event in order]
+    assert places == sorted(places), "the sensor is zeroed with the spindle still"
     for machine, lifts in ((ball, 1), (plate, shipped_plan("plate_two_holes").figures["retracts"])):
-        assert machine.events.count("run") == machine.events.count("end_force_mode") == lifts
-        assert machine.events[-1] == "spindle False"
-        assert not machine.force_mode_on
+        events = machine.names()
+        assert events.count("force_mode") == events.count("end_force_mode") == lifts
+        assert [event for event in events if event != "stopj"][-2:] == ["end_force_mode", "spindle False"]
         assert all(motion.spindle for motion in machine.motions if motion.pressing)
 
 
-def test_moves_in_contact_run_through_points_of_the_path_itself(ball):
-    """The unpressed path: on the sphere to print precision, never inside it."""
-    path = shipped_plan("sphere_100").path
-    contact = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
-    planned = path.positions_work[path.process | (path.segment == LEAD_IN)]
-    gap = np.linalg.norm(contact[:, None] - planned, axis=2)
-    assert gap.min(axis=1).max() < PRINTED_M
-    assert (np.linalg.norm(contact - MIDDLE, axis=1) > 0.1 - 1e-5).all()
-
-
-def test_moves_in_contact_pass_every_point_of_the_path_closely(ball):
+def test_moves_in_contact_run_through_points_of_the_unpressed_path_and_pass_every_one_closely(ball):
     path = shipped_plan("sphere_100").path
     corners = in_work([motion.T_base_tool for motion in ball.motions if motion.pressing])[:, :3, 3]
+    planned = path.positions_work[path.process | (path.segment == LEAD_IN)]
+    gap = np.linalg.norm(corners[:, None] - planned, axis=2)
+    assert gap.min(axis=1).max() < PRINTED_M
+    assert (np.linalg.norm(corners - MIDDLE, axis=1) > 0.1 - 1e-5).all()
     first, leg = corners[:-1], np.diff(corners, axis=0)
-    worst = 0.0
-    for point in path.positions_work[path.process]:
-        share = np.clip(np.sum((point - first) * leg, axis=1) / np.sum(leg**2, axis=1).clip(1e-18), 0.0, 1.0)
-        worst = max(worst, float(np.linalg.norm(first + share[:, None] * leg - point, axis=1).min()))
-    assert worst < 5.2e-5
+    away = path.positions_work[path.process][:, None] - first
+    share = np.clip((away * leg).sum(axis=2) / (leg**2).sum(axis=1).clip(1e-18), 0.0, 1.0)
+    assert np.linalg.norm(away - share[..., None] * leg, axis=2).min(axis=1).max() < 5.2e-5
 
 
 def test_nothing_touches_the_part_without_force_mode(ball, plate):
@@ -129,9 +108,8 @@ def test_force_mode_pushes_along_the_inward_normal_of_the_sphere_wherever_the_to
 
 def test_only_tool_z_yields_and_it_presses_with_the_force_asked_for(ball):
     for pressing in ball.pressings:
-        assert pressing.selection == [0, 0, 1, 0, 0, 0]
+        assert (pressing.selection, pressing.kind) == ([0, 0, 1, 0, 0, 0], 2)
         assert pressing.wrench == [0, 0, 20.0, 0, 0, 0]
-        assert pressing.kind == 2
         assert pressing.limits[2] == 0.005  # [m/s], the landing speed
         assert max(pressing.limits[:2]) <= 0.01
 
@@ -154,11 +132,13 @@ def test_a_spiral_does_not_wind_up_the_last_joint(ball):
 
 
 def test_without_contact_the_program_switches_everything_off_and_stops():
-    machine = Machine(contact_after_s=np.inf)
-    with pytest.raises(Halted):
-        machine.run(urscript_text(shipped_plan("sphere_100"), SETUP))
-    assert machine.events[-4:] == ["end_force_mode", "sleep", "spindle False", "popup"]
-    assert not machine.force_mode_on
+    machine = run_program(urscript_text(shipped_plan("sphere_100"), SETUP), contact_after_s=np.inf)
+    ended = machine.names().index("end_force_mode")
+    assert [event for event in machine.names()[ended:] if event != "stopj"] == [
+        "end_force_mode",
+        "spindle False",
+        "popup",
+    ]
     path = shipped_plan("sphere_100").path
     first = np.flatnonzero(path.process)[0]
     pressed = in_work([motion.T_base_tool for motion in machine.motions if motion.pressing])[:, :3, 3]
@@ -190,22 +170,15 @@ def test_speed_and_force_are_those_of_the_process_or_of_the_waypoint():
     force = np.where(np.arange(count) < count // 2, 10.0, 15.0)
     path = replace(result.path, force=force, feed=np.full(count, 0.03))
     machine = executed(replace(result, path=path))
-    assert [pressing.wrench[2] for pressing in machine.pressings[:: len(machine.pressings) - 1]] == [
-        10.0,
-        15.0,
-    ]
+    assert (machine.pressings[0].wrench[2], machine.pressings[-1].wrench[2]) == (10.0, 15.0)
     assert {motion.speed for motion in machine.motions if motion.blend > 0.0} == {0.03}
 
 
 def test_a_path_without_leads_is_landed_from_above():
     result = shipped_plan("sphere_100")
-    bare = result.path.rows(result.path.segment == PROCESS)
-    machine = executed(replace(result, path=bare))
-    heights = (
-        np.linalg.norm(in_work([m.T_base_tool for m in machine.motions])[:, :3, 3] - MIDDLE, axis=1) - 0.1
-    )
-    assert heights[0] == pytest.approx(0.03, abs=1e-5)
-    assert heights[-1] == pytest.approx(0.03, abs=1e-5)
+    machine = executed(replace(result, path=result.path.rows(result.path.process)))
+    ends = in_work([machine.motions[k].T_base_tool for k in (0, -1)])[:, :3, 3]
+    assert np.linalg.norm(ends - MIDDLE, axis=1) - 0.1 == pytest.approx([0.03, 0.03], abs=1e-5)
 
 
 def test_the_program_says_where_the_part_is_why_the_path_is_not_pressed_in_and_has_short_functions():

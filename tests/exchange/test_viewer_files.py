@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from polish_sim.exchange import ExportSetup
@@ -39,8 +40,7 @@ def test_the_tube_wraps_the_path_and_is_closed():
     assert solid.volume > 0.0
     radius = RADIUS_SHARE * result.plan.stepover_m
     points = result.path.positions_work
-    gap = np.array([np.linalg.norm(points - vertex, axis=1).min() for vertex in tube.vertices[::7]])
-    assert gap.max() < 1.3 * radius
+    assert cKDTree(points).query(tube.vertices)[0].max() < 1.3 * radius
     middle = tube.vertices.reshape(-1, SIDES, 3).mean(axis=1)
     assert max(to_polyline(point, middle) for point in points[::25]) < CHORD_SHARE * radius * 1.01
 
@@ -87,17 +87,7 @@ def test_glb_holds_two_named_meshes_with_y_up():
 def test_the_page_fetches_nothing():
     page = html_text(shipped_plan("sphere_100"), SETUP)
     code = re.sub('<script type="text/plain" id="data">.*?</script>', "", page, flags=re.DOTALL)
-    for word in (
-        "://",
-        "src=",
-        "url(",
-        "import(",
-        "import ",
-        "fetch(",
-        "XMLHttpRequest",
-        "WebSocket",
-        "eval(",
-    ):
+    for word in ("://", "src=", "url(", "import", "fetch(", "XMLHttpRequest", "WebSocket", "eval("):
         assert word not in code, word
     assert not re.search("@[A-Z]+@", code)
 
@@ -148,4 +138,5 @@ def test_a_part_of_many_facets_is_shown_by_a_lighter_copy_close_to_it():
     vertices, faces = lighter_mesh(mesh.vertices, mesh.faces, MOST_FACETS)
     assert 5_000 < len(faces) <= MOST_FACETS
     assert np.abs(np.linalg.norm(vertices, axis=1) - 0.1).max() < 1e-3
+    assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(ball.volume, rel=0.01)
     assert len(html_text(replace(result, mesh=mesh), SETUP)) < 3_000_000

@@ -1,28 +1,26 @@
-"""A small machine that runs our URScript programs: blocks are checked, statements executed, motions
-recorded."""
+"""Our robot programs, run by the URScript machine of `serve`, on a robot that is at once where it is sent and
+writes down what it was told."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Generator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+import pytest
 
+from polish_sim.arrays import Array
 from polish_sim.spatial import from_pose
+from tests.ur.fake_robot import FakeRobot, Notes
 
-Array = NDArray[np.float64]
-OPENERS = ("def ", "thread ", "if ", "while ")
-STEP_S = 0.002
+pytest.importorskip("lark")
 
+from polish_sim.ur.script import Machine
 
-class Halted(Exception):
-    """The program stopped itself."""
+MOST_STEPS = 100_000
 
 
 class Motion(NamedTuple):
-    """A finished move."""
+    """A move."""
 
     T_base_tool: Array
     speed: float
@@ -42,128 +40,66 @@ class Pressing(NamedTuple):
     limits: list[float]
 
 
-class Machine:
-    """Where the tool is and what was asked of it."""
+class Recorder(FakeRobot):
+    """Its joints are its pose; it feels the force wanted some time after it began to press."""
 
-    def __init__(self, contact_after_s: float = 0.05) -> None:
+    def __init__(self, contact_after_s: float) -> None:
+        super().__init__()
         self.contact_after_s = contact_after_s
-        self.T_base_tool = np.eye(4)
         self.motions: list[Motion] = []
         self.pressings: list[Pressing] = []
-        self.events: list[str] = []
-        self.thread: Generator[None] | None = None
-        self.force_mode_on = False
-        self.pressed_for_s = 0.0
+        self.pressing_since_s = np.inf
         self.spindle = False
-        self.scope: dict[str, Any] = {}
 
-    def run(self, text: str) -> None:
-        """Check the blocks, translate to Python and execute."""
-        check_blocks(text)
-        commands = ("movej", "movel", "force_mode", "sync", "force", "kill", "halt", "end_force_mode")
-        self.scope |= {name: getattr(self, name) for name in commands} | {"run": self.run_thread}
-        self.scope |= {
-            name: self._noted(name) for name in ("set_tcp", "set_payload", "zero_ftsensor", "sleep", "popup")
-        }
-        self.scope |= {f"force_mode_set_{name}": self._noted(name) for name in ("damping", "gain_scaling")}
-        self.scope |= {"pose": lambda *v: from_pose(v), "pose_trans": lambda a, b: a @ b, "G": self.scope}
-        self.scope |= {"get_actual_tcp_pose": lambda: self.T_base_tool, "get_steptime": lambda: STEP_S}
-        self.scope["set_standard_digital_out"] = self.switch
-        name = re.search(r"^def (\w+)\(\):", text, flags=re.MULTILINE)
-        assert name is not None
-        exec(compile(translate(text), "path.script", "exec"), self.scope)
-        self.scope[name[1]]()
+    def step(self) -> None:
+        super().step()
+        felt = self.time_s - self.pressing_since_s > self.contact_after_s
+        self.tcp_force = np.array([0.0, 0.0, self.pressings[-1].wrench[2] if felt else 0.0, 0.0, 0.0, 0.0])
 
-    def movel(self, target: Array, a: float, v: float, r: float = 0.0) -> None:
-        self.T_base_tool = target
-        if self.thread is not None:
-            next(self.thread)
-        self.motions.append(Motion(target, v, r, self.force_mode_on, self.spindle))
+    def forward_kin(self, q: Array, tcp: Array) -> Array:
+        return q
 
-    def movej(self, target: Array, a: float, v: float) -> None:
-        self.movel(target, a, v)
+    def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array:
+        return pose
 
-    def force_mode(
-        self, task: Array, selection: list[float], wrench: list[float], kind: int, limits: list[float]
-    ) -> None:
-        self.force_mode_on = True
-        self.pressings.append(Pressing(task, self.T_base_tool, selection, wrench, kind, limits))
+    def movel(self, pose: Array, a: float, v: float, t: float, r: float) -> None:
+        self.actual_tcp_pose = pose
+        self.motions.append(Motion(from_pose(pose), v, r, False, self.spindle))
+
+    movej = movel
+
+    def force_mode(self, task: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
+        if self.pressing_since_s == np.inf:
+            self.pressing_since_s = self.time_s
+            self.told.append(("force_mode",))
+        self.motions[-1] = self.motions[-1]._replace(pressing=True)
+        frames = from_pose(task), from_pose(self.actual_tcp_pose)
+        self.pressings.append(Pressing(*frames, selection.tolist(), wrench.tolist(), kind, limits.tolist()))
 
     def end_force_mode(self) -> None:
-        assert self.thread is None, "force mode would be switched on again by the thread"
-        self.force_mode_on = False
-        self.pressed_for_s = 0.0
-        self.events.append("end_force_mode")
+        if self.pressing_since_s < np.inf:
+            self.told.append(("end_force_mode",))
+        self.pressing_since_s = np.inf
 
-    def sync(self) -> None:
-        self.pressed_for_s += STEP_S
-        if self.thread is not None:
-            next(self.thread)
-
-    def force(self) -> float:
-        return float(self.scope["force_n"]) if self.pressed_for_s > self.contact_after_s else 0.0
-
-    def run_thread(self, thread: Generator[None]) -> str:
-        self.thread = thread
-        self.events.append("run")
-        return "handle"
-
-    def kill(self, handle: str) -> None:
-        assert handle == "handle"
-        self.thread = None
-        self.events.append("kill")
-
-    def switch(self, output: int, on: bool) -> None:
-        self.spindle = on
-        self.events.append(f"spindle {on}")
-
-    def halt(self) -> None:
-        raise Halted
-
-    def _noted(self, name: str) -> Callable[..., None]:
-        return lambda *values, **words: self.events.append(name)
+    def input_output(self, name: str, index: int, value: float | bool | None = None) -> float | bool:
+        if value is not None:
+            self.spindle = bool(value)
+            self.told.append((f"spindle {self.spindle}",))
+        return self.spindle
 
 
-def check_blocks(text: str) -> None:
-    """Every block ends at the depth it began, every bracket closes on its line."""
-    open_blocks: list[int] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        code = line.split("#", 1)[0].rstrip()
-        if not code:
-            continue
-        depth, words = len(code) - len(code.lstrip()), code.strip()
-        for left, right in ("()", "[]"):
-            assert words.count(left) == words.count(right), f"line {number}: {words}"
-        if words == "end":
-            assert open_blocks, f"line {number} ends nothing"
-            assert open_blocks.pop() == depth, f"line {number} ends a block of another depth"
-            continue
-        assert depth == 2 * len(open_blocks), (
-            f"line {number} stands {depth} deep in {len(open_blocks)} blocks"
-        )
-        if words.startswith(OPENERS):
-            assert words.endswith(":"), f"line {number}: {words}"
-            open_blocks.append(depth)
-    assert not open_blocks
-
-
-def translate(text: str) -> str:
-    """URScript to Python; only what our programs use."""
-    lines, in_thread = [], None
-    for raw in text.splitlines():
-        line = raw.split("#", 1)[0].rstrip()
-        depth = len(line) - len(line.lstrip())
-        if line.strip() == "end":
-            in_thread = None if in_thread == depth else in_thread
-            continue
-        if line.strip().startswith("thread "):
-            in_thread = depth
-            line = line.replace("thread ", "def ")
-        if in_thread is not None:
-            line = line.replace("sync()", "yield")
-        line = re.sub(r"\bp\[([^\]]*)\]", r"pose(\1)", line)
-        line = re.sub(r"\bglobal (\w+) = (.*)", r"G['\1'] = \2", line)
-        line = re.sub(r"\brun (\w+\(\))", r"run(\1)", line)
-        line = re.sub(r"\bkill (\w+)", r"kill(\1)", line)
-        lines.append(re.sub(r"^(\s*)halt$", r"\1halt()", line))
-    return "\n".join(lines)
+def run_program(text: str, contact_after_s: float = 0.05) -> Recorder:
+    """The robot after the program; popups are closed at once."""
+    robot, notes = Recorder(contact_after_s), Notes()
+    machine = Machine(text, notes)
+    for _ in range(MOST_STEPS):
+        machine.tick(robot)
+        robot.step()
+        if machine.popup_open:
+            robot.told.append(("popup",))
+            machine.close_popup()
+        if not machine.running:
+            break
+    assert not machine.running
+    assert "exception" not in [event[0] for event in notes.events], notes.events
+    return robot
