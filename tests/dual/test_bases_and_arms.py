@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.calibration.arm import CATALOGUE, ArmEstimate, TrackedArm, fit_arm, fit_placement
+from polish_sim.calibration.arm import CATALOGUE, ArmEstimate, TrackedArm, fit_arm
 from polish_sim.calibration.matched_points import (
     check_matched,
     kabsch,
@@ -66,18 +66,6 @@ def step_from(true: Array, T: Array) -> Array:
     return np.concatenate([T[:3, 3] - true[:3, 3], turn])
 
 
-def test_an_exact_arc_gives_its_circle() -> None:
-    axis, center = np.array([2.0, -1.0, 2.0]) / 3.0, np.array([2.0, 1.0, -3.0])
-    side = np.cross(axis, [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    turn = np.linspace(0.0, 2.1, 30)[:, None]
-    found = fit_circle(center + 0.85 * (np.cos(turn) * side + np.sin(turn) * np.cross(axis, side)))
-    np.testing.assert_allclose(found.center, center, atol=1e-12)
-    np.testing.assert_allclose(found.axis, axis, atol=1e-12)
-    assert found.radius == pytest.approx(0.85, abs=1e-12)
-    assert found.arc == pytest.approx(2.1, abs=1e-9)
-
-
 @pytest.mark.parametrize(
     "offsets", [np.zeros(6), np.r_[0.0, 0.0, np.random.default_rng(3).uniform(-0.2, 0.2, 4)]]
 )
@@ -126,7 +114,6 @@ def test_axes_that_do_not_meet_are_not_made_to() -> None:
         (arc(0), arc(0), "nearly parallel"),
         (arc(0)[:, [1, 0, 2]], arc(1)[:, [1, 0, 2]], "left-handed"),
         (arc(0), arc(1)[::-1], "arc of axis 2 runs against"),
-        (arc(0)[::-1], arc(1), "arc of axis 1 runs against"),
         (arc(0), arc(3, sector=(-120.0, 0.0)), "axis 2 has a radius"),
     ],
 )
@@ -151,27 +138,20 @@ def test_points_of_no_circle_are_refused(points: Array, said: str) -> None:
 CLOUD = np.random.default_rng(8).uniform(-0.6, 0.6, (12, 3))
 
 
-def test_exact_points_give_the_frame() -> None:
-    for own in (CLOUD, CLOUD[:3]):
-        np.testing.assert_allclose(kabsch(apply(T_TRACKER_BASE, own), own), T_TRACKER_BASE, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("seen", "own", "said"),
     [
         (CLOUD[:2], CLOUD[:2], "2 points give no frame"),
-        (
-            np.outer(np.arange(5.0), [1.0, 1.0, 0.0]),
-            np.outer(np.arange(5.0), [0.0, 1.0, 1.0]),
-            "lie on a line",
-        ),
+        (np.outer(np.arange(5.0), [1.0, 1, 0]), np.outer(np.arange(5.0), [0.0, 1, 1]), "lie on a line"),
         (1e3 * CLOUD, CLOUD, "are units mixed"),
         (CLOUD[:, [1, 0, 2]], CLOUD, "mirror image"),
     ],
 )
-def test_points_that_give_no_frame_are_refused(seen: Array, own: Array, said: str) -> None:
+def test_exact_points_give_the_frame_and_others_are_refused(seen: Array, own: Array, said: str) -> None:
     with pytest.raises(CalibrationError, match=said):
         check_matched(seen, own)
+    for some in (CLOUD, CLOUD[:3]):
+        np.testing.assert_allclose(kabsch(apply(T_TRACKER_BASE, some), some), T_TRACKER_BASE, atol=1e-12)
 
 
 def test_covariance_of_a_base_in_another_is_that_of_the_errors() -> None:
@@ -181,10 +161,8 @@ def test_covariance_of_a_base_in_another_is_that_of_the_errors() -> None:
     _, stated = relative_frame(T_TRACKER_BASE, root[0] @ root[0].T, T_b, root[1] @ root[1].T)
     truth, errors = inverse(T_TRACKER_BASE) @ T_b, []
     for _ in range(4000):
-        a, b = (
-            moved_frame(T, L @ rng.standard_normal(6))
-            for T, L in zip((T_TRACKER_BASE, T_b), root, strict=True)
-        )
+        a = moved_frame(T_TRACKER_BASE, root[0] @ rng.standard_normal(6))
+        b = moved_frame(T_b, root[1] @ rng.standard_normal(6))
         errors.append(step_from(truth, inverse(a) @ b))
     np.testing.assert_allclose(np.cov(np.array(errors).T), stated, atol=0.08 * stated.max())
     at_a_metre = point_covariance(stated, np.array([1.0, 0.0, 0.0]))
@@ -192,36 +170,22 @@ def test_covariance_of_a_base_in_another_is_that_of_the_errors() -> None:
     np.testing.assert_allclose(np.cov(drawn.T), at_a_metre, atol=0.08 * at_a_metre.max())
 
 
-RNG = np.random.default_rng(2)
-Q = RNG.uniform(LOW, HIGH, (40, 6))
 POINT = np.array([0.01, -0.02, 0.1])
 
 
 def test_slopes_of_the_table_are_those_of_differences() -> None:
-    table, step = NOMINAL + 0.01 * RNG.standard_normal((4, 6)), 1e-6
+    rng, step = np.random.default_rng(2), 1e-6
+    q, table = rng.uniform(LOW, HIGH, (40, 6)), NOMINAL + 0.01 * rng.standard_normal((4, 6))
 
     def tips(table: Array) -> Array:
-        T = link_frames(Q, table)[:, 6]
+        T = link_frames(q, table)[:, 6]
         return T[:, :3, :3] @ POINT + T[:, :3, 3]
 
-    slopes = table_slopes(link_frames(Q, table), tips(table))
+    slopes = table_slopes(link_frames(q, table), tips(table))
     for k, row in enumerate(step * np.eye(24).reshape(24, 4, 6)):
         np.testing.assert_allclose(
             slopes[:, :, k], (tips(table + row) - tips(table - row)) / (2.0 * step), atol=1e-9
         )
-
-
-def test_exact_measurements_give_an_arm_that_predicts_exactly() -> None:
-    table, T = NOMINAL + 5e-4 * RNG.standard_normal((4, 6)), from_pose([2.0, 1.0, -0.5, 0.1, 0.2, 1.0])
-
-    def seen(q: Array) -> Array:
-        frames = T @ link_frames(q, table)[:, 6]
-        return frames[:, :3, :3] @ POINT + frames[:, :3, 3]
-
-    found = fit_arm(TrackedArm(Q, seen(Q)), 0.0)
-    others = RNG.uniform(LOW, HIGH, (100, 6))
-    np.testing.assert_allclose(found.target_at(others), seen(others), atol=1e-8)
-    assert np.abs(fit_placement(TrackedArm(Q, seen(Q))).residuals).max() > 1e-4
 
 
 def test_gears_that_wind_up_and_err_are_found_along_with_the_table() -> None:
@@ -246,7 +210,7 @@ def test_gears_that_wind_up_and_err_are_found_along_with_the_table() -> None:
     assert np.all(np.abs(beyond[:, 2] - beyond[:, 1]) < np.repeat([2e-5, 12e-5], 3))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_half_a_millimetre_in_the_table_comes_back_below_a_seventh(seed: int) -> None:
     figures = run_arm_calibration(ArmTrial(seed=seed)).figures
     assert figures["relative_error_nominal_m"] > 5e-4
@@ -254,13 +218,12 @@ def test_half_a_millimetre_in_the_table_comes_back_below_a_seventh(seed: int) ->
 
 
 def test_arms_as_their_table_says_are_not_made_worse() -> None:
-    figures = run_arm_calibration(
-        ArmTrial(tolerance=ArmTrial().tolerance._replace(length=1e-9, angle=1e-9))
-    ).figures
+    exact = ArmTrial().tolerance._replace(length=1e-9, angle=1e-9)
+    figures = run_arm_calibration(ArmTrial(tolerance=exact)).figures
     assert figures["relative_error_m"] == pytest.approx(figures["relative_error_nominal_m"], rel=1e-3)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_arms_with_gears_are_found_with_them_and_not_as_rigid_ones(seed: int) -> None:
     """Wind-up by pose is no error of a table."""
     trial = ArmTrial(seed=seed, gears=lone_arms(seed, Q_NEAR).gears)

@@ -24,7 +24,7 @@ from polish_sim.dual.master import master_motion
 from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.scene import Held, build_pair_scene
 from polish_sim.dual.task import DualTask, prepare_dual
-from polish_sim.errors import CalibrationError, ConfigError, InputError, PlanError, ReachError
+from polish_sim.errors import CalibrationError, ConfigError, PlanError, ReachError
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
 from polish_sim.geometry import load_part
 from polish_sim.models import workpiece_path
@@ -90,11 +90,21 @@ def pressed() -> RunResult:
     return run_experiment(dual(f"process.max_feed_s={PRESSED_S}"))
 
 
-def test_the_run_has_the_figures_that_are_asked_of_it(free: RunResult, pressed: RunResult) -> None:
-    assert {claim.figure for claim in PRESSING_CLAIMS} <= set(pressed.figures)
-    assert {claim.figure for claim in FREE_CLAIMS} <= set(free.figures)
+def test_a_run_has_the_figures_asked_of_it_the_speed_of_the_tool_on_the_part_and_a_picture(
+    free: RunResult, pressed: RunResult
+) -> None:
     assert len(free.figures["tracking_error_max_m"]) == 3
     assert free.log["master_q_rad"].shape == free.log["relative_error_m"].shape[:1] + (6,)
+    for run, claims, feed, panels in ((free, FREE_CLAIMS, 0.05, 1), (pressed, PRESSING_CLAIMS, 0.01, 2)):
+        assert {claim.figure for claim in claims} <= set(run.figures)
+        fed = run.trace.phase == 2
+        speed = np.ptp(run.trace.path_s_m[fed]) / np.ptp(run.trace.time_s[fed])
+        assert run.figures["speed_mean_m_s"] == pytest.approx(speed, rel=0.02)
+        assert run.figures["speed_mean_m_s"] < 1.02 * feed
+        figure = plot_dual(RunRecord("dual", run.scenario, run.figures, run.log, run.path))
+        assert figure is not None
+        assert len(figure.axes) == panels
+        assert sum("of the part" in line.get_label() for line in figure.axes[0].lines) == 3
 
 
 def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free: RunResult) -> None:
@@ -185,24 +195,6 @@ def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_pat
     assert run.figures["tracking_error_worst_m"] < 2e-4
 
 
-def test_the_speed_is_that_of_the_tool_on_the_part_however_the_part_moves(
-    free: RunResult, pressed: RunResult
-) -> None:
-    for run, feed in ((free, 0.05), (pressed, 0.01)):
-        fed = run.trace.path_s_m[run.trace.phase == 2]
-        time = run.trace.time_s[run.trace.phase == 2]
-        assert run.figures["speed_mean_m_s"] == pytest.approx(np.ptp(fed) / np.ptp(time), rel=0.02)
-        assert run.figures["speed_mean_m_s"] < 1.02 * feed
-
-
-def test_the_picture_shows_errors_and_in_contact_the_force(free: RunResult, pressed: RunResult) -> None:
-    for run, panels in ((free, 1), (pressed, 2)):
-        figure = plot_dual(RunRecord("dual", run.scenario, run.figures, run.log, run.path))
-        assert figure is not None
-        assert len(figure.axes) == panels
-        assert sum("of the part" in line.get_label() for line in figure.axes[0].lines) == 3
-
-
 def test_the_force_is_held_on_the_moving_rim(pressed: RunResult) -> None:
     figures = pressed.figures
     assert figures["protective_stop"] is None
@@ -261,11 +253,6 @@ def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part
     assert np.diff(s) / np.diff(time) == pytest.approx(planned, rel=0.03)
 
 
-def test_an_even_removal_by_a_tool_that_touches_nothing_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"nothing comes off: leave it or plan\.removal out"):
-        check_experiment(dual("plan.removal=even", "dual.standoff_m=0.005"))
-
-
 def test_a_master_that_turns_back_carries_the_part_as_long_as_a_long_path_takes() -> None:
     task = prepare_dual(dual(*EXACT))
     chain, start = task.frames.believed, task.reach
@@ -296,61 +283,40 @@ def two_stretches() -> PlanResult:
 
 
 @pytest.mark.parametrize(
-    ("changes", "kind", "said"),
+    ("change", "kind", "said"),
     [
-        (["dual.follower_pose=[-2.5,0,0,0,0,3]"], ReachError, "the follower .*dual.follower_pose"),
-        (["part.pose=[0,2,0.3,0,0,0]"], ReachError, "the master does not reach the first pose.*--part-pose"),
-        (
-            ["dual.master_speed_m_s=0.25", "dual.master_travel_m=10"],
-            ReachError,
-            r"the master does not reach the first pose.*dual.master_speed_m_s, .*dual.master_travel_m",
-        ),
-        (
-            ["dual.follower_pose=[0,0,0,0,0,0]"],
-            ConfigError,
-            "0 mm from the master's: no two arms stand there",
-        ),
-        (["dual.master_direction=[0,0,0]"], ConfigError, "'dual.master_direction' is no direction"),
-        (["part.file=plate"], PlanError, "1 piece.s. and 1 border.s."),
-        (["dual.density_kg_m3=20000"], ReachError, r"^the part weighs 15\.05 kg: .*density_kg_m3=\.\.\.$"),
-        (["dual.bases_file=gone.toml"], InputError, "cannot read the calibration 'gone.toml'"),
-        (
-            ["dual.part_on_gripper=[0,0,0.3,0,0,0]"],
-            ReachError,
-            r"^the master cannot turn the part .* held too far out.*--set dual\.part_on_gripper=",
-        ),
+        ("dual.follower_pose=[-2.5,0,0,0,0,3]", ReachError, "the follower .*dual.follower_pose"),
+        ("part.pose=[0,2,0.3,0,0,0]", ReachError, "the master does not reach the first pose.*--part-pose"),
+        ("dual.master_travel_m=10", ReachError, r"master_speed_m_s, .*dual.master_travel_m"),
+        ("dual.follower_pose=[0,0,0,0,0,0]", ConfigError, "0 mm from the master's"),
+        ("dual.master_direction=[0,0,0]", ConfigError, "'dual.master_direction' is no direction"),
+        ("part.file=plate", PlanError, "1 piece.s. and 1 border.s."),
+        ("dual.density_kg_m3=20000", ReachError, r"^the part weighs 15\.05 kg: .*density_kg_m3="),
+        ("dual.part_on_gripper=[0,0,0.3,0,0,0]", ReachError, r"held too far out.*dual\.part_on_gripper="),
+        ("plan.removal=even", ConfigError, r"nothing comes off: leave it or plan\.removal out"),
     ],
 )
 def test_what_cannot_be_done_is_refused_before_anything_moves(
-    changes: list[str], kind: type[Exception], said: str
+    change: str, kind: type[Exception], said: str
 ) -> None:
+    above = ("dual.standoff_m=0.005",) if "removal" in change else ()
+    fast = ("dual.master_speed_m_s=0.25",) if "travel" in change else ()
     with pytest.raises(kind, match=said):
-        prepare_dual(dual(*changes))
+        check_experiment(dual(change, *above, *fast))
+
+
+def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
+    file = base_file(tmp_path, off_m=0.1, true=False)
+    with pytest.raises(CalibrationError, match=r"100\.0 mm .*--set dual\.follower_pose="):
+        prepare_dual(dual(f"dual.bases_file={file}"))
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (
-            ["dual.arms_file=a", "dual.tool_file=t"],
-            "dual.tool_file beside dual.arms_file.*Leave the tool's file out",
-        ),
-        (
-            ["dual.arm_poses=60", "dual.tool_file=t"],
-            "dual.tool_file beside dual.arm_poses.*Leave the tool's file out",
-        ),
-        (
-            ["dual.arms_file=a", "dual.bases_file=b"],
-            "dual.bases_file beside dual.arms_file.*Give one of the two",
-        ),
-        (
-            ["dual.arm_poses=60", "dual.bases_file=b"],
-            "dual.bases_file beside dual.arm_poses.*Give one of the two",
-        ),
-        (
-            ["dual.arms_file=a", "dual.arm_poses=60"],
-            "dual.arm_poses beside dual.arms_file.*Give one of the two",
-        ),
+        (["dual.arms_file=a", "dual.tool_file=t"], "dual.tool_file beside dual.arms_file.*Leave the tool's"),
+        (["dual.arm_poses=60", "dual.bases_file=b"], "dual.bases_file beside dual.arm_poses.*Give one"),
+        (["dual.arms_file=a", "dual.arm_poses=60"], "dual.arm_poses beside dual.arms_file.*Give one"),
         (["dual.arm_poses=5"], "dual.arm_poses = 5 .*: 0, or 20 or more"),
     ],
 )
@@ -359,14 +325,6 @@ def test_what_was_measured_with_nominal_arms_is_not_taken_beside_their_tables(
 ) -> None:
     with pytest.raises(ConfigError, match=said):
         pair_arms(dual(*changes), {}, np.random.default_rng(0))
-
-
-def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
-    file = base_file(tmp_path, off_m=0.1, true=False)
-    with pytest.raises(
-        CalibrationError, match=r"100\.0 mm .* set the cell up as it was: --set dual\.follower_pose="
-    ):
-        prepare_dual(dual(f"dual.bases_file={file}"))
 
 
 @pytest.fixture(scope="module")

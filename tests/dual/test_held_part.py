@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.dual.arms import ClosedChain, follow_joints, limit_margin
 from polish_sim.dual.frames import marks_on
-from polish_sim.dual.gripper import seat_part, seat_text
+from polish_sim.dual.gripper import seat_part
 from polish_sim.dual.rim import fit_closed_spline, length_of
 from polish_sim.errors import PlanError, ReachError, SmoothingError
 from polish_sim.experiments import default_scenario
@@ -55,7 +55,7 @@ def motion(count: int) -> tuple[Array, Array]:
     return transform(np.tile(R_master_work, (count, 1, 1)), places), transform(R_work_tool, points)
 
 
-def test_the_chain_of_the_followed_joints_closes_to_a_nanometre() -> None:
+def test_the_chain_of_the_followed_joints_closes_to_a_nanometre_and_out_of_reach_names_the_arm() -> None:
     T_master_work, T_work_tool = motion(60)
     q_master = follow_joints(CHAIN.master_flange(T_master_work), Q_MASTER, "master")
     q_follower = follow_joints(CHAIN.follower_flange(T_master_work, T_work_tool), Q_FOLLOWER, "follower")
@@ -63,6 +63,9 @@ def test_the_chain_of_the_followed_joints_closes_to_a_nanometre() -> None:
     assert np.abs(np.diff(q_master, axis=0)).max() < 0.1
     assert np.abs(np.diff(q_follower, axis=0)).max() < 0.25
     assert min(limit_margin(q_master), limit_margin(q_follower)) > 0.0
+    away = transform(np.eye(3), np.array([0.0, 0.0, 2.0])) @ T_master_work
+    with pytest.raises(ReachError, match="the master cannot bring its flange to point 1 of 60"):
+        follow_joints(CHAIN.master_flange(away), Q_MASTER, "master")
 
 
 def test_a_wrong_chain_shows_as_it_is() -> None:
@@ -72,16 +75,6 @@ def test_a_wrong_chain_shows_as_it_is() -> None:
     np.testing.assert_allclose(CHAIN.residual(first, second, T_work_tool), 0.0, atol=1e-12)
     off = moved.residual(first, second, T_work_tool)
     np.testing.assert_allclose(off, np.tile([0, 0, 1e-3, 0, 2e-3, 0], (5, 1)), atol=1e-12)
-
-
-def test_a_hub_out_of_reach_names_the_arm() -> None:
-    T_master_work, T_work_tool = motion(5)
-    away = transform(np.eye(3), np.array([0.0, 0.0, 2.0])) @ T_master_work
-    with pytest.raises(ReachError, match="the master cannot bring its flange to point 1 of 5"):
-        follow_joints(CHAIN.master_flange(away), Q_MASTER, "master")
-    far = CHAIN._replace(T_master_follower=from_pose([-3.0, 0.0, 0.0, 0.0, 0.0, np.pi]))
-    with pytest.raises(ReachError, match="the follower cannot"):
-        follow_joints(far.follower_flange(T_master_work, T_work_tool), Q_FOLLOWER, "follower")
 
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -97,18 +90,10 @@ def fitted(mesh: trimesh.Trimesh) -> Surface:
     return fit_surface(part_from_arrays(mesh.vertices, mesh.faces), ANGLE)
 
 
-def test_the_hub_sits_on_its_ring_and_the_gripper_goes_on_to_its_web() -> None:
-    seat = seat_part(fit_surface(hub(), ANGLE), UP)
-    np.testing.assert_array_equal(seat.T_gripper_work, np.eye(4))
-    assert seat.nose == pytest.approx(0.008, abs=2e-4)
-    assert (
-        seat_text(seat.T_gripper_work)
-        == "held by the gripper at (0, 0, 0) mm of its own frame, gripper's axis (0, 0, 1)"
-    )
-
-
-@pytest.mark.parametrize("pose", [[0.2, -0.1, 0.05, 0.0, 0.0, 0.0], [0.01, 0.3, 0.0, 0.0, 1.2, 0.4]])
-def test_a_part_sits_the_same_wherever_its_file_has_its_origin(pose: list[float]) -> None:
+@pytest.mark.parametrize("pose", [[0.0] * 6, [0.01, 0.3, 0.0, 0.0, 1.2, 0.4]])
+def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin_and_the_gripper_goes_on_to_its_web(
+    pose: list[float],
+) -> None:
     T_file_hub = from_pose(pose)
     moved = part_from_arrays(apply(T_file_hub, hub().vertices), hub().faces)
     seat = seat_part(fit_surface(moved, ANGLE), T_file_hub[:3, 2])
@@ -120,16 +105,12 @@ def test_a_part_sits_the_same_wherever_its_file_has_its_origin(pose: list[float]
 
 def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it() -> None:
     ring = fitted(trimesh.creation.annulus(0.06, 0.09, 0.03))
-    with pytest.raises(
-        ReachError, match=r"80 mm wide, would hold nothing: .* \(0, 0, -15\) mm of the part.*part_on_gripper"
-    ):
+    with pytest.raises(ReachError, match=r"hold nothing: .* \(0, 0, -15\) mm of the part.*part_on_gripper"):
         seat_part(ring, UP)
     on_wall = (0.075, 0.0, 0.015, 0.0, 0.0, 0.0)
     seat = seat_part(ring, UP, on_wall)
     np.testing.assert_allclose(seat.T_gripper_work, from_pose(on_wall))
     assert seat.nose == 0.0
-    with pytest.raises(ReachError, match="would hold nothing"):
-        seat_part(ring, UP, (0.3, 0.0, 0.015, 0.0, 0.0, 0.0))
 
 
 def beside_wall(distance: float) -> ToolPath:
@@ -148,9 +129,7 @@ def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad() -> None
     solid.apply_transform(transform(turn, np.array([0.0, 0.05, 0.0])))
     wall = fitted(solid)
     check_shaft(beside_wall(0.0145), wall, 0.005)
-    with pytest.raises(
-        PlanError, match=r"shaft comes within 4\.[0-9] mm of the part where the pad is at \(13"
-    ):
+    with pytest.raises(PlanError, match=r"shaft comes within 4\.[0-9] mm of the part .* at \(13"):
         check_shaft(beside_wall(0.0135), wall, 0.005)
 
 
@@ -179,12 +158,9 @@ def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_three_span_a_go
     # Their triangle is not much narrower than what they lie on.
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     assert spread[1] > 0.3 * spread[0]
-
-
-def test_on_a_rim_three_marks_are_a_third_of_a_turn_apart() -> None:
-    points = marks_on(*part("wheel_hub_rim"), 3)[:, :2, 3]
-    angles = np.sort(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
-    np.testing.assert_allclose(np.diff([*angles, angles[0] + 360.0]), 120.0, atol=4.0)
+    if name == "wheel_hub_rim":  # a third of a turn apart
+        angles = np.sort(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
+        np.testing.assert_allclose(np.diff([*angles, angles[0] + 360.0]), 120.0, atol=4.0)
 
 
 def test_a_narrow_strip_is_found_by_marks_all_over_the_part() -> None:
@@ -205,8 +181,10 @@ def test_twelve_points_of_a_rim_give_a_circle_to_a_third_of_a_micrometre() -> No
     spline = fit_closed_spline(rim(RADIUS))
     u = np.linspace(0.0, length_of(spline), 4001)
     assert np.abs(np.linalg.norm(spline(u), axis=1) - RADIUS).max() <= 3.2e-7
-    chord_middle = 0.5 * (rim(RADIUS)[0] + rim(RADIUS)[1])
-    assert RADIUS - np.linalg.norm(chord_middle) == pytest.approx(6.8e-3, abs=1e-4)
+    twice = rim(RADIUS)
+    twice[4] = twice[3]
+    with pytest.raises(SmoothingError, match="points 4 and 5 are in one place"):
+        fit_closed_spline(twice)
 
 
 def test_the_rim_is_smooth_to_its_fourth_derivative_also_where_it_closes() -> None:
@@ -216,10 +194,3 @@ def test_the_rim_is_smooth_to_its_fourth_derivative_also_where_it_closes() -> No
         before, behind = spline(knots - 1e-9, derivative), spline(knots + 1e-9, derivative)
         scale = np.abs(spline(np.linspace(0.0, length_of(spline), 500), derivative)).max()
         np.testing.assert_allclose(before, behind, atol=1e-5 * scale)
-
-
-def test_points_of_no_rim_are_refused() -> None:
-    points = rim(RADIUS)
-    points[4] = points[3]
-    with pytest.raises(SmoothingError, match="points 4 and 5 are in one place"):
-        fit_closed_spline(points)

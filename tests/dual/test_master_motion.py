@@ -77,17 +77,11 @@ def between(task: DualTask, run: RunResult) -> tuple[Array, Array]:
     return inverse(planned.parts[there]) @ parts, inverse(planned.tools[there]) @ tools
 
 
-@pytest.fixture(scope="module")
-def stretches() -> tuple[DualTask, RunResult]:
-    """The rim's path in two stretches, above the part, which turns and goes along."""
+def test_two_stretches_above_a_part_that_turns_and_goes_along_are_followed_as_the_check_looked_at_them() -> (
+    None
+):
     moving = ("dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0")
-    return task_and_run(dual(*ABOVE, *moving), two_stretches())
-
-
-def test_two_stretches_above_the_part_are_followed_as_the_check_looked_at_them(
-    stretches: tuple[DualTask, RunResult],
-) -> None:
-    task, run = stretches
+    task, run = task_and_run(dual(*ABOVE, *moving), two_stretches())
     assert len(task.strokes) == 2
     assert run.stop_reason is None
     assert run.figures["path_done"] == 1.0
@@ -97,10 +91,7 @@ def test_two_stretches_above_the_part_are_followed_as_the_check_looked_at_them(
     for off in between(task, run):
         assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 2e-4
         assert Rotation.from_matrix(off[:, :3, :3]).magnitude().max() < 0.01
-
-
-def test_errors_are_drawn_for_the_strokes_and_not_between_them(stretches: tuple[DualTask, RunResult]) -> None:
-    run = stretches[1]
+    # Errors are drawn for the strokes and not between them.
     figure = plot_dual(RunRecord("dual", run.scenario, run.figures, run.log, run.path))
     drawn = np.asarray(figure.axes[0].lines[0].get_ydata(), dtype=np.float64)
     fed = run.log["phase"] == 2
@@ -109,26 +100,33 @@ def test_errors_are_drawn_for_the_strokes_and_not_between_them(stretches: tuple[
     assert np.isnan(drawn).any()
 
 
-def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(short: DualTask) -> None:
-    check = MotionCheck(
-        short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot
-    )
+@pytest.fixture(scope="module")
+def short() -> DualTask:
+    return prepare_dual(dual(*SHORT))
+
+
+@pytest.fixture
+def check(short: DualTask) -> MotionCheck:
+    way = MasterMotion(short.work.way)
+    return MotionCheck(short.work, short.reach, way, short.work.visits, Scenario().robot)
+
+
+def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(
+    short: DualTask, check: MotionCheck
+) -> None:
     check_motion(check, short.master, lambda _master, _follower: "")
     with pytest.raises(ReachError, match="tool and part would touch on the way"):
         check_motion(check, short.master, lambda _master, _follower: "tool and part")
     axes, middle = short.work.visits.axes.copy(), len(short.work.visits.s) // 2
     axes[middle] = Rotation.from_rotvec([0.0, 1.4, 0.0]).apply(axes[middle])
     tilted = check._replace(visits=check.visits._replace(axes=axes))
-    with pytest.raises(
-        ReachError, match=r"follower cannot do this: at \d+|joint \d of the follower would turn at \d+"
-    ):
+    with pytest.raises(ReachError, match=r"follower cannot do this: at|joint \d of the follower would turn"):
         check_motion(tilted, short.master, lambda _master, _follower: "")
 
 
-def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(short: DualTask) -> None:
-    check = MotionCheck(
-        short.work, short.reach, MasterMotion(short.work.way), short.work.visits, Scenario().robot
-    )
+def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(
+    short: DualTask, check: MotionCheck
+) -> None:
     times = short.master.spacing * np.arange(len(short.master.q))
     most, share = JOINT_ACCELERATION, 0.7
     # The first joint takes 0.7 of what it can all the time, and 0.7 of it to be released.
@@ -136,9 +134,7 @@ def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(short: Dua
     qd = np.zeros_like(short.master.q)
     qd[:, 0] = speed + share * most * (times - times[0])
     slow = check._replace(robot=replace(check.robot, joint_speed_limit_rad_s=1e3))
-    with pytest.raises(
-        ReachError, match=r"joint 1 of the master would be accelerated, from rest or to rest, by"
-    ):
+    with pytest.raises(ReachError, match=r"joint 1 of the master would be accelerated, from rest"):
         check_master(slow, short.master._replace(qd=qd))
     even = np.zeros_like(qd)
     even[:, 0] = speed
@@ -177,18 +173,13 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(
     np.testing.assert_allclose(played, again.work.way(again.reach.T_master_work, rows), atol=1e-9)
 
 
-def test_an_arc_bends_in_the_run_as_told() -> None:
-    task = prepare_dual(dual(*SHORT, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02"))
-    places = (forward(task.master.q) @ task.frames.true.T_flange_gripper)[:, :3, 3]
-    # Along y at first, and to the right: the middle is at +x.
-    middle = places[0] + np.array([0.05, 0.0, 0.0])
+def test_an_arc_of_negative_radius_bends_to_the_right_of_its_direction(short: DualTask) -> None:
+    bent = dual(*SHORT, "dual.master_arc_radius_m=-0.05", "dual.master_speed_m_s=0.02")
+    way = master_motion(bent, short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed).way
+    places = way(short.reach.T_master_work, np.linspace(0.0, 2.0, 50))[:, :3, 3]
+    middle = places[0] + np.array([0.05, 0.0, 0.0])  # along y at first
     np.testing.assert_allclose(np.linalg.norm(places - middle, axis=1), 0.05, atol=1e-6)
     assert np.ptp(places[:, 2]) < 1e-6
-
-
-@pytest.fixture(scope="module")
-def short() -> DualTask:
-    return prepare_dual(dual(*SHORT))
 
 
 Change = Callable[[Array, Array], object]
@@ -218,35 +209,17 @@ def shifted(rows: object, by: list[float]) -> Change:
 @pytest.mark.parametrize(
     ("change", "kind", "said"),
     [
-        (shorter, InputError, r"lasts 1\.50 s, the tool works on the part for 2\.00 s: 0\.50 s are missing"),
-        (backwards, InputError, r"way\.csv', line 7: time_s is 0\.4 after 0\.4, it must increase"),
-        (
-            shifted(7, [0.3, 0.0, 0.0]),
-            InputError,
-            r"line 9: the part would jump by 300 mm and 0 deg in 0\.1 s",
-        ),
+        (shorter, InputError, r"lasts 1\.50 s, .* for 2\.00 s: 0\.50 s are missing"),
+        (backwards, InputError, r"way\.csv', line 7: time_s is 0\.4 after 0\.4"),
+        (shifted(7, [0.3, 0.0, 0.0]), InputError, r"line 9: the part would jump by 300 mm"),
         (
             shifted(slice(None), [0.0, 2.0, 0.0]),
             ReachError,
-            r"the master does not reach the first pose, 0\.00 s into the master's motion "
-            r"\('.*way\.csv', line 2\)\. "
-            r"Change the poses in the file, so that the part is held elsewhere or moves less\.$",
+            r"first pose, 0\.00 s .*line 2.*poses in the file",
         ),
-        (
-            shifted(slice(None, None, 2), [0.002] * 3),
-            ReachError,
-            r"line 2\): 286 is its most\. .* more time would not help there",
-        ),
-        (
-            spinning,
-            ReachError,
-            r"joint 6 of the master would turn at 3[45] deg/s .* line \d+\): 29 is its most",
-        ),
-        (
-            shaking,
-            ReachError,
-            r"the part would carry the tool with 4\d\d mm/s\^2 .* line \d+\): the follower does 300",
-        ),
+        (shifted(slice(None, None, 2), [0.002] * 3), ReachError, r"line 2\).* more time would not help"),
+        (spinning, ReachError, r"joint 6 of the master would turn at 3[45] deg/s .* line \d+\): 29"),
+        (shaking, ReachError, r"carry the tool with 4\d\d mm/s\^2 .* line \d+\): the follower does 300"),
     ],
 )
 def test_a_motion_that_cannot_be_done_is_refused(
@@ -261,25 +234,22 @@ def test_a_motion_that_cannot_be_done_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("head", "said"),
     [
-        ("time_s,x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n", "has one pose: a motion needs two or more"),
-        ("x_m,y_m,z_m,qw,qx,qy,qz\n0,0,1,1,0,0,0\n", "lacks the column time_s: the time of each pose"),
-        ("time_s,x_m,y_m,z_m\n0,0,0,1\n1,0,0,1\n", "says nowhere how the part stood"),
+        ("time_s,x_m,y_m,z_m,qw,qx,qy,qz", "has one pose"),
+        ("x_m,y_m,z_m,qw,qx,qy,qz", "lacks the column time_s"),
+        ("time_s,x_m,y_m,z_m", "says nowhere how the part stood"),
+        ("time_s,flange_x_m,y_m,z_m,qw,qx,qy,qz", "lacks the columns flange_y_m, flange_z_m"),
         (
-            "time_s,flange_x_m,y_m,z_m,qw,qx,qy,qz\n0,0,0,1,1,0,0,0\n",
-            "lacks the columns flange_y_m, flange_z_m",
-        ),
-        (
-            "time_s,x_mm,y_mm,z_mm,flange_x_mm,flange_y_mm,flange_z_mm,qw,qx,qy,qz\n"
-            + 2 * "0,0,0,1,0,0,1,1,0,0,0\n",
-            r"where the part is \(x_mm\) and where the flange is",
+            "time_s,x_mm,y_mm,z_mm,flange_x_mm,flange_y_mm,flange_z_mm,qw,qx,qy,qz",
+            r"part is \(x_mm\) and where",
         ),
     ],
 )
-def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, text: str, said: str) -> None:
+def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, head: str, said: str) -> None:
     file = tmp_path / "way.csv"
-    file.write_text(text, encoding="utf-8")
+    row = ["1" if name == "qw" else "0" for name in head.split(",")]
+    file.write_text(f"{head}\n{','.join(row)}\n", encoding="utf-8")
     with pytest.raises(InputError, match=said):
         read_master_path(file)
 
@@ -287,19 +257,10 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, text: str, said: st
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (
-            ["dual.master_arc_radius_m=1", "dual.master_direction=[0,0,1]"],
-            "dual.master_direction is vertical",
-        ),
+        (["dual.master_arc_radius_m=1", "dual.master_direction=[0,0,1]"], "master_direction is vertical"),
         (["dual.master_axis=[0,0,0]"], "'dual.master_axis' is no direction"),
-        (
-            ["dual.master_path=way.csv", "part.pose=[0,0,0,0,0,0]"],
-            "says where the part is held: leave part.pose",
-        ),
-        (
-            ["dual.master_path=way.csv", "dual.master_arc_radius_m=0.1", "dual.master_turn_rad_s=0.2"],
-            "says how the part moves: leave dual.master_arc_radius_m, dual.master_turn_rad_s out",
-        ),
+        (["dual.master_path=way.csv", "part.pose=[0,0,0,0,0,0]"], "is held: leave part.pose"),
+        (["dual.master_path=way.csv", "dual.master_turn_rad_s=0.2"], "moves: leave dual.master_turn_rad_s"),
     ],
 )
 def test_settings_of_the_motion_that_do_not_fit_are_refused(

@@ -43,12 +43,15 @@ def planned(count: int = 10, cone: float = 45.0) -> Array:
     return plan_touch_orientations(count, np.radians(cone))
 
 
-@pytest.mark.parametrize("count", [4, 5, 10, 50])
-def test_exact_touches_give_the_tip_to_a_picometre(count: int) -> None:
+@pytest.mark.parametrize("count", [4, 10])
+def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_named(count: int) -> None:
     for R in (planned(count), Rotation.random(count, random_state=count).as_matrix()):
         found = fit_tool_point(touches(R))
         np.testing.assert_allclose(found.point, TIP, atol=1e-12)
         np.testing.assert_allclose(found.touched, POINT, atol=1e-12)
+    R[3] = R[3][:, [1, 0, 2]]
+    with pytest.raises(CalibrationError, match="orientation of touch 4 is not a right-handed rotation"):
+        touches(R)
 
 
 def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covariance() -> None:
@@ -100,34 +103,18 @@ def coning(count: int, sense: float) -> Array:
 def test_orientations_that_cannot_tell_are_refused(R: Array, said: str) -> None:
     with pytest.raises(CalibrationError, match=said):
         fit_tool_point(touches(R))
-
-
-def test_a_cone_spun_the_other_way_tells() -> None:
+    # Spun the other way the cone tells.
     assert orientation_spread(coning(8, -1.0))[0][0] > 0.3
     np.testing.assert_allclose(fit_tool_point(touches(coning(8, -1.0))).point, TIP, atol=1e-12)
 
 
-@pytest.mark.parametrize("wrong", [*([k] for k in range(10)), [2, 7]])
-def test_touches_two_millimetres_off_are_named_and_left_out(wrong: list[int]) -> None:
-    errors = SIGMA * np.random.default_rng(wrong[0]).standard_normal((10, 3))
+@pytest.mark.parametrize("wrong", [[], [3], [2, 7]])
+def test_touches_two_millimetres_off_are_named_and_left_out_and_no_others(wrong: list[int]) -> None:
+    errors = SIGMA * np.random.default_rng(len(wrong)).standard_normal((10, 3))
     errors[wrong] += 2e-3 * np.array([0.6, -0.64, 0.48])
     found = fit_tool_point_without_outliers(touches(planned(), errors))
     assert np.flatnonzero(~found.used).tolist() == wrong
     assert np.linalg.norm(found.point - TIP) < 1e-4
-
-
-def test_nothing_is_left_out_of_good_touches() -> None:
-    rng = np.random.default_rng(5)
-    for _ in range(60):
-        found = fit_tool_point_without_outliers(touches(planned(), SIGMA * rng.standard_normal((10, 3))))
-        assert found.used.all()
-
-
-def test_a_left_handed_orientation_is_named() -> None:
-    R = planned()
-    R[3] = R[3][:, [1, 0, 2]]
-    with pytest.raises(CalibrationError, match="orientation of touch 4 is not a right-handed rotation"):
-        touches(R)
 
 
 R_FLANGE_TOOL = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
@@ -167,10 +154,7 @@ def test_noise_of_a_twentieth_millimetre_is_a_twentyfifth_degree_per_axis_and_so
 @pytest.mark.parametrize(
     ("moves", "said"),
     [
-        (
-            np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]]),
-            "too short to determine a direction",
-        ),
+        (np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.0, 0.0, 0.1]]), "too short"),
         (np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.005]]), "nearly parallel"),
     ],
 )
@@ -194,11 +178,15 @@ MEASURED = ToolMeasurements(
 )
 
 
-def test_moves_read_back_and_give_the_axes(tmp_path: Path) -> None:
+def test_moves_read_back_give_the_axes_and_an_unknown_kind_names_its_line(tmp_path: Path) -> None:
     file = tmp_path / "moves.csv"
-    file.write_text(tool_table(MEASURED, fit_tool_frame(MEASURED)), encoding="utf-8")
+    text = tool_table(MEASURED, fit_tool_frame(MEASURED))
+    file.write_text(text, encoding="utf-8")
     found = fit_tool_frame(read_tool_measurements(file))
     np.testing.assert_allclose(found.T_flange_tool, T_FLANGE_TOOL, atol=1e-8)
+    file.write_text(text.replace("3,touch", "3,poke", 1), encoding="utf-8")
+    with pytest.raises(InputError, match="line 4: unknown kind 'poke'"):
+        read_tool_measurements(file)
 
 
 def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path: Path) -> None:
@@ -213,15 +201,7 @@ def test_metres_and_rotation_vectors_as_a_ur_shows_them(tmp_path: Path) -> None:
     assert found.orientation is None
 
 
-def test_an_unknown_kind_names_its_line(tmp_path: Path) -> None:
-    file = tmp_path / "kind.csv"
-    text = tool_table(MEASURED, fit_tool_frame(MEASURED)).replace("3,touch", "3,poke", 1)
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match="line 4: unknown kind 'poke'"):
-        read_tool_measurements(file)
-
-
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_tip_touched_with_an_arm_that_winds_up_is_as_good_as_its_residuals_say(seed: int) -> None:
     read = lone_arms(seed, Q_NEAR).reading("follower", np.random.default_rng([seed, 18]))
     figures = run_tcp_calibration(TcpTrial(seed=seed, read=read)).figures

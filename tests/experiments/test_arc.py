@@ -22,35 +22,27 @@ def test_the_path_is_the_papers_circle_once_round() -> None:
 
 
 def test_the_ideal_arm_keeps_to_the_circle_and_to_10_mm_per_second() -> None:
-    figures = run_experiment(
-        override(default_scenario("arc"), ["robot.arm=ideal", "process.max_feed_s=4"])
-    ).figures
+    ideal = override(default_scenario("arc"), ["robot.arm=ideal", "process.max_feed_s=4"])
+    figures = run_experiment(ideal).figures
     assert figures["tracking_error_max_m"] < 0.1e-3
     assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=0.1e-3)
     assert figures["speed_max_deviation_m_s"] < 0.1e-3
     assert figures["orientation_error_max_rad"] < 1e-3
 
 
-def test_a_part_of_the_circle_is_so_much_of_the_path(short_arc: RunResult) -> None:
+def test_a_part_of_the_circle_is_so_much_of_the_path_and_touches_nothing(short_arc: RunResult) -> None:
     length = 2.0 * np.pi * RADIUS
     ramps = 0.12 + 0.045  # up to the feed, and down again before its time is over [s]
     assert short_arc.figures["path_done"] == pytest.approx((4.0 - ramps) * 0.01 / length, rel=0.002)
     assert short_arc.figures["T_base_work"] is None
     assert short_arc.figures["protective_stop"] is None
-
-
-def test_nothing_is_touched_in_free_space(short_arc: RunResult) -> None:
     np.testing.assert_array_equal(short_arc.trace.normal_force_n, 0.0)
     assert 1 not in short_arc.trace.phase
 
 
 @pytest.mark.parametrize(
     ("change", "feed"),
-    [
-        ("controller.name=position", 0.01),
-        ("controller.name=hybrid-pi-position", 0.01),
-        ("process.feed_m_s=0.1", 0.1),
-    ],
+    [("controller.name=position", 0.01), ("process.feed_m_s=0.1", 0.1)],
 )
 def test_other_laws_and_ten_times_the_feed_keep_to_it_too(change: str, feed: float) -> None:
     figures = run_experiment(override(default_scenario("arc"), ["process.max_feed_s=3.5", change])).figures

@@ -44,28 +44,24 @@ def test_an_ideal_sensor_gives_the_tool_to_the_last_digits_of_the_log() -> None:
     assert figures["compensation_error_max_n"] < 1e-4
 
 
-def test_it_returns_to_the_first_pose_to_see_the_drift(calibrated: PayloadCalibration) -> None:
-    first, last = calibrated.readings.R_base_sensor[[0, -1]]
-    np.testing.assert_allclose(last, first, atol=1e-4)
-    assert len(calibrated.readings) == PAYLOAD_SCENARIO.payload.poses + 1
-
-
 def test_a_steady_drift_is_found_where_it_is_asked_for() -> None:
     """A walk of 0.1 N/sqrt(s): nothing else is that large, so the return to the first pose shows it."""
     scenario = override(PAYLOAD_SCENARIO, [*IDEAL_SENSOR, "sensor.force_drift_n_s=0.1"])
     found = run_payload_calibration(scenario, drift=True)
+    first, last = found.readings.R_base_sensor[[0, -1]]
+    np.testing.assert_allclose(last, first, atol=1e-4)
     trend = found.estimate.drift[:3] * found.figures["drift_return_s"]
     np.testing.assert_allclose(trend, found.figures["drift_return_n"], atol=0.5)
     assert np.linalg.norm(found.figures["drift_return_n"]) > 0.3
+    # With strokes a minute apart a tare before each holds it.
+    assert found.figures["drift_600s_retared_rms_n"] < 0.5 * found.figures["drift_600s_rms_n"]
 
 
-def test_the_plan_spreads_gravity_over_the_sensor_close_to_the_best_possible() -> None:
-    for count in (6, 12, 40):
-        assert plan_payload_poses(count).condition < np.sqrt(1.5) * 1.1
-
-
-@pytest.mark.parametrize("count", [4, 12, 30])
-def test_the_way_through_the_poses_touches_nothing_and_stays_clear_of_the_table(count: int) -> None:
+@pytest.mark.parametrize("count", [6, 12])
+def test_the_plan_spreads_gravity_close_to_the_best_possible_and_touches_nothing_on_the_way(
+    count: int,
+) -> None:
+    assert plan_payload_poses(count).condition < np.sqrt(1.5) * 1.1
     scenario = default_scenario("force")
     place = prepare_force(scenario)
     model, data = place.cell.model, mujoco.MjData(place.cell.model)  # the part's cell has the table
@@ -92,20 +88,16 @@ def test_readings_at_rest_are_those_of_the_moving_cell_up_to_noise(calibrated: P
 
 def test_the_belief_of_a_run_is_as_good_as_the_calibration() -> None:
     errors = []
-    for seed in range(20):
+    for seed in range(8):
         cell = cell_for(override(default_scenario("force"), [f"seed={seed}"]), free_stroke(HERE))
         believe_tool(cell, random_streams(seed)[PAYLOAD_STREAM])
         errors.append(cell.payload_errors)
     mass, center = np.array(errors).T
-    assert np.abs(mass).max() < 0.01 * cell.carried.mass
-    assert np.abs(mass).max() > 0.0
+    assert 0.0 < np.abs(mass).max() < 0.01 * cell.carried.mass
     assert center.max() < 1e-3
-
-
-def test_a_planted_mass_error_comes_on_top_of_the_calibration() -> None:
     scenario = override(default_scenario("force"), [*IDEAL_SENSOR, "sensor.payload_mass_error=0.2"])
     cell = cell_for(scenario, free_stroke(HERE))
-    believe_tool(cell, np.random.default_rng(0))
+    believe_tool(cell, np.random.default_rng(0))  # a planted error comes on top
     assert cell.payload_errors.payload_mass_error_kg == pytest.approx(0.2 * cell.carried.mass, rel=1e-6)
 
 
@@ -121,11 +113,9 @@ def test_a_run_believes_the_file_it_is_given(calibrated: PayloadCalibration, tmp
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("mass_kg = 2.0\n", "not the calibration of a payload"),
         ('kind = "tcp"\n', "kind = 'tcp'"),
         ('kind = "payload"\nmass_kg = -2\ncenter_m = [0, 0, 0.1]\n', "mass_kg is -2"),
         ('kind = "payload"\nmass_kg = "2"\ncenter_m = [0, 0, 0.1]\n', "mass_kg is '2'"),
-        ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0]\n', "wanted 3 finite numbers"),
         ('kind = "payload"\nmass_kg = 2\ncenter_m = [0, 0, nan]\n', "wanted 3 finite numbers"),
         ("kind = \n", "not valid TOML"),
     ],
@@ -134,31 +124,22 @@ def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path, text: str, sai
     file = tmp_path / "calibration.toml"
     file.write_text(text, encoding="utf-8")
     cell = cell_for(override(default_scenario("force"), [f"payload.file={file}"]), free_stroke(HERE))
-    with pytest.raises(InputError, match=said.replace("[", r"\[")):
+    with pytest.raises(InputError, match=said):
         believe_tool(cell, np.random.default_rng(0))
 
 
 def test_the_noise_of_a_run_does_not_hang_on_its_calibration() -> None:
     """A generator of its own: the sensor's bias and noise stay what they are."""
-    one, two = (
-        prepare_force(override(default_scenario("force"), [f"payload.poses={count}"])).cell
-        for count in (4, 20)
-    )
+    asked = [override(default_scenario("force"), [f"payload.poses={count}"]) for count in (4, 20)]
+    one, two = (prepare_force(scenario).cell for scenario in asked)
     np.testing.assert_array_equal(one.sensor.bias, two.sensor.bias)
     assert one.rng.standard_normal() == two.rng.standard_normal()
     assert one.state.payload.mass != two.state.payload.mass
 
 
 def test_a_saturated_sensor_is_named() -> None:
-    with pytest.raises(
-        CalibrationError, match=r"torque . is at the end of its range.*sensor\.torque_range_nm"
-    ):
+    with pytest.raises(CalibrationError, match=r"torque . .*end of its range.*sensor\.torque_range_nm"):
         run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.torque_range_nm=1", "payload.poses=6"]))
-
-
-def test_with_strokes_a_minute_apart_a_tare_before_each_holds_a_drift_ten_times_worse() -> None:
-    figures = run_payload_calibration(override(PAYLOAD_SCENARIO, ["sensor.force_drift_n_s=0.02"])).figures
-    assert figures["drift_600s_retared_rms_n"] < 0.5 * figures["drift_600s_rms_n"]
 
 
 @pytest.mark.parametrize(("seed", "table"), [(1, "uncalibrated"), (2, "calibrated")])

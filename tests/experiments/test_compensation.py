@@ -56,20 +56,19 @@ def test_the_arm_found_is_the_arm_built() -> None:
     assert np.linalg.norm(found.gears[:5, 3:] - errors[:5]) < 0.25 * np.linalg.norm(errors[:5])
 
 
-def test_on_the_circle_the_tool_keeps_to_a_tenth_of_a_millimetre() -> None:
-    known, unknown = (circle(*change).figures["tracking_error_max_m"] for change in ((KNOWN,), ()))
-    assert known < 0.1e-3
-    assert known < 0.5 * unknown
-
-
-def test_the_file_of_a_run_gives_the_same_run(tmp_path: Path) -> None:
-    first = circle(KNOWN)
+def test_on_the_circle_the_tool_keeps_to_a_tenth_of_a_millimetre_and_the_file_gives_the_same_run(
+    tmp_path: Path,
+) -> None:
+    first, unknown = circle(KNOWN), circle()
+    error = first.figures["tracking_error_max_m"]
+    assert error < 0.1e-3
+    assert error < 0.5 * unknown.figures["tracking_error_max_m"]
     (name, text), *_ = first.files.items()
     (file := tmp_path / name).write_text(text, encoding="utf-8")
     again = circle(f"robot.compensation={file}")
     for name in first.log.columns:
         np.testing.assert_array_equal(first.log[name], again.log[name])
-    assert circle().files == {}
+    assert unknown.files == {}
 
 
 def test_the_file_of_another_arm_is_refused_but_for_one_who_insists(tmp_path: Path) -> None:

@@ -46,7 +46,9 @@ def ramp(file: Path, top: float = 2.0) -> Path:
     return file
 
 
-def test_feed_makes_a_plate_even_within_its_limits(plan: PlanResult):
+def test_feed_makes_a_plate_even_within_its_limits_and_over_the_border_force_is_taken_off(
+    plan: PlanResult, monkeypatch: pytest.MonkeyPatch
+):
     feed = plan.path.feed
     assert feed is not None
     usual = EVEN.process.feed_m_s
@@ -54,17 +56,22 @@ def test_feed_makes_a_plate_even_within_its_limits(plan: PlanResult):
     assert low * usual * (1.0 - 1e-9) <= feed.min() < feed.max() <= high * usual * (1.0 + 1e-9)
     assert plan.figures["planned_removal_cv"] < 0.06
     assert plan.figures["planned_removal_cv_inside"] < 0.05
-
-
-def test_over_the_border_the_force_is_taken_off_so_that_the_pad_does_not_sink(plan: PlanResult):
-    force = plan.path.force
+    force, asked = plan.path.force, EVEN.process.contact_force_n
     assert force is not None
-    usual = EVEN.process.contact_force_n
-    assert force.min() < 0.8 * usual
-    assert force.max() <= usual * (1.0 + 1e-9)
+    assert force.min() < 0.8 * asked
+    assert force.max() <= asked * (1.0 + 1e-9)
     problem = _Problem(EVEN, plan)
-    assert problem.depths.max() < 1.2 * problem.deepest
+    assert problem.depths.max() < 1.2 * problem.deepest  # the pad does not sink
     assert problem.deepest == pytest.approx(0.0025)
+    # At the edge time is saved for little.
+    monkeypatch.setattr(even_removal, "QUICK", 0.0)
+    slow = even_out(EVEN, plan)
+    spent = [np.sum(np.diff(p.path.s) / p.path.feed[1:], where=p.path.process[1:]) for p in (plan, slow)]
+    assert spent[0] < 0.99 * spent[1]
+    assert plan.figures["planned_removal_cv"] < slow.figures["planned_removal_cv"] + 0.01
+    # The tool keeps its planned axis.
+    assert axis_kept(EVEN).controller.moment_tilt_limit_rad == 0.0
+    assert axis_kept(Scenario()) == Scenario()
 
 
 def test_no_feed_nearby_is_better(plan: PlanResult):
@@ -86,14 +93,6 @@ def test_no_feed_nearby_is_better(plan: PlanResult):
         assert distance(other) > best
 
 
-def test_at_the_edge_of_a_plate_time_is_saved_for_little(plan: PlanResult, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(even_removal, "QUICK", 0.0)
-    slow = even_out(EVEN, plan)
-    spent = [np.sum(np.diff(p.path.s) / p.path.feed[1:], where=p.path.process[1:]) for p in (plan, slow)]
-    assert spent[0] < 0.99 * spent[1]
-    assert plan.figures["planned_removal_cv"] < slow.figures["planned_removal_cv"] + 0.01
-
-
 def test_force_by_turns_does_not_make_it_worse(plan: PlanResult):
     both = plan_removal(replace(EVEN, plan=replace(EVEN.plan, removal_force=0.3)))
     assert both.figures["planned_removal_cv"] < plan.figures["planned_removal_cv"] + 1e-3
@@ -106,12 +105,6 @@ def test_a_ramp_of_one_to_two_is_followed(tmp_path: Path):
     middle = path.process & (np.abs(path.positions_work[:, 1] - np.median(path.positions_work[:, 1])) < 0.03)
     slow, fast = (np.mean(path.feed[middle & some]) for some in (x > np.median(x), x < np.median(x)))
     assert fast > 1.2 * slow
-
-
-def test_the_tool_keeps_its_planned_axis():
-    assert axis_kept(EVEN).controller.moment_tilt_limit_rad == 0.0
-    plain = replace(EVEN, plan=PlanConfig())
-    assert axis_kept(plain) is plain
 
 
 @pytest.mark.parametrize("change", [{"removal": "no_such_map.ply"}, {"removal_feed": (2.0, 0.4)}])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from polish_sim.exchange import read_cuts, read_path, write_plan
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.experiments.proof import Proven, _Prover, is_proven, prove
 from polish_sim.experiments.proof_play import Failure
-from polish_sim.planning import PlanResult, ToolPath, measure_given_path
+from polish_sim.planning import PlanResult, ToolPath, measure_given_path, plan_part
 from polish_sim.planning.part_plan import EASED, IN_PART, LEFT_OUT, SLOWED, CutOut, PreparedRegion
 from polish_sim.planning.quality.figures import Quality
 from polish_sim.planning.quality.tool_room import CHECKED_APART
@@ -57,15 +58,23 @@ def into_the_corner(*changes: str) -> tuple[Scenario, PlanResult]:
     return scenario, planned(scenario, straight((0.0, 0.0), (0.0995, 0.0995)))
 
 
-@pytest.fixture(scope="module")
-def to_the_corner() -> tuple[Scenario, PlanResult]:
+@cache
+def soft_corner() -> tuple[Scenario, PlanResult]:
     """With a pad so soft that the corner does not carry half the force."""
     return into_the_corner(*SOFT)
 
 
-@pytest.fixture(scope="module")
-def proven_at_the_corner(to_the_corner: tuple[Scenario, PlanResult]) -> Proven:
-    return prove(*to_the_corner)
+@cache
+def proven_at_the_corner() -> Proven:
+    return prove(*soft_corner())
+
+
+def runs_on_drawn_parts(proven: Proven) -> None:
+    for seed in (501, 502):
+        run = run_experiment(replace(proven.scenario, seed=seed), proven.plan)
+        assert run.stop_reason is None
+        assert run.figures["path_done"] == 1.0
+        assert run.figures["force_max_deviation_n"] < 4.0  # of the force asked for there
 
 
 @pytest.mark.parametrize(
@@ -85,11 +94,7 @@ def test_where_the_corner_carries_a_share_of_the_force_the_path_is_pressed_with_
     assert force[-1] == pytest.approx(shares[-1] * asked)
     assert force[0] == asked
     assert np.abs(np.gradient(force, path.s)).max() < 0.75 * asked / 0.0149  # [N/m] over half a second
-    for seed in (501, 502):
-        run = run_experiment(replace(proven.scenario, seed=seed), proven.plan)
-        assert run.stop_reason is None
-        assert run.figures["path_done"] == 1.0
-        assert run.figures["force_max_deviation_n"] < 4.0  # of the force asked for there
+    runs_on_drawn_parts(proven)
 
 
 @pytest.mark.parametrize(("removal", "shares"), [("", [0.5]), ("even", [0.5, 0.25])])
@@ -130,31 +135,21 @@ def test_a_mended_path_is_cut_where_the_tool_would_stand_in_the_part(monkeypatch
     assert prove(scenario, prover.task_now().plan).plan.figures["proven"]
 
 
-def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts(
-    to_the_corner: tuple[Scenario, PlanResult], proven_at_the_corner: Proven
-) -> None:
-    (scenario, plan), proven = to_the_corner, proven_at_the_corner
-    stopped = run_experiment(replace(scenario, seed=501), plan)
-    assert stopped.stop_reason is not None
+def test_where_the_pad_sinks_off_a_corner_the_path_is_left_out_and_what_stays_runs_on_drawn_parts() -> None:
+    (scenario, plan), proven = soft_corner(), proven_at_the_corner()
+    assert run_experiment(replace(scenario, seed=501), plan).stop_reason is not None
     cut = np.concatenate([mend.places for mend in proven.plan.mends if mend.what == LEFT_OUT])
     assert np.abs(cut[:, :2] - 0.1).max() < 0.05  # [m], all of it near the corner
     kept = proven.plan.path.process
     assert np.isin(proven.plan.path.positions_work[kept], plan.path.positions_work).all()
-    for seed in (501, 502):
-        run = run_experiment(replace(proven.scenario, seed=seed), proven.plan)
-        assert run.stop_reason is None
-        assert run.figures["path_done"] == 1.0
-        assert run.figures["force_max_deviation_n"] < 4.0
+    runs_on_drawn_parts(proven)
 
 
 def test_a_force_that_falls_along_the_path_is_no_surface_that_rises() -> None:
     """From 40 to 10 N the springs give way by 6 mm; the surface stays where it is."""
-    scenario = pressing()
-    path = straight((0.0, 0.0), (0.06, 0.0))
+    scenario, path = pressing(), straight((0.0, 0.0), (0.06, 0.0))
     path = replace(path, force=np.interp(path.s, [0.02, 0.05], [40.0, 10.0]))
-    run = run_experiment(scenario, planned(scenario, path))
-    assert run.stop_reason is None
-    assert run.figures["path_done"] == 1.0
+    assert run_experiment(scenario, planned(scenario, path)).stop_reason is None
 
 
 def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_beginning() -> None:
@@ -170,27 +165,21 @@ def test_a_path_whose_beginning_is_left_out_starts_with_the_arm_at_its_new_begin
     assert run.stop_reason is None
 
 
-def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings(
-    to_the_corner: tuple[Scenario, PlanResult], proven_at_the_corner: Proven
-) -> None:
-    proven = proven_at_the_corner
-    proof = proven.plan.proof
+def test_a_proof_keeps_its_margin_to_every_limit_and_is_known_by_its_settings() -> None:
+    proven = proven_at_the_corner()
+    proof, path = proven.plan.proof, proven.plan.path
     assert proof is not None
     assert proven.plan.figures["proven"] == 1
     assert max(limit["share"] for limit in proof["limits"].values()) <= 0.8
-    assert is_proven(proven.scenario, proven.plan.path, proof)
-    assert is_proven(replace(proven.scenario, seed=77), proven.plan.path, proof)
-    faster = override(proven.scenario, ["process.feed_m_s=0.04"])
-    other_arm = override(proven.scenario, ["robot.arm=ideal"])
-    for changed in (faster, other_arm):
-        assert not is_proven(changed, proven.plan.path, proof)
-    assert not is_proven(proven.scenario, to_the_corner[1].path, proof)
+    for changes, known in (("seed=77", True), ("process.feed_m_s=0.04", False), ("robot.arm=ideal", False)):
+        assert is_proven(override(proven.scenario, [changes]), path, proof) == known
+    assert not is_proven(proven.scenario, soft_corner()[1].path, proof)
 
 
 def test_a_proven_plan_that_is_read_again_still_says_why_each_part_of_the_region_is_left_out(
-    proven_at_the_corner: Proven, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    proven = proven_at_the_corner
+    proven = proven_at_the_corner()
     write_plan(tmp_path, proven.plan)
     asked = (proven.scenario.part, proven.scenario.plan, proven.scenario.process, proven.scenario.pad)
     again = measure_given_path(read_path(tmp_path), *asked, cuts=read_cuts(tmp_path))
@@ -208,8 +197,6 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> No
     sensor."""
     changes = ["part.file=sphere_50", "process.feed_m_s=0.06", "plan.stepover_m=0.012"]
     scenario = override(default_scenario("surface"), changes)
-    from polish_sim.planning import plan_part
-
     proven = prove(scenario, plan_part(scenario.part, scenario.plan, scenario.process, scenario.pad))
     assert {mend.what for mend in proven.plan.mends} >= {SLOWED}
     assert proven.plan.path.feed is not None
@@ -218,14 +205,10 @@ def test_a_path_on_which_the_gears_shake_the_arm_is_slowed_where_they_do() -> No
     assert run.stop_reason is None
 
 
-def test_a_path_with_nothing_to_stand_on_is_refused(to_the_corner: tuple[Scenario, PlanResult]) -> None:
-    scenario, _ = to_the_corner
+def test_a_path_with_nothing_to_stand_on_and_a_word_that_is_no_proof_are_refused() -> None:
+    scenario, plan = soft_corner()
     corner = planned(scenario, straight((0.0965, 0.0965), (0.0999, 0.0999)))
     with pytest.raises(PlanError, match="--pad-diameter"):
         prove(scenario, corner)
-
-
-def test_a_word_that_is_no_proof_is_refused(to_the_corner: tuple[Scenario, PlanResult]) -> None:
-    scenario, plan = to_the_corner
     with pytest.raises(InputError, match="none, nominal, or the number of drawn parts"):
         prove(override(scenario, ["safety.proof=always"]), plan)

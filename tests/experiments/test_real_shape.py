@@ -78,40 +78,34 @@ def test_the_drawing_given_as_the_real_part_changes_nothing() -> None:
     np.testing.assert_allclose(same.log["normal_force_n"], drawn.log["normal_force_n"], atol=1e-3)
 
 
-def test_the_drawn_mesh_is_that_of_the_real_part() -> None:
-    model = prepare_force(on_plate("part.real_file=plate_ramp")).cell.model
+def test_the_drawn_mesh_is_that_of_the_real_part_and_figures_say_how_far_it_lies_from_the_drawing() -> None:
+    scenario = on_plate("part.real_file=plate_ramp")
+    model = prepare_force(scenario).cell.model
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     geom, number = model.geom("part").id, model.mesh("part").id
     start, count = model.mesh_vertadr[number], model.mesh_vertnum[number]
     heights = model.mesh_vert[start : start + count] @ data.geom_xmat[geom].reshape(3, 3)[2]
     assert np.ptp(heights) == pytest.approx(0.0245, abs=1e-6)
+    facts = shape_figures(place_force(scenario).shape, line_on_plate())["real_part"]
+    assert facts["lowest_m"] == pytest.approx(0.0, abs=1e-6)
+    assert facts["highest_m"] == pytest.approx(0.0045, abs=1e-6)
+    assert shape_figures(place_force(on_plate()).shape, line_on_plate()) == {}
 
 
 @pytest.mark.parametrize(
     ("scale", "shift", "message"),
     [
-        (1.0, 500.0, r"does not lie where 'plate' does: .* more than 400 mm away .*\(allowed: 20 mm\)"),
-        (0.1, 0.0, r"it is 20 x 20 x 2 mm large and the nominal part 200 x 200 x 20 mm\. Bring it to"),
+        (1.0, [500.0, 0.0, 0.0], r"'plate' .* more than 400 mm away .*\(allowed: 20 mm\)"),
+        (0.1, [0.0, 0.0, -40.0], r"20 x 20 x 2 mm large and the nominal part 200 x 200 x 20 mm"),
     ],
 )
 def test_a_real_part_elsewhere_or_in_another_unit_is_refused(
-    tmp_path: Path, scale: float, shift: float, message: str
+    tmp_path: Path, scale: float, shift: list[float], message: str
 ) -> None:
     solid = trimesh.load(workpiece_path("plate"))
     solid.apply_scale(scale)
-    solid.apply_translation([shift, 0.0, 0.0])
-    if shift == 0.0:
-        solid.apply_translation([0.0, 0.0, -40.0])
+    solid.apply_translation(shift)
     solid.export(tmp_path / "other.stl")
     with pytest.raises(MeshError, match=message):
         prepare_force(on_plate(f"part.real_file={tmp_path / 'other.stl'}"))
-
-
-def test_the_figures_say_how_far_the_real_part_lies_from_the_drawing() -> None:
-    scenario = on_plate("part.real_file=plate_ramp")
-    shape, path = place_force(scenario).shape, line_on_plate()
-    facts = shape_figures(shape, path)["real_part"]
-    assert facts["lowest_m"] == pytest.approx(0.0, abs=1e-6)
-    assert facts["highest_m"] == pytest.approx(0.0045, abs=1e-6)
-    assert shape_figures(place_force(on_plate()).shape, path) == {}

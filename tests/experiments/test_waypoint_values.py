@@ -19,20 +19,16 @@ RISE_M = 0.06  #: Force and feed change over this length of the path [m]
 FORCES, FEEDS = (12.0, 24.0), (0.006, 0.018)
 
 
-def ramp(s: np.ndarray, start: float, values: tuple[float, float]) -> np.ndarray:
-    return np.interp(s, [start, start + RISE_M], values)
-
-
 @pytest.fixture(scope="module")
 def rising(cap: Cap) -> RunResult:
     """Force from 12 to 24 N and feed from 6 to 18 mm/s over the first 60 mm, then both constant."""
     scenario, plan = cap
     s = plan.path.s
     start = float(s[plan.path.process][0])
-    path = replace(plan.path, force=ramp(s, start, FORCES), feed=ramp(s, start, FEEDS))
-    return run_experiment(
-        override(scenario, ["robot.arm=ideal", "process.max_feed_s=7"]), replace(plan, path=path)
-    )
+    force, feed = (np.interp(s, [start, start + RISE_M], values) for values in (FORCES, FEEDS))
+    path = replace(plan.path, force=force, feed=feed)
+    longer = override(scenario, ["robot.arm=ideal", "process.max_feed_s=7"])
+    return run_experiment(longer, replace(plan, path=path))
 
 
 def fed(run: RunResult, after_s: float = 1.0) -> np.ndarray:
@@ -46,9 +42,7 @@ def test_the_force_follows_the_path_s(rising: RunResult) -> None:
     assert np.ptp(wanted) > 9.0
     assert np.abs(rising.trace.normal_force_n[rows] - wanted).max() < 2.0
     assert abs(np.mean(rising.trace.normal_force_n[rows] - wanted)) < 0.3
-
-
-def test_the_force_s_error_is_measured_against_the_local_set_point(rising: RunResult) -> None:
+    # Its error is measured against the local set point.
     assert rising.figures["force_rms_error_n"] < 1.0
     assert rising.figures["force_max_deviation_n"] < 4.0
 
@@ -77,10 +71,8 @@ def test_the_target_is_pressed_in_by_the_local_force_over_the_stiffness(rising: 
 def test_values_that_are_the_scenario_s_own_change_nothing(cap: Cap) -> None:
     scenario, plan = cap
     scenario = override(scenario, ["process.max_feed_s=0.5"])
-    count = len(plan.path.s)
-    force, feed = (
-        np.full(count, value) for value in (scenario.process.contact_force_n, scenario.process.feed_m_s)
-    )
+    process, ones = scenario.process, np.ones(len(plan.path.s))
+    force, feed = process.contact_force_n * ones, process.feed_m_s * ones
     plain = run_experiment(scenario, plan)
     named = run_experiment(scenario, replace(plan, path=replace(plan.path, force=force, feed=feed)))
     for name in plain.log.names:
@@ -90,9 +82,9 @@ def test_values_that_are_the_scenario_s_own_change_nothing(cap: Cap) -> None:
 @pytest.mark.parametrize(
     ("column", "value", "said"),
     [
-        ("force", 900.0, r"asks for a force of 900 N: it must be within 0\.5 to 200 N"),
-        ("force", np.nan, "asks for a force of nan N"),
-        ("feed", 0.0, r"asks for a feed of 0 m/s: it must be within 0\.0001 to 0\.5 m/s"),
+        ("force", 900.0, r"force of 900 N: .* 0\.5 to 200 N"),
+        ("force", np.nan, "force of nan N"),
+        ("feed", 0.0, r"feed of 0 m/s: .* 0\.0001 to 0\.5 m/s"),
     ],
 )
 def test_values_no_robot_should_follow_are_refused_with_their_place(
@@ -104,5 +96,5 @@ def test_values_no_robot_should_follow_are_refused_with_their_place(
     values[row] = value
     path = replace(plan.path, **{column: values})
     place = re.escape(place_in_mm(path.positions_work[row]))
-    with pytest.raises(PlanError, match=f"at {place} the path {said}"):
+    with pytest.raises(PlanError, match=f"at {place} .*{said}"):
         prepare_surface(scenario, replace(plan, path=path))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -28,7 +29,7 @@ def _back_to_the_first() -> Iterator[None]:
 @pytest.mark.parametrize("name", ARMS)
 def test_the_inverse_gives_back_what_forward_took(name: str) -> None:
     use_arm(name)
-    q = RNG.uniform(-2.5, 2.5, (20, 6))
+    q = RNG.uniform(-2.5, 2.5, (40, 6))
     for pose, angles in zip(forward(q), q, strict=True):
         found = inverse_all(np.ascontiguousarray(pose), 0.0)
         found = found[~np.isnan(found[:, 0])]
@@ -66,33 +67,16 @@ def test_links_are_the_tables() -> None:
         assert sum(body.inertia) == pytest.approx(sum(link.inertia[:3]), rel=1e-6)
 
 
-def test_the_tools_weight_turns_the_shoulder_by_its_lever() -> None:
-    """Stretched along x the links' torque is the sum of mass times place along x times g."""
-    scenario = override(default_scenario("arc"), ["robot.arm=ur10e"])
-    model = build_scene(scenario, None, None)
-    data, arm = mujoco.MjData(model), ARMS["ur10e"]
-    model.body_gravcomp[:] = 0.0
-    mujoco.mj_forward(model, data)
-    carried = [model.body(name) for name in (*(f"link_{k}" for k in range(2, 7)), "tool_mount", "head")]
-    moment = sum(float(body.mass[0]) * data.xipos[body.id][0] for body in carried)
-    assert abs(data.qfrc_bias[1]) == pytest.approx(9.81 * abs(moment), rel=1e-6)
-    assert abs(moment) > arm.links[1].mass * 0.2
-
-
-def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name() -> None:
+def test_a_make_brings_its_gears_and_leaves_what_is_set_by_name(tmp_path: Path) -> None:
     base = default_scenario("arc")
     other = override(base, ["robot.real.encoder_rad=1e-5", "robot.arm=ur10e", "robot.real.gear_ratio=77"])
     assert other.robot.real.coulomb_nm == ARMS["ur10e"].gears["coulomb_nm"]
     assert (other.robot.real.encoder_rad, other.robot.real.gear_ratio) == (1e-5, 77.0)
+    (tmp_path / "config.toml").write_text(to_toml(other), encoding="utf-8")
+    assert load_scenario(tmp_path / "config.toml", base) == other
     back = override(other, ["robot.arm=ur5e"])
     changed = {k for k, v in asdict(back.robot.real).items() if v != asdict(base.robot.real)[k]}
     assert changed == {"encoder_rad", "gear_ratio"}
-
-
-def test_a_written_config_is_read_as_it_was(tmp_path) -> None:
-    scenario = override(Scenario(), ["robot.arm=ur10e", "robot.real.second_harmonic=0.1"])
-    (tmp_path / "config.toml").write_text(to_toml(scenario))
-    assert load_scenario(tmp_path / "config.toml", Scenario()) == scenario
 
 
 def test_an_unknown_make_is_refused_with_the_known_ones() -> None:

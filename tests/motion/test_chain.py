@@ -41,38 +41,31 @@ def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle: float) -> No
     np.testing.assert_allclose(chain.turn_axes[0], [0.0, 0.0, float(angle > 0.0)], atol=1e-12)
 
 
-def test_half_a_turn_of_the_axis_names_its_place() -> None:
+def test_half_a_turn_of_the_axis_and_an_axis_of_no_length_name_their_place() -> None:
     tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
     axes = np.array([[0.0, 0, 1], [0.0, 0, 1], [0.0, 0, 1], [0.0, 0, -1]])
     with pytest.raises(SmoothingError, match=r"180 deg between \(10, 0, 0\) mm and \(20, 0, 0\) mm.*2 and 3"):
         chain_from_axes(tips, axes)
+    with pytest.raises(SmoothingError, match=r"way point 1 .* zero"):
+        chain_from_axes(tips[:2], np.array([[0.0, 0, 1], [0.0, 0, 0]]))
 
 
 def test_points_that_repeat_tip_and_axis_are_left_out_others_stay() -> None:
     tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.01, 0, 0]])
     axes = np.array([[0.0, 0, -1], [0.0, 0, -1], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], [0.0, 0.6, -0.8]])
     chain = chain_from_axes(tips, axes)
-    np.testing.assert_array_equal(
-        repeated_points(tips, chain_frames(axes)), [False, True, False, False, True]
-    )
+    frames = np.stack([np.cross([0.0, 1.0, 0.0], axes), np.tile([0.0, 1.0, 0.0], (5, 1)), axes], axis=2)
+    np.testing.assert_array_equal(repeated_points(tips, frames), [False, True, False, False, True])
     np.testing.assert_allclose(chain.lengths, [0.0, 0.01])
     np.testing.assert_allclose(chain.angles, [np.arctan2(0.6, 0.8), 0.0])
     np.testing.assert_array_equal(chain.directions[0], 0.0)
     np.testing.assert_array_equal(chain.turn_axes[1], 0.0)
-
-
-def chain_frames(axes: np.ndarray) -> np.ndarray:
-    return np.stack([np.cross([0.0, 1.0, 0.0], axes), np.tile([0.0, 1.0, 0.0], (len(axes), 1)), axes], axis=2)
-
-
-def test_one_point_is_a_chain_of_no_segments() -> None:
-    assert len(build_chain(np.zeros((1, 3)), np.eye(3)[None]).lengths) == 0
+    assert len(build_chain(tips[:1], frames[:1]).lengths) == 0
 
 
 @pytest.mark.parametrize(
     ("tips", "frames", "words"),
     [
-        (np.zeros((2, 2)), np.zeros((2, 3, 3)), "shape"),
         (np.zeros((0, 3)), np.zeros((0, 3, 3)), "shape"),
         (np.array([[0.0, 0, 0], [np.nan, 0, 0]]), np.tile(np.eye(3), (2, 1, 1)), "way point 1 .* not finite"),
         (np.zeros((2, 3)), np.stack([np.eye(3), 2.0 * np.eye(3)]), "way point 1 .* no rotation"),
@@ -83,18 +76,11 @@ def test_what_is_no_chain_is_refused_with_its_place(tips: np.ndarray, frames: np
         build_chain(tips, frames)
 
 
-def test_an_axis_of_no_length_names_its_way_point() -> None:
-    with pytest.raises(SmoothingError, match=r"way point 1 .* zero"):
-        chain_from_axes(np.zeros((2, 3)), np.array([[0.0, 0, 1], [0.0, 0, 0]]))
+ROBOT = mujoco.MjModel.from_xml_path(str(robot_model_path()))
 
 
-@pytest.fixture(scope="module")
-def robot() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_path(str(robot_model_path()))
-
-
-def test_torques_are_those_of_the_regressor(robot: mujoco.MjModel) -> None:
-    chain = read_chain(robot, ARM_JOINTS)
+def test_torques_are_those_of_the_regressor() -> None:
+    chain = read_chain(ROBOT, ARM_JOINTS)
     rigid, states = TorqueModel(chain, ("armature",)), random_states(6, 100, np.random.default_rng(1))
     wanted, model, torque = rigid.torque(states, rigid.truth()), chain_model(chain), np.zeros(6)
     for row in range(100):
@@ -102,20 +88,16 @@ def test_torques_are_those_of_the_regressor(robot: mujoco.MjModel) -> None:
         np.testing.assert_allclose(torque, wanted[row], atol=1e-11)
 
 
-def test_without_gravity_a_still_arm_needs_no_torque(robot: mujoco.MjModel) -> None:
-    model, torque, still = chain_model(read_chain(robot, ARM_JOINTS)), np.full(6, np.nan), np.zeros(6)
-    chain_torque(model, np.linspace(-1.0, 1.0, 6), still, still, 0.0, torque)
-    np.testing.assert_array_equal(torque, still)
-
-
-def test_torques_of_inertia_scale_with_the_masses(robot: mujoco.MjModel) -> None:
-    chain, torque, more = read_chain(robot, ARM_JOINTS), np.zeros(6), np.zeros(6)
+def test_without_gravity_torques_are_of_inertia_alone_and_scale_with_the_masses() -> None:
+    chain, torque, more = read_chain(ROBOT, ARM_JOINTS), np.zeros(6), np.zeros(6)
     q, qdd, still = np.linspace(-1.0, 1.0, 6), np.linspace(2.0, -3.0, 6), np.zeros(6)
     chain_torque(chain_model(chain), q, still, qdd, 0.0, torque)
     chain_torque(chain_model(chain, 1.2), q, still, qdd, 0.0, more)
     np.testing.assert_allclose(more, 1.2 * torque, rtol=1e-12)
+    chain_torque(chain_model(chain), q, still, still, 0.0, torque)
+    np.testing.assert_array_equal(torque, still)
 
 
-def test_a_slide_is_refused_by_name(robot: mujoco.MjModel) -> None:
+def test_a_slide_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="'head_slide' is a slide"):
-        chain_model(read_chain(robot))
+        chain_model(read_chain(ROBOT))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numba import njit
 
 from polish_sim.motion.rules.chain import build_chain, chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation
@@ -14,72 +13,44 @@ from polish_sim.motion.rules.schedule import Smoothed
 MM = 1e-3
 
 
-@njit
-def rise_way(b, c, time):  # type: ignore[no-untyped-def]
-    """Way of a speed that rises from 0 to 1 over b + c, within the first half of that."""
-    if time < c:
-        return time * (time / b) * (time / c) / 6.0
-    return (3.0 * time * (time - c) + c * c) / (6.0 * b)
-
-
-@njit
-def vertex_error(overlap, t2, t3, change):  # type: ignore[no-untyped-def]
+def vertex_error(overlap: float, t2: float, t3: float, change: float) -> float:
     """Distance from the vertex of two segments with the same filters (paper 4, eq. 12)."""
-    return change * rise_way(t2, t3, 0.5 * overlap)
+    if overlap <= 2.0 * t3:
+        return overlap**3 * change / (48.0 * t2 * t3)
+    return (4.0 * t3**2 - 6.0 * t3 * overlap + 3.0 * overlap**2) * change / (24.0 * t2)
 
 
 def contour_error(overlap: float, t2: float, t3: float, change: float, cosine: float) -> float:
     """Distance from the polyline: the vertex error times the cosine of half the turn."""
-    return float(vertex_error(overlap, t2, t3, change)) * np.sqrt(0.5 * (1.0 + cosine))
-
-
-@njit
-def symmetric_corners(lengths, triples, turns, tolerances, formula, planned, measured):  # type: ignore[no-untyped-def]
-    """Per corner: error at the largest overlap, and the distance from the vertex half way through the planned
-    one."""
-    rates = np.empty(4)
-    for i in range(len(lengths)):
-        a, b, c = triples[i]
-        speed = lengths[i] / a
-        change = corner_speed(speed, speed, np.cos(turns[i]))
-        overlap = corner_overlap(tolerances[i], change, b, c, b, c)
-        formula[i] = vertex_error(b + c, b, c, change)
-        planned[i] = vertex_error(overlap, b, c, change)
-        box_progress(a, b, c, 0.5 * overlap, rates)
-        measured[i] = lengths[i] * rates[0] * 2.0 * np.sin(0.5 * turns[i])
+    return vertex_error(overlap, t2, t3, change) * np.sqrt(0.5 * (1.0 + cosine))
 
 
 def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm() -> None:
-    rng, n = np.random.default_rng(0), 20_000
-    triples = -np.sort(-(10.0 ** rng.uniform(-3.0, 0.5, (n, 3))), axis=1)
-    lengths, turns = 10.0 ** rng.uniform(-1.7, 1.7, n), rng.uniform(0.0, np.pi, n)  # [mm]
-    tolerances = 10.0 ** rng.uniform(-4.0, 0.0, n)
-    formula, planned, measured = np.empty((3, n))
-    symmetric_corners(lengths, triples, turns, tolerances, formula, planned, measured)
-    wanted = np.minimum(tolerances, formula)
-    assert np.abs(planned - wanted).max() < 1e-12
-    assert np.abs(measured - wanted).max() < 1e-12
-    assert 0.1 < np.mean(formula < tolerances) < 0.9  # both branches
+    """At the vertex half way through the overlap, which is at most as long as the filters."""
+    rng, rates, limited = np.random.default_rng(0), np.empty(4), 0
+    for _ in range(2000):
+        a, b, c = -np.sort(-(10.0 ** rng.uniform(-3.0, 0.5, 3)))
+        length, tolerance = 10.0 ** rng.uniform([-1.7, -4.0], [1.7, 0.0])  # [mm]
+        turn = rng.uniform(0.0, np.pi)
+        change = corner_speed(length / a, length / a, np.cos(turn))
+        overlap = corner_overlap(tolerance, change, b, c, b, c)
+        most = vertex_error(b + c, b, c, change)
+        box_progress(a, b, c, 0.5 * overlap, rates)
+        measured = length * rates[0] * 2.0 * np.sin(0.5 * turn)
+        assert vertex_error(overlap, b, c, change) == pytest.approx(min(tolerance, most), abs=1e-12)
+        assert measured == pytest.approx(min(tolerance, most), abs=1e-12)
+        limited += most < tolerance
+    assert 200 < limited < 1800  # both branches
 
 
-def test_both_branches_are_those_of_the_paper() -> None:
-    t2, t3, change = 0.07, 0.03, 0.04
+@pytest.mark.parametrize(("t2", "t3"), [(0.07, 0.03), (0.05, 0.05), (0.07, 0.0)])
+def test_the_time_of_a_rise_is_the_inverse_of_the_papers_error(t2: float, t3: float) -> None:
     for overlap in np.linspace(0.001, t2 + t3, 40):
-        first = overlap**3 * change / (48.0 * t2 * t3)
-        second = (4.0 * t3**2 - 6.0 * t3 * overlap + 3.0 * overlap**2) * change / (24.0 * t2)
-        wanted = first if overlap <= 2.0 * t3 else second
-        assert vertex_error(overlap, t2, t3, change) == pytest.approx(wanted, rel=1e-12)
-        assert 2.0 * rise_time(t2, t3, wanted / change) == pytest.approx(overlap, rel=1e-9)
+        assert 2.0 * rise_time(t2, t3, vertex_error(overlap, t2, t3, 1.0)) == pytest.approx(overlap, rel=1e-9)
+    assert rise_time(t2, t3, 100.0) == pytest.approx(0.5 * (t2 + t3))
 
 
-def test_the_way_of_a_rise_has_its_filters_inverse() -> None:
-    for b, c in ((1.0, 0.3), (1.0, 1.0), (1.0, 0.0)):
-        for time in np.linspace(0.01, 0.5 * (b + c), 9):
-            assert rise_time(b, c, rise_way(b, c, time)) == pytest.approx(time, rel=1e-12)
-    assert rise_time(1.0, 0.2, 100.0) == 0.6
-
-
-@pytest.mark.parametrize("turn", [0.05, 0.7, 1.5, 2.4, 3.1])
+@pytest.mark.parametrize("turn", [0.05, 1.5, 3.1])
 def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn: float) -> None:
     length, triple, overlap = 5.0 * MM, np.array([0.1, 0.05, 0.02]), 0.05
     tips = length * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(turn), np.sin(turn), 0.0]])
@@ -97,7 +68,7 @@ def test_a_corner_s_vertex_and_contour_error_are_what_is_measured(turn: float) -
 
 def test_unlike_corners_stay_within_their_tolerance() -> None:
     rng, used = np.random.default_rng(1), []
-    for _ in range(200):
+    for _ in range(60):
         triples = -np.sort(-(10.0 ** rng.uniform(-2.0, 0.0, (2, 3))), axis=1)
         lengths, turn, tolerance = rng.uniform(1.0, 20.0, 2) * MM, rng.uniform(0.05, 3.1), 0.02 * MM
         tips = np.array(

@@ -63,15 +63,6 @@ def test_three_and_more_at_once_are_measured_as_dense_sampling_does() -> None:
     assert found.contour.value == pytest.approx(apart.min(axis=1).max(), rel=1e-4)
 
 
-def test_straight_on_at_equal_speed_and_full_overlap_the_speed_is_constant() -> None:
-    chain = straight(np.arange(6.0)[:, None] * [0.005, 0.0, 0.0])
-    schedule = overlapped(chain, 0.07)
-    times = np.linspace(0.07, schedule.end - 0.07, 501)
-    samples = sample_schedule(chain, schedule, times)
-    np.testing.assert_allclose(samples.tips[:, 1, 0], 0.05, rtol=1e-12)
-    np.testing.assert_allclose(samples.tips[:, 2], 0.0, atol=1e-12)
-
-
 def test_a_circle_in_full_overlap_shrinks_by_two_sincs() -> None:
     """Chords follow one another every T1: a polygon, R sinc(w T1/2)^2 itself, filtered: sinc(w T2/2) sinc(w
     T3/2)."""

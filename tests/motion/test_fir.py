@@ -13,7 +13,6 @@ from polish_sim.motion.rules.fir import (
     PIECES,
     box_pieces,
     box_progress,
-    fir_schedule,
     sorted_times,
     stop_times,
 )
@@ -49,34 +48,26 @@ def progress(triple: np.ndarray, time: float) -> np.ndarray:
 
 
 def test_progress_and_derivatives_are_the_sum_over_subsets_to_1e_12() -> None:
+    """The third derivative away from its steps."""
     rng = np.random.default_rng(1)
-    for triple in triples(300, 0):
-        for time in rng.uniform(0.0, triple.sum(), 8):
+    for triple in triples(200, 0):
+        steps = np.array([triple[list(subset)].sum() for subset in SUBSETS])
+        for time in rng.uniform(0.0, triple.sum(), 6):
             found = progress(triple, time)
             size = 1.0 / np.cumprod(np.concatenate([[1.0], np.sort(triple)[::-1]]))
             for derivative in range(3):
                 true = exact(list(triple), time, derivative)
                 assert abs(Fraction(found[derivative]) - true) <= 1e-12 * size[derivative]
-
-
-def test_the_third_derivative_too_away_from_its_steps() -> None:
-    rng = np.random.default_rng(2)
-    for triple in triples(300, 3):
-        steps = np.array([triple[list(subset)].sum() for subset in SUBSETS])
-        for time in rng.uniform(0.0, triple.sum(), 4):
             if np.abs(steps - time).min() > 1e-9:
                 true = float(exact(list(triple), time, 3))
-                assert progress(triple, time)[3] == pytest.approx(true, rel=1e-12, abs=1e-12 / triple.prod())
+                assert found[3] == pytest.approx(true, rel=1e-12, abs=1e-12 / triple.prod())
 
 
-def test_it_begins_at_nought_and_ends_at_one() -> None:
+def test_it_begins_at_nought_and_ends_at_one_and_times_of_nought_leave_fewer_filters() -> None:
     for triple in triples(50, 4):
         np.testing.assert_array_equal(progress(triple, 0.0)[:3], [0.0, 0.0, 0.0])
         np.testing.assert_array_equal(progress(triple, -1.0), [0.0, 0.0, 0.0, 0.0])
         np.testing.assert_array_equal(progress(triple, triple.sum() + 1.0), [1.0, 0.0, 0.0, 0.0])
-
-
-def test_times_of_nought_leave_the_box_with_fewer_filters() -> None:
     assert progress(np.array([2.0, 0.0, 0.0]), 0.5)[0] == 0.25
     np.testing.assert_allclose(progress(np.array([0.0, 2.0, 1.0]), 0.5)[:3], [1 / 16, 0.25, 0.5])
 
@@ -84,7 +75,7 @@ def test_times_of_nought_leave_the_box_with_fewer_filters() -> None:
 def test_the_pieces_are_the_closed_form() -> None:
     durations, coefficients = np.empty(PIECES), np.empty((PIECES, 4))
     cases = np.concatenate(
-        [triples(100, 6), [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]]
+        [triples(50, 6), [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]]
     )
     for triple in cases:
         count = box_pieces(*triple, durations, coefficients)
@@ -101,21 +92,10 @@ def test_the_pieces_are_the_closed_form() -> None:
             begin += length
 
 
-def test_a_schedule_has_its_segments_pieces_in_order() -> None:
-    schedule = fir_schedule(np.array([0.0, 1.0]), np.array([[1.0, 0.2, 0.1], [2.0, 0.0, 0.5]]))
-    np.testing.assert_array_equal(schedule.segments, [0] * 7 + [1] * 3)
-    assert schedule.end == pytest.approx(3.5)
-    np.testing.assert_allclose(schedule.starts[7:], [1.0, 1.5, 3.0])
-
-
-def test_from_rest_to_rest_takes_four_cube_roots() -> None:
-    assert sum(stop_times(0.001, 10.0, 100.0, 10.0)) == pytest.approx(4.0 * np.cbrt(0.001 / 20.0))
-
-
 def test_no_profile_within_the_limits_is_shorter() -> None:
     """Each limit is kept, and the profile is limited throughout, and a search finds no shorter one."""
     rng = np.random.default_rng(7)
-    for length, v, a, j in 10.0 ** rng.uniform(-3.0, 3.0, (2000, 4)):
+    for length, v, a, j in 10.0 ** rng.uniform(-3.0, 3.0, (500, 4)):
         times = np.array(stop_times(length, v, a, j))
         # peaks of a box of length 1 whose longest time is at least b + c
         plateau = 1.0 / (times[0] * times[1])

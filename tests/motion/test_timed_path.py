@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polish_sim.motion.rules.chain import Chain, build_chain
+from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import fir_schedule
-from polish_sim.motion.rules.schedule import Schedule, Smoothed, sample_schedule
+from polish_sim.motion.rules.schedule import Smoothed, sample_schedule
 from polish_sim.motion.timed_path import (
     Pace,
     TimedPath,
@@ -37,8 +37,8 @@ class Sampled(NamedTuple):
     speeds: Array
 
 
-def circle(turns: float = 1.0) -> PathTable:
-    angle = np.linspace(0.0, 2.0 * np.pi * turns, 400)
+def circle() -> PathTable:
+    angle = np.linspace(0.0, 2.0 * np.pi, 400)
     points = RADIUS * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     return build_path_table(points, Rotation.from_euler("z", angle[:, None]).as_matrix())
 
@@ -53,14 +53,7 @@ def play(motion: TimedPath, clock: Array) -> Sampled:
     return out
 
 
-def test_it_takes_the_length_over_the_speed_and_one_ramp() -> None:
-    table = circle()
-    motion = time_path(table, PACE)
-    assert motion.duration == pytest.approx(table.length / 0.01 + 0.01 / 0.05 + 0.05 / 1.25)
-    assert motion.playing_time == pytest.approx(motion.duration)
-
-
-@pytest.mark.parametrize("length", [1e-5, 4e-4, 2e-3, 0.1])
+@pytest.mark.parametrize("length", [1e-5, 4e-4, 0.1])
 def test_short_and_long_ways_keep_the_limits_and_arrive(length: float) -> None:
     table = build_path_table(np.array([[0.0, 0, 0], [length, 0, 0]]), np.tile(np.eye(3), (2, 1, 1)))
     motion = time_path(table, PACE)
@@ -73,8 +66,19 @@ def test_short_and_long_ways_keep_the_limits_and_arrive(length: float) -> None:
     assert np.abs(np.diff(rows)).max() <= PACE.jerk * motion.spacing * (1 + 1e-6)
 
 
+def test_a_single_pose_is_a_motion_of_no_duration() -> None:
+    motion = time_path(build_path_table(np.ones((1, 3)), np.eye(3)[None]), PACE)
+    assert motion.duration == 0.0
+    run = play(motion, np.array([0.0, 1.0]))
+    np.testing.assert_allclose(run.positions, 1.0)
+    np.testing.assert_allclose(run.velocities, 0.0)
+
+
 def test_velocity_and_spin_are_the_rates_of_position_and_orientation() -> None:
-    motion = time_path(circle(), PACE)
+    table = circle()
+    motion = time_path(table, PACE)
+    assert motion.duration == pytest.approx(table.length / 0.01 + 0.01 / 0.05 + 0.05 / 1.25)  # and one ramp
+    assert motion.playing_time == pytest.approx(motion.duration)
     t = np.linspace(0.3, 12.0, 500)
     step = 1e-4
     before, now, after = play(motion, t - step), play(motion, t), play(motion, t + step)
@@ -99,37 +103,18 @@ def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> 
     assert motion.playing_time == pytest.approx(np.trapezoid(1.0 / motion.rates, clock), rel=1e-3)
 
 
-def test_a_single_pose_is_a_motion_of_no_duration() -> None:
-    motion = time_path(build_path_table(np.ones((1, 3)), np.eye(3)[None]), PACE)
-    assert motion.duration == 0.0
-    run = play(motion, np.array([0.0, 1.0]))
-    np.testing.assert_allclose(run.positions, 1.0)
-    np.testing.assert_allclose(run.velocities, 0.0)
-
-
 # A schedule sampled densely is the schedule: poses, rates, and how far along the path it has come.
-
 TIPS = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.02, 0, 0], [0.03, 0.02, 0], [0.05, 0.02, 0.01]])
-ROTATIONS = Rotation.from_rotvec(0.1 * np.outer(np.arange(5), [1.0, 0.5, 0.2])).as_matrix()
-ROTATIONS[2] = ROTATIONS[1]  # point 2 repeats point 1
-S = np.array([0.0, 0.02, 0.02, 0.045, 0.07])
-
-
-def overlapping() -> tuple[Chain, Schedule]:
-    chain = build_chain(TIPS, ROTATIONS)
-    return chain, fir_schedule(np.array([0.0, 0.5, 1.1]), np.tile([0.5, 0.1, 0.05], (3, 1)))
-
-
-def test_marks_are_those_of_the_points_the_chain_kept() -> None:
-    chain, _ = overlapping()
-    np.testing.assert_array_equal(marks_on(chain, TIPS, ROTATIONS, S), [0.0, 0.02, 0.045, 0.07])
+ROTATIONS = Rotation.from_rotvec(0.1 * np.outer([0, 1, 1, 3, 4], [1.0, 0.5, 0.2])).as_matrix()
+CHAIN = build_chain(TIPS, ROTATIONS)  # point 2 repeats point 1
+SCHEDULE = fir_schedule(np.array([0.0, 0.5, 1.1]), np.tile([0.5, 0.1, 0.05], (3, 1)))
+MARKS = np.array([0.0, 0.02, 0.045, 0.07])
 
 
 def test_between_its_rows_it_is_where_the_schedule_is() -> None:
-    chain, schedule = overlapping()
-    motion = time_schedule(Smoothed(chain, schedule), np.array([0.0, 0.02, 0.045, 0.07]))
-    clock = np.linspace(0.0, schedule.end, 400)
-    exact = sample_schedule(chain, schedule, clock)
+    motion = time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
+    clock = np.linspace(0.0, SCHEDULE.end, 400)
+    exact = sample_schedule(CHAIN, SCHEDULE, clock)
     position, velocity, spin, quaternion, place = (
         np.empty(3), np.empty(3), np.empty(3), np.empty(4), np.empty(2),
     )  # fmt: skip
@@ -143,27 +128,14 @@ def test_between_its_rows_it_is_where_the_schedule_is() -> None:
 
 
 def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_derivative() -> None:
-    chain, schedule = overlapping()
-    marks = np.array([0.0, 0.02, 0.045, 0.07])
-    motion = time_schedule(Smoothed(chain, schedule), marks)
+    s = np.array([0.0, 0.02, 0.02, 0.045, 0.07])
+    np.testing.assert_array_equal(marks_on(CHAIN, TIPS, ROTATIONS, s), MARKS)
+    motion = time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
     assert motion.places[0] == 0.0
     assert motion.places[-1] == pytest.approx(0.07, abs=1e-12)
     assert np.all(np.diff(motion.places) >= 0.0)
     rate = np.gradient(motion.places, motion.spacing)
     np.testing.assert_allclose(motion.speeds[1:-1], rate[1:-1], atol=2e-4)
     clock = np.arange(len(motion.places)) * motion.spacing
-    np.testing.assert_allclose(
-        Smoothed(chain, schedule).places_at(marks, clock)[0], motion.places, atol=1e-12
-    )
-
-
-def test_in_twice_the_time_speeds_halve_and_the_way_stays() -> None:
-    chain, schedule = overlapping()
-    slow = Smoothed(chain, schedule).stretched(2.0)
-    clock = np.linspace(0.0, schedule.end, 300)
-    fast_run, slow_run = sample_schedule(chain, schedule, clock), slow.sample(2.0 * clock)
-    assert slow.end == pytest.approx(2.0 * schedule.end)
-    for order, factor in enumerate((1.0, 2.0, 4.0, 8.0)):
-        np.testing.assert_allclose(
-            factor * slow_run.tips[:, order], fast_run.tips[:, order], atol=1e-9 * 10.0**order
-        )
+    places = Smoothed(CHAIN, SCHEDULE).places_at(MARKS, clock)[0]
+    np.testing.assert_allclose(places, motion.places, atol=1e-12)

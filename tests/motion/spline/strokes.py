@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -57,13 +56,3 @@ def distance_from(points: Array, tips: Array) -> Array:
         share = np.clip((points - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-30), 0.0, 1.0)
         nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * (b - a), axis=1))
     return nearest
-
-
-def unlimited(**limits: float) -> SmoothingLimits:
-    """No limits but those given."""
-    none, joints = dict.fromkeys(_TOOL, math.inf), dict.fromkeys(_JOINTS, six(math.inf))
-    return replace(LIMITS, **{**none, **joints, **limits})  # type: ignore[arg-type]
-
-
-_TOOL = ("tip_speed", "tip_acceleration", "tip_jerk", "axis_speed", "axis_acceleration", "axis_jerk")
-_JOINTS = ("joint_speed", "joint_acceleration", "joint_jerk")
