@@ -7,7 +7,7 @@ import struct
 import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -151,45 +151,11 @@ def cylinder(around: int, radius: float = 1.0, height: float = 2.0) -> Shape:
     )
 
 
-def saddle(sides: int, radius: float = 1.0, half_width: float = 0.5, jitter: float = 0.0) -> Shape:
-    """z = (x^2 - y^2) / (2 R) over a square."""
-    steps = np.linspace(-half_width, half_width, sides + 1)
-    x, y = np.meshgrid(steps, steps, indexing="ij")
-    rng = np.random.default_rng(2)
-    cell = steps[1] - steps[0]
-    x[1:-1] += jitter * cell * rng.uniform(-0.5, 0.5, x[1:-1].shape)
-    y[:, 1:-1] += jitter * cell * rng.uniform(-0.5, 0.5, y[:, 1:-1].shape)
-    vertices = np.stack([x, y, (x**2 - y**2) / (2.0 * radius)], axis=-1).reshape(-1, 3)
-    faces = grid_faces(sides + 1, sides + 1)
-
-    def normal(points: Floats) -> Floats:
-        n = np.column_stack([-points[:, 0] / radius, points[:, 1] / radius, np.ones(len(points))])
-        return n / np.linalg.norm(n, axis=1, keepdims=True)
-
-    def foot(points: Floats) -> Floats:
-        """Newton on the two conditions that the connection is along the normal."""
-        x, y = points[:, 0].copy(), points[:, 1].copy()
-        for _ in range(50):
-            height = (x**2 - y**2) / (2.0 * radius) - points[:, 2]
-            fx = x - points[:, 0] + height * x / radius
-            fy = y - points[:, 1] - height * y / radius
-            fxx = 1.0 + height / radius + (x / radius) ** 2
-            fyy = 1.0 - height / radius + (y / radius) ** 2
-            fxy = -x * y / radius**2
-            det = fxx * fyy - fxy**2
-            x, y = x - (fyy * fx - fxy * fy) / det, y - (fxx * fy - fxy * fx) / det
-        return np.column_stack([x, y, (x**2 - y**2) / (2.0 * radius)])
-
-    def curvatures(points: Floats) -> Floats:
-        p, q = points[:, 0] / radius, -points[:, 1] / radius
-        r, t = -1.0 / radius, 1.0 / radius  # signs: positive = convex seen from above
-        size = 1.0 + p**2 + q**2
-        gauss = r * t / size**2
-        mean = ((1.0 + q**2) * r + (1.0 + p**2) * t) / (2.0 * size**1.5)
-        spread = np.sqrt(mean**2 - gauss)
-        return np.column_stack([mean + spread, mean - spread])
-
-    return Shape(vertices, faces.astype(np.int32), foot, normal, curvatures)
+def half(whole: Shape) -> Shape:
+    """The facets on the side of positive x: an open surface with a ragged border."""
+    faces = whole.faces[(whole.vertices[whole.faces][..., 0] > 0.0).all(axis=1)]
+    used, numbers = np.unique(faces, return_inverse=True)
+    return replace(whole, vertices=whole.vertices[used], faces=numbers.reshape(faces.shape).astype(np.int32))
 
 
 def memory_to_load(file: Path) -> float:

@@ -13,7 +13,7 @@ from polish_sim.geometry.distance_field import bend_field, signed_distances
 from polish_sim.geometry.field_lookup import look_up as distance_and_slope
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
-from tests.geometry.shapes import saddle, sphere, torus
+from tests.geometry.shapes import grid_faces, sphere, torus
 
 H, BAND = 1e-3, 6e-3
 
@@ -98,22 +98,10 @@ def test_the_field_is_the_closed_form_within_its_trilinear_error(case):
     assert np.abs(look_up(field, points) - true).max() < H**2 * curvature / 8.0 + fit_error
     found = look_up_gradient(field, points)
     assert np.linalg.norm(found[:, 1:] - shape.normal(feet), axis=1).max() < H * curvature
-
-
-def test_the_gradient_is_the_derivative_of_the_distance(ball):
-    _, field = ball
-    points = sphere(2, radius=0.0512).vertices + 0.00017
-    step = 1e-6
-    cell = np.floor((points - field.origin) / H)
-    for axis in range(3):
-        ahead, behind = points.copy(), points.copy()
-        ahead[:, axis] += step
-        behind[:, axis] -= step
-        same = (np.floor((ahead - field.origin) / H) == cell).all(axis=1)
-        same &= (np.floor((behind - field.origin) / H) == cell).all(axis=1)
-        slope = (look_up(field, ahead) - look_up(field, behind)) / (2.0 * step)
-        assert same.sum() > 100
-        assert np.abs(slope - look_up_gradient(field, points)[:, 1 + axis])[same].max() < 1e-6
+    # The slope is the derivative of the distance, but where a step of 0.1 um leaves the cell.
+    for axis, step in enumerate(1e-7 * np.eye(3)):
+        slope = (look_up(field, points[:500] + step) - look_up(field, points[:500] - step)) / 2e-7
+        assert np.quantile(np.abs(slope - found[:500, 1 + axis]), 0.98) < 1e-6
 
 
 def test_far_from_the_surface_the_field_still_knows_inside_from_outside():
@@ -130,18 +118,16 @@ def test_far_from_the_surface_the_field_still_knows_inside_from_outside():
     over_a_face = (np.abs(points[:, 0]) < 0.04) & (np.abs(points[:, 1]) < 0.03) & (np.abs(true) < BAND - H)
     assert over_a_face.sum() > 400
     assert np.abs(found - true)[over_a_face].max() < 1e-9
-
-
-def test_beside_a_thin_plate_everything_is_outside():
-    size = (0.1, 0.06, 0.002)
-    field = build_distance_field(box(size), H, BAND)
+    # Beside a plate thinner than the band everything is outside.
+    thin = build_distance_field(box((0.1, 0.06, 0.002)), H, BAND)
     beside = np.random.default_rng(4).uniform([0.0515, -0.03, -0.004], [0.055, 0.03, 0.004], (2000, 3))
-    assert look_up(field, beside).min() > 0.0
+    assert look_up(thin, beside).min() > 0.0
 
 
 def test_beyond_the_border_of_an_open_surface_there_is_nothing_to_touch():
-    sheet = saddle(24, radius=0.3, half_width=0.05)
-    surface = fit_triangles(sheet.vertices, sheet.faces)
+    x, y = np.meshgrid(np.linspace(-0.05, 0.05, 25), np.linspace(-0.05, 0.05, 25), indexing="ij")
+    sheet = np.stack([x, y, (x**2 - y**2) / 0.6], axis=-1).reshape(-1, 3)
+    surface = fit_triangles(sheet, grid_faces(25, 25))
     points = np.array([[0.0, 0.0, -0.002], [0.0, 0.0, 0.002], [0.06, 0.0, -0.002], [0.0, 0.056, -0.01]])
     assert np.sign(signed_distances(surface, points)).tolist() == [-1.0, 1.0, 1.0, 1.0]
 

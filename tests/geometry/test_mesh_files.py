@@ -21,24 +21,24 @@ def write(folder, name, content):
     return path
 
 
-def ply_header(kind, vertex="double", extra=""):
+def ply_header(kind):
     return (
-        f"ply\nformat {kind} 1.0\ncomment made by hand\n{extra}element vertex {len(POINTS)}\nproperty "
-        f"{vertex} x\nproperty uchar red\nproperty {vertex} y\nproperty {vertex} z\nelement face "
-        f"{len(FACES)}\nproperty float quality\nproperty list uchar int vertex_indices\nend_header\n"
+        f"ply\nformat {kind} 1.0\ncomment made by hand\nelement vertex {len(POINTS)}\nproperty double x\n"
+        "property uchar red\nproperty double y\nproperty double z\n"
+        f"element face {len(FACES)}\nproperty float quality\n"
+        "property list uchar int vertex_indices\nend_header\n"
     )
 
 
-def binary_ply(order="<", vertex="f8"):
+def binary_ply(order="<"):
     kind = "binary_little_endian" if order == "<" else "binary_big_endian"
     rows = np.zeros(
-        len(POINTS), dtype=[("x", order + vertex), ("r", "u1"), ("y", order + vertex), ("z", order + vertex)]
+        len(POINTS), dtype=[("x", order + "f8"), ("r", "u1"), ("y", order + "f8"), ("z", order + "f8")]
     )
     rows["x"], rows["y"], rows["z"] = POINTS.T
     faces = np.zeros(len(FACES), dtype=[("q", order + "f4"), ("n", "u1"), ("i", order + "i4", 3)])
     faces["n"], faces["i"] = 3, FACES
-    name = {"f8": "double", "f4": "float"}[vertex]
-    return ply_header(kind, name).encode() + rows.tobytes() + faces.tobytes()
+    return ply_header(kind).encode() + rows.tobytes() + faces.tobytes()
 
 
 def text_ply():
@@ -89,13 +89,14 @@ def test_binary_and_text_stl_give_the_same_part_in_metres(tmp_path, kind):
     assert any("mm" in note for note in part.notes)
 
 
-def test_single_precision_ply_and_trimesh_s_own_files_are_read_too(tmp_path):
-    single = load_part(write(tmp_path, "single.ply", binary_ply(vertex="f4")))
-    assert single.vertices == pytest.approx(part_from_arrays(POINTS, FACES, unit="mm").vertices, abs=1e-8)
-    for kind in ("ply", "obj", "stl"):
-        path = tmp_path / f"trimesh.{kind}"
-        BALL.export(path)
-        assert len(load_part(path).faces) == len(FACES)
+@pytest.mark.parametrize(
+    ("kind", "name"), [("ply", "a.stl"), ("stl", "b.ply"), ("obj", "c.stl"), ("ply", "no_ending")]
+)
+def test_the_content_decides_not_the_name_of_what_trimesh_writes(tmp_path, kind, name):
+    BALL.export(tmp_path / name, file_type=kind)
+    part = load_part(tmp_path / name)
+    assert len(part.faces) == len(FACES)
+    assert part.vertices[part.faces].mean(axis=1) == pytest.approx(1e-3 * BALL.triangles_center, abs=1e-8)
 
 
 def test_polygons_are_split_without_leaving_their_outline(tmp_path):
@@ -111,13 +112,6 @@ def test_polygons_are_split_without_leaving_their_outline(tmp_path):
     assert any("split 8 facets" in note for note in part.notes)
     # Both halves of a wall carry the wall's number.
     assert np.bincount(part.stl_facets).tolist() == [2] * 6 + [4] * 2
-
-
-def test_the_content_decides_not_the_name(tmp_path):
-    for kind, name in (("ply", "a.stl"), ("stl", "b.ply"), ("obj", "c.stl"), ("ply", "no_ending")):
-        path = tmp_path / name
-        BALL.export(path, file_type=kind)
-        assert len(load_part(path).faces) == len(FACES)
 
 
 def pinched(height):
@@ -165,12 +159,10 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
     ("name", "content", "words"),
     [
         ("missing.stl", None, "no such file"),
+        (".", None, "is a folder"),
         ("empty.stl", b"", "empty"),
-        ("blank.stl", b" \n \n", "empty"),
         ("header_only.stl", STL[:84].replace(b"\x0c\0\0\0", b"\0\0\0\0"), "no facets"),
-        ("no_facets.stl", b"solid empty\nendsolid empty\n", "no facets"),
         ("cut.stl", STL[:-120], "cut short: its header announces 12 facets"),
-        ("cut_in_header.stl", STL[:60], "not an STL file"),
         ("cut_text.stl", TEXT_STL[: len(TEXT_STL) // 2], "cut short"),
         (
             "cut_after_facet.stl",
@@ -179,10 +171,8 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ),
         ("lost_vertex.stl", TEXT_STL.replace(b"vertex", b"", 1), "no list of triangles .*35 vertices"),
         ("garbage.stl", b"This is a letter, not a part. " * 20, "not an STL file"),
-        ("solid_garbage.stl", b"solid ground under our feet " * 20, "not an STL file"),
         ("bad_number.stl", TEXT_STL.replace(b"vertex ", b"vertex x", 1), "is not a vertex"),
         ("nan.stl", with_number(5, np.nan), "NaN or infinite, the first is facet 5"),
-        ("inf.stl", with_number(7, np.inf), "NaN or infinite, the first is facet 7"),
         ("zero_area.stl", stl_bytes(LINE), "zero area"),
         (
             "crowded.stl",
@@ -193,7 +183,6 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("part.mtl", "newmtl steel\n", "name the .obj file itself"),
         ("part.igs", "S 1\n", r"Export the part as one of: \.ply, \.stl, \.obj, \.step, \.stp"),
         ("cut.ply", binary_ply()[:-100], "cut short: its header announces 320 rows of 'face'"),
-        ("cut_text.ply", text_ply()[:-100], "cut short"),
         (
             "huge.ply",
             BINARY + "element vertex 4000000000\n" + XYZ + "end_header\n",
@@ -215,12 +204,9 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("words.ply", text_ply().replace(" 7 ", " seven ", 1), "words where numbers"),
         ("strange.ply", HEADER.replace("ascii", "morse") + "end_header\n", "its format is none of"),
         ("far.obj", obj().replace("f ", "f 9999 ", 1), "refers to vertex 9998"),
-        ("zero.obj", obj().replace("f ", "f 0 ", 1), "refers to vertex -1"),
         ("word.obj", obj().replace("v ", "v x", 1), "no number"),
         ("short.obj", obj().replace("# by hand", "v 1 2"), "no three numbers"),
-        ("points.obj", "v 1 2 3\nv 1 2 4\nv 1 3 4\n", "no facets"),
         ("binary.obj", struct.pack("<30d", *range(30)), "not text"),
-        ("nan.obj", obj().replace("v ", "v nan nan nan\nv ", 1).replace("f ", "f 1 2 3\nf ", 1), "NaN"),
     ],
 )
 def test_bad_files_are_refused_with_one_clear_message(tmp_path, name, content, words):
@@ -230,8 +216,3 @@ def test_bad_files_are_refused_with_one_clear_message(tmp_path, name, content, w
     assert name in message
     assert "\n" not in message
     assert message.endswith(".")
-
-
-def test_a_folder_is_no_mesh_file(tmp_path):
-    with pytest.raises(MeshError, match="is a folder"):
-        load_part(tmp_path)

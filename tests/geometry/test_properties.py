@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from benchmarks.random_draw import RandomPart, draw_part
 from benchmarks.random_parts import exact_mesh
 from polish_sim.geometry import Region, fit_surface, select_region
-from polish_sim.geometry.bezier import area_elements, from_corners
+from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import clip
 from polish_sim.geometry.fit import fit_triangles
-from polish_sim.geometry.surface import Surface, boundary_loops
+from polish_sim.geometry.surface import Surface
 from tests.geometry.shapes import grid_faces
 
 CHECKED = settings(
@@ -57,17 +57,6 @@ def test_no_place_of_the_surface_is_nearer_than_the_closest_point(seed):
 
 
 @CHECKED
-@given(seeds)
-def test_points_and_normals_of_patches_stay_in_bounds_and_unit(seed):
-    surface, rng = bumpy(seed), np.random.default_rng(seed)
-    points = surface.evaluate(*places(surface, 500, rng))
-    low, high = surface.bounds
-    assert (points.positions >= low - 1e-12).all()
-    assert (points.positions <= high + 1e-12).all()
-    assert np.linalg.norm(points.normals, axis=1) == pytest.approx(np.ones(500), abs=1e-12)
-
-
-@CHECKED
 @given(seeds, st.floats(-0.3, 0.3))
 def test_both_sides_of_a_cut_have_the_area_of_the_whole(seed, level):
     surface, rng = bumpy(seed), np.random.default_rng(seed)
@@ -91,27 +80,6 @@ def test_pieces_of_a_cut_share_their_corners_even_across_creases(seed):
     other, back = rest.neighbours[facet, edge], rest.neighbour_edges[facet, edge]
     assert np.abs(rest.control[facet, edge] - rest.control[other, (back + 1) % 3]).max(initial=0.0) < 1e-12
     assert np.abs(rest.control[:, :3] - rest.vertices[rest.faces]).max(initial=0.0) < 1e-12
-
-
-@CHECKED
-@given(seeds)
-def test_border_loops_are_closed_and_keep_the_region_on_their_left(seed):
-    part = draw_part(seed % 200, region="auto")
-    surface = fit_triangles(part.solid.vertices, part.solid.faces[: part.solid.top].astype(np.int32))
-    loops = boundary_loops(surface)
-    enclosed = []
-    for loop in loops:
-        assert (loop[0] == loop[-1]).all()
-        origin = loop[0]
-        enclosed.append(0.5 * float(np.cross(loop[:-1] - origin, loop[1:] - origin).sum(axis=0) @ part.up))
-    assert enclosed[0] > 0.0
-    assert all(area < 0.0 for area in enclosed[1:])
-    # Quadrature that is exact for the patches' own area vectors; loops are polylines within 0.01 mm.
-    vectors = np.zeros(3)
-    for place in (np.ones((3, 3)) + 3.0 * np.eye(3)) / 6.0:
-        vectors += area_elements(surface.control, *place).sum(axis=0) / 6.0
-    around = sum(float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum()) for loop in loops)
-    assert sum(enclosed) == pytest.approx(float(vectors @ part.up), abs=1e-5 * around)
 
 
 @CHECKED

@@ -59,9 +59,3 @@ def test_what_is_cut_out_of_a_path_afterwards_takes_its_reason(tmp_path):
     assert again["polished_area_m2"] + again["left_out_area_m2"] == pytest.approx(
         again["region_area_m2"], rel=1e-9
     )
-
-
-def test_nothing_is_left_out_of_a_plate_and_all_is_polished(tmp_path):
-    m = planned(tmp_path, trimesh.creation.box((200, 120, 10))).figures
-    assert (m["coverage"], m["left_out"]) == (1.0, {})
-    assert m["polished_area_m2"] == pytest.approx(0.0240, rel=1e-9)

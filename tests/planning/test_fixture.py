@@ -8,12 +8,9 @@ import trimesh
 
 from polish_sim.analysis.path_plot import plot_plan
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
-from polish_sim.errors import MeshError, PlanError
+from polish_sim.errors import PlanError
 from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.viewers import path_page
-from polish_sim.geometry import fit_surface, load_part
-from polish_sim.geometry.distance_field import signed_distances
-from polish_sim.geometry.fixture import joined_meshes, joined_surfaces, load_fixture
 from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
 from tests.planning.shapes import moved
@@ -73,9 +70,9 @@ def test_a_fixture_well_below_the_plate_is_no_hindrance(tmp_path, height, free):
     assert (planned(tmp_path, wall(height)).ready.access is None) == free
 
 
-@pytest.mark.parametrize(("pattern", "radius"), [("raster", 0.025), ("spiral", 0.01)])
-def test_no_body_of_the_tool_shares_volume_with_the_fixture_anywhere_on_the_plan(tmp_path, pattern, radius):
-    result = planned(tmp_path, vice(), pattern, radius)
+def test_no_body_of_the_tool_shares_volume_with_the_fixture_anywhere_on_the_plan(tmp_path):
+    radius = 0.025
+    result = planned(tmp_path, vice(), "raster", radius)
     assert max(volumes_in_part(result.path, vice(), radius, -YIELDS).values()) < 0.05
     assert max(volumes_in_part(result.path, PLATE, radius, YIELDS).values()) < 0.05
     assert result.figures["pad_in_part_max_m"] == 0.0
@@ -93,31 +90,8 @@ def test_a_path_planned_without_the_fixture_is_measured_and_named_where_it_runs_
 
 def test_a_fixture_that_swallows_the_part_is_refused_by_name(tmp_path):
     around = trimesh.creation.box((900, 900, 900))
-    with pytest.raises(
-        PlanError, match=r"too close to the fixture .* Is --fixture in the part's own frame and unit\?"
-    ):
+    with pytest.raises(PlanError, match=r"too close to the fixture .* own frame and unit"):
         planned(tmp_path, around)
-
-
-def test_a_fixture_is_read_and_refused_as_a_part_is(tmp_path):
-    part = asked(tmp_path, wall(10))
-    (tmp_path / "fixture.stl").write_bytes(b"")
-    with pytest.raises(MeshError, match=r"fixture\.stl: the file is empty"):
-        plan_part(part, PlanConfig())
-
-
-def test_part_and_fixture_joined_are_as_far_from_a_point_as_the_nearer_of_both(tmp_path):
-    config = asked(tmp_path, wall(10))
-    mesh = load_part(config.file, up="z")
-    fixture = load_fixture(config.fixture_file, mesh)
-    assert fixture is not None
-    alone = fit_surface(mesh)
-    both = joined_surfaces(alone, fixture)
-    points = np.random.default_rng(3).uniform(-0.15, 0.15, (500, 3))
-    nearer = np.minimum(signed_distances(alone, points), signed_distances(fixture.surface, points))
-    outside = nearer > 0.0
-    assert signed_distances(both, points)[outside] == pytest.approx(nearer[outside], abs=1e-12)
-    assert len(joined_meshes(mesh, fixture).vertices) == len(mesh.vertices) + len(fixture.mesh.vertices)
 
 
 def test_picture_and_page_show_the_fixture(tmp_path):

@@ -30,17 +30,11 @@ def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhe
     (_, last), (first, _) = stretches(left.path.process)[:2]
     between = left.path.positions_work[last : first + 1, 2]
     assert between.max() - between.min() == pytest.approx(plan.plan.clearance_m, abs=1e-6)
-
-
-def test_strokes_before_the_first_that_changes_keep_every_row(plan: PlanResult) -> None:
-    path = plan.path
-    cut = leave_out(path, path.process & (path.s > 0.4) & (path.s < 0.5), plan.plan, plan.ready.air)
-    assert cut is not None
-    once = cut.path
-    (_, first_end), (second, _) = stretches(once.process)[:2]
-    again = leave_out(once, once.process & (once.s > once.s[second] + 0.1), plan.plan, plan.ready.air)
+    # Strokes before the first that changes keep every row.
+    once = left.path
+    again = leave_out(once, once.process & (once.s > once.s[first] + 0.1), plan.plan, plan.ready.air)
     assert again is not None
-    np.testing.assert_array_equal(again.path.s[: first_end + 1], once.s[: first_end + 1])
+    np.testing.assert_array_equal(again.path.s[: last + 1], once.s[: last + 1])
 
 
 def test_what_is_left_of_a_stroke_is_longer_than_a_step_over_or_nothing(plan: PlanResult) -> None:

@@ -27,12 +27,13 @@ def shortest(ends, free):
 
 
 @pytest.mark.parametrize("free", [True, False])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_way_is_within_a_tenth_of_the_shortest_of_all(free, seed):
     ends = np.random.default_rng(seed).uniform(size=(6, 2, 3))
     tour = order_blocks(ends, free)
     assert sorted(tour.order) == list(range(6))
     assert air(ends, *tour) <= 1.1 * shortest(ends, free)
+    assert free or not tour.backwards.any()
 
 
 def test_stripes_that_may_be_walked_backwards_become_a_zig_zag():
@@ -44,11 +45,6 @@ def test_stripes_that_may_be_walked_backwards_become_a_zig_zag():
     assert list(tour.backwards) == [k % 2 == 1 for k in range(40)]
 
 
-def test_blocks_that_keep_their_direction_are_never_turned_round():
-    ends = np.random.default_rng(3).uniform(size=(30, 2, 3))
-    assert not order_blocks(ends, False).backwards.any()
-
-
 def test_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
     ends = np.random.default_rng(5).uniform(size=(20, 2, 3))
     assert order_blocks(ends, True).order[0] == 0
@@ -56,13 +52,8 @@ def test_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
     tour = order_blocks(ends, True, ends[7, 1] + 1e-4)
     assert (tour.order[0], tour.backwards[0]) == (7, True)
     assert order_blocks(ends, False, ends[7, 0]).order[0] == 7
-
-
-def test_one_block_stays_as_it_is_and_turns_round_for_a_start_at_its_end():
-    ends = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
-    assert not order_blocks(ends, True).backwards[0]
-    assert order_blocks(ends, True, np.array([1.0, 0.1, 0.0])).backwards[0]
-    assert not order_blocks(ends, False, np.array([1.0, 0.1, 0.0])).backwards[0]
+    assert order_blocks(ends[:1], True, ends[0, 1]).backwards[0]
+    assert not order_blocks(ends[:1], False, ends[0, 1]).backwards[0]
 
 
 def test_three_hundred_blocks_are_ordered_better_than_by_nearest_neighbours_alone():

@@ -19,33 +19,27 @@ from tests.planning.shapes import UP, moved, pocket, shipped_plan, surface_of
 
 RADIUS = 0.010
 PAD = PadConfig(radius_m=RADIUS)
-
-
-def planned(mesh, file, pad=PAD, **keys):
-    mesh.export(file)
-    plan = PlanConfig(**({"stepover_m": 0.004, "pattern": "contour", "region": "point:0,0,0"} | keys))
-    return plan_part(PartConfig(str(file), up="z"), plan, pad=pad)
+PLAN = PlanConfig(stepover_m=0.004, pattern="contour", region="point:0,0,0")
 
 
 def disc(x, y, z=0.0, low=1e-3):
-    return Discs(np.array([[x, y, z]]), UP[None], np.array([low]), np.array([low + 0.5 * RADIUS]), RADIUS)
+    return Discs(np.array([[x, y, z]]), UP[None], np.array([low]), np.array([0.022]), RADIUS)
 
 
-@pytest.mark.parametrize("gap", [0.0005, 0.0099])
-@pytest.mark.parametrize("thickness", [40.0, 1.0])
-def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(tmp_path, gap, thickness):
-    """However thin the wall is: the pad has to get past it."""
-    part = surface_of(pocket(ring_mm=thickness), tmp_path)
+@pytest.mark.parametrize(
+    ("gap", "thickness", "facet"), [(0.0005, 40.0, 500.0), (0.0099, 1.0, 500.0), (0.0005, 40.0, 10.0)]
+)
+def test_beside_a_wall_the_disc_is_in_it_by_what_its_radius_has_over_the_gap(tmp_path, gap, thickness, facet):
+    """However thin the wall is, and of however many rows of facets: the pad has to get past it."""
+    part = surface_of(pocket(ring_mm=thickness).subdivide_to_size(facet), tmp_path)
     found = standing_above(part, disc(0.060 - gap, 0.013))
     assert found.depths[0] == pytest.approx(RADIUS - gap, abs=1e-9)
     assert found.reaches[0] == pytest.approx(RADIUS - gap, abs=1e-9)
     assert standing_above(part, disc(0.060 - RADIUS - 1e-6, 0.013)).depths[0] == 0.0
-
-
-def test_the_disc_is_no_deeper_in_a_step_than_the_step_is_high(tmp_path):
-    part = surface_of(pocket(wall_mm=3.0), tmp_path)
-    assert standing_above(part, disc(0.0595, 0.013)).depths[0] == pytest.approx(0.003, abs=1e-9)
-    assert standing_above(part, disc(0.0595, 0.013, low=0.0031)).depths[0] == 0.0
+    # It is no deeper in a step than the step is high.
+    step = surface_of(pocket(wall_mm=3.0), tmp_path)
+    assert standing_above(step, disc(0.0595, 0.013)).depths[0] == pytest.approx(0.003, abs=1e-9)
+    assert standing_above(step, disc(0.0595, 0.013, low=0.0031)).depths[0] == 0.0
 
 
 def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says(tmp_path):
@@ -61,24 +55,18 @@ def test_before_a_slope_the_rim_is_as_deep_as_the_plane_says(tmp_path):
     assert found.reaches[0] == pytest.approx(0.004, abs=1e-9)
 
 
-def on_path(mesh, file, pad=PAD, **keys):
-    """A path up to the walls, planned without a tool, and what is measured of it."""
-    mesh.export(file)
-    part = load_part(file, "mm", "z")
-    plan = PlanConfig(**({"stepover_m": 0.004, "pattern": "contour", "region": "point:0,0,0"} | keys))
-    path = plan_path(select_region(fit_surface(part), part, plan.region), plan)
-    return measure_given_path(path, PartConfig(str(file), up="z"), plan, pad=pad)
-
-
 @pytest.fixture(scope="module")
 def in_pocket(tmp_path_factory):
-    """A path up to the walls of the pocket, and the pocket's file."""
+    """A path up to the walls of the pocket, planned without a tool, and the pocket's file."""
     file = tmp_path_factory.mktemp("pocket") / "pocket.stl"
-    return on_path(pocket(), file), file
+    pocket().export(file)
+    part = load_part(file, "mm", "z")
+    path = plan_path(select_region(fit_surface(part), part, PLAN.region), PLAN)
+    return measure_given_path(path, PartConfig(str(file), up="z"), PLAN, pad=PAD), file
 
 
-def test_a_path_in_a_pocket_shows_how_deep_the_pad_is_in_the_wall_and_a_plan_keeps_away(in_pocket, tmp_path):
-    result, _ = in_pocket
+def test_a_path_in_a_pocket_shows_how_deep_the_pad_is_in_the_wall_and_a_plan_keeps_away(in_pocket):
+    result, file = in_pocket
     nearest = 0.060 - np.abs(result.path.positions_work[result.path.process, :2]).max()
     figures = result.figures
     assert figures["pad_in_part_max_m"] == pytest.approx(RADIUS - nearest, abs=1e-5)
@@ -88,7 +76,7 @@ def test_a_path_in_a_pocket_shows_how_deep_the_pad_is_in_the_wall_and_a_plan_kee
     (note,) = (note for note in result.notes if "into the part" in note)
     assert "plan it anew with this pad" in note
     assert len(result.in_part) > 50
-    cured = planned(pocket(), tmp_path / "pocket.stl")
+    cured = plan_part(PartConfig(str(file), up="z"), PLAN, pad=PAD)
     assert cured.figures["pad_in_part_max_m"] == 0.0
     assert not any("into the part" in note for note in cured.notes)
 
@@ -116,10 +104,3 @@ def test_the_robot_program_of_a_pad_in_a_wall_says_so_and_asks(in_pocket):
     )
     assert 'popup("Go on? the pad runs up to' in text
     assert "DO NOT RUN" not in urscript_text(shipped_plan("plate"), ExportSetup())
-
-
-def test_a_wall_of_several_rows_of_facets_is_as_deep_as_one_of_a_single_row(tmp_path):
-    fine = pocket().subdivide_to_size(10.0)
-    result = on_path(fine, tmp_path / "pocket.stl", pad=replace(PAD, radius_m=0.025), stepover_m=0.02)
-    nearest = 0.060 - np.abs(result.path.positions_work[result.path.process, :2]).max()
-    assert result.figures["pad_in_part_max_m"] == pytest.approx(0.025 - nearest, abs=1e-5)

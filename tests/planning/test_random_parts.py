@@ -8,8 +8,7 @@ import pytest
 import trimesh
 
 from benchmarks.random_draw import draw_part
-from benchmarks.random_parts import examine, find_faults, mesh_of, triangle_areas, winding
-from benchmarks.random_solid import DAMAGES
+from benchmarks.random_parts import examine, find_faults, mesh_of
 from polish_sim.planning import plan_mesh
 
 SEEDS = (6, 105)  #: A few quick ones; `python -m benchmarks.random_parts` takes two hundred
@@ -49,31 +48,6 @@ def test_the_generator_makes_closed_solids_and_the_same_ones_again():
         assert solid.is_winding_consistent
         assert solid.volume > 0.0
         assert draw_part(seed).triangles.tobytes() == part.triangles.tobytes()
-
-
-def test_the_top_is_the_largest_face_that_looks_along_up():
-    for seed in range(8):
-        part = draw_part(seed)
-        corners = part.solid.vertices[part.solid.faces]
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        seen = np.maximum(normal @ part.up, 0.0)
-        assert seen[: part.solid.top].sum() > 0.9 * seen.sum()
-        assert triangle_areas(corners)[: part.solid.top].sum() > 0.0
-
-
-def test_damage_changes_the_file_and_not_the_part():
-    damaged = [draw_part(seed) for seed in range(30)]
-    damaged = [part for part in damaged if any(name in part.name for name in DAMAGES)]
-    assert len(damaged) > 3
-    for part in damaged:
-        whole = part.solid.vertices[part.solid.faces]
-        assert part.triangles.shape != whole.shape or (part.triangles != whole).any()
-
-
-def test_points_inside_a_solid_are_told_from_those_outside():
-    cube = trimesh.creation.box((2.0, 2.0, 2.0)).triangles
-    points = np.array([[0.0, 0.0, 0.0], [0.9, -0.9, 0.9], [1.1, 0.0, 0.0], [0.0, 5.0, 0.0]])
-    assert winding(points, np.asarray(cube)) == pytest.approx([1.0, 1.0, 0.0, 0.0], abs=1e-9)
 
 
 def test_a_plan_that_is_wrong_is_found_out():

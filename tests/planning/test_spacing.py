@@ -44,16 +44,11 @@ def test_lines_of_uneven_spacing_show_it():
     assert found.p5_m == pytest.approx(0.008, rel=0.01)
 
 
-def test_separate_runs_are_each_others_neighbours():
+def test_separate_runs_are_each_others_neighbours_and_a_single_one_has_none():
     x = np.linspace(0.0, 0.2, 300)
     runs = [level(np.stack([x, np.full(300, y)], axis=1)) for y in (0.0, 0.007, 0.014)]
-    found = measure_stepover(runs, STEP)
-    assert found.mean_m == pytest.approx(0.007, abs=1e-9)
-
-
-def test_a_single_line_has_no_neighbour():
-    x = np.linspace(0.0, 0.2, 300)
-    assert np.isnan(measure_stepover([level(np.stack([x, 0.0 * x], axis=1))], STEP).mean_m)
+    assert measure_stepover(runs, STEP).mean_m == pytest.approx(0.007, abs=1e-9)
+    assert np.isnan(measure_stepover(runs[:1], STEP).mean_m)
 
 
 def test_the_corners_of_a_square_spiral_are_left_out():

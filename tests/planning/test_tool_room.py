@@ -16,7 +16,7 @@ from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.viewers import IN_PART_COLOR, LEFT_OUT_COLOR, path_page
 from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.models import robot_model_path
-from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
+from polish_sim.planning import PlanResult, measure_given_path, plan_part
 from polish_sim.planning.ground.ground import prepare_ground
 from polish_sim.planning.moves.leads import Air
 from polish_sim.planning.planner import plan_on
@@ -115,9 +115,8 @@ def planned(part):
 @pytest.mark.parametrize(
     ("name", "pattern", "diameter_mm"),
     [
-        ("pocket", "spiral", 50.0), ("pocket", "contour", 20.0), ("walled plate", "raster", 16.0),
-        ("boss", "fermat", 20.0), ("shelf", "raster", 20.0), ("bowl", "spiral", 30.0),
-        ("scan", "contour", 20.0),
+        ("pocket", "contour", 20.0), ("walled plate", "raster", 16.0), ("boss", "fermat", 20.0),
+        ("bowl", "spiral", 30.0), ("scan", "contour", 20.0),
     ],
 )  # fmt: skip
 def test_no_body_of_the_tool_shares_volume_with_the_part_anywhere_on_the_plan(
@@ -142,8 +141,8 @@ def test_the_independent_check_finds_the_wall_a_plan_without_clearance_runs_into
     assert shared["head_shaft"] == 0.0
 
 
-@pytest.mark.parametrize("diameter_mm", [20.0, 50.0])
-def test_in_a_pocket_the_pad_reaches_all_but_the_corners_and_the_clearance(planned, diameter_mm):
+def test_in_a_pocket_the_pad_reaches_all_but_the_corners_and_the_clearance(planned):
+    diameter_mm = 20.0
     result = planned("pocket", "contour", diameter_mm)
     side, radius = 120.0 - 2e3 * CLEARANCE - diameter_mm, 0.5 * diameter_mm
     reached = side**2 + 4.0 * side * radius + np.pi * radius**2
@@ -168,12 +167,8 @@ def test_under_a_shelf_the_spindle_is_what_has_no_room(planned):
     assert result.path.positions_work[result.path.process, 0].max() == pytest.approx(0.020 - 0.0335, abs=4e-4)
 
 
-@pytest.mark.parametrize(
-    ("name", "pattern", "gained_cm2"), [("walled plate", "raster", 15.0), ("shelf", "spiral", 6.0)]
-)
-def test_a_tool_that_leans_away_reaches_more_and_is_nowhere_in_the_part(
-    part, planned, name, pattern, gained_cm2
-):
+def test_a_tool_that_leans_away_reaches_more_and_is_nowhere_in_the_part(part, planned):
+    name, pattern, gained_cm2 = "shelf", "spiral", 6.0
     coarse = {"stepover_m": 0.006}
     upright, leaned = (planned(name, pattern, 16.0, **coarse, **keys) for keys in ({}, {"avoid": "tilt"}))
     gained = upright.figures["unreachable_area_m2"] - leaned.figures["unreachable_area_m2"]
@@ -212,13 +207,6 @@ def test_a_pad_too_large_for_all_of_a_region_is_refused_with_the_reason(planned,
     assert plan_part(part, plan).tool.pad.radius_m <= 0.016
 
 
-def test_a_plan_of_ours_is_measured_by_what_its_tool_reaches(part, planned):
-    result = planned("pocket", "spiral", 50.0)
-    seen = inspect_path(result.path, part("pocket"), result.plan)
-    for name in ("coverage", "coverage_stepover", "unreachable_area_m2", "pad_in_part_max_m"):
-        assert seen.figures[name] == pytest.approx(result.figures[name], rel=1e-9), name
-
-
 def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
     """Every vertex of every mesh from the head to the fourth link lies in one of the planner's cylinders."""
     model = mujoco.MjModel.from_xml_path(str(robot_model_path()))
@@ -229,20 +217,15 @@ def test_the_bodies_hold_all_that_the_model_has_behind_the_pad():
         for geom in np.flatnonzero(model.geom_bodyid == model.body(body).id):
             if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
                 continue
-            first, count = (
-                model.mesh_vertadr[model.geom_dataid[geom]],
-                model.mesh_vertnum[model.geom_dataid[geom]],
-            )
+            mesh = model.geom_dataid[geom]
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
             points = model.mesh_vert[first : first + count] @ data.geom_xmat[geom].reshape(3, 3).T
             seen = (points + data.geom_xpos[geom] - tool.xpos) @ tool.xmat.reshape(3, 3)
             height, wide = -seen[:, 2], np.hypot(seen[:, 0], seen[:, 1])
             held = np.zeros(count, dtype=bool)
             for cylinder in BEHIND_PAD:
-                held |= (
-                    (height >= cylinder.low - 1e-6)
-                    & (height <= cylinder.high + 1e-6)
-                    & (wide <= cylinder.radius)
-                )
+                beside = (height >= cylinder.low - 1e-6) & (height <= cylinder.high + 1e-6)
+                held |= beside & (wide <= cylinder.radius)
             assert held.all(), model.geom(geom).name
 
 
