@@ -89,19 +89,21 @@ def test_edge_mid_points_miss_a_circle_by_an_eighth_of_r_phi_to_the_fourth():
 
 
 def test_normal_curvature_is_positive_on_a_ball_and_follows_euler_inside_a_torus():
-    ball = fit_triangles(*_triangles(sphere(4, radius=0.05)))
+    ball = sphere(4, radius=0.05)
+    surface = fit_triangles(ball.vertices, ball.faces)
     facets = np.arange(100, dtype=np.int32)
     middle = np.full((100, 3), 1.0 / 3.0)
     directions = np.random.default_rng(5).normal(size=(100, 3))
-    assert ball.normal_curvature(facets, middle, directions) == pytest.approx(20.0, rel=0.005)
+    assert surface.normal_curvature(facets, middle, directions) == pytest.approx(20.0, rel=0.005)
 
-    ring = fit_triangles(*_triangles(torus(48)))
-    at = ring.closest(np.array([[0.6, 0.0, 0.0]]))
+    ring = torus(48)
+    surface = fit_triangles(ring.vertices, ring.faces)
+    at = surface.closest(np.array([[0.6, 0.0, 0.0]]))
     for angle in np.linspace(0.0, np.pi, 7):
         direction = np.array([[0.0, np.cos(angle), np.sin(angle)]])
         # Round the hole the torus is hollow, so negative; across it convex.
         expected = -(np.cos(angle) ** 2) / 0.6 + np.sin(angle) ** 2 / 0.4
-        assert ring.normal_curvature(at.facets, at.barycentric, direction) == pytest.approx(
+        assert surface.normal_curvature(at.facets, at.barycentric, direction) == pytest.approx(
             expected, abs=0.02
         )
 
@@ -120,7 +122,3 @@ def test_normals_are_continuous_across_smooth_edges():
         a, b = surface.evaluate(facet, here), surface.evaluate(other, there)
         assert np.abs(a.positions - b.positions).max() < 1e-12
         assert np.abs(a.normals - b.normals).max() < 1e-12
-
-
-def _triangles(shape: Shape):
-    return shape.vertices, shape.faces

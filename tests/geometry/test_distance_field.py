@@ -27,12 +27,6 @@ def look_up_gradient(field, points):
     return np.array([distance_and_slope(field, nodes, per_metre, x, y, z) for x, y, z in points])
 
 
-@pytest.fixture
-def ball() -> tuple[Surface, DistanceField]:
-    """A sphere of 50 mm and its whole field."""
-    return fitted(sphere_case)
-
-
 @cache
 def fitted(case) -> tuple[Surface, DistanceField]:
     surface = fit_triangles(case()[0].vertices, case()[0].faces)
@@ -132,8 +126,8 @@ def test_beyond_the_border_of_an_open_surface_there_is_nothing_to_touch():
     assert np.sign(signed_distances(surface, points)).tolist() == [-1.0, 1.0, 1.0, 1.0]
 
 
-def test_an_offset_moves_the_surface_outward(ball):
-    _, plain = ball
+def test_an_offset_moves_the_surface_outward():
+    _, plain = fitted(sphere_case)
 
     def bend(points):
         return 2e-4 * np.cos(40.0 * points[:, 0])
@@ -144,8 +138,8 @@ def test_an_offset_moves_the_surface_outward(ball):
     assert difference == pytest.approx(bend(points), abs=2e-4 * 40.0**2 * H**2)
 
 
-def test_bounds_limit_the_memory_but_not_the_answer(ball):
-    surface, whole = ball
+def test_bounds_limit_the_memory_but_not_the_answer():
+    surface, whole = fitted(sphere_case)
     cap = build_distance_field(surface, H, BAND, bounds=np.array([[-0.02, -0.02, 0.03], [0.02, 0.02, 0.06]]))
     assert cap.bricks.size < 0.2 * whole.bricks.size
     points = np.random.default_rng(6).uniform([-0.02, -0.02, 0.035], [0.02, 0.02, 0.06], (5000, 3))

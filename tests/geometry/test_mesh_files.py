@@ -114,33 +114,18 @@ def test_polygons_are_split_without_leaving_their_outline(tmp_path):
     assert np.bincount(part.stl_facets).tolist() == [2] * 6 + [4] * 2
 
 
-def pinched(height):
-    """Two hollows that touch along an edge: around it the solid continues from one to the other."""
-    top, foot = (0, 0, 30), (0, 0, 0)
-    c, b, d, a = ((40 * np.cos(angle), 40 * np.sin(angle), 15) for angle in np.radians([0, 60, 180, 240]))
-    facets = [[foot, top, a], [foot, a, c], [foot, c, top], [top, c, a]]
-    facets += [[foot, top, b], [foot, b, d], [foot, d, top], [top, d, b]]
-    return np.array(facets) + [0.0, 0.0, height]
-
-
-def moebius():
-    angle = np.linspace(0.0, 2.0 * np.pi, 25)
-
-    def rim(side):
-        ring = 40.0 + side * 10.0 * np.cos(angle / 2.0)
-        return np.column_stack(
-            [ring * np.cos(angle), ring * np.sin(angle), side * 10.0 * np.sin(angle / 2.0)]
-        )
-
-    left, right = rim(-1.0), rim(1.0)
-    left[-1], right[-1] = right[0], left[0]
-    return np.concatenate(
-        [np.stack([left[:-1], left[1:], right[1:]], 1), np.stack([left[:-1], right[1:], right[:-1]], 1)]
-    )
-
-
 STL, TEXT_STL = BLOCK.export(file_type="stl"), BLOCK.export(file_type="stl_ascii").encode()
 TRIANGLES = np.array(BLOCK.triangles)
+# Two hollows that touch along an edge: around it the solid continues from one to the other.
+TOP, FOOT = (0, 0, 120), (0, 0, 90)
+C, B, D, A = ((40 * np.cos(angle), 40 * np.sin(angle), 105) for angle in np.radians([0, 60, 180, 240]))
+PINCHED = np.array(
+    [
+        *([FOOT, TOP, A], [FOOT, A, C], [FOOT, C, TOP], [TOP, C, A]),
+        *([FOOT, TOP, B], [FOOT, B, D], [FOOT, D, TOP], [TOP, D, B]),
+    ]
+)
+MOEBIUS = 40.0 * np.random.default_rng(0).normal(size=(5, 3))[[[k, k - 4, k - 3] for k in range(5)]]
 LINE = np.linspace(0.0, 90.0, 36).reshape(-1, 3)[:, :, None] * np.array([1.0, 2.0, 3.0]) / 4.0
 
 
@@ -163,12 +148,7 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("empty.stl", b"", "empty"),
         ("header_only.stl", STL[:84].replace(b"\x0c\0\0\0", b"\0\0\0\0"), "no facets"),
         ("cut.stl", STL[:-120], "cut short: its header announces 12 facets"),
-        ("cut_text.stl", TEXT_STL[: len(TEXT_STL) // 2], "cut short"),
-        (
-            "cut_after_facet.stl",
-            TEXT_STL[: TEXT_STL.index(b"endfacet") + 9],
-            "cut short after 1 whole facet ",
-        ),
+        ("cut_after_facet.stl", TEXT_STL[: TEXT_STL.index(b"endfacet") + 9], "after 1 whole facet "),
         ("lost_vertex.stl", TEXT_STL.replace(b"vertex", b"", 1), "no list of triangles .*35 vertices"),
         ("garbage.stl", b"This is a letter, not a part. " * 20, "not an STL file"),
         ("bad_number.stl", TEXT_STL.replace(b"vertex ", b"vertex x", 1), "is not a vertex"),
@@ -176,10 +156,10 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("zero_area.stl", stl_bytes(LINE), "zero area"),
         (
             "crowded.stl",
-            stl_bytes(np.concatenate([TRIANGLES, pinched(90.0), pinched(150.0)])),
-            "2 edges are shared by more than two facets, the first at",
+            stl_bytes(np.concatenate([TRIANGLES, PINCHED])),
+            "1 edges are shared by more than two",
         ),
-        ("moebius.stl", stl_bytes(moebius()), "one-sided"),
+        ("moebius.stl", stl_bytes(MOEBIUS), "one-sided"),
         ("part.mtl", "newmtl steel\n", "name the .obj file itself"),
         ("part.igs", "S 1\n", r"Export the part as one of: \.ply, \.stl, \.obj, \.step, \.stp"),
         ("cut.ply", binary_ply()[:-100], "cut short: its header announces 320 rows of 'face'"),
@@ -202,10 +182,8 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ),
         ("headless.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "no 'end_header'"),
         ("words.ply", text_ply().replace(" 7 ", " seven ", 1), "words where numbers"),
-        ("strange.ply", HEADER.replace("ascii", "morse") + "end_header\n", "its format is none of"),
         ("far.obj", obj().replace("f ", "f 9999 ", 1), "refers to vertex 9998"),
         ("word.obj", obj().replace("v ", "v x", 1), "no number"),
-        ("short.obj", obj().replace("# by hand", "v 1 2"), "no three numbers"),
         ("binary.obj", struct.pack("<30d", *range(30)), "not text"),
     ],
 )

@@ -58,12 +58,18 @@ def test_no_place_of_the_surface_is_nearer_than_the_closest_point(seed):
 
 @CHECKED
 @given(seeds, st.floats(-0.3, 0.3))
-def test_both_sides_of_a_cut_have_the_area_of_the_whole(seed, level):
+def test_both_sides_of_a_cut_are_the_whole_surface_in_two(seed, level):
     surface, rng = bumpy(seed), np.random.default_rng(seed)
     across = rng.normal(size=3)
     across /= np.linalg.norm(across)
     values = surface.control @ across - level
     sides = [clip(surface, sign * values).surface for sign in (1.0, -1.0)]
+    for side in sides:
+        # Positions and normals stay what they were.
+        some = side.evaluate(*places(side, 100, rng))
+        whole = surface.closest(some.positions)
+        assert np.abs(whole.positions - some.positions).max() < 1e-12
+        assert np.abs(whole.normals - some.normals).max() < 1e-9
     area = sum(float(side.facet_areas.sum()) for side in sides if len(side.faces))
     # Cut lines are chords in each patch's domain; the strips between them and the plane change sides.
     assert area == pytest.approx(float(surface.facet_areas.sum()), rel=1e-6)

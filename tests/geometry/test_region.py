@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from polish_sim.errors import InputError, PlanError
-from polish_sim.geometry import PartMesh, Region, fit_surface, part_from_arrays, select_region
+from polish_sim.geometry import Region, fit_surface, select_region
 from polish_sim.geometry.orientation import UP_CONE
 from tests.geometry.shapes import BALL, BLOCK, FINE_BALL, RING, TORUS, grid_faces, part_of, prism, region_of
 
@@ -70,16 +70,21 @@ def test_a_ring_has_its_outer_border_first_and_its_hole_after():
         assert sense * turns(loop, region.up) > 0.0
 
 
-def test_top_goes_over_creases_where_auto_stops():
+def test_top_goes_over_creases_where_auto_stops_as_a_point_does_below_the_feature_angle():
     # A flat roof with two slopes of 40 deg: three smooth faces.
     rise = 20.0 * np.tan(np.radians(40.0))
-    outline = np.array(
-        [[-50.0, 0.0], [50.0, 0.0], [50.0, 5.0], [30.0, 5.0 + rise], [-30.0, 5.0 + rise], [-50.0, 5.0]]
-    )
-    house = prism(outline, 40.0)
-    assert region_of(house, "auto").area_m2 == pytest.approx(60.0 * 40.0 * 1e-6)
+    outline = [[-50, 0], [50, 0], [50, 5], [30, 5 + rise], [-30, 5 + rise], [-50, 5]]
+    house = prism(np.array(outline, dtype=float), 40.0)
     slope = 20.0 / np.cos(np.radians(40.0))
-    assert region_of(house, "top").area_m2 == pytest.approx((60.0 + 2.0 * slope) * 40.0 * 1e-6)
+    flat, whole = 60.0 * 40.0 * 1e-6, (60.0 + 2.0 * slope) * 40.0 * 1e-6
+    assert region_of(house, "auto").area_m2 == pytest.approx(flat)
+    assert region_of(house, "top").area_m2 == pytest.approx(whole)
+    part = part_of(house)
+    for feature_angle, area, rel in ((np.radians(30.0), flat, 1e-6), (np.radians(45.0), whole, 0.05)):
+        surface = fit_surface(part, feature_angle)
+        region = select_region(surface, part, f"point:0,20,{5 + rise}", feature_angle)
+        # Where the ridges count as smooth the fit rounds the roof a little.
+        assert region.area_m2 == pytest.approx(area, rel=rel)
 
 
 def test_all_of_a_block_is_its_six_faces_the_largest_first():
@@ -102,19 +107,6 @@ def test_a_box_or_the_same_polygon_cuts_coarse_facets_along_straight_lines(liste
         (loop,) = region.boundary_loops
         assert loop[:, :2].min(axis=0) == pytest.approx([-0.02, -0.01])
         assert loop[:, :2].max(axis=0) == pytest.approx([0.03, 0.012])
-
-
-def test_a_box_on_a_curved_part_leaves_the_surface_and_its_normals_as_they_were():
-    region = region_of(BALL, "box:-20,-20,0,20,25,60")
-    points = np.random.default_rng(3).uniform([-0.015, -0.015, 0.04], [0.015, 0.02, 0.06], (300, 3))
-    cut = region.surface.closest(points)
-    whole = region_of(BALL, "all").surface.closest(points)
-    assert np.abs(cut.positions - whole.positions).max() < 1e-12
-    assert np.abs(cut.normals - whole.normals).max() < 1e-12
-    (loop,) = region.boundary_loops
-    off_plane = np.abs(loop[:, :2, None] - np.array([[-0.02, 0.02], [-0.02, 0.025]])).min(axis=(1, 2))
-    assert off_plane.max() < 2e-5
-    assert (region.facets < 5120).all()
 
 
 def test_a_point_takes_the_smooth_face_under_it_and_faces_the_listed_facets(listed):
@@ -164,14 +156,11 @@ def test_bad_lists_of_faces_are_refused(listed, text, words):
         region_of(BLOCK, f"faces:{listed(text)}")
 
 
-def steps() -> trimesh.Trimesh:
-    """Two steps, 60 x 40 mm and, 10 mm lower, 80 x 40 mm."""
-    outline = np.array([[0, 0], [140, 0], [140, 20], [60, 20], [60, 30], [0, 30.0]])
-    return prism(outline, 40.0)
-
-
 def test_a_box_over_two_steps_takes_both_the_larger_first_and_leaves_out_slivers():
-    region = region_of(steps(), "box:10,5,1,130,35,100")
+    # 60 x 40 mm and, 10 mm lower, 80 x 40 mm.
+    outline = np.array([[0, 0], [140, 0], [140, 20], [60, 20], [60, 30], [0, 30.0]])
+    steps = prism(outline, 40.0)
+    region = region_of(steps, "box:10,5,1,130,35,100")
     one, two = region.components()
     assert one.area_m2 == pytest.approx(70.0 * 30.0 * 1e-6)
     assert two.area_m2 == pytest.approx(50.0 * 30.0 * 1e-6)
@@ -179,13 +168,13 @@ def test_a_box_over_two_steps_takes_both_the_larger_first_and_leaves_out_slivers
     assert two.surface.bounds[:, 2] == pytest.approx([0.03, 0.03])
     assert region.area_m2 == pytest.approx(one.area_m2 + two.area_m2)
     # Each facet still knows which facet of the part it was.
-    whole = fit_surface(part_of(steps()))
+    whole = fit_surface(part_of(steps))
     for piece in (one, two):
         at = np.arange(len(piece.facets)), np.full((len(piece.facets), 3), 1 / 3)
         middle = piece.surface.evaluate(*at).positions
         assert np.abs(whole.restrict(piece.facets).closest(middle).positions - middle).max() < 1e-9
     # The box reaches 0.02 mm over the edge of the lower step.
-    region = region_of(steps(), "box:0,0,1,60.02,40,100")
+    region = region_of(steps, "box:0,0,1,60.02,40,100")
     assert len(region.components()) == 1
     assert region.area_m2 == pytest.approx(60.0 * 40.0 * 1e-6)
     assert "left out 1 patch" in region.notes[0]
@@ -227,18 +216,6 @@ def test_all_of_a_closed_smooth_part_is_cut_into_patches_that_lie_open_and_lose_
         assert turns(piece.boundary_loops[0], piece.up) > 0.0
 
 
-def test_an_open_scan_is_one_region_with_its_own_border():
-    x, y = np.meshgrid(np.linspace(-50, 50, 21), np.linspace(-30, 30, 13), indexing="ij")
-    faces = grid_faces(21, 13)
-    part = part_from_arrays(np.column_stack([x.ravel(), y.ravel(), (x**2 / 200).ravel()]), faces, unit="mm")
-    surface = fit_surface(part)
-    for choice in ("auto", "top", "all"):
-        region = select_region(surface, part, choice)
-        assert len(region.facets) == len(faces)
-        assert len(region.boundary_loops) == 1
-    assert part.up[2] > 0.999
-
-
 def test_pieces_that_touch_in_a_point_are_parted_there(listed):
     # Two opposite corners of a chessboard of four squares, and a ring pinched to nothing at one corner.
     pair = region_of(chessboard(2), f"faces:{listed(facets_of(2, [(0, 0), (1, 1)]))}")
@@ -255,32 +232,13 @@ def test_pieces_that_touch_in_a_point_are_parted_there(listed):
 
 def chessboard(squares: int) -> trimesh.Trimesh:
     """A plate whose top is a grid of 10 mm squares."""
-    x, y = np.meshgrid(np.arange(squares + 1) * 10.0, np.arange(squares + 1) * 10.0, indexing="ij")
-    vertices = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    return trimesh.Trimesh(vertices, grid_faces(squares + 1, squares + 1), process=False)
+    x, y = 10.0 * np.indices((squares + 1, squares + 1)).reshape(2, -1)
+    points = np.column_stack([x, y, np.zeros(x.size)])
+    return trimesh.Trimesh(points, grid_faces(squares + 1, squares + 1), process=False)
 
 
 def facets_of(count: int, squares: list[tuple[int, int]]) -> str:
     return " ".join(f"{2 * (i * count + j)} {2 * (i * count + j) + 1}" for i, j in squares)
-
-
-def hexagon_of_slopes() -> PartMesh:
-    """A low pyramid over a hexagon: six faces that bend by about 20 deg at the ridges, on a vertical wall."""
-    angle = np.pi / 3.0 * np.arange(6)
-    rim = np.column_stack([40.0 * np.cos(angle), 40.0 * np.sin(angle), np.full(6, 10.0)])
-    pyramid = trimesh.convex.convex_hull(np.vstack([rim, rim * [1.0, 1.0, 0.0], [[0.0, 0.0, 25.0]]]))
-    return part_of(pyramid)
-
-
-def test_the_flood_from_a_point_stops_at_creases_of_the_feature_angle():
-    part = hexagon_of_slopes()
-    side = 0.5 * 40.0 * np.hypot(15.0, 40.0 * np.cos(np.pi / 6)) * 1e-6
-    for feature_angle, faces in ((np.radians(10.0), 1), (np.radians(30.0), 6)):
-        surface = fit_surface(part, feature_angle)
-        region = select_region(surface, part, "point:20,5,18", feature_angle)
-        assert len(region.facets) == faces
-        # Where the ridges count as smooth the fit rounds the pyramid a little.
-        assert region.area_m2 == pytest.approx(faces * side, rel=1e-9 if faces == 1 else 0.05)
 
 
 def test_a_point_on_a_dome_takes_all_of_it_though_its_rim_is_steep():

@@ -115,10 +115,9 @@ def test_up_is_where_the_largest_smooth_face_looks():
     assert any("assumed" in note for note in part.notes)
 
 
-@pytest.mark.parametrize("solid", [
-    trimesh.creation.icosphere(subdivisions=3, radius=30.0), trimesh.creation.uv_sphere(radius=30.0),
-    trimesh.creation.box((30.0, 30.0, 30.0)), trimesh.creation.torus(40.0, 10.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "solid", [trimesh.creation.uv_sphere(radius=30.0), trimesh.creation.box((30.0, 30.0, 30.0))]
+)
 def test_where_a_symmetric_part_looks_the_same_from_its_own_z_that_is_up(solid):
     assert part_of(solid, "auto").up.tolist() == [0.0, 0.0, 1.0]
 

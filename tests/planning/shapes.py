@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import shapely
 import trimesh
 from numpy.typing import NDArray
 
@@ -107,30 +107,9 @@ def surface_of(mesh: trimesh.Trimesh, folder: Path) -> Surface:
     return fit_surface(load_part(folder / "solid.stl", "mm", "z"))
 
 
-def prism(inside: Callable[[Array, Array], Array], size_mm: float, cell_mm: float = 5.0) -> trimesh.Trimesh:
-    """A 10 mm thick plate made of the grid cells whose middles lie inside an outline (coordinates in mm)."""
-    count = round(size_mm / cell_mm)
-    middles = (np.arange(count) + 0.5) * cell_mm - 0.5 * size_mm
-    cells = np.argwhere(inside(*np.meshgrid(middles, middles, indexing="ij")))
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    top = cells[:, None] + corners
-    flat = top.reshape(-1, 2)
-    keys, index = np.unique(flat, axis=0, return_inverse=True)
-    quads = index.reshape(-1, 4)
-    upper = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    edges = np.concatenate([upper[:, [0, 1]], upper[:, [1, 2]], upper[:, [2, 0]]])
-    known = {tuple(edge) for edge in edges.tolist()}
-    rim = np.array([edge for edge in edges.tolist() if (edge[1], edge[0]) not in known])
-    below = len(keys)
-    walls = np.concatenate(
-        [
-            np.stack([rim[:, 0] + below, rim[:, 1] + below, rim[:, 1]], axis=1),
-            np.stack([rim[:, 0] + below, rim[:, 1], rim[:, 0]], axis=1),
-        ]
-    )
-    plane = keys * cell_mm - 0.5 * size_mm
-    vertices = np.concatenate([np.column_stack([plane, np.full(below, z)]) for z in (10.0, 0.0)])
-    return trimesh.Trimesh(vertices, np.concatenate([upper, upper[:, ::-1] + below, walls]), process=False)
+def plate(outline: shapely.Geometry) -> trimesh.Trimesh:
+    """A 10 mm thick plate over an outline in mm."""
+    return trimesh.creation.extrude_polygon(outline, 10.0)
 
 
 def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig) -> PlanResult:

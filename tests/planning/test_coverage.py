@@ -9,7 +9,6 @@ import pytest
 from polish_sim.config import PadConfig, PlanConfig, ProcessConfig
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import prepare_ground
-from polish_sim.planning.ground.points import thin
 from polish_sim.planning.ground.triangulation import triangulate
 from polish_sim.planning.quality.coverage import (
     PadSteps,
@@ -116,12 +115,3 @@ def test_a_strongly_tilted_pad_stands_on_its_edge():
     x = np.linspace(-R, R, 200_001)
     pressure = PAD.stiffness_n_m / (np.pi * R**2) * np.maximum(depth + 0.5 * x, 0.0)
     assert np.trapezoid(pressure * 2.0 * np.sqrt(R**2 - x**2), x) == pytest.approx(20.0, rel=0.05)
-
-
-def test_thinned_points_are_apart_and_leave_nothing_out():
-    points = np.random.default_rng(3).uniform(0.0, 0.1, (5000, 3)) * [1.0, 1.0, 0.1]
-    some = thin(points, 0.004)
-    kept = points[some.kept]
-    gaps = np.linalg.norm(kept[:, None] - kept, axis=2) + np.eye(len(kept))
-    assert gaps.min() >= 0.004
-    assert np.linalg.norm(points - kept[some.stands_for], axis=1).max() < 0.004

@@ -51,22 +51,18 @@ def test_half_a_raster_covers_half_the_plate():
     assert found.figures["coverage"] == pytest.approx((0.095 + 0.025) / 0.2, abs=0.01)
 
 
-def test_a_path_run_twice_is_under_the_pad_twice_as_long():
-    once = raster()
-    twice = path_through(np.concatenate([once.positions_work, once.positions_work[::-1][1:]]))
-    one, two = (inspect_path(path, PLATE, PlanConfig(stepover_m=0.01)).figures for path in (once, twice))
+def test_a_path_run_twice_is_under_the_pad_twice_as_long_and_a_place_gone_over_often_over_polished():
+    once = raster().positions_work
+    twice = np.concatenate([once, once[::-1][1:]])
+    spot = [(x, 0.0, TOP) for _ in range(12) for x in (-0.01, 0.01)]
+    often = np.concatenate([once, [[0.0, 0.095, TOP]], np.array(spot)])
+    plan = PlanConfig(stepover_m=0.01)
+    one, two, much = (inspect_path(path_through(way), PLATE, plan).figures for way in (once, twice, often))
     assert two["exposure_mean_s"] == pytest.approx(2.0 * one["exposure_mean_s"], rel=1e-9)
     assert two["exposure_cv"] == pytest.approx(one["exposure_cv"], rel=1e-9)
     assert two["self_crossings"] == 0
-
-
-def test_a_place_gone_over_again_and_again_is_over_polished():
-    spot = [(x, 0.0, TOP) for _ in range(12) for x in (-0.01, 0.01)]
-    path = raster().positions_work
-    path = path_through(np.concatenate([path, [[0.0, 0.095, TOP]], np.array(spot)]))
-    area = inspect_path(path, PLATE, PlanConfig(stepover_m=0.01)).figures["over_polished_area_m2"]
     stadium = np.pi * 0.025**2 + 0.05 * 0.02
-    assert 0.5 * stadium < area < 1.05 * stadium
+    assert 0.5 * stadium < much["over_polished_area_m2"] < 1.05 * stadium
 
 
 @pytest.mark.parametrize("spacing", [0.003, 0.03])

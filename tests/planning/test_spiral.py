@@ -12,11 +12,9 @@ from polish_sim.config import PlanConfig
 from polish_sim.planning import plan_path
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.pitch import Shares, match_turns, spread_shares
-from polish_sim.planning.patterns.spiral import place_seams
 from tests.planning.shapes import UP, circle, level, region_of, shipped_plan, square
 
 STEP = 0.008
-NOWHERE = np.empty((0, 3))
 
 
 def closed(points):
@@ -61,13 +59,6 @@ def test_half_way_between_two_square_turns_lies_a_square():
     assert np.abs(middle).max(axis=1) == pytest.approx(np.full(len(middle), 0.046), abs=1e-9)
 
 
-def test_turns_that_do_not_lie_beside_each_other_are_told():
-    """An inner circle one step-over inside a square touches its sides' offsets but not its corners'."""
-    outer, inner = closed(square(0.05)), closed(circle(0.042))
-    match = match_turns(outer, inner, 0.05, 0.0, STEP)
-    assert 0.05 < match.beside.mean() < 0.6
-
-
 def test_the_spiral_becomes_archimedean_turn_by_turn():
     """Spacing of neighbouring rounds away from the step: one step-over but for 4% of it."""
     radii = 0.3 - STEP * np.arange(20)
@@ -97,14 +88,6 @@ def test_the_step_inwards_keeps_its_distance_from_the_one_before():
     gaps = np.linalg.norm(one[:, None] - other[None, 60:140], axis=2).min(axis=0)
     assert gaps == pytest.approx(np.ones(80), abs=0.01)
     assert (other[60:140, 1] - one[60:140, 1]).max() > 1.02
-
-
-def test_the_seam_keeps_away_from_corners():
-    curves = [closed(square(0.05 - STEP * i)) for i in range(5)]
-    seams = place_seams(curves, STEP, NOWHERE, NOWHERE, NOWHERE)
-    begin = curves[0].at(seams.s[:1])[0][0]
-    assert np.sort(np.abs(begin[:2]))[0] < 0.02
-    assert 2.0 * STEP < seams.band < 0.1
 
 
 # Contour: closed loops one inside the other.

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 
 from polish_sim.errors import PlanError
 from polish_sim.geometry import fit_surface, load_part, select_region
@@ -14,13 +15,13 @@ from polish_sim.planning.curves.offset_curve import level_lines
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.ground.ground import bridge_holes
 from polish_sim.planning.ground.triangulation import triangulate
-from tests.planning.shapes import prism, region_of
+from tests.planning.shapes import plate, region_of
 
 
-def coarse_plate(tmp_path, inside=lambda x, y: np.abs(x) < 1e9, cell=20.0):
-    file = tmp_path / "plate.stl"
-    prism(inside, 160.0, cell).export(file)
-    mesh = load_part(file, "mm", "z")
+def coarse_plate(tmp_path, hole=None):
+    outline = shapely.box(-80, -80, 80, 80)
+    plate(outline if hole is None else outline - hole).export(tmp_path / "plate.stl")
+    mesh = load_part(tmp_path / "plate.stl", "mm", "z")
     return select_region(fit_surface(mesh), mesh)
 
 
@@ -72,7 +73,7 @@ def test_a_step_over_too_fine_for_the_part_is_an_error_not_a_flood(tmp_path):
 
 
 def test_a_bridged_hole_in_a_plate_is_flat_and_adds_its_area(tmp_path):
-    region = coarse_plate(tmp_path, lambda x, y: np.maximum(np.abs(x - 40), np.abs(y)) > 6, 5.0)
+    region = coarse_plate(tmp_path, shapely.box(35, -5, 45, 5))
     bridged = bridge_holes(region, 0.02)
     assert bridged.holes == 1
     assert len(bridged.region.boundary_loops) == 1
@@ -83,20 +84,15 @@ def test_a_bridged_hole_in_a_plate_is_flat_and_adds_its_area(tmp_path):
     assert bridge_holes(region, 0.01).holes == 0
 
 
-def test_a_bridged_hole_in_a_sphere_follows_the_sphere(tmp_path):
+def test_a_bridged_hole_in_a_sphere_follows_the_sphere():
     """A hole of 16 mm in a sphere of 100 mm would be 0.32 mm deep if closed flat."""
     region = region_of("sphere_100")
-    middles = region.surface.evaluate(
-        np.arange(len(region.surface.faces)), np.full((len(region.surface.faces), 3), 1 / 3)
-    )
-    open_region = region.surface.restrict(
-        np.flatnonzero(np.linalg.norm(middles.positions[:, :2], axis=1) > 0.008)
-    )
-
-    holed = replace(region, surface=open_region, boundary_loops=boundary_loops(open_region))
-    bridged = bridge_holes(holed, 0.03)
+    surface, count = region.surface, len(region.surface.faces)
+    middles = surface.evaluate(np.arange(count), np.full((count, 3), 1 / 3)).positions
+    holed = surface.restrict(np.flatnonzero(np.linalg.norm(middles[:, :2], axis=1) > 0.008))
+    bridged = bridge_holes(replace(region, surface=holed, boundary_loops=boundary_loops(holed)), 0.03)
     assert bridged.holes == 1
-    wanted = region.surface.closest(np.array([[0.002, 0.003, 1.0]]) * [1.0, 1.0, 0.04]).positions[0]
+    wanted = surface.closest(np.array([[0.002, 0.003, 0.04]])).positions[0]
     found = bridged.region.surface.closest(wanted[None])
     assert found.facets[0] >= bridged.facets
     assert np.linalg.norm(found.positions[0] - wanted) < 2e-5
