@@ -3,51 +3,28 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from polish_sim.motion.rules.chain import build_chain
+from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, sample_schedule, turning
 
 SEGMENTS = 6
 STEP = 1e-5
-EVERY = 0.3  # a segment begins [s]; each lasts 1 s: up to four at once
-
-
 CHAIN = build_chain(
     np.random.default_rng(0).normal(size=(SEGMENTS + 1, 3)),
     Rotation.random(SEGMENTS + 1, random_state=1).as_matrix(),
 )
+SCHEDULE = fir_schedule(
+    0.3 * np.arange(SEGMENTS), np.tile([0.6, 0.3, 0.1], (SEGMENTS, 1))
+)  # up to four at once
 
 
-@pytest.fixture(scope="module")
-def schedule() -> Schedule:
-    """Each segment passed as 3 t^2 - 2 t^3, the third in two pieces of different shape."""
-    starts = EVERY * np.arange(SEGMENTS)
-    coefficients = np.tile([0.0, 0.0, 3.0, -2.0], (SEGMENTS, 1))
-    rows = np.array([0, 1, 2, 2, 3, 4, 5])
-    starts, coefficients, durations = starts[rows], coefficients[rows], np.ones(len(rows))
-    durations[2:4] = 0.4, 0.6
-    starts[3] += 0.4
-    coefficients[2] = 0.0, 0.0, 1.0, 0.0
-    value, slope = 0.16, 0.8
-    missing, gone = 1.0 - value, 0.6
-    coefficients[3] = (
-        value,
-        slope,
-        3.0 * missing / gone**2 - 2.0 * slope / gone,
-        slope / gone**2 - 2.0 * missing / gone**3,
-    )
-    return Schedule(rows, starts, durations, coefficients, float(starts[-1] + 1.0))
-
-
-def test_every_derivative_is_the_slope_of_the_one_before_and_the_frame_turns_at_its_spin(
-    schedule: Schedule,
-) -> None:
-    drawn = np.random.default_rng(2).uniform(0.0, schedule.end, 200)
-    breaks = np.concatenate([schedule.starts, schedule.starts + schedule.durations])
+def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_the_frame() -> None:
+    drawn = np.random.default_rng(2).uniform(0.0, SCHEDULE.end, 200)
+    breaks = np.concatenate([SCHEDULE.starts, SCHEDULE.starts + SCHEDULE.durations])
     times = drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
-    here, after, before = (sample_schedule(CHAIN, schedule, times + h) for h in (0.0, STEP, -STEP))
+    here, after, before = (sample_schedule(CHAIN, SCHEDULE, times + h) for h in (0.0, STEP, -STEP))
     for k in range(3):
         for found, late, early in zip(here[:2], after[:2], before[:2], strict=True):
             np.testing.assert_allclose(found[:, k + 1], (late[:, k] - early[:, k]) / (2 * STEP), atol=1e-6)
@@ -65,9 +42,9 @@ def test_without_roll_and_overlap_the_axis_turns_at_the_tool_s_own_rate() -> Non
     np.testing.assert_allclose(turning(here.axes), here.spins, atol=1e-12)
 
 
-def test_it_rests_at_the_ends_and_passes_through_what_is_done(schedule: Schedule) -> None:
-    here = sample_schedule(CHAIN, schedule, np.array([-1.0, schedule.end, schedule.end + 1.0]))
-    np.testing.assert_array_equal(here.tips[:, 0], CHAIN.tips[[0, -1, -1]])
-    np.testing.assert_array_equal(here.rotations, CHAIN.rotations[[0, -1, -1]])
+def test_it_rests_at_the_ends_and_passes_through_what_is_done() -> None:
+    here = sample_schedule(CHAIN, SCHEDULE, np.array([-1.0, SCHEDULE.end + 1e-9, SCHEDULE.end + 1.0]))
+    np.testing.assert_allclose(here.tips[:, 0], CHAIN.tips[[0, -1, -1]], atol=1e-15)
+    np.testing.assert_allclose(here.rotations, CHAIN.rotations[[0, -1, -1]], atol=1e-15)
     np.testing.assert_array_equal(here.tips[:, 1:], 0.0)
     np.testing.assert_array_equal(here.spins, 0.0)

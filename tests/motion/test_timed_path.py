@@ -7,24 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.schedule import Smoothed, sample_schedule
-from polish_sim.motion.timed_path import (
-    Pace,
-    TimedPath,
-    marks_on,
-    sample_motion,
-    sample_rate,
-    time_path,
-    time_schedule,
-)
-from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
+from polish_sim.motion.timed_path import Pace, TimedPath, marks_on, sample_motion, time_path, time_schedule
+from polish_sim.motion.trajectory import PathTable, build_path_table
 
-Array = NDArray[np.float64]
 PACE = Pace(0.01, 0.05, 1.25)
 RADIUS = 0.02
 
@@ -32,6 +23,7 @@ RADIUS = 0.02
 class Sampled(NamedTuple):
     positions: Array
     velocities: Array
+    quaternions: Array
     spins: Array
     places: Array
     speeds: Array
@@ -44,11 +36,12 @@ def circle() -> PathTable:
 
 
 def play(motion: TimedPath, clock: Array) -> Sampled:
-    n = len(clock)
-    out = Sampled(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n))
-    place, quaternion = np.empty(2), np.empty(4)
+    out, place = (
+        Sampled(*(np.empty((len(clock), *shape)) for shape in ((3,), (3,), (4,), (3,), (), ()))),
+        np.empty(2),
+    )
     for i, t in enumerate(clock):
-        sample_motion(motion, float(t), out.positions[i], out.velocities[i], quaternion, out.spins[i], place)
+        sample_motion(motion, float(t), *(rows[i] for rows in out[:4]), place)
         out.places[i], out.speeds[i] = place
     return out
 
@@ -88,21 +81,6 @@ def test_velocity_and_spin_are_the_rates_of_position_and_orientation() -> None:
     np.testing.assert_allclose(np.linalg.norm(now.positions, axis=1), RADIUS, atol=1e-8)
 
 
-def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> None:
-    s = np.array([0.0, 0.05, 0.06, 0.12])
-    table = with_feed_share(circle(), s, np.array([2.0, 2.0, 0.5, 0.5]))
-    motion = time_path(table, PACE)
-    clock = np.arange(len(motion.places)) * motion.spacing
-    fed = motion.rates * motion.speeds
-    wanted = 0.01 * np.interp(motion.places, s, [2.0, 2.0, 0.5, 0.5])
-    assert np.all(fed <= wanted * 1.05)  # the corners of the feed lie between rows
-    assert fed[len(clock) // 8] == pytest.approx(0.02)
-    slowing = -np.diff(fed**2) / (2.0 * np.maximum(np.diff(motion.places), 1e-12))
-    assert slowing[20:-60].max() < 3.0 * PACE.acceleration
-    assert sample_rate(motion, 0.0) == pytest.approx(1.0)
-    assert motion.playing_time == pytest.approx(np.trapezoid(1.0 / motion.rates, clock), rel=1e-3)
-
-
 # A schedule sampled densely is the schedule: poses, rates, and how far along the path it has come.
 TIPS = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.02, 0, 0], [0.03, 0.02, 0], [0.05, 0.02, 0.01]])
 ROTATIONS = Rotation.from_rotvec(0.1 * np.outer([0, 1, 1, 3, 4], [1.0, 0.5, 0.2])).as_matrix()
@@ -115,16 +93,12 @@ def test_between_its_rows_it_is_where_the_schedule_is() -> None:
     motion = time_schedule(Smoothed(CHAIN, SCHEDULE), MARKS)
     clock = np.linspace(0.0, SCHEDULE.end, 400)
     exact = sample_schedule(CHAIN, SCHEDULE, clock)
-    position, velocity, spin, quaternion, place = (
-        np.empty(3), np.empty(3), np.empty(3), np.empty(4), np.empty(2),
-    )  # fmt: skip
-    for i, t in enumerate(clock):
-        sample_motion(motion, float(t), position, velocity, quaternion, spin, place)
-        np.testing.assert_allclose(position, exact.tips[i, 0], atol=2e-8)
-        np.testing.assert_allclose(velocity, exact.tips[i, 1], atol=3e-5)
-        np.testing.assert_allclose(spin, exact.spins[i, 0], atol=2e-3)
-        R = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-        np.testing.assert_allclose(R, exact.rotations[i], atol=3e-5)
+    run = play(motion, clock)
+    np.testing.assert_allclose(run.positions, exact.tips[:, 0], atol=2e-8)
+    np.testing.assert_allclose(run.velocities, exact.tips[:, 1], atol=3e-5)
+    np.testing.assert_allclose(run.spins, exact.spins[:, 0], atol=2e-3)
+    R = Rotation.from_quat(run.quaternions, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(R, exact.rotations, atol=3e-5)
 
 
 def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_derivative() -> None:
