@@ -91,16 +91,14 @@ def fitted(mesh: trimesh.Trimesh) -> Surface:
 
 
 @pytest.mark.parametrize("pose", [[0.0] * 6, [0.01, 0.3, 0.0, 0.0, 1.2, 0.4]])
-def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin_and_the_gripper_goes_on_to_its_web(
-    pose: list[float],
-) -> None:
+def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin(pose: list[float]) -> None:
     T_file_hub = from_pose(pose)
     moved = part_from_arrays(apply(T_file_hub, hub().vertices), hub().faces)
     seat = seat_part(fit_surface(moved, ANGLE), T_file_hub[:3, 2])
     on_gripper = apply(seat.T_gripper_work, moved.vertices)
     np.testing.assert_allclose(on_gripper[:, 2], hub().vertices[:, 2], atol=1e-6)
     np.testing.assert_allclose(on_gripper[:, :2].max(axis=0) + on_gripper[:, :2].min(axis=0), 0.0, atol=3e-4)
-    assert seat.nose == pytest.approx(0.008, abs=2e-4)
+    assert seat.nose == pytest.approx(0.008, abs=2e-4)  # the gripper goes on to the hub's web
 
 
 def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it() -> None:
@@ -141,9 +139,7 @@ def part(name: str, choice: str = "auto") -> tuple[Region, Surface]:
 
 
 @pytest.mark.parametrize("name", ["wheel_hub_rim", "plate", "freeform"])
-def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_three_span_a_good_part_of_it(
-    name: str,
-) -> None:
+def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it(name: str) -> None:
     region, surface = part(name)
     for count in (3, 7):
         T = marks_on(region, surface, count)

@@ -43,10 +43,8 @@ def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still() -> None:
     run = run_experiment(dual(*ABOVE, *AGAINST, "process.max_feed_s=4"))
     trace = run.trace
     fed = np.flatnonzero(trace.phase == 2)
-    even = fed[
-        (trace.time_s[fed] > trace.time_s[fed[0]] + BEGUN_S)
-        & (trace.time_s[fed] < trace.time_s[fed[-1]] - 0.4)
-    ]
+    time = trace.time_s[fed]
+    even = fed[(time > time[0] + BEGUN_S) & (time < time[-1] - 0.4)]
     assert np.ptp(trace.tcp_position_m[even], axis=0).max() < 1e-4
     on_part = np.linalg.norm(np.gradient(trace.tool_on_part_m[even], trace.time_s[even], axis=0), axis=1)
     assert on_part.mean() == pytest.approx(FEED, rel=1e-3)
@@ -77,9 +75,7 @@ def between(task: DualTask, run: RunResult) -> tuple[Array, Array]:
     return inverse(planned.parts[there]) @ parts, inverse(planned.tools[there]) @ tools
 
 
-def test_two_stretches_above_a_part_that_turns_and_goes_along_are_followed_as_the_check_looked_at_them() -> (
-    None
-):
+def test_two_stretches_above_a_moving_part_are_followed_as_the_check_looked_at_them() -> None:
     moving = ("dual.master_turn_rad_s=0.1", "dual.master_speed_m_s=0.01", "simulation.log_rate_hz=0")
     task, run = task_and_run(dual(*ABOVE, *moving), two_stretches())
     assert len(task.strokes) == 2
@@ -111,7 +107,7 @@ def check(short: DualTask) -> MotionCheck:
     return MotionCheck(short.work, short.reach, way, short.work.visits, Scenario().robot)
 
 
-def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(
+def test_a_few_moments_out_of_reach_between_those_tried_are_found(
     short: DualTask, check: MotionCheck
 ) -> None:
     check_motion(check, short.master, lambda _master, _follower: "")
@@ -124,7 +120,7 @@ def test_a_few_moments_out_of_reach_between_those_that_were_tried_are_found(
         check_motion(tilted, short.master, lambda _master, _follower: "")
 
 
-def test_what_bends_and_begins_at_once_takes_the_acceleration_of_both(
+def test_bending_and_beginning_at_once_take_the_acceleration_of_both(
     short: DualTask, check: MotionCheck
 ) -> None:
     times = short.master.spacing * np.arange(len(short.master.q))
@@ -168,6 +164,10 @@ def test_a_file_of_a_motion_is_followed_like_the_motion_itself(
     moments = np.linspace(0.0, 3.0, 100)
     asked, read = (one.work.way(one.reach.T_master_work, moments) for one in (turning, again))
     np.testing.assert_allclose(read, asked, atol=2e-6)
+    assert again.work.way.lasts == 3.0
+    np.testing.assert_array_equal(
+        *again.work.way(again.reach.T_master_work, np.array([3.0, 4.0]))
+    )  # it stays
     rows = again.master.spacing * np.arange(len(again.master.q))
     played = forward(again.master.q) @ again.frames.believed.T_flange_gripper
     np.testing.assert_allclose(played, again.work.way(again.reach.T_master_work, rows), atol=1e-9)
@@ -263,8 +263,6 @@ def test_a_file_that_is_no_motion_is_refused(tmp_path: Path, head: str, said: st
         (["dual.master_path=way.csv", "dual.master_turn_rad_s=0.2"], "moves: leave dual.master_turn_rad_s"),
     ],
 )
-def test_settings_of_the_motion_that_do_not_fit_are_refused(
-    changes: list[str], said: str, short: DualTask
-) -> None:
+def test_settings_that_do_not_fit_are_refused(changes: list[str], said: str, short: DualTask) -> None:
     with pytest.raises(ConfigError, match=said):
         master_motion(dual(*changes), short.place.path, np.array([0.0, 0.0, 1.0]), short.frames.believed)

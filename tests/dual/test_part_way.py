@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import RAMP_PEAK
-from polish_sim.dual.master import PartWay, about_axis, along_arc, through_poses
+from polish_sim.dual.master import PartWay, about_axis, along_arc
 from polish_sim.dual.strokes import air_limits, pair_strokes
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.part_setup import PlacedTool
@@ -17,18 +16,11 @@ from polish_sim.motion.timed_path import TimedPath
 from polish_sim.planning import ToolPath
 from polish_sim.planning.toolpath import PROCESS, arc_length
 from polish_sim.scenario_file import override
-from polish_sim.spatial import apply, from_pose, inverse, transform
+from polish_sim.spatial import apply, from_pose, inverse
 
 START = from_pose([-0.5, 0.1, 0.3, 0.3, -0.2, 0.5])
 TIMES = np.linspace(0.0, 4.0, 81)
-STILL = about_axis(np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0)
 VELOCITY = np.array([0.02, -0.01, 0.005])
-
-
-def test_a_line_is_at_constant_speed_and_keeps_the_orientation() -> None:
-    poses = PartWay(along_arc(VELOCITY, 0.0), STILL)(START, TIMES)
-    np.testing.assert_allclose(poses[:, :3, 3], START[:3, 3] + TIMES[:, None] * VELOCITY, atol=1e-15)
-    np.testing.assert_allclose(poses[:, :3, :3], np.broadcast_to(START[:3, :3], (81, 3, 3)), atol=1e-15)
 
 
 @pytest.mark.parametrize("bend", [0.7, -0.4, 1e-9])
@@ -71,28 +63,6 @@ def test_a_turn_leaves_every_point_of_its_axis_where_it_is() -> None:
     np.testing.assert_allclose(turned, 0.5 * TIMES[:, None] * axis, atol=1e-12)
 
 
-def wave(times: Array) -> Array:
-    """A motion that is known everywhere, shape (n, 4, 4)."""
-    places = np.stack([0.1 * np.sin(times), 0.05 * np.cos(0.8 * times), 0.02 * times], axis=1)
-    turns = Rotation.from_rotvec(np.stack([0.3 * np.sin(times), 0.0 * times, 0.5 * times], axis=1))
-    return transform(START[:3, :3] @ turns.as_matrix(), places)
-
-
-def test_a_motion_through_poses_meets_them_and_what_lies_between_to_fourth_order() -> None:
-    off = []
-    for count in (21, 41):
-        rows = np.linspace(0.0, 4.0, count)
-        way = through_poses(rows, wave(rows))
-        np.testing.assert_allclose(way(wave(rows)[0], rows), wave(rows), atol=1e-9)
-        inner = np.linspace(1.0, 3.0, 333)
-        off.append(float(np.abs(way(wave(rows)[0], inner) - wave(inner)).max()))
-    assert off[0] < 2e-5
-    assert off[1] < 0.1 * off[0]
-    # Beyond its end it stays there.
-    assert way.lasts == 4.0
-    np.testing.assert_array_equal(*way(START, np.array([4.0, 5.0])))
-
-
 FEED = 0.05
 
 
@@ -100,23 +70,16 @@ def scenario(*changes: str) -> Scenario:
     return override(default_scenario("dual"), [f"process.feed_m_s={FEED}", "dual.standoff_m=0.005", *changes])
 
 
-def flat(points: Array) -> ToolPath:
-    n = len(points)
-    up, none = np.tile([0.0, 0.0, 1.0], (n, 1)), np.zeros(n, dtype=np.int64)
-    segment = np.full(n, PROCESS, dtype=np.int8)
-    return ToolPath(points, up, arc_length(points), none, segment, np.zeros(n))
-
-
 def square() -> ToolPath:
     """Three sides of 100 mm, a point every millimetre."""
-    side = np.linspace(0.0, 0.1, 101)
-    ways = [
-        np.stack([side, 0.0 * side]),
-        np.stack([0.1 + 0.0 * side, side]),
-        np.stack([0.1 - side, 0.1 + 0.0 * side]),
-    ]
-    points = np.concatenate([ways[0].T, ways[1].T[1:], ways[2].T[1:]])
-    return flat(np.column_stack([points, np.zeros(len(points))]))
+    way, corners = (
+        np.linspace(0.0, 3.0, 301),
+        np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]]),
+    )
+    points = np.stack([np.interp(way, np.arange(4.0), column) for column in corners.T], axis=1)
+    n, kind = len(points), np.full(len(points), PROCESS, dtype=np.int8)
+    up, none = np.tile([0.0, 0.0, 1.0], (n, 1)), np.zeros(n, dtype=np.int64)
+    return ToolPath(points, up, arc_length(points), none, kind, np.zeros(n))
 
 
 def motion_of(path: ToolPath, *changes: str) -> TimedPath:
