@@ -58,9 +58,7 @@ def test_a_steady_drift_is_found_where_it_is_asked_for() -> None:
 
 
 @pytest.mark.parametrize("count", [6, 12])
-def test_the_plan_spreads_gravity_close_to_the_best_possible_and_touches_nothing_on_the_way(
-    count: int,
-) -> None:
+def test_the_plan_spreads_gravity_close_to_the_best_and_touches_nothing_on_the_way(count: int) -> None:
     assert plan_payload_poses(count).condition < np.sqrt(1.5) * 1.1
     scenario = default_scenario("force")
     place = prepare_force(scenario)
@@ -143,12 +141,9 @@ def test_a_saturated_sensor_is_named() -> None:
 
 
 @pytest.mark.parametrize(("seed", "table"), [(1, "uncalibrated"), (2, "calibrated")])
-def test_with_default_sensor_and_arm_every_claim_is_met_by_the_frames_the_host_believes(
-    seed: int, table: str
-) -> None:
-    found = run_payload_calibration(
-        override(PAYLOAD_SCENARIO, ["robot.arm=ur5e", f"robot.real.kinematics={table}", f"seed={seed}"])
-    )
+def test_every_claim_is_met_by_the_frames_the_host_believes(seed: int, table: str) -> None:
+    asked = ["robot.arm=ur5e", f"robot.real.kinematics={table}", f"seed={seed}"]
+    found = run_payload_calibration(override(PAYLOAD_SCENARIO, asked))
     assert {claim.figure for claim in PAYLOAD_CLAIMS} <= set(found.figures)
     assert shortfalls(PAYLOAD_CLAIMS, found.figures) == []
     assert found.q is not None

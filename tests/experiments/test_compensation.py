@@ -56,9 +56,7 @@ def test_the_arm_found_is_the_arm_built() -> None:
     assert np.linalg.norm(found.gears[:5, 3:] - errors[:5]) < 0.25 * np.linalg.norm(errors[:5])
 
 
-def test_on_the_circle_the_tool_keeps_to_a_tenth_of_a_millimetre_and_the_file_gives_the_same_run(
-    tmp_path: Path,
-) -> None:
+def test_the_tool_keeps_to_a_tenth_of_a_millimetre_and_the_file_gives_the_same_run(tmp_path: Path) -> None:
     first, unknown = circle(KNOWN), circle()
     error = first.figures["tracking_error_max_m"]
     assert error < 0.1e-3
@@ -101,9 +99,7 @@ def test_what_changes_nothing_or_is_no_file_is_refused(experiment, changes, name
 
 
 def test_two_arms_that_know_their_gears_put_the_tool_on_the_part() -> None:
-    scenario = override(
-        default_scenario("dual"), [f"seed={SEED}", KNOWN, "process.max_feed_s=4", "simulation.log_rate_hz=0"]
-    )
-    figures = run_experiment(scenario).figures
+    asked = [f"seed={SEED}", KNOWN, "process.max_feed_s=2.5", "simulation.log_rate_hz=0"]
+    figures = run_experiment(override(default_scenario("dual"), asked)).figures
     assert figures["relative_error_rms_m"] < 0.1e-3  # 0.2 to 0.35 mm with gears the hosts do not know
     assert figures["force_max_deviation_n"] < 1.5

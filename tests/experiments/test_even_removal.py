@@ -40,15 +40,12 @@ def ramp(file: Path, top: float = 2.0) -> Path:
     x = mesh.vertices[:, 0]
     target = 1.0 + (top - 1.0) * (x - x.min()) / np.ptp(x)
     colors = np.zeros((len(x), 3), dtype=np.uint8)
-    write_ply(
-        file, "ramp", (mesh.vertices, mesh.normals, mesh.triangles), colors, {"target": ("<f4", target)}
-    )
+    on = mesh.vertices, mesh.normals, mesh.triangles
+    write_ply(file, "ramp", on, colors, {"target": ("<f4", target)})
     return file
 
 
-def test_feed_makes_a_plate_even_within_its_limits_and_over_the_border_force_is_taken_off(
-    plan: PlanResult, monkeypatch: pytest.MonkeyPatch
-):
+def test_feed_makes_a_plate_even_within_its_limits(plan: PlanResult, monkeypatch: pytest.MonkeyPatch):
     feed = plan.path.feed
     assert feed is not None
     usual = EVEN.process.feed_m_s
@@ -118,10 +115,9 @@ def test_a_region_under_a_share_of_the_mean_is_where_too_little_came_off(tmp_pat
     mesh = ready.ground.mesh
     x = mesh.vertices[:, 0]
     exposure = np.where(x > np.median(x), 3.0, 1.0)
-    removal = RemovalMap(
-        mesh.vertices, mesh.normals, mesh.triangles, mesh.vertex_areas, exposure, np.array([0.0, 0.0, 1.0]),
-        0.0, 0.0, 0.0, 1.0,
-    )  # fmt: skip
+    up = np.array([0.0, 0.0, 1.0])
+    on = mesh.vertices, mesh.normals, mesh.triangles, mesh.vertex_areas
+    removal = RemovalMap(*on, exposure, up, 0.0, 0.0, 0.0, 1.0)
     write_removal_mesh(tmp_path / "removal.ply", removal)
     region = f"under:{tmp_path / 'removal.ply'}:0.8"
     again = plan_part(EVEN.part, PlanConfig(region=region))
@@ -144,9 +140,8 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     assert again.path.feed is not None
     assert again.path.feed[slow].max() <= 0.008 * (1.0 + 1e-9)
     problem = _Problem(EVEN, mended, again=True)
-    stale, found = (
-        1.0 / np.interp(problem.knot_s, path.s, feed) for feed in (mended.path.feed, again.path.feed)
-    )
+    feeds = mended.path.feed, again.path.feed
+    stale, found = (1.0 / np.interp(problem.knot_s, path.s, feed) for feed in feeds)
     low, high = problem.limits(EVEN, most)
     by = np.sqrt(problem.weights * problem.importance) / problem.goal
     smooth = np.sqrt(SMOOTH / len(low)) * np.diff(np.eye(len(low)), axis=0) / np.sqrt(low * high).min()

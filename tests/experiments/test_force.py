@@ -16,13 +16,10 @@ from polish_sim.scoring.force_bench import Bench, build_bench, press
 
 
 @pytest.mark.parametrize("every", [1, 2])
-def test_it_settles_within_three_newton_in_four_tenths_of_a_second_and_holds_as_long_as_asked(
-    every: int,
-) -> None:
+def test_it_settles_within_three_newton_in_four_tenths_of_a_second_and_holds(every: int) -> None:
     """Sensor noise and bias, part displaced, turned and bent; the host at 1000 and 500 Hz."""
-    result = run_experiment(
-        override(default_scenario("force"), ["seed=101", f"simulation.control_every={every}"])
-    )
+    asked = ["seed=101", f"simulation.control_every={every}"]
+    result = run_experiment(override(default_scenario("force"), asked))
     figures, trace = result.figures, result.trace
     assert result.stop_reason is None
     assert figures["settling_time_3n_s"] < 0.4
@@ -36,14 +33,6 @@ def test_it_settles_within_three_newton_in_four_tenths_of_a_second_and_holds_as_
     first = int(np.argmax(trace.phase == 1))
     nominal = np.array(figures["T_base_work"])[2, 3] + result.path.positions_work[-1, 2]
     assert 0.0005 < abs(trace.tcp_position_m[first, 2] - nominal) < 0.0013
-
-
-@pytest.mark.parametrize("force", [5.0, 40.0])
-def test_other_forces_are_held_too(force: float) -> None:
-    changes = [f"process.contact_force_n={force}", "process.hold_s=2"]
-    result = run_experiment(override(default_scenario("force"), changes))
-    held = result.trace.normal_force_n[result.trace.phase == 2]
-    assert held[1000:].mean() == pytest.approx(force, abs=0.02 * force + 0.1)
 
 
 def test_springs_stiffer_than_drawn_do_not_make_it_swing() -> None:
@@ -104,14 +93,6 @@ def test_springs_and_latency_it_was_not_told_of(scale: float, sensor: float, com
     assert result.figures["settling_time_1n_s"] < (0.9 if scale < 1.0 else 0.6)
     held = result.trace.normal_force_n[result.trace.phase < 3][-400:]  # by then it has landed on any springs
     assert held.std() < 0.3
-
-
-@pytest.mark.parametrize("noise", [0.0, 2.0])
-def test_the_noise_sets_how_still_the_force_stands(noise: float) -> None:
-    result = pressed(f"sensor.force_noise_n={noise}")
-    assert result.stop_reason is None
-    assert result.figures["settling_time_1n_s"] < 0.3
-    assert result.figures["steady_std_n"] < 0.05 + 0.15 * noise
 
 
 LITTLE = "controller.baselines.mode_damping=0.005"  # the default of older texts

@@ -75,8 +75,6 @@ def test_another_job_is_refused_by_what_differs(first: Path, change: str, named:
         ("experiment=arc", "run surface"),
     ],
 )
-def test_what_cannot_learn_is_refused_before_anything_is_planned(
-    first: Path, change: str, named: str
-) -> None:
+def test_what_cannot_learn_is_refused_before_planning(first: Path, change: str, named: str) -> None:
     with pytest.raises(InputError, match=named):
         check_settings(scenario(f"process.learn={first}", change))

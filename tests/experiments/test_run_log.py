@@ -23,9 +23,7 @@ def column(result: RunResult, name: str) -> np.ndarray:
     return np.asarray(result.log[name], dtype=float)
 
 
-def test_every_column_of_the_contract_is_there_whole_and_finite_and_figures_say_what_was_run(
-    freeform: RunResult,
-) -> None:
+def test_every_column_of_the_contract_is_there_and_figures_say_what_was_run(freeform: RunResult) -> None:
     for name, (width, _unit) in COLUMNS.items():
         values = freeform.log[name]
         assert values.shape == ((len(freeform.log), width) if width else (len(freeform.log),)), name
@@ -59,30 +57,25 @@ def test_tool_pose_and_speed_are_the_joints_by_forward_kinematics() -> None:
 
 def test_the_traces_errors_are_those_between_the_logs_tool_and_target(freeform: RunResult) -> None:
     error = column(freeform, "target_position_m") - column(freeform, "tcp_position_m")
-    frames = {
-        name: Rotation.from_quat(column(freeform, f"{name}_quaternion_wxyz"), scalar_first=True)
+    tool, target = (
+        Rotation.from_quat(column(freeform, f"{name}_quaternion_wxyz"), scalar_first=True)
         for name in ("tcp", "target")
-    }
-    axis = frames["target"].apply([0.0, 0.0, 1.0])
+    )
+    axis = target.apply([0.0, 0.0, 1.0])
     across = error - np.sum(error * axis, axis=1)[:, None] * axis
     trace, rows = freeform.trace, slice(None, None, 4)
+    force = freeform.log["normal_force_n"]
+    np.testing.assert_array_equal(force, freeform.log["wrench_true_tool"][:, 2])
+    np.testing.assert_array_equal(force, trace.normal_force_n[rows].astype(np.float32))
     np.testing.assert_allclose(trace.position_error_m[rows], np.linalg.norm(error, axis=1), atol=1e-9)
     np.testing.assert_allclose(trace.tangential_error_m[rows], np.linalg.norm(across, axis=1), atol=1e-8)
-    angle = (frames["tcp"].inv() * frames["target"]).magnitude()
+    angle = (tool.inv() * target).magnitude()
     np.testing.assert_allclose(trace.orientation_error_rad[rows], angle, atol=1e-6)
     np.testing.assert_allclose(trace.path_s_m[rows], column(freeform, "path_s_m"), atol=1e-6)
     np.testing.assert_array_equal(trace.tcp_position_m[rows], freeform.log["tcp_position_m"])
 
 
-def test_the_normal_force_is_the_true_wrench_along_tool_z(freeform: RunResult) -> None:
-    np.testing.assert_array_equal(freeform.log["normal_force_n"], freeform.log["wrench_true_tool"][:, 2])
-    trace = freeform.trace.normal_force_n[::4].astype(np.float32)
-    np.testing.assert_array_equal(freeform.log["normal_force_n"], trace[: len(freeform.log)])
-
-
-def test_in_steady_pressing_raw_measured_and_true_wrench_differ_by_weight_bias_and_noise_only(
-    freeform: RunResult,
-) -> None:
+def test_raw_measured_and_true_wrench_differ_by_weight_bias_and_noise_only(freeform: RunResult) -> None:
     """The pad's travel carries the force through the head's spring; the turn of the path is counted."""
     fed = freeform.log["phase"] == 2
     travel, force = column(freeform, "pad_travel_m")[fed], column(freeform, "normal_force_n")[fed]
@@ -99,17 +92,6 @@ def test_in_steady_pressing_raw_measured_and_true_wrench_differ_by_weight_bias_a
     np.testing.assert_allclose((raw - weight - true[:, :3]).mean(axis=0), 0.0, atol=0.1)
 
 
-def test_phases_are_coded_0_to_3_in_order_and_the_touch_down_takes_less_than_half_a_second(
-    freeform: RunResult,
-) -> None:
-    phase, time = freeform.trace.phase, freeform.trace.time_s
-    changes = phase[np.concatenate([[True], np.diff(phase) != 0])]
-    np.testing.assert_array_equal(changes, [0, 1, 2, 3])
-    assert np.ptp(time[phase == 1]) < 0.5
-    assert freeform.trace.normal_force_n[phase == 0].max() <= 0.5
-    assert freeform.trace.normal_force_n[phase == 1][0] > 0.5
-
-
 Cap = tuple[Scenario, PlanResult]
 
 
@@ -123,7 +105,7 @@ def short_force() -> RunResult:
     return run_experiment(override(default_scenario("force"), ["process.hold_s=1"]))
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_another_part_and_other_noise(
+def test_the_same_seed_gives_the_same_bytes_another_others(
     cap: Cap, cap_run: RunResult, tmp_path: Path
 ) -> None:
     scenario, plan = cap
@@ -138,18 +120,14 @@ def test_the_same_seed_gives_the_same_bytes_and_another_another_part_and_other_n
     assert same(read_log(tmp_path / "a"), read_log(tmp_path / "b"))
 
 
-@pytest.mark.parametrize("every_s", [0.001, 3.0])
-def test_who_looks_on_how_often_changes_nothing(short_force: RunResult, every_s: float) -> None:
-    class Onlooker(Silent):
-        frame_every_s = every_s
+class Onlooker(Silent):
+    """Looks on every 11 steps."""
 
+    frame_every_s = 0.011
+
+
+def test_who_looks_on_changes_nothing_also_when_strokes_follow_each_other(short_force: RunResult) -> None:
     assert same(short_force.log, run_experiment(short_force.scenario, observer=Onlooker()).log)
-
-
-def test_nor_does_it_when_strokes_follow_each_other() -> None:
-    class Onlooker(Silent):
-        frame_every_s = 0.011
-
     second = tool_pose(0.02, -0.5, 0.1)
     way = way_through(along_tool(tool_pose(0.0, -0.5, 0.1), z=-0.005), along_tool(second, z=-0.005))
     strokes = (
@@ -162,9 +140,7 @@ def test_nor_does_it_when_strokes_follow_each_other() -> None:
     assert same(runs[0].log, runs[1].log)
 
 
-def test_the_log_rate_thins_the_rows_and_least_and_largest_force_cover_the_steps_between(
-    short_force: RunResult,
-) -> None:
+def test_rows_thinned_out_keep_the_least_and_largest_force_between_them(short_force: RunResult) -> None:
     rates = {0: 1, 50: 20}
     asked = {rate: override(short_force.scenario, [f"simulation.log_rate_hz={rate}"]) for rate in rates}
     runs = {rate: run_experiment(scenario) for rate, scenario in asked.items()} | {250: short_force}

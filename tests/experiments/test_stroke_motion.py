@@ -87,9 +87,7 @@ def test_by_a_spline_a_bend_is_passed_at_the_feed_or_as_its_acceleration_allows(
         ({"limits_file": "none.toml"}, "limits"),
     ],
 )
-def test_settings_of_smoothing_are_refused_before_the_part_is_looked_at(
-    wrong: dict[str, Any], said: str
-) -> None:
+def test_bad_settings_are_refused_before_the_part_is_looked_at(wrong: dict[str, Any], said: str) -> None:
     asked = Scenario(part=PartConfig("none.stl"), smoothing=replace(Scenario().smoothing, **wrong))
     with pytest.raises(PolishSimError, match=said):
         check_experiment(asked)
@@ -120,9 +118,7 @@ def strokes(plan: PlanResult, force: np.ndarray | None = None) -> list[Stroke]:
     return placed_strokes(Scenario(), path, placed_tool(path, REACH), 0.0, LIFT)
 
 
-def test_each_island_is_a_stroke_and_the_travel_goes_from_the_end_of_a_lift_to_the_next_way_down(
-    islands: PlanResult,
-) -> None:
+def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(islands: PlanResult) -> None:
     first, second = strokes(islands)
     assert first.travel.duration == 0.0
     assert second.travel.places[-1] > 0.1
