@@ -42,19 +42,17 @@ def readings_in(R_base_sensor: Array, theta: Array = THETA, errors: Array | floa
     return PayloadReadings(time, R_base_sensor.copy(), wrenches + errors)
 
 
-@pytest.mark.parametrize("count", [3, 4, 12, 200])
-def test_exact_readings_in_random_poses_give_the_tool_and_the_bias(count: int) -> None:
-    found = fit_payload(readings_in(Rotation.random(count, random_state=count).as_matrix()))
+@pytest.mark.parametrize("count", [3, 12, 200])
+def test_exact_readings_give_tool_bias_and_drift(count: int) -> None:
+    found = fit_without_outliers(readings_in(Rotation.random(count, random_state=count).as_matrix()))
     np.testing.assert_allclose(found.theta, THETA, atol=1e-9)
     np.testing.assert_allclose(found.center, CENTER, atol=1e-9)
     np.testing.assert_allclose(found.residuals, 0.0, atol=1e-9)
     assert found.used.all()
-
-
-def test_exact_readings_of_a_drifting_sensor_give_the_drift_too() -> None:
-    found = fit_payload(readings_in(POSES, np.concatenate([THETA, DRIFT])), drift=True)
-    np.testing.assert_allclose(found.theta[:10], THETA, atol=1e-9)
-    np.testing.assert_allclose(found.drift, DRIFT, atol=1e-9)
+    drifting = np.concatenate([THETA, DRIFT])
+    np.testing.assert_allclose(
+        fit_payload(readings_in(POSES, drifting), drift=True).theta, drifting, atol=1e-9
+    )
 
 
 def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent() -> None:
@@ -69,10 +67,6 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent() -> Non
     assert ratio.min() > 0.95
     assert ratio.max() < 1.05
     assert np.mean([one.noise for one in found], axis=0) == pytest.approx(NOISE, rel=0.03)
-    slope = np.column_stack([-CENTER, np.eye(3)]) / MASS
-    center_bound = np.sqrt(np.diag(slope @ bound[:4, :4] @ slope.T))
-    centers = np.array([one.center - CENTER for one in found])
-    np.testing.assert_allclose(np.sqrt(np.mean(centers**2, axis=0)) / center_bound, 1.0, atol=0.05)
     for score in (
         np.array([(one.mass - MASS) / one.mass_std for one in found]),
         np.array([(one.center - CENTER) / one.center_std for one in found]),
@@ -82,18 +76,6 @@ def test_over_many_draws_the_error_is_the_cramer_rao_bound_to_5_percent() -> Non
         np.testing.assert_allclose(score.mean(axis=0), 0.0, atol=0.09)
 
 
-def test_turning_the_sensor_turns_centre_and_bias_with_it() -> None:
-    turn = Rotation.from_rotvec([0.4, -1.0, 0.3]).as_matrix()  # R_turned_sensor
-    noise = np.random.default_rng(7).standard_normal((12, 2, 3)) * np.array([[0.05], [0.002]])
-    first = readings_in(POSES, errors=noise.reshape(12, 6))
-    turned = (first.wrenches.reshape(12, 2, 3) @ turn.T).reshape(12, 6)
-    here = fit_payload(first)
-    there = fit_payload(PayloadReadings(first.time.copy(), first.R_base_sensor @ turn.T, turned))
-    assert there.mass == pytest.approx(here.mass, rel=1e-9)
-    np.testing.assert_allclose(there.center, turn @ here.center, atol=1e-10)
-    np.testing.assert_allclose(there.bias.reshape(2, 3), here.bias.reshape(2, 3) @ turn.T, atol=1e-9)
-
-
 def tilted(*angles: tuple[float, float]) -> Array:
     return Rotation.from_euler("xy", angles).as_matrix()
 
@@ -101,25 +83,18 @@ def tilted(*angles: tuple[float, float]) -> Array:
 @pytest.mark.parametrize(
     ("R_base_sensor", "said"),
     [
-        (np.eye(3)[None], "1 reading cannot separate mass, centre and bias"),
-        (tilted((0.0, 0.0), (1.0, 0.0)), "2 readings cannot separate"),
-        (Rotation.from_euler("z", [[0.0], [1.0], [2.0], [3.0]]).as_matrix(), "nearly the same direction"),
-        (tilted((0.0, 0.0), (0.01, 0.0), (0.0, 0.01)), "nearly the same direction.*Turn the tool"),
-        (
-            tilted((0.0, 0.0), (0.0, 0.0), (1.5, 0.0), (1.5, 0.0)),
-            "along one line of the sensor only.*Add a pose",
-        ),
+        (np.eye(3)[None], "1 reading cannot"),
+        (tilted((0.0, 0.0), (1.0, 0.0)), "2 readings cannot"),
+        (tilted((0.0, 0.0), (0.01, 0.0), (0.0, 0.01)), "Turn the tool"),
+        (tilted((0.0, 0.0), (0.0, 0.0), (1.5, 0.0), (1.5, 0.0)), "Add a pose"),
     ],
 )
 def test_poses_that_cannot_tell_say_what_is_missing(R_base_sensor: Array, said: str) -> None:
     with pytest.raises(CalibrationError, match=said):
         fit_payload(readings_in(R_base_sensor))
-
-
-def test_readings_without_their_times_cannot_show_a_drift() -> None:
-    still = readings_in(POSES)
-    with pytest.raises(CalibrationError, match=r"cannot separate the drift.*its time"):
-        fit_payload(PayloadReadings(np.zeros(12), POSES.copy(), still.wrenches.copy()), drift=True)
+    still = PayloadReadings(np.zeros(12), POSES.copy(), readings_in(POSES).wrenches.copy())
+    with pytest.raises(CalibrationError, match="its time"):
+        fit_payload(still, drift=True)
 
 
 def test_a_mirror_is_no_orientation() -> None:
@@ -139,9 +114,7 @@ def knocked(rng: np.random.Generator, knocks: dict[int, Array]) -> PayloadReadin
 PUSH, TWIST = np.array([0.0, 1.0, 0.0, 0, 0, 0]), np.array([0, 0, 0, 0.0, 0.0, 0.05])
 
 
-@pytest.mark.parametrize(
-    "knocks", [{4: PUSH}, {9: TWIST}, {0: PUSH, 7: TWIST}, {2: PUSH, 3: -PUSH, 11: TWIST}]
-)
+@pytest.mark.parametrize("knocks", [{4: 1e6 * PUSH}, {9: TWIST}, {2: PUSH, 3: -PUSH, 11: TWIST}])
 def test_touched_readings_are_left_out_and_named(knocks: dict[int, Array]) -> None:
     found = [fit_without_outliers(knocked(np.random.default_rng(seed), knocks)) for seed in range(40)]
     right = [set(np.flatnonzero(~one.used)) == set(knocks) for one in found]
@@ -149,22 +122,14 @@ def test_touched_readings_are_left_out_and_named(knocks: dict[int, Array]) -> No
     assert max(abs(one.mass - MASS) for one, good in zip(found, right, strict=True) if good) < 0.01
 
 
-@pytest.mark.parametrize("knock", [1e2, 1e4, 1e6])
-def test_a_reading_however_far_off_is_left_out_and_the_tool_is_found(knock: float) -> None:
-    found = fit_without_outliers(knocked(np.random.default_rng(0), {4: knock * PUSH}))
-    assert set(np.flatnonzero(~found.used)) == {4}
-    assert found.mass == pytest.approx(MASS, rel=0.01)
-
-
-def test_honest_readings_are_kept() -> None:
-    found = [fit_without_outliers(knocked(np.random.default_rng(seed), {})) for seed in range(300)]
+def test_honest_readings_are_kept_and_of_a_few_all() -> None:
+    found = [fit_without_outliers(knocked(np.random.default_rng(seed), {})) for seed in range(150)]
     assert np.mean([one.used.all() for one in found]) > 0.99
-
-
-def test_exact_readings_are_kept() -> None:
-    found = fit_without_outliers(readings_in(POSES))
-    assert found.used.all()
-    np.testing.assert_allclose(found.theta, THETA, atol=1e-9)
+    first = knocked(np.random.default_rng(1), {0: PUSH})
+    few = PayloadReadings(
+        *(column[:6].copy() for column in (first.time, first.R_base_sensor, first.wrenches))
+    )
+    assert fit_without_outliers(few).used.all()
 
 
 def test_when_too_many_disagree_nobody_is_believed() -> None:
@@ -172,14 +137,6 @@ def test_when_too_many_disagree_nobody_is_believed() -> None:
     knocks = {reading: rng.uniform(2.0, 9.0) * np.roll(PUSH, reading) for reading in range(5)}
     with pytest.raises(CalibrationError, match="more than 25% of the 12 readings"):
         fit_without_outliers(knocked(rng, knocks))
-
-
-def test_of_a_few_readings_none_is_left_out() -> None:
-    first = knocked(np.random.default_rng(1), {0: PUSH})
-    few = PayloadReadings(
-        *(column[:6].copy() for column in (first.time, first.R_base_sensor, first.wrenches))
-    )
-    assert fit_without_outliers(few).used.all()
 
 
 TURNS = Rotation.from_matrix(POSES)
@@ -190,19 +147,15 @@ FORMS = {
 }
 
 
-def written(folder: Path, names: tuple[str, ...], values: Array) -> Path:
-    file = folder / "readings.csv"
-    rows = [",".join(names), *(",".join(f"{value:.12g}" for value in row) for row in values)]
-    file.write_text("# of our robot\n\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    return file
-
-
 @pytest.mark.parametrize("form", FORMS)
 def test_every_way_to_write_an_orientation_gives_the_same_tool(tmp_path: Path, form: tuple[str, ...]) -> None:
+    """In any order of the columns, with others between them, and in capitals."""
     first = readings_in(POSES)
-    file = written(
-        tmp_path, (*WRENCH, *form, TIME), np.column_stack([first.wrenches, FORMS[form], first.time])
-    )
+    names = (*(name.upper() for name in WRENCH), "Temperature", *form, TIME)
+    values = np.column_stack([first.wrenches, np.full(12, 21.0), FORMS[form], first.time])
+    rows = [",".join(names), *(",".join(f"{value:.12g}" for value in row) for row in values)]
+    file = tmp_path / "readings.csv"
+    file.write_text("# of our robot\n\n" + "\n".join(rows) + "\n", encoding="utf-8")
     np.testing.assert_allclose(fit_payload(read_readings(file)).theta, THETA, atol=1e-8)
 
 
@@ -216,40 +169,21 @@ def test_what_we_write_we_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.residuals, found.residuals, atol=1e-6)
 
 
-def test_columns_of_no_interest_and_capitals_do_no_harm(tmp_path: Path) -> None:
-    first = readings_in(POSES)
-    names = ("Temperature", *(name.upper() for name in (*QUATERNION, *WRENCH)))
-    file = written(tmp_path, names, np.column_stack([np.full(12, 21.0), FORMS[QUATERNION], first.wrenches]))
-    np.testing.assert_allclose(read_readings(file).wrenches, first.wrenches, atol=1e-9)
-
-
-HEADER = ",".join((*QUATERNION, *WRENCH))
+HEADER, MATRICES = ",".join((*QUATERNION, *WRENCH)), ",".join((*MATRIX, *WRENCH))
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "holds no readings"),
-        (HEADER + "\n", "holds no readings"),
-        ("qw,qx,qy,qz,fx_n,fy_n,fz_n,tx_nm,ty_nm\n1,0,0,0,1,2,3,4,5\n", "lacks the column tz_nm"),
-        ("fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm\n1,2,3,4,5,6\n", "says nowhere how the sensor stood.*rx_rad"),
+        (HEADER + "\n", "no readings"),
+        ("qw,qx,qy,qz,fx_n,fy_n,fz_n,tx_nm,ty_nm\n1,0,0,0,1,2,3,4,5\n", "tz_nm"),
+        ("fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm\n1,2,3,4,5,6\n", "rx_rad"),
         (HEADER + "\n1,0,0,0,1,2,3,4,5,6\n1,0,0,0,1,2,nan,4,5,6\n", "line 3: fz_n is 'nan'"),
-        (HEADER + "\n1,0,0,0,1,2,,4,5,6\n", "line 2: fz_n is ''"),
         (HEADER + "\n\n1,0,0,0,1,2,3 N,4,5,6\n", "line 3: fz_n is '3 N'"),
-        (HEADER + "\n1,0,0,0,1,2,3,4,5\n", "line 2: 9 values, the header names 10"),
-        (
-            HEADER + "\n1,0,0,0,1,2,3,4,5,6\n0.9,0.1,0,0,1,2,3,4,5,6\n",
-            "line 3: qw to qz are not a unit quaternion",
-        ),
-        (HEADER + "\n0,0,0,0,1,2,3,4,5,6\n", "line 2: qw to qz are not a unit quaternion"),
-        (
-            ",".join((*MATRIX, *WRENCH)) + "\n1,0,0,0,1,0,0,0,1.1,1,2,3,4,5,6\n",
-            "line 2: r11 to r33.*orthonormal",
-        ),
-        (
-            ",".join((*MATRIX, *WRENCH)) + "\n1,0,0,0,1,0,0,0,-1,1,2,3,4,5,6\n",
-            "line 2: r11 to r33.*right-handed",
-        ),
+        (HEADER + "\n1,0,0,0,1,2,3,4,5\n", "line 2: 9 values"),
+        (HEADER + "\n0,0,0,0,1,2,3,4,5,6\n", "line 2: qw to qz"),
+        (MATRICES + "\n1,0,0,0,1,0,0,0,1.1,1,2,3,4,5,6\n", "line 2: r11 to r33.*orthonormal"),
+        (MATRICES + "\n1,0,0,0,1,0,0,0,-1,1,2,3,4,5,6\n", "line 2: r11 to r33.*right-handed"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, said: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from polish_sim.cell.real_arm import gear_twists
 from polish_sim.config import DragConfig, GuideConfig, HandConfig, Scenario
-from polish_sim.errors import InputError, PolishSimError
+from polish_sim.errors import InputError
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.hand_guiding.arm import home_pose, torque_arm
 from polish_sim.hand_guiding.cell import GuidingRow, GuidingRun
@@ -29,11 +29,8 @@ GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
 
 def scenario(hand: dict[str, float] | None = None, **guide: object) -> Scenario:
     base = override(default_scenario("teach"), ["robot.arm=ideal"])
-    return replace(
-        base,
-        guide=replace(GuideConfig(), **guide),
-        hand=replace(HandConfig(), **({"off_s": 5.0} | (hand or {}))),
-    )  # type: ignore[arg-type]
+    held = replace(HandConfig(), off_s=5.0, **(hand or {}))
+    return replace(base, guide=replace(GuideConfig(), **guide), hand=held)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -41,17 +38,22 @@ def trial() -> RunResult:
     return run_experiment(scenario())
 
 
-def test_inertia_compensation_takes_what_is_asked_off_the_classical_law(trial: RunResult) -> None:
-    for direction in "xy":
-        assert trial.figures[f"fast_peak_ratio_{direction}"] <= 0.45
-        assert trial.figures[f"fast_rms_ratio_{direction}"] <= 0.30
-    assert trial.figures["slow_peak_n"] <= 10.0
+def assert_light(figures: dict[str, float], direction: str) -> None:
+    """Inertia compensation takes what is asked off the classical law, and the free arm stands."""
+    assert figures[f"fast_peak_ratio_{direction}"] <= 0.45
+    assert figures[f"fast_rms_ratio_{direction}"] <= 0.30
+    assert figures["slow_peak_n"] <= 10.0
+    assert figures["drift_rad"] < np.radians(0.01)
 
 
-def test_each_step_of_compensation_lightens_the_slow_move(trial: RunResult) -> None:
+def test_each_step_of_compensation_lightens_the_move_and_the_arm_stays_where_it_is_let_go(
+    trial: RunResult,
+) -> None:
     for direction in "xy":
+        assert_light(trial.figures, direction)
         felt = [trial.figures[f"{mode}_{direction}_slow_hand_force_rms_n"] for mode in MODES]
         assert felt == sorted(felt, reverse=True)
+    assert trial.figures["drift_time_s"] == pytest.approx(4.0, abs=0.01)
 
 
 def test_every_move_is_in_the_log_with_the_hand_s_force(trial: RunResult) -> None:
@@ -62,31 +64,26 @@ def test_every_move_is_in_the_log_with_the_hand_s_force(trial: RunResult) -> Non
         assert force[moving & (case == number)].max() == pytest.approx(peak, rel=0.02)
 
 
-def test_an_arm_nobody_holds_stays_where_it_is(trial: RunResult) -> None:
-    assert trial.figures["drift_time_s"] == pytest.approx(4.0, abs=0.01)
-    assert trial.figures["drift_rad"] < np.radians(0.01)
-
-
 def test_the_move_is_minimum_jerk() -> None:
     way, speed = minimum_jerk(np.array([-1.0, 0.0, 0.5, 1.0, 2.0]))
     np.testing.assert_allclose(way, [0.0, 0.0, 0.5, 1.0, 1.0])
     np.testing.assert_allclose(speed, [0.0, 0.0, 1.875, 0.0, 0.0])
 
 
-def test_inertia_taken_for_a_fifth_more_than_it_is_stays_stable() -> None:
-    run = run_experiment(scenario(GRIP, mode="inertia", duration_s=0.6, inertia_share=0.8 * 1.2))
-    assert run.stop_reason is None
-    assert run.figures["drift_rad"] < np.radians(0.01)
-
-
-@pytest.mark.parametrize("friction_scale", [0.8, 1.6])
-def test_wrong_friction_is_felt_or_stopped_but_never_runs_away(friction_scale: float) -> None:
-    asked = scenario(GRIP, mode="inertia", direction="x", duration_s=0.6, friction_scale=friction_scale)
+@pytest.mark.parametrize(
+    ("wrong", "stops"),
+    [({"friction_scale": 0.8}, False), ({"friction_scale": 1.6}, True), ({"inertia_share": 0.96}, False)],
+)
+def test_wrong_friction_or_inertia_is_felt_or_stopped_but_never_runs_away(
+    wrong: dict[str, float], stops: bool
+) -> None:
+    asked = scenario(GRIP, mode="inertia", direction="x", duration_s=0.6, **wrong)
     run = run_experiment(asked)
     speeds = np.abs(np.asarray(run.log["qd_rad_s"]))
     assert speeds.max() < 1.1 * asked.guide.joint_speed_limit_rad_s
     assert np.asarray(run.log["tcp_speed_m_s"]).max() < 1.1 * asked.guide.tool_speed_limit_m_s
-    assert (run.stop_reason is not None) == (friction_scale > 1.0)
+    assert (run.stop_reason is not None) == stops
+    assert stops or run.figures["drift_rad"] < np.radians(0.01)
 
 
 def test_a_law_that_drives_by_itself_is_stopped_by_its_energy() -> None:
@@ -115,23 +112,14 @@ def cut(rows: int, stop_step: int = 0, interrupted: bool = False) -> PlayedMove:
     [
         (cut(1400, interrupted=True), False),
         (cut(1900, interrupted=True), True),
-        (cut(1400, stop_step=900), False),
         (cut(1900, stop_step=1400), False),
         (cut(2400, stop_step=1900), True),
-    ],
-    ids=[
-        "interrupted in it",
-        "interrupted after it",
-        "stopped before it",
-        "stopped in it",
-        "stopped after it",
     ],
 )
 def test_only_a_whole_move_has_a_force(play: PlayedMove, whole: bool) -> None:
     """The hand moves from 1.1 s to 1.7 s; what brakes record of it after a stop is not the hand's move."""
     figures = figures_of_moves(scenario(), [play], 1, 1.0)
-    assert np.isfinite(figures["hand_force_peak_n"]) == whole
-    assert np.isfinite(figures["hand_force_rms_n"]) == whole
+    assert np.isfinite([figures["hand_force_peak_n"], figures["hand_force_rms_n"]]).tolist() == [whole] * 2
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -140,11 +128,9 @@ def test_one_move_cut_short_leaves_its_mode_without_a_peak(order: int) -> None:
     played = [cut(2400), cut(1400, interrupted=True)][::order]
     assert np.isnan(figures_of_moves(scenario(), played, 2, 1.0)["hand_force_peak_n"])
     forces = [{"hand_force_peak_n": 20.0, "hand_force_rms_n": 9.0}, {"hand_force_peak_n": np.nan}][::order]
-    modes = compare_modes(dict(zip(("classical_x_slow", "classical_y_slow"), forces, strict=True)))
-    assert np.isnan(modes["classical_peak_n"])
-    assert np.isnan(
-        compare_modes(dict(zip(("assist_x_slow", "assist_y_slow"), forces, strict=True)))["slow_peak_n"]
-    )
+    moves = "classical_x_slow", "classical_y_slow", "assist_x_slow", "assist_y_slow"
+    modes = compare_modes(dict(zip(moves, 2 * forces, strict=True)))
+    assert np.isnan([modes["classical_peak_n"], modes["slow_peak_n"]]).all()
 
 
 def test_an_identified_model_is_as_good_as_the_true_one(tmp_path: Path) -> None:
@@ -183,16 +169,17 @@ def test_a_taught_path_is_no_worse_than_the_hand_that_showed_it(run: RunResult) 
     hand = np.sqrt(3.0 * (run.scenario.drag.wander_m**2 + run.scenario.drag.tremor_m**2))
     assert run.figures["recorded_deviation_rms_m"] == pytest.approx(hand, rel=0.35)
     assert run.figures["taught_deviation_rms_m"] < 0.85 * run.figures["recorded_deviation_rms_m"]
-    assert run.figures["taught_axis_error_max_rad"] < 0.5 * run.scenario.drag.wobble_rad
+    elastic = run_experiment(on_real_arm(dragged()))
+    assert elastic.figures["taught_deviation_rms_m"] < 1.5e-3
+    for taught in (run, elastic):
+        assert taught.stop_reason is None
+        assert taught.figures["taught_axis_error_max_rad"] < 0.5 * run.scenario.drag.wobble_rad
 
 
 def test_a_steady_hand_teaches_the_rim_but_for_what_its_own_spring_gives() -> None:
-    run = run_experiment(dragged(**STEADY))
-    assert (
-        run.figures["taught_deviation_max_m"]
-        < run.figures["hand_force_peak_n"] / run.scenario.hand.stiffness_n_m
-    )
-    assert run.figures["taught_missed_max_m"] < 2e-3
+    figures = run_experiment(dragged(**STEADY)).figures
+    assert figures["taught_deviation_max_m"] < figures["hand_force_peak_n"] / HandConfig().stiffness_n_m
+    assert figures["taught_missed_max_m"] < 2e-3
 
 
 def test_the_same_seed_teaches_the_same_path(run: RunResult) -> None:
@@ -215,18 +202,10 @@ def test_wander_and_tremor_have_the_size_and_band_asked_for() -> None:
         at = np.fft.rfftfreq(len(off), dt)
         assert power[(at >= low) & (at <= high)].sum() > 0.9 * power.sum()
         assert np.sqrt(np.mean(off**2)) == pytest.approx(size, rel=0.15)
-
-
-def test_the_hand_goes_from_end_to_end_at_its_speed() -> None:
-    line = np.linspace([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], 50)
-    drag = replace(DragConfig(follow="rim"), **STEADY)
-    meant = drag_table(
-        line, np.tile(np.eye(3), (50, 1, 1)), drag, HandConfig(), 0.001, np.random.default_rng(0)
-    ).meant
-    assert meant.positions[0, 0] == 0.0
-    assert meant.positions[-1, 0] == pytest.approx(0.5, abs=1e-9)
-    assert meant.velocities[:, 0].max() == pytest.approx(drag.speed_m_s, rel=1e-3)
-    assert np.abs(np.diff(meant.velocities[:, 0])).max() / 0.001 < 0.2
+        # Meant is to go from end to end at the hand's speed.
+        np.testing.assert_allclose(made.meant.positions[[0, -1], 0], [0.0, 1.0], atol=1e-9)
+        assert made.meant.velocities[:, 0].max() == pytest.approx(DragConfig().speed_m_s, rel=1e-3)
+        assert np.abs(np.diff(made.meant.velocities[:, 0])).max() / dt < 0.2
 
 
 def test_an_arm_that_stops_itself_teaches_no_path() -> None:
@@ -237,13 +216,6 @@ def test_an_arm_that_stops_itself_teaches_no_path() -> None:
     assert len(run.log)
 
 
-def test_a_path_that_is_none_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "path.csv"
-    file.write_text("x,y,z,i,j,k\n0,0,0,0,0,1\n")
-    with pytest.raises(PolishSimError, match=r"path.csv"):
-        run_experiment(dragged(follow=str(file)))
-
-
 def on_real_arm(asked: Scenario, *settings: str) -> Scenario:
     return override(asked, ["robot.arm=ur5e", *settings])
 
@@ -251,14 +223,11 @@ def on_real_arm(asked: Scenario, *settings: str) -> Scenario:
 def test_inertia_compensation_does_the_same_for_elastic_joints_heard_on_the_link_s_side() -> None:
     real_trial = run_experiment(on_real_arm(scenario(direction="x")))
     assert real_trial.stop_reason is None
-    assert real_trial.figures["fast_peak_ratio_x"] <= 0.45
-    assert real_trial.figures["fast_rms_ratio_x"] <= 0.30
-    assert real_trial.figures["drift_rad"] < np.radians(0.01)
-    assert real_trial.figures["slow_peak_n"] <= 10.0
+    assert_light(real_trial.figures, "x")
 
 
 def test_by_the_motors_encoders_inertia_compensation_is_unstable_and_stopped() -> None:
-    """Above the resonance a rotor is alone: less inertia than is compensated."""
+    """Above the resonance a rotor is alone: less inertia than is compensated. Rigid gears are stable."""
     move = scenario(mode="inertia", direction="x", duration_s=1.0)
     run = run_experiment(on_real_arm(move, "guide.encoder_side=motor"))
     assert run.stop_reason is not None
@@ -278,13 +247,6 @@ def test_the_hand_pulls_the_link_and_winds_up_the_gear() -> None:
     assert np.abs(twist - twist[0]).max() > 1e-4
 
 
-def test_a_real_arm_is_taught_a_rim_by_hand() -> None:
-    taught = run_experiment(on_real_arm(dragged()))
-    assert taught.stop_reason is None
-    assert taught.figures["taught_deviation_rms_m"] < 1.5e-3
-    assert taught.figures["taught_axis_error_max_rad"] < 0.5 * taught.scenario.drag.wobble_rad
-
-
 def test_an_unknown_side_of_the_encoders_is_refused() -> None:
-    with pytest.raises(InputError, match=r"unknown guide.encoder_side 'both'. Known: link, motor"):
+    with pytest.raises(InputError, match=r"guide.encoder_side 'both'.*link, motor"):
         run_experiment(on_real_arm(scenario(mode="gravity"), "guide.encoder_side=both"))
