@@ -9,15 +9,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
 from polish_sim.cell import build_pad, no_part
 from tests.cell.fields import part_at, plane, sphere
 from tests.cell.pressing import DOWN, ELASTIC, PAD, below_sphere, foundation, press, working_depth
 
 FLAT = part_at(plane())
+DEPTH = 0.001
+FORCE = 20000.0 * DEPTH  # [N]
+SPIN = 6000.0 * 2.0 * math.pi / 60.0  # [rad/s]
+CENTER = np.array([0.0, 0.0, -DEPTH])
+STILL = replace(PAD, damping_s_m=0.0)
 
 
-@pytest.mark.parametrize("points", [8, 48, 100, 1000])
+@pytest.mark.parametrize("points", [8, 100, 1000])
 def test_the_points_stand_for_the_disc_area_centroid_and_second_moments(points: int) -> None:
     pad = build_pad(replace(PAD, points=points))
     assert len(pad.x) == points
@@ -28,21 +32,17 @@ def test_the_points_stand_for_the_disc_area_centroid_and_second_moments(points: 
     assert pad.material.stiffness * points == pytest.approx(PAD.stiffness_n_m)
 
 
-@pytest.mark.parametrize("depth", [0.0, 1e-5, 0.001, 0.003, 0.006])
-def test_on_a_plane_the_force_is_k_d(depth: float) -> None:
-    found = press(FLAT, np.array([0.003, -0.002, -depth]))
-    np.testing.assert_allclose(found.force, [0.0, 0.0, 20000.0 * depth], rtol=1e-5, atol=1e-4)
-    np.testing.assert_allclose(found.torque, 0.0, atol=1e-4)
-
-
-def test_above_the_part_nothing_is_felt() -> None:
+def test_on_a_plane_the_force_is_k_d_and_above_the_part_nothing_is_felt() -> None:
+    for depth in (0.0, 1e-5, 0.001, 0.006):
+        found = press(FLAT, np.array([0.003, -0.002, -depth]))
+        np.testing.assert_allclose(found.force, [0.0, 0.0, 20000.0 * depth], rtol=1e-5, atol=1e-4)
+        np.testing.assert_allclose(found.torque, 0.0, atol=1e-4)
     for part, height in ((FLAT, 1e-5), (FLAT, 0.5), (no_part(), -0.01)):
         found = press(part, np.array([0.0, 0.0, height]), config=PAD, velocity=(0.1, 0.0, -0.1), spin=600.0)
         np.testing.assert_array_equal(np.concatenate(found), 0.0)
 
 
-@pytest.mark.parametrize("tilt_deg", [1.0, 3.0, 10.0])
-@pytest.mark.parametrize("about", [0, 1])
+@pytest.mark.parametrize(("tilt_deg", "about"), [(1.0, 0), (3.0, 1), (10.0, 1)])
 def test_on_a_tilted_plane_force_and_moment_are_the_integral_over_the_part_in_contact(
     tilt_deg: float, about: int
 ) -> None:
@@ -63,8 +63,7 @@ def test_a_slightly_tilted_pad_in_full_contact_feels_k_d_and_a_moment_of_k_a_squ
     np.testing.assert_allclose(found.torque, [-righting, 0.0, 0.0], atol=1e-5)
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.004, 0.008])
-@pytest.mark.parametrize("radius", [0.3, 0.1, 0.05])  # of the shipped sphere caps [m]
+@pytest.mark.parametrize(("radius", "offset"), [(0.3, 0.004), (0.1, 0.0), (0.05, 0.008)])
 def test_on_spheres_force_and_moment_are_the_integral_over_the_contact_disc(
     radius: float, offset: float
 ) -> None:
@@ -81,7 +80,7 @@ def test_more_points_come_closer_to_the_integral() -> None:
     """Mean over places of the pad, on a field fine enough not to hide what the points do."""
     radius = 0.05
     depth, part, errors = working_depth(radius), part_at(sphere(radius, spacing=0.0005)), []
-    offsets = np.linspace(0.0, 0.008, 9)
+    offsets = np.linspace(0.0, 0.008, 5)
     truths = [foundation(below_sphere(radius), np.array([x, 0.0, -depth]), DOWN).force[2] for x in offsets]
     for points in (25, 100, 400):
         config = replace(ELASTIC, points=points)
@@ -93,24 +92,19 @@ def test_more_points_come_closer_to_the_integral() -> None:
 
 
 def test_pressing_in_is_harder_and_drawing_out_softer_by_a_times_the_speed_and_the_part_never_pulls() -> None:
-    depth = 0.002
-    for speed in (-1.0, -0.2, -0.05, 0.0, 0.05, 0.2):
-        found = press(
-            FLAT, np.array([0.0, 0.0, -depth]), config=replace(PAD, friction=0.0), velocity=(0, 0, -speed)
-        )
-        expected = 20000.0 * depth * max(1.0 + 3.0 * speed, 0.0)
+    for speed in (-1.0, -0.2, 0.0, 0.2):
+        found = press(FLAT, CENTER, config=replace(PAD, friction=0.0), velocity=(0, 0, -speed))
+        expected = FORCE * max(1.0 + 3.0 * speed, 0.0)
         assert found.force[2] == pytest.approx(expected, rel=1e-5, abs=1e-12)
 
 
 def test_a_pad_that_rolls_in_feels_the_side_that_goes_down() -> None:
     """Turning at w about x, the point at y moves down at w y: the damped part of the moment is a k d w A a^2
     / 4."""
-    depth, rate = 0.002, 2.0
-    found = press(
-        FLAT, np.array([0.0, 0.0, -depth]), config=replace(PAD, friction=0.0), turning=(rate, 0.0, 0.0)
-    )
-    assert found.force[2] == pytest.approx(20000.0 * depth, rel=1e-5)
-    expected = -3.0 * 20000.0 * depth * rate * PAD.radius_m**2 / 4.0
+    rate = 2.0
+    found = press(FLAT, CENTER, config=replace(PAD, friction=0.0), turning=(rate, 0.0, 0.0))
+    assert found.force[2] == pytest.approx(FORCE, rel=1e-5)
+    expected = -3.0 * FORCE * rate * PAD.radius_m**2 / 4.0
     np.testing.assert_allclose(found.torque, [expected, 0.0, 0.0], rtol=1e-4, atol=1e-7)
 
 
@@ -118,7 +112,7 @@ def test_the_force_turns_with_the_world() -> None:
     center, R = np.array([0.004, -0.003, -0.002]), Rotation.from_rotvec([0.05, -0.03, 0.4]).as_matrix() @ DOWN
     velocity, turning = np.array([0.03, -0.01, -0.02]), np.array([0.2, 0.1, -0.3])
     here = press(part_at(sphere(0.1)), center, R, PAD, tuple(velocity), tuple(turning), 628.0)
-    for world, shift in zip(Rotation.random(5, random_state=0).as_matrix(), np.eye(5, 3), strict=True):
+    for world, shift in zip(Rotation.random(2, random_state=0).as_matrix(), np.eye(2, 3), strict=True):
         there = press(
             part_at(sphere(0.1), world, shift), world @ center + shift, world @ R, PAD,
             tuple(world @ velocity), tuple(world @ turning), 628.0,
@@ -127,54 +121,22 @@ def test_the_force_turns_with_the_world() -> None:
         np.testing.assert_allclose(there.torque, world @ here.torque, atol=1e-9)
 
 
-def test_without_friction_and_damping_the_force_is_minus_the_slope_of_the_stored_energy() -> None:
-    """The energy of the points, k d^2 / 2 each, drops by force times way wherever the pad goes."""
-    part, pad = part_at(sphere(0.05)), build_pad(ELASTIC)
-    depth_and_normal = below_sphere(0.05)
-
-    def energy(center: Array) -> float:
-        points = center + pad.x[:, None] * DOWN[:, 0] + pad.y[:, None] * DOWN[:, 1]
-        return 0.5 * pad.material.stiffness * float(np.sum(np.maximum(depth_and_normal(points)[0], 0.0) ** 2))
-
-    center, h = np.array([0.006, 0.002, -0.0025]), 1e-6
-    slope = [(energy(center + h * e) - energy(center - h * e)) / (2.0 * h) for e in np.eye(3)]
-    np.testing.assert_allclose(press(part, center).force, -np.array(slope), atol=0.005 * 13.0)
-
-
-DEPTH = 0.001
-FORCE = 20000.0 * DEPTH  # [N]
-SPIN = 6000.0 * 2.0 * math.pi / 60.0  # [rad/s]
-CENTER = np.array([0.0, 0.0, -DEPTH])
-STILL = replace(PAD, damping_s_m=0.0)
-
-
 def test_a_pressed_spinning_disc_feels_two_thirds_of_mu_f_r_against_its_spin() -> None:
-    found = press(FLAT, CENTER, config=STILL, spin=SPIN)
-    expected = 2.0 / 3.0 * STILL.friction * FORCE * STILL.radius_m
-    spin_axis = DOWN[:, 2]
-    assert found.torque @ spin_axis == pytest.approx(-expected, rel=0.01)
-    np.testing.assert_allclose(found.force, [0.0, 0.0, FORCE], atol=1e-3)
-    assert press(FLAT, CENTER, config=STILL, spin=-SPIN).torque @ spin_axis == pytest.approx(
-        expected, rel=0.01
-    )
-
-
-@pytest.mark.parametrize("direction_deg", [0.0, 30.0, 90.0, 200.0])
-def test_a_sliding_disc_is_held_back_by_mu_f(direction_deg: float) -> None:
-    angle = math.radians(direction_deg)
-    direction = np.array([math.cos(angle), math.sin(angle), 0.0])
-    found = press(FLAT, CENTER, config=STILL, velocity=tuple(0.5 * direction))
-    np.testing.assert_allclose(
-        found.force, -STILL.friction * FORCE * direction + [0.0, 0.0, FORCE], rtol=1e-3, atol=2e-3
-    )
-    np.testing.assert_allclose(found.torque, 0.0, atol=1e-4)
+    for sense in (1.0, -1.0):
+        found = press(FLAT, CENTER, config=STILL, spin=sense * SPIN)
+        expected = -sense * 2.0 / 3.0 * STILL.friction * FORCE * STILL.radius_m
+        assert found.torque @ DOWN[:, 2] == pytest.approx(expected, rel=0.01)
+        np.testing.assert_allclose(found.force, [0.0, 0.0, FORCE], atol=1e-3)
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-4, 0.005, 0.02, 1.0])
-def test_friction_grows_smoothly_with_the_sliding_speed(speed: float) -> None:
-    found = press(FLAT, CENTER, config=STILL, velocity=(speed, 0.0, 0.0))
+def test_a_sliding_disc_is_held_back_by_mu_f_which_grows_smoothly_with_the_speed(speed: float) -> None:
+    direction = np.array([math.cos(3.5), math.sin(3.5), 0.0])
+    found = press(FLAT, CENTER, config=STILL, velocity=tuple(speed * direction))
     developed = speed / math.hypot(speed, STILL.friction_smoothing_m_s)
-    assert found.force[0] == pytest.approx(-STILL.friction * FORCE * developed, rel=1e-4, abs=1e-4)
+    drag = -STILL.friction * FORCE * developed * direction
+    np.testing.assert_allclose(found.force, drag + [0.0, 0.0, FORCE], rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(found.torque, 0.0, atol=1e-4)
 
 
 def test_spinning_fast_leaves_little_friction_against_the_feed() -> None:
@@ -186,18 +148,8 @@ def test_spinning_fast_leaves_little_friction_against_the_feed() -> None:
 
 def test_spinning_does_not_press_even_on_a_tilted_part() -> None:
     R = Rotation.from_rotvec([0.05, 0.02, 0.0]).as_matrix() @ DOWN
-    smooth = replace(PAD, friction=0.0)
-    for spin in (0.0, SPIN, -SPIN):
-        found = press(FLAT, CENTER, R, smooth, spin=spin)
-        np.testing.assert_array_equal(np.concatenate(found), np.concatenate(press(FLAT, CENTER, R, smooth)))
-
-
-def test_friction_takes_energy_out_whatever_the_motion() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        velocity, turning = np.array([*rng.normal(size=2), 0.0]), np.array([0.0, 0.0, rng.normal()])
-        found = press(FLAT, CENTER, config=STILL, velocity=tuple(velocity), turning=tuple(turning))
-        assert found.force @ velocity + found.torque @ turning < 0.0
+    still, spun = (press(FLAT, CENTER, R, replace(PAD, friction=0.0), spin=spin) for spin in (0.0, SPIN))
+    np.testing.assert_array_equal(np.concatenate(spun), np.concatenate(still))
 
 
 def test_a_heads_own_turning_about_its_axis_rubs_like_the_spindle() -> None:

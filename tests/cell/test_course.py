@@ -27,13 +27,8 @@ FULL_TILT_STIFFNESS = PAD.stiffness_n_m * PAD.radius_m**2 / 4.0  # of a disc all
 def course_on(
     field: DistanceField, *strokes: Stroke, T_base_work: Array = UPRIGHT, arm: str = "robot.arm=ur5e"
 ) -> Course:
-    return build_course(
-        override(default_scenario("surface"), ["plan.stepover_m=0.008", arm]),
-        strokes,
-        field,
-        T_base_work,
-        joints_at(TOUCH),
-    )
+    scenario = override(default_scenario("surface"), ["plan.stepover_m=0.008", arm])
+    return build_course(scenario, strokes, field, T_base_work, joints_at(TOUCH))
 
 
 def pressed_with(force: float, T_base_touch: Array = TOUCH, slide: float = 0.01) -> Stroke:
@@ -55,7 +50,7 @@ def test_on_a_plane_springs_and_pad_in_series_say_the_depth_and_nothing_changes_
     np.testing.assert_allclose(course.tilt_stiffness, FULL_TILT_STIFFNESS, rtol=0.02)
 
 
-@pytest.mark.parametrize("radius", [0.3, 0.1, 0.05])
+@pytest.mark.parametrize("radius", [0.3, 0.05])
 def test_on_a_sphere_it_goes_as_deep_as_the_closed_form_says(radius: float) -> None:
     course = course_on(sphere(radius), pressing_stroke())
 
@@ -79,26 +74,14 @@ def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_momen
     assert course.depth[0] == pytest.approx(20.0 / HEAD_STIFFNESS + 2.0 * 20.0 / PAD.stiffness_n_m, rel=0.03)
     R_tool = UPRIGHT[:3, :3].T @ TOUCH[:3, :3]
     lever = R_tool.T @ [-4.0 * PAD.radius_m / (3.0 * np.pi), 0.0, 0.0]
-    expected = np.cross(lever, [0.0, 0.0, 20.0])
-    np.testing.assert_allclose(course.moment[0], expected[:2], atol=0.01)
-
-
-def test_a_leaning_tool_feels_its_moment_as_the_tilt_stiffness_says() -> None:
-    """A disc all on the part is stiff K R^2 / 4 against tilting."""
-    tilt = 0.01
-    leaning = tool_pose(0.0, -0.5, 0.1, (tilt, 0.0, 0.0))
-    course = course_on(plane(), pressed_with(20.0, leaning, slide=0.0))
-    expected = tilt * FULL_TILT_STIFFNESS
-    assert course.moment[0, 0] == pytest.approx(expected, rel=0.03)
-    assert np.abs(course.moment[0, 1]) < 0.02 * expected
+    np.testing.assert_allclose(course.moment[0], np.cross(lever, [0.0, 0.0, 20.0])[:2], atol=0.01)
 
 
 def test_a_force_that_changes_along_the_path_is_followed() -> None:
     table = path_through(along_tool(TOUCH, z=PRESSED), along_tool(TOUCH, x=0.01, z=0.5 * PRESSED))
     forces = np.linspace(20.0, 10.0, len(table.positions))
     course = course_on(plane(), pressing_stroke()._replace(process=table, force=forces))
-    assert course.depth[0] == pytest.approx(PRESSED, rel=1e-3)
-    assert course.depth[10] == pytest.approx((1.0 - 0.5 * 0.005 / table.length) * PRESSED, rel=1e-3)
+    np.testing.assert_allclose(course.depth[[0, 10]] / PRESSED, [1.0, 1.0 - 0.0025 / table.length], rtol=1e-3)
     np.testing.assert_allclose(course.surplus, 0.0, atol=1e-6)
 
 
@@ -120,27 +103,6 @@ def test_the_turning_of_the_tool_is_that_of_the_path() -> None:
     np.testing.assert_allclose(course.turning[10], [0.1 / stroke.process.length, 0.0, 0.0], atol=1e-3)
 
 
-def spiral(turns: float, pitch: float, spacing: float) -> Array:
-    """Points of an Archimedean spiral at equal steps [m], (n, 3)."""
-    angle = np.linspace(2.0 * np.pi, 2.0 * np.pi * turns, 20001)
-    radius = pitch * angle / (2.0 * np.pi)
-    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1)
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    at = np.arange(0.0, s[-1], spacing)
-    return np.stack([np.interp(at, s, points[:, k]) for k in range(3)], axis=1)
-
-
-def test_the_neighbour_on_a_spiral_is_the_turn_before_one_pitch_away() -> None:
-    points, pitch = spiral(8.0, 0.008, 0.0005), 0.008
-    rows = nearest_earlier(points, 0.0005, 1.5 * pitch)
-    later = np.arange(len(points)) > 0.6 * len(points)
-    assert (rows[later] >= 0).all()
-    away = np.linalg.norm(points - points[rows], axis=1)[later]
-    assert away.min() > 0.9 * pitch
-    assert away.max() < 1.02 * pitch
-    assert (rows[:60] == -1).all()
-
-
 def test_a_raster_line_neighbours_the_line_before_run_the_other_way() -> None:
     x = np.arange(0.0, 0.1, 0.0005)
     there = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
@@ -160,16 +122,7 @@ def test_rotation_of_the_whole_cell_changes_no_column_but_the_turning() -> None:
     np.testing.assert_allclose(here.moment, there.moment, atol=1e-4)
 
 
-def test_the_arm_swings_slower_the_further_it_reaches_and_a_rigid_one_is_not_known_to() -> None:
-    modes = [
-        course_on(plane(), pressing_stroke(tool), T_base_work=tool @ np.diag([1.0, -1.0, -1.0, 1.0])).arm_mode
-        for tool in (along_tool(TOUCH, y=-0.2), TOUCH, along_tool(TOUCH, y=0.2))
-    ]
-    assert modes[0].min() > 1.1 * modes[1].max() > 1.2 * modes[2].max()
-    assert not course_on(plane(), pressing_stroke(), arm=IDEAL_ARM).arm_mode.any()
-
-
-def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it() -> None:
+def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_is_not_known_to() -> None:
     """Against the eigenvalues of links, rotors and springs: a tenth above the slowest."""
     scenario = default_scenario("surface")
     about = joints_about(scenario, joints_at(TOUCH)[None])[0]
@@ -178,6 +131,6 @@ def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it() -> None:
     squares, shapes = eigh(moving.stiffness + 5000.0 * np.outer(tool, tool), moving.mass)
     softness = (tool @ shapes) ** 2 / squares
     assert softness[0] > 0.9 * softness.sum()
-    assert course_on(plane(), pressing_stroke()).arm_mode[0] / 1.1 == pytest.approx(
-        np.sqrt(squares[0]), rel=0.02
-    )
+    slowest = course_on(plane(), pressing_stroke()).arm_mode[0] / 1.1
+    assert slowest == pytest.approx(np.sqrt(squares[0]), rel=0.02)
+    assert not course_on(plane(), pressing_stroke(), arm=IDEAL_ARM).arm_mode.any()

@@ -12,7 +12,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell import build_pad, press_pad
 from polish_sim.config import PadConfig
 from tests.cell.fields import part_at, plane
-from tests.cell.pressing import ELASTIC, PAD
+from tests.cell.pressing import PAD
 
 WEIGHT = """
 <mujoco>
@@ -46,12 +46,11 @@ def drop(config: PadConfig, text: str, seconds: float) -> Motion:
     force, torque, rows = np.zeros(3), np.zeros(3), []
     for _ in range(round(seconds / model.opt.timestep)):
         mujoco.mj_step1(model, data)
-        center, velocity = data.site("pad").xpos, np.zeros(6)
+        center, velocity = data.site("pad").xpos.copy(), np.zeros(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, 0, velocity, 0)
+        turning, linear = velocity[:3].copy(), velocity[3:].copy()
         R_base_pad = np.ascontiguousarray(data.site("pad").xmat.reshape(3, 3))
-        press_pad(
-            pad, part, 0.0, R_base_pad, center.copy(), velocity[3:].copy(), velocity[:3].copy(), force, torque
-        )
+        press_pad(pad, part, 0.0, R_base_pad, center, linear, turning, force, torque)
         lever = center - data.body("weight").xipos
         data.body("weight").xfrc_applied = np.concatenate([force, torque + np.cross(lever, force)])
         rows.append((center[2], data.energy.sum(), force[2]))
@@ -73,29 +72,15 @@ def falling(mass: float, height: float) -> str:
     return WEIGHT.format(height=height, mass=mass, joint=FREE)
 
 
-def rest_energy(mass: float) -> float:
-    return mass * 9.81 * 0.02  # of the centre of mass above the face
-
-
-@pytest.mark.parametrize("height", [0.002, 0.01, 0.02])
-@pytest.mark.parametrize("mass", [0.3, 2.0])
+@pytest.mark.parametrize(("mass", "height"), [(0.3, 0.002), (0.3, 0.02), (2.0, 0.01)])
 def test_a_dropped_weight_never_bounces_with_more_energy_than_it_had(mass: float, height: float) -> None:
     motion = drop(PAD, falling(mass, height), 1.5)
-    energy = energy_at_tops(motion) - rest_energy(mass)
+    energy = energy_at_tops(motion) - mass * 9.81 * 0.02  # of rest: the centre of mass above the face
     assert np.all(energy[1:] <= 1.001 * energy[:-1])
     assert motion.force[-1] == pytest.approx(mass * 9.81, rel=1e-3)  # it came to rest, and is carried
-    assert motion.height[-1] == pytest.approx(-mass * 9.81 / 20000.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("mass", [0.3, 2.0])
-def test_without_damping_and_friction_the_pad_gives_back_what_it_took(mass: float) -> None:
-    motion = drop(ELASTIC, falling(mass, 0.01), 1.5)
-    energy = energy_at_tops(motion) - rest_energy(mass)
-    assert len(energy) > 4
-    np.testing.assert_allclose(energy, mass * 9.81 * 0.01, rtol=0.03)
-
-
-@pytest.mark.parametrize("preload", [-0.001, 0.0, 0.001, 0.003])
+@pytest.mark.parametrize("preload", [-0.001, 0.003])
 def test_a_sprung_head_let_go_presses_and_releases_with_ever_less_energy(preload: float) -> None:
     """Weightless, released 4 mm above the part, its spring at rest ``preload`` [m] below the surface."""
     text = WEIGHT.format(

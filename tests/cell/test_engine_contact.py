@@ -51,8 +51,7 @@ def contact_on_part(model: Any, data: Any) -> Array:
     return total
 
 
-@pytest.mark.parametrize("shape", ["plane", "sphere"])
-@pytest.mark.parametrize("T_base_touch", [TOUCH, LEANING], ids=["straight", "leaning"])
+@pytest.mark.parametrize(("T_base_touch", "shape"), [(TOUCH, "plane"), (LEANING, "sphere")])
 def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch: Array, shape: str) -> None:
     model, depth = scene(T_base_touch, shape), 0.004
     stroke = free_stroke(

@@ -60,54 +60,41 @@ def assert_it_ends_well(run: CellRun) -> None:
     assert np.all(run.trace.normal_force_n[-50:] == 0.0)
     assert run.safety.faults_missed == ()
     if run.stop_reason is not None:
-        assert run.safety.stop_delay_s is not None
-        assert run.safety.stop_delay_s <= 0.020
+        assert 0.0 < run.safety.stop_delay_s <= 0.020
         assert run.safety.retracted is True
 
 
-AT_ONCE = {
-    "sensor-dropout": NO_READING, "sensor-zeros": NO_READING, "sensor-jump": JUMP, "sensor-drop": JUMP,
-    "controller-nan": CONTROLLER_NAN,
-}  # fmt: skip
-
-
-WHEN = ("0.8", "contact+0.02", "contact+1")
-NOTICED = [
-    *(
-        (f"{name}@{when}", code, 0.0, 0.020)
-        for name, code in AT_ONCE.items()
-        for when in (0.8, "contact+0.02", "contact+1")
-    ),
-    # What shows by its absence, when its time is over; the spindle runs down a fifth in 0.1 s.
-    ("sensor-frozen@contact+1", FROZEN, 0.016, 0.024),
-    ("command-lost@contact+1", SILENT_HOST, 0.102, 0.110),
-    ("spindle-stop@contact+1", SPINDLE, 0.096, 0.104),
-    # The surface falls away under the pad, or seems to.
-    *((f"{name}@contact+1", FALLEN, 0.0, 12.0) for name in ("part-low", "part-missing", "sensor-drift")),
-]
-
-
-@pytest.mark.parametrize(("event", "code", "least", "most"), NOTICED)
+@pytest.mark.parametrize(
+    ("event", "code", "least", "most"),
+    [
+        ("sensor-dropout@0.8", NO_READING, 0.0, 0.020),
+        ("sensor-zeros@contact+0.02", NO_READING, 0.0, 0.020),
+        ("sensor-jump@contact+0.02", JUMP, 0.0, 0.020),
+        ("sensor-drop@contact+1", JUMP, 0.0, 0.020),
+        ("controller-nan@contact+0.02", CONTROLLER_NAN, 0.0, 0.020),
+        # What shows by its absence, when its time is over; the spindle runs down a fifth in 0.1 s.
+        ("sensor-frozen@contact+1", FROZEN, 0.016, 0.024),
+        ("command-lost@contact+1", SILENT_HOST, 0.102, 0.110),
+        ("spindle-stop@contact+1", SPINDLE, 0.096, 0.104),
+        # The surface falls away under the pad, or seems to.
+        ("part-low@contact+1", FALLEN, 0.0, 12.0),
+        ("part-missing@contact+1", FALLEN, 0.0, 12.0),
+        ("sensor-drift@contact+1", FALLEN, 0.0, 12.0),
+    ],
+)
 def test_what_can_be_noticed_stops_the_robot_in_its_time(
     event: str, code: int, least: float, most: float
 ) -> None:
     run = faulty(event, "spindle.speed_rpm=6000", hold=12.0).run()
     assert run.stop_reason == REASONS[code]
-    assert run.safety.fault_to_stop_s is not None
     assert least <= run.safety.fault_to_stop_s <= most
     assert_it_ends_well(run)
 
 
-@pytest.mark.parametrize(
-    ("when", "way"),
-    [
-        (1.0, 0.005),
-        # While it touches down it is pressed in further, by 4 mm; what it has risen counts from where contact
-        # was.
-        (0.05, 0.009),
-    ],
-)
+@pytest.mark.parametrize(("when", "way"), [(1.0, 0.005), (0.05, 0.009)])
 def test_a_part_that_rises_by_10_mm_is_followed_for_5_more_than_pressed_in(when: float, way: float) -> None:
+    """While it touches down it is pressed in by 4 mm more: what it has risen counts from where contact
+    was."""
     run = faulty(f"part-high@contact+{when}").run()
     assert run.stop_reason == REASONS[RISEN]
     assert run.safety.fault_to_stop_s == pytest.approx(way / SHIFT_SPEED, abs=0.1)
@@ -140,16 +127,13 @@ def test_a_fault_happens_at_its_step_whoever_looks_on() -> None:
     class Onlooker(Silent):
         frame_every_s = 0.007
 
-    runs = [
-        faulty("part-shift@0.7304, sensor-dropout@contact+0.1234").run(onlooker)
-        for onlooker in (Silent(), Onlooker())
-    ]
-    assert runs[0].safety == runs[1].safety
-    assert runs[0].safety.fault_time_s == pytest.approx(0.731)
-    np.testing.assert_array_equal(runs[0].trace.normal_force_n, runs[1].trace.normal_force_n)
-    force = runs[0].trace.normal_force_n
-    contact = runs[0].trace.time_s[np.argmax(force > 0.5)]
-    assert runs[0].safety.protective_stop_time_s == pytest.approx(contact + 0.124, abs=1e-6)
+    events = "part-shift@0.7304, sensor-dropout@contact+0.1234"
+    alone, watched = (faulty(events).run(onlooker) for onlooker in (Silent(), Onlooker()))
+    assert alone.safety == watched.safety
+    assert alone.safety.fault_time_s == pytest.approx(0.731)
+    np.testing.assert_array_equal(alone.trace.normal_force_n, watched.trace.normal_force_n)
+    contact = alone.trace.time_s[np.argmax(alone.trace.normal_force_n > 0.5)]
+    assert alone.safety.protective_stop_time_s == pytest.approx(contact + 0.124, abs=1e-6)
 
 
 def test_without_faults_the_run_is_the_same_to_the_bit() -> None:
@@ -159,23 +143,13 @@ def test_without_faults_the_run_is_the_same_to_the_bit() -> None:
     assert waiting.safety.fault_time_s is None
 
 
-def test_events_are_read_as_they_are_written() -> None:
-    events = parse_events("sensor-dropout@3.2, part-high@contact+0.5")
+def test_events_are_read_as_they_are_written_and_what_is_none_is_refused() -> None:
+    events = parse_events("sensor-dropout@3.2, part-high @ contact + 0.5 ,")
     assert events == (FaultEvent("sensor-dropout", 3.2), FaultEvent("part-high", 0.5, after_contact=True))
     assert ", ".join(map(str, events)) == "sensor-dropout@3.2, part-high@contact+0.5"
-    assert parse_events("") == ()
-    assert parse_events(" part-low @ contact + 0.5 ,") == (FaultEvent("part-low", 0.5, after_contact=True),)
-
-
-@pytest.mark.parametrize(
-    "wrong", ["sensor-dropout", "sensor-dropout@", "sensor-dropout@soon", "part-high@-1", "part-high@contact"]
-)
-def test_an_event_without_its_time_is_refused(wrong: str) -> None:
-    with pytest.raises(ConfigError, match="NAME@TIME"):
-        parse_events(wrong)
-
-
-def test_an_unknown_fault_lists_the_known_ones() -> None:
+    for wrong in ("sensor-dropout", "sensor-dropout@soon", "part-high@-1"):
+        with pytest.raises(ConfigError, match="NAME@TIME"):
+            parse_events(wrong)
     with pytest.raises(InputError, match=r"part-missing, .*sensor-dropout"):
         parse_events("gremlins@3")
 
@@ -196,14 +170,13 @@ def test_noise_five_times_stronger_raises_the_threshold_of_contact_and_the_robot
 @pytest.mark.parametrize(
     ("change", "lacking"),
     [
-        ("faults.events=part-high@1", "there is no part to press on"),
-        ("faults.events=sensor-frozen@contact+1", "there is no part to press on"),
-        ("faults.events=master-stop@1", "there is no second robot"),
-        ("process.changes='force_n=10@1'", "there is no part to press on"),
+        ("faults.events=sensor-frozen@contact+1", "no part to press on"),
+        ("faults.events=master-stop@1", "no second robot"),
+        ("process.changes='force_n=10@1'", "no part to press on"),
     ],
 )
 def test_what_would_change_nothing_is_refused(change: str, lacking: str) -> None:
-    with pytest.raises(ConfigError, match=f"would change nothing: {lacking}"):
+    with pytest.raises(ConfigError, match=lacking):
         cell_for(override(default_scenario("arc"), [change]), free_stroke(tool_pose(0.0, -0.5, 0.2)))
 
 
@@ -249,24 +222,21 @@ def test_what_happens_by_hand_happens_again_when_it_is_planned() -> None:
     first = cell.run(hand)
     planned = as_planned(cell.scenario, cell.asked)
     assert re.fullmatch(r"force_n=24\.5@[\d.]+, feed_m_s=0\.003@[\d.]+", planned.process.changes)
-    again = faulty(
-        planned.faults.events, f"process.changes='{planned.process.changes}'", hold=2.0, slide=0.02
-    ).run()
+    changes = f"process.changes='{planned.process.changes}'"
+    again = faulty(planned.faults.events, changes, hold=2.0, slide=0.02).run()
     assert all(first.log[name].tobytes() == again.log[name].tobytes() for name in first.log.names)
-    plain = faulty("", hold=2.0, slide=0.02).run()
-    assert first.log["normal_force_n"].tobytes() != plain.log["normal_force_n"].tobytes()
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ("force_n=25", "is not NAME=VALUE@TIME"),
-        ("force_n@3", "has no number for force_n"),
-        ("force=25@3", "unknown set point 'force'. Did you mean 'force_n'"),
+        ("force_n=25", "NAME=VALUE@TIME"),
+        ("force_n@3", "no number"),
+        ("force=25@3", "Did you mean 'force_n'"),
         ("feed_m_s=0.02@3", "at most the planned 0.01"),
         ("force_n=-3@3", "out of range"),
     ],
 )
 def test_changes_that_cannot_be_made_are_refused(changes: str, said: str) -> None:
-    with pytest.raises((ConfigError, InputError), match=re.escape(said)):
+    with pytest.raises((ConfigError, InputError), match=said):
         faulty("", f"process.changes='{changes}'")
