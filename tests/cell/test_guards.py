@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import signal
 
 import mujoco
@@ -20,7 +21,6 @@ from polish_sim.motion.rules.limits import JOINT_SPEED
 from tests.cell.cells import (
     EVERY_STEP,
     EachStep,
-    along_tool,
     cell_for,
     free_stroke,
     housing_vertices,
@@ -45,9 +45,7 @@ def keeps_its_log(run: CellRun) -> None:
 def test_a_missing_part_is_sought_to_the_search_depth_and_no_further() -> None:
     flat = part_under(plane())
     run = on_plane(part=flat._replace(position=flat.position - [0.0, 0.0, 0.03])).run()
-    assert run.stop_reason is not None
-    assert "no contact" in run.stop_reason
-    assert "process.search_depth_m" in run.stop_reason
+    assert "process.search_depth_m" in str(run.stop_reason)
     sought = run.trace.tcp_position_m[0, 2] - run.trace.tcp_position_m[:, 2].min()
     assert sought == pytest.approx(0.005 + 0.010, abs=2e-4)
     assert set(run.trace.phase) == {0, 3}
@@ -55,46 +53,28 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "lean", "named", "axes"),
-    [
-        # Position control goes down to where the springs carry 20 N, whatever force is wanted.
-        (
-            ["safety.force_limit_n=12", "process.contact_force_n=10"],
-            0.0,
-            "force above safety.force_limit_n:",
-            slice(3),
-        ),
-        # A tool that leans by 2 deg feels k a^2 / 4 times the angle about its point.
-        (["safety.torque_limit_nm=0.1"], 0.03, "torque above safety.torque_limit_nm:", slice(3, 6)),
-    ],
+    ("limit", "lean", "unit", "axes"),
+    [("force_limit_n=12", 0.0, " N", slice(3)), ("torque_limit_nm=0.1", 0.03, " N m", slice(3, 6))],
 )
 def test_too_much_force_or_torque_stops_at_the_measured_limit(
-    settings: list[str], lean: float, named: str, axes: slice
+    limit: str, lean: float, unit: str, axes: slice
 ) -> None:
-    part, limit = (
-        part_under(plane(), tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0))),
-        float(settings[0].split("=")[1]),
-    )
-    run = on_plane(*settings, "controller.name=position", part=part, wanted=10.0).run()
-    assert str(run.stop_reason).startswith(f"measured {named}")
-    said, unit = str(run.safety.protective_stop_measured).split(maxsplit=1)
-    assert limit <= float(said) < 1.2 * limit
-    assert unit == ("N" if axes.start is None else "N m")
+    """Position control goes down to where the springs carry 20 N, whatever force is wanted; a tool that leans
+    by 2 deg feels k a^2 / 4 times the angle about its point."""
+    part = part_under(plane(), tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)))
+    settings = f"safety.{limit}", "process.contact_force_n=10", "controller.name=position"
+    run, (name, most) = on_plane(*settings, part=part, wanted=10.0).run(), limit.split("=")
+    assert f"safety.{name}" in str(run.stop_reason)
+    said = str(run.safety.protective_stop_measured).removesuffix(unit)
+    assert float(most) <= float(said) < 1.2 * float(most)
     measured = np.linalg.norm(run.log["wrench_measured_tool"][:, axes], axis=1)
-    assert measured[stopped_at(run)] > limit
-    assert measured[: stopped_at(run)].max() <= limit
+    assert measured[: stopped_at(run)].max() <= float(most) < measured[stopped_at(run)]
     keeps_its_log(run)
-
-
-def test_a_noiseless_sensor_at_rest_is_no_fault() -> None:
-    pose = tool_pose(0.0, -0.5, 0.2)
-    run = cell_for(ideal("arc"), free_stroke(pose, along_tool(pose, x=0.002), hold=1.0)).run()
-    assert run.stop_reason is None
 
 
 def test_contact_lost_over_an_edge_stops_after_its_time() -> None:
     run = on_plane("safety.contact_lost_s=0.3", "controller.name=position", slide=0.12).run()
-    assert str(run.stop_reason).startswith("contact lost for longer than safety.contact_lost_s:")
+    assert "safety.contact_lost_s" in str(run.stop_reason)
     assert run.safety.protective_stop_measured == "0.30 s"
     touching = np.flatnonzero(run.log["wrench_measured_tool"][: stopped_at(run), 2] >= 2.0)  # a tenth of 20 N
     assert stopped_at(run) - touching[-1] == pytest.approx(300, abs=2)
@@ -132,7 +112,8 @@ def test_a_shaft_driven_into_a_low_wall_stops_before_the_housing_is_over_it() ->
     assert run.log["tcp_position_m"][stopped_at(run), 0] == pytest.approx(0.08 - 0.009, abs=0.002)
 
 
-def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres() -> None:
+def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres_and_passes_beside_it() -> None:
+    assert past_a_wall(wall(0.08), -0.2, 0.0).run().stop_reason is None
     cell = past_a_wall(wall(0.08), -0.5, 0.0)
     run = cell.run()
     assert run.stop_reason == REASONS[CRASH]
@@ -142,29 +123,19 @@ def test_a_housing_driven_into_a_wall_stops_within_a_few_millimetres() -> None:
     keeps_its_log(run)
 
 
-def test_beside_the_wall_it_passes() -> None:
-    assert past_a_wall(wall(0.08), -0.2, 0.0).run().stop_reason is None
-
-
-def test_a_joint_at_the_end_of_its_range_stops_the_robot() -> None:
+def test_a_joint_at_the_end_of_its_range_or_a_nearly_singular_arm_stops_the_robot() -> None:
     """The tool turns about its axis, on the spot but for 1 mm per 7 deg, through more than the last joint has
-    left."""
+    left; or the arm is stretched."""
     turns = [tool_pose(0.001 * i, -0.5, 0.2, (0.0, 0.0, 0.127 * i)) for i in range(60)]
-    run = cell_for(ideal("arc", EVERY_STEP), free_stroke(*turns, feed=0.005)).run()
-    assert str(run.stop_reason).startswith("a joint reached the end of its range:")
-    assert run.log["q_rad"][-1, 5] == pytest.approx(JOINT_LIMITS[5, 0], abs=0.01)
-    keeps_its_log(run)
-
-
-def test_a_stretched_arm_stops_before_it_is_singular() -> None:
-    scenario = ideal("arc", EVERY_STEP)
-    run = cell_for(
-        scenario, free_stroke(tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3), feed=0.1)
-    ).run()
-    assert run.stop_reason is not None
-    assert run.stop_reason.startswith("near a singularity of the arm (safety.singular_value_limit)")
-    assert np.abs(run.log["qd_rad_s"]).max() < JOINT_SPEED
-    keeps_its_log(run)
+    turned = cell_for(ideal("arc", EVERY_STEP), free_stroke(*turns, feed=0.005)).run()
+    assert "the end of its range" in str(turned.stop_reason)
+    assert turned.log["q_rad"][-1, 5] == pytest.approx(JOINT_LIMITS[5, 0], abs=0.01)
+    reaching = tool_pose(0.0, -0.6, 0.3), tool_pose(0.0, -1.0, 0.3)
+    stretched = cell_for(ideal("arc", EVERY_STEP), free_stroke(*reaching, feed=0.1)).run()
+    assert "safety.singular_value_limit" in str(stretched.stop_reason)
+    assert np.abs(stretched.log["qd_rad_s"]).max() < JOINT_SPEED
+    for run in (turned, stretched):
+        keeps_its_log(run)
 
 
 def onto_the_table(look_every_s: float) -> CellRun:
@@ -181,9 +152,7 @@ def onto_the_table(look_every_s: float) -> CellRun:
 
 def test_a_housing_pressed_on_the_table_is_seen_by_the_engine_and_named() -> None:
     run = onto_the_table(5.0)
-    assert run.stop_reason is not None
-    assert "table" in run.stop_reason
-    assert "tool_collision" in run.stop_reason
+    assert {"table", "tool_collision"} <= set(re.findall(r"\w+", str(run.stop_reason)))
     housing_end = 0.22 - (0.115 + 0.040)  # of the collision capsule above the tool point [m]
     assert run.trace.tcp_position_m[-1, 2] == pytest.approx(-housing_end, abs=0.001)
     keeps_its_log(run)
@@ -196,7 +165,7 @@ def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
             data.qvel[0] = math.inf
 
     run = cell_for(ideal("arc", EVERY_STEP), free_stroke(tool_pose(0.0, -0.5, 0.2))).run(EachStep(poison))
-    assert str(run.stop_reason).startswith("the simulation became unstable:")
+    assert "unstable" in str(run.stop_reason)
     assert run.steps < 310
 
 

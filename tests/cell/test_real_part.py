@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import RealPart, Touch, build_real_part
-from polish_sim.cell.guards import CRASH, REASONS
 from polish_sim.cell.real_part import bend_of, build_part_fields, displacement_of, spread_over
 from polish_sim.config import PartConfig
 from polish_sim.geometry import Surface, field_distance
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.spatial import apply, transform
-from tests.cell.cells import cell_for, free_stroke, housing_vertices, ideal, tool_pose
 from tests.cell.pressing import DOWN, PAD, press
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -81,27 +78,16 @@ def test_a_part_as_drawn_lies_where_it_is_placed(sheet: Surface) -> None:
     np.testing.assert_allclose(part.rotation, T_BASE_WORK[:3, :3], atol=1e-15)
     np.testing.assert_allclose(part.position, T_BASE_WORK[:3, 3], atol=1e-15)
     R = T_BASE_WORK[:3, :3] @ DOWN
-    for depth in (-0.0005, 0.001, 0.002):
-        center = apply(T_BASE_WORK, np.array([[0.01, 0.005, -depth]]))[0]
-        expected = 20000.0 * max(depth, 0.0) * T_BASE_WORK[:3, 2]
-        np.testing.assert_allclose(press(part, center, R).force, expected, atol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("x", "depth", "force", "off"),
-    [
-        # Deeper than half a thin sheet it is still pushed back out the way it came.
-        (0.0, 0.9 * THICKNESS, 20000.0 * 0.9 * THICKNESS, 0.01),
-        # Half over the edge it feels half.
+    # Deeper than half a thin sheet the pad is pushed out the way it came; half over the edge it feels half.
+    for x, depth, force, off in (
+        (0.01, -0.0005, 0.0, 0.0),
+        (0.01, 0.002, 40.0, 1e-3),
+        (0.0, 0.9 * THICKNESS, 54.0, 0.01),
         (0.05, 0.001, 10.0, 0.5),
-    ],
-)
-def test_a_pad_on_a_thin_sheet_is_pushed_out_by_what_lies_under_it(
-    sheet: Surface, x: float, depth: float, force: float, off: float
-) -> None:
-    center = apply(T_BASE_WORK, np.array([[x, 0.0, -depth]]))[0]
-    pushed = T_BASE_WORK[:3, :3].T @ press(real(sheet, TRUE), center, T_BASE_WORK[:3, :3] @ DOWN).force
-    np.testing.assert_allclose(pushed, [0.0, 0.0, force], atol=off)
+    ):
+        center = apply(T_BASE_WORK, np.array([[x, 0.005, -depth]]))[0]
+        pushed = T_BASE_WORK[:3, :3].T @ press(part, center, R).force
+        np.testing.assert_allclose(pushed, [0.0, 0.0, force], atol=off)
 
 
 def test_the_bent_surface_lies_where_the_form_error_says(sheet: Surface) -> None:
@@ -114,21 +100,8 @@ def test_the_bent_surface_lies_where_the_form_error_says(sheet: Surface) -> None
     assert np.ptp(found) > 0.0001
 
 
-def test_a_face_of_two_facets_is_bent_by_no_more_than_its_form_error() -> None:
-    corners = np.array([[-0.05, -0.02, 0.0], [0.05, -0.02, 0.0], [0.05, 0.02, 0.0], [-0.05, 0.02, 0.0]])
-    face = fit_triangles(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
-    within = np.random.default_rng(0).uniform([-0.05, -0.02, 0.0], [0.05, 0.02, 0.0], (500, 3))
-    for seed in range(50):
-        bend = bend_of(PartConfig(), spread_over(face), np.random.default_rng(seed))
-        assert 0.0002 < np.ptp(bend(within)) < 0.0005
-
-
 def test_the_same_seed_makes_the_same_part_and_another_seed_another(sheet: Surface) -> None:
-    one, again, other = (
-        real(sheet, PartConfig(), 5),
-        real(sheet, PartConfig(), 5),
-        real(sheet, PartConfig(), 6),
-    )
+    one, again, other = (real(sheet, PartConfig(), seed) for seed in (5, 5, 6))
     np.testing.assert_array_equal(one.field.bricks, again.field.bricks)
     np.testing.assert_array_equal(one.position, again.position)
     assert not np.array_equal(one.field.bricks, other.field.bricks)
@@ -143,16 +116,3 @@ def test_the_whole_part_is_there_for_the_crash_check_not_just_where_the_pad_goes
     assert max(field_distance(coarse, *point) for point in inside) < 0.5 * coarse.spacing
     beside = inside + [0.0, 0.0, 0.008]
     assert min(field_distance(coarse, *point) for point in beside) > 0.5 * coarse.spacing
-
-
-def test_a_housing_driven_into_a_thin_sheet_standing_beside_the_path_is_stopped(sheet: Surface) -> None:
-    upright = Rotation.from_rotvec([0.0, np.pi / 2.0, 0.0]).as_matrix()
-    part = real(sheet, TRUE)._replace(rotation=upright, position=np.array([0.1, -0.5, 0.3]))
-    cell = cell_for(
-        ideal("arc"), free_stroke(tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)), part=part
-    )
-    assert cell.run().stop_reason == REASONS[CRASH]
-    mujoco.mj_kinematics(cell.model, cell.data)
-    vertices = housing_vertices(cell.model, cell.data)
-    reached = vertices[np.abs(vertices[:, 2] - 0.3) < 0.05, 0].max()
-    assert reached == pytest.approx(0.1 - THICKNESS, abs=0.005)

@@ -205,13 +205,6 @@ def test_a_part_that_is_carried_and_turned_with_the_tool_is_polished_as_one_at_r
     np.testing.assert_allclose(found.exposure, still.exposure, rtol=1e-5, atol=1e-5 * still.exposure.max())
 
 
-def test_a_pad_in_the_air_removes_nothing() -> None:
-    trace, _ = run_of()
-    lifted = trace._replace(normal_force_n=np.zeros(len(trace.time_s)))
-    motion = pad_motion(log_of(trace), lifted, part_at(plane()), R)
-    assert expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).exposure.max() == 0.0
-
-
 UP = np.array([0.0, 0.0, 1.0])
 R_NODES = 0.02
 TRACK = np.column_stack([np.linspace(-0.03, 0.03, 61), np.zeros(61), np.zeros(61)])

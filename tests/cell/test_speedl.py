@@ -37,14 +37,18 @@ def robot_with(q: Array = AT_WORK, **changes: Any) -> Speedl:
 
 
 def commanded(
-    request: Callable[[int], Array], steps: int, robot: Speedl | None = None, stops_at: int = 10**9
+    request: Callable[[int], Array],
+    steps: int,
+    robot: Speedl | None = None,
+    silent: int = 10**9,
+    again: int = 10**9,
 ) -> Array:
-    """Twist the interface commands at every step, shape (steps, 6); from ``stops_at`` on the host is
-    silent."""
+    """Twist the interface commands at every step, shape (steps, 6); the host is silent from a step until
+    another."""
     robot, found = robot or robot_with(), []
     line = build_request_line(robot)
     for n in range(steps):
-        heard = min(n, stops_at)
+        heard = n if n >= again else min(n, silent)
         pass_request(robot, line, request(heard), heard + 1, DT)
         limit_acceleration(robot, DT)
         found.append(robot.twist.copy())
@@ -52,8 +56,8 @@ def commanded(
 
 
 def test_no_request_however_wild_makes_it_accelerate_faster_than_its_limits() -> None:
-    wild = np.random.default_rng(0).normal(scale=[0.5, 0.5, 0.5, 3.0, 3.0, 3.0], size=(2000, 6))
-    steps = np.diff(np.concatenate([np.zeros((1, 6)), commanded(lambda n: wild[n], 2000)]), axis=0) / DT
+    wild = np.random.default_rng(0).normal(scale=[0.5, 0.5, 0.5, 3.0, 3.0, 3.0], size=(500, 6))
+    steps = np.diff(commanded(lambda n: wild[n], 500), axis=0, prepend=0.0) / DT
     linear, angular = np.linalg.norm(steps[:, :3], axis=1), np.linalg.norm(steps[:, 3:], axis=1)
     assert linear.max() == pytest.approx(ROBOT.linear_acceleration_m_s2, rel=1e-9)
     assert angular.max() == pytest.approx(ROBOT.angular_acceleration_rad_s2, rel=1e-9)
@@ -62,44 +66,26 @@ def test_no_request_however_wild_makes_it_accelerate_faster_than_its_limits() ->
 def test_it_goes_straight_to_the_request_in_the_least_time_and_stays() -> None:
     wanted = np.array([0.03, -0.04, 0.0, 0.0, 0.3, 0.0])
     found = commanded(lambda _n: wanted, 200)
-    started = found[DEFAULT.latency :]
-    needed = int(np.ceil(0.05 / (ROBOT.linear_acceleration_m_s2 * DT)))
-    np.testing.assert_allclose(
-        started[needed - 1 :, :3], np.tile(wanted[:3], (len(started) - needed + 1, 1)), atol=1e-15
-    )
-    ramp = started[: needed - 1, :3]
-    np.testing.assert_allclose(np.cross(ramp, wanted[:3]), 0.0, atol=1e-15)
-    np.testing.assert_allclose(
-        np.linalg.norm(ramp, axis=1), ROBOT.linear_acceleration_m_s2 * DT * np.arange(1, needed)
-    )
+    reached = np.minimum(ROBOT.linear_acceleration_m_s2 * DT * np.arange(1, 201 - DEFAULT.latency), 0.05)
+    np.testing.assert_allclose(found[DEFAULT.latency :, :3], np.outer(reached, wanted[:3] / 0.05), atol=1e-15)
 
 
-@pytest.mark.parametrize("latency_ms", [0, 1, 6, 25])
+@pytest.mark.parametrize("latency_ms", [0, 1, 25])
 def test_a_request_acts_after_the_latency_to_the_step(latency_ms: int) -> None:
     found = commanded(lambda _n: np.array([1e-4, 0, 0, 0, 0, 0]), 60, robot_with(latency=latency_ms))
     assert np.flatnonzero(found[:, 0])[0] == latency_ms
 
 
-def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_by_itself() -> None:
-    speed, silent = 0.06, 100
-    found = commanded(lambda _n: np.array([speed, 0, 0, 0, 0, 0.3]), 400, stops_at=silent)
+def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_until_it_is_told() -> None:
+    speed, silent, again = 0.06, 100, 350
+    found = commanded(lambda _n: np.array([speed, 0, 0, 0, 0, 0.3]), 400, None, silent, again)
     braking = np.flatnonzero(found[:, 0] < speed * (1 - 1e-9))
     begins = int(braking[braking > silent][0])
     assert begins == pytest.approx(silent + DEFAULT.latency + ROBOT.command_timeout_s / DT, abs=1.5)
     needed = round(speed / (ROBOT.linear_acceleration_m_s2 * DT))
     assert found[begins + needed - 2, 0] > 0.0
-    np.testing.assert_allclose(found[begins + needed :], 0.0, atol=1e-15)
-
-
-def test_after_the_timeout_a_new_request_moves_it_again() -> None:
-    robot, speeds = robot_with(), []
-    line = build_request_line(robot)
-    for n in range(400):
-        pass_request(robot, line, np.array([0.01, 0, 0, 0, 0, 0]), 1 if n < 300 else 2, DT)
-        limit_acceleration(robot, DT)
-        speeds.append(robot.twist[0])
-    assert speeds[299] == 0.0
-    assert speeds[350] == pytest.approx(0.01)
+    np.testing.assert_allclose(found[begins + needed : again], 0.0, atol=1e-15)
+    assert found[-1, 0] == pytest.approx(speed)
 
 
 def resolved(q: Array, twist: Array, **changes: Any) -> tuple[Speedl, bool]:
@@ -141,18 +127,17 @@ def test_a_joint_is_held_at_the_end_of_its_range_and_says_so(joint: int, way: fl
     for speed, stays in ((0.05, True), (0.5, False)):  # 1e-4 rad are left, a step is 1 ms
         outward = way * speed * np.eye(6)[joint]
         state, inside = resolved(AT_WORK, jacobian(AT_WORK, TIP) @ outward, **near)
+        moves = way * speed if stays else 0.0
         assert inside == stays
-        assert state.speeds[joint] == pytest.approx(way * speed if stays else 0.0, abs=1e-6)
-        assert state.joints[joint] == pytest.approx(
-            AT_WORK[joint] + (way * speed * DT if stays else 0.0), abs=1e-9
-        )
+        assert state.speeds[joint] == pytest.approx(moves, abs=1e-6)
+        assert state.joints[joint] == pytest.approx(AT_WORK[joint] + moves * DT, abs=1e-9)
 
 
 def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most() -> None:
     state, exact = robot_with(), []
     line = build_request_line(state)
-    for n in range(4000):
-        J = jacobian(AT_WORK + np.array([0.2, 0.3, -0.4, 0.3, 1.5, 0.5]) * n / 4000, TIP)
+    for n in range(2000):
+        J = jacobian(AT_WORK + np.array([0.2, 0.3, -0.4, 0.3, 1.5, 0.5]) * n / 2000, TIP)
         pass_request(state, line, np.zeros(6), 1, DT)
         resolve_joints(state, J, DT)
         exact.append(np.linalg.svd(J, compute_uv=False)[-1])
