@@ -77,7 +77,7 @@ def test_a_request_acts_after_the_latency_to_the_step(latency_ms: int) -> None:
 
 
 def test_a_silent_host_is_believed_for_the_timeout_then_the_robot_comes_to_rest_until_it_is_told() -> None:
-    speed, silent, again = 0.06, 100, 350
+    speed, silent, again = 0.06, 100, 300
     found = commanded(lambda _n: np.array([speed, 0, 0, 0, 0, 0.3]), 400, None, silent, again)
     braking = np.flatnonzero(found[:, 0] < speed * (1 - 1e-9))
     begins = int(braking[braking > silent][0])
