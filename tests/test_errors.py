@@ -22,13 +22,10 @@ def test_a_place_is_written_in_millimetres_to_a_hundredth_as_options_take_it() -
     assert place_in_mm((12.3456789, -1e-9, 0.1)) == "(12345.68, 0, 100) mm"
 
 
-def test_an_unknown_name_comes_with_the_known_ones() -> None:
+def test_an_unknown_name_comes_with_the_known_ones_and_the_nearest_whatever_its_capitals() -> None:
     assert str(unknown_name("pattern", "spyral", ["spiral", "raster"])) == (
         "unknown pattern 'spyral'. Did you mean 'spiral'? Known: raster, spiral."
     )
-
-
-def test_a_nearly_right_name_is_asked_back_whatever_its_capitals() -> None:
     assert did_you_mean("Freeform", ["plate", "freeform"]) == " Did you mean 'freeform'?"
     assert did_you_mean("circle", ["arc", "force"]) == ""
     assert "Did you mean 'm'?" in str(unknown_name("unit", "Metre", ["m", "mm"], {"metre": "m"}))

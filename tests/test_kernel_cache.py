@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -74,8 +75,16 @@ def _cache(package: Path) -> Path:
     return package.parents[1] / "cache" / "polish-sim" / "kernels"
 
 
-def test_only_dependents_of_an_edited_file_compile_again_and_older_kernels_stay(package: Path) -> None:
+def test_only_dependents_of_an_edited_file_compile_again_older_kernels_stay_and_long_unused_ones_go(
+    package: Path,
+) -> None:
+    long_unused = _cache(package) / "stiffness-of-last-year"
+    long_unused.mkdir(parents=True)
+    _cache(package).chmod(0o700)
+    os.utime(long_unused, (0.0, 0.0))
     assert _run(package)[0] == [20.0, -2.0, 3]
+    assert len(list(_cache(package).iterdir())) == 3
+    assert not long_unused.exists()
     assert _run(package)[0] == [20.0, -2.0, 0]
     _write_gain(package, 30.0)
     assert _run(package)[0] == [60.0, -2.0, 2]
@@ -85,43 +94,49 @@ def test_only_dependents_of_an_edited_file_compile_again_and_older_kernels_stay(
 
 def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_python(package: Path) -> None:
     part = "@njit(cache=False)\ndef part(x, n):\n    return n * x\n"
-    (package / "sums.py").write_text(
-        part + KERNEL.format(imports="", name="three", value="part(x, 1) + part(x, 2)")
-    )
-    text = (package / "sums.py").read_text()
-    (package / "sums.py").write_text("from polish_sim.kernel_cache import njit\n" + text)
-    script = SCRIPT.replace("stiffness import force", "sums import three").replace(
-        "damping import drag", "sums import part"
-    )
+    three = KERNEL.format(imports="", name="three", value="part(x, 1) + part(x, 2)")
+    (package / "sums.py").write_text(f"from polish_sim.kernel_cache import njit\n{part}{three}")
+    script = SCRIPT.replace("stiffness import force", "sums import three")
+    script = script.replace("damping import drag", "sums import part")
     script = script.replace(
         "force(2.0), drag(2.0)", "three(2.0), sum(e.is_start for _, e in compiled.buffer), part(2.0, 4)"
     )
     assert _run(package, script)[0] == [6.0, 2, 8.0, 3]
 
 
-def test_kernels_that_one_needs_are_known_before_they_are_compiled(package: Path) -> None:
-    script = """
-from polish_sim.kernel_cache import kernels_under
-from polish_sim.stiffness import force
-print(len(kernels_under(force)), len(kernels_under(force) & {force}))
-"""
-    assert _run(package, script)[0] == [2, 1]
-
-
-def test_kernels_of_other_packages_stay_where_numba_keeps_them(package: Path) -> None:
+def test_kernels_of_other_packages_stay_where_numba_keeps_them_and_know_those_they_need(
+    package: Path,
+) -> None:
     own = package.parent / "own.py"
     kernel = KERNEL.format(imports="from polish_sim.gains import gain", name="mine", value="gain(x)")
     own.write_text(kernel.replace("polish_sim.kernel_cache", "numba"))
-    _run(package, "from own import mine\nmine(1.0)")
+    script = """
+from own import mine
+from polish_sim.kernel_cache import kernels_under
+from polish_sim.stiffness import force
+print(len(kernels_under(force)), len(kernels_under(force) & {force}))
+mine(1.0)
+"""
+    assert _run(package, script)[0] == [2, 1]
     assert list(own.parent.glob("__pycache__/own.mine*.nbc"))
     assert not list(_cache(package).glob("*/own*"))
 
 
 def test_a_chosen_cache_folder_is_used(package: Path, tmp_path: Path) -> None:
-    chosen = tmp_path / "chosen"
-    _run(package, NUMBA_CACHE_DIR=str(chosen))
-    assert _run(package, NUMBA_CACHE_DIR=str(chosen))[0] == [20.0, -2.0, 0]
+    _run(package, NUMBA_CACHE_DIR=str(tmp_path / "chosen"))
+    assert len(list((tmp_path / "chosen").rglob("*.nbc"))) == 3
     assert not _cache(package).exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="folders of a Windows profile are closed to others")
+def test_a_folder_of_ones_own_is_closed_to_others_and_one_they_can_write_to_is_refused(package: Path) -> None:
+    _run(package, "from polish_sim.damping import drag; drag(2.0)")
+    assert _cache(package).stat().st_mode & 0o777 == 0o700
+    _cache(package).chmod(0o777)
+    numbers, said = _run(package)
+    assert numbers == [20.0, -2.0, 3]
+    assert said.count("\n") == 1
+    assert f"others can write to {_cache(package)}" in said
 
 
 @pytest.mark.skipif(os.name == "nt", reason="file locks of POSIX")
@@ -145,27 +160,6 @@ def test_a_killed_process_leaves_its_kernel_to_others(package: Path) -> None:
         claimant.kill()
     assert _run(package)[0] == [20.0, -2.0, 3]
     assert not list(_cache(package).glob("*/*.lock"))
-
-
-@pytest.mark.skipif(os.name == "nt", reason="folders of a Windows profile are closed to others")
-def test_a_folder_that_others_can_write_to_is_refused(package: Path) -> None:
-    _run(package)
-    assert _cache(package).stat().st_mode & 0o777 == 0o700
-    _cache(package).chmod(0o777)
-    numbers, said = _run(package)
-    assert numbers == [20.0, -2.0, 3]
-    assert said.count("\n") == 1
-    assert f"others can write to {_cache(package)}" in said
-
-
-def test_kernels_long_unused_are_deleted(package: Path) -> None:
-    old = _cache(package) / "stiffness-of-last-year"
-    old.mkdir(parents=True)
-    _cache(package).chmod(0o700)
-    os.utime(old, (0.0, 0.0))
-    _run(package)
-    assert not old.exists()
-    assert len(list(_cache(package).iterdir())) == 3
 
 
 @pytest.fixture(scope="module")
@@ -220,31 +214,26 @@ def test_a_cpu_named_by_the_user_is_obeyed(shipped: Path) -> None:
     assert "NUMBA_CPU_NAME" in said
 
 
-def test_kernels_are_compiled_through_this_cache() -> None:
-    """Numba's own would not notice an edit of a callee in another file."""
-    for folder in ("src", "cli", "models"):
-        for file in (ROOT / folder).rglob("*.py"):
-            if file.name != "kernel_cache.py":
-                assert not re.search(
-                    r"^from numba import .*\b(njit|cfunc)\b", file.read_text("utf-8"), re.MULTILINE
-                ), file
-
-
-def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep() -> None:
+def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep_and_their_cache() -> None:
+    """Numba's own cache would not notice an edit of a callee in another file."""
     users = set()
     for folder in ("src", "cli", "models"):
         for file in (ROOT / folder).rglob("*.py"):
-            for node in ast.walk(ast.parse(file.read_text("utf-8"))):
-                modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-                modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-                if any(re.match(r"(numba\.|llvmlite)", module) for module in modules):
-                    users.add(file.name)
+            text = file.read_text("utf-8")
+            if re.search(
+                r"^\s*(from|import) (numba\.|llvmlite)|^from numba import .*\b(njit|cfunc)\b",
+                text,
+                re.MULTILINE,
+            ):
+                users.add(file.name)
     assert users == {"kernel_cache.py"}
 
 
 def test_a_numba_that_was_not_tested_is_refused_with_the_version_the_range_and_the_cure(
     package: Path,
 ) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert "numba>={},<{}".format(*kernel_cache.NUMBA) in project["dependencies"]
     (package.parent / "numba").mkdir()
     (package.parent / "numba" / "__init__.py").write_text("__version__ = '0.69.0rc1'")
     command = [sys.executable, "-c", "import polish_sim.kernel_cache"]
@@ -258,11 +247,6 @@ def test_a_numba_that_was_not_tested_is_refused_with_the_version_the_range_and_t
     for version in ("0.60.9", "1.0"):
         with pytest.raises(errors.PolishSimError):
             kernel_cache.check_numba(version)
-
-
-def test_the_range_of_numba_is_the_one_that_is_installed_from() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    assert "numba>={},<{}".format(*kernel_cache.NUMBA) in project["dependencies"]
 
 
 def test_every_import_at_the_top_of_a_module_is_found() -> None:
@@ -297,60 +281,34 @@ ROOT = Path(__file__).parents[1]
 BARE = "no_cpython_wrapper"
 
 
-def _options(function: ast.FunctionDef) -> set[str] | None:
-    """Options of a function's `njit`; None if it is not compiled."""
-    for decorator in function.decorator_list:
-        call = decorator.func if isinstance(decorator, ast.Call) else decorator
-        if isinstance(call, ast.Name) and call.id in {"njit", "cfunc"}:
-            return (
-                {word.arg or "" for word in decorator.keywords} if isinstance(decorator, ast.Call) else set()
-            )
-    return None
-
-
-def _kernels(tree: ast.Module) -> list[ast.FunctionDef]:
-    return [
-        node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and _options(node) is not None
-    ]
-
-
-def _bare_names(tree: ast.Module, own: set[str], bare: dict[str, set[str]]) -> set[str]:
-    """Names that mean kernels without wrappers in a file: its own ones and those it imports."""
-    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    imported = {
-        (a.asname or a.name)
-        for node in froms
-        for a in node.names
-        if a.name in bare.get(node.module or "", ())
-    }
-    return own | imported
+def _kernels(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef, str]]:
+    """Compiled functions with the text of their decorators."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            decorators = " ".join(map(ast.unparse, node.decorator_list))
+            if re.match(r"(njit|cfunc)\b", decorators):
+                yield node, decorators
 
 
 def test_a_kernel_without_its_python_wrapper_is_called_by_kernels_only() -> None:
     """From Python it would crash the interpreter."""
     folders = ("src", "cli", "models", "tests", "benchmarks", "examples")
-    texts = {
-        ".".join(file.relative_to(ROOT).with_suffix("").parts).removeprefix("src."): file.read_text("utf-8")
-        for folder in folders
-        for file in (ROOT / folder).rglob("*.py")
-    }
-    trees = {module: ast.parse(text) for module, text in texts.items() if BARE in text}
+    texts = [file.read_text("utf-8") for folder in folders for file in (ROOT / folder).rglob("*.py")]
     bare = {
-        module: {k.name for k in _kernels(tree) if BARE in (_options(k) or ())}
-        for module, tree in trees.items()
+        kernel.name
+        for text in texts
+        if BARE in text
+        for kernel, decorators in _kernels(ast.parse(text))
+        if BARE in decorators
     }
-    assert sum(map(len, bare.values())) > 5
-    named = re.compile("|".join(name for names in bare.values() for name in names))
-    trees |= {
-        module: ast.parse(text)
-        for module, text in texts.items()
-        if module not in trees and named.search(text)
-    }
-    bare |= {module: set() for module in trees if module not in bare}
-    called = []
-    for module, tree in trees.items():
-        watched = _bare_names(tree, bare[module], bare)
-        for kernel in _kernels(tree):
+    assert len(bare) > 5
+    public = {name for name in bare if not name.startswith("_")}
+    for text in texts:
+        if not re.search(rf"\b({'|'.join(bare)})\b", text):
+            continue
+        tree = ast.parse(text)
+        own = {kernel.name for kernel, decorators in _kernels(tree) if BARE in decorators}
+        for kernel, _ in _kernels(tree):
             kernel.body = [ast.Pass()]
-        called += [(module, n.id) for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id in watched]
-    assert called == []
+        called = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+        assert not called & (public | own), text.splitlines()[0]

@@ -26,25 +26,15 @@ def rows() -> np.ndarray:
     return np.arange(3.0)[:, None] * 1000.0 + np.arange(row_width())
 
 
-def test_names_and_widths_are_the_contracts() -> None:
+def test_every_number_of_a_row_lands_in_the_contracts_column_with_its_type(rows: np.ndarray) -> None:
     assert {name: width for name, (width, _unit) in COLUMNS.items()} == CONTRACT
-
-
-def test_every_number_of_a_row_lands_in_its_column(rows: np.ndarray) -> None:
     log = from_rows(rows % 100)  # small enough for int8
-    assert len(log) == 3
     assert log.names == tuple(CONTRACT)
+    double = {"time_s", "tcp_position_m", "target_position_m"}
+    integer = {"pass_index": np.int32, "phase": np.int8}
     for name, (start, width) in row_layout().items():
         expected = rows[:, start] % 100 if width == 0 else rows[:, start : start + width] % 100
         np.testing.assert_array_equal(log[name], expected)
-    assert sum(max(width, 1) for width in CONTRACT.values()) == row_width()
-
-
-def test_time_and_positions_are_double_phase_is_a_byte_everything_else_single(rows: np.ndarray) -> None:
-    log = from_rows(rows % 100)
-    double = {"time_s", "tcp_position_m", "target_position_m"}
-    integer = {"pass_index": np.int32, "phase": np.int8}
-    for name in log.names:
         assert log[name].dtype == integer.get(name, np.float64 if name in double else np.float32), name
 
 
@@ -88,16 +78,13 @@ def test_a_file_of_other_arrays_is_told_what_it_lacks(rows: np.ndarray, tmp_path
         read_log(tmp_path / "log.npz")
 
 
-@pytest.mark.parametrize("content", [None, b"", b"not a zip", b"PK\x03\x04 cut", "truncated", "objects"])
-def test_a_missing_or_damaged_log_is_named_and_objects_in_it_are_not_run(
-    rows: np.ndarray, tmp_path: Path, content: bytes | str | None
+@pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 cut", "objects"])
+def test_a_missing_or_foreign_log_is_named_and_objects_in_it_are_not_run(
+    tmp_path: Path, content: bytes | str | None
 ) -> None:
     path = tmp_path / "log.npz"
     if isinstance(content, bytes):
         path.write_bytes(content)
-    elif content == "truncated":
-        write_log(path, from_rows(rows % 100))
-        path.write_bytes(path.read_bytes()[:-200])
     elif content == "objects":
         np.savez(path, time_s=np.array([{"a": 1}], dtype=object))
     with pytest.raises(InputError, match=r"log\.npz"):

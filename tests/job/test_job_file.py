@@ -21,23 +21,16 @@ def read(folder: Path, text: str) -> Job:
     return read_job(file)
 
 
-def test_the_template_is_a_job_of_two_crossed_passes(tmp_path: Path):
-    job = read(tmp_path, TEXT)
-    one, other = job.passes
+def test_the_template_is_two_crossed_passes_and_passes_are_setups_times_regions_times_passes(tmp_path: Path):
+    one, other = read(tmp_path, TEXT).passes
     assert (one.head.grit, other.head.grit) == (120, 240)
     assert one.scenario.plan.raster_direction == (1.0, 0.0, 0.0)
+    assert one.scenario.robot.arm == "ur5e"
     assert other.scenario.process.contact_force_n == 15.0
-    assert job.passes[0].scenario.robot.arm == "ur5e"
-
-
-def test_passes_are_setups_times_regions_times_passes(tmp_path: Path):
     text = TEXT.replace('regions = ["auto"]', 'regions = ["top", "auto"]')
     folders = [one.folder for one in read(tmp_path, text + "\n[[setup]]\n[[setup.pass]]\n").passes]
     assert folders == [
-        "setup_1/region_1/pass_1",
-        "setup_1/region_1/pass_2",
-        "setup_1/region_2/pass_1",
-        "setup_1/region_2/pass_2",
+        *(f"setup_1/region_{region}/pass_{number}" for region in (1, 2) for number in (1, 2)),
         "setup_2/region_1/pass_1",
     ]
 
@@ -47,28 +40,18 @@ def test_passes_are_setups_times_regions_times_passes(tmp_path: Path):
     [
         ("grit = 120", "grti = 120"),
         ("process.contact_force_n = 15.0", "process.contact_force_n = -15.0"),
-        ("process.contact_force_n = 15.0", "process.contact_force_n = 45.0"),
+        ("process.contact_force_n = 15.0", "process.contact_force_n = 55.0"),
         ('tool = "spindle-pad"  #', 'tool = "spindel-pad"  #'),
         ('plan.pattern = "raster"\n', 'plan.pattern = "rastre"\n'),
         ("clamp_s = 60.0", "clamp_s = 'long'"),
-        ('regions = ["auto"]', 'regions = "auto"'),
-        ("parts = 1", "parts = 0"),
         ('robot.arm = "ur5e"', 'robot.arn = "ur5e"'),
     ],
 )
 def test_what_is_wrong_is_refused_with_its_line(tmp_path: Path, old: str, new: str):
     text = TEXT.replace(old, new, 1)
-    assert text != TEXT
-    if "45.0" in new:
-        text = text.replace("45.0", "55.0")
-    with pytest.raises(PolishSimError) as caught:
+    (changed,) = [n for n, line in enumerate(text.splitlines(), 1) if line not in TEXT.splitlines()]
+    with pytest.raises(PolishSimError, match=rf"line {changed}\b"):
         read(tmp_path, text)
-    lines = [
-        n for n, (a, b) in enumerate(zip(TEXT.splitlines(), text.splitlines(), strict=True), 1) if a != b
-    ]
-    found = re.search(r"line (\d+)", str(caught.value))
-    assert found is not None
-    assert int(found[1]) in lines
 
 
 def test_mutated_files_are_read_or_refused_with_one_error(tmp_path: Path):
@@ -96,13 +79,10 @@ def test_files_are_named_from_the_jobs_folder(tmp_path: Path):
     assert one.zones[0].region == one.scenario.plan.region == f"polygon:{tmp_path / 'corner.txt'}"
 
 
-def test_a_region_the_part_does_not_have_is_refused_with_its_line_before_anything_is_planned(tmp_path: Path):
+def test_an_error_in_a_region_or_in_the_tools_file_names_its_line_before_anything_is_planned(tmp_path: Path):
     text = TEXT + '[[setup.pass.zone]]\nregion = "faces:missing.txt"\n'
     with pytest.raises(PolishSimError, match=f"line {len(text.splitlines())}: "):
         check_regions(read(tmp_path, text))
-
-
-def test_an_error_of_the_tools_file_names_its_line_there(tmp_path: Path):
     (tmp_path / "mine.toml").write_text("[a]\nspeed_rpm = 1000.0\n[b]\nspeed_rpm = -1.0\n")
     with pytest.raises(PolishSimError, match=r"mine.toml, line 4: 'b.speed_rpm'"):
         read(tmp_path, f'tools = "mine.toml"\n{TEXT}')

@@ -56,50 +56,39 @@ def whole(job: Job, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lis
     return folder, list(run_job(job, folder, Silent()))
 
 
-def test_planned_and_simulated_time_agree(job: Job, whole: tuple[Path, list[Row]]):
+def test_planned_and_simulated_time_agree_and_the_programme_asks_the_operator(
+    job: Job, whole: tuple[Path, list[Row]]
+):
     folder, rows = whole
     figures = job_figures(job, folder, rows)
     assert figures["planned_cycle_time_s"] == pytest.approx(figures["cycle_time_s"], rel=0.02)
     assert figures["contact_time_s"] + figures["air_time_s"] == pytest.approx(figures["cycle_time_s"])
     assert figures["operator_s"] == 90.0
     assert rows[0].figures["path_done"] == 1.0
-
-
-def test_the_programme_of_a_setup_asks_the_operator(job: Job, whole: tuple[Path, list[Row]]):
-    ((number, text),) = programs(job, whole[0])
+    ((number, text),) = programs(job, folder)
     assert number == 1
     assert text.count("on the table") == 1
     assert "grit 120" in text
 
 
-@pytest.mark.parametrize("after", [1.0, 7.0])
-def test_a_stopped_job_goes_on_and_takes_off_as_much(
-    job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, after: float
+@pytest.mark.parametrize(("after", "pieces"), [(1.0, 1), (7.0, 2), (9.5, 2)])
+def test_a_stopped_job_goes_on_and_takes_off_as_much_with_no_more_than_ramp_and_landing(
+    job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, after: float, pieces: int
 ):
+    """After 9.5 s what is left is shorter than a step-over: 1.5 of them are polished again, and the
+    touch-down takes 0.5 s."""
     with pytest.raises(KeyboardInterrupt):
         list(run_job(job, tmp_path, Stops(after)))
     (row,) = run_job(job, tmp_path, Silent())
+    assert row.figures["pieces"] == pieces
+    assert not (tmp_path / "setup_1/region_1/pass_1/pieces").exists()
     one, two = (read_removal(folder / FILE) for folder in (whole[0], tmp_path))
     assert two.areas @ two.exposure == pytest.approx(one.areas @ one.exposure, rel=0.1)
     assert (two.exposure[one.exposure > 0.2 * one.mean] > 0.0).all()
-    assert not (tmp_path / "setup_1/region_1/pass_1/pieces").exists()
-    assert row.figures["pieces"] == (1 if after < 2.0 else 2)
-
-
-def test_a_job_stopped_shortly_before_its_end_goes_on_with_no_more_than_ramp_and_landing(
-    job: Job, whole: tuple[Path, list[Row]], tmp_path: Path
-):
-    """What is left is shorter than a step-over: 1.5 of them are polished again, and the touch-down takes 0.5
-    s."""
-    with pytest.raises(KeyboardInterrupt):
-        list(run_job(job, tmp_path, Stops(9.5)))
-    (row,) = run_job(job, tmp_path, Silent())
-    assert row.figures["pieces"] == 2
-    one, two = (read_removal(folder / FILE) for folder in (whole[0], tmp_path))
-    plan = json.loads((tmp_path / "setup_1/region_1/pass_1/plan/metrics.json").read_text())
-    again = (1.5 * 0.02 + 0.5 * 0.05) / plan["path_length_m"]
-    assert 1.0 < two.mean / one.mean < 1.0 + again
-    assert (two.exposure[one.exposure > 0.2 * one.mean] > 0.0).all()
+    if after == 9.5:
+        plan = json.loads((tmp_path / "setup_1/region_1/pass_1/plan/metrics.json").read_text())
+        again = (1.5 * 0.02 + 0.5 * 0.05) / plan["path_length_m"]
+        assert 1.0 < two.mean / one.mean < 1.0 + again
 
 
 def test_the_same_job_gives_the_same_bytes(job: Job, whole: tuple[Path, list[Row]], tmp_path: Path):
@@ -112,22 +101,20 @@ def test_the_same_job_gives_the_same_bytes(job: Job, whole: tuple[Path, list[Row
     assert digests(tmp_path) == digests(whole[0])
 
 
-def test_a_pass_with_a_flange_is_left_to_the_flanges_own_programme(tmp_path: Path) -> None:
+def test_a_pass_with_a_flange_is_left_to_its_own_programme_and_a_force_controller_is_refused(
+    tmp_path: Path,
+) -> None:
     """URScript would press with the robot's force mode."""
     file = tmp_path / "job.toml"
-    file.write_text('part = "plate"\n[[setup]]\n[[setup.pass]]\ntool = "active-flange"\n')
+    text = 'part = "plate"\n[[setup]]\n[[setup.pass]]\ntool = "active-flange"\n'
+    file.write_text(text)
     job = read_job(file)
-    ((_, text),) = programs(job, tmp_path)
+    ((_, programme),) = programs(job, tmp_path)
     assert job.passes[0].scenario.controller.name == "position"
-    assert "Mount active-flange" in text
-    assert "the flange's own programme" in text
-    assert "force_mode" not in text
-
-
-def test_a_pass_with_a_flange_and_a_force_controller_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "job.toml"
-    head = 'part = "plate"\n[[setup]]\n[[setup.pass]]\ntool = "active-flange"\n'
-    file.write_text(head + 'controller.name = "hybrid-pi"\n')
+    assert "Mount active-flange" in programme
+    assert "the flange's own programme" in programme
+    assert "force_mode" not in programme
+    file.write_text(text + 'controller.name = "hybrid-pi"\n')
     with pytest.raises(PolishSimError, match="hybrid-pi"):
         read_job(file)
 

@@ -50,16 +50,15 @@ def silent(_done: int, _all: int, _trouble: str | None) -> None:
     pass
 
 
-def test_a_range_by_log_has_equal_ratios_and_its_own_ends() -> None:
+def test_an_axis_is_a_range_or_values_that_are_numbers_words_and_lists() -> None:
     assert read_axis("a.b=0.001:10:log5").values == (0.001, 0.01, 0.1, 1.0, 10.0)
     assert read_axis("a.b=0:1:lin5").values == (0.0, 0.25, 0.5, 0.75, 1.0)
-
-
-def test_values_are_numbers_words_and_lists() -> None:
     assert read_axis("a=1, 2.5,true,word").values == (1, 2.5, True, "word")
     assert read_axis("a=mine.py:Mine,other.py:Mine").values == ("mine.py:Mine", "other.py:Mine")
     assert read_axis("a=mine.py:Mine").values == ("mine.py:Mine",)
     assert read_axis("a=[[1, 2], [3, 4]]").values == ((1, 2), (3, 4))
+    axis = Axis("a", "", ("x", "y", "z"))  # of a sample
+    assert [axis.at(u) for u in (0.0, 0.33, 0.34, 0.66, 0.67, 0.999)] == ["x", "x", "y", "y", "z", "z"]
 
 
 def test_a_grid_is_every_combination_with_every_seed() -> None:
@@ -86,23 +85,20 @@ def test_samples_stay_in_their_ranges_and_come_again(sample: str) -> None:
     [
         ([f"{NOISE}=0.1,0.2", f"{NOISE}=0.3"], {}, "varied twice"),
         ([f"{NOISE}=0.1:0.2"], {}, "a grid needs steps"),
-        ([f"{NOISE}=0.1:0.2"], {"sample": "sobol"}, "--count"),
         ([f"{NOISE}=0.1"], {"count": 3}, "--count is for"),
-        ([f"{NOISE}=0.1"], {"sample": "sobl", "count": 3}, "Did you mean 'sobol'?"),
-        (["sensor.force_nose_n=0.1"], {}, "Did you mean 'sensor.force_noise_n'?"),
+        ([f"{NOISE}=0.1"], {"sample": "sobl", "count": 3}, "'sobol'"),
+        (["sensor.force_nose_n=0.1"], {}, "'sensor.force_noise_n'"),
         ([f"{NOISE}=0.1,-3"], {}, "outside"),
         (["seed=1,2"], {}, "--seeds"),
         ([f"{NOISE}=0:1:lin100000"], {"seeds": 1000}, "more than"),
     ],
 )
 def test_a_study_no_run_can_be_made_of_is_refused(axes: list[str], more: dict[str, Any], told: str) -> None:
-    with pytest.raises(PolishSimError, match=told.replace("?", r"\?")):
+    with pytest.raises(PolishSimError, match=told):
         study(*axes, **more).check()
 
 
-@pytest.mark.parametrize(
-    "text", ["a", "a=", "a=1,,2", "=1", "a=2:1:lin3", "a=0:1:log3", "a=1:2:lin1", "a=[1,", "a=[]"]
-)
+@pytest.mark.parametrize("text", ["a", "a=1,,2", "a=2:1:lin3", "a=0:1:log3", "a=1:2:lin1", "a=[1,", "a=[]"])
 def test_what_is_no_axis_is_refused(text: str) -> None:
     with pytest.raises(PolishSimError, match="--vary"):
         read_axis(text)
@@ -122,40 +118,33 @@ def test_a_study_s_file_gives_back_the_same_runs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("experiment = 'arc'\nsed = 3", "Did you mean 'seeds'?"),
-        ("experiment = 'ark'", "Did you mean 'arc'?"),
-        ("experiment = 'arc'\nseeds = 'many'", "'seeds' in .* must be a whole number"),
-        ("experiment = 'arc'\nvary = 3", "'vary' in .* must be a section"),
+        ("experiment = 'arc'\nsed = 3", "'seeds'"),
+        ("experiment = 'arc'\nseeds = 'many'", "'seeds' in .* whole number"),
+        ("experiment = 'arc'\nvary = 3", "'vary' in .* section"),
         ("experiment = 'arc'\n[vary]\nsensor.force_noise_n = []", "must be a list"),
-        ("experiment = 'arc'\n[settings]\nsensor.force_nose_n = 1", "Did you mean 'sensor.force_noise_n'?"),
+        ("experiment = 'arc'\n[settings]\nsensor.force_nose_n = 1", "'sensor.force_noise_n'"),
         ("experiment = ", "not valid TOML"),
     ],
 )
 def test_a_study_s_file_edited_wrongly_is_refused(tmp_path: Path, text: str, told: str) -> None:
     (tmp_path / "study.toml").write_text(text)
-    with pytest.raises(PolishSimError, match=told.replace("?", r"\?")):
+    with pytest.raises(PolishSimError, match=told):
         read_study(tmp_path / "study.toml").check()
 
 
-def test_a_run_is_known_by_its_config_and_the_contents_of_its_files(tmp_path: Path) -> None:
-    def hashed(folder: str, text: str, gain: float = 0.1) -> str:
-        (tmp_path / folder).mkdir(exist_ok=True)
-        file = tmp_path / folder / "mine.py"
+@pytest.mark.parametrize("key", ["plan.file", *map(".".join, FILE_KEYS), "controller.name"])
+def test_every_key_that_names_a_file_counts_by_the_file_s_content_wherever_it_lies(
+    key: str, tmp_path: Path
+) -> None:
+    hashes = []
+    for folder, text in (("x", "a"), ("y", "a"), ("x", "b")):
+        file = tmp_path / folder / "file.py"
+        file.parent.mkdir(exist_ok=True)
         file.write_text(text)
-        return config_hash(override(ARC, [f"controller.name={file}:Mine", f"controller.own.gain={gain}"]), {})
-
-    one = hashed("a", "class Mine: pass")
-    assert hashed("b", "class Mine: pass") == one
-    assert len({one, hashed("a", "class Mine: 1"), hashed("a", "class Mine: pass", 0.2)}) == 3
-
-
-@pytest.mark.parametrize("key", ["plan.file", *map(".".join, FILE_KEYS)])
-def test_every_key_that_names_a_file_counts_by_the_file_s_content(key: str, tmp_path: Path) -> None:
-    file, hashes = tmp_path / "file", set()
-    for text in ("a", "b"):
-        file.write_text(text)
-        hashes.add(config_hash(override(ARC, [f"{key}={file}"]), {}))
-    assert len(hashes) == 2
+        value = f"{file}:Mine" if key == "controller.name" else file
+        hashes.append(config_hash(override(ARC, [f"{key}={value}"]), {}))
+    assert hashes[0] == hashes[1] != hashes[2]
+    assert config_hash(override(ARC, ["process.feed_m_s=0.2"]), {}) != config_hash(ARC, {})
 
 
 def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path: Path) -> None:
@@ -197,8 +186,3 @@ def test_the_front_is_the_points_none_beats_in_both() -> None:
     assert [point[0] for point, _, best in pareto(columns, ["a"], goals) if best] == [0, 1, 2]
     worst_first = [goals[0]._replace(more_is_better=True), goals[1]]
     assert [point[0] for point, _, best in pareto(columns, ["a"], worst_first) if best] == [2]
-
-
-def test_an_axis_of_a_sample_takes_each_value_of_a_list_as_often() -> None:
-    axis = Axis("a", "", ("x", "y", "z"))
-    assert [axis.at(u) for u in (0.0, 0.33, 0.34, 0.66, 0.67, 0.999)] == ["x", "x", "y", "y", "z", "z"]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -133,23 +134,23 @@ def test_parameters_are_named_by_their_beginnings_and_have_ranges(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    "word", ["force", "forse_p", "name", "force_p=1:2", "force_p=0.02:0.01", "force_p=a"]
+    ("read", "texts", "said"),
+    [
+        (
+            partial(read_over, "hybrid-pi"),
+            ["force", "forse_p", "name", "force_p=1:2", "force_p=a"],
+            "tune|--over",
+        ),
+        (read_goal, ["rms_error_n", "best:rms_error_n", "worst:rms", "worst:stable"], "goal"),
+        (read_condition, ["calm", "overshoot_n", "overshot_n<=3", "overshoot_n<=x"], "subject-to|condition"),
+    ],
 )
-def test_what_cannot_be_tuned_is_refused(word: str) -> None:
-    with pytest.raises(PolishSimError, match=r"tune|--over"):
-        read_over("hybrid-pi", [word])
-
-
-@pytest.mark.parametrize("text", ["rms_error_n", "best:rms_error_n", "worst:rms", "worst:stable"])
-def test_what_is_no_goal_is_refused(text: str) -> None:
-    with pytest.raises(PolishSimError, match="goal"):
-        read_goal(text)
-
-
-@pytest.mark.parametrize("text", ["calm", "overshoot_n", "overshot_n<=3", "overshoot_n<=x"])
-def test_what_is_no_condition_is_refused(text: str) -> None:
-    with pytest.raises(PolishSimError, match=r"subject-to|condition"):
-        read_condition(text)
+def test_a_parameter_goal_or_condition_that_is_none_is_refused(
+    read: Callable[[Any], Any], texts: list[str], said: str
+) -> None:
+    for text in texts:
+        with pytest.raises(PolishSimError, match=said):
+            read([text] if isinstance(read, partial) else text)
 
 
 def test_the_file_of_tuned_values_runs_them(tmp_path: Path) -> None:
