@@ -72,17 +72,35 @@ def tracked(found: Path) -> list[str]:
     return [lines[0], *lines[1:21], *lines[61:81]]
 
 
+def scaled(lines: list[str], angle: float, length: float) -> list[str]:
+    """The same joint angles and positions in other units."""
+    scales = [angle] * 6 + [length] * 3
+    rows = (line.split(",") for line in lines)
+    return [
+        ",".join([row[0], *(str(s * float(x)) for s, x in zip(scales, row[1:10], strict=True))])
+        for row in rows
+    ]
+
+
+def test_degrees_and_metres_are_read_as_what_they_are(tmp_path: Path, tracked: list[str]) -> None:
+    head = "robot," + ",".join(f"q{k}_deg" for k in range(1, 7)) + ",x_m,y_m,z_m"
+    (tmp_path / "si.csv").write_text("\n".join([head, *scaled(tracked[1:], np.degrees(1.0), 1e-3)]))
+    (tmp_path / "usual.csv").write_text("\n".join(tracked))
+    usual, other = read_tracked(tmp_path / "usual.csv"), read_tracked(tmp_path / "si.csv")
+    for robot in usual:
+        np.testing.assert_allclose(other[robot].q, usual[robot].q, atol=1e-12)
+        np.testing.assert_allclose(other[robot].seen, usual[robot].seen, atol=1e-12)
+
+
 def test_what_cannot_be_arms_is_refused(polish_sim: Tool, tmp_path: Path, tracked: list[str]) -> None:
-    degrees = [",".join([cells[0], *(str(57.3 * float(q)) for q in cells[1:7]), *cells[7:]])
-               for cells in (line.split(",") for line in tracked[1:])]  # fmt: skip
-    far = [",".join([*cells[:7], *(str(1e-3 * float(x)) for x in cells[7:10]), *cells[10:]])
-           for cells in (line.split(",") for line in tracked[1:])]  # fmt: skip
+    degrees, far = scaled(tracked[1:], 57.3, 1.0), scaled(tracked[1:], 1.0, 1e-3)
+    head = ",".join(tracked[0].split(",")[:10])
     for lines, said in (
         (tracked[:-1], "19 poses cannot determine an arm's table"),
         ([line for line in tracked if not line.startswith("follower")], "no measurement of the follower"),
         ([tracked[0].replace("q3_rad", "q3"), *tracked[1:]], "lacks the column q3_rad"),
-        ([tracked[0], *degrees], "Are they in degrees?"),
-        ([tracked[0], *far], "units"),
+        ([head, *degrees], "Are they in degrees?"),
+        ([head, *far], "units"),
         ([tracked[0].replace("x_mm", "x_m"), *tracked[1:]], "mixes units"),
     ):
         (tmp_path / "poses.csv").write_text("\n".join(lines))
@@ -90,24 +108,3 @@ def test_what_cannot_be_arms_is_refused(polish_sim: Tool, tmp_path: Path, tracke
         assert code == 2, said
         assert said in err
         assert not (tmp_path / "out").exists()
-
-
-def test_degrees_and_metres_are_read_as_what_they_are(tmp_path: Path, tracked: list[str]) -> None:
-    rows = [line.split(",") for line in tracked[1:]]
-    head = "robot," + ",".join(f"q{k}_deg" for k in range(1, 7)) + ",x_m,y_m,z_m"
-    lines = [
-        ",".join(
-            [
-                r[0],
-                *(repr(float(np.degrees(float(q)))) for q in r[1:7]),
-                *(repr(1e-3 * float(x)) for x in r[7:10]),
-            ]
-        )
-        for r in rows
-    ]
-    (tmp_path / "si.csv").write_text("\n".join([head, *lines]))
-    (tmp_path / "usual.csv").write_text("\n".join(tracked))
-    usual, other = read_tracked(tmp_path / "usual.csv"), read_tracked(tmp_path / "si.csv")
-    for robot in usual:
-        np.testing.assert_allclose(other[robot].q, usual[robot].q, atol=1e-12)
-        np.testing.assert_allclose(other[robot].seen, usual[robot].seen, atol=1e-12)

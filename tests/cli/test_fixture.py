@@ -44,11 +44,12 @@ def test_a_plan_says_its_fixture_inspect_and_run_take_it_and_ask_for_it_when_it_
 
 def test_a_fixture_that_is_no_file_or_not_for_two_robots_is_refused_before_planning(polish_sim: Tool) -> None:
     asked(Path(), None)
-    for words in (("plan", "plate.stl"), ("run", "surface", "--part", "plate.stl")):
-        gone = polish_sim(*words, "--fixture", "gone.stl", "--out", "made")
-        assert gone.code == 2
-        assert "gone.stl" in gone.err
+    for words, said in (
+        ("plan plate.stl --fixture gone.stl", "gone.stl"),
+        ("run surface --part plate.stl --fixture gone.stl", "gone.stl"),
+        ("plan plate.stl --dual --fixture plate.stl", "--fixture"),
+    ):
+        code, _, err = polish_sim(*words.split(), "--out", "made")
+        assert code == 2
+        assert said in err
         assert not Path("made").exists()
-    two = polish_sim("plan", "plate.stl", "--dual", "--fixture", "plate.stl")
-    assert two.code == 2
-    assert "--fixture" in two.err

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import math
 import os
 import shlex
 import signal
@@ -22,24 +21,9 @@ from polish_sim.log import read_log
 from tests.cli.conftest import Tool, metrics_of
 
 
-def write_long_path(file: Path) -> None:
-    """A spiral of 60,000 way points, which take seconds to read and to smooth."""
-    rows = (
-        (10.0 + 5e-4 * k, 0.02 * k / (10.0 + 5e-4 * k)) for k in range(60_000)
-    )  # radius [mm] and angle of points 0.02 mm apart
-    lines = (f"{r * math.cos(a):.5f},{r * math.sin(a):.5f},0,0,0,1" for r, a in rows)
-    file.write_text("x,y,z,i,j,k\n" + "\n".join(lines) + "\n")
-
-
 def _at_work(out: Path) -> Path:
     """Where a command writes: its draft, or the folder of its rows."""
     return out / "cut" if (out / "cut/rows.jsonl").exists() else out / ".cut.polish-sim-part"
-
-
-def has_rows(folder: Path) -> bool:
-    """Whether a row was recorded."""
-    file = folder / "rows.jsonl"
-    return file.exists() and file.stat().st_size > 0
 
 
 def interrupted(
@@ -71,18 +55,13 @@ def interrupted(
 
 @pytest.mark.parametrize(
     "words",
-    [
-        ["smooth", "path.csv"],
-        ["identify", "--starts", "50"],
-        ["run", "force", "--seeds", "2", "--set", "process.hold_s=600"],
-    ],
+    [["identify", "--starts", "50"], ["run", "force", "--seeds", "2", "--set", "process.hold_s=600"]],
     ids=" ".join,
 )
 def test_ctrl_c_of_what_records_nothing_on_the_way_leaves_nothing(words: list[str], tmp_path: Path) -> None:
-    write_long_path(tmp_path / "path.csv")
-    err = interrupted(words, tmp_path, lambda draft, _: draft.exists(), 1.0)
+    err = interrupted(words, tmp_path, lambda draft, _: draft.exists(), 0.2)
     assert err.splitlines()[-1].startswith("error: interrupted")
-    assert [path.name for path in tmp_path.iterdir()] == ["path.csv"]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_ctrl_c_while_the_program_is_loaded_ends_it_quietly() -> None:
@@ -156,41 +135,24 @@ def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path
 def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_the_same_command_does_the_others(
     tmp_path: Path, polish_sim: Tool
 ) -> None:
-    many = ["run", "arc", "--seeds", "8", "--set", "process.max_feed_s=0.5"]
+    many = ["run", "arc", "--seeds", "5", "--set", "process.max_feed_s=0.5"]
     interrupted([*many, "--workers", "1"], tmp_path, lambda folder, _: (folder / "seed-0001").exists(), 0.0)
     kept = metrics_of(tmp_path / "out/cut")["seeds"]
-    assert 1 <= len(kept) < 8
+    assert 1 <= len(kept) < 5
     assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [
         f"seed-{s:04d}" for s in kept
     ]
     begun = (tmp_path / "out/cut/rows.jsonl").read_bytes()
+    assert (tmp_path / "out/cut/seed-0000/log.npz").is_file()
     assert polish_sim(*many, "--on", "here", "--out", "out/cut").code == 0
-    assert metrics_of(tmp_path / "out/cut")["seeds"] == list(range(8))
+    assert metrics_of(tmp_path / "out/cut")["seeds"] == list(range(5))
     assert (tmp_path / "out/cut/rows.jsonl").read_bytes().startswith(begun)
     assert polish_sim(*many, "--feed", "20", "--out", "out/cut").code == 2  # another run is not mixed in
 
 
-def test_ctrl_c_of_many_calibrations_keeps_those_that_were_done(polish_sim: Tool, tmp_path: Path) -> None:
-    calibrate = ["calibrate", "payload", "--poses", "4"]
-    assert polish_sim(*calibrate, "--out", "compiled").code == 0
-    words = [*calibrate, "--seeds", "100000"]
-    err = interrupted(words, tmp_path, lambda folder, _: has_rows(folder), 0.05)
-    assert "interrupted: what was recorded up to now is kept." in err
-    cut = tmp_path / "out/cut"
-    metrics = metrics_of(cut)
-    count = len(metrics["seeds"])
-    assert 0 < count < 100_000
-    assert metrics["seeds"] == list(range(count))
-    assert len(metrics["runs"]) == count
-    folders = {f"seed-{seed:04d}" for seed in range(count)}
-    assert {path.name for path in cut.iterdir()} == {"metrics.json", "rows.jsonl", "asked.json"} | folders
-    files = {"calibration.toml", "residuals.csv", "metrics.json", "config.toml", "residuals.png", "drift.png"}
-    assert all({path.name for path in (cut / name).iterdir()} == files for name in folders)
-
-
 def test_ctrl_c_of_a_job_says_how_to_go_on_and_that_goes_on(tmp_path: Path, polish_sim: Tool) -> None:
     job = 'part = "plate"\n[cell]\nsafety.proof = "none"\n[[setup]]\n[[setup.pass]]\n'
-    (tmp_path / "job.toml").write_text(f"{job}plan.stepover_m = 0.04\nprocess.feed_m_s = 0.01\n")
+    (tmp_path / "job.toml").write_text(f"{job}plan.stepover_m = 0.04\nprocess.feed_m_s = 0.03\n")
     pieces = tmp_path / "out/cut/setup_1/region_1/pass_1/pieces"
     err = interrupted(["job", "job.toml"], tmp_path, lambda *_: any(pieces.rglob("[0-9]*.npz")), 0.0)
     more = "--resume --out 'out/cut'"

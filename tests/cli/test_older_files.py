@@ -26,25 +26,19 @@ def test_a_config_gives_the_same_settings_when_written_again(name: str, tmp_path
     assert load_scenario(again, defaults) == scenario
 
 
-def test_a_plan_is_read_and_both_its_forms_agree() -> None:
+@pytest.mark.pictures
+def test_a_plan_and_a_run_are_read_and_drawn_again_and_calibrations_taken(
+    polish_sim: Tool, tmp_path: Path
+) -> None:
     table, document = read_path(OLD / "plan" / "path.csv"), read_path(OLD / "plan" / "path.json")
     assert len(table.s) == len(document.s) > 100
     assert abs(table.positions_work - document.positions_work).max() < 1e-9
-
-
-@pytest.mark.pictures
-def test_a_run_is_read_and_drawn_again(polish_sim: Tool, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     shutil.copytree(OLD / "run", folder)
     assert len(read_log(folder / "log.npz")) > 10
     assert polish_sim("report", folder, "--out", tmp_path / "report").code == 0
     assert (tmp_path / "report" / "force.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    ("experiment", "names"), [("force", ["payload"]), ("dual", ["tcp", "base"]), ("dual", ["arm"])]
-)
-def test_a_calibration_is_taken_by_a_run(experiment: str, names: list[str], polish_sim: Tool) -> None:
-    calibrations = [word for name in names for word in ("--calibration", OLD / f"{name}.toml")]
-    call = polish_sim("run", experiment, *calibrations, "--dry-run")
-    assert call.code == 0, call.err
+    for experiment, names in (("force", ["payload"]), ("dual", ["tcp", "base"]), ("dual", ["arm"])):
+        calibrations = [word for name in names for word in ("--calibration", OLD / f"{name}.toml")]
+        call = polish_sim("run", experiment, *calibrations, "--dry-run")
+        assert call.code == 0, call.err

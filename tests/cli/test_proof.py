@@ -29,25 +29,23 @@ def test_a_proven_plan_says_so_once_and_is_not_played_again(
 ) -> None:
     assert "prove in the cell" in plan.err
     assert metrics_of(tmp_path / "plan")["proven"] == 1
-    whole = polish_sim(
-        "run", "surface", "--path", "plan", "--proof", "nominal", "--seed", "520", "--out", "whole"
-    )
+    run = ("run", "surface", "--path", "plan")
+    whole = polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole")
     assert whole.code == 0, whole.err
     assert "prove in the cell" not in whole.err
-    other = polish_sim("run", "surface", "--path", "plan", "--contact-force", "15", "--proof", "nominal",
-                       "--set", "process.max_feed_s=1", "--out", "other")  # fmt: skip
+    harder = ("--contact-force", "15", "--proof", "nominal", "--set", "process.max_feed_s=1")
+    other = polish_sim(*run, *harder, "--out", "other")
     assert "prove in the cell" in other.err
     found = metrics_of(tmp_path / "whole")
     assert found["path_done"] == 1.0
     assert "feed_m_s = 0.04" in (tmp_path / "whole" / "config.toml").read_text()
 
-    refused = polish_sim("run", "surface", "--path", "plan", "--from", "99999", "--out", "none")
-    assert (refused.code, (tmp_path / "none").exists()) == (2, False)
-    assert "--from" in refused.err
+    for words in (("--from", "99999"), ("--proof", "often"), ("--proof", "0")):
+        refused = polish_sim(*run, *words, "--out", "none")
+        assert (refused.code, (tmp_path / "none").exists()) == (2, False)
+        assert words[0] in refused.err
 
-    rest = polish_sim(
-        "run", "surface", "--path", "plan", "--from", BEHIND, "--proof", "none", "--out", "rest"
-    )
+    rest = polish_sim(*run, "--from", BEHIND, "--proof", "none", "--out", "rest")
     assert rest.code == 0, rest.err
     assert metrics_of(tmp_path / "rest")["left_out_area_m2"] > 0.0
     assert "it was polished before (--from)" in metrics_of(tmp_path / "rest")["left_out"]
@@ -59,19 +57,6 @@ def test_a_proven_plan_says_so_once_and_is_not_played_again(
     assert force[-20:].mean() == pytest.approx(20.0, abs=1.0)
     away = np.linalg.norm(pressed["positions_work"] - first, axis=1)
     assert pressed["s"][away.argmin()] == pytest.approx(1e-3 * BEHIND, abs=2e-3)
-
-
-@pytest.mark.parametrize(("words", "named"), [
-    (("--proof", "often"), "--proof"),
-    (("--proof", "0"), "--proof"),
-])  # fmt: skip
-def test_a_proof_that_is_none_is_refused(
-    polish_sim: Tool, tmp_path: Path, words: tuple[str, ...], named: str
-) -> None:
-    refused = polish_sim("run", "surface", "--part", plate_file(), *words, "--out", "none")
-    assert refused.code == 2
-    assert named in refused.err
-    assert not (tmp_path / "none").exists()
 
 
 def test_a_run_with_bad_figures_says_each_and_fails_with_check(polish_sim: Tool, tmp_path: Path) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +16,6 @@ from polish_sim.experiments.registry import experiment, refuse_idle_options
 from polish_sim.scenario_file import leaves
 
 KEYS = config_keys(Scenario())
-PATTERN_KEYS = {"--order": "order", "--direction": "direction", "--start": "start",
-                "--raster-direction": "raster_direction"}  # fmt: skip
 
 
 def built(words: dict[str, Any], base: Scenario | None = None, **more: Any) -> Scenario:
@@ -56,43 +52,40 @@ def test_every_option_lands_in_its_key_in_si() -> None:
     assert [values[key] for _, _, key, _ in landed] == [pytest.approx(value) for *_, value in landed]
 
 
-def test_options_that_were_not_given_change_nothing() -> None:
+def test_set_beats_options_options_beat_the_file_and_what_is_not_given_changes_nothing(
+    tmp_path: Path,
+) -> None:
     assert build_scenario(Scenario(), {"--feed": None, "--part": None}) == Scenario()
-
-
-def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("[process]\nfeed_m_s = 0.002\ncontact_force_n = 5.0\n[pad]\npoints = 50\n")
-    more = {"--config": file, "--set": ["process.contact_force_n=7.0"]}
-    scenario = built({"--feed": 3.0, "--contact-force": 6.0}, **more)
+    more = {"--config": file, "--set": ["process.contact_force_n=7.0", "pad.radius_m=0.02"]}
+    scenario = built({"--feed": 3.0, "--contact-force": 6.0, "--overlap": 70.0}, **more)
     assert scenario.pad.points == 50
     assert scenario.process.feed_m_s == pytest.approx(0.003)
     assert scenario.process.contact_force_n == 7.0
+    assert scenario.plan.stepover_m == pytest.approx(0.012)  # the overlap counts on the pad that --set says
+    file.write_text('experiment = "arc"\n')
+    with pytest.raises(ConfigError, match=r"'arc', not 'surface'"):
+        built({}, **{"--config": file})
 
 
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        (
-            "--stepover",
-            -8.0,
-            r"^--stepover -8 is outside 0\.2 to 1000 mm: distance between neighbouring turns\.$",
-        ),
-        ("--feed", math.nan, r"--feed nan is outside 0\.1 to 500 mm/s: speed along the path"),
-        ("--contact-force", -20.0, r"--contact-force -20 is outside 0\.5 to 200 N"),
-        ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: pad diameter\.$"),
+        ("--stepover", -8.0, r"--stepover -8 is outside 0\.2 to 1000 mm: distance between"),
+        ("--feed", math.nan, r"--feed nan is outside 0\.1 to 500 mm/s"),
+        ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: pad diameter"),
         ("--start", "1,2", r"--start '1,2' is not X,Y,Z: three numbers in mm"),
         ("--start", "1,2,inf", r"--start '1,2,inf' is not X,Y,Z"),
-        ("--raster-direction", "0,0,0", r"a direction, not all zero"),
-        ("--overlap", 100.0, r"--overlap 100 is not a percentage from 0 to below 100"),
-        ("--overlap", 99.9, r"leaves a step-over of 0\.05 mm, less than the smallest possible, 0\.2 mm"),
-        ("--part-pose", "1,2,3", r"six numbers in mm and deg"),
-        ("--log-rate", "fast", r"--log-rate 'fast' is not a number \(Hz or full\)"),
-        ("--log-rate", "-1", r"--log-rate -1 is outside 0 to 100000 Hz"),
-        ("--stepover", "8mm", r"--stepover '8mm' is not a number: write 8; the unit is mm\.$"),
-        ("--contact-force", "20N", r"write 20; the unit is N"),
-        ("--stepover", "0.008", r"--stepover 0\.008 is outside .* For 0\.008 m write 8\.$"),
-        ("--seed", "1" * 400, r"--seed 111111\.\.\. \(400 digits\) is outside 0 to 9223372036854775807"),
+        ("--raster-direction", "0,0,0", "not all zero"),
+        ("--overlap", 100.0, "--overlap 100 is not a percentage"),
+        ("--overlap", 99.9, r"leaves a step-over of 0\.05 mm, less than the smallest possible"),
+        ("--part-pose", "1,2,3", "six numbers in mm and deg"),
+        ("--log-rate", "fast", "--log-rate 'fast' is not a number .*full"),
+        ("--log-rate", "-1", "--log-rate -1 is outside 0 to 100000 Hz"),
+        ("--stepover", "8mm", "--stepover '8mm' is not a number: write 8; the unit is mm"),
+        ("--stepover", "0.008", r"--stepover 0\.008 is outside .* For 0\.008 m write 8\."),
+        ("--seed", "1" * 400, r"--seed 111111\.\.\. \(400 digits\) is outside 0 to"),
         ("--seed", "1.5", r"--seed '1\.5' is not a whole number"),
     ],
 )
@@ -101,81 +94,39 @@ def test_a_bad_value_is_named_with_its_option(option: str, value: Any, said: str
         built({option: value})
 
 
-@pytest.mark.parametrize("option", [name for name, key in KEYS.items() if isinstance(key.option.unit, Unit)])
-def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit(option: str) -> None:
-    key = KEYS[option]
-    if key.spec["length"]:
-        return
-    with pytest.raises(ConfigError) as raised:
-        built({option: 1e9})
-    assert f" {key.option.unit.name}: " in str(raised.value)
-    assert key.name not in str(raised.value)
-    assert "[" not in str(raised.value)
+def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit() -> None:
+    scalars = [key for key in KEYS.values() if isinstance(key.option.unit, Unit) and not key.spec["length"]]
+    assert scalars
+    for key in scalars:
+        with pytest.raises(ConfigError) as raised:
+            built({key.option.name: 1e9})
+        assert f" {key.option.unit.name}: " in str(raised.value)
+        assert key.name not in str(raised.value)
+        assert "[" not in str(raised.value)
 
 
-def test_overlap_counts_on_the_pad_set_says() -> None:
-    scenario = built({"--overlap": 70.0}, **{"--set": ["pad.radius_m=0.02"]})
-    assert scenario.plan.stepover_m == pytest.approx(0.012)
-
-
-LISTENS = {"spiral": ("order", "direction", "start"), "raster": ("start", "raster_direction")}
-
-
-@pytest.mark.parametrize("pattern", LISTENS)
-@pytest.mark.parametrize("option", PATTERN_KEYS)
-def test_of_the_options_of_patterns_those_a_pattern_obeys_pass_and_no_others(
-    pattern: str, option: str
-) -> None:
-    obeyed = PATTERN_KEYS[option] in LISTENS[pattern]
-    with (
-        nullcontext()
-        if obeyed
-        else pytest.raises(
-            InputError, match=f"^{option} would change nothing with the pattern .* It counts for: "
-        )
-    ):
-        refuse_idle_on_path(
-            Scenario(plan=PlanConfig(pattern=pattern)), LISTENS, {**dict.fromkeys(PATTERN_KEYS), option: "x"}
-        )
-
-
-@pytest.mark.parametrize("smoothing_m", [0.0, 0.01])
-def test_the_deviation_of_axes_counts_with_their_smoothing_only(smoothing_m: float) -> None:
-    with (
-        nullcontext()
-        if smoothing_m > 0.0
-        else pytest.raises(InputError, match="give --axis-smoothing MM as well")
-    ):
-        refuse_idle_on_path(
-            Scenario(plan=PlanConfig(axis_smoothing_m=smoothing_m)), LISTENS, {"--axis-deviation": 3.0}
-        )
-
-
-@pytest.mark.parametrize("name", ["arc", "force"])
-@pytest.mark.parametrize(
-    "option", ["--stepover", "--overlap", "--order", "--lead-in", "--axis-smoothing", "--start"]
-)
-def test_options_of_a_path_are_refused_where_there_is_none(name: str, option: str) -> None:
-    with pytest.raises(InputError, match=f"{option} would change nothing in 'run {name}'"):
-        refuse_idle_options(experiment(name), [option])
-    refuse_idle_options(experiment("surface"), [option])
-
-
-@pytest.mark.parametrize("asked", [(), ("--even-removal",), ("--removal",)])
-def test_two_robots_cover_a_region_where_an_even_removal_is_asked_for(asked: tuple[str, ...]) -> None:
-    with (
-        nullcontext()
-        if asked
-        else pytest.raises(InputError, match="--stepover would change nothing in 'run dual'")
-    ):
-        refuse_idle_options(experiment("dual"), [*asked, "--stepover"])
-
-
-def test_a_file_for_another_experiment_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "arc.toml"
-    file.write_text('experiment = "arc"\n')
-    with pytest.raises(ConfigError, match=r"'arc', not 'surface'"):
-        built({}, **{"--config": file})
+def test_options_of_a_path_are_refused_where_they_would_change_nothing() -> None:
+    on_path = ["--stepover", "--overlap", "--order", "--lead-in", "--axis-smoothing", "--start"]
+    for option in on_path:
+        for name in ("arc", "force"):
+            with pytest.raises(InputError, match=f"{option} would change nothing in 'run {name}'"):
+                refuse_idle_options(experiment(name), [option])
+    refuse_idle_options(experiment("surface"), on_path)
+    # Two robots cover a region where an even removal is asked for.
+    with pytest.raises(InputError, match="--stepover would change nothing in 'run dual'"):
+        refuse_idle_options(experiment("dual"), ["--stepover"])
+    for asked in ("--even-removal", "--removal"):
+        refuse_idle_options(experiment("dual"), [asked, "--stepover"])
+    # A pattern obeys some, and the deviation of axes counts with their smoothing.
+    listens = {"spiral": ("order", "direction"), "raster": ("start",)}
+    raster = Scenario(plan=PlanConfig(pattern="raster"))
+    refuse_idle_on_path(raster, listens, {"--start": "x", "--order": None, "--direction": None})
+    with pytest.raises(InputError, match=r"^--order would .* the pattern .* It counts for: "):
+        refuse_idle_on_path(raster, listens, {"--start": None, "--order": "x", "--direction": None})
+    with pytest.raises(InputError, match="give --axis-smoothing MM as well"):
+        refuse_idle_on_path(raster, listens, {"--axis-deviation": 3.0})
+    smoothed = Scenario(plan=PlanConfig(axis_smoothing_m=0.01))
+    refuse_idle_on_path(smoothed, listens, {"--axis-deviation": 3.0})
 
 
 def test_a_user_s_files_are_written_from_the_root_and_a_controller_s_is_shown_by_its_name(
@@ -202,4 +153,3 @@ def test_a_zero_is_given_and_a_switch_that_is_off_is_not() -> None:
 
     given = command(o_spindle_rpm=0.0, o_set=[], o_view=False)
     assert given == {"--spindle-rpm": 0.0, "--set": None, "--view": None}
-    assert list(inspect.signature(command).parameters) == ["o_spindle_rpm", "o_view", "o_set"]
