@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from polish_sim.models import workpiece_path
 from tests.cli.conftest import UNPROVEN, Tool
 
 FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
@@ -61,48 +62,50 @@ def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(poli
     assert "part's origin, robot base" in out
 
 
-def test_a_plan_out_of_reach_says_so(polish_sim: Tool) -> None:
-    code, out, err = polish_sim(
-        "plan", "saddle", "--stepover", "40", "--set", "part.pose=[0,-0.95,0.4,0,0,0]", "--out", "plan"
-    )
+def test_a_part_out_of_reach_is_planned_not_run_and_both_say_what_to_do(polish_sim: Tool) -> None:
+    words = ("--stepover", "40", "--set", "part.pose=[0,-0.95,0.4,0,0,0]", "--out", "plan")
+    code, out, err = polish_sim("plan", "saddle", *words)
     assert code == 3
     assert "out of reach" in out
     assert "It fits with --part-pose 0.001,-499.862,80,0,0,0" in err
+    code, _, err = polish_sim("run", "surface", "--part", "sphere_50", "--part-pose", "0,-950,400,0,0,0")
+    assert code == 2
+    assert "mm of the part" in err
+    assert "--part-pose" in err
+    assert not Path("results").exists()
 
 
-BAD = {
-    "step-over beyond the part": (("plate", "--stepover", "300"), "300 mm"),
-    "unknown pattern": (
-        ("plate", "--pattern", "star"),
-        "unknown pattern 'star'. Did you mean 'raster'? Known: ",
+PLATE = workpiece_path("plate").read_bytes()[:5000]
+BAD: dict[str, tuple[bytes | trimesh.Trimesh, str, str]] = {
+    "step-over beyond the part": (b"", "plan plate --stepover 300", "300 mm"),
+    "unknown pattern": (b"", "plan plate --pattern star", "Did you mean 'raster'? Known: "),
+    "unknown lead-in": (b"", "plan plate --lead-in jump", "Known: arc, normal, tangent"),
+    "overlap twice": (b"", "plan plate --overlap 70 --stepover 8", "give one of them"),
+    "reach map of two robots": (b"", "plan plate --dual --reach-map", "--reach-map shows one robot"),
+    "cut short": (PLATE, "run surface --part bad.stl", "cut short"),
+    "in metres": (trimesh.creation.box((1.2, 1.2, 0.2)), "run surface --part bad.stl", "--units m"),
+    "in inches": (trimesh.creation.box((6.299, 4.0, 0.3)), "plan bad.stl", "--units inch makes it 160 mm"),
+    "thin": (trimesh.creation.box((150, 1.5, 1.5)), "run surface --part bad.stl", "pad"),
+    "narrow": (
+        trimesh.creation.box((100.0, 20.0, 10.0)),
+        "plan bad.stl --pad-diameter 50",
+        "narrower than half the pad: 20 mm across, the pad 50 mm",
     ),
-    "unknown lead-in": (("plate", "--lead-in", "jump"), "Known: arc, normal, tangent"),
-    "overlap twice": (("plate", "--overlap", "70", "--stepover", "8"), "give one of them"),
-    "overlap too large": (("plate", "--overlap", "100"), "percentage"),
-    "reach map of two robots": (("plate", "--dual", "--reach-map"), "--reach-map shows one robot"),
-    "missing part": (("nothing.stl",), "nothing.stl"),
 }
+"""What the file holds, if one is needed, the command and what it says."""
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Tool, case: str) -> None:
-    words, message = BAD[case]
-    code, _, err = polish_sim("plan", *words)
-    assert code == 2
-    errors = [line for line in err.splitlines() if line.startswith("error: ")]
-    assert len(errors) == 1
-    assert message in errors[0]
-    assert "Traceback" not in err
-    assert list(Path().iterdir()) == []
-
-
-def test_a_part_narrower_than_the_pad_is_refused_and_a_smaller_pad_helps(polish_sim: Tool) -> None:
-    trimesh.creation.box((100.0, 20.0, 10.0)).export("rod.stl")
-    code, _, err = polish_sim("plan", "rod.stl", "--pad-diameter", "50", "--out", "plan")
-    assert code == 2
-    assert "narrower than half the pad: 20 mm across, the pad 50 mm" in err
-    words = ("--pad-diameter", "20", "--stepover", "4", *UNPROVEN, "--out", "plan")
-    assert polish_sim("plan", "rod.stl", *words)[0] == 0
+def test_a_bad_request_or_part_is_one_message_and_nothing_is_written(polish_sim: Tool, case: str) -> None:
+    content, words, said = BAD[case]
+    file = Path("bad.stl")
+    file.write_bytes(content if isinstance(content, bytes) else content.export(file_type="stl"))
+    code, out, err = polish_sim(*words.split())
+    assert (code, out) == (2, "")
+    (error,) = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert said in error
+    assert "--units m " not in error or case == "in metres"
+    assert list(Path().iterdir()) == [file]
 
 
 def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(polish_sim: Tool) -> None:
@@ -146,12 +149,11 @@ def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allow
     words = ("--region", "point:0,0,0", "--up", "z", "--pad-diameter", "12", "--stepover", "12")
     assert polish_sim("plan", "walled.stl", *words, *UNPROVEN, "--out", "plan")[0] == 0
     run = "run surface --path plan --pad-diameter 50 --set process.max_feed_s=0.5 --out run"
-    for more in ([], ["--dry-run"]):
-        code, _, err = polish_sim(*run.split(), *UNPROVEN, *more)
-        assert code == 2
-        assert "mm into the part over" in err
-        assert "--allow-contact" in err
-        assert not Path("run").exists()
+    code, _, err = polish_sim(*run.split(), *UNPROVEN)
+    assert code == 2
+    assert "mm into the part over" in err
+    assert "--allow-contact" in err
+    assert not Path("run").exists()
     assert polish_sim(*run.split(), *UNPROVEN, "--allow-contact")[0] in (0, 3)
     assert 'tool_in_part = "allow"' in Path("run/config.toml").read_text()
 
@@ -169,18 +171,8 @@ def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_th
     metrics = json.loads(Path("plan/metrics.json").read_text())
     assert metrics["bridged_holes"] == 3
     assert metrics["region_area_m2"] == pytest.approx(0.120 * 0.060 - 3 * np.pi * 0.006**2, rel=0.01)
-    for words in (["plan"], ["plan/path.csv", "--part", "plate.stl"]):
-        code, _, err = polish_sim("inspect", *words, "--out", "seen", "--overwrite")
-        assert code == 0, err
-        assert json.loads(Path("seen/metrics.json").read_text())["coverage"] == metrics["coverage"]
-
-
-def test_a_part_read_in_the_wrong_unit_is_told_the_size_it_would_have_in_others(polish_sim: Tool) -> None:
-    trimesh.creation.box((160.0 / 25.4, 100.0 / 25.4, 0.3)).export("inches.stl")
-    _, _, err = polish_sim("plan", "inches.stl")
-    assert "Read in mm the part measures 6.299 mm; " in err
-    assert "--units inch makes it 160 mm" in err
-    assert "--units m " not in err  # 6.3 m
+    assert polish_sim("inspect", "plan/path.csv", "--part", "plate.stl", "--out", "seen")[0] == 0
+    assert json.loads(Path("seen/metrics.json").read_text())["coverage"] == metrics["coverage"]
 
 
 def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> None:
@@ -190,13 +182,9 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> Non
     code, out, err = polish_sim("plan", "cap.stl", "--stepover", "30", *UNPROVEN, "--out", "plan")
     assert code == 0, err
     figures = json.loads(Path("plan/metrics.json").read_text())
-    # Spherical caps of 46 and about 75 deg.
-    assert figures["region_area_m2"] == pytest.approx(
-        2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(46.0))), rel=1e-2
-    )
-    assert figures["part_area_m2"] == pytest.approx(
-        2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(75.0))), rel=0.05
-    )
+    for key, angle, rel in (("region_area_m2", 46.0, 0.01), ("part_area_m2", 75.0, 0.05)):
+        area = 2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(angle)))  # of a spherical cap
+        assert figures[key] == pytest.approx(area, rel=rel)
     assert "more than 46 deg away from up is left out" in err
     areas = f"{1e4 * figures['region_area_m2']:.1f} of {1e4 * figures['part_area_m2']:.1f}"
     assert areas in out
@@ -209,8 +197,5 @@ def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim: Too
     assert code == 0, err
     apart = 1e3 * json.loads(Path("plan/metrics.json").read_text())["stepover_mean_m"]
     assert 11.5 < apart < 14.0
-    assert (
-        f"step-over, mean                                     mm                     {apart:6.2f}".split()
-        in [line.split() for line in out.splitlines()]
-    )
+    assert ["step-over,", "mean", "mm", f"{apart:.2f}"] in [line.split() for line in out.splitlines()]
     assert "more than 46 deg" not in err

@@ -13,12 +13,10 @@ import numpy as np
 import pytest
 
 from polish_sim.cli import film, run
-from polish_sim.cli.boundary import execute
 from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
-from polish_sim.cli.main import commands
 from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
-from tests.cli.conftest import PROGRAM, UNPROVEN, Tool, undrawn
+from tests.cli.conftest import PROGRAM, UNPROVEN, Tool
 from tests.kept import plate_file
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
@@ -57,20 +55,22 @@ def test_help_groups_every_option_of_a_path_in_panels(polish_sim: Tool, command:
     _, out, _ = polish_sim(*command, "--help")
     assert all(f"\n{panel}\n" in out for panel in PANELS)
     assert all(f"  {option} " in out for option in PATH_OPTIONS)
-    assert (
-        out.index("Path:")
-        < out.index("--stepover")
-        < out.index("Landing and tool axis:")
-        < out.index("--lead-in")
-    )
+    places = [out.index(word) for word in ("Path:", "--stepover", "Landing and tool axis:", "--lead-in")]
+    assert places == sorted(places)
 
 
-def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
+def test_every_option_of_a_path_reaches_the_plan_and_a_dry_run_that_writes_nothing(polish_sim: Tool) -> None:
     words = "--order outward --direction climb --start 0,0,25 --lead-in arc --lead-angle 5 --tilt-angle -3"
     words += " --axis-smoothing 15 --axis-deviation 2 --feature-angle 25 --edge-margin 3 --stepover 20"
     code, out, err = polish_sim("plan", "sphere_50", *words.split(), *UNPROVEN, "--out", "plan")
     assert code == 0, err
     assert "through the air, leads included" in out
+    code, out, err = polish_sim(
+        "run", "surface", "--part", "sphere_50", *words.split(), *UNPROVEN, "--dry-run"
+    )
+    assert code == 0, err
+    assert "within reach" in out
+    assert [path.name for path in Path().iterdir()] == ["plan"]
     plan = json.loads(Path("plan/path.json").read_text())["plan"]
     assert (plan["order"], plan["direction"], plan["lead_in"]) == ("outward", "climb", "arc")
     assert plan["start"] == pytest.approx([0.0, 0.0, 0.025])
@@ -81,67 +81,31 @@ def test_every_option_of_a_path_reaches_the_plan(polish_sim: Tool) -> None:
     assert figures["axis_deviation_max_rad"] <= 0.034907
 
 
-def test_a_dry_run_takes_the_same_options_checks_the_reach_and_writes_nothing(
+def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with_and_against_no_others(
     polish_sim: Tool, tmp_path: Path
 ) -> None:
-    words = "--part sphere_50 --overlap 50 --pad-diameter 40 --lead-in tangent --tilt-angle 4 --dry-run"
-    code, out, err = polish_sim("run", "surface", *words.split(), *UNPROVEN)
-    assert code == 0, err
-    assert "within reach" in out
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The plan of a user's own part, which lies beside it."""
-    folder = tmp_path_factory.mktemp("planned")
-    shutil.copy(plate_file(), folder / "mine.stl")
-    words = ["plan", str(folder / "mine.stl"), "--up", "z", "--stepover", "40", *UNPROVEN]
-    words += ["--out", str(folder / "plan")]
-    with undrawn():
-        assert execute(commands, words) == 0
-    return folder / "plan"
-
-
-def test_a_plan_runs_on_the_part_and_with_the_settings_it_was_made_with(polish_sim: Tool, plan: Path) -> None:
-    code, _, err = polish_sim("run", "surface", "--path", plan, *QUICK, *UNPROVEN, "--out", "run")
+    mine = Path(shutil.copy(plate_file(), tmp_path / "mine.stl"))
+    words = ("--up", "z", "--stepover", "40", *UNPROVEN, "--out", "plan")
+    assert polish_sim("plan", mine, *words)[0] == 0
+    run = ("run", "surface", "--path", "plan")
+    code, _, err = polish_sim(*run, *QUICK, *UNPROVEN, "--out", "run")
     assert code == 0, err
     config = Path("run/config.toml").read_text()
-    assert f'file = "{plan.parent / "mine.stl"}"' in config
+    assert f'file = "{mine}"' in config
     assert "stepover_m = 0.04 " in config
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--stepover", "5"], "leave --stepover out"),
-        (
-            ["--lead-in", "arc", "--overlap", "60"],
-            "--path is a finished plan: leave --lead-in, --overlap out",
-        ),
+    for more, said in (
+        (["--lead-in", "arc", "--overlap", "60"], "leave --lead-in, --overlap out"),
         (["--part", "plate"], "another file than 'plate'"),
-    ],
-)
-def test_a_plan_is_not_run_against_its_own_settings_or_part(
-    polish_sim: Tool, plan: Path, words: list[str], said: str
-) -> None:
-    code, _, err = polish_sim("run", "surface", "--path", plan, *words)
-    assert code == 2
-    assert said in err
-    assert not list(Path().iterdir())
-
-
-def test_a_plan_of_a_part_that_is_not_there_any_more_asks_where_it_is(
-    polish_sim: Tool, plan: Path, tmp_path: Path
-) -> None:
-    shutil.copytree(plan, "plan")
-    file = tmp_path / "plan" / "path.json"
-    file.write_text(file.read_text().replace(str(plan.parent), str(tmp_path / "gone")))
-    code, _, err = polish_sim("run", "surface", "--path", "plan", "--dry-run")
+    ):
+        code, _, err = polish_sim(*run, *more, "--out", "other")
+        assert code == 2
+        assert said in err
+        assert not Path("other").exists()
+    mine.rename("moved.stl")
+    code, _, err = polish_sim(*run, "--dry-run")
     assert code == 2
     assert "--part" in err
-    found = ("--part", plan.parent / "mine.stl", *UNPROVEN, "--dry-run")
-    assert polish_sim("run", "surface", "--path", "plan", *found)[0] == 0
+    assert polish_sim(*run, "--part", "moved.stl", *UNPROVEN, "--dry-run")[0] == 0
 
 
 @pytest.mark.pictures
@@ -151,32 +115,26 @@ def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_ch
     words = ("--part", plate_file(), "--up", "z", "--stepover", "40", *QUICK, *UNPROVEN)
     code, _, err = polish_sim("run", "surface", *words, "--check", "--out", "run")
     assert code == 1, err
-    assert {"path.csv", "path.json", "path.png", "force.png"} <= {
-        f.name for f in (tmp_path / "run").iterdir()
-    }
+    assert {"path.csv", "path.json", "path.png", "force.png"} <= {f.name for f in Path("run").iterdir()}
     figures = json.loads((tmp_path / "run/metrics.json").read_text())
     assert 0.0 < figures["coverage"] <= 1.0
     assert figures["path_done"] < 1.0
 
 
-def test_a_user_s_controller_runs_from_its_file(polish_sim: Tool, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(CONTROLLER)
-    code, _, err = polish_sim("run", "arc", "--controller", "mine.py:Mine", *QUICK, "--out", "run")
-    assert code == 0, err
-    assert f'name = "{tmp_path / "mine.py"}:Mine"' in (tmp_path / "run/config.toml").read_text()
-
-
 @pytest.mark.parametrize(
-    ("name", "code", "said"), [("Broken", 3, "no idea"), ("Half", 2, "step"), ("None", 2, "Mine")]
+    ("name", "code", "said"),
+    [("Mine", 0, "arc"), ("Broken", 3, "no idea"), ("Half", 2, "step"), ("None", 2, "Mine")],
 )
-def test_a_user_s_controller_that_does_not_work_is_told_what_is_wrong(
+def test_a_user_s_controller_runs_from_its_file_or_says_what_is_wrong(
     polish_sim: Tool, tmp_path: Path, name: str, code: int, said: str
 ) -> None:
     (tmp_path / "mine.py").write_text(CONTROLLER)
-    ended, _, err = polish_sim("run", "arc", "--controller", f"mine.py:{name}", *QUICK, "--out", "run")
+    ended, out, err = polish_sim("run", "arc", "--controller", f"mine.py:{name}", *QUICK, "--out", "run")
     assert ended == code
-    assert said in err
+    assert said in out + err
     assert "Traceback" not in err
+    if code == 0:
+        assert f'name = "{tmp_path / "mine.py"}:Mine"' in (tmp_path / "run/config.toml").read_text()
 
 
 def frames_of(film: Path) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -44,9 +43,7 @@ def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(
     assert set(read_log(folder / "log.npz").names) == set(COLUMNS)
     figures = metrics_of(folder)
     assert figures["protective_stop"] is None
-    assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "T_base_work", "versions"} <= set(
-        figures
-    )
+    assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "versions"} <= figures.keys()
 
 
 def test_config_prints_what_a_bare_run_uses_and_the_folder_s_config_gives_the_same_log(
@@ -64,43 +61,26 @@ def test_config_prints_what_a_bare_run_uses_and_the_folder_s_config_gives_the_sa
         np.testing.assert_array_equal(first[name], again[name])
 
 
-def test_check_is_1_when_a_figure_falls_short_and_0_when_all_are_met(polish_sim: Tool) -> None:
+def test_check_is_1_when_a_figure_falls_short_and_under_other_conditions_none_is_judged(
+    polish_sim: Tool,
+) -> None:
     assert polish_sim(*FORCE, "--check", "--out", "good")[0] == 0
     code, out, _ = polish_sim(*FORCE, *DEAF, "--check", "--out", "deaf")
     assert code == 1
     assert " NO" in out
-
-
-def test_without_check_the_code_is_0_and_figures_under_other_conditions_are_not_judged(
-    polish_sim: Tool,
-) -> None:
     sluggish = ["--set", "robot.linear_acceleration_m_s2=0.05"]
     code, out, _ = polish_sim(*ARC, *sluggish, "--out", "run")
     assert code == 0
     assert " NO" not in out
     assert "here robot.linear_acceleration_m_s2 = 0.05 (1.2)." in out
-
-
-def test_other_conditions_are_neither_the_pad_of_a_plan_nor_what_a_named_sensor_stands_for() -> None:
+    # Neither the pad of a plan nor what a named sensor stands for is one.
     scenario = default_scenario("surface")
     assert other_conditions(override(scenario, ["pad.choice=given", "pad.radius_m=0.02"])) == ()
     assert len(other_conditions(override(scenario, ["pad.stiffness_n_m=10000"]))) == 1
-
     named = override(default_scenario("force"), ["sensor.model=axia80", "sensor.cross_talk=0"])
     assert other_conditions(named) == ("sensor.model = axia80 (external)", "sensor.cross_talk = 0 (0.01)")
-
-
-def test_an_option_and_a_config_file_win_over_a_named_sensor(polish_sim: Tool, tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text("[sensor]\nrate_hz = 1000.0\n")
-    axia = ["--set", "sensor.model=axia80", "--config", "mine.toml"]
-    code, _, err = polish_sim("run", "force", "--set", "process.hold_s=1", *axia, "--out", "run")
-    assert code == 0, err
-    sensor = tomllib.loads((tmp_path / "run/config.toml").read_text())["sensor"]
-    assert (sensor["model"], sensor["rate_hz"], sensor["force_range_n"]) == ("axia80", 1000.0, 500.0)
     noisy = build_scenario(default_scenario("force"), {"--noise": 0.5, "--set": ["sensor.model=axia80"]})
     assert (noisy.sensor.force_noise_n, noisy.sensor.force_range_n) == (0.5, 500.0)
-    code, _, _ = polish_sim("run", "force", "--config", "run/config.toml", "--out", "again")
-    assert (tmp_path / "run/config.toml").read_text() == (tmp_path / "again/config.toml").read_text()
 
 
 def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tmp_path: Path) -> None:
@@ -124,14 +104,11 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     assert said in err
     # The picture has a line at its time after first contact, its name stands in the head.
     picture = draw_plots(read_record(tmp_path / "stopped"))["force.png"]
-    (line,) = (
-        line for line in picture.axes[0].lines if line.get_color() == RED and len(line.get_xdata()) == 2
-    )
-    assert line.get_xdata()[0] == pytest.approx(0.5, abs=0.02)
+    lines = [line.get_xdata() for line in picture.axes[0].lines if line.get_color() == RED]
+    (at,) = [x[0] for x in lines if len(x) == 2]
+    assert at == pytest.approx(0.5, abs=0.02)
     head = picture.texts[-1].get_text()
-    assert (
-        f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor reading jumped" in head
-    )
+    assert f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor" in head
 
 
 def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool, tmp_path: Path) -> None:
@@ -145,17 +122,16 @@ def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool, tmp_pa
 
 
 def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Tool, tmp_path: Path) -> None:
-    code, out, err = polish_sim(
-        *FORCE, "--seed", "5", "--seeds", "2", "--on", "here", "--check", "--out", "two"
-    )
+    seeds = ("--seed", "5", "--seeds", "2", "--on", "here", "--check", "--out", "two")
+    code, out, err = polish_sim(*FORCE, *seeds)
     assert code == 0, err
     assert "worst seed" in out
     figures = metrics_of(tmp_path / "two")
     assert figures["seeds"] == [5, 6]
     times = [metrics_of(tmp_path / "two" / f"seed-000{seed}")["settling_time_3n_s"] for seed in (5, 6)]
     assert times[0] != times[1]
-    assert figures["worst"]["settling_time_3n_s"] == max(times)  # type: ignore[index, type-var]
-    assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)  # type: ignore[index, arg-type]
+    assert figures["worst"]["settling_time_3n_s"] == max(times)
+    assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)
 
 
 @pytest.mark.pictures
@@ -196,9 +172,8 @@ def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
 
 
 def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Tool, tmp_path: Path) -> None:
-    code, _, err = polish_sim(
-        *FORCE, "--fault", "sensor-dropout@contact+0.5", "--fault", "part-low@60", "--out", "a"
-    )
+    faults = ("--fault", "sensor-dropout@contact+0.5", "--fault", "part-low@60")
+    code, _, err = polish_sim(*FORCE, *faults, "--out", "a")
     assert code == 3
     assert "wrist sensor reading missing" in err
     assert "part-low@60 did not happen: the run was over after" in err
