@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from benchmarks.force_theory import drift_bound, step_bound, tracking_bound
-from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring import (
@@ -32,48 +31,29 @@ from polish_sim.scoring.margins import share_latency
 PI = Entry("hybrid-pi", "hybrid-pi")
 
 
-@pytest.mark.parametrize("case", [*BATTERY, *REACH_CASES], ids=lambda case: case.name)
-def test_every_case_is_a_scenario_of_the_config(case: Case) -> None:
-    scenario = case.scenario(PI, 3)
-    assert scenario.seed == 3
-    assert scenario.controller.name == "hybrid-pi"
-    assert scenario.experiment == case.experiment
-    assert case.text
-
-
-def test_names_are_unique_and_every_figure_asked_has_a_case() -> None:
+def test_every_case_is_a_scenario_of_its_own_name_and_every_figure_asked_has_a_case() -> None:
     for cases, asked in ((BATTERY, BATTERY_ASKED), (REACH_CASES, REACH)):
         names = [case.name for case in cases]
         assert len(set(names)) == len(names)
+        for case in cases:
+            scenario = case.scenario(PI, 3)
+            assert (scenario.seed, scenario.controller.name) == (3, "hybrid-pi")
+            assert scenario.experiment == case.experiment
+            assert case.text
         assert all(any(one.applies(name) for name in names) for one in asked)
 
 
-@pytest.mark.parametrize(
-    ("total_ms", "sensor", "command"), [(20, 0.005, 0.015), (2, 0.001, 0.001), (1, 0.001, 0.0)]
-)
-def test_latency_is_shared_one_to_three_as_in_the_default_cell(
-    total_ms: int, sensor: float, command: float
-) -> None:
-    scenario = Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
-    assert scenario.sensor.latency_s == pytest.approx(sensor)
-    assert scenario.robot.command_latency_s == pytest.approx(command)
+def test_latency_is_shared_one_to_three_as_in_the_default_cell() -> None:
+    for total_ms, shares in ((20, (0.005, 0.015)), (1, (0.001, 0.0))):
+        scenario = Case("x", "x", "force", latency_settings(total_ms)).scenario(PI, 0)
+        assert (scenario.sensor.latency_s, scenario.robot.command_latency_s) == pytest.approx(shares)
     assert share_latency(0.008) == pytest.approx((FORCE.sensor.latency_s, FORCE.robot.command_latency_s))
-
-
-def test_the_main_job_is_scored_with_its_defaults() -> None:
-    (case,) = choose_cases(REACH_CASES, ["reach-freeform-10"])
-    assert case.settings == ()
 
 
 def test_cases_are_chosen_by_name_or_pattern_in_the_battery_s_order() -> None:
     names = [case.name for case in choose_cases(BATTERY, ["step-20", "latency-*", "step-10"])]
     assert names == ["step-10", "step-20", "latency-2", "latency-4", "latency-12", "latency-20"]
     assert choose_cases(BATTERY, []) == BATTERY
-
-
-def test_an_unknown_case_lists_those_there_are() -> None:
-    with pytest.raises(InputError, match=r"unknown case 'freefrom-10'. Did you mean 'freeform-10'\?"):
-        choose_cases(BATTERY, ["freefrom-10"])
 
 
 def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range() -> None:
@@ -89,8 +69,7 @@ def test_a_user_s_file_is_found_from_anywhere(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "mine.py").touch()
     entry = user_entry("mine.py:Press", ["controller.force_p_m_sn=0.01"])
     assert entry.label == "mine.py:Press"
-    assert Path(entry.name.partition(":")[0]).is_absolute()
-    assert entry.name.endswith("/mine.py:Press")
+    assert entry.name == f"{tmp_path}/mine.py:Press"
     assert user_entry("position").name == "position"
 
 
@@ -133,32 +112,16 @@ def test_without_noise_and_latency_the_step_is_the_time_optimal_move() -> None:
     assert bound.settling == pytest.approx(2.0 * math.sqrt(0.004 / 1.2), rel=0.01)
 
 
-def test_force_of_a_touch_grows_with_speed_and_latency() -> None:
-    slow, fast = step_bound(FORCE, 0.005), step_bound(FORCE, 0.02)
-    late = step_bound(override(FORCE, ["robot.command_latency_s=0.018"]), 0.02)
-    assert slow.peak < fast.peak < late.peak
-    assert late.reaction - fast.reaction == pytest.approx(0.012)
-
-
 def test_contact_is_told_at_the_stated_separation() -> None:
     bound = step_bound(FORCE, 0.02)
     ramp = 5000.0 * 0.02 * 0.001 * np.arange(1, round(1e3 * bound.detection) + 1)
     assert math.sqrt(np.sum(ramp**2)) / 0.5 == pytest.approx(4.5, rel=0.15)
 
 
-def test_quicker_feed_more_noise_and_later_readings_all_cost() -> None:
-    usual = tracking_bound(FORCE, 0.03, WAVES)
-    assert usual < tracking_bound(FORCE, 0.1, WAVES)
-    assert usual < tracking_bound(override(FORCE, ["sensor.force_noise_n=2"]), 0.03, WAVES)
-    assert usual < tracking_bound(override(FORCE, ["robot.command_latency_s=0.05"]), 0.03, WAVES)
-
-
 def test_a_filter_tuned_by_hand_does_not_beat_the_bound() -> None:
     feed, h, rng = 0.03, 0.005, np.random.default_rng(0)
-    bound, errors = (
-        tracking_bound(override(FORCE, ["part.displacement_m=0", "part.rotation_rad=0"]), feed, WAVES),
-        [],
-    )
+    known = override(FORCE, ["part.displacement_m=0", "part.rotation_rad=0"])
+    bound, errors = tracking_bound(known, feed, WAVES), []
     for _ in range(40):
         t = np.arange(2400) * h
         numbers = 2.0 * math.pi / rng.uniform(*WAVES, 8) * rng.uniform(-1.0, 1.0, 8)

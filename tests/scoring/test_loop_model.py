@@ -11,11 +11,10 @@ import pytest
 from benchmarks.force_theory import noise_rms, surface_error
 from benchmarks.loop_margins import Response, margins, response_of
 from polish_sim.arrays import Array
-from polish_sim.control import CONTROLLERS, Measurement, Target, build_controller
-from polish_sim.control.loops import PiGains, PiMemory, force_pi
+from polish_sim.control import Measurement, Target, build_controller
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
-from polish_sim.scoring.loop_model import Complex, LoopSetup, build_plant, one_mass, plant_response, setup_of
+from polish_sim.scoring.loop_model import Complex, LoopSetup, build_plant, plant_response, setup_of
 from polish_sim.scoring.margins import (
     SLOWEST,
     contour,
@@ -103,15 +102,11 @@ def _loop(*changes: str) -> tuple[LoopSetup, PiLaw]:
     return setup, pi_law(gains.force_p_m_sn, gains.force_i_m_s2n, gains.force_filter_hz, setup.dt)
 
 
-def test_slow_motion_presses_the_springs_in_series() -> None:
+def test_slow_motion_presses_the_springs_in_series_and_servos_swing_over_at_25_hz() -> None:
     setup, _ = _loop()
-    plant, z = build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
-    ratio = plant_response(plant, plant.force, z) / plant_response(plant, plant.position, z)
-    assert abs(ratio[0]) == pytest.approx(5000.0, rel=1e-3)
-
-
-def test_servos_pass_slow_commands_whole_and_swing_over_at_25_hz() -> None:
-    setup, _ = _loop()
+    plant, slow = build_plant(setup), np.exp(np.array([0.5j]) * setup.dt)
+    pressed = plant_response(plant, plant.force, slow) / plant_response(plant, plant.position, slow)
+    assert abs(pressed[0]) == pytest.approx(5000.0, rel=1e-3)
     plant = build_plant(setup._replace(pad_stiffness=0.0, pad_damping=0.0))
     speed = np.abs(
         plant_response(plant, plant.velocity, np.exp(2j * math.pi * np.array([0.1, 25.0, 140.0]) * setup.dt))
@@ -121,54 +116,11 @@ def test_servos_pass_slow_commands_whole_and_swing_over_at_25_hz() -> None:
     assert speed[2] < 0.5
 
 
-def test_filtered_pi_is_the_compiled_law() -> None:
-    law, gains, state = pi_law(0.004, 0.012, 10.0, 0.001), PiGains(0.004, 0.012, 1.0, 10.0), PiMemory()
-    force_pi(0.0, 0.0, 1e9, gains, 0.001, state)  # the law's filter begins at its first reading
-    s, rng = np.zeros(2), np.random.default_rng(1)
-    for reading in rng.normal(size=200):
-        speed = law.C @ s + law.D * reading
-        s = law.A @ s + law.B * reading
-        assert force_pi(0.0, reading, 1e9, gains, 0.001, state) == pytest.approx(speed, rel=1e-9, abs=1e-15)
-
-
-@pytest.mark.parametrize(
-    "changes", [[], ["head.spring_scale=5"], ["robot.command_latency_s=0"], ["sensor.latency_s=0.01"]]
-)
-def test_eigenvalues_and_nyquist_agree_on_both_sides_of_the_border(changes: list[str]) -> None:
-    setup, law = _loop(*changes)
-    gain = margins(response_of(force_loop(setup, law), setup.dt)).gain
-    for factor, stable in ((0.97, True), (1.03, False)):
-        scaled = law._replace(C=law.C * gain * factor, D=law.D * gain * factor)
-        assert (growth(closed_loop_matrix(setup, scaled), setup.dt) < 0.0) == stable
-        assert (turns_about_minus_one(force_loop(setup, scaled)(contour(setup.dt))) == 0) == stable
-
-
-def test_delay_margin_is_where_the_eigenvalues_cross() -> None:
-    setup, law = _loop()
-    steps = margins(response_of(force_loop(setup, law), setup.dt)).delay / setup.dt
-    late = setup._replace(command_steps=setup.command_steps + math.floor(steps))
-    too_late = setup._replace(command_steps=setup.command_steps + math.ceil(steps))
-    assert (
-        growth(closed_loop_matrix(late, law), setup.dt)
-        < 0.0
-        < growth(closed_loop_matrix(too_late, law), setup.dt)
-    )
-
-
-def test_delay_counts_the_same_before_and_after_the_law() -> None:
-    setup, law = _loop()
-    shifted = setup._replace(command_steps=setup.command_steps - 3, sensor_steps=setup.sensor_steps + 3)
-    rates = [growth(closed_loop_matrix(s, law), s.dt) for s in (setup, shifted)]
-    assert rates[0] == pytest.approx(rates[1], rel=1e-6)
-
-
-def forces(setup: LoopSetup, law: PiLaw, pressed: tuple[float, float], noise: Array) -> Array:
-    """Contact force of the closed loop in time, from places of arm and head [m], with noise in the sensor
-    [N]."""
+def forces(setup: LoopSetup, law: PiLaw, noise: Array) -> Array:
+    """Contact force of the closed loop in time [N], shape (n,), with noise in the sensor [N], shape (n,)."""
     plant, q, noisy = build_plant(setup), np.zeros(2), 0.0
     s, found = np.zeros(len(plant.B)), np.empty(len(noise))
     samples, commands = [0.0] * (setup.sensor_steps + 1), [0.0] * (setup.command_steps + 1)
-    s[:2] = pressed
     for k, draw in enumerate(noise):
         noisy += setup.sensor_blend * (draw - noisy)
         samples = [plant.reading @ s + noisy, *samples[:-1]]
@@ -180,56 +132,29 @@ def forces(setup: LoopSetup, law: PiLaw, pressed: tuple[float, float], noise: Ar
     return found
 
 
-def test_closed_loop_in_time_dies_away_as_its_slowest_eigenvalue_says() -> None:
+def test_noise_has_the_rms_of_a_run_and_only_quick_waves_pass_to_the_springs() -> None:
     setup, law = _loop()
-    force = np.abs(forces(setup, law, (1e-3, 0.25e-3), np.zeros(3000)))
-    early, late = force[1000:1100].max(), force[2900:3000].max()
-    assert math.log(late / early) / 1.9 == pytest.approx(
-        growth(closed_loop_matrix(setup, law), setup.dt), rel=0.02
-    )
-
-
-def test_the_filter_is_what_keeps_the_tools_inertia_from_chattering() -> None:
-    setup, law = _loop()
-    bare = pi_law(0.004, 0.012, 500.0, setup.dt)
-    assert (
-        growth(closed_loop_matrix(setup, law), setup.dt)
-        < 0.0
-        < growth(closed_loop_matrix(setup, bare), setup.dt)
-    )
-    weightless = setup._replace(arm=one_mass(mount_mass=0.0))
-    assert growth(closed_loop_matrix(weightless, bare), setup.dt) < 0.0
-
-
-def test_noise_through_the_loop_has_the_rms_of_a_run() -> None:
-    setup, law = _loop()
-    found = forces(setup, law, (0.0, 0.0), np.random.default_rng(0).normal(0.0, 0.5, 60_000))
+    found = forces(setup, law, np.random.default_rng(0).normal(0.0, 0.5, 60_000))
     assert noise_rms(setup, law, 0.5) == pytest.approx(np.std(found[5000:]), rel=0.08)
-
-
-def test_slow_waves_are_taken_out_and_quick_ones_pass_to_the_springs() -> None:
-    error = np.abs(surface_error(*_loop())(np.array([0.1, 100.0])))
+    error = np.abs(surface_error(setup, law)(np.array([0.1, 100.0])))
     assert error[0] < 0.01 * 5000.0
     assert error[1] > 0.9 * 5000.0
 
 
-def integrator_on_spring(p: float, stiffness: float, delay: float) -> Response:
+def integrator(crossover: float, delay: float) -> Response:
     """Open loop of a proportional law that presses a spring by velocity: L = p k / s e^(-s delay)."""
-    return lambda omega: p * stiffness / (1j * omega) * np.exp(-1j * omega * delay)
+    return lambda omega: crossover / (1j * omega) * np.exp(-1j * omega * delay)
 
 
-@pytest.mark.parametrize(("crossover", "delay"), [(5.0, 0.02), (20.0, 0.01), (60.0, 0.004)])
+@pytest.mark.parametrize(("crossover", "delay"), [(5.0, 0.02), (60.0, 0.004)])
 def test_integrator_with_delay_has_the_margins_of_the_textbook(crossover: float, delay: float) -> None:
-    found = margins(integrator_on_spring(crossover / 5000.0, 5000.0, delay))
+    found = margins(integrator(crossover, delay))
     assert found.crossover == pytest.approx(crossover, rel=1e-4)
     assert found.gain == pytest.approx(0.5 * math.pi / (crossover * delay), rel=1e-4)
     assert found.phase == pytest.approx(0.5 * math.pi - crossover * delay, abs=1e-4)
     assert found.delay == pytest.approx(found.phase / crossover, rel=1e-4)
     assert found.phase_crossover == pytest.approx(0.5 * math.pi / delay, rel=1e-3)
-
-
-def test_a_loop_without_delay_has_no_gain_margin_to_lose() -> None:
-    assert margins(integrator_on_spring(0.004, 5000.0, 0.0)).gain == math.inf
+    assert margins(integrator(crossover, 0.0)).gain == math.inf
 
 
 Z = np.exp(1j * np.geomspace(0.5, 3000.0, 9) * 1e-3)
@@ -258,23 +183,14 @@ def test_a_law_on_the_place_answers_to_motion_only() -> None:
     assert law.by_motion(Z) == pytest.approx(-10.0 * 1e-3 / (1.0 - 1.0 / Z), rel=1e-6)  # the sum of velocity
 
 
-@pytest.mark.parametrize("scale", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("scale", [0.5, 3.0])
 def test_longest_latency_is_where_the_eigenvalues_say(scale: float) -> None:
     drawn, law = _loop()
     setup = with_springs(drawn, scale)
     totals = [0.001 * n for n in range(1, 200)]
     longest = longest_latency(setup, law, totals)
 
-    def stable(total: float) -> bool:
-        return growth(closed_loop_matrix(with_latency(setup, share_latency(total)), law), 0.001) <= SLOWEST
+    def grows(total: float) -> float:
+        return growth(closed_loop_matrix(with_latency(setup, share_latency(total)), law), 0.001)
 
-    assert not stable(longest + 0.001)
-    assert all(map(stable, [longest, *(total for total in totals[::8] if total < longest)]))
-
-
-@pytest.mark.parametrize("name", ["hybrid-pi", "force-mode"])
-def test_every_force_controller_is_stable_as_delivered(name: str) -> None:
-    assert name in CONTROLLERS
-    scenario = override(FORCE, [f"controller.name={name}"])
-    law = measure_law(build_controller(scenario.controller), setup_of(scenario), 20.0, 5000.0)
-    assert longest_latency(setup_of(scenario), law, [0.008]) > 0.0
+    assert grows(longest) <= SLOWEST < grows(longest + 0.001)

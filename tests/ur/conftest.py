@@ -27,3 +27,9 @@ def build() -> Callable[[], SimulatedRobot]:
 
     make().step()  # compiles before anything has to be in time
     return make
+
+
+@pytest.fixture
+def robot(build: Callable[[], SimulatedRobot]) -> SimulatedRobot:
+    """One nobody has moved yet."""
+    return build()
