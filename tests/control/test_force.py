@@ -57,23 +57,13 @@ def test_a_step_of_force_follows_the_second_order_response(p: float, i: float) -
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.1)  # first order in the step
 
 
-def test_a_surface_that_recedes_steadily_leaves_no_error() -> None:
+def test_without_the_integral_a_surface_that_recedes_leaves_its_speed_over_the_gain() -> None:
     gains, state = PiGains(0.004, 0.012, 0.05, 10.0), PiMemory()
     force = press(gains, 0.001, 10.0, receding=0.002, state=state)[-1]
     assert force == pytest.approx(FORCE, abs=1e-4)
     assert gains.i * state.integral == pytest.approx(0.002, rel=1e-4)
-
-
-def test_without_the_integral_the_error_is_the_speed_over_the_gain() -> None:
     force = press(PiGains(0.004, 0.0, 0.05, 10.0), 0.001, 5.0, receding=0.002)[-1]
     assert force == pytest.approx(FORCE - 0.002 / 0.004, abs=1e-6)
-
-
-def test_the_rate_never_exceeds_its_limit() -> None:
-    rng, state = np.random.default_rng(1), PiMemory()
-    gains = PiGains(0.004, 0.05, 0.03, 50.0)
-    rates = [force_pi(FORCE, force, 1e9, gains, 0.001, state) for force in rng.normal(20.0, 60.0, 5000)]
-    assert np.abs(rates).max() == gains.limit
 
 
 def test_ten_seconds_in_the_air_do_not_wind_the_integral_up() -> None:
@@ -81,8 +71,7 @@ def test_ten_seconds_in_the_air_do_not_wind_the_integral_up() -> None:
     for _ in range(10_000):
         assert force_pi(FORCE, 0.0, 1e9, gains, 0.001, state) == gains.limit
     assert state.integral == 0.0
-    after_waiting = press(gains, 0.001, 1.0, state=state)
-    np.testing.assert_array_equal(after_waiting, press(gains, 0.001, 1.0))
+    np.testing.assert_array_equal(press(gains, 0.001, 1.0, state=state), press(gains, 0.001, 1.0))
 
 
 def test_a_loaded_integral_unwinds_while_the_rate_is_still_at_its_limit() -> None:
@@ -92,16 +81,12 @@ def test_a_loaded_integral_unwinds_while_the_rate_is_still_at_its_limit() -> Non
     assert state.integral == pytest.approx(20.0 - 5.0 * 0.001)
 
 
-def test_the_low_pass_starts_at_the_first_reading_not_at_zero() -> None:
-    state = PiMemory()
-    assert force_pi(FORCE, 18.0, 1e9, PiGains(0.004, 0.0, 1.0, 10.0), 0.001, state) == pytest.approx(
-        0.004 * 2.0
-    )
-
-
-@pytest.mark.parametrize("dt", [1e-4, 1e-3, 0.02])
-@pytest.mark.parametrize("corner_hz", [1.0, 10.0, 80.0])
-def test_a_step_is_answered_exactly_at_any_sampling(dt: float, corner_hz: float) -> None:
+@pytest.mark.parametrize(("dt", "corner_hz"), [(1e-4, 80.0), (0.02, 1.0)])
+def test_the_low_pass_answers_a_step_exactly_and_starts_at_the_first_reading(
+    dt: float, corner_hz: float
+) -> None:
+    first = force_pi(FORCE, 18.0, 1e9, PiGains(0.004, 0.0, 1.0, corner_hz), dt, PiMemory())
+    assert first == pytest.approx(0.004 * 2.0)
     output = 0.0
     for n in range(1, 200):
         output = low_pass_step(output, 1.0, corner_hz, dt)
@@ -120,12 +105,12 @@ def felt(stiffness: float, tool: float = 0.02, part: float = 0.0, state: FeltMem
     return np.array(shares)
 
 
-@pytest.mark.parametrize("times", [0.2, 1.0, 1.4])
+@pytest.mark.parametrize("times", [0.2, 1.4])
 def test_on_springs_as_drawn_or_softer_the_gains_are_as_set(times: float) -> None:
     assert (felt(times * STIFFNESS) == 1.0).all()
 
 
-@pytest.mark.parametrize("times", [2.0, 4.0, 8.0])
+@pytest.mark.parametrize("times", [2.0, 8.0])
 def test_on_stiffer_springs_the_gains_fall_to_one_and_a_half_times_the_drawn_crossover(times: float) -> None:
     shares = felt(times * STIFFNESS, tool=0.005)
     assert shares[0] == 1.0

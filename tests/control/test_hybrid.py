@@ -37,7 +37,7 @@ def in_tool(m: Measurement, twist: Array) -> tuple[Array, Array]:
     return m.rotation.T @ twist[:3], m.rotation.T @ twist[3:6]
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("hybrid", "law"), [("hybrid-pi", 6), ("hybrid-pi-position", 5)])
 def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(
     seed: int, hybrid: str, law: int
@@ -62,7 +62,7 @@ def test_in_contact_force_replaces_z_and_nothing_else_of_the_velocity(
     assert linear[2] == pytest.approx(limited, abs=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed: int) -> None:
     m, t = drawn(seed)
     t.rotation[:] = Rotation.from_rotvec([0.003, -0.002, 0.004]).as_matrix() @ m.rotation
@@ -75,13 +75,9 @@ def test_in_contact_the_moment_replaces_the_turn_about_y_and_nothing_else(seed: 
     assert angular[1] == pytest.approx(planned + limited, abs=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_in_free_space_the_hybrid_is_the_position_law(seed: int) -> None:
-    m, t = drawn(seed, contact=0.0)
+def test_in_free_space_the_hybrid_is_the_position_law_which_does_not_listen_to_the_force() -> None:
+    m, t = drawn(0, contact=0.0)
     np.testing.assert_array_equal(controller("hybrid-pi").step(m, t), controller("position").step(m, t))
-
-
-def test_position_control_does_not_listen_to_the_force() -> None:
     m, t = drawn(0)
     quiet = controller("position").step(m, t)
     m.wrench[:] += 100.0
@@ -98,13 +94,12 @@ def leaning(made: CompiledController, steps: int, moment: Callable[[float], floa
     return angles
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-@pytest.mark.parametrize(("p", "i"), [(0.3, 0.1), (0.1, 0.0), (0.2, 0.5)])
+@pytest.mark.parametrize(("p", "i"), [(0.1, 0.0), (0.2, 0.5)])
 def test_the_moment_loop_levels_a_pad_on_a_rotational_spring_as_its_second_order_response(
-    sign: float, p: float, i: float
+    p: float, i: float
 ) -> None:
     """With moment k (angle - lean) the error obeys e'' + k p e' + k i e = 0 from e = lean, e' = -k p lean."""
-    stiffness, lean = 3.0, sign * 0.01
+    stiffness, lean = 3.0, -0.01
     made = controller(
         "hybrid-pi", replace(CONFIG, moment_p_rad_snm=p, moment_i_rad_s2nm=i, moment_filter_hz=1e9)
     )

@@ -7,11 +7,10 @@ import re
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from polish_sim.analysis.run_record import once_more
-from polish_sim.config import ControllerConfig, Scenario
+from polish_sim.config import ControllerConfig
 from polish_sim.control import build_controller
 from polish_sim.control.laws import own_parameters
 from polish_sim.errors import ConfigError, InputError, PolishSimError
@@ -58,21 +57,10 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def load(name: str) -> object:
-    return build_controller(ControllerConfig(name=name))
-
-
-def test_a_class_in_a_file_is_made_and_answers(file: Path) -> None:
-    made = build_controller(ControllerConfig(name=f"{file}:Push"))
-    made.reset(0.002)
-    np.testing.assert_array_equal(made.step(None, None), [0, 0, -0.01, 0, 0, 0])  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize(
     ("name", "told"),
     [
         ("hybrid", ["unknown controller 'hybrid'", "hybrid-pi", "position", "FILE.py:CLASS"]),
-        ("nowhere/mine.py:Push", ["nowhere/mine.py", "does not exist"]),
         ("{file}:Pull", ["Pull", "Push", "Deaf"]),
         ("{file}:Deaf", ["Deaf", "step()"]),
         ("{file}:Needs", ["Needs", "gain"]),
@@ -80,7 +68,7 @@ def test_a_class_in_a_file_is_made_and_answers(file: Path) -> None:
 )
 def test_what_cannot_be_loaded_is_named(file: Path, name: str, told: list[str]) -> None:
     with pytest.raises(InputError) as caught:
-        load(name.format(file=file))
+        build_controller(ControllerConfig(name=name.format(file=file)))
     for word in told:
         assert word in str(caught.value)
 
@@ -90,7 +78,6 @@ def test_what_cannot_be_loaded_is_named(file: Path, name: str, told: list[str]) 
     [
         ("import no_such_module_here\n", "no_such_module_here"),
         ("class Mine(\n", "SyntaxError"),
-        ("raise ValueError('out of gains')\n", "out of gains (broken.py, line 1)"),
         (
             "class Mine:\n    def __init__(self):\n        raise RuntimeError('no licence')\n",
             "no licence (broken.py, line 3)",
@@ -102,7 +89,7 @@ def test_a_file_that_fails_says_why(tmp_path: Path, source: str, told: str) -> N
     path = tmp_path / "broken.py"
     path.write_text(source, encoding="utf-8")
     with pytest.raises(InputError, match=r"broken\.py") as caught:
-        load(f"{path}:Mine")
+        build_controller(ControllerConfig(name=f"{path}:Mine"))
     assert told in str(caught.value)
 
 
@@ -127,9 +114,7 @@ def test_a_class_declares_its_parameters_and_is_made_with_those_given_and_the_ot
     [
         ({"gian": 0.02}, "Did you mean 'gain'?"),
         ({"gain": 0.2}, "'controller.own.gain' = 0.2 is outside 0.001 to 0.1"),
-        ({"gain": "high"}, "'controller.own.gain' must be a number"),
         ({"sign": 0.5}, "'controller.own.sign' must be a whole number"),
-        ({"sign": True}, "'controller.own.sign' must be a whole number"),
         ({"late": 1}, "'controller.own.late' must be true or false"),
         ({"mode": 3}, "'controller.own.mode' must be text"),
     ],
@@ -137,30 +122,26 @@ def test_a_class_declares_its_parameters_and_is_made_with_those_given_and_the_ot
 def test_wrong_parameters_are_refused_by_name(file: Path, own: dict[str, float | str], told: str) -> None:
     with pytest.raises(PolishSimError, match=re.escape(told)):
         tuned(file, **own)
-
-
-def test_parameters_are_for_own_controllers_alone() -> None:
-    with pytest.raises(InputError, match=r"controller\.own\.gain is for an own controller"):
-        build_controller(ControllerConfig(own={"gain": 1.0}))
+    with pytest.raises(InputError, match=r"controller\.own\.\w+ is for an own controller"):
+        build_controller(ControllerConfig(own=own))
 
 
 def test_own_parameters_are_set_like_other_keys_and_kept_in_the_config(file: Path, tmp_path: Path) -> None:
     usual = default_scenario("force")
-    chosen = override(
-        usual, [f"controller.name={file}:Tuned", "controller.own.gain=0.02", "controller.own.late=true"]
-    )
+    own = ["controller.own.gain=0.02", "controller.own.late=true"]
+    chosen = override(usual, [f"controller.name={file}:Tuned", *own])
     written = tmp_path / "config.toml"
     written.write_text(to_toml(chosen), encoding="utf-8")
     assert load_scenario(written, usual) == chosen
     assert chosen.controller.own == {"gain": 0.02, "late": True}
     assert "--set controller.own.gain=0.02" in once_more(chosen, usual)
     hash(chosen)
-    with pytest.raises(
-        ConfigError, match=r"'controller\.own\.gain' must be a number, text, true or false, got \[1"
+    for value, said in (
+        ("own.gain=[1, 2]", r"own\.gain' must be a number, text"),
+        ("own=3", r"own' is a section"),
     ):
-        override(usual, ["controller.own.gain=[1, 2]"])
-    with pytest.raises(ConfigError, match=r"'controller\.own' is a section"):
-        override(usual, ["controller.own=3"])
+        with pytest.raises(ConfigError, match=said):
+            override(usual, [f"controller.{value}"])
 
 
 def test_an_object_is_run_as_it_is_and_the_config_says_how_to_make_it_again(file: Path) -> None:
@@ -169,11 +150,7 @@ def test_an_object_is_run_as_it_is_and_the_config_says_how_to_make_it_again(file
     by_object = run_experiment(scenario, controller=made)  # type: ignore[arg-type]
     config = by_object.scenario.controller
     assert (config.name, config.own["gain"]) == (f"{file}:Tuned", 0.02)
-    again = run_experiment(load_text(to_toml(by_object.scenario), scenario))
+    again = run_experiment(merge(scenario, tomllib.loads(to_toml(by_object.scenario)), ""))
     assert again.log["tcp_position_m"].tobytes() == by_object.log["tcp_position_m"].tobytes()
     with pytest.raises(InputError, match=r"'object' lacks the method reset\(\)"):
         run_experiment(scenario, controller=object())  # type: ignore[arg-type]
-
-
-def load_text(text: str, base: Scenario) -> Scenario:
-    return merge(base, tomllib.loads(text), "")

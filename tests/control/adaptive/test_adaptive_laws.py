@@ -20,7 +20,7 @@ from polish_sim.control.adaptive.force_loop import (
     remember_command,
     under_way,
 )
-from polish_sim.control.adaptive.gains import LAWS, PressMemory, adaptive_gains
+from polish_sim.control.adaptive.gains import PressMemory, adaptive_gains
 from polish_sim.control.adaptive.landing import (
     own_force,
     quickest_stop,
@@ -45,16 +45,13 @@ def test_a_ramp_is_shown_as_late_as_the_sensor_is() -> None:
     assert seen.own == pytest.approx(3.0)
 
 
-def test_the_tools_own_force_is_mass_times_acceleration() -> None:
+def test_the_tools_own_force_is_mass_times_acceleration_and_the_dampers_builds_up_within_its_lag() -> None:
     memory = PressMemory()
     forces = [own_force(GAINS, memory, STILL, 0.5 * k * DT, 0.0, DT) for k in range(10)]
     assert forces[0] == 0.0
     np.testing.assert_allclose(forces[1:], 2.0 * 0.5)
     off = adaptive_gains(AdaptiveConfig(laws="touch-down stiffness"))
     assert own_force(off, memory, STILL, 1.0, 0.0, DT) == 0.0
-
-
-def test_the_dampers_force_builds_up_within_its_lag() -> None:
     memory = PressMemory()
     memory.force.stiffness = GAINS.stiffness
     forces = [own_force(GAINS, memory, STILL, 0.05, 0.05, DT) for _ in range(50)]
@@ -63,8 +60,7 @@ def test_the_dampers_force_builds_up_within_its_lag() -> None:
     assert forces[-1] == pytest.approx(GAINS.damping * 0.05)
 
 
-@pytest.mark.parametrize("cycles", [4, 9, 15, 25])
-@pytest.mark.parametrize("speed", [0.002, 0.02])
+@pytest.mark.parametrize(("cycles", "speed"), [(4, 0.002), (9, 0.02), (25, 0.002)])
 def test_the_commands_delay_is_measured_on_the_way_down(cycles: int, speed: float) -> None:
     """A command shows in the encoders ``cycles`` later; when the next one is chosen, one less are under
     way."""
@@ -78,7 +74,7 @@ def test_the_commands_delay_is_measured_on_the_way_down(cycles: int, speed: floa
     assert under_way(memory, DT) == pytest.approx(speed * (cycles - 1) * DT, rel=0.01)
 
 
-@pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 25000.0, 40000.0])
+@pytest.mark.parametrize("stiffness", [1000.0, 5000.0, 40000.0])
 def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness: float) -> None:
     rng, memory = np.random.default_rng(0), PressMemory()
     memory.air.variance = 0.25**2
@@ -86,9 +82,8 @@ def test_stiffness_is_found_from_above_within_the_first_newtons(stiffness: float
     speed, found, k = 0.02, [], 0
     while stiffness * speed * k * DT < 8.0:
         path = speed * k * DT
-        found.append(
-            refine_stiffness(GAINS, memory, 5000.0, path, stiffness * path + 0.25 * rng.normal(), speed, DT)
-        )
+        reading = stiffness * path + 0.25 * rng.normal()
+        found.append(refine_stiffness(GAINS, memory, 5000.0, path, reading, speed, DT))
         k += 1
     assert found[0] == pytest.approx(25000.0)
     assert min(found) > 0.9 * min(stiffness, 25000.0)
@@ -103,20 +98,17 @@ def test_a_tool_at_rest_learns_nothing_about_springs() -> None:
     assert known == pytest.approx(25000.0)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.25, 1.0])
+@pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_a_minute_of_air_is_not_taken_for_contact_and_a_part_is_noticed_soon(noise: float) -> None:
     rng, memory, blend = np.random.default_rng(1), PressMemory(), 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
     white = noise / math.sqrt(blend / (2.0 - blend))
-    reading, rise, noticed = 0.0, 0.0, False
-    for k in range(70000):
-        rise = 0.1 * (k - 60000) if k > 60000 else 0.0
+    reading = 0.0
+    for k in range(60300):
+        rise = 0.1 * max(k - 60000, 0)
         reading += blend * (white * rng.normal() - reading)
         if watch_air(memory, reading + 0.7 + rise, True, DT):
-            noticed = True
             break
-        assert k < 60000 + 300
-    assert noticed
-    assert k >= 60000
+    assert 60000 <= k < 60299
     assert rise < 1.0 + 5.0 * noise
 
 
@@ -156,14 +148,6 @@ def test_the_observer_knows_the_force_before_the_sensor_shows_it() -> None:
         assert force == pytest.approx(k * z, abs=1e-9)
 
 
-def test_believing_another_stiffness_does_not_make_the_sensor_surprise() -> None:
-    memory = PressMemory()
-    begin_contact(memory, 25000.0, 0.001, 3.0)
-    memory.force.travel = 0.001
-    change_stiffness(memory, 5000.0, 0.001)
-    assert observe_force(memory, 40.0, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)
-
-
 def corrections(memory: PressMemory, added: Callable[[float], float], seconds: float = 2.0) -> list[float]:
     """What the force loop adds to k z while b is ``added`` of the time."""
     found = []
@@ -173,34 +157,31 @@ def corrections(memory: PressMemory, added: Callable[[float], float], seconds: f
     return found
 
 
-@pytest.mark.parametrize("times", [0.5, 0.75, 1.0, 1.3, 3.0])
+@pytest.mark.parametrize("times", [0.5, 1.0, 3.0])
 def test_the_notch_takes_out_the_arms_vibration(times: float) -> None:
     """At x times its frequency |1 - x^2| / (1 + x^2) is left; up to a tenth in steps of 1 ms."""
     found = corrections(PressMemory(), lambda t: math.sin(times * GAINS.arm_mode * t))
     assert max(found[1000:]) == pytest.approx(abs(1.0 - times**2) / (1.0 + times**2), abs=0.1)
 
 
-def test_a_part_that_rises_evenly_passes_the_notch_without_lag() -> None:
+def test_a_part_that_rises_evenly_passes_the_notch_without_lag_and_a_rigid_arm_has_none() -> None:
     memory, rise = PressMemory(), 20.0
     memory.force.rate = rise
     found = corrections(memory, lambda t: rise * t)
     assert found[-1] == pytest.approx(rise * (2.0 - DT) + rise / 40.0, abs=1.1 * rise * DT)
+    memory = PressMemory()
+    for memory.force.at_no_travel in (3.0, -5.0):
+        assert correction(memory, 0.0, 40.0, 1.0, DT) == memory.force.at_no_travel
 
 
-def test_believing_another_stiffness_does_not_swing_the_notch() -> None:
+def test_believing_another_stiffness_neither_swings_the_notch_nor_makes_the_sensor_surprise() -> None:
     memory = PressMemory()
     begin_contact(memory, 25000.0, 0.001, 3.0)
     corrections(memory, lambda _: -22.0, 0.3)
     change_stiffness(memory, 5000.0, 0.001)
     assert corrections(memory, lambda _: -2.0, 0.1) == pytest.approx(np.full(100, -2.0), abs=1e-9)
-
-
-def test_a_rigid_arm_has_no_notch() -> None:
     memory = PressMemory()
-    for b in (3.0, -5.0, 40.0):
-        memory.force.at_no_travel = b
-        assert correction(memory, 0.0, 40.0, 1.0, DT) == b
-
-
-def test_every_law_is_on_unless_left_out() -> None:
-    assert AdaptiveConfig().laws.split() == list(LAWS)
+    begin_contact(memory, 25000.0, 0.001, 3.0)
+    memory.force.travel = 0.001
+    change_stiffness(memory, 5000.0, 0.001)
+    assert observe_force(memory, 40.0, 0.001, 3.0, 0.0, DT) == pytest.approx(3.0)

@@ -16,8 +16,6 @@ from polish_sim.errors import ConfigError
 from tests.control.adaptive.plant import Plant, land, settling
 from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
 
-ALL = " ".join(LAWS)
-
 
 def adaptive(**changes: Any) -> CompiledController:
     return CONTROLLERS["hybrid-adaptive"](
@@ -30,26 +28,25 @@ def without(law: str) -> str:
 
 
 @pytest.mark.parametrize("scale", [0.2, 1.0, 5.0])
-@pytest.mark.parametrize("delays", [(2, 1), (8, 2), (17, 5)])
+@pytest.mark.parametrize(("command", "sensor"), [(2, 1), (17, 5)])
 def test_it_lands_on_any_spring_at_any_delay_without_being_told(
-    scale: float, delays: tuple[int, int]
+    scale: float, command: int, sensor: int
 ) -> None:
-    plant = Plant(stiffness=5000.0 * scale, command_delay=delays[0], sensor_delay=delays[1])
-    run = land(adaptive(), plant)
+    run = land(adaptive(), Plant(stiffness=5000.0 * scale, command_delay=command, sensor_delay=sensor))
     # What cannot strike on stiff springs takes its time for the 20 mm that soft ones give by.
     assert settling(run, 20.0) < (1.0 if scale < 1.0 else 0.35)
     assert run.force.max() < 22.0
     assert np.abs(run.force[-300:] - 20.0).max() < 0.1
 
 
-@pytest.mark.parametrize("approach", [0.002, 0.005, 0.02, 0.05])
+@pytest.mark.parametrize("approach", [0.002, 0.05])
 def test_landing_takes_less_than_a_quarter_second_whatever_the_approach(approach: float) -> None:
     run = land(adaptive(), Plant(noise=0.5), approach)
     assert settling(run, 20.0) < 0.25
     assert run.force.max() < 21.0
 
 
-@pytest.mark.parametrize("set_force", [3.0, 10.0, 50.0])
+@pytest.mark.parametrize("set_force", [3.0, 50.0])
 def test_it_lands_on_other_forces(set_force: float) -> None:
     run = land(adaptive(), Plant(noise=0.5), set_force=set_force)
     assert settling(run, set_force) < 0.3
@@ -77,18 +74,13 @@ def test_without_one_law_the_others_still_land(law: str) -> None:
     assert np.abs(run.force[-300:] - 20.0).max() < 0.2
 
 
-def test_the_law_touch_down_makes_the_landing_faster() -> None:
+def test_touch_down_makes_the_landing_faster_and_stiffness_holds_a_spring_five_times_as_stiff() -> None:
+    stiff = Plant(stiffness=25000.0, command_delay=17, sensor_delay=5)
     slow = land(adaptive(laws=without("touch-down")), Plant(noise=0.5), approach=0.005)
     fast = land(adaptive(), Plant(noise=0.5), approach=0.005)
     assert settling(fast, 20.0) < 0.8 * settling(slow, 20.0)
-
-
-def test_the_law_stiffness_is_what_holds_a_spring_five_times_as_stiff() -> None:
-    plant = Plant(stiffness=25000.0, command_delay=17, sensor_delay=5)
-    known = land(adaptive(), plant)
-    blind = land(adaptive(laws=without("stiffness")), plant)
-    assert known.force.max() < 21.0
-    assert blind.force.max() > 25.0
+    assert land(adaptive(), stiff).force.max() < 21.0
+    assert land(adaptive(laws=without("stiffness")), stiff).force.max() > 25.0
 
 
 def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air() -> None:
