@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,16 +14,15 @@ from polish_sim.analysis.metrics import (
     curvature_peaks,
     distance_to_circle,
     errors_at_peaks,
-    first_contact,
     measure_arc,
     measure_force,
     measure_surface,
-    moving_average,
     rise_time,
     settling_time,
     steady_feed,
 )
-from polish_sim.hand_guiding.figures import distance_to_line, measure_taught
+from polish_sim.hand_guiding.figures import measure_taught
+from polish_sim.log import Trace
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, surface_trace, trace_of
 
@@ -42,9 +42,13 @@ def test_a_first_order_force_response_has_the_textbook_figures() -> None:
     assert measure_force(force_trace(contact_force=25.0), 20.0)["overshoot_n"] == pytest.approx(5.0, abs=1e-3)
 
 
-def test_a_run_without_contact_has_no_force_figures() -> None:
-    figures = measure_force(trace_of(np.zeros(1000, np.int8)), 20.0)
-    assert all(math.isnan(value) for value in figures.values())
+def test_a_run_without_contact_has_no_figures_of_force_and_one_without_process_none_of_a_surface() -> None:
+    in_air = trace_of(np.zeros(1000, np.int8))
+    assert all(math.isnan(value) for value in measure_force(in_air, 20.0).values())
+    figures = measure_surface(in_air, bumpy_path(), 20.0)
+    assert math.isnan(figures["force_rms_error_n"])
+    assert math.isnan(figures["force_error_at_peaks_n"])
+    assert figures["curvature_peaks"] == 0
 
 
 def test_a_constant_radial_error_is_the_tracking_error_of_the_arc() -> None:
@@ -55,18 +59,12 @@ def test_a_constant_radial_error_is_the_tracking_error_of_the_arc() -> None:
     assert figures["speed_max_deviation_m_s"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_slow_ripple_of_the_speed_is_its_largest_deviation() -> None:
-    figures = measure_arc(arc_trace(ripple_m_s=2e-4))
+def test_a_slow_ripple_of_the_speed_is_its_largest_deviation_but_for_the_first_second() -> None:
+    trace = arc_trace(ripple_m_s=2e-4)
+    ramped = trace._replace(tcp_speed_m_s=np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s))
     # the 50 ms average of a 0.5 Hz sine keeps sinc(0.025) of it
-    assert figures["speed_max_deviation_m_s"] == pytest.approx(2e-4 * np.sinc(0.025), rel=1e-4)
-
-
-def test_the_first_second_of_the_arc_is_ramp_up_and_does_not_count() -> None:
-    trace = arc_trace()
-    speed = np.where(trace.time_s < 0.99, 0.0, trace.tcp_speed_m_s)
-    assert measure_arc(trace._replace(tcp_speed_m_s=speed))["speed_max_deviation_m_s"] == pytest.approx(
-        0.0, abs=1e-12
-    )
+    known = pytest.approx(2e-4 * np.sinc(0.025), rel=1e-4)
+    assert measure_arc(ramped)["speed_max_deviation_m_s"] == known
 
 
 def test_distance_to_the_circle_is_known_at_its_centre_and_above_its_rim() -> None:
@@ -80,22 +78,16 @@ def test_every_bump_of_the_path_is_one_curvature_peak_at_its_top() -> None:
     path = bumpy_path(bumps=6)
     assert path.s[curvature_peaks(path)] == pytest.approx(np.arange(0.1, 1.2, 0.2), abs=1e-3)
 
-
-def test_hollow_bends_count_like_humps_and_gentle_ones_do_not() -> None:
-    hollow = bumpy_path(bumps=4, sharpness=-1 / 0.06)
-    assert len(curvature_peaks(hollow)) == 4
-    assert len(curvature_peaks(bumpy_path(bumps=4, sharpness=1 / 0.3))) == 0
-
-
-def test_a_ripple_on_a_bend_does_not_make_two_peaks_of_it() -> None:
-    path = bumpy_path(bumps=3)
+    assert len(curvature_peaks(bumpy_path(bumps=4, sharpness=-1 / 0.06))) == 4  # hollows count like humps
+    assert len(curvature_peaks(bumpy_path(bumps=4, sharpness=1 / 0.3))) == 0  # gentle ones do not
     rippled = path.curvature + 1.0 * np.sin(path.s / 0.0005)
-    assert len(curvature_peaks(type(path)(**{**vars(path), "curvature": rippled}))) == 3
+    assert len(curvature_peaks(replace(path, curvature=rippled))) == 6
 
 
-def test_dips_at_the_bends_show_as_force_error_at_the_peaks() -> None:
+def test_dips_at_the_bends_show_as_force_error_at_the_peaks_that_were_passed() -> None:
     path = bumpy_path(bumps=6)
-    figures = measure_surface(surface_trace(path, dip_n=5.0), path, 20.0)
+    trace = surface_trace(path, dip_n=5.0)
+    figures = measure_surface(trace, path, 20.0)
     assert figures["curvature_peaks"] == 6
     assert figures["force_error_at_peaks_n"] == pytest.approx(5.0, abs=0.01)
     assert figures["force_error_between_peaks_n"] < 0.1
@@ -105,6 +97,12 @@ def test_dips_at_the_bends_show_as_force_error_at_the_peaks() -> None:
     assert figures["force_within_4n"] == pytest.approx(1.0 - outside, abs=1e-3)
     assert figures["contact_lost_s"] == 0.0
     assert figures["speed_mean_m_s"] == pytest.approx(0.01)
+    force = trace.normal_force_n.copy()
+    force[50_000:50_250] = 0.0
+    lost = measure_surface(trace._replace(normal_force_n=force), path, 20.0)
+    assert lost["contact_lost_s"] == pytest.approx(0.25)
+    until = int(np.searchsorted(trace.path_s_m, 0.5 + WINDOW_M))
+    assert measure_surface(Trace(*(column[:until] for column in trace)), path, 20.0)["curvature_peaks"] == 3
 
 
 def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them() -> None:
@@ -112,31 +110,6 @@ def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them() -> None
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(s))
     errors = errors_at_peaks(s, noise, np.linspace(0.2, 1.8, 8))
     assert errors.at_peaks_n == pytest.approx(errors.between_peaks_n, rel=0.1)
-
-
-def test_lost_contact_is_counted_in_seconds() -> None:
-    path = bumpy_path()
-    trace = surface_trace(path)
-    force = trace.normal_force_n.copy()
-    force[50_000:50_250] = 0.0
-    assert measure_surface(trace._replace(normal_force_n=force), path, 20.0)[
-        "contact_lost_s"
-    ] == pytest.approx(0.25)
-
-
-def test_a_run_that_stopped_early_reports_only_the_peaks_it_passed() -> None:
-    path = bumpy_path(bumps=6)
-    trace = surface_trace(path)
-    until = int(np.searchsorted(trace.path_s_m, 0.5 + WINDOW_M))
-    figures = measure_surface(type(trace)(*(column[:until] for column in trace)), path, 20.0)
-    assert figures["curvature_peaks"] == 3
-
-
-def test_a_run_without_process_has_no_surface_figures() -> None:
-    figures = measure_surface(trace_of(np.zeros(500, np.int8)), bumpy_path(), 20.0)
-    assert math.isnan(figures["force_rms_error_n"])
-    assert math.isnan(figures["force_error_at_peaks_n"])
-    assert figures["curvature_peaks"] == 0
 
 
 TIME = np.arange(0.0, 3.0, 1e-3)
@@ -152,23 +125,7 @@ def test_settling_is_zero_without_an_error_and_undefined_when_it_ends_outside_or
     assert math.isnan(settling_time(TIME, np.linspace(0.0, 10.0, len(TIME)), 3.0))
     assert math.isnan(settling_time(TIME, np.full_like(TIME, math.nan), 3.0))
     assert math.isnan(settling_time(np.empty(0), np.empty(0), 3.0))
-
-
-def test_a_response_that_stays_below_90_percent_has_no_rise_time() -> None:
-    assert math.isnan(rise_time(TIME, np.full_like(TIME, 17.9), 20.0))
-
-
-def test_first_contact_is_the_first_sample_above_half_a_newton() -> None:
-    assert first_contact(np.array([0.0, 0.5, 0.6, 0.0])) == 2
-    assert first_contact(np.array([0.0, 0.5])) is None
-
-
-def test_a_sine_averaged_over_its_period_vanishes_and_over_a_window_shrinks_by_sinc() -> None:
-    wave = np.sin(2 * np.pi * 20.0 * TIME)
-    assert np.abs(moving_average(TIME, wave, 0.05)).max() < 1e-12
-    assert abs(moving_average(TIME, wave, 0.025).max() - 2.0 / np.pi) < 2e-3
-    # A signal shorter than the window has none.
-    assert moving_average(TIME[:20], TIME[:20], 0.05).size == 0
+    assert math.isnan(rise_time(TIME, np.full_like(TIME, 17.9), 20.0))  # below 90 percent
 
 
 def straight(height: float, last: float = 0.1, tilt: float = 0.0) -> ToolPath:
@@ -178,12 +135,6 @@ def straight(height: float, last: float = 0.1, tilt: float = 0.0) -> ToolPath:
     n = len(x)
     codes = np.full(n, PROCESS, np.int8)
     return ToolPath(positions, axes, arc_length(positions), np.zeros(n, np.int64), codes, np.zeros(n))
-
-
-def test_distance_to_a_line_is_square_to_it_and_round_its_ends() -> None:
-    line = straight(0.0).positions_work
-    points = np.array([[0.05037, 0.003, 0.004], [0.103, 0.004, 0.0], [0.02, 0.0, 0.0]])
-    np.testing.assert_allclose(distance_to_line(points, line), [0.005, 0.005, 0.0], atol=1e-12)
 
 
 def test_a_path_taught_two_millimetres_high_and_too_short() -> None:

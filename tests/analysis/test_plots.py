@@ -16,7 +16,6 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import RED
 from polish_sim.analysis.surface_plot import around_peaks
 from polish_sim.config import Scenario
-from polish_sim.errors import InputError
 from polish_sim.experiments.report import draw_comparison, draw_plots, draw_seeds, save_plots
 from polish_sim.log import RunLog, Trace
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, log_of, surface_trace, trace_of
@@ -52,16 +51,36 @@ def with_force(record: RunRecord, force_n: float) -> RunRecord:
 RECORDS = [arc_record, force_record, surface_record]
 
 
+def head_of(figure: Figure) -> str:
+    return "\n".join(text.get_text() for text in figure.texts)
+
+
+def assert_labelled(figure: Figure) -> None:
+    for axes in figure.axes:
+        assert "[" in axes.get_ylabel()
+        assert axes.get_xlabel() or not axes.xaxis.get_tick_params()["labelbottom"]
+
+
 @pytest.mark.parametrize("make", RECORDS)
-def test_every_experiment_has_a_plot_with_labelled_axes(
+def test_every_experiment_has_plots_with_labelled_axes_that_nothing_sticks_out_of(
     make: Callable[[], RunRecord], tmp_path: Path
 ) -> None:
+    before = dict(matplotlib.rcParams)
     plots = draw_plots(make())
-    assert plots
+    for figure in [*plots.values(), *draw_seeds([make(), make()]).values()]:
+        figure.draw_without_rendering()
+        for axes in (axes for axes in figure.axes if axes.get_visible()):
+            assert any(len(line.get_xdata()) for line in axes.lines) or axes.collections
+        width, height = figure.bbox.size
+        for piece in [*figure.legends, *figure.texts]:
+            box = piece.get_window_extent()
+            assert 0.0 <= box.x0 < box.x1 <= width
+            assert 0.0 <= box.y0 < box.y1 <= height
     for figure in plots.values():
         assert_labelled(figure)
     save_plots(tmp_path, plots)
     assert {file.name for file in tmp_path.iterdir()} == set(plots)
+    assert dict(matplotlib.rcParams) == before
 
 
 @pytest.mark.parametrize("phase", [0, 3], ids=["before contact", "in its first step"])
@@ -74,6 +93,9 @@ def test_a_run_stopped_early_still_draws(make: Callable[[Trace], RunRecord], pha
     shown = [text.get_text() for figure in plots.values() for axes in figure.axes for text in axes.texts]
     shown += [head_of(figure) for figure in plots.values()]
     assert not [text for text in shown if "nan" in text]
+    if make is surface_record and phase == 0:
+        assert set(plots) == {"force.png"}
+        assert plots["force.png"].axes[0].get_xlabel() == "time since the start [s]"
 
 
 def test_the_drawn_force_is_the_logged_one_and_each_curvature_peak_is_numbered() -> None:
@@ -107,83 +129,43 @@ def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked() -> None:
             assert marked[0].get_xdata()[0] == pytest.approx(where, abs=0.01)
 
 
-def test_a_surface_run_that_stops_before_the_feed_shows_its_force_over_time() -> None:
-    plots = draw_plots(stopped(surface_record(trace_of(np.zeros(400, np.int8))), 0.3, 0.0))
-    assert set(plots) == {"force.png"}
-    assert plots["force.png"].axes[0].get_xlabel() == "time since the start [s]"
-
-
-@pytest.mark.parametrize("make", RECORDS)
-def test_no_panel_is_empty_and_nothing_sticks_out_of_its_figure(make: Callable[[], RunRecord]) -> None:
-    for figure in [*draw_plots(make()).values(), *draw_seeds([make(), make()]).values()]:
-        figure.draw_without_rendering()
-        for axes in (axes for axes in figure.axes if axes.get_visible()):
-            assert any(len(line.get_xdata()) for line in axes.lines) or axes.collections
-        width, height = figure.bbox.size
-        for piece in [*figure.legends, *figure.texts]:
-            box = piece.get_window_extent()
-            assert 0.0 <= box.x0 < box.x1 <= width
-            assert 0.0 <= box.y0 < box.y1 <= height
-
-
-def test_a_part_without_bends_has_no_picture_of_bends() -> None:
-    record = surface_record()
-    assert record.path is not None
-    assert "peaks.png" in draw_plots(record)
-    round_ = replace(record, path=replace(record.path, curvature=np.full(len(record.path.s), 20.0)))
-    assert "peaks.png" not in draw_plots(round_)
-
-
-def head_of(figure: Figure) -> str:
-    return "\n".join(text.get_text() for text in figure.texts)
-
-
-def test_two_runs_stand_side_by_side_under_their_controllers() -> None:
-    figure = draw_comparison([surface_record(), surface_record(controller="position")])["force.png"]
-    titles = [axes.get_title() + axes.get_title(loc="left") for axes in figure.axes]
-    assert any("hybrid-pi" in title for title in titles)
-    assert any("position" in title for title in titles)
-
-
-@pytest.mark.parametrize("make", [arc_record, force_record])
-def test_several_runs_share_one_axis(make: Callable[[], RunRecord]) -> None:
-    (figure,) = draw_comparison([make(), make()]).values()
-    assert len(figure.axes) == 1
-    assert_labelled(figure)
-
-
-def test_every_run_has_the_band_of_its_own_force_on_one_scale() -> None:
-    runs = [surface_record(), with_force(surface_record(), 12.0)]
-    first, _, second, _ = draw_comparison(runs)["force.png"].axes
+def test_every_run_has_the_band_of_its_own_force_on_one_scale_under_its_controller() -> None:
+    runs = [surface_record(), with_force(surface_record(controller="position"), 12.0)]
+    figure = draw_comparison(runs)["force.png"]
+    first, _, second, _ = figure.axes
+    titles = " ".join(axes.get_title() + axes.get_title(loc="left") for axes in figure.axes)
+    assert "hybrid-pi" in titles
+    assert "position" in titles
     for axes, force in ((first, 20.0), (second, 12.0)):
         band = axes.patches[0].get_extents().transformed(axes.transData.inverted())
         assert (band.y0, band.y1) == pytest.approx((force - 4.0, force + 4.0))
     assert np.ptp(first.get_ylim()) == pytest.approx(np.ptp(second.get_ylim()))
 
 
-def test_force_steps_to_different_forces_have_a_band_each() -> None:
-    (axes,) = draw_comparison([force_record(), with_force(force_record(), 10.0)])["force.png"].axes
-    assert axes.figure is not None
-    names = [text.get_text() for text in axes.figure.legends[0].get_texts()]
+def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each() -> None:
+    (figure,) = draw_comparison([arc_record(), arc_record()]).values()
+    assert len(figure.axes) == 1
+    assert_labelled(figure)
+    (figure,) = draw_comparison([force_record(), with_force(force_record(), 10.0)]).values()
+    assert len(figure.axes) == 1
+    assert_labelled(figure)
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"10 ± 3 N, the paper's band", "20 ± 3 N, the paper's band"} <= set(names)
-    assert any(name.endswith("10 N") for name in names)
 
 
-def test_the_noise_of_a_constant_curvature_stays_as_small_as_it_is() -> None:
+def test_a_path_without_bends_says_so_and_the_noise_of_its_curvature_stays_small() -> None:
     record = surface_record()
     assert record.path is not None
+    round_ = replace(record, path=replace(record.path, curvature=np.full(len(record.path.s), 20.0)))
+    assert "peaks.png" not in draw_plots(round_)
+    metrics = {**record.metrics, "curvature_peaks": 0, "force_error_at_peaks_n": np.nan}
+    plots = draw_plots(replace(record, metrics=metrics))
+    assert "no curvature peak" in head_of(plots["force.png"])
     noise = 10.0 + 0.01 * np.random.default_rng(0).standard_normal(len(record.path.s))
     figure = draw_plots(replace(record, path=replace(record.path, curvature=noise)))["force.png"]
     low, high = figure.axes[1].get_ylim()
     assert low < 0.0
     assert high > 10.0
-
-
-def test_a_way_without_a_bend_says_so() -> None:
-    record = surface_record()
-    metrics = {**record.metrics, "curvature_peaks": 0, "force_error_at_peaks_n": np.nan}
-    figure = draw_plots(replace(record, metrics=metrics))["force.png"]
-    assert head_of(figure).endswith("no curvature peak on the way")
 
 
 def test_a_bend_too_near_an_end_to_be_drawn_is_told() -> None:
@@ -196,36 +178,16 @@ def test_a_bend_too_near_an_end_to_be_drawn_is_told() -> None:
     assert "mean of 2 peaks" in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_runs_of_different_experiments_are_not_put_side_by_side() -> None:
-    with pytest.raises(InputError, match="arc, force"):
-        draw_comparison([arc_record(), force_record()])
-
-
-def test_the_seeds_plot_counts_those_that_meet_what_is_asked() -> None:
+def test_seeds_are_counted_that_meet_what_is_asked_and_the_worst_is_named_and_drawn() -> None:
     slow = force_record(force_trace(tau=0.3), seed=1)
     figure = draw_seeds([force_record(), slow])["seeds.png"]
     assert figure.axes[0].get_title(loc="left").endswith("asked <= 0.4: 1 of 2")
-
-
-def test_the_worst_seed_is_named_and_drawn() -> None:
     records = [surface_record(), replace(surface_record(), scenario=replace(Scenario(), seed=7))]
     records[1] = replace(records[1], metrics={**records[1].metrics, "force_max_deviation_n": 7.0})
     plots = draw_seeds(records)
     assert "seed 7, the worst of 2" in head_of(plots["worst_seed.png"])
     names = {axes.get_title(loc="left"): axes.texts[0].get_text() for axes in plots["seeds.png"].axes}
     assert names["force error, max [N]"] == "seed 7: 7"
-
-
-def test_drawing_leaves_matplotlibs_settings_alone() -> None:
-    before = dict(matplotlib.rcParams)
-    draw_plots(force_record())
-    assert dict(matplotlib.rcParams) == before
-
-
-def assert_labelled(figure: Figure) -> None:
-    for axes in figure.axes:
-        assert "[" in axes.get_ylabel()
-        assert axes.get_xlabel() or not axes.xaxis.get_tick_params()["labelbottom"]
 
 
 def test_the_dip_at_every_bend_is_the_mean_at_offset_zero() -> None:

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from polish_sim.analysis.run_record import (
+    REMOVAL,
     RunRecord,
-    differences,
     ending,
     notes_of,
-    package_versions,
     read_record,
     read_records,
     setting_rows,
@@ -26,14 +25,15 @@ from polish_sim.analysis.run_record import (
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.scenario_file import merge
-from tests.analysis.synthetic import bumpy_path, log_of, surface_trace, trace_of
+from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_trace, trace_of
 
 
 @pytest.fixture
 def record() -> RunRecord:
     scenario = replace(Scenario(), seed=7)
-    path = bumpy_path(bumps=2, length=0.1)
-    return RunRecord("run", scenario, {"force_mean_n": 20.0, "seed": 7}, log_of(surface_trace(path)), path)
+    path, removal = bumpy_path(bumps=2, length=0.1), removal_map(np.ones(5))
+    log = log_of(surface_trace(path))
+    return RunRecord("run", scenario, {"force_mean_n": 20.0, "seed": 7}, log, path, removal)
 
 
 def test_a_run_reads_back_as_it_was_written(record: RunRecord, tmp_path: Path) -> None:
@@ -49,10 +49,8 @@ def test_a_run_reads_back_as_it_was_written(record: RunRecord, tmp_path: Path) -
 
 
 def test_an_undefined_figure_is_null_and_the_file_is_strict_json(tmp_path: Path) -> None:
-    figures = {
-        "a": math.nan, "b": np.float64(2.0), "c": np.int64(3), "d": [math.inf, 1.0], "e": np.array([1.0]),
-    }  # fmt: skip
-    write_json(tmp_path / "metrics.json", figures)
+    numpys = {"b": np.float64(2.0), "c": np.int64(3), "e": np.array([1.0])}
+    write_json(tmp_path / "metrics.json", {"a": math.nan, "d": [math.inf, 1.0], **numpys})
 
     def refuse(text: str) -> float:
         raise AssertionError(f"{text} is not JSON")
@@ -66,17 +64,13 @@ def test_a_folder_that_is_no_run_is_refused_naming_what_it_lacks(tmp_path: Path)
         read_record(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["metrics.json", "log.npz", "path.npz"])
+@pytest.mark.parametrize("name", ["metrics.json", "log.npz", "path.npz", REMOVAL])
 def test_a_truncated_file_is_refused_by_name(record: RunRecord, tmp_path: Path, name: str) -> None:
     write_record(tmp_path, record)
     file = tmp_path / name
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     with pytest.raises(InputError, match=name):
         read_record(tmp_path)
-
-
-def test_the_versions_name_the_engine_and_ourselves() -> None:
-    assert {"python", "polish-sim", "mujoco", "numpy"} <= set(package_versions())
 
 
 def run(name: str = "run", metrics: dict[str, Any] | None = None, **sections: Any) -> RunRecord:
@@ -95,15 +89,9 @@ def test_part_force_and_feed_of_every_run_stand_in_its_own_column() -> None:
     assert row(runs, "part") == ["freeform", "bowl.stl"]
     assert row(runs, "set force") == ["20", "12"]
     assert row(runs, "feed") == ["10", "40"]
-
-
-def test_a_given_path_has_a_name_and_no_step_over() -> None:
     runs = [run(), run(plan={"file": "plans/mine.csv"})]
     assert row(runs, "path") == ["spiral", "mine.csv"]
     assert row(runs, "step-over") == ["8", "-"]
-
-
-def test_a_path_that_is_taught_is_led_in_one_mode() -> None:
     runs = [run(experiment="teach"), run(experiment="teach", drag={"follow": "rim"})]
     assert row(runs, "along") == ["the trial's moves", "rim"]
     assert row(runs, "mode") == ["every", "default"]
@@ -122,22 +110,15 @@ def test_how_a_run_ended_is_said(metrics: dict[str, Any], said: str) -> None:
     assert ending(run(metrics=metrics)) == said
 
 
-def test_runs_that_differ_in_seed_and_controller_alone_need_no_note() -> None:
+def test_what_runs_differ_in_but_seed_and_controller_is_named_and_why_one_is_not_whole() -> None:
     other = replace(run(controller={"name": "position", "force_p_m_sn": 0.001}).scenario, seed=7)
-    assert differences([run().scenario, other]) == []
     assert notes_of([run(), replace(run(), scenario=other)]) == []
-
-
-def test_what_else_runs_differ_in_is_named_key_by_key() -> None:
-    runs = [run(), run(), run(part={"file": "plate"}, sensor={"force_noise_n": 1.0})]
-    (note,) = notes_of(runs)
-    assert note.endswith("they differ in part.file, sensor.force_noise_n.")
-
-
-def test_a_run_that_is_not_whole_is_named_with_its_reason() -> None:
     stopped = run("b", {"path_done": 0.5, "protective_stop": "the force was too large"})
     (note,) = notes_of([run("a"), stopped])
     assert note.startswith("'b' stopped at 50.0% (the force was too large)")
+    runs = [run(), run(), run(part={"file": "plate"}, sensor={"force_noise_n": 1.0})]
+    (note,) = notes_of(runs)
+    assert note.endswith("they differ in part.file, sensor.force_noise_n.")
 
 
 def test_runs_of_one_name_are_told_apart(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from polish_sim.log import Trace
-from polish_sim.scoring.figures import DEFINITIONS, measure_score, oscillation
+from polish_sim.scoring.figures import DEFINITIONS, measure_score
 from tests.analysis.synthetic import DT, force_trace, trace_of
 
 Array = NDArray[np.float64]
@@ -39,6 +39,9 @@ def test_a_first_order_rise_settles_after_tau_ln_20_and_has_no_overshoot() -> No
     assert row["peak_force_n"] == pytest.approx(20.0, abs=1e-6)
     assert row["max_error_n"] == pytest.approx(20.0 * math.exp(-5.0) * math.exp(-contact / 0.1), rel=0.02)
     assert row["stable"]
+    assert set(row) <= set(DEFINITIONS)
+    stopped = scored(force_trace(tau=0.1), whole=False)
+    assert (stopped["stable"], stopped["settling_1n_s"]) == (False, None)
 
 
 def test_a_steady_offset_is_all_of_rms_p95_and_max_and_never_settles() -> None:
@@ -58,16 +61,6 @@ def test_rms_and_p95_of_a_sine_are_those_of_a_sine() -> None:
     assert row["max_error_n"] == pytest.approx(1.5, rel=1e-4)
 
 
-def test_the_steady_window_begins_half_a_second_after_contact() -> None:
-    force = np.full(4000, 20.0)
-    force[300:499] = 28.0
-    row = scored(held(force))
-    assert row["max_error_n"] == 0.0
-    assert row["overshoot_n"] == 8.0
-    force[501] = 25.0
-    assert scored(held(force))["max_error_n"] == 5.0
-
-
 def test_contact_lost_counts_from_the_end_of_touch_down() -> None:
     bounce = np.full(4000, 20.0)
     bounce[100:200] = 0.0
@@ -79,13 +72,15 @@ def test_contact_lost_counts_from_the_end_of_touch_down() -> None:
     assert not row["stable"]
 
 
-@pytest.mark.parametrize("hertz", [5.0, 12.0, 40.0])
+@pytest.mark.parametrize("hertz", [5.0, 40.0])
 def test_a_limit_cycle_is_not_stable_and_its_amplitude_is_found(hertz: float) -> None:
     t = seconds(4.5)
     small, large = (scored(held(20.0 + size * np.sin(2.0 * np.pi * hertz * t))) for size in (1.5, 3.0))
     assert large["oscillation_n"] == pytest.approx(3.0, rel=0.2)  # a moving mean takes some of 5 Hz
     assert small["stable"]
     assert not large["stable"]
+    softer = 3.0 * np.sin(2.0 * np.pi * hertz * t)  # is allowed where more is wanted
+    assert scored(held(50.0 + softer), wanted=50.0)["stable"]
 
 
 def test_a_growing_oscillation_is_not_stable_before_it_is_large() -> None:
@@ -104,47 +99,25 @@ def test_a_force_that_follows_a_slow_part_is_no_oscillation() -> None:
     assert row["stable"]
 
 
-def test_the_oscillation_allowed_grows_with_the_wanted_force() -> None:
-    t = seconds(4.5)
-    wave = 3.0 * np.sin(2.0 * np.pi * 10.0 * t)
-    assert not scored(held(20.0 + wave), wanted=20.0)["stable"]
-    assert scored(held(50.0 + wave), wanted=50.0)["stable"]
-
-
-def test_along_a_path_the_window_is_the_feed_and_overshoot_ends_where_it_begins() -> None:
+def test_the_steady_window_begins_half_a_second_after_contact_and_along_a_path_with_the_feed() -> None:
     force = np.full(4000, 20.0)
-    force[100] = 26.0
-    force[1000] = 24.0
+    force[300:499] = 28.0
+    row = scored(held(force))
+    assert (row["max_error_n"], row["overshoot_n"]) == (0.0, 8.0)
+    force[501] = 25.0
+    assert scored(held(force))["max_error_n"] == 5.0
+    force = np.full(4000, 20.0)
+    force[100], force[1000] = 26.0, 24.0
     row = scored(held(force), moving=True)
-    assert row["overshoot_n"] == 6.0
-    assert row["max_error_n"] == 4.0
-    assert row["peak_force_n"] == 26.0
+    assert (row["overshoot_n"], row["max_error_n"], row["peak_force_n"]) == (6.0, 4.0, 26.0)
     assert row["settling_1n_s"] is None
-
-
-def test_the_error_is_against_the_force_wanted_at_that_place() -> None:
     trace = held(np.full(4000, 20.0))
     wanted = np.full(len(trace.time_s), 20.0)
-    wanted[-500:] = 18.0
+    wanted[-500:] = 18.0  # at that place
     assert measure_score(trace, wanted, True, True)["max_error_n"] == 2.0
-
-
-def test_a_run_that_was_stopped_is_not_stable_and_has_not_settled() -> None:
-    row = scored(held(np.full(4000, 20.0)), whole=False)
-    assert not row["stable"]
-    assert row["settling_1n_s"] is None
-    assert row["max_error_n"] == 0.0
 
 
 def test_without_contact_nothing_is_defined() -> None:
     row = scored(held(np.zeros(1000)))
     assert row.pop("stable") is False
     assert set(row.values()) == {None}
-
-
-def test_a_window_too_short_to_judge_has_no_oscillation() -> None:
-    assert all(map(math.isnan, oscillation(seconds(0.2), seconds(0.2))))
-
-
-def test_every_figure_has_its_definition() -> None:
-    assert set(scored(force_trace())) <= set(DEFINITIONS)

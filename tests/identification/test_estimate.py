@@ -52,10 +52,8 @@ def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_i
     other = known_robot(seed=5)
     found = estimate(sums_of(noisy(KNOWN.torque, np.random.default_rng(1))))
     np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.05)
-    error = torque_error(
-        KNOWN.model.torque_of_base(other.states, KNOWN.base.columns, found.theta), other.torque
-    )
-    assert error.max() < 0.01
+    predicted = KNOWN.model.torque_of_base(other.states, KNOWN.base.columns, found.theta)
+    assert torque_error(predicted, other.torque).max() < 0.01
 
 
 @pytest.mark.parametrize(
@@ -72,7 +70,7 @@ def test_a_joint_that_stands_still_is_named_with_what_stays_unknown(still: slice
         require_rank(sums, KNOWN.base, KNOWN.model)
 
 
-KNOWN_COLOURED = known_robot(4000)
+LONG = known_robot(4000)
 
 
 def _noise(keep: float, rng: np.random.Generator, samples: int = 4000) -> np.ndarray:
@@ -81,7 +79,7 @@ def _noise(keep: float, rng: np.random.Generator, samples: int = 4000) -> np.nda
     return np.asarray(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0))
 
 
-@pytest.mark.parametrize("keep", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("keep", [0.0, 0.9])
 def test_the_inefficiency_is_that_of_the_noise(keep: float) -> None:
     rng = np.random.default_rng(0)
     told = rng.random((100_000, 6)) > 0.1
@@ -94,13 +92,11 @@ def test_intervals_hold_the_truth_whatever_the_noises_colour(keep: float, white_
     rng = np.random.default_rng(1)
     white, widened = [], []
     for _draw in range(20):
-        torque = KNOWN_COLOURED.torque + _noise(keep, rng) * SIGMA
-        sums = sum_samples(KNOWN_COLOURED.model, KNOWN_COLOURED.base, KNOWN_COLOURED.states, torque)
-        white.append(estimate(sums).covers(KNOWN_COLOURED.truth))
-        found = estimate_widened(
-            KNOWN_COLOURED.model, KNOWN_COLOURED.base, sums, KNOWN_COLOURED.states, torque
-        )
-        widened.append(found.covers(KNOWN_COLOURED.truth))
+        torque = LONG.torque + _noise(keep, rng) * SIGMA
+        sums = sum_samples(LONG.model, LONG.base, LONG.states, torque)
+        white.append(estimate(sums).covers(LONG.truth))
+        found = estimate_widened(LONG.model, LONG.base, sums, LONG.states, torque)
+        widened.append(found.covers(LONG.truth))
         np.testing.assert_allclose(found.sigma, SIGMA, rtol=0.25)
     assert 0.90 < float(np.mean(widened)) < 0.99
     assert white_covers <= float(np.mean(white)) < max(2.0 * white_covers, 0.6)

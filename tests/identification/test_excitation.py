@@ -19,7 +19,7 @@ from polish_sim.identification.excitation import (
     mean_information,
     use_matrix,
 )
-from polish_sim.identification.fourier import fit_fourier, started_and_stopped
+from polish_sim.identification.fourier import FourierMotion, started_and_stopped
 from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import RobotClearance
 from polish_sim.identification.use_motion import use_states
@@ -46,6 +46,11 @@ def designed(task: ExcitationTask) -> Excitation:
     return design(task, np.random.default_rng(1), iterations=60)
 
 
+def variance(motion: FourierMotion, use: np.ndarray) -> float:
+    """Of the torques a motion predicts in a use."""
+    return float(np.trace(np.linalg.solve(mean_information(TASK, motion), use)))
+
+
 @pytest.fixture(scope="module")
 def found() -> Excitation:
     return designed(TASK)
@@ -56,34 +61,23 @@ def test_the_designed_motion_keeps_every_limit_and_tells_more_than_random_ones(f
     torque = KNOWN.model.torque(states, KNOWN.model.truth())
     assert LIMITS.holds(states, torque)
     random = allowed_motions(TASK, np.random.default_rng(2))
-    variances = [
-        float(np.trace(np.linalg.solve(mean_information(TASK, next(random)), USE))) for _ in range(5)
-    ]
-    assert np.exp(found.value) < 0.6 * min(variances)
+    assert np.exp(found.value) < 0.6 * min(variance(next(random), USE) for _ in range(5))
 
 
 def test_a_motion_designed_for_a_task_tells_that_task_better(found: Excitation) -> None:
     """The task: poses along a line, hardly moving."""
     t = np.linspace(-1.0, 1.0, 100)[:, None]
-    slow = States(
-        0.4 * t * np.ones(6) + [0.0, -1.5, 1.5, -1.6, -1.5, 0.0], 0.02 * np.ones((100, 6)), np.zeros((100, 6))
-    )
+    q = 0.4 * t * np.ones(6) + [0.0, -1.5, 1.5, -1.6, -1.5, 0.0]
+    slow = States(q, np.full_like(q, 0.02), np.zeros_like(q))
     for_task = replace(TASK, use=use_matrix(KNOWN.model, KNOWN.base, slow, SIGMA))
-    variances = [
-        float(np.trace(np.linalg.solve(mean_information(TASK, each.motion), for_task.use)))
-        for each in (designed(for_task), found)
-    ]
-    assert variances[0] < 0.8 * variances[1]
+    own = variance(designed(for_task).motion, for_task.use)
+    assert own < 0.8 * variance(found.motion, for_task.use)
 
 
-def test_clearance_is_known_where_the_arm_stands_straight_up_and_negative_inside_itself() -> None:
-    up = np.array([[0.0, -np.pi / 2, 0.0, 0.0, 0.0, 0.0]])
-    folded = np.array([[0.0, -np.pi / 2, 3.1, 0.0, 0.0, 0.0]])
+def test_clearance_is_known_where_the_arm_stands_straight_up_and_its_slopes_are_those_of_distance() -> None:
+    up, folded = (np.array([[0.0, -np.pi / 2, elbow, 0.0, 0.0, 0.0]]) for elbow in (0.0, 3.1))
     assert ROBOT.measure(up)[0].min() > 0.04
     assert ROBOT.measure(folded)[0].min() < 0.0
-
-
-def test_slopes_of_clearance_are_those_of_distance() -> None:
     q, step = np.random.default_rng(3).uniform(-2.5, 2.5, (40, 6)), 1e-6
     distance, slope = ROBOT.measure(q)
     # Just touching or just in sight: kinks.
@@ -92,13 +86,6 @@ def test_slopes_of_clearance_are_those_of_distance() -> None:
     for joint in range(6):
         ends = [ROBOT.measure(q + sign * step * np.eye(6)[joint])[0] for sign in (1.0, -1.0)]
         np.testing.assert_allclose(slope[plain, joint], ((ends[0] - ends[1]) / (2 * step))[plain], atol=5e-3)
-
-
-def test_a_fitted_series_gives_the_accelerations_back() -> None:
-    t = np.arange(5000) / 500.0
-    states = KNOWN.motion(t)
-    fitted = fit_fourier(t, np.round(states.q / 5e-5) * 5e-5, KNOWN.motion.frequency, 20)(t)
-    assert np.abs(fitted.qdd - states.qdd).max() < 2e-3
 
 
 def test_the_motion_is_entered_and_left_from_rest_without_jumps() -> None:
@@ -110,13 +97,11 @@ def test_the_motion_is_entered_and_left_from_rest_without_jumps() -> None:
     np.testing.assert_allclose(states.q[2000], KNOWN.motion(np.zeros(1)).q[0], atol=1e-12)
 
 
-KNOWN_USE = known_robot(200)
-
-
 def test_a_joint_motion_comes_back_with_its_speeds(tmp_path: Path) -> None:
-    states = played(KNOWN_USE.motion, 1)
+    known = known_robot(200)
+    states = played(known.motion, 1)
     for use in (
-        use_states(write_log(tmp_path / "log.csv", KNOWN_USE.model, states)),
+        use_states(write_log(tmp_path / "log.csv", known.model, states)),
         use_states(_npz(tmp_path / "trajectory.npz", states.q)),
         use_states(tmp_path),
     ):
@@ -154,15 +139,16 @@ def test_every_move_of_a_teaching_run_counts(tmp_path: Path) -> None:
 
 def test_what_is_no_motion_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    with pytest.raises(InputError, match="holds no joint motion"):
-        use_states(tmp_path / "other.npz")
     np.savez(tmp_path / "wide.npz", time_s=np.arange(99.0), q_rad=np.zeros((99, 7)))
-    with pytest.raises(InputError, match=r"wanted \(n, 6\)"):
-        use_states(tmp_path / "wide.npz")
-    with pytest.raises(InputError, match="two poses or more"):
-        use_states(_npz(tmp_path / "short.npz", np.zeros((1, 6))))
-    with pytest.raises(InputError, match="cannot read the path 'none'"):
-        use_states(Path("none"))
+    _npz(tmp_path / "short.npz", np.zeros((1, 6)))
+    for name, said in (
+        ("other.npz", "holds no joint motion"),
+        ("wide.npz", r"wanted \(n, 6\)"),
+        ("short.npz", "two poses or more"),
+        ("none", "cannot read the path"),
+    ):
+        with pytest.raises(InputError, match=said):
+            use_states(tmp_path / name)
 
 
 def _npz(file: Path, q: np.ndarray) -> Path:

@@ -14,11 +14,12 @@ import pytest
 from polish_sim.cell.gears import elastic_torque, slip
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
-from polish_sim.identification.gear_fit import GearFit, _hysteresis, _spring
+from polish_sim.identification.gear_fit import _hysteresis, _spring
 from polish_sim.identification.identify import run_identification
 from polish_sim.identification.settings import GEARS, SCENARIO, IdentifySettings
 from polish_sim.scenario_file import override
 from tests.cell.elastic import HOME, joints_at
+from tests.cli.conftest import undrawn
 
 PLANTED = [
     "robot.arm=ur5e",
@@ -53,19 +54,21 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Planted:
             IdentifySettings.__init__, "__defaults__", tuple(15 if each == 300 else each for each in usual)
         )
         words = ["identify", "--periods", "2", "--seed", "2", *settings, "--out", str(folder)]
-        code = execute(commands, words)
+        with undrawn():
+            code = execute(commands, words)
     figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     rows = csv.DictReader((folder / "parameters.csv").read_text(encoding="utf-8").splitlines())
     return Planted(folder, code, figures, {row["name"]: row for row in rows})
 
 
-def test_planted_slopes_are_recovered_within_a_few_percent_and_their_intervals(planted: Planted) -> None:
+def test_planted_gears_are_recovered_within_a_few_percent_and_their_intervals(planted: Planted) -> None:
     K, std, truth = (planted.gears(column) for column in ("value", "std", "true_value"))
     np.testing.assert_array_equal(truth[:, 0], [24e3, 26e3, 22e3, 4e3, 4.4e3, 4.7e3])
     off = np.abs(K - truth)
     # the motion winds up every gear but the last wrist's beyond its first knee
     assert np.isfinite(K[:5, :2]).all()
     assert np.isfinite(K[1]).all()
+    assert np.isnan(K[5]).all()
     # Above the second knee few samples lie but of the second joint.
     assert max(np.nanmax((off / truth)[:, :2]), np.nanmax((off / truth)[1])) < 0.1
     assert np.nanmax((off / truth)[:3, :2]) < 0.04
@@ -74,28 +77,24 @@ def test_planted_slopes_are_recovered_within_a_few_percent_and_their_intervals(p
     # The rotors, which the rigid model finds only together with the links of the first two joints.
     rotors, true = (planted.gears(column, "Jr")[:5] for column in ("value", "true_value"))
     np.testing.assert_allclose(rotors, true, rtol=0.03)
-
-
-def test_damping_is_found_although_encoders_have_steps(planted: Planted) -> None:
-    # Steps that count as a way of the hysteresis make damping 10% smaller.
+    # Steps of the encoders that count as a way of the hysteresis make damping 10% smaller.
     D, true = (planted.gears(column, "D")[:5] for column in ("value", "true_value"))
     assert np.mean(D / true) == pytest.approx(1.0, abs=0.05)
+    loads, std = (np.array(planted.figures[f"friction_by_load{end}"]) for end in ("", "_std"))
+    off = loads - planted.gears("true_value", "ldr ldn")
+    assert np.all(np.abs(off[:5]) < 0.03)
+    assert np.sqrt(np.mean((off / std) ** 2)) < 3.0
 
 
-def test_a_gear_that_is_hardly_wound_up_is_not_told(planted: Planted) -> None:
-    assert np.isnan(planted.gears("value")[5]).all()
+def test_files_of_the_real_arm_name_a_gear_that_is_hardly_wound_up(planted: Planted) -> None:
     assert planted.rows["Ka6"]["identifiable"] == "no"
     row = planted.rows["Ka2"]
     assert (row["unit"], row["identifiable"]) == ("N m/rad", "gear")
     assert float(row["low_95"]) < float(row["value"]) < float(row["high_95"])
-
-
-def test_the_files_of_the_real_arm_are_whole(planted: Planted) -> None:
     assert {path.name for path in planted.folder.iterdir()} == {
         "identified.xml", "meshes", "parameters.csv", "metrics.json", "torques.png", "motion.png",
     }  # fmt: skip
     assert planted.exit_code == 0
-    assert planted.figures["nrms_heldout_mean"] > 0.0013
     assert {claim.figure for claim in GEARS} <= planted.figures.keys()
     assert np.shape(planted.figures["gear_stiffness_nm_rad"]) == (6, 3)
     assert len(planted.figures["nrms_heldout"]) == 6
@@ -106,19 +105,9 @@ def test_torques_of_an_elastic_arm_are_predicted_from_both_sides_of_its_gears(pl
     assert figures["nrms_heldout_mean"] < 0.006
     assert figures["nrms_heldout_drawing_mean"] > 4.0 * figures["nrms_heldout_mean"]
     assert figures["physically_consistent"]
-
-
-def test_links_are_not_taken_for_friction_and_errors_are_near_the_bound(planted: Planted) -> None:
-    assert float(np.mean(planted.figures["nrms_rigid"])) < 0.01
-    assert planted.figures["error_over_crb"] < 2.0
-    assert planted.figures["interval_coverage"] > 0.88
-
-
-def test_friction_by_load_is_found_driving_and_driven(planted: Planted) -> None:
-    loads, std = (np.array(planted.figures[f"friction_by_load{end}"]) for end in ("", "_std"))
-    off = loads - planted.gears("true_value", "ldr ldn")
-    assert np.all(np.abs(off[:5]) < 0.03)
-    assert np.sqrt(np.mean((off / std) ** 2)) < 3.0
+    assert float(np.mean(figures["nrms_rigid"])) < 0.01  # links are not taken for friction
+    assert figures["error_over_crb"] < 2.0
+    assert figures["interval_coverage"] > 0.88
 
 
 def test_gears_without_error_cannot_tell_load_from_links_and_are_taken_for_alike_both_ways() -> None:
@@ -143,10 +132,3 @@ def test_spring_and_hysteresis_are_those_of_the_simulated_gears() -> None:
         torque = slip(torque, moved, 4.5, 1e-4)
         found.append(torque)
     np.testing.assert_allclose(4.5 * _hysteresis(way, 1e-4), found, atol=1e-9)
-
-
-def test_nothing_found_has_no_error() -> None:
-    nothing = GearFit(*(np.full((6, 15), math.nan) for _ in range(3)))
-    figures = nothing.figures()
-    assert figures["gear_slopes_found"] == 0
-    assert math.isnan(figures["gear_stiffness_error_max"])

@@ -37,11 +37,8 @@ def test_a_motion_that_was_not_fitted_is_predicted_far_better_than_by_the_drawin
     assert figures["nrms_heldout_consistent_mean"] <= 1.05 * figures["nrms_heldout_mean"]
     assert figures["physically_consistent"]
     assert figures["clearance_min_m"] >= 0.02
-
-
-def test_errors_are_near_the_bound(identified: Identification) -> None:
-    assert identified.figures["error_over_crb"] < 1.6
-    assert identified.figures["interval_coverage"] > 0.8
+    assert figures["error_over_crb"] < 1.6
+    assert figures["interval_coverage"] > 0.8
 
 
 def test_a_block_the_arm_carries_is_found_within_its_intervals(identified: Identification) -> None:
@@ -89,6 +86,7 @@ def test_a_joint_that_rests_at_the_end_of_the_log_is_named(tmp_path: Path) -> No
         _identified(tmp_path, joined(MOTION, end))
 
 
+BEFORE = used_arm()
 GEARED = arm_of_table("ur10e")
 SHARES = np.array([0.05, 0.06, 0.07, 0.04, 0.03, 0.05])
 CARRIED = 2.8
@@ -107,6 +105,7 @@ def _geared_log(seed: int, carried: float = 0.0) -> tuple[RobotLog, States]:
 
 
 def test_gears_that_rub_by_load_are_found_and_predicted_better_than_by_speed_alone() -> None:
+    assert used_arm() is BEFORE  # a make that is only looked at is not used
     found = identify_from_log(GEARED, *_geared_log(901))
     columns = [found.model.names.index(f"fl{joint}") for joint in range(1, 7)]
     at = np.searchsorted(found.base.columns, columns)
@@ -122,9 +121,3 @@ def test_what_geared_joints_carry_is_weighed_within_its_interval() -> None:
     empty, loaded = _geared_log(902), _geared_log(903, CARRIED)
     figures = weigh_from_logs(GEARED, empty, loaded).figures
     assert abs(figures["payload_mass_kg"] - CARRIED) < 3.0 * figures["payload_mass_std_kg"]
-
-
-def test_a_make_of_arm_that_is_only_looked_at_is_not_the_one_in_use() -> None:
-    before = used_arm()
-    arm_of_table("ur10e")
-    assert used_arm() is before

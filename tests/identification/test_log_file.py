@@ -23,21 +23,11 @@ def _write(folder: Path, table: np.ndarray, names: list[str] = NAMES) -> Path:
     return file
 
 
-def test_a_log_comes_back_as_written(tmp_path: Path) -> None:
-    log = read_robot_log(_write(tmp_path, TABLE))
-    np.testing.assert_allclose(log.q, KNOWN.states.q)
-    np.testing.assert_allclose(log.torque, KNOWN.torque)
-
-
 SPOILT = {
     "degrees": (np.s_[:, 1:7], np.degrees(TABLE[:, 1:7]), r"more than a turn. Are these degrees"),
     "backwards": (np.s_[500, 0], TABLE[498, 0], r"line 502: time_s does not increase"),
     "a gap": (np.s_[300:, 0], TABLE[300:, 0] + 0.7, r"line 302: a gap of 0.71 s, 1 in all"),
-    "milliseconds": (
-        np.s_[:, 0],
-        TABLE[:, 0] * 1000.0,
-        r"samples are 10 s apart. Are these milliseconds\? Give seconds",
-    ),
+    "milliseconds": (np.s_[:, 0], TABLE[:, 0] * 1000.0, r"samples are 10 s apart. Are these milliseconds"),
     "ten a second": (np.s_[:, 0], TABLE[:, 0] * 10.0, r"samples are 0.1 s apart.* 50 samples a second"),
     "saturated": (np.s_[:, 8], np.clip(TABLE[:, 8], -20.0, 20.0), r"torque2_nm stands at 20 in \d+%"),
     "dead": (np.s_[:, 9], 0.0, r"torque3_nm is 0 in every sample"),
@@ -58,7 +48,9 @@ def test_coarse_steps_of_a_torque_are_no_saturation(tmp_path: Path) -> None:
     table = TABLE.copy()
     table[:, 7:] = np.round(table[:, 7:] / 2.0) * 2.0
     assert np.mean(table[:, 8] == table[:, 8].max()) > 0.01
-    np.testing.assert_allclose(read_robot_log(_write(tmp_path, table)).torque, table[:, 7:])
+    log = read_robot_log(_write(tmp_path, table))
+    np.testing.assert_allclose(log.torque, table[:, 7:])
+    np.testing.assert_allclose(log.q, KNOWN.states.q)
 
 
 def test_a_slide_is_logged_in_metres_and_newtons(tmp_path: Path) -> None:
@@ -76,31 +68,12 @@ def test_missing_columns_and_a_log_that_is_too_short_are_refused(tmp_path: Path)
         read_robot_log(_write(tmp_path, TABLE[:100]))
 
 
-def test_fifty_samples_a_second_are_enough(tmp_path: Path) -> None:
-    table = TABLE.copy()
-    table[:, 0] *= 2.0
-    log = read_robot_log(_write(tmp_path, table))
-    # Twice the time, half the speed.
-    speed = spline_states(log).qd[20:-20]
-    assert np.abs(speed - 0.5 * KNOWN.states.qd[20:-20]).max() < 0.01
-
-
-@pytest.mark.parametrize(
-    ("period", "said"),
-    [
-        (0.01, "0.01 s apart, too few in a period"),
-        (0.4, "0.41 or more here"),
-        (1e5, "holds 9.99 s, less than one"),
-    ],
-)
-def test_a_period_that_does_not_fit_the_log_is_refused(period: float, said: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=f"--period {period:g}: .*{said}"):
-        read_robot_log(_write(tmp_path, TABLE), period=period)
-
-
-def test_the_shortest_period_that_is_taken_has_a_series(tmp_path: Path) -> None:
-    log = read_robot_log(_write(tmp_path, TABLE), period=0.42)
-    assert np.isfinite(periodic_states(log, 0.42).qdd).all()
+def test_a_period_that_does_not_fit_the_log_is_refused_and_the_shortest_has_a_series(tmp_path: Path) -> None:
+    file = _write(tmp_path, TABLE)
+    for period, said in ((0.01, "too few in a period"), (0.4, "0.41 or more"), (1e5, "less than one")):
+        with pytest.raises(InputError, match=f"--period {period:g}: .*{said}"):
+            read_robot_log(file, period=period)
+    assert np.isfinite(periodic_states(read_robot_log(file, period=0.42), 0.42).qdd).all()
 
 
 def test_a_model_with_more_joints_than_the_log_is_told_which_to_take(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from polish_sim.identification.physical import (
     is_consistent,
     pseudo_inertia,
 )
+from polish_sim.identification.regressor import States
 from polish_sim.identification.robot_model import ARM_JOINTS, CarriedLoad, carry, own_parameters, read_chain
 from polish_sim.motion.serial_chain import inertia_at_origin, link_parameters
 from tests.identification.known import arm_chain, arm_model, known_robot, noisy
@@ -26,7 +27,7 @@ KNOWN = known_robot()
 def test_every_link_of_the_model_is_consistent_and_one_of_negative_mass_is_not() -> None:
     parameters = arm_chain().parameters.copy()
     J = pseudo_inertia(parameters[2])
-    assert [J[3, 3], *J[3, :3], *J[:3, 3]] == [*parameters[2, :4], *parameters[2, 1:4]]
+    assert [J[3, 3], *J[3, :3]] == [*parameters[2, :4]]
     inertia = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]
     np.testing.assert_allclose(inertia, inertia_at_origin(parameters[2]), atol=1e-14)
     assert is_consistent(parameters)
@@ -47,14 +48,11 @@ def test_every_fit_is_consistent_and_predicts_as_well_as_its_base_parameters() -
         full = fit_consistent(KNOWN.model, KNOWN.base, found, Drawing(believed, np.zeros((6, 10))))
         assert is_consistent(full[:60].reshape(6, 10))
         assert full[60:78].min() >= 0.0
-        errors = [
-            np.linalg.norm(
-                torque_error(
-                    KNOWN.model.torque_of_base(other.states, KNOWN.base.columns, theta), other.torque
-                )
-            )
+        consistent, free = (
+            KNOWN.model.torque_of_base(other.states, KNOWN.base.columns, theta)
             for theta in (KNOWN.base.combination @ full, found.theta)
-        ]
+        )
+        errors = [np.linalg.norm(torque_error(each, other.torque)) for each in (consistent, free)]
         ratios.append(errors[0] / errors[1])
     assert float(np.mean(ratios)) <= 1.02
 
@@ -77,6 +75,10 @@ def _found(rng: np.random.Generator) -> Payload:
     return fit_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, noisy(TORQUE, rng))
 
 
+def on_known_arm(torque: np.ndarray, states: States = KNOWN.states) -> Payload:
+    return fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)
+
+
 def test_a_load_made_part_of_a_body_is_a_body_more_in_the_chain() -> None:
     model = arm_model()
     before = read_chain(model, ARM_JOINTS).parameters
@@ -90,7 +92,6 @@ def test_mass_centre_and_inertia_come_back_where_there_is_hardly_any_noise() -> 
     slight = 1e-4 * (noisy(TORQUE, np.random.default_rng(3)) - TORQUE)
     empty = sum_samples(KNOWN.model, KNOWN.base, KNOWN.states, KNOWN.torque + slight[::-1])
     found = fit_payload(KNOWN.model, KNOWN.base, empty, KNOWN.states, TORQUE + slight)
-    np.testing.assert_allclose(found.parameters, PLANTED, atol=2e-6)
     Ixx, Iyy, Izz = np.diag(LOAD.inertia)
     body = [1.5, *LOAD.center, Ixx, 0.0, Iyy, 0.0, 0.0, Izz]
     np.testing.assert_allclose(found.body().values, body, atol=2e-6)
@@ -110,7 +111,7 @@ def test_intervals_of_mass_centre_and_inertia_hold_the_truth_in_95_of_100_draws(
 
 def test_a_known_arm_tells_its_payload_from_one_run_and_more_surely() -> None:
     rng = np.random.default_rng(1)
-    alone = fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, KNOWN.states, noisy(TORQUE, rng))
+    alone = on_known_arm(noisy(TORQUE, rng))
     assert np.abs((alone.parameters - PLANTED) / alone.std).max() < 4.0
     assert np.all(alone.std < _found(rng).std)
 
@@ -119,9 +120,7 @@ def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body() -> None:
     rng = np.random.default_rng(2)
     impossible = 0
     for _draw in range(5):
-        found = fit_payload_on_known_arm(
-            KNOWN.model, KNOWN.base, KNOWN.truth, KNOWN.states, noisy(KNOWN.torque, rng)
-        )
+        found = on_known_arm(noisy(KNOWN.torque, rng))
         impossible += not is_consistent(found.parameters[None])
         nearest = found.nearest_body()
         assert is_consistent(nearest[None])
@@ -134,6 +133,5 @@ def test_what_noise_makes_of_a_small_payload_becomes_the_nearest_body() -> None:
 
 def test_a_payload_on_a_wrist_that_holds_is_not_told() -> None:
     states = KNOWN.with_still(slice(1, 6))(np.arange(1000) / 100.0)
-    torque = KNOWN.model.torque(states, KNOWN.model.truth())
     with pytest.raises(IdentificationError, match=r"payload mcz"):
-        fit_payload_on_known_arm(KNOWN.model, KNOWN.base, KNOWN.truth, states, torque)
+        on_known_arm(KNOWN.model.torque(states, KNOWN.model.truth()), states)
