@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.force_theory import noise_rms, surface_error
-from benchmarks.loop_margins import Response, margins, response_of
+from benchmarks.loop_margins import Response, margins
 from polish_sim.arrays import Array
 from polish_sim.control import Measurement, Target, build_controller
 from polish_sim.experiments import default_scenario
@@ -17,11 +17,8 @@ from polish_sim.scenario_file import override
 from polish_sim.scoring.loop_model import Complex, LoopSetup, build_plant, plant_response, setup_of
 from polish_sim.scoring.margins import (
     SLOWEST,
-    contour,
-    force_loop,
     longest_latency,
     share_latency,
-    turns_about_minus_one,
     with_latency,
     with_springs,
 )
