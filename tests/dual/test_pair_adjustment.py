@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -9,13 +11,26 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi, chi2
 
 from polish_sim.arrays import Array
-from polish_sim.dual.budget import length_probability, length_quantile, quadratic_tail
+from polish_sim.calibration.matched_points import moved_frame
+from polish_sim.config import DualConfig
+from polish_sim.dual.budget import (
+    TOGETHER,
+    PairBudgetTrial,
+    Prediction,
+    compare_shares,
+    draw_errors,
+    length_probability,
+    length_quantile,
+    predict,
+    quadratic_tail,
+)
 from polish_sim.dual.calibration.pair import SOURCES, ClosingTouches, PairAdjustment, PairParts, adjust_pair
 from polish_sim.spatial import apply, from_pose, inverse, transform
+from tests.dual.test_bases_and_arms import step_from
 
 NOISE = 5e-5
-T_MASTER_FOLLOWER = from_pose([-1.1, 0.02, 0.01, 0.1, -0.05, 3.0])
-T_FLANGE_WORK = from_pose([0.01, -0.02, 0.12, 0.3, 0.2, -0.4])
+MASTER_FOLLOWER, FLANGE_WORK = [-1.1, 0.02, 0.01, 0.1, -0.05, 3.0], [0.01, -0.02, 0.12, 0.3, 0.2, -0.4]
+T_MASTER_FOLLOWER, T_FLANGE_WORK = from_pose(MASTER_FOLLOWER), from_pose(FLANGE_WORK)
 TIP = np.array([0.01, -0.005, 0.19])
 MARKS = np.array([[0.08, 0.0, 0.04], [-0.04, 0.07, 0.04], [-0.04, -0.07, 0.04], [0.0, 0.05, 0.0]])
 COUNT = 12
@@ -29,14 +44,8 @@ def shape(size: int, rng: np.random.Generator, scale: float) -> Array:
 
 def true_parts(rng: np.random.Generator) -> PairParts:
     covariances = np.stack([shape(3, rng, 2e-5) for _ in MARKS])
-    return PairParts(
-        T_MASTER_FOLLOWER,
-        shape(6, rng, 2e-5),
-        TIP,
-        shape(3, rng, 2e-5),
-        apply(T_FLANGE_WORK, MARKS),
-        covariances,
-    )
+    bases, tip = shape(6, rng, 2e-5), shape(3, rng, 2e-5)
+    return PairParts(T_MASTER_FOLLOWER, bases, TIP, tip, apply(T_FLANGE_WORK, MARKS), covariances)
 
 
 def true_touches(rng: np.random.Generator) -> ClosingTouches:
@@ -49,36 +58,24 @@ def true_touches(rng: np.random.Generator) -> ClosingTouches:
     return ClosingTouches(T_1, T_2, mark)
 
 
-def measured(
-    parts: PairParts, closing: ClosingTouches, rng: np.random.Generator
-) -> tuple[PairParts, ClosingTouches]:
+Measured = tuple[PairParts, ClosingTouches]
+
+
+def measured(parts: PairParts, closing: ClosingTouches, rng: np.random.Generator) -> Measured:
     """The same with noise as its covariances say."""
-    base = rng.multivariate_normal(np.zeros(6), parts.bases_covariance)
-    turn = Rotation.from_rotvec(base[3:]).as_matrix()
-    T = transform(turn @ T_MASTER_FOLLOWER[:3, :3], T_MASTER_FOLLOWER[:3, 3] + base[:3])
-    marks = parts.marks_flange + np.stack(
-        [rng.multivariate_normal(np.zeros(3), C) for C in parts.marks_covariance]
-    )
-    tip = rng.multivariate_normal(TIP, parts.tip_covariance)
+    T = moved_frame(T_MASTER_FOLLOWER, rng.multivariate_normal(np.zeros(6), parts.bases_covariance))
+    noise = [rng.multivariate_normal(np.zeros(3), C) for C in parts.marks_covariance]
+    marks, tip = parts.marks_flange + noise, rng.multivariate_normal(TIP, parts.tip_covariance)
     T_2 = closing.T_follower_flange.copy()
     T_2[:, :3, 3] += NOISE * rng.standard_normal((COUNT, 3))
-    return parts._replace(T_master_follower=T, tip=tip, marks_flange=marks), closing._replace(
-        T_follower_flange=T_2
-    )
+    seen = parts._replace(T_master_follower=T, tip=tip, marks_flange=marks)
+    return seen, closing._replace(T_follower_flange=T_2)
 
 
 def unknowns(found: PairAdjustment) -> Array:
     """Error of all 15 unknowns."""
-    turns = [
-        Rotation.from_matrix(T[:3, :3] @ true[:3, :3].T).as_rotvec()
-        for T, true in ((found.T_master_follower, T_MASTER_FOLLOWER), (found.T_flange_work, T_FLANGE_WORK))
-    ]
-    return np.concatenate(
-        [
-            found.T_master_follower[:3, 3] - T_MASTER_FOLLOWER[:3, 3], turns[0], found.tip - TIP,
-            found.T_flange_work[:3, 3] - T_FLANGE_WORK[:3, 3], turns[1],
-        ]
-    )  # fmt: skip
+    bases = step_from(T_MASTER_FOLLOWER, found.T_master_follower)
+    return np.concatenate([bases, found.tip - TIP, step_from(T_FLANGE_WORK, found.T_flange_work)])
 
 
 def test_exact_touches_put_a_wrong_base_right() -> None:
@@ -107,8 +104,7 @@ def test_it_is_the_least_squares_of_an_independent_solver() -> None:
 
     def residuals(x: Array) -> Array:
         T_mf, tip, T_fw = chain(x)
-        turn = Rotation.from_matrix(T_mf[:3, :3] @ parts.T_master_follower[:3, :3].T).as_rotvec()
-        base = np.r_[T_mf[:3, 3] - parts.T_master_follower[:3, 3], turn]
+        base = step_from(parts.T_master_follower, T_mf)
         rows = [np.linalg.solve(np.linalg.cholesky(parts.bases_covariance), base)]
         rows.append(np.linalg.solve(np.linalg.cholesky(parts.tip_covariance), tip - parts.tip))
         for m, seen, C in zip(MARKS, parts.marks_flange, parts.marks_covariance, strict=True):
@@ -118,15 +114,9 @@ def test_it_is_the_least_squares_of_an_independent_solver() -> None:
             rows.append(ends[0] / NOISE)
         return np.concatenate(rows)
 
-    start = np.concatenate(
-        [
-            T_MASTER_FOLLOWER[:3, 3], Rotation.from_matrix(T_MASTER_FOLLOWER[:3, :3]).as_rotvec(), TIP,
-            T_FLANGE_WORK[:3, 3], Rotation.from_matrix(T_FLANGE_WORK[:3, :3]).as_rotvec(),
-        ]
-    )  # fmt: skip
-    T_mf, tip, T_fw = chain(
-        least_squares(residuals, start, jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
-    )
+    start = np.concatenate([MASTER_FOLLOWER, TIP, FLANGE_WORK])
+    best = least_squares(residuals, start, jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    T_mf, tip, T_fw = chain(best.x)
     found = adjust_pair(parts, MARKS, closing, NOISE)
     np.testing.assert_allclose(found.T_master_follower, T_mf, atol=2e-8)
     np.testing.assert_allclose(found.tip, tip, atol=2e-8)
@@ -173,13 +163,92 @@ def test_errors_of_several_places_are_what_is_drawn_of_them() -> None:
     assert np.mean(np.linalg.norm(drawn, axis=1) <= quantile) == pytest.approx(0.95, abs=8e-4)
 
 
-def test_a_sum_of_equal_squares_is_a_chi_square_and_of_unequal_ones_what_draws_say() -> None:
+def test_a_sum_of_equal_squares_is_a_chi_square() -> None:
     weight = np.diag([2.0, 2.0, 2.0, 2.0])
     for limit in (1.0, 8.0, 30.0):
         assert quadratic_tail(0.5 * np.eye(4), weight, limit) == pytest.approx(chi2.sf(limit, 4), abs=1e-8)
-    rng = np.random.default_rng(0)
-    L = rng.uniform(-1.0, 1.0, (5, 5))
-    squares = np.sum((L @ rng.standard_normal((5, 40_000))) ** 2, axis=0)
-    limit = float(np.percentile(squares, 80.0))
-    assert quadratic_tail(L @ L.T, np.eye(5), limit) == pytest.approx(0.2, abs=4.0 * np.sqrt(0.16 / 40_000))
     assert quadratic_tail(np.zeros((5, 5)), np.eye(5), 1.0) == 0.0
+
+
+# Noise of instruments to the tool on the part: what is drawn is what first order says, source by source.
+TRIAL = PairBudgetTrial(draws=60, points=8, seed=1)
+ONE_BY_ONE = replace(TRIAL, dual=DualConfig(closing_touches=0))
+
+
+@pytest.fixture(scope="module")
+def prediction() -> Prediction:
+    return predict(TRIAL)
+
+
+@pytest.fixture(scope="module")
+def alone() -> Prediction:
+    """Without closing touches."""
+    return predict(ONE_BY_ONE)
+
+
+@pytest.fixture(scope="module")
+def drawn() -> dict[str, Array]:
+    draws = list(draw_errors(TRIAL))
+    return {name: np.stack([one[name] for one in draws]) for name in draws[0]}
+
+
+def test_each_source_alone_and_all_together_are_drawn_as_predicted(
+    prediction: Prediction, drawn: dict[str, Array]
+) -> None:
+    """Four standard errors; sixty draws determine an rms to about 5%, so a wrong lever or a missing source
+    shows. Whitened by the prediction each place's errors have mean 0 and variance 1 in every direction."""
+    shares = compare_shares(TRIAL, prediction.covariances, drawn)
+    assert set(shares) == {*SOURCES, TOGETHER}
+    for name, share in shares.items():
+        assert abs(share.deviation_sigma) < 4.0
+        assert share.drawn_rms_std_m < 0.1 * share.drawn_rms_m
+        assert share.drawn_p95_m == pytest.approx(share.predicted_p95_m, rel=0.2)
+        roots = np.linalg.cholesky(prediction.covariances[name])
+        white = np.stack([np.linalg.solve(L, drawn[name][:, k].T) for k, L in enumerate(roots)])
+        # 60 draws: a variance has a standard error of sqrt(2 / 60), a mean of 1 / sqrt(60).
+        assert np.abs(np.mean(white**2, axis=2) - 1.0).max() < 4.5 * np.sqrt(2.0 / 60.0)
+        assert np.abs(np.mean(white, axis=2)).max() < 4.5 / np.sqrt(60.0)
+    # Sources add up draw by draw: what is left is a product of two of them, nanometres.
+    np.testing.assert_allclose(sum(drawn[name] for name in SOURCES), drawn[TOGETHER], atol=1e-7)
+    assert shares[TOGETHER].predicted_rms_m <= 6e-5  # as close as asked
+    assert shares[TOGETHER].predicted_p95_m <= 1e-4
+
+
+def test_one_by_one_the_tool_is_off_by_its_tips_bound_wherever_it_works(alone: Prediction) -> None:
+    """Closed form for a cone of 45 deg: sigma sqrt((2 + 1 / sin^2 45) / 10)."""
+    rms = np.sqrt(np.trace(alone.covariances["tool"], axis1=1, axis2=2))
+    np.testing.assert_allclose(rms, 5e-5 * np.sqrt(0.4), rtol=1e-6)
+    assert np.sqrt(np.mean(np.trace(alone.covariances[TOGETHER], axis1=1, axis2=2))) <= 6e-5  # as asked
+
+
+@pytest.mark.parametrize("touch_noise_m", [0.0, 5e-5])
+def test_exact_instruments_put_the_tool_where_it_is_wanted(
+    touch_noise_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
+    config = DualConfig(tracker_noise_m=0.0, touch_noise_m=touch_noise_m, closing_touches=0)
+    exact = replace(TRIAL, draws=2, dual=config)
+    errors = list(draw_errors(exact))
+    covariances = predict(exact).covariances
+    drawn = {name: np.stack([one[name] for one in errors]) for name in SOURCES}
+    for name in SOURCES if touch_noise_m == 0.0 else ("bases", "closing"):
+        assert np.abs(drawn[name]).max() < 1e-10
+        assert not covariances[name].any()
+    np.testing.assert_allclose(covariances[TOGETHER], covariances["tool"] + covariances["part"])
+
+
+def test_closing_touches_leave_fewer_than_one_calibration_in_fifty_beyond_what_is_asked(
+    prediction: Prediction, alone: Prediction
+) -> None:
+    """Found one by one it is one in six; touches of what is to be worked on mend that."""
+    assert alone.above_share(6e-5) > 0.1
+    assert prediction.above_share(6e-5) < 0.02
+
+
+def test_the_share_of_calibrations_beyond_a_limit_is_that_of_gaussian_draws(prediction: Prediction) -> None:
+    C = np.sum(list(prediction.shares.values()), axis=0)
+    x = np.random.default_rng(0).multivariate_normal(np.zeros(15), C, 40_000)
+    e = np.einsum("pij,dj->dpi", prediction.slopes, x)
+    rms = np.sqrt(np.mean(np.sum(e**2, axis=2), axis=1))
+    limit = float(np.percentile(rms, 90.0))
+    assert prediction.above_share(limit) == pytest.approx(0.1, abs=4.0 * np.sqrt(0.09 / 40_000))

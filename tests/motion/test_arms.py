@@ -34,9 +34,8 @@ def test_the_inverse_gives_back_what_forward_took(name: str) -> None:
         found = inverse_all(np.ascontiguousarray(pose), 0.0)
         found = found[~np.isnan(found[:, 0])]
         np.testing.assert_allclose(forward(found), np.broadcast_to(pose, (len(found), 4, 4)), atol=1e-9)
-        np.testing.assert_allclose(
-            nearest_solution(np.ascontiguousarray(pose), angles, False), angles, atol=1e-9
-        )
+        nearest = nearest_solution(np.ascontiguousarray(pose), angles, False)
+        np.testing.assert_allclose(nearest, angles, atol=1e-9)
 
 
 def test_a_stretched_arm_reaches_what_its_maker_says() -> None:

@@ -16,16 +16,14 @@ from polish_sim.motion.rules.chain import build_chain, chain_from_axes, repeated
 from polish_sim.motion.serial_chain import chain_model, chain_torque
 
 
-def random_frames(count: int, seed: int = 0) -> np.ndarray:
-    return Rotation.random(count, random_state=seed).as_matrix()
-
-
 def test_every_segment_ends_in_the_next_way_point_s_frame() -> None:
-    tips, frames = np.random.default_rng(0).normal(size=(40, 3)), random_frames(40)
-    chain = build_chain(tips, frames)
-    np.testing.assert_allclose(
-        chain.tips[:-1] + chain.lengths[:, None] * chain.directions, tips[1:], atol=1e-14
+    tips, frames = (
+        np.random.default_rng(0).normal(size=(40, 3)),
+        Rotation.random(40, random_state=0).as_matrix(),
     )
+    chain = build_chain(tips, frames)
+    ends = chain.tips[:-1] + chain.lengths[:, None] * chain.directions
+    np.testing.assert_allclose(ends, tips[1:], atol=1e-14)
     turns = Rotation.from_rotvec(chain.angles[:, None] * chain.turn_axes).as_matrix()
     rolls = Rotation.from_rotvec(chain.rolls[:, None] * [0.0, 0.0, 1.0]).as_matrix()
     np.testing.assert_allclose(turns @ frames[:-1] @ rolls, frames[1:], atol=1e-13)

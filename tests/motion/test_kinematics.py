@@ -154,9 +154,8 @@ def test_track_names_the_first_pose_out_of_reach_and_keeps_what_came_before():
     assert path.first_unreachable is not None
     assert 0.7 < distance[path.first_unreachable] < 0.95
     assert np.isnan(path.q[path.first_unreachable :]).all()
-    np.testing.assert_allclose(
-        tool_poses(path.q[: path.first_unreachable]), poses[: path.first_unreachable], atol=1e-9
-    )
+    before = slice(path.first_unreachable)
+    np.testing.assert_allclose(tool_poses(path.q[before]), poses[before], atol=1e-9)
     assert path.smallest_singular_value < 0.1
     beyond = track(poses[path.first_unreachable :], T_FLANGE_TOOL, HOME)
     assert (beyond.first_unreachable, beyond.largest_step) == (0, 0.0)

@@ -67,9 +67,8 @@ def test_beyond_its_ends_it_stays_at_them(table: PathTable) -> None:
     for outside, inside in ((-1.0, 0.0), (table.length + 1.0, table.length)):
         for left, right in zip(sample(table, outside), sample(table, inside), strict=True):
             np.testing.assert_array_equal(left, right)
-    np.testing.assert_allclose(
-        sample(table, table.length).position, helix(np.array([4.0 * np.pi]))[0], atol=1e-12
-    )
+    end = helix(np.array([4.0 * np.pi]))[0]
+    np.testing.assert_allclose(sample(table, table.length).position, end, atol=1e-12)
 
 
 def test_a_single_pose_is_a_path_of_no_length() -> None:
@@ -79,9 +78,8 @@ def test_a_single_pose_is_a_path_of_no_length() -> None:
     found = sample(table, 0.5)
     np.testing.assert_allclose(found.position, point[0], atol=1e-15)
     np.testing.assert_allclose(found.turning, 0.0, atol=1e-12)
-    np.testing.assert_allclose(
-        Rotation.from_quat(found.quaternion, scalar_first=True).as_matrix(), frame[0], atol=1e-12
-    )
+    R = Rotation.from_quat(found.quaternion, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(R, frame[0], atol=1e-12)
 
 
 def test_a_pressed_path_is_asked_for_by_the_arc_length_of_the_surface() -> None:
