@@ -120,13 +120,6 @@ def test_on_a_block_ten_times_as_stiff_force_mode_bounces_off_and_on_and_damping
     assert drawn.std() < 0.3
 
 
-def test_the_bounce_is_the_loops_delay_not_the_noise() -> None:
-    quiet = ("sensor.force_noise_n=0", "sensor.torque_noise_nm=0", "sensor.force_quantum_n=0")
-    assert late(10.0, LITTLE, *quiet).max() > 20.0
-    prompt = ("robot.command_latency_s=0", "sensor.latency_s=0", "sensor.bandwidth_hz=0")
-    assert late(10.0, LITTLE, *prompt).min() > 2.0
-
-
 FORCE = override(default_scenario("force"), ["robot.arm=ideal", "controller.force_filter_hz=10"])
 """The loop of the model: a stiff arm. With a slower filter the border lies where speed limits bend it
 first."""

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import fir_schedule
-from polish_sim.motion.rules.schedule import Smoothed, sample_schedule
+from polish_sim.motion.rules.schedule import Schedule, Smoothed, sample_schedule, turning
 from polish_sim.motion.timed_path import Pace, TimedPath, marks_on, sample_motion, time_path, time_schedule
 from polish_sim.motion.trajectory import PathTable, build_path_table
 
@@ -113,3 +113,44 @@ def test_the_place_runs_from_the_first_mark_to_the_last_and_its_rate_is_its_deri
     clock = np.arange(len(motion.places)) * motion.spacing
     places = Smoothed(CHAIN, SCHEDULE).places_at(MARKS, clock)[0]
     np.testing.assert_allclose(places, motion.places, atol=1e-12)
+
+
+# Pose and rates on a schedule of up to four segments at once, against finite differences of the pose alone.
+STEP = 1e-5
+TURNING = build_chain(
+    np.random.default_rng(0).normal(size=(7, 3)),
+    Rotation.random(7, random_state=1).as_matrix(),
+)
+FOUR_AT_ONCE = fir_schedule(0.3 * np.arange(6), np.tile([0.6, 0.3, 0.1], (6, 1)))
+
+
+def test_every_derivative_is_the_slope_of_the_one_before_and_the_spin_that_of_the_frame() -> None:
+    drawn = np.random.default_rng(2).uniform(0.0, FOUR_AT_ONCE.end, 200)
+    breaks = np.concatenate([FOUR_AT_ONCE.starts, FOUR_AT_ONCE.starts + FOUR_AT_ONCE.durations])
+    times = drawn[np.abs(drawn[:, None] - breaks).min(axis=1) > 1e-3]
+    here, after, before = (sample_schedule(TURNING, FOUR_AT_ONCE, times + h) for h in (0.0, STEP, -STEP))
+    for k in range(3):
+        for found, late, early in zip(here[:2], after[:2], before[:2], strict=True):
+            np.testing.assert_allclose(found[:, k + 1], (late[:, k] - early[:, k]) / (2 * STEP), atol=1e-6)
+    spins = (after.spins - before.spins)[:, :2] / (2 * STEP)
+    np.testing.assert_allclose(here.spins[:, 1:], spins, atol=1e-5)
+    turned = Rotation.from_matrix(after.rotations @ np.swapaxes(before.rotations, 1, 2)).as_rotvec()
+    np.testing.assert_allclose(here.spins[:, 0], turned / (2 * STEP), atol=1e-7)
+    np.testing.assert_array_equal(here.axes[:, 0], here.rotations[:, :, 2])
+
+
+def test_without_roll_and_overlap_the_axis_turns_at_the_tool_s_own_rate() -> None:
+    alone = Schedule(np.array([0]), np.zeros(1), np.ones(1), np.array([[0.0, 0.0, 3.0, -2.0]]), 1.0)
+    flat = TURNING._replace(rolls=np.zeros(6))
+    here = sample_schedule(flat, alone, np.linspace(0.0, 1.0, 20)[1:-1])
+    np.testing.assert_allclose(turning(here.axes), here.spins, atol=1e-12)
+
+
+def test_it_rests_at_the_ends_and_passes_through_what_is_done() -> None:
+    here = sample_schedule(
+        TURNING, FOUR_AT_ONCE, np.array([-1.0, FOUR_AT_ONCE.end + 1e-9, FOUR_AT_ONCE.end + 1.0])
+    )
+    np.testing.assert_allclose(here.tips[:, 0], TURNING.tips[[0, -1, -1]], atol=1e-15)
+    np.testing.assert_allclose(here.rotations, TURNING.rotations[[0, -1, -1]], atol=1e-15)
+    np.testing.assert_array_equal(here.tips[:, 1:], 0.0)
+    np.testing.assert_array_equal(here.spins, 0.0)
