@@ -246,6 +246,6 @@ def test_a_way_out_of_reach_and_a_joint_that_leaves_its_range_are_named() -> Non
     chain, arm = one_segment(HOME, np.array([2.0, 0.0, 0.0]))
     with pytest.raises(ReachError, match="segment 1"):
         chain_rates(chain, chebyshev_nodes(9), arm)
-    chain, arm = one_segment(HOME + [0.0, 0.0, 0.0, 0.0, 0.0, 2.0 * np.pi], np.zeros(3), roll=0.6)
+    chain, arm = one_segment(HOME + [0.0, 0.0, 0.0, 0.0, 0.0, 2.0 * np.pi], np.full(3, 1e-3), roll=0.6)
     with pytest.raises(ReachError, match="leaves its range in segment 1"):
         chain_rates(chain, chebyshev_nodes(9), arm)
