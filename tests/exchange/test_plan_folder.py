@@ -14,7 +14,7 @@ import pytest
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.planning.toolpath import PROCESS
-from tests.exchange.test_gcode import PROGRAM
+from tests.exchange.test_cam_files import PROGRAM
 from tests.planning.shapes import shipped_plan, with_wishes
 
 

@@ -27,7 +27,7 @@ from polish_sim.exchange.viewers import (
     ply_bytes,
 )
 from polish_sim.geometry.mesh import lighter_mesh
-from tests.planning.shapes import shipped_plan
+from tests.planning.shapes import shipped_plan, to_polyline
 
 SETUP = ExportSetup()
 
@@ -42,13 +42,7 @@ def test_the_tube_wraps_the_path_and_is_closed():
     points = result.path.positions_work
     assert cKDTree(points).query(tube.vertices)[0].max() < 1.3 * radius
     middle = tube.vertices.reshape(-1, SIDES, 3).mean(axis=1)
-    assert max(to_polyline(point, middle) for point in points[::25]) < CHORD_SHARE * radius * 1.01
-
-
-def to_polyline(point: np.ndarray, corners: np.ndarray) -> float:
-    first, leg = corners[:-1], np.diff(corners, axis=0)
-    share = np.clip(np.sum((point - first) * leg, axis=1) / np.sum(leg**2, axis=1).clip(1e-18), 0.0, 1.0)
-    return float(np.linalg.norm(first + share[:, None] * leg - point, axis=1).min())
+    assert to_polyline(points[::25], middle).max() < CHORD_SHARE * radius * 1.01
 
 
 def test_colours_run_along_the_length_and_leads_have_their_own():
@@ -135,8 +129,9 @@ def test_a_part_of_many_facets_is_shown_by_a_lighter_copy_close_to_it():
     ball = trimesh.creation.icosphere(subdivisions=6, radius=0.1)
     mesh = replace(result.mesh, vertices=ball.vertices, faces=ball.faces.astype(np.int32))
     assert len(mesh.faces) > MOST_FACETS
-    vertices, faces = lighter_mesh(mesh.vertices, mesh.faces, MOST_FACETS)
-    assert 5_000 < len(faces) <= MOST_FACETS
-    assert np.abs(np.linalg.norm(vertices, axis=1) - 0.1).max() < 1e-3
-    assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(ball.volume, rel=0.01)
+    for most in (MOST_FACETS, 10_000):  # the latter far fewer: vertices are joined on a grid first
+        vertices, faces = lighter_mesh(mesh.vertices, mesh.faces, most)
+        assert most // 2 < len(faces) <= most
+        assert np.abs(np.linalg.norm(vertices, axis=1) - 0.1).max() < 1e-3
+        assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(ball.volume, rel=0.01)
     assert len(html_text(replace(result, mesh=mesh), SETUP)) < 3_000_000

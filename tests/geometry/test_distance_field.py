@@ -13,7 +13,7 @@ from polish_sim.geometry.distance_field import bend_field, signed_distances
 from polish_sim.geometry.field_lookup import look_up as distance_and_slope
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
-from tests.geometry.shapes import grid_faces, sphere, torus
+from tests.geometry.shapes import saddle, sphere, torus
 
 H, BAND = 1e-3, 6e-3
 
@@ -119,9 +119,8 @@ def test_far_from_the_surface_the_field_still_knows_inside_from_outside():
 
 
 def test_beyond_the_border_of_an_open_surface_there_is_nothing_to_touch():
-    x, y = np.meshgrid(np.linspace(-0.05, 0.05, 25), np.linspace(-0.05, 0.05, 25), indexing="ij")
-    sheet = np.stack([x, y, (x**2 - y**2) / 0.6], axis=-1).reshape(-1, 3)
-    surface = fit_triangles(sheet, grid_faces(25, 25))
+    sheet = saddle(24, radius=0.3, half_width=0.05)
+    surface = fit_triangles(sheet.vertices, sheet.faces)
     points = np.array([[0.0, 0.0, -0.002], [0.0, 0.0, 0.002], [0.06, 0.0, -0.002], [0.0, 0.056, -0.01]])
     assert np.sign(signed_distances(surface, points)).tolist() == [-1.0, 1.0, 1.0, 1.0]
 

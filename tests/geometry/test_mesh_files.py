@@ -1,4 +1,7 @@
-"""Reading STL, PLY and OBJ: the same part whatever the format, and one clear message for a broken file."""
+"""Parts from files and arrays: the same part whatever the format, its unit, one clear message for what is no
+mesh."""
+
+from __future__ import annotations
 
 import struct
 
@@ -6,9 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from polish_sim.errors import MeshError
-from polish_sim.geometry import load_part, part_from_arrays
-from tests.geometry.shapes import BLOCK, stl_bytes
+from polish_sim.errors import InputError, MeshError
+from polish_sim.geometry import PartMesh, load_part, part_from_arrays
+from tests.geometry.shapes import BLOCK, part_of, stl_bytes
 
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=40.0)
 POINTS = np.array(BALL.vertices) + [1e-9, 0.0, 1.0 / 3.0]
@@ -79,24 +82,16 @@ def test_every_format_gives_the_same_part_at_full_precision(tmp_path, name):
     assert part.stl_facets.tolist() == list(range(len(FACES)))
 
 
-@pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
-def test_binary_and_text_stl_give_the_same_part_in_metres(tmp_path, kind):
-    part = load_part(write(tmp_path, "part.stl", BLOCK.export(file_type=kind)))
-    assert np.ptp(part.vertices, axis=0) == pytest.approx([0.1, 0.06, 0.02])
-    assert (part.vertices.shape, part.faces.shape) == ((8, 3), (12, 3))
-    assert part.name == "part"
-    assert len(part.sha256) == 64
-    assert any("mm" in note for note in part.notes)
-
-
 @pytest.mark.parametrize(
-    ("kind", "name"), [("ply", "a.stl"), ("stl", "b.ply"), ("obj", "c.stl"), ("ply", "no_ending")]
+    ("kind", "name"), [("ply", "a.stl"), ("stl", "b.ply"), ("obj", "c.stl"), ("stl_ascii", "no_ending")]
 )
 def test_the_content_decides_not_the_name_of_what_trimesh_writes(tmp_path, kind, name):
     BALL.export(tmp_path / name, file_type=kind)
     part = load_part(tmp_path / name)
-    assert len(part.faces) == len(FACES)
+    assert (len(part.vertices), len(part.faces)) == (len(POINTS), len(FACES))
     assert part.vertices[part.faces].mean(axis=1) == pytest.approx(1e-3 * BALL.triangles_center, abs=1e-8)
+    assert (part.name, len(part.sha256)) == (name.partition(".")[0], 64)
+    assert any("mm" in note for note in part.notes)
 
 
 def test_polygons_are_split_without_leaving_their_outline(tmp_path):
@@ -151,6 +146,7 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("cut_after_facet.stl", TEXT_STL[: TEXT_STL.index(b"endfacet") + 9], "after 1 whole facet "),
         ("lost_vertex.stl", TEXT_STL.replace(b"vertex", b"", 1), "no list of triangles .*35 vertices"),
         ("garbage.stl", b"This is a letter, not a part. " * 20, "not an STL file"),
+        ("solid_garbage.stl", b"solid ground under our feet " * 20, "not an STL file"),
         ("bad_number.stl", TEXT_STL.replace(b"vertex ", b"vertex x", 1), "is not a vertex"),
         ("nan.stl", with_number(5, np.nan), "NaN or infinite, the first is facet 5"),
         ("zero_area.stl", stl_bytes(LINE), "zero area"),
@@ -181,9 +177,11 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
             "no x, y, z",
         ),
         ("headless.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "no 'end_header'"),
+        ("strange.ply", HEADER.replace("ascii", "morse") + "end_header\n", "its format is none of"),
         ("words.ply", text_ply().replace(" 7 ", " seven ", 1), "words where numbers"),
         ("far.obj", obj().replace("f ", "f 9999 ", 1), "refers to vertex 9998"),
         ("word.obj", obj().replace("v ", "v x", 1), "no number"),
+        ("points.obj", "v 1 2 3\nv 1 2 4\nv 1 3 4\n", "no facets"),
         ("binary.obj", struct.pack("<30d", *range(30)), "not text"),
     ],
 )
@@ -194,3 +192,70 @@ def test_bad_files_are_refused_with_one_clear_message(tmp_path, name, content, w
     assert name in message
     assert "\n" not in message
     assert message.endswith(".")
+
+
+# Parts of arrays: the unit they are read in, and what is no mesh.
+
+
+def box(*sides: float, unit: str = "auto") -> PartMesh:
+    mesh = trimesh.creation.box(sides)
+    return part_from_arrays(np.array(mesh.vertices), np.array(mesh.faces), unit=unit)
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "metres"),
+    [
+        (20.0, "cm", 0.2), (20.0, "inch", 0.508), (0.3, "m", 0.3), (0.786, "m", 0.786), (700.0, "mm", 0.7),
+        (5.0 * (1.0 - 1e-7), "mm", 0.005),
+    ],
+)  # fmt: skip
+def test_a_part_is_read_in_the_unit_named_or_the_only_one_that_makes_it_sensible(size, unit, metres):
+    given = unit in ("cm", "inch")
+    part = box(size, 0.6 * size, 0.3 * size, unit=unit if given else "auto")
+    assert np.ptp(part.vertices, axis=0) == pytest.approx(np.array([1.0, 0.6, 0.3]) * metres)
+    assert part.unit == unit
+    assert any("the only unit" in note for note in part.notes) == (unit == "m")
+
+
+@pytest.mark.parametrize(
+    ("sides", "unit", "said"),
+    [
+        ((0.1, 0.06, 0.02), "mm", r"too small: 0.1 mm .*--units m"),
+        ((100.0, 60.0, 20.0), "m", r"too large: 100 m .*--units mm, --units cm"),
+        ((1e-4, 1e-4, 1e-4), "mm", "No known unit fits"),
+        ((4.99, 3.0, 2.0), "auto", r"too small: 4.99 mm at its largest \(wanted: 5 to 2000 mm\)"),
+        # In inches a part of 0.8 is 20 mm long, in metres 0.8 m: two units, one has to be named.
+        ((0.8, 0.5, 0.2), "auto", "units"),
+        ((2500.0, 1500.0, 750.0), "auto", "No known unit"),
+    ],
+)
+def test_a_wrong_unit_is_refused_and_the_fitting_ones_named(sides, unit, said):
+    with pytest.raises(MeshError, match=said):
+        box(*sides, unit=unit)
+
+
+def test_unknown_units_and_sides_list_the_known_ones():
+    with pytest.raises(InputError, match=r"'ft'. Known: cm, inch, m, mm"):
+        box(100.0, 60.0, 20.0, unit="ft")
+    with pytest.raises(InputError, match=r"'up'. Known: -x, -y, -z, X,Y,Z, auto"):
+        part_of(BLOCK, "up")
+
+
+def test_vertices_keep_their_order_and_repeated_ones_are_merged():
+    points, faces = np.array(BALL.vertices), np.array(BALL.faces)
+    part = part_from_arrays(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), unit="mm")
+    assert len(part.vertices) == len(points)
+    _, first = np.unique(faces.ravel(), return_index=True)
+    assert np.array_equal(part.vertices, 1e-3 * points[faces.ravel()[np.sort(first)]])
+
+
+def test_arrays_that_are_no_mesh_are_refused():
+    points, faces = np.array(BALL.vertices), np.array(BALL.faces)
+    for vertices, triangles, said in (
+        (points[:, :2], faces, r"got \(162, 2\) and \(320, 3\)"),
+        (points[:50], faces, "vertices that do not exist"),
+        (points, faces.astype(float), "whole numbers"),
+        (np.where(points > 39.0, np.nan, points), faces, "NaN or infinite"),
+    ):
+        with pytest.raises(MeshError, match=said):
+            part_from_arrays(vertices, triangles, unit="mm")

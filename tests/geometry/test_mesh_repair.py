@@ -1,5 +1,7 @@
 """Broken meshes: what is mended is mended right and said, with its place; what is left is said too."""
 
+from __future__ import annotations
+
 from itertools import pairwise
 from pathlib import Path
 
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from benchmarks.fuzz import LARGEST, run_apart, try_files
 from polish_sim.errors import MeshError
 from polish_sim.geometry import fit_surface, load_part, part_from_arrays
 from tests.geometry.shapes import BLOCK, grid_faces, memory_to_load, stl_bytes
@@ -55,6 +58,7 @@ def test_facets_wound_at_random_end_up_outward():
     part = from_soup(triangles)
     assert is_solid(part, BALL.volume)
     assert said(part, "turned")
+    assert said(from_soup(soup(BALL)[:, ::-1]), "inside out")
 
 
 def test_facets_without_height_are_flipped_away_so_that_the_skin_stays_closed():
@@ -262,3 +266,34 @@ def test_triangles_without_neighbours_are_no_surface(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="14400 of 14400 facets have no neighbour, the first is facet 0"):
         load_part(tmp_path / "soup.stl")
     assert memory_to_load(tmp_path / "soup.stl") < 60
+
+
+# Broken mesh files, a seeded few of those `python -m benchmarks.fuzz` tries.
+
+
+def test_broken_files_are_read_or_refused_without_traceback_hang_or_full_memory(tmp_path):
+    outcome = try_files(first_seed=10_000, count=56, folder=tmp_path)
+    assert not outcome.faults
+    # Edges without length that repairs leave.
+    assert not try_files(first_seed=50_003, count=1, folder=tmp_path).faults
+    assert min(outcome.counts["read"], outcome.counts["refused"]) > 10
+
+
+def test_the_worker_of_the_fuzz_holds_its_memory_limit():
+    outcome = run_apart(first_seed=0, count=7)
+    assert not outcome.faults
+    assert sum(outcome.counts.values()) == 7
+    assert outcome.peak < LARGEST
+
+
+def test_a_large_file_with_many_wrong_facets_takes_no_more_memory_than_a_whole_one(tmp_path):
+    """Facets too many and corners wrong: nearly every edge is a border, with thousands of others' vertices
+    near it."""
+    rng = np.random.default_rng(0)
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=40.0)
+    faces, corners = np.array(ball.faces), len(ball.vertices)
+    faces = np.concatenate([faces, rng.integers(corners, size=(len(faces) // 4, 3))])
+    wrong = rng.random(len(faces)) < 0.28
+    faces[wrong, 0] = rng.integers(corners, size=int(wrong.sum()))
+    trimesh.Trimesh(ball.vertices, faces, process=False).export(tmp_path / "wrong.stl")
+    assert memory_to_load(tmp_path / "wrong.stl") < 60

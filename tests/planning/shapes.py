@@ -87,6 +87,14 @@ def path_through(points: Array, axes: Array = UP, feed: Array | None = None) -> 
     return ToolPath(points, axes, arc_length(points), zeros.astype(np.int64), segment, zeros, feed=feed)
 
 
+def to_polyline(points: Array, corners: Array) -> Array:
+    """Distances (n,) of points (n, 3) from a polyline through corners (m, 3)."""
+    first, leg = corners[:-1], np.diff(corners, axis=0)
+    away = points[:, None] - first
+    share = np.clip((away * leg).sum(axis=2) / (leg**2).sum(axis=1).clip(1e-18), 0.0, 1.0)
+    return np.linalg.norm(away - share[..., None] * leg, axis=2).min(axis=1)
+
+
 def moved(mesh: trimesh.Trimesh, x: float, y: float, z: float) -> trimesh.Trimesh:
     return mesh.apply_translation([x, y, z])
 

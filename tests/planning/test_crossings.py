@@ -17,6 +17,7 @@ from polish_sim.planning.quality.crossings import find_crossings
 from tests.planning.shapes import Floor, level
 
 LINE = [(0, 0), (1, 0), (2, 0)]
+LONG = [*LINE, (3, 0)]
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)]
 
 
@@ -30,11 +31,8 @@ CASES = {
     "a tip that touches from the left": ([LINE, [(0, 1), (1, 0), (2, 1)]], 0),
     "a tip that touches from the right": ([LINE, [(0, -1), (1, 0), (2, -1)]], 0),
     "a path that ends on another": ([LINE, [(1, 1), (1, 0)]], 0),
-    "along each other, then to the other side": (
-        [[*LINE, (3, 0)], [(0, 1), (1, 0), (1.5, 0), (2, 0), (3, -1)]],
-        1,
-    ),
-    "along each other, then back": ([[*LINE, (3, 0)], [(0, 1), (1, 0), (1.5, 0), (2, 0), (3, 1)]], 0),
+    "along each other, then to the other side": ([LONG, [(0, 1), (1, 0), (1.5, 0), (2, 0), (3, -1)]], 1),
+    "along each other, then back": ([LONG, [(0, 1), (1, 0), (1.5, 0), (2, 0), (3, 1)]], 0),
     "there and back on the same line": ([[(0, 0), (1, 0), (2, 0), (1.3, 0), (0.4, 0)]], 0),
     "a square closed": ([SQUARE], 0),
     "one long chord over many short ones": (
@@ -53,12 +51,11 @@ def test_paths_cross_as_often_as_one_counts_by_eye(case):
 def test_crossings_are_found_where_they_are_and_only_on_one_sheet_of_the_part():
     places = find_crossings([flat([(0, 0), (4, 2)]), flat([(0, 2), (4, 0)])])
     assert places == pytest.approx(np.array([[0.02, 0.01, 0.0]]), abs=1e-12)
-    assert len(find_crossings([flat(LINE), flat([(1, -1), (1, 1)], height=0.004)])) == 0
-
-
-def test_paths_on_both_sides_of_a_thin_plate_do_not_cross():
-    upper, lower = flat(LINE), flat([(1, -1), (1, 1)], height=-2e-4)
-    assert len(find_crossings([upper, Curve(lower.positions, -lower.normals, False)])) == 0
+    across = [(1, -1), (1, 1)]
+    assert len(find_crossings([flat(LINE), flat(across, height=0.004)])) == 0
+    # Nor on both sides of a thin plate.
+    lower = flat(across, height=-2e-4)
+    assert len(find_crossings([flat(LINE), Curve(lower.positions, -lower.normals, False)])) == 0
 
 
 def test_a_lissajous_figure_on_a_sphere_crosses_2ab_minus_a_minus_b_times():
@@ -163,19 +160,14 @@ def test_nothing_crosses_after_the_cuts_and_no_place_is_far_from_what_is_left(fi
     assert gone.max() < 0.55 * STEPOVER
 
 
-def test_runs_that_do_not_cross_stay_what_they_are():
-    runs = [run_along([(0.0, y), (0.1, y)]) for y in (0.0, 0.01)]
-    done = uncross(runs, STEPOVER)
-    assert done.runs == runs
-    assert len(done.cuts) == 0
-
-
 def test_a_cut_is_a_fraction_of_a_stepover_wide():
     done, lines = uncrossed([(-0.1, 0.0), (0.1, 0.0)], [(0.0, -0.05), (0.0, 0.05)])
     assert lines == [0, 1, 1]
     ends = [run.positions[[0, -1], 1] for run in done.runs[1:]]
     assert ends[1][0] - ends[0][1] == pytest.approx(2.0 * 0.15 * STEPOVER, rel=1e-6)
     assert done.cuts == pytest.approx(np.zeros((1, 3)), abs=1e-12)
+    # What does not cross stays what it is.
+    assert len(uncross(done.runs, STEPOVER).cuts) == 0
 
 
 def test_a_dead_end_beyond_a_crossing_is_dropped_only_where_others_cover_it():

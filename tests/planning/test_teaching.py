@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
 from polish_sim.arrays import Array
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface, fit_surface, load_part
-from polish_sim.hand_guiding.teaching import Recording, simplified, teach_path
+from polish_sim.hand_guiding.teaching import Recording, teach_path
 from polish_sim.models import workpiece_path
 
 RADIUS, SPEED = 0.08, 0.05
@@ -63,16 +61,6 @@ def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals() -> None:
     again = surface.closest(found.path.positions_work)
     np.testing.assert_allclose(again.positions, found.path.positions_work, atol=1e-9)
     np.testing.assert_allclose(np.sum(again.normals * found.path.axes_work, axis=1), 1.0, atol=1e-6)
-
-
-def test_no_point_is_further_from_the_simplified_line_than_asked() -> None:
-    points, tolerance = circle(tremor=0.0005).positions, 1e-3
-    corners = simplified(points, tolerance)
-    assert len(corners) < 0.02 * len(points)
-    for first, last in pairwise(corners):
-        chord = (points[last] - points[first]) / np.linalg.norm(points[last] - points[first])
-        off = points[first : last + 1] - points[first]
-        assert np.linalg.norm(off - (off @ chord)[:, None] * chord, axis=1).max() <= tolerance + 1e-12
 
 
 def test_a_tool_that_was_hardly_moved_teaches_nothing(plate: Surface) -> None:

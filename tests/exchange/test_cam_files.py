@@ -1,4 +1,4 @@
-"""APT/CLDATA in and out: what other systems write is read, what we write comes back, what cannot be read is
+"""APT/CLDATA and G-code: what other systems write is read, what we write comes back, what cannot be read is
 named."""
 
 from __future__ import annotations
@@ -8,14 +8,22 @@ import pytest
 
 from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.errors import InputError
-from polish_sim.exchange import ExportSetup, read_path
+from polish_sim.exchange import ExportSetup, read_path, read_way_points
 from polish_sim.exchange.apt import apt_text
 from polish_sim.exchange.strokes import rows_without_straight_air
 from polish_sim.planning import plan_part
 from polish_sim.planning.toolpath import APPROACH, PROCESS, RETRACT
 from tests.planning.shapes import shipped_plan, with_wishes
 
+#: With the habits of several systems
 CAM = """\
+TOOL PATH/FINISH,TOOL,BALL_6
+TLDATA/MILL,6.0000,3.0000,75.0000,0.0000,0.0000
+MSYS/0.0000,0.0000,0.0000,1.0000000,0.0000000,0.0000000,0.0000000,1.0000000,0.0000000
+$$-> CSYS / 1.0000000000, 0.0000000000, 0.0000000000, 0.0000000000, $
+            0.0000000000, 1.0000000000, 0.0000000000, 0.0000000000
+LOADTL / 1
+PAINT/PATH
 PARTNO HOUSING/REV 2, 40 $ HEAVY
 $$ written by a CAM system
 MACHIN/POST, 1
@@ -43,18 +51,22 @@ GOTO/0,30,20
 GOTO/10,30,20
 RAPID
 GOTO/10,30,50
+PAINT/NOMORE
+SPINDL / OFF
+END-OF-PATH
+END
 FINI
 """
 
 
-def read(folder, text):
-    """The path in an APT file of this text."""
-    (folder / "path.apt").write_text(text)
-    return read_path(folder / "path.apt")
+def read(folder, text, kind="apt", **how):
+    """What is in an APT or G-code file of this text."""
+    (folder / f"path.{kind}").write_text(text)
+    return read_way_points(folder / f"path.{kind}", **how)
 
 
 def test_points_axes_feeds_and_strokes_of_a_cam_file_are_read(tmp_path):
-    path = read(tmp_path, CAM)
+    path = read(tmp_path, CAM).path
     assert path.positions_work[:4] == pytest.approx(
         1e-3 * np.array([[0, 0, 50], [0, 0, 20], [10, 0, 20], [20, 0, 20]])
     )
@@ -77,7 +89,7 @@ def test_points_axes_feeds_and_strokes_of_a_cam_file_are_read(tmp_path):
     ],
 )
 def test_units_hold_for_lengths_and_feeds_and_a_feed_may_name_its_own(tmp_path, text, metres, m_s):
-    path = read(tmp_path, f"{text}\nGOTO/1,2,3\nGOTO/4,2,3\n")
+    path = read(tmp_path, f"{text}\nGOTO/1,2,3\nGOTO/4,2,3\n").path
     assert path.positions_work[0] == pytest.approx(metres * np.array([1.0, 2.0, 3.0]))
     assert path.feed == pytest.approx([m_s, m_s])
 
@@ -88,7 +100,7 @@ def test_our_own_file_comes_back_to_print_precision_and_moves_rapid_in_the_air_o
     path = result.path.rows(rows_without_straight_air(result.path))
     text = apt_text(result, ExportSetup())
     assert text.splitlines().count("RAPID") == np.isin(path.segment, (APPROACH, RETRACT)).sum()
-    back = read(tmp_path, text)
+    back = read(tmp_path, text).path
     assert np.abs(back.positions_work - path.positions_work).max() <= 0.5001e-9
     assert np.abs(back.axes_work - path.axes_work).max() < 2e-9
     assert (back.segment == path.segment).all()
@@ -114,55 +126,66 @@ def test_left_out_points_lie_in_the_air_on_the_straight_move_between_those_writt
     assert (path.segment[rows[after]] == path.segment[lost]).all()
 
 
-OTHERS = {
-    "Siemens NX": """\
-TOOL PATH/FINISH,TOOL,BALL_6
-TLDATA/MILL,6.0000,3.0000,75.0000,0.0000,0.0000
-MSYS/0.0000,0.0000,0.0000,1.0000000,0.0000000,0.0000000,0.0000000,1.0000000,0.0000000
-$$ centerline data
-PAINT/PATH
-RAPID
-GOTO/0.0000,0.0000,30.0000,0.0000000,0.0000000,1.0000000
-FEDRAT/MMPM,250.0000
-GOTO/0.0000,0.0000,0.0000
-GOTO/10.0000,0.0000,0.0000
-PAINT/NOMORE
-END-OF-PATH
-""",
-    "Creo": """\
-$$* Creo CL file
-PARTNO / FINISH
-$$-> CSYS / 1.0000000000, 0.0000000000, 0.0000000000, 0.0000000000, $
-            0.0000000000, 1.0000000000, 0.0000000000, 0.0000000000, $
-            0.0000000000, 0.0000000000, 1.0000000000, 0.0000000000
-MULTAX / ON
-UNITS / MM
-LOADTL / 1
-SPINDL / RPM, 6000.000000,  CLW
-RAPID
-GOTO / 0.0000000000, 0.0000000000, 30.0000000000, $
-       0.0000000000, 0.0000000000, 1.0000000000
-FEDRAT / 250.000000,  MMPM
-GOTO / 0.0000000000, 0.0000000000, 0.0000000000
-GOTO / 10.0000000000, 0.0000000000, 0.0000000000
-SPINDL / OFF
-END
-FINI
-""",
-}
+# G-code in: straight moves, units, tool axes as vectors or angles.
+
+HEAD = "G21 G90\nG0 X0 Y0 Z0\nG1 F600\n"
+PROGRAM = """%
+O0001 (roughing)
+N10 G21 G90 G17 G40 G54 T1 M6 S3000 M3 ; all of this moves nothing
+N20 G00 X0 Y0 Z50
+Z5. (down (it does not nest)
+N30 G01 Z0 F600
+x10 y+5.5
+G91 X1 Y-2
+G90 X 20. Y.5 F1200
+M30
+this is behind the end
+""".replace(" (it does not nest", "")
 
 
-@pytest.mark.parametrize("system", OTHERS)
-def test_the_habits_of_other_systems_are_understood(tmp_path, system):
-    path = read(tmp_path, OTHERS[system])
-    assert path.positions_work == pytest.approx(1e-3 * np.array([[0, 0, 30], [0, 0, 0], [10, 0, 0]]))
-    assert path.segment.tolist() == [APPROACH, PROCESS, PROCESS]
-    assert path.feed == pytest.approx([0.25 / 60.0] * 3)
+def read_gcode(folder, text):
+    """The path in a G-code file of this text."""
+    return read(folder, text, "nc").path
+
+
+def test_modal_words_steps_and_comments_are_understood(tmp_path):
+    path = read_gcode(tmp_path, PROGRAM)
+    expected = [[0, 0, 50], [0, 0, 5], [0, 0, 0], [10, 5.5, 0], [11, 3.5, 0], [20, 0.5, 0]]
+    assert 1e3 * path.positions_work == pytest.approx(np.array(expected))
+    assert path.feed == pytest.approx([0.01] * 5 + [0.02])
+    assert path.segment.tolist() == [0, 0, 2, 2, 2, 2]
+    assert np.all(path.axes_work == [0.0, 0.0, 1.0])
+
+
+def test_inches_an_unknown_place_and_a_vector_of_any_length_are_understood(tmp_path):
+    path = read_gcode(tmp_path, "G20\nG0 X1 Y2\nG0 Z3\nG1 X4 F60\n")
+    assert path.positions_work == pytest.approx(0.0254 * np.array([[1, 2, 3], [4, 2, 3]]))
+    assert path.feed == pytest.approx([0.0254, 0.0254])
+    axes = read_gcode(tmp_path, HEAD + "X1 I0 J3 K4\nX2\nI0 J0 K9\n").axes_work
+    assert axes == pytest.approx(np.array([[0, 0, 1], [0, 0.6, 0.8], [0, 0.6, 0.8], [0, 0, 1]]))
+
+
+@pytest.mark.parametrize(
+    ("words", "axis"),
+    [
+        ("B90 C90", (0, 1, 0)), ("A90 B45", (0, -1, 0)), ("A30 C180", (0, 0.5, np.sqrt(0.75))),
+    ],
+)  # fmt: skip
+def test_a_turns_about_x_then_b_about_y_then_c_about_z(tmp_path, words, axis):
+    assert read_gcode(tmp_path, HEAD + words + "\n").axes_work[1] == pytest.approx(np.array(axis), abs=1e-15)
+
+
+def test_turning_in_place_is_a_move_for_those_who_ask_for_way_points(tmp_path):
+    found = read(tmp_path, HEAD + "X1\nB10\nB20\n", "nc")
+    assert np.diff(found.path.s).tolist() == [0.001, 0.0, 0.0]
+    assert found.place(3) == "line 6, point 4"
+    with pytest.raises(InputError, match="points 2 and 3 are the same"):
+        read_path(found.file)
 
 
 TWO = "GOTO/0,0,0\nGOTO/1,0,0\n"
 #: What all readers refuse alike, as a repeated point, is in test_plan_folder.py
-BAD = {
+BAD_APT = {
     "arcs by definition": (TWO + "C1=CIRCLE/0,0,0,5\n", r"line 3: CIRCLE \(arcs\)"),
     "canned cycles": (TWO + "CYCLE/DRILL,5\n", "line 3: CYCLE"),
     "a turned frame": ("MSYS/0,0,0,0,1,0,-1,0,0\n" + TWO, "line 1: MSYS"),
@@ -181,11 +204,44 @@ BAD = {
     "multax": ("MULTAX/MAYBE\n" + TWO, "line 1: MULTAX"),
     "a spoilt note": ("$$ polish-sim: pass=first\n" + TWO, "before line 2: pass is noted as 'first'"),
 }
+BAD_GCODE = {
+    "an arc": (HEAD + "G2 X10 Y0 I5 J0\n", r"line 4, column 1: G2 \(an arc\)"),
+    "a moved frame": (HEAD + "G55\nX1\n", r"line 4, column 1: G55 \(a moved frame\)"),
+    "an unknown letter": (HEAD + "X1 U12\n", r"line 4, column 4: unknown word 'U12'"),
+    "an unknown code": (HEAD + "G123 X1\n", r"line 4, column 1: unknown word 'G123'"),
+    "a parameter": (HEAD + "X#1\n", r"line 4, column 1: 'X#1' is no word"),
+    "an open comment": (HEAD + "X1 (open\n", r"line 4, column 4: the comment's bracket"),
+    "a letter twice": (HEAD + "X1 X2\n", r"line 4, column 4: X stands twice"),
+    "no way to move": ("X1 Y2 Z3\n", r"line 1, column 1: X1 stands before any G0 or G1"),
+    "a step from nowhere": ("G91 G1 X1\n", "from an unknown place"),
+    "half a vector": (HEAD + "X1 I0 K1\n", "stand together"),
+    "a zero vector": (HEAD + "X1 I0 J0 K0\n", "no direction"),
+    "two ways": (HEAD + "A10\nX1 I0 J0 K1\n", "give it in one way"),
+    "no feed": (HEAD + "X1 F0\n", r"line 4, column 4: F0 is no feed"),
+    "nothing": ("M30\n", "holds no points"),
+    "in the air only": ("G0 X0 Y0 Z0\nX5\n", "every move is G0"),
+}
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_what_cannot_be_read_is_named_with_its_line(tmp_path, case):
-    text, message = BAD[case]
+BAD = {"apt": BAD_APT, "nc": BAD_GCODE}
+
+
+@pytest.mark.parametrize(("kind", "case"), [(kind, case) for kind, cases in BAD.items() for case in cases])
+def test_what_cannot_be_read_is_named_with_its_place(tmp_path, kind, case):
+    text, message = BAD[kind][case]
     with pytest.raises(InputError, match=message) as caught:
-        read(tmp_path, text)
-    assert "path.apt" in str(caught.value)
+        read(tmp_path, text, kind)
+    assert f"path.{kind}" in str(caught.value)
+
+
+def test_unknown_words_can_be_left_out_but_never_a_motion(tmp_path):
+    notes: list[str] = []
+    found = read(
+        tmp_path, HEAD + "X1 U12 G123\nX#1 Y2\nG4 X9\n", "nc", unknown=lambda error: notes.append(str(error))
+    )
+    assert 1e3 * found.path.positions_work == pytest.approx(np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0]]))
+    # The time of a dwell is no coordinate.
+    for word, note in zip(("U12", "G123", "X#1", "G4"), notes, strict=True):
+        assert word in note
+    with pytest.raises(InputError, match=r"an arc.*--lenient does not leave out what moves the tool"):
+        read(tmp_path, HEAD + "G2 X1 R1\n", "nc", unknown=lambda error: None)

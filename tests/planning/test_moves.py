@@ -1,14 +1,17 @@
-"""The tool in the air: leads and travels keep clear of the part."""
+"""Between strokes: leads and travels keep clear of the part, ways are short, places can be left out."""
 
 from __future__ import annotations
+
+from itertools import pairwise, permutations, product
 
 import numpy as np
 import pytest
 import trimesh
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
+from polish_sim.errors import PlanError
 from polish_sim.geometry.distance_field import signed_distances
-from polish_sim.planning import plan_part
+from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.moves.leads import (
     LEADS,
     Air,
@@ -18,9 +21,9 @@ from polish_sim.planning.moves.leads import (
     tangent_lead,
     with_leads,
 )
-from polish_sim.planning.moves.travel import travel
-from polish_sim.planning.moves.way_out import RIM_POINTS, rim_depths
-from polish_sim.planning.toolpath import PROCESS
+from polish_sim.planning.moves.leave_out import leave_out
+from polish_sim.planning.moves.travel import nearest_neighbours, order_blocks, travel
+from polish_sim.planning.toolpath import PROCESS, stretches
 from tests.planning.shapes import UP, moved, plan_of, surface_of
 
 CLEARANCE = 0.03
@@ -39,15 +42,6 @@ def stroke(x0, x1, y=0.0):
     x = np.linspace(x0, x1, 60)
     positions = np.stack([x, 0.0 * x + y, 0.0 * x], axis=1)
     return Move(positions, np.tile(UP, (60, 1)), PROCESS, np.zeros(60, dtype=np.int64))
-
-
-def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
-    box = surface_of(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
-    beside = np.array([[0.06, 0.0, 0.0]])
-    assert rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
-    depth = rim_depths(box, beside, UP[None], 0.025)[0]
-    # The deepest point of the rim is at most half the angle between two probed ones away.
-    assert 0.015 - 0.025 * (1.0 - np.cos(np.pi / RIM_POINTS)) <= depth <= 0.015 + 1e-12
 
 
 @pytest.mark.parametrize(("height", "ahead"), [(20.0, 0.04), (60.0, 0.04), (60.0, -0.03)])
@@ -122,3 +116,105 @@ def test_beside_the_saddle_s_sharp_top_edge_no_lead_is_said_to_run_into_the_part
     assert not any("runs into the part" in note or "would run into" in note for note in result.notes)
     ends = result.path.positions_work[~result.path.process]
     assert signed_distances(result.surface, ends).min() > -1e-9
+
+
+# The order of the runs: short ways through the air, and what may not be changed stays.
+
+
+def air(ends, order, flips):
+    """Length of the ways from block to block."""
+    walked = [ends[block][::-1] if flip else ends[block] for block, flip in zip(order, flips, strict=True)]
+    return sum(np.linalg.norm(b[0] - a[1]) for a, b in pairwise(walked))
+
+
+def shortest(ends, free):
+    """The best of all orders that begin with the first block as it is."""
+    n = len(ends)
+    best = np.inf
+    for rest in permutations(range(1, n)):
+        for turns in product(*([[0, 1] if free else [0]] * (n - 1))):
+            best = min(best, air(ends, (0, *rest), (0, *turns)))
+    return best
+
+
+@pytest.mark.parametrize("free", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_way_is_within_a_tenth_of_the_shortest_of_all(free, seed):
+    ends = np.random.default_rng(seed).uniform(size=(6, 2, 3))
+    tour = order_blocks(ends, free)
+    assert sorted(tour.order) == list(range(6))
+    assert air(ends, *tour) <= 1.1 * shortest(ends, free)
+    assert free or not tour.backwards.any()
+
+
+def test_stripes_that_may_be_walked_backwards_become_a_zig_zag():
+    y = np.concatenate([[0], np.random.default_rng(1).permutation(39) + 1]) * 0.01
+    ends = np.stack([np.stack([0 * y, y, 0 * y], axis=1), np.stack([0 * y + 1.0, y, 0 * y], axis=1)], axis=1)
+    tour = order_blocks(ends, True)
+    assert air(ends, *tour) == pytest.approx(39 * 0.01)
+    assert np.diff(y[tour.order]) == pytest.approx(np.full(39, 0.01))
+    assert list(tour.backwards) == [k % 2 == 1 for k in range(40)]
+
+
+def test_the_first_block_is_the_given_one_unless_a_start_is_asked_for():
+    ends = np.random.default_rng(5).uniform(size=(20, 2, 3))
+    assert order_blocks(ends, True).order[0] == 0
+    assert not order_blocks(ends, True).backwards[0]
+    tour = order_blocks(ends, True, ends[7, 1] + 1e-4)
+    assert (tour.order[0], tour.backwards[0]) == (7, True)
+    assert order_blocks(ends, False, ends[7, 0]).order[0] == 7
+    assert order_blocks(ends[:1], True, ends[0, 1]).backwards[0]
+    assert not order_blocks(ends[:1], False, ends[0, 1]).backwards[0]
+
+
+def test_three_hundred_blocks_are_ordered_better_than_by_nearest_neighbours_alone():
+    ends = np.random.default_rng(0).uniform(size=(300, 2, 3))
+    assert air(ends, *order_blocks(ends, True)) < air(ends, *nearest_neighbours(ends, True, None))
+
+
+# A path without some of its places: the tool lifts over them, and the rest stays as it was planned.
+
+
+@pytest.fixture(scope="module")
+def plan() -> PlanResult:
+    return plan_part(PartConfig(file="plate"), PlanConfig(stepover_m=0.02))
+
+
+def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhere(plan: PlanResult) -> None:
+    path = plan.path
+    gone = path.process & (path.s > 0.4) & (path.s < 0.5)
+    left = leave_out(path, gone, plan.plan, plan.ready.air)
+    assert left is not None
+    np.testing.assert_array_equal(left.lost, gone)
+    assert len(stretches(left.path.process)) == len(stretches(path.process)) + 1
+    kept = left.path.positions_work[left.path.process]
+    np.testing.assert_array_equal(kept, path.positions_work[path.process & ~gone])
+    # Between the two the tool is lifted by the clearance.
+    (_, last), (first, _) = stretches(left.path.process)[:2]
+    between = left.path.positions_work[last : first + 1, 2]
+    assert between.max() - between.min() == pytest.approx(plan.plan.clearance_m, abs=1e-6)
+    # Strokes before the first that changes keep every row.
+    once = left.path
+    again = leave_out(once, once.process & (once.s > once.s[first] + 0.1), plan.plan, plan.ready.air)
+    assert again is not None
+    np.testing.assert_array_equal(again.path.s[: last + 1], once.s[: last + 1])
+
+
+def test_what_is_left_of_a_stroke_is_longer_than_a_step_over_or_nothing(plan: PlanResult) -> None:
+    path = plan.path
+    begin = path.s[path.process][0]
+    gone = path.process & (path.s > begin + 0.015)
+    assert leave_out(path, gone, plan.plan, plan.ready.air) is None
+
+
+def test_a_plan_from_a_place_on_lands_there_and_raises_its_force_gradually(plan: PlanResult) -> None:
+    rest = plan.behind(0.5)
+    process = rest.path.process
+    assert rest.path.positions_work[process][0] == pytest.approx(
+        plan.path.positions_work[plan.path.process & (plan.path.s >= 0.5)][0]
+    )
+    assert rest.path.force is not None
+    assert rest.path.force[process][0] == pytest.approx(0.5 * plan.tool.force)
+    assert rest.path.force[process][-1] == plan.tool.force
+    with pytest.raises(PlanError, match="nothing of the path is left behind"):
+        plan.behind(1e3)

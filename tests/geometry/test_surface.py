@@ -1,4 +1,5 @@
-"""Properties of the geometry, looked for counterexamples by hypothesis; every run tries the same ones."""
+"""The surface: closest points are exact on the patches; properties looked for by hypothesis, which tries the
+same examples in every run."""
 
 from __future__ import annotations
 
@@ -15,7 +16,75 @@ from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import clip
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.geometry.surface import Surface
-from tests.geometry.shapes import grid_faces
+from tests.geometry.shapes import cylinder, grid_faces, sphere, torus
+
+
+def search_patch(surface: Surface, facet: int, point: np.ndarray) -> float:
+    """Distance to one patch by brute force: a grid of parameters that closes in on the best place."""
+    center, size = np.array([1.0, 1.0]) / 3.0, 1.0
+    for _ in range(40):
+        steps = size * np.linspace(-1.0, 1.0, 21)
+        u, v = np.meshgrid(*np.clip(center[:, None] + steps, 0.0, 1.0))
+        over = 0.5 * np.maximum(u + v - 1.0, 0.0)
+        u = np.clip(u - over, 0.0, 1.0).ravel()
+        v = np.minimum(np.clip(v - over, 0.0, 1.0).ravel(), 1.0 - u)
+        barycentric = np.column_stack([u, v, 1.0 - u - v])
+        places = surface.evaluate(np.full(len(u), facet, dtype=np.int32), barycentric).positions
+        distances = np.linalg.norm(places - point, axis=1)
+        center, size = barycentric[distances.argmin(), :2], 0.6 * size
+    return float(distances.min())
+
+
+def test_distances_agree_with_brute_force_over_all_patches_to_1e_10_m():
+    shape = torus(8, major=0.05, minor=0.02, jitter=0.3)
+    surface = fit_triangles(shape.vertices, shape.faces)
+    points = np.random.default_rng(7).uniform(-1.0, 1.0, (8, 3)) * [0.08, 0.08, 0.03]
+    for point, position in zip(points, surface.closest(points).positions, strict=True):
+        coarse = np.linalg.norm(surface.control - point, axis=2).min(axis=1)
+        brute = min(search_patch(surface, int(facet), point) for facet in np.argsort(coarse)[:25])
+        assert np.linalg.norm(position - point) == pytest.approx(brute, abs=1e-10)
+
+
+def test_a_hint_never_changes_the_distance():
+    shape, rng = torus(48, jitter=0.3), np.random.default_rng(1)
+    surface = fit_triangles(shape.vertices, shape.faces)
+    points = rng.uniform(-1.5, 1.5, (500, 3)) * [1.0, 1.0, 0.4]
+    wild = rng.integers(0, len(shape.faces), len(points)).astype(np.int32)
+    away = np.linalg.norm(surface.closest(points).positions - points, axis=1)
+    hinted = np.linalg.norm(surface.closest(points, hint=wild).positions - points, axis=1)
+    assert np.abs(away - hinted).max() < 1e-12
+
+
+def test_on_a_restricted_surface_only_that_part_is_found_where_it_was_before():
+    shape = sphere(3)
+    surface = fit_triangles(shape.vertices, shape.faces)
+    upper = np.flatnonzero(shape.vertices[shape.faces][:, :, 2].min(axis=1) > 0.2).astype(np.int32)
+    cap = surface.restrict(upper)
+    assert (cap.is_open, surface.is_open) == (True, False)
+    points = np.random.default_rng(2).normal(size=(500, 3))
+    found, over = cap.closest(points), surface.closest(points)
+    assert found.positions[:, 2].min() > 0.199
+    both = np.isin(over.facets, upper)
+    assert both.sum() > 100
+    assert np.abs(over.positions[both] - found.positions[both]).max() < 1e-12
+
+
+def test_a_part_of_a_part_of_a_surface_bends_as_the_whole_to_the_last_bit():
+    shape = cylinder(128)
+    surface = fit_triangles(shape.vertices, shape.faces)
+    rng = np.random.default_rng(3)
+    first = rng.permutation(len(shape.faces))[: len(shape.faces) // 2].astype(np.int32)
+    second = rng.permutation(len(first))[: len(first) // 2].astype(np.int32)
+    piece, facets = surface.restrict(first).restrict(second), first[second]
+    at, numbers = rng.dirichlet([1, 1, 1], len(facets)), np.arange(len(facets), dtype=np.int32)
+    assert np.array_equal(piece.evaluate(numbers, at), surface.evaluate(facets, at))
+    assert np.array_equal(piece.shape_operators(numbers, at), surface.shape_operators(facets, at))
+    assert np.array_equal(piece.normal_control, surface.normal_control[facets])
+    assert np.array_equal(piece.shape, surface.shape[facets])
+    assert np.abs(surface.shape[facets]).max() > 0.0
+
+
+# Properties of the geometry, looked for counterexamples by hypothesis; every run tries the same ones.
 
 CHECKED = settings(
     max_examples=6,
