@@ -46,27 +46,20 @@ class JointStep(Record):
     q: Vector6
     qd: Vector6
     tool: Vector6  #: Position, then zeros
-    energy: float  #: Of links and head, kinetic and potential [J]
-    slide: float  #: Speed of the head's slide [m/s]
 
 
 @njit(error_model="numpy")  # kept on disk it would not notice that the kernels it calls have changed
-def _go(e, arm, steps, tool, energy):  # type: ignore[no-untyped-def]
+def _go(e, arm, steps, tool):  # type: ignore[no-untyped-def]
     for k in range(len(steps)):
         mj_step1(e.model, e.data)
         hear_joints(arm, e)
         row = steps[k]
         for j in range(6):
             row.angle[j], row.speed[j], row.twist[j] = arm.angle[j], arm.speed[j], arm.twist[j]
-            row.ratio[j], row.hysteresis[j], row.q[j], row.qd[j] = (
-                arm.ratio[j],
-                arm.hysteresis[j],
-                e.qpos[j],
-                e.qvel[j],
-            )
+            row.ratio[j], row.hysteresis[j] = arm.ratio[j], arm.hysteresis[j]
+            row.q[j], row.qd[j] = e.qpos[j], e.qvel[j]
         for i in range(3):
             row.tool[i] = e.site_xpos[tool, i]
-        row.energy, row.slide = energy[0] + energy[1], e.qvel[6]
         drive_joints(arm, e, 0.0)
         for j in range(6):
             row.spring[j] = arm.torque[j]
@@ -86,7 +79,7 @@ class Joints(NamedTuple):
         """Step on; what happened, one row a step."""
         rows = np.zeros(round(seconds / self.dt), JointStep.dtype)
         e, tool = engine_views(self.model, self.data), self.model.site("tool").id
-        _go(e, self.arm, rows.view(np.recarray), tool, self.data.energy)
+        _go(e, self.arm, rows.view(np.recarray), tool)
         return rows
 
     def pull(self, force: Array) -> None:
@@ -106,7 +99,6 @@ def joints_at(q: Array, *settings: str, gravity: bool = True) -> Joints:
     register_engine()
     scenario = override(default_scenario("arc"), [REAL, *settings])
     model = build_scene(scenario, None, None)
-    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     if not gravity:
         model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
@@ -163,8 +155,6 @@ class Balance(NamedTuple):
     damped: float  #: Lost in their dampers
     slid: float  #: Lost by hysteresis
     highest: float  #: The most they stored
-    #: What the links have at the end, less what they had and were given: the engine's own drift
-    engine: float
 
     @property
     def left(self) -> float:
@@ -184,15 +174,12 @@ def gear_balance(rows: np.ndarray, joints: Joints) -> Balance:
     # What hysteresis takes in and does not hold.
     held = 0.5 * arm.rise / np.maximum(arm.lost_torque, 1e-9) * np.diff(rows["hysteresis"] ** 2, axis=0)
     slid = 0.5 * (now["hysteresis"] + then["hysteresis"]) * (then["twist"] - now["twist"]) - held
-    gained = rows["energy"][-1] - rows["energy"][0]
-    head = joints.model.dof_damping[6] * dt * np.sum((0.5 * (now["slide"] + then["slide"])) ** 2)
     return Balance(
         dt * np.sum((now["spring"] + damping) * twisting),
         energy[1] - energy[0],
         dt * np.sum(damping * twisting),
         np.sum(slid),
         max(energy),
-        gained + head - dt * np.sum((now["spring"] + damping) * turning),
     )
 
 

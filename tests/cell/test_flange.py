@@ -9,9 +9,8 @@ import pytest
 
 from polish_sim.cell.guards import REASONS, STROKE
 from polish_sim.cell.wrist_sensor import GRAVITY
-from polish_sim.config import FlangeConfig
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments import default_scenario, run_experiment
+from polish_sim.experiments import default_scenario
 from polish_sim.experiments.registry import check_flange
 from polish_sim.scenario_file import override
 from tests.cell.cells import along_tool, cell_for, ideal, part_under, pressing_stroke, tool_pose
@@ -25,13 +24,11 @@ FLANGE = [
 EXACT = ["head.flange.friction_n=0", "head.flange.weight_error=0", "pad.friction=0"]
 
 
-def held(
-    depth: float, *changes: str, tilt: tuple[float, float, float] = (0.0, 0.0, 0.0), wanted: float = 20.0
-):
-    """The trace of a run that presses the tool ``depth`` [m] in and holds it for a second."""
-    touch = tool_pose(0.0, -0.5, 0.2, tilt)
-    stroke = pressing_stroke(touch, hold=1.5, wanted=wanted)
-    pressed = pressing_stroke(along_tool(touch, z=depth - 0.004), hold=1.5, wanted=wanted)
+def held(depth: float, *changes: str, tilt: float = 0.0):
+    """A run that presses the tool, tilted about x, ``depth`` [m] in and holds it for a second."""
+    touch = tool_pose(0.0, -0.5, 0.2, (tilt, 0.0, 0.0))
+    stroke = pressing_stroke(touch, hold=1.5)
+    pressed = pressing_stroke(along_tool(touch, z=depth - 0.004), hold=1.5)
     stroke = stroke._replace(process=pressed.process, motion=pressed.motion, depth=depth)
     scenario = ideal("force", "simulation.log_rate_hz=0", *FLANGE, *EXACT, *changes)
     return cell_for(scenario, stroke, part=part_under(plane(), touch)).run()
@@ -42,7 +39,7 @@ def at_rest(run) -> float:
     return float(run.trace.normal_force_n[-100:].mean())
 
 
-@pytest.mark.parametrize("share", [0.15, 0.5, 0.85])
+@pytest.mark.parametrize("share", [0.15, 0.85])
 def test_at_rest_the_part_feels_the_set_force_at_any_stroke(share: float) -> None:
     run = held(share * STROKE_M + 0.001)
     assert run.stop_reason is None
@@ -53,7 +50,7 @@ def test_at_rest_the_part_feels_the_set_force_at_any_stroke(share: float) -> Non
 @pytest.mark.parametrize("angle", [0.0, 0.8])
 def test_a_wrong_weight_is_missing_by_its_share_along_the_tool(angle: float) -> None:
     """The tool points down, tilted by the angle: error x m g cos(angle) too much is lifted."""
-    run = held(0.018, "head.flange.weight_error=0.2", tilt=(angle, 0.0, 0.0))
+    run = held(0.018, "head.flange.weight_error=0.2", tilt=angle)
     assert at_rest(run) - 20.0 == pytest.approx(-0.2 * 1.5 * GRAVITY * math.cos(angle), abs=0.03)
 
 
@@ -85,41 +82,17 @@ def test_the_loop_lags_behind_fast_motion_by_the_air_it_compresses() -> None:
 @pytest.mark.parametrize(("depth", "share"), [(0.0015, 0.02), (0.034, 0.97)])
 def test_the_robot_stops_near_either_end_of_the_stroke(depth: float, share: float) -> None:
     run = held(depth)
-    assert run.stop_reason is not None
-    assert run.stop_reason.startswith(REASONS[STROKE][:30])
-    assert run.safety.protective_stop_measured is not None
+    assert str(run.stop_reason).startswith(REASONS[STROKE][:30])
     assert float(run.safety.protective_stop_measured.split("%")[0]) == pytest.approx(100 * share, abs=2.5)
 
 
-def test_a_part_that_lies_deeper_costs_stroke_and_no_force() -> None:
-    flange = [*FLANGE, "seed=720", "part.form_error_m=0", "part.rotation_rad=0", "process.hold_s=1"]
-    found = {}
-    for aside in (0.0, 0.003):
-        run = run_experiment(override(default_scenario("force"), [*flange, f"part.displacement_m={aside}"]))
-        held_rows = run.trace.phase == 2
-        found[aside] = run.trace.pad_travel_m[held_rows].mean(), run.trace.normal_force_n[held_rows].mean()
-    assert abs(found[0.003][0] - found[0.0][0]) > 5e-4
-    assert found[0.003][1] == pytest.approx(found[0.0][1], abs=2 * FlangeConfig().friction_n)
-
-
 @pytest.mark.parametrize(
-    ("experiment", "changes", "named"),
-    [
-        ("surface", ["head.flange.bandwidth_hz=20"], "hybrid-pi"),
-        ("dual", ["head.flange.bandwidth_hz=20", "controller.name=position"], "dual"),
-        ("arc", ["head.flange.bandwidth_hz=20", "controller.name=position"], "arc"),
-    ],
+    ("experiment", "controller", "named"),
+    [("surface", "hybrid-pi", "hybrid-pi"), ("dual", "position", "dual"), ("arc", "position", "arc")],
 )
 def test_where_it_cannot_hold_the_force_it_is_refused_by_name(
-    experiment: str, changes: list[str], named: str
+    experiment: str, controller: str, named: str
 ) -> None:
+    changes = ["head.flange.bandwidth_hz=20", f"controller.name={controller}"]
     with pytest.raises(PolishSimError, match=named):
         check_flange(override(default_scenario(experiment), changes))
-
-
-@pytest.mark.parametrize(
-    "change", ["bandwidth_hz=-1", "bandwidth_hz=200", "friction_n=-1", "ramp_s=-1", "weight_error=2"]
-)
-def test_a_value_out_of_its_range_is_refused_by_its_key(change: str) -> None:
-    with pytest.raises(PolishSimError, match=f"head.flange.{change.partition('=')[0]}"):
-        override(default_scenario("surface"), [f"head.flange.{change}"])

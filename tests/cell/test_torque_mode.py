@@ -52,9 +52,8 @@ def test_the_model_is_the_cell_s_with_motors_for_servos() -> None:
     assert np.all(model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
     np.testing.assert_allclose(model.actuator_forcerange[:, 1], [150.0] * 3 + [28.0] * 3)
     np.testing.assert_allclose(model.dof_frictionloss[:6], [7.0, 7.0, 5.0, 1.5, 1.5, 1.5])
-    np.testing.assert_allclose(
-        model.dof_damping.reshape(model.nv, -1)[:6, 0], [10.0, 10.0, 8.0, 2.0, 2.0, 2.0]
-    )
+    damping = model.dof_damping.reshape(model.nv, -1)[:6, 0]
+    np.testing.assert_allclose(damping, [10.0, 10.0, 8.0, 2.0, 2.0, 2.0])
     assert not model.body_gravcomp.any()
 
 
@@ -74,26 +73,11 @@ def test_a_part_before_the_arm_lies_where_it_is_put_and_weighs_on_nothing() -> N
     np.testing.assert_array_equal(*weights)
 
 
-def test_the_believed_weight_carries_the_arm() -> None:
-    run = guide(np.zeros(3), 2.0, "gravity", Hand(0.0, 0.0, 0.0, 0.0))
-    assert np.abs(run.rows["q"][-1] - HOME).max() < 1e-6
-    assert run.stop_reason is None
-
-
-def test_the_first_pull_is_spring_times_way() -> None:
-    run = guide(np.array([0.0, 0.002, 0.0]), 0.01, "gravity")
-    np.testing.assert_allclose(run.rows["force"][0], [0.0, 8.0, 0.0], atol=1e-6)
-
-
-def test_below_break_away_the_hand_only_feels_its_own_spring() -> None:
-    """2 N are less than what the joints' dry friction holds: the tool only creeps."""
-    run = guide(np.array([0.0005, 0.0, 0.0]), 0.05, "gravity")
-    assert np.linalg.norm(run.rows["tool"][-1] - run.rows["tool"][0]) < 1e-4
-
-
 def test_the_wrist_sensor_feels_the_hand() -> None:
     """Between a pull of 8 N and none the sensor's plane sees 8 N less carried by the arm, in base axes."""
     pulled, free = (guide(np.array([way, 0.0, 0.0]), 0.2, "gravity") for way in (0.002, 0.0))
+    np.testing.assert_allclose(pulled.rows["force"][0], [8.0, 0.0, 0.0], atol=1e-6)
+    assert np.abs(free.rows["q"][-1] - HOME).max() < 1e-6  # the believed weight carries the arm
     R = pulled.rows["R_base_tool"][-1]
     change = R @ (pulled.rows["raw"][-1, :3] - free.rows["raw"][-1, :3])
     np.testing.assert_allclose(change, -pulled.rows["force"][-1], atol=0.05)
@@ -102,22 +86,13 @@ def test_the_wrist_sensor_feels_the_hand() -> None:
 def test_what_the_model_lacks_is_tared_while_the_servos_hold() -> None:
     """2 kg missing from the payload setting: the arm stays when the servos release it, and sinks without the
     tare."""
-    free = Hand(0.0, 0.0, 0.0, 0.0)
-    tared, bare = (
-        guide(np.zeros(3), 1.5, "gravity", free, held=0.5, payload_kg=2.0, tare=tare) for tare in (1.0, 0.0)
-    )
-    moved = [np.abs(run.rows["q"][-1] - run.rows["q"][500]).max() for run in (tared, bare)]
+    moved = []
+    for tare in (1.0, 0.0):
+        free = Hand(0.0, 0.0, 0.0, 0.0)
+        q = guide(np.zeros(3), 1.5, "gravity", free, 0.5, payload_kg=2.0, tare=tare).rows["q"]
+        moved.append(np.abs(q[-1] - q[500]).max())
     assert moved[0] < 2e-3
     assert moved[1] > 0.05
-
-
-def test_too_fast_an_arm_is_braked_and_the_log_kept() -> None:
-    run = guide(np.array([0.0, 0.2, 0.0]), 2.0, "gravity", joint_speed_limit_rad_s=0.5)
-    assert run.stop_reason == "a joint is faster than guide.joint_speed_limit_rad_s"
-    assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)
-    assert np.abs(run.rows["qd"][-1]).max() < 0.02
-    assert np.all(run.rows["force"][run.stop_step + 1 :] == 0.0)
-    assert np.isfinite(run.rows["torque"]).all()
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -125,26 +100,27 @@ def test_the_brakes_end_the_motion_in_every_mode(mode: str) -> None:
     """Even where the law does not carry the arm; 2 kg missing from the payload are tared in 0.5 s and held
     then."""
     run = guide(np.array([0.0, 0.2, 0.0]), 2.0, mode, held=0.5, joint_speed_limit_rad_s=0.5, payload_kg=2.0)
-    assert run.stop_reason == "a joint is faster than guide.joint_speed_limit_rad_s"
+    assert "guide.joint_speed_limit_rad_s" in str(run.stop_reason)
+    assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)
     assert np.abs(run.rows["qd"][-1]).max() < 0.02
+    assert np.all(run.rows["force"][run.stop_step + 1 :] == 0.0)
+    assert np.isfinite(run.rows["torque"]).all()
 
 
 def test_links_that_touch_stop_the_arm_and_are_named() -> None:
     """A soft hand pulls the tool slowly home to the foot of the arm; it is braked half a second after the
     touch."""
     run = guide(np.array([0.0, 0.6, -0.2]), 3.5, "inertia", Hand(200.0, 300.0, 0.0, 0.0))
-    assert run.stop_reason == "links touch: link_1_collision and tool_collision"
+    assert str(run.stop_reason).endswith("link_1_collision and tool_collision")
     assert len(run.rows) == pytest.approx(run.stop_step + BRAKED_S / 0.001, abs=2)
 
 
 PENDULUM = '<worldbody><body><joint name="hinge" type="hinge"/><geom size="0.1"/></body></worldbody></mujoco>'
 
 
-@pytest.mark.parametrize(
-    ("rest", "said"), [("", "is not a robot's MJCF"), (PENDULUM, "is not this arm's: the model has no joint")]
-)
-def test_a_file_that_is_no_model_of_this_arm_is_refused(rest: str, said: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_model_of_this_arm_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "identified.xml"
-    file.write_text("<mujoco>" + rest)
-    with pytest.raises(InputError, match=f"identified.xml' {said}"):
-        chain_of_file(file)
+    for rest, said in (("", "not a robot's MJCF"), (PENDULUM, "no joint")):
+        file.write_text("<mujoco>" + rest)
+        with pytest.raises(InputError, match=f"identified.xml' .*{said}"):
+            chain_of_file(file)
