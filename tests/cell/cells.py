@@ -213,10 +213,7 @@ def housing_vertices(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     for geom in np.flatnonzero(
         (model.geom_bodyid == mount) & (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)
     ):
-        start, count = (
-            model.mesh_vertadr[model.geom_dataid[geom]],
-            model.mesh_vertnum[model.geom_dataid[geom]],
-        )
-        R = data.geom_xmat[geom].reshape(3, 3)
+        mesh, R = model.geom_dataid[geom], data.geom_xmat[geom].reshape(3, 3)
+        start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
         found.append(model.mesh_vert[start : start + count] @ R.T + data.geom_xpos[geom])
     return np.concatenate(found)

@@ -77,14 +77,6 @@ def test_where_the_pad_hangs_half_over_a_border_it_goes_deeper_and_feels_a_momen
     np.testing.assert_allclose(course.moment[0], np.cross(lever, [0.0, 0.0, 20.0])[:2], atol=0.01)
 
 
-def test_a_force_that_changes_along_the_path_is_followed() -> None:
-    table = path_through(along_tool(TOUCH, z=PRESSED), along_tool(TOUCH, x=0.01, z=0.5 * PRESSED))
-    forces = np.linspace(20.0, 10.0, len(table.positions))
-    course = course_on(plane(), pressing_stroke()._replace(process=table, force=forces))
-    np.testing.assert_allclose(course.depth[[0, 10]] / PRESSED, [1.0, 1.0 - 0.0025 / table.length], rtol=1e-3)
-    np.testing.assert_allclose(course.surplus, 0.0, atol=1e-6)
-
-
 def test_rows_follow_the_arc_length_of_the_plan_over_several_strokes() -> None:
     """On the second stroke, 40 mm further along the plan, the tool presses half as hard."""
     first = pressed_with(20.0, slide=0.02)

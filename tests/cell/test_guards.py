@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import signal
 
 import mujoco
 import numpy as np
@@ -167,22 +166,6 @@ def test_a_simulation_that_blows_up_is_stopped_as_unstable() -> None:
     run = cell_for(ideal("arc", EVERY_STEP), free_stroke(tool_pose(0.0, -0.5, 0.2))).run(EachStep(poison))
     assert "unstable" in str(run.stop_reason)
     assert run.steps < 310
-
-
-def test_an_interrupt_keeps_what_was_recorded() -> None:
-    class Hand(Silent):
-        frame_every_s = 0.2
-
-        def frame(self, model: object, data: mujoco.MjData) -> None:
-            if data.time > 0.5:
-                signal.raise_signal(signal.SIGINT)
-
-    poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.1, -0.5, 0.2)
-    run = cell_for(ideal("arc", EVERY_STEP), free_stroke(*poses)).run(Hand())
-    assert run.interrupted
-    assert run.stop_reason is None
-    assert run.steps * 0.001 == pytest.approx(0.6, abs=0.001)  # the chunk of 0.2 s it fell into
-    keeps_its_log(run)
 
 
 def test_each_guard_keeps_the_largest_share_of_its_limit_and_its_place() -> None:

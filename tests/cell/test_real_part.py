@@ -1,4 +1,4 @@
-"""The part as it really lies: displaced, turned and bent by the amounts asked for, from the seed alone."""
+"""The part as it really lies: displaced, turned and bent by the amounts asked for; where it carries the pad."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from polish_sim.arrays import Array, Bools
 from polish_sim.cell import RealPart, Touch, build_real_part
-from polish_sim.cell.real_part import bend_of, build_part_fields, displacement_of, spread_over
-from polish_sim.config import PartConfig
+from polish_sim.cell.real_part import PartFields, bend_of, build_part_fields, displacement_of, spread_over
+from polish_sim.cell.support import would_sink
+from polish_sim.config import PadConfig, PartConfig
 from polish_sim.geometry import Surface, field_distance
 from polish_sim.geometry.fit import fit_triangles
 from polish_sim.spatial import apply, transform
@@ -25,15 +27,13 @@ T_BASE_WORK = transform(Rotation.from_rotvec([0.2, -0.1, 0.7]).as_matrix(), np.a
 def sheet() -> Surface:
     """A sheet 100 x 100 x 3 mm, its top in the plane z = 0."""
     mesh = trimesh.creation.box((0.1, 0.1, THICKNESS)).subdivide().subdivide()
-    return fit_triangles(
-        np.array(mesh.vertices) - [0, 0, THICKNESS / 2], np.array(mesh.faces, dtype=np.int32)
-    )
+    vertices = np.array(mesh.vertices) - [0.0, 0.0, THICKNESS / 2]
+    return fit_triangles(vertices, np.array(mesh.faces, dtype=np.int32))
 
 
 def top_of(sheet: Surface) -> Surface:
-    return sheet.restrict(
-        np.flatnonzero(np.all(sheet.vertices[sheet.faces][:, :, 2] > -1e-9, axis=1)).astype(np.int32)
-    )
+    heights = sheet.vertices[sheet.faces][:, :, 2]
+    return sheet.restrict(np.flatnonzero(np.all(heights > -1e-9, axis=1)).astype(np.int32))
 
 
 def real(sheet: Surface, config: PartConfig, seed: int = 0) -> RealPart:
@@ -116,3 +116,40 @@ def test_the_whole_part_is_there_for_the_crash_check_not_just_where_the_pad_goes
     assert max(field_distance(coarse, *point) for point in inside) < 0.5 * coarse.spacing
     beside = inside + [0.0, 0.0, 0.008]
     assert min(field_distance(coarse, *point) for point in beside) > 0.5 * coarse.spacing
+
+
+SMALL_PAD = PadConfig(radius_m=0.01)
+HALF, DEEPEST = 0.05, 0.008
+
+
+@pytest.fixture(scope="module")
+def block() -> PartFields:
+    """A block with an edge at x = 50 mm, as the pad meets it near there."""
+    mesh = trimesh.creation.box((2.0 * HALF, 0.06, 0.02))
+    surface = fit_triangles(np.array(mesh.vertices) - [0.0, 0.0, 0.01], np.array(mesh.faces, dtype=np.int32))
+    near_it = np.array([[0.03, 0.0, 0.0], [0.06, 0.0, 0.0]])
+    return build_part_fields(surface, Touch(near_it, np.array([UP, UP]), SMALL_PAD.radius_m))
+
+
+def sinks(block: PartFields, x: Array, force: float, aside: float) -> Bools:
+    """Whether the pad sinks with its middle at ``x`` (n,) [m]."""
+    places = np.column_stack([x, np.zeros((len(x), 2))])
+    ups, forces = np.tile(UP, (len(x), 1)), np.full(len(x), force)
+    return would_sink(block, SMALL_PAD, places, ups, forces, aside, DEEPEST)
+
+
+def test_near_an_edge_the_hold_is_lost_the_earlier_the_further_aside_the_part_may_lie(
+    block: PartFields,
+) -> None:
+    """Inside it lasts up to the force of the pad's springs at the depth there is."""
+    most, inside = SMALL_PAD.stiffness_n_m * DEEPEST, np.array([0.03])
+    assert not sinks(block, inside, 0.99 * most, 0.001).any()
+    assert sinks(block, inside, 1.01 * most, 0.0).all()
+    x = np.arange(0.03, 0.06, 0.00025)
+    lost = [sinks(block, x, 20.0, aside) for aside in (0.0, 0.003, 0.005)]
+    for found in lost:
+        assert 0 < np.count_nonzero(found) < len(x)
+    straight, shifted, further = (x[found.argmax()] for found in lost)
+    assert straight > HALF  # with its middle on the edge a half of the pad is left, and enough
+    assert straight - shifted > 0.001
+    assert shifted - further > 0.001

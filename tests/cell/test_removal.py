@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from scipy.integrate import dblquad
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
@@ -67,18 +66,6 @@ def test_a_disc_that_turns_on_the_spot_removes_two_thirds_of_force_times_rim_spe
         removed = expose_nodes(level_nodes(spacing), motion, R, STIFFNESS)
         assert removed.carried[0] == pytest.approx(force, rel=bound)  # before it is scaled
         assert removed.gained[0] == pytest.approx(2.0 / 3.0 * force * SPIN * R, rel=bound)
-
-
-def test_spindle_and_feed_add_up_as_velocities() -> None:
-    spin, feed = 1.0, 0.02
-    motion = steps(np.array([[0.0, 0.0, -0.001]]), np.array([feed, 0.0, 0.0]), 1.0, 20.0, spin)
-    gained = expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).gained[0]
-
-    def speed(r: float, angle: float) -> float:
-        return r * math.hypot(feed - spin * r * math.sin(angle), spin * r * math.cos(angle))
-
-    mean = dblquad(speed, 0.0, 2.0 * math.pi, 0.0, R)[0] / (math.pi * R**2)
-    assert gained == pytest.approx(20.0 * mean, rel=0.01)
 
 
 def straight_pass(feed: float, spin: float = SPIN, step: float = 0.0005) -> Removed:

@@ -106,15 +106,6 @@ def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had() -> 
     np.testing.assert_allclose(measured[process][-200:, 2], true, atol=0.05)
 
 
-def test_the_host_sees_the_wrench_as_late_as_the_sensor_says() -> None:
-    """Without filter and bias the measured force is the exact sensor wrench of some milliseconds ago."""
-    run, late = on_plane("sensor.bandwidth_hz=0", "sensor.latency_s=0.01").run(), 10
-    raw, measured = run.log["wrench_raw_sensor"][:, 2], run.log["wrench_measured_tool"][:, 2]
-    offset = measured[500] - raw[500 - late]  # weight and tare
-    np.testing.assert_allclose(measured[500:], raw[500 - late : len(raw) - late] + offset, atol=2e-4)
-    assert np.abs(measured[500:] - raw[500:] - offset).max() > 0.05
-
-
 def test_a_wrongly_believed_tool_mass_shows_by_how_far_the_tool_has_turned_since_the_tare() -> None:
     """The force loop holds 20 N of what it believes; the rest is the surplus mass times the change of its
     share."""

@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
-from polish_sim.cell.real_part import SHIFT_SPEED, build_part_motion, move_part
-from polish_sim.config import PartConfig
 from polish_sim.experiments import run_experiment
 from tests.cell.cells import EVERY_STEP, TOUCH, ideal, on_plane, part_under, tool_pose
 from tests.cell.fields import plane
@@ -110,17 +107,3 @@ def test_under_hybrid_pi_the_error_is_that_of_the_linear_loop(frequency: float) 
     assert abs(found - spring * (moved + travel)) < 0.05 * abs(found)
     went = np.outer(travel * np.sin(2.0 * np.pi * frequency * run.trace.time_s), [0.0, 0.0, 1.0])
     np.testing.assert_allclose(run.trace.part_shift_m, went, atol=1e-12)
-
-
-def test_a_part_that_slips_moves_to_its_goal_at_its_speed_and_stays() -> None:
-    part = part_under(plane())
-    motion, position = build_part_motion(PartConfig(), part), part.position.copy()
-    motion.goal[:] = 0.003, 0.0, 0.004
-    places: list[Array] = []
-    for step in range(400):
-        move_part(motion, 0.001 * step, 0.001, position)
-        places.append(position - part.position)
-        assert np.linalg.norm(motion.velocity) <= SHIFT_SPEED * (1 + 1e-12)
-    np.testing.assert_allclose(places[99], 0.4 * np.array([0.003, 0.0, 0.004]), atol=1e-12)
-    np.testing.assert_allclose(places[-1], [0.003, 0.0, 0.004], atol=1e-15)
-    np.testing.assert_array_equal(motion.velocity, 0.0)

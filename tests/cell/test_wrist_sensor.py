@@ -178,25 +178,6 @@ def test_without_its_drive_it_runs_down_evenly_and_the_pull_falls_with_the_squar
     assert spindle.speed == 0.0
 
 
-def line(signal: Array, frequency: float) -> float:
-    """Amplitude of a frequency [Hz] in a signal over whole periods of it."""
-    time = 1e-3 * np.arange(len(signal))
-    return float(2.0 * abs(np.mean((signal - signal.mean()) * np.exp(-2j * np.pi * frequency * time))))
-
-
-def test_a_sensor_of_125_hz_sees_the_spindles_100_hz_as_25_hz() -> None:
-    log = on_plane("spindle.speed_rpm=6000", "sensor.rate_hz=125", hold=1.2).run().log
-    held, exact = (
-        log[name][-400:, :2].astype(float) for name in ("wrench_measured_tool", "wrench_raw_sensor")
-    )
-    for axis in range(2):
-        felt = line(exact[:, axis], 100.0)
-        assert felt > 0.2
-        assert line(exact[:, axis], 25.0) < 0.06 * felt
-        # Held for 8 ms: sinc(25 * 0.008) of it are left; the low-pass leaves 98% of a new sample.
-        assert line(held[:, axis], 25.0) == pytest.approx(felt * np.sinc(25.0 * 0.008), rel=0.08)
-
-
 # Sensors by their names, and what only those have: warming up, cross-talk, overload.
 
 MODELS = ("ur5e-built-in", "axia80", "hex-125hz")

@@ -131,14 +131,6 @@ def test_an_elastic_joint_is_helped_the_way_it_was_moved_last(belief: Belief) ->
         assert eased == pytest.approx(0.95 * (COULOMB * way + VISCOUS * speed), abs=1e-9)
 
 
-def test_encoders_read_in_steps() -> None:
-    memory, law = build_memory(1), gains("inertia")._replace(encoder=1e-3)
-    read_encoders(law, memory, np.array([0.0104]), DT, True)
-    assert (memory.q[0], memory.qd[0]) == (pytest.approx(0.010), 0.0)
-    read_encoders(law, memory, np.array([0.0106]), DT, False)
-    assert memory.qd[0] == pytest.approx(1.0)
-
-
 def lend(belief: Belief, law: GuidingGains, seconds: float) -> tuple[GuidingMemory, GuidingLimits, int]:
     """Watch a joint that keeps on moving at 1 rad/s."""
     memory, watched, code = build_memory(1), limits(), 0
