@@ -14,7 +14,7 @@ from polish_sim.cell.engine import engine_views, mj_step1, mj_step2, register_en
 from polish_sim.cell.gears import drive_joints, elastic_torque, follow_joints, hear_joints
 from polish_sim.cell.real_arm import build_real_arm
 from polish_sim.experiments import default_scenario
-from polish_sim.kernels import Record, Vector6
+from polish_sim.kernels import Record, Vector3, Vector6
 from polish_sim.scenario_file import override
 from tests.cell.cells import Array
 
@@ -31,21 +31,14 @@ SPRINGS_ONLY = [
 ]  # fmt: skip
 STRETCHED = np.array([0.3, -0.35, 0.5, -1.7, -1.57, 0.4])
 HOME = np.array([1.3, -1.59, 1.51, -1.49, -1.57, -0.27])
-FOLDED = np.array([1.1, -2.0, 2.3, -1.9, -1.57, 0.2])
 
 
 class JointStep(Record):
     """What one step did to the joints."""
 
-    angle: Vector6
-    speed: Vector6
     twist: Vector6
-    ratio: Vector6
-    hysteresis: Vector6
-    spring: Vector6
     q: Vector6
-    qd: Vector6
-    tool: Vector6  #: Position, then zeros
+    tool: Vector3
 
 
 @njit(error_model="numpy")  # kept on disk it would not notice that the kernels it calls have changed
@@ -55,14 +48,10 @@ def _go(e, arm, steps, tool):  # type: ignore[no-untyped-def]
         hear_joints(arm, e)
         row = steps[k]
         for j in range(6):
-            row.angle[j], row.speed[j], row.twist[j] = arm.angle[j], arm.speed[j], arm.twist[j]
-            row.ratio[j], row.hysteresis[j] = arm.ratio[j], arm.hysteresis[j]
-            row.q[j], row.qd[j] = e.qpos[j], e.qvel[j]
+            row.twist[j], row.q[j] = arm.twist[j], e.qpos[j]
         for i in range(3):
             row.tool[i] = e.site_xpos[tool, i]
         drive_joints(arm, e, 0.0)
-        for j in range(6):
-            row.spring[j] = arm.torque[j]
         mj_step2(e.model, e.data)
         follow_joints(arm, e)
 
@@ -142,66 +131,3 @@ def first_mode(joints: Joints) -> tuple[complex, Array]:
     values, shapes = eig(A)
     slowest = min(np.flatnonzero(values.imag > 1.0), key=lambda k: values[k].imag)
     return complex(values[slowest]), shapes[:n, slowest]
-
-
-# Energy: what gears and engine are given, store and lose.
-
-
-class Balance(NamedTuple):
-    """Energy of a motion of the joints [J]."""
-
-    given: float  #: To the gears, by rotors and links
-    stored: float  #: In the gears at the end, less that at the start
-    damped: float  #: Lost in their dampers
-    slid: float  #: Lost by hysteresis
-    highest: float  #: The most they stored
-
-    @property
-    def left(self) -> float:
-        """What the gears were given, less stored and lost."""
-        return self.given - self.stored - self.damped - self.slid
-
-
-def gear_balance(rows: np.ndarray, joints: Joints) -> Balance:
-    """Balance over the steps ``rows`` of `Joints.go`."""
-    arm, dt = joints.arm, joints.dt
-    now, then = rows[:-1], rows[1:]
-    damping = arm.coupling * (now["ratio"] * then["speed"] - then["qd"])
-    # What a torque in a step does to the kinetic energy is its product with the mean of the speeds.
-    turning = 0.5 * (now["qd"] + then["qd"])
-    twisting = 0.5 * now["ratio"] * (now["speed"] + then["speed"]) - turning
-    energy = [_stored(row, arm) for row in (rows[0], rows[-1], *rows[::10])]
-    # What hysteresis takes in and does not hold.
-    held = 0.5 * arm.rise / np.maximum(arm.lost_torque, 1e-9) * np.diff(rows["hysteresis"] ** 2, axis=0)
-    slid = 0.5 * (now["hysteresis"] + then["hysteresis"]) * (then["twist"] - now["twist"]) - held
-    return Balance(
-        dt * np.sum((now["spring"] + damping) * twisting),
-        energy[1] - energy[0],
-        dt * np.sum(damping * twisting),
-        np.sum(slid),
-        max(energy),
-    )
-
-
-def _stored(row: np.void, arm) -> float:
-    """Energy in the springs and, elastically, in the hysteresis [J]."""
-    total = 0.0
-    for j in range(6):
-        size, (first, second) = abs(row["twist"][j]), arm.bends[j]
-        edges = np.array([0.0, min(size, first), min(max(size, first), second), max(size, second)])
-        knots = np.unique(edges[edges <= size])
-        heights = [elastic_torque(arm, j, knot) for knot in knots]
-        total += float(np.trapezoid(heights, knots))
-        if arm.lost_torque[j] > 0.0:
-            total += 0.5 * arm.rise / arm.lost_torque[j] * row["hysteresis"][j] ** 2
-    return total
-
-
-def vibrating(dt: float, *settings: str) -> tuple[np.ndarray, Joints]:
-    """A stretched arm that was pulled down by 20 N and released, for a second."""
-    little = "robot.real.damping_nm_s_rad=[5,5,5,1,1,1]"
-    joints = joints_at(STRETCHED, REAL, *NO_FRICTION, little, *settings, f"simulation.timestep_s={dt}")
-    joints.pull(np.array([0.0, 0.0, -20.0]))
-    joints.go(1.0)
-    joints.pull(np.zeros(3))
-    return joints.go(1.0), joints

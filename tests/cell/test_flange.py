@@ -90,9 +90,7 @@ def test_the_robot_stops_near_either_end_of_the_stroke(depth: float, share: floa
     ("experiment", "controller", "named"),
     [("surface", "hybrid-pi", "hybrid-pi"), ("dual", "position", "dual"), ("arc", "position", "arc")],
 )
-def test_where_it_cannot_hold_the_force_it_is_refused_by_name(
-    experiment: str, controller: str, named: str
-) -> None:
+def test_where_it_cannot_hold_the_force_it_is_refused(experiment: str, controller: str, named: str) -> None:
     changes = ["head.flange.bandwidth_hz=20", f"controller.name={controller}"]
     with pytest.raises(PolishSimError, match=named):
         check_flange(override(default_scenario(experiment), changes))

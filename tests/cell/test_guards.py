@@ -55,9 +55,7 @@ def test_a_missing_part_is_sought_to_the_search_depth_and_no_further() -> None:
     ("limit", "lean", "unit", "axes"),
     [("force_limit_n=12", 0.0, " N", slice(3)), ("torque_limit_nm=0.1", 0.03, " N m", slice(3, 6))],
 )
-def test_too_much_force_or_torque_stops_at_the_measured_limit(
-    limit: str, lean: float, unit: str, axes: slice
-) -> None:
+def test_too_much_force_or_torque_stops_the_robot(limit: str, lean: float, unit: str, axes: slice) -> None:
     """Position control goes down to where the springs carry 20 N, whatever force is wanted; a tool that leans
     by 2 deg feels k a^2 / 4 times the angle about its point."""
     part = part_under(plane(), tool_pose(0.0, -0.5, 0.1, (lean, 0.0, 0.0)))

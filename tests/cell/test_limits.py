@@ -50,9 +50,7 @@ FAST = "spindle.speed_rpm=15000"
         (FAST, "spindle.speed_rpm", f"{FAST} simulation.timestep_s=0.0005"),
     ],
 )
-def test_beyond_a_limit_it_is_refused_by_its_key_and_within_it_accepted(
-    refused: str, named: str, within: str
-) -> None:
+def test_beyond_a_limit_it_is_refused_and_within_accepted(refused: str, named: str, within: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(named)):
         accepted(*refused.split())
     accepted(*within.split())

@@ -18,14 +18,7 @@ from polish_sim.cell.gears import elastic_torque, slip
 from polish_sim.cell.guards import CONTROLLER_NAN
 from polish_sim.cell.real_arm import built_table, resting_arm, slip_along
 from polish_sim.config import Scenario
-from polish_sim.dual.carrier import (
-    FIRST_JOINT,
-    FOLLOWER_ARM,
-    MASTER_ARM,
-    MasterRows,
-    time_held,
-    time_let_go,
-)
+from polish_sim.dual.carrier import FIRST_JOINT, FOLLOWER_ARM, MASTER_ARM, MasterRows, time_held, time_let_go
 from polish_sim.dual.cell import MASTER_HALTED, MASTER_SILENT, PairCell
 from polish_sim.dual.gripper import GRIPPER_MASS, check_load, volume_and_center
 from polish_sim.dual.scene import Held, build_pair_scene
@@ -83,9 +76,7 @@ def carried(**changes: float) -> PairCell:
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-3])  # of each arm from the nominal table [m], [rad]
-def test_both_robots_stand_in_the_followers_base_where_they_are_put_as_their_own_table_says(
-    off: float,
-) -> None:
+def test_both_robots_stand_where_they_are_put_as_their_own_table_says(off: float) -> None:
     tables = NOMINAL + off * np.random.default_rng(5).standard_normal((2, 4, 6))
     arms = {"follower": np.eye(4), "master": T_FOLLOWER_MASTER}
     held = Held(hub(), 2700.0, ON_GRIPPER)
@@ -234,9 +225,7 @@ def test_the_force_on_a_plane_that_moves_and_turns_is_that_on_one_at_rest() -> N
         ("controller-nan", CONTROLLER_NAN, 0.0),
     ],
 )
-def test_whichever_arm_fails_both_stand_and_the_tool_is_off_the_part(
-    fault: str, code: float, delay: float
-) -> None:
+def test_whichever_arm_fails_both_stand_off_the_part(fault: str, code: float, delay: float) -> None:
     run = pressed(0.5, f"faults.events={fault}@contact+1", lift=0.01)
     assert run.stop_reason == PairCell.reasons[code]
     assert run.safety.fault_to_stop_s == pytest.approx(delay, abs=0.002)

@@ -40,9 +40,7 @@ def after(run: CellRun) -> slice:
 @pytest.mark.parametrize(
     ("latency", "speed", "off", "rest"), [(0.004, 0.05, 0.05, 5e-3), (0.011, 0.02, 0.15, 1e-2)]
 )
-def test_the_tool_goes_back_along_its_axis_at_its_speed_never_presses_harder_and_stands_there(
-    latency: float, speed: float, off: float, rest: float
-) -> None:
+def test_after_a_stop_the_tool_goes_back(latency: float, speed: float, off: float, rest: float) -> None:
     """Pressed with 20 N on a plane when the sensor's reading is lost, half a second after contact."""
     settings = f"safety.stop_latency_s={latency}", f"safety.retract_speed_m_s={speed}"
     stopped = on_plane(LOST, *settings, hold=2.0).run()
@@ -60,9 +58,7 @@ def test_the_tool_goes_back_along_its_axis_at_its_speed_never_presses_harder_and
 
 
 @pytest.mark.parametrize(("speed", "deceleration"), [(0.1, 1.0), (0.05, 4.0)])
-def test_the_braking_distance_is_v_squared_over_twice_the_deceleration(
-    speed: float, deceleration: float
-) -> None:
+def test_the_braking_distance_is_v_squared_over_2a(speed: float, deceleration: float) -> None:
     """In free space, braked on the way; before the brakes the robot continues for the stop's latency."""
     poses = tool_pose(0.0, -0.5, 0.2), tool_pose(0.2, -0.5, 0.2)
     settings = EVERY_STEP, "faults.events=controller-nan@1.4", f"safety.stop_deceleration_m_s2={deceleration}"

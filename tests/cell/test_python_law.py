@@ -54,9 +54,7 @@ def run_with(folder: Path, source: str, *changes: str) -> CellRun:
 
 
 @pytest.mark.parametrize(("name", "every"), [("hybrid-pi", 2), ("position", 1), ("force-mode", 1)])
-def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
-    tmp_path: Path, name: str, every: int
-) -> None:
+def test_a_class_that_wraps_a_shipped_law_gives_its_run(tmp_path: Path, name: str, every: int) -> None:
     cycle = f"simulation.control_every={every}"
     mine, shipped = run_with(tmp_path, WRAPS.format(name=name), cycle), run_of(name, cycle)
     assert mine.stop_reason is None
@@ -73,9 +71,7 @@ def test_a_class_that_wraps_a_shipped_law_gives_the_very_same_run(
         ("{}['gain']", "KeyError: 'gain' (mine.py, line "),
     ],
 )
-def test_a_failing_step_is_a_protective_stop_with_its_reason_and_the_log_whole(
-    tmp_path: Path, answer: str, told: str
-) -> None:
+def test_a_failing_step_is_a_protective_stop_with_its_reason(tmp_path: Path, answer: str, told: str) -> None:
     run = run_with(tmp_path, FAILS.format(answer=answer))
     assert told in str(run.stop_reason)
     assert run.safety.protective_stop_time_s == pytest.approx(0.9)
@@ -112,9 +108,7 @@ def test_an_interrupt_inside_a_step_is_an_interrupt_not_an_error() -> None:
 
 
 @pytest.mark.parametrize("again", [False, True], ids=["once", "twice"])
-def test_a_controller_that_loops_for_ever_is_stopped_by_ctrl_c_and_the_run_is_kept(
-    monkeypatch: pytest.MonkeyPatch, again: bool
-) -> None:
+def test_an_endless_controller_is_stopped_by_ctrl_c(monkeypatch: pytest.MonkeyPatch, again: bool) -> None:
     monkeypatch.setattr("polish_sim.cell.observer.PATIENCE_S", 30.0 if again else 0.05)
     said: list[str] = []
 

@@ -1,8 +1,9 @@
-"""Elastic joints against known truth: statics, first resonance, energy, stability, and motions played on them."""
+"""Elastic joints against known truth: statics, resonance, energy, stability, and motions played on them."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -17,18 +18,15 @@ from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.scenario_file import override
 from tests.cell.elastic import (
-    FOLDED,
     HOME,
     NONE,
     REAL,
     SPRINGS_ONLY,
     STRETCHED,
     first_mode,
-    gear_balance,
     joints_at,
     poses,
     tangents,
-    vibrating,
 )
 
 ARC = default_scenario("arc")
@@ -50,13 +48,13 @@ def test_compliance_at_the_tool_is_that_of_gears_and_servos_in_series(gravity):
             found = []
             for sign in (1.0, -1.0):
                 joints.pull(sign * force)
-                found.append(joints.go(1.5)["tool"][-1][:3])
+                found.append(joints.go(1.5)["tool"][-1])
             measured[:, i] = (found[0] - found[1]) / 0.2
         np.testing.assert_allclose(measured, expected, atol=0.02 * np.linalg.norm(expected, 2))
 
 
-@pytest.mark.parametrize("q", [STRETCHED, FOLDED])
-def test_the_first_resonance_is_that_of_the_linear_model(q):
+@pytest.mark.parametrize("q", [STRETCHED, HOME])
+def test_the_first_resonance_and_its_decay_are_those_of_the_linear_model(q):
     joints = joints_at(q, *SPRINGS_ONLY)
     value, shape = first_mode(joints)
     # Released in the shape of that vibration, with its speeds.
@@ -70,20 +68,10 @@ def test_the_first_resonance_is_that_of_the_linear_model(q):
     swing = (swing - swing[-100:].mean(axis=0)) @ shape[:6].real
     ups = np.flatnonzero((swing[:-1] < 0.0) & (swing[1:] >= 0.0))[:6]
     crossings = ups + swing[ups] / (swing[ups] - swing[ups + 1])
-    measured = 1.0 / (np.diff(crossings).mean() * joints.dt)
-    assert measured == pytest.approx(value.imag / (2.0 * math.pi), rel=0.05)
-    if q is STRETCHED:
-        assert 8.0 < measured < 25.0
-
-
-def test_the_gears_energy_balance_closes_within_a_thousandth_a_second_and_better_in_shorter_steps():
-    errors = []
-    for dt in (1e-3, 2.5e-4):
-        balance = gear_balance(*vibrating(dt))
-        errors.append(abs(balance.left) / balance.highest)
-        assert balance.slid >= 0.0
-    assert errors[0] < 1e-3
-    assert errors[1] < 0.6 * errors[0]
+    measured = 2.0 * math.pi / (np.diff(crossings).mean() * joints.dt)
+    assert measured == pytest.approx(value.imag, rel=0.05)
+    peaks = [swing[first:last].max() for first, last in pairwise(ups)]
+    assert np.polyfit(ups[1:] * joints.dt, np.log(peaks), 1)[0] == pytest.approx(value.real, rel=0.05)
 
 
 def test_hysteresis_loses_on_every_closed_way_and_is_as_wide_as_it_should_be():

@@ -1,4 +1,4 @@
-"""The part as it really lies: displaced, turned and bent by the amounts asked for; where it carries the pad."""
+"""The part as it really lies: displaced, turned and bent from the seed alone; where it carries the pad."""
 
 from __future__ import annotations
 
@@ -138,9 +138,7 @@ def sinks(block: PartFields, x: Array, force: float, aside: float) -> Bools:
     return would_sink(block, SMALL_PAD, places, ups, forces, aside, DEEPEST)
 
 
-def test_near_an_edge_the_hold_is_lost_the_earlier_the_further_aside_the_part_may_lie(
-    block: PartFields,
-) -> None:
+def test_near_an_edge_the_hold_is_lost_earlier_on_a_part_that_lies_aside(block: PartFields) -> None:
     """Inside it lasts up to the force of the pad's springs at the depth there is."""
     most, inside = SMALL_PAD.stiffness_n_m * DEEPEST, np.array([0.03])
     assert not sinks(block, inside, 0.99 * most, 0.001).any()

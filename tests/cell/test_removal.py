@@ -58,9 +58,7 @@ def steps(centers: Array, velocity: Array, dt: float, force: float = 20.0, spin:
 
 
 @pytest.mark.parametrize(("spacing", "bound"), [(5e-3, 0.05), (2.5e-3, 0.01), (1.25e-3, 0.002)])
-def test_a_disc_that_turns_on_the_spot_removes_two_thirds_of_force_times_rim_speed(
-    spacing: float, bound: float
-) -> None:
+def test_a_turning_disc_removes_two_thirds_of_force_times_rim_speed(spacing: float, bound: float) -> None:
     for force in (1.0, 20.0):
         motion = steps(np.array([[0.0, 0.0, -force / STIFFNESS]]), np.zeros(3), 1.0, force)
         removed = expose_nodes(level_nodes(spacing), motion, R, STIFFNESS)

@@ -124,9 +124,7 @@ def swing(t: float) -> float:
     return math.sin(2.0 * math.pi * 18.0 * t) if t > 0.0 else 0.0
 
 
-def test_contact_is_found_at_its_threshold_of_2_newton_and_by_a_shaken_arm_once_it_outgrows_its_swing() -> (
-    None
-):
+def test_contact_is_found_at_2_newton_and_by_a_shaken_arm_beyond_its_swing() -> None:
     assert contact_time(lambda t: 100.0 * max(t - 2.0, 0.0)) == pytest.approx(2.02, abs=0.0015)
     assert contact_time(lambda t: 6.0 * swing(t) * math.exp(-0.3 * t)) == math.inf
     assert 2.0 < contact_time(lambda t: 3.0 * swing(t) + 100.0 * max(t - 2.0, 0.0)) < 2.15

@@ -34,9 +34,7 @@ def play_to_the_end(one: Cell, piece: int) -> list[Played]:
 
 
 @pytest.mark.parametrize(("controller", "arm"), [("hybrid-pi", "ideal"), ("hybrid-adaptive", "ur5e")])
-def test_a_restored_cell_runs_on_with_the_bytes_of_a_run_that_was_never_cut(
-    controller: str, arm: str
-) -> None:
+def test_a_restored_cell_runs_on_as_if_it_had_never_been_cut(controller: str, arm: str) -> None:
     settings = (
         f"controller.name={controller}", f"robot.arm={arm}", "process.max_feed_s=2",
         "faults.events='sensor-noise@contact+1'", "process.changes='force_n=15@contact+0.7'",

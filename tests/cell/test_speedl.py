@@ -120,19 +120,6 @@ def test_too_fast_a_twist_is_slowed_down_not_bent() -> None:
     np.testing.assert_allclose(reached, share * twist, atol=1e-7)
 
 
-@pytest.mark.parametrize("joint", range(6))
-@pytest.mark.parametrize("way", [-1.0, 1.0])
-def test_a_joint_is_held_at_the_end_of_its_range_and_says_so(joint: int, way: float) -> None:
-    near = {"lowest": AT_WORK - 1e-4, "highest": AT_WORK + 1e-4}
-    for speed, stays in ((0.05, True), (0.5, False)):  # 1e-4 rad are left, a step is 1 ms
-        outward = way * speed * np.eye(6)[joint]
-        state, inside = resolved(AT_WORK, jacobian(AT_WORK, TIP) @ outward, **near)
-        moves = way * speed if stays else 0.0
-        assert inside == stays
-        assert state.speeds[joint] == pytest.approx(moves, abs=1e-6)
-        assert state.joints[joint] == pytest.approx(AT_WORK[joint] + moves * DT, abs=1e-9)
-
-
 def test_the_smallest_singular_value_is_known_along_the_way_eight_steps_late_at_most() -> None:
     state, exact = robot_with(), []
     line = build_request_line(state)

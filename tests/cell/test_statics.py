@@ -24,9 +24,7 @@ from tests.cell.pressing import HEAD_STIFFNESS, PRESSED, foundation, working_dep
         ("sphere_50", working_depth(0.05), 0.02),
     ],
 )
-def test_position_control_alone_presses_as_the_closed_form_says_and_head_and_pad_share_the_way(
-    part: str, pad_depth: float, off: float
-) -> None:
+def test_position_control_presses_as_the_closed_form_says(part: str, pad_depth: float, off: float) -> None:
     """On a sphere the pad touches in part, and presses more softly: 17.4 N and 9.8 N."""
     run = run_experiment(ideal("force", "controller.name=position", f"part.file={part}", EVERY_STEP))
     np.testing.assert_allclose(
