@@ -5,12 +5,16 @@ from typing import TYPE_CHECKING
 from polish_sim.lazy import names_on_use
 
 if TYPE_CHECKING:
-    from polish_sim.planning.inspection import Inspection, guessed_stepover, inspect_path
+    from polish_sim.planning.inspection import (
+        Inspection,
+        guessed_stepover,
+        inspect_path,
+        measure_given_path,
+    )
     from polish_sim.planning.part_plan import (
         PlanObserver,
         PlanResult,
         coverage_until,
-        measure_given_path,
         measure_path,
         plan_mesh,
         plan_part,

@@ -18,11 +18,9 @@ from polish_sim.planning.ground.ground import Ground, footprint
 from polish_sim.planning.moves.leads import LEADS
 from polish_sim.planning.patterns import PATTERNS
 from polish_sim.planning.quality.access import AVOID, TILT, Access
-from polish_sim.planning.quality.tool_room import pad_in_part_warning
 
 if TYPE_CHECKING:
     from polish_sim.config import PadConfig, PartConfig, PlanConfig
-    from polish_sim.planning.quality.figures import Quality
     from polish_sim.planning.toolpath import ToolPath
 
 ORDERS = ("inward", "outward")
@@ -202,13 +200,3 @@ def lean_notes(access: Access | None, plan: PlanConfig, pad: PadConfig) -> list[
     return [
         f"{1e4 * access.gained_m2:.3g} cm^2 more are reached because the tool leans {access.leaning.note}"
     ]
-
-
-def wall_notes(quality: Quality) -> list[str]:
-    """Where the tool runs into the part along a path, and what to do; none if it keeps clear."""
-    warning = pad_in_part_warning(quality.figures)
-    return (
-        [f"{warning}: plan it anew with this pad, the plan keeps clear; or use a smaller --pad-diameter"]
-        if warning
-        else []
-    )

@@ -15,14 +15,16 @@ from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.geometry.fixture import load_fixture
 from polish_sim.planning.feasibility import lean_notes
 from polish_sim.planning.ground.ground import Ground, bridge_holes
+from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.part_plan import (
-    OFF_PART_M,
     UNSEEN,
     PlanObserver,
+    PlanResult,
     choose_region,
     given_region,
     load_mesh,
 )
+from polish_sim.planning.quality.areas import CutOut
 from polish_sim.planning.quality.coverage import strictly_covered
 from polish_sim.planning.quality.figures import Quality, part_figures, without_spacing
 from polish_sim.planning.quality.located import with_points_between
@@ -30,6 +32,8 @@ from polish_sim.planning.quality.spacing import guess_stepover
 from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
+OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
+LEANING_DEG = 10.0  #: Lean of the tool off the surface's normal from which on it is said
 UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
 EVEN = 0.2  #: A path is pressed in if its depth stays within this share of the median ...
 MOSTLY_EVEN = 0.6  #: ... along this share of it
@@ -49,11 +53,10 @@ class Offset(NamedTuple):
 
 
 def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = ()) -> Offset:
-    """Measure how far the path in contact lies off a part.
+    """Measure how far the points of a path in contact lie off a part.
 
     ``bridges`` are surfaces over holes the pad runs over, which count as the part.
     """
-    path = with_points_between(path)
     points, axes = path.positions_work[path.process], path.axes_work[path.process]
     found = [each.closest(points) for each in (surface, *bridges)]
     nearest = np.argmin([np.linalg.norm(points - each.positions, axis=1) for each in found], axis=0)
@@ -178,7 +181,7 @@ def inspect_path(
     mesh = load_mesh(part, observer)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
-    offset = offset_from(surface, path, _bridges(region, plan))
+    offset = offset_from(surface, with_points_between(path), _bridges(region, plan))
     check_on_part(offset, mesh, path, 2.0 * pad.radius_m)
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     observer.stage("measure the path")
@@ -195,9 +198,40 @@ def inspect_path(
         height_above_part_max_m=float(offset.heights.max()),
         beyond_part_max_m=float(offset.sideways.max()),
     )
-    notes = [*given.part_notes, *notes, *_findings(quality, offset, pad)]
+    notes = [*given.part_notes, *notes, *_findings(quality, offset)]
     strict = strictly_covered(ground.mesh.vertices, ground.mesh.normals, quality.runs, plan.stepover_m)
     return Inspection(mesh, surface, ground, path, plan, quality, strict, tuple(notes))
+
+
+def measure_given_path(
+    path: ToolPath,
+    part: PartConfig,
+    plan: PlanConfig,
+    process: ProcessConfig | None = None,
+    pad: PadConfig | None = None,
+    observer: PlanObserver = UNSEEN,
+    cuts: tuple[CutOut, ...] = (),
+) -> PlanResult:
+    """Load a part and measure a path in the work frame that was made before on it, by the plan's region and
+    step-over, to run it.
+
+    ``cuts`` are what was cut out of it then.
+
+    Raises:
+        PolishSimError: As of `inspect_path`; the path may not run beyond the part's edge.
+    """
+    process, pad = process or ProcessConfig(), pad or PadConfig()
+    mesh = load_mesh(part, observer)
+    observer.stage("fit the surface")
+    surface = fit_surface(mesh, plan.feature_angle_rad)
+    region = choose_region(mesh, surface, plan)
+    observer.stage("measure the path")
+    tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
+    given = given_region(mesh, surface, region, plan, process, tool)
+    # Over holes that the pad runs over it is off the part, at the border of what is left out off the region.
+    check_on_part(offset_from(surface, path, [given.asked.ground.region.surface]), mesh, path, OFF_PART_M)
+    quality = given.measure(path, cuts)
+    return given.result(with_way_down(path, plan.clearance_m), quality, tool_notes(quality), cuts)
 
 
 def guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
@@ -256,15 +290,28 @@ def _share_on(region: Region, plan: PlanConfig, offset: Offset) -> float:
     return float((gap < OFF_PART_M).mean())
 
 
-def _findings(quality: Quality, offset: Offset, pad: PadConfig) -> list[str]:
-    """What the user should look at, with places in mm."""
-    notes = []
+def tool_notes(quality: Quality) -> list[str]:
+    """Where the tool runs into the part along a path, and what to do; how far it leans off the surface's
+    normal."""
+    notes, lean = list[str](), np.degrees(quality.figures["max_axis_lean_rad"])
     warning = pad_in_part_warning(quality.figures)
     if warning:
         away = 1e3 * float(quality.pad_in_part.reaches.max())
         notes.append(
-            f"{warning}: keep the path {away:.3g} mm further from what stands there, or take a smaller pad"
+            f"{warning}: keep the path {away:.3g} mm further from what stands there, plan it anew with this "
+            "pad, or take a smaller --pad-diameter"
         )
+    if lean > LEANING_DEG:
+        notes.append(
+            f"the tool leans up to {lean:.0f} deg off the surface's normal: there only a part of the pad's "
+            "face touches"
+        )
+    return notes
+
+
+def _findings(quality: Quality, offset: Offset) -> list[str]:
+    """What the user should look at, with places in mm."""
+    notes = tool_notes(quality)
     if offset.sideways.max() > OFF_PART_M:
         notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
     if len(quality.crossings):

@@ -27,12 +27,11 @@ from polish_sim.planning.feasibility import (
     lean_notes,
     start_notes,
     too_small,
-    wall_notes,
     widest_piece,
     width_between_borders,
 )
 from polish_sim.planning.ground.ground import Ground, prepare_ground
-from polish_sim.planning.moves.leads import Air, with_way_down
+from polish_sim.planning.moves.leads import Air
 from polish_sim.planning.moves.leave_out import Remaining, leave_out
 from polish_sim.planning.planner import Planned, plan_on
 from polish_sim.planning.quality.access import Access, find_access
@@ -41,7 +40,6 @@ from polish_sim.planning.quality.figures import Quality, account_area, measure_q
 from polish_sim.planning.quality.tool_room import CHECKED_APART, Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
-OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
 FIRST_FORCE = 0.5  #: Share of the force with which a plan resumes behind a place
 IN_PART = "the tool would stand in the part"  #: Why a place is left out
 ROUNDS = 4  #: Places at which the tool is found in the part are left out at most
@@ -234,45 +232,6 @@ def out_of_part(ready: PreparedRegion, path: ToolPath, inside: Array, wider: flo
     far, _ = cKDTree(inside).query(path.positions_work)
     gone = path.process & (far < wider * CHECKED_APART * ready.tool.pad.radius_m)
     return leave_out(path, gone, ready.plan, ready.air)
-
-
-def measure_given_path(
-    path: ToolPath,
-    part: PartConfig,
-    plan: PlanConfig,
-    process: ProcessConfig | None = None,
-    pad: PadConfig | None = None,
-    observer: PlanObserver = UNSEEN,
-    cuts: tuple[CutOut, ...] = (),
-) -> PlanResult:
-    """Load a part and measure a path in the work frame that was made before on it, by the plan's region and
-    step-over.
-
-    ``cuts`` are what was cut out of it then.
-
-    Raises:
-        PolishSimError: The part cannot be used; says why and what to do.
-    """
-    process, pad = process or ProcessConfig(), pad or PadConfig()
-    mesh = load_mesh(part, observer)
-    observer.stage("fit the surface")
-    surface = fit_surface(mesh, plan.feature_angle_rad)
-    region = choose_region(mesh, surface, plan)
-    observer.stage("measure the path")
-    tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
-    given = given_region(mesh, surface, region, plan, process, tool)
-    quality = given.measure(path, cuts)
-    # Over holes that the pad runs over it is off the part, at the border of what is left out off the region.
-    contact, bodies = path.positions_work[path.process], (surface, given.asked.ground.region.surface)
-    away = [np.linalg.norm(body.closest(contact).positions - contact, axis=1) for body in bodies]
-    off = np.min(away, axis=0).max()
-    if off > OFF_PART_M:
-        raise PlanError(
-            f"the path lies up to {1e3 * off:.2f} mm off the surface of this part, more than "
-            f"{1e3 * OFF_PART_M:g} mm. Was it made on another part, in another unit, or already pressed in? "
-            "Give the path on the surface itself."
-        )
-    return given.result(with_way_down(path, plan.clearance_m), quality, wall_notes(quality), cuts)
 
 
 @dataclass(frozen=True, eq=False)
