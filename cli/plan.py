@@ -162,6 +162,8 @@ def plan_once(
 
 
 def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
+    from polish_sim.analysis.metrics import much_left_out
+
     for note in result.notes:
         console.note(f"note: {note}")
     if unreached:
@@ -170,6 +172,8 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
         from polish_sim.dual.gripper import seat_notes
 
         console.note(seat_notes(result.figures)[0])
+    for text in much_left_out(result.figures):
+        console.note(f"bad: {text}.")
     console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))
 
 

@@ -357,14 +357,16 @@ def plan_to_run(
         plan = measure_given_path(given, *asked, read_cuts(Path(scenario.plan.file)))
     if scenario.plan.begin_m > 0.0:
         plan = plan.behind(scenario.plan.begin_m)
-    if folder and row.name == "surface" and scenario.safety.proof != "none":
-        known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
-        if known is not None and is_proven(scenario, plan.path, known):
-            plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))
-        else:
-            plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
-    for text in plan.notes:
-        console.note(f"note: {text}")
+    try:
+        if folder and row.name == "surface" and scenario.safety.proof != "none":
+            known = plan_facts(Path(scenario.plan.file)).get("proof") if scenario.plan.file else None
+            if known is not None and is_proven(scenario, plan.path, known):
+                plan = replace(plan, proof=known, notes=(*plan.notes, *proof_notes(known)))
+            else:
+                plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
+    finally:
+        for text in plan.notes:
+            console.note(f"note: {text}")
     if folder is not None:
         write_plan(folder, plan)
         save_plots(folder, {"path.png": plot_plan(plan)})

@@ -180,11 +180,16 @@ def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
         found.append(
             f"the force reached {figures['peak_force_n']:.1f} N where {contact_force:.3g} N were set"
         )
+    return found + much_left_out(figures)
+
+
+def much_left_out(figures: Mapping[str, Any]) -> list[str]:
+    """What a plan or run leaves out of its region, in a sentence, if it is more than a hundredth of it."""
     region, left = figures.get("region_area_m2", 0.0), figures.get("left_out_area_m2", 0.0)
-    if left > LEFT_OUT * region:
-        why = "; ".join(f"{1e4 * area:.3g} cm^2 {reason}" for reason, area in figures["left_out"].items())
-        found.append(f"{1e4 * left:.3g} of the region's {1e4 * region:.3g} cm^2 were left out ({why})")
-    return found
+    if left <= LEFT_OUT * region:
+        return []
+    why = "; ".join(f"{1e4 * area:.3g} cm^2 {reason}" for reason, area in figures["left_out"].items())
+    return [f"{1e4 * left:.3g} of the region's {1e4 * region:.3g} cm^2 are left out ({why})"]
 
 
 class Circle(NamedTuple):

@@ -507,10 +507,13 @@ class _Prover:
             plan = plan.along(task.plan.path, self.mends)
             # Of another path another place might be chosen.
             scenario = replace(scenario, part=replace(scenario.part, pose=pose))
-        process, largest = scenario.process, max(share for share, _ in self.shares.values())
+        largest, whole = max(share for share, _ in self.shares.values()), self.plan.path
+        feed = whole.feed
         proof = {
-            "arm": scenario.robot.arm, "controller": scenario.controller.label, "feed_m_s": process.feed_m_s,
-            "contact_force_n": process.contact_force_n, "seed": scenario.seed, "proof": scenario.safety.proof,
+            "arm": scenario.robot.arm, "controller": scenario.controller.label,
+            "feed_m_s": scenario.process.feed_m_s if feed is None else float(feed[whole.process].max()),
+            "contact_force_n": largest_force(scenario, whole),
+            "seed": scenario.seed, "proof": scenario.safety.proof,
             "margin": MARGIN, "settings": settings_key(scenario), "path": path_key(task.plan.path),
             "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": pose,
             "eased": any(mend.what == EASED for mend in self.mends),
@@ -544,8 +547,8 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
     """What was played, how near it came to its limits, and what was mended, for the user."""
     name, worst = max(proof["limits"].items(), key=lambda item: item[1]["share"])
     notes = [
-        f"proven: played in the cell with {proof['controller']} at {1e3 * proof['feed_m_s']:.4g} mm/s and "
-        f"{proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: {name}, "
+        f"proven: played in the cell with {proof['controller']} at up to {1e3 * proof['feed_m_s']:.4g} mm/s "
+        f"and {proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: {name}, "
         f"{100.0 * worst['share']:.0f}% at {1e3 * worst['at_m']:.4g} mm of the path"
     ]
     groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
