@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from polish_sim.smoothing.plots import Curves
 
 LIMITS = "limits.toml"
+LONGEST_H = 2.0  #: Of a motion [h]: every hour of it takes minutes and 3.5 GB of memory
 MANY = 20_000  #: A path of more segments is smoothed by the rules asked for only
 DRAWN = 20_000  #: Samples of a curve; motions of more than that many milliseconds are drawn with fewer
 MOTION = "Motion"
@@ -233,6 +234,13 @@ def _prepare(
         limits, feeds = replace(limits, tip_speed=request.feed), None
     else:
         feeds = feeds_on_way(points.path, placed.rows)
+    speed = limits.tip_speed if feeds is None else np.minimum(feeds, limits.tip_speed)
+    hours = float((placed.chain.lengths / speed).sum()) / 3600.0
+    if hours > LONGEST_H:
+        raise InputError(
+            f"'{request.path}' takes at least {hours:.3g} h at its feed; a motion of more than {LONGEST_H:g} "
+            "h is not smoothed in one piece. Set a higher --feed, or divide the path."
+        )
     return SmoothingTask(placed, limits, request.tolerance, request.axis_tolerance, feeds)
 
 
