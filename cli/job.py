@@ -105,9 +105,17 @@ def _folder(file: Path, given: Given) -> Path:
         if (out / COPY).read_bytes() != text:
             raise InputError(f"'{out}' was begun with another job file: see '{out / COPY}'.")
         return Path(out)
+    begun = out is not None and (out / COPY).is_file()
+    if begun and not given["--overwrite"]:
+        raise InputError(
+            f"'{out}' holds a job already: go on with it with --resume, or do it anew with --overwrite."
+        )
     refuse_taken(given)
     folder: Path = out or unused(RESULTS / "job")
     folder.mkdir(parents=True, exist_ok=bool(given["--overwrite"]))
+    # Else what another job did would be taken for done.
+    for old in [*folder.glob("setup_*"), *folder.glob("part_*")] if begun else ():
+        shutil.rmtree(old) if old.is_dir() else old.unlink()
     (folder / COPY).write_bytes(text)
     return folder
 

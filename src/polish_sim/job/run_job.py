@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import is_zipfile
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -96,6 +97,9 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
             for key in ("sliding_work_after_nm", "area_m2", *PASS_KEYS):
                 if key not in figures:
                     raise _no_longer_whole(target, f"{key} in run/{METRICS}")
+            for name in ("log.npz", "removal.npz"):
+                if not is_zipfile(target / "run" / name):
+                    raise _no_longer_whole(target, f"whole run/{name}")
             worn[abrasive] = figures["sliding_work_after_nm"]
             yield Row(here, part, one, figures)
 
