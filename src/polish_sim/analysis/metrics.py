@@ -335,7 +335,10 @@ def _share(error: Array, band: float) -> float:
 
 
 UNDER, OVER = 0.5, 1.5  #: Under- and over-polished is what lost less (more) than this many times the mean
-REMOVAL_SPREAD = ("removal_cv", "removal_cv_inside", "removal_p5", "removal_p95", "removal_max")
+REMOVAL_SPREAD = (
+    *("removal_cv", "removal_cv_inside", "removal_p5", "removal_p95", "removal_max"),
+    *("under_polished_share", "over_polished_share"),
+)
 
 
 def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, float]:
@@ -361,8 +364,6 @@ def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, f
         "removal_mean_m": depth * removal.mean,
         "removal_max_m": depth * float(removal.exposure.max()),
         **dict.fromkeys(REMOVAL_SPREAD, math.nan),
-        "under_polished_share": float(shares[removal.exposure < UNDER * removal.mean].sum()),
-        "over_polished_share": float(shares[removal.exposure > OVER * removal.mean].sum()),
         "unpolished_share": float(shares[removal.exposure <= 0.0].sum()),
         "removal_elsewhere": removal.elsewhere_nm / total if total > 0.0 else math.nan,
         "removal_unplaced": removal.unplaced_share,
@@ -398,6 +399,6 @@ def _spread_of(removal: RemovalMap, shares: Array, pad_radius: float) -> dict[st
     below = np.cumsum(shares[order]) - 0.5 * shares[order]
     low, high = np.interp([0.05, 0.95], below, relative[order])
     deviations = spreads(relative, removal.areas, removal.vertices, removal.border, pad_radius)
-    return dict(
-        zip(REMOVAL_SPREAD, (*deviations, float(low), float(high), float(relative.max())), strict=True)
-    )
+    beyond = shares[relative < UNDER].sum(), shares[relative > OVER].sum()
+    found = map(float, (*deviations, low, high, relative.max(), *beyond))
+    return dict(zip(REMOVAL_SPREAD, found, strict=True))
