@@ -44,6 +44,6 @@ def pair_cell(
     """A pair at the start of the follower's stroke; the host believes in the nominal table."""
     part = part_at(master.T_base_work) if part is None else part
     return PairCell(
-        scenario, model, part, [stroke], joints_at(start_of(stroke)), build_controller(scenario.controller),
-        np.random.default_rng(0), None, master, nominal_host(),
+        master, nominal_host(), scenario, model, part, [stroke], joints_at(start_of(stroke)),
+        build_controller(scenario.controller), np.random.default_rng(0),
     )  # fmt: skip

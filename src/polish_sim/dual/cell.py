@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-import mujoco
-import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
@@ -35,9 +33,8 @@ from polish_sim.cell.real_arm import build_joints, is_real
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
 from polish_sim.cell.robot import SENT
-from polish_sim.cell.stroke import PROCESS, Stroke
+from polish_sim.cell.stroke import PROCESS
 from polish_sim.config import Scenario
-from polish_sim.control.signals import Controller, Course
 from polish_sim.dual.carrier import (
     FIRST_CONTROL,
     FIRST_JOINT,
@@ -65,7 +62,7 @@ class PairCell(Cell):
     """A cell in which the robot with the tool, the follower, works on a part that the master carries; see
     `Cell`.
 
-    ``host_arm``: the follower as the host computes it.
+    ``master`` is how the master moves, ``host_arm`` the follower as the host computes it; then as of `Cell`.
     """
 
     arm = FOLLOWER
@@ -79,23 +76,11 @@ class PairCell(Cell):
     )
     more_columns = 6
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        model: mujoco.MjModel,
-        part: RealPart,
-        strokes: Sequence[Stroke],
-        q_start: Array,
-        controller: Controller,
-        rng: np.random.Generator,
-        course: Course | None,
-        master: MasterRows,
-        host_arm: HostArm,
-    ) -> None:
+    def __init__(self, master: MasterRows, host_arm: HostArm, scenario: Scenario, *cell: Any) -> None:
         self._rows, self.host_arm = master, host_arm
         self.master_arm: RealArm | None = None
-        super().__init__(scenario, model, part, strokes, q_start, controller, rng, course)
-        self.master = build_master(model, self.data, master, part, scenario)
+        super().__init__(scenario, *cell)
+        self.master = build_master(self.model, self.data, master, self.kernel.part, scenario)
 
     def _set_joints(self, q_start: Array) -> None:
         super()._set_joints(q_start)

@@ -109,8 +109,8 @@ def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
         task.arms.known["follower"],
     )  # fmt: skip
     cell = PairCell(
-        scenario, model, part, strokes, q_start, controller, streams[SENSOR_STREAM],
-        course_for(controller, scenario, place, strokes), task.master, host_arm,
+        task.master, host_arm, scenario, model, part, strokes, q_start, controller, streams[SENSOR_STREAM],
+        course_for(controller, scenario, place, strokes),
     )  # fmt: skip
     believe_tool(cell, streams[PAYLOAD_STREAM])
     return DualCell(cell, strokes, part)
