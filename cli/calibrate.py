@@ -74,6 +74,10 @@ def payload(given: Given) -> int:
     """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many
     poses."""
     refuse_beside_data(given, "--noise", "--poses", *SEED_OPTIONS, "--config", "--set")
+    # Lazy: --help must not wait for the libraries.
+    from polish_sim.calibration import read_readings
+    from polish_sim.experiments import calibrate_from
+
     drift, scenario = bool(given["--drift"]), build_scenario(PAYLOAD_SCENARIO, given)
 
     def run(seed: int) -> PayloadCalibration:
@@ -83,13 +87,12 @@ def payload(given: Given) -> int:
         with nullcontext(SILENT) if given["--seeds"] else console.progress() as observer:
             return run_payload_calibration(replace(scenario, seed=seed), drift, observer)
 
-    def read(file: Path) -> PayloadCalibration:
-        from polish_sim.calibration import read_readings
-        from polish_sim.experiments import calibrate_from
+    def fit(found: Any) -> PayloadCalibration:
+        return calibrate_from(found, drift)
 
-        return calibrate_from(read_readings(file), drift)
-
-    means = Means("payload", "payload", "payload", run, read, _show_estimate, _write, "mean", folders=True)
+    means = Means(
+        "payload", "payload", "payload", run, read_readings, fit, _show_estimate, _write, "mean", folders=True
+    )
     return carry_out({**given, "--seed": scenario.seed}, means, (scenario, drift))
 
 

@@ -65,7 +65,8 @@ class Means(NamedTuple):
     what: str  #: What is found, for titles
     claims: str  #: Asked of simulated measurements
     run: Callable[[int], Any]  #: Simulates and calibrates with a seed
-    read: Callable[[Path], Any]  #: Calibrates from a file
+    read: Callable[[Path], Any]  #: Measurements from a file
+    fit: Callable[[Any], Any]  #: Calibrates from them
     show: Callable[[Any], tuple[str, ...]]  #: Prints its own tables, returns notes
     write: Callable[[Any, Path], None]
     mean: str = "rms"  #: Of many seeds, or ``mean``
@@ -114,11 +115,8 @@ def tcp(given: Given) -> int:
             replace(trial, seed=seed, read=gears and gears[0].reading("follower", gears[1]))
         )
 
-    def read(file: Path) -> TcpCalibration:
-        return calibrate_tcp_from(read_tool_measurements(file))
-
-    claims = "tcp-gears" if _elastic(given) else "tcp"
-    return carry_out(given, Means("tcp", "tool frame", claims, run, read, _tcp_notes, _write_tcp), trial)
+    claims, read = "tcp-gears" if _elastic(given) else "tcp", (read_tool_measurements, calibrate_tcp_from)
+    return carry_out(given, Means("tcp", "tool frame", claims, run, *read, _tcp_notes, _write_tcp), trial)
 
 
 @takes(
@@ -141,11 +139,11 @@ def base(given: Given) -> int:
         gears = _gears(given, seed)
         return run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
 
-    def read(file: Path) -> BasesFound:
-        return calibrate_base_from(read_base_measurements(file))
-
     claims, write = "base-gears" if _elastic(given) else "base", partial(_write_base, _pair(given))
-    return carry_out(given, Means("base", "bases", claims, run, read, _base_notes, write), trial)
+    means = Means(
+        "base", "bases", claims, run, read_base_measurements, calibrate_base_from, _base_notes, write
+    )
+    return carry_out(given, means, trial)
 
 
 @takes(
@@ -190,11 +188,9 @@ def arm(given: Given) -> int:
         gears = _gears(given, seed)
         return run_arm_calibration(replace(trial, seed=seed, gears=gears and gears[0].gears))
 
-    def read(file: Path) -> ArmsFound:
-        return calibrate_arm_from(read_tracked(file))
-
     write = partial(_write_arm, _pair(given))
-    return carry_out(given, Means("arm", "arms", "arm", run, read, _arm_notes, write), trial)
+    means = Means("arm", "arms", "arm", run, read_tracked, calibrate_arm_from, _arm_notes, write)
+    return carry_out(given, means, trial)
 
 
 def _elastic(given: Given) -> bool:
@@ -246,7 +242,7 @@ def carry_out(given: Given, means: Means, trial: object) -> int:
         many = Many(kind, means.what, f"{trial} {given.get('--arm')}", prepare, claims, means.mean, "here")
         return run_seeds(many, given, lambda _folder, _runs, outcome: outcome)
     with claimed(given, f"calibrate-{means.kind}") as folder:
-        found = means.run(first) if data is None else means.read(data)
+        found = means.run(first) if data is None else means.fit(means.read(data))
         means.write(found, folder.draft)
         claims = CALIBRATIONS[means.claims if data is None else f"{means.kind}-data"]
         title = f"{means.what}, seed {first}" if data is None else f"{means.what} from {data.name}"

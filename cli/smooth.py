@@ -235,7 +235,7 @@ def _prepare(
     else:
         feeds = feeds_on_way(points.path, placed.rows)
     speed = limits.tip_speed if feeds is None else np.minimum(feeds, limits.tip_speed)
-    hours = float((placed.chain.lengths / speed).sum()) / 3600.0
+    hours = (placed.chain.lengths / speed).sum() / 3600.0
     if hours > LONGEST_H:
         raise InputError(
             f"'{request.path}' takes at least {hours:.3g} h at its feed; a motion of more than {LONGEST_H:g} "

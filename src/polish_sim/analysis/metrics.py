@@ -143,12 +143,12 @@ def numbers(log: RunLog, name: str) -> Array:
 
 def fed(log: RunLog) -> Bools:
     """Rows of the process, shape (n,)."""
-    return log["phase"].astype(np.int8) == PROCESS
+    return log["phase"] == PROCESS
 
 
 def before_retract(log: RunLog) -> Bools:
     """Rows before the tool lifts off, shape (n,)."""
-    return log["phase"].astype(np.int8) < RETRACT
+    return log["phase"] < RETRACT
 
 
 Figures = dict[str, float | int]
@@ -324,7 +324,7 @@ def _reduce(function: Callable[[Array], np.floating], values: Array) -> float:
 
 
 def _rms(values: Array) -> float:
-    return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
+    return math.sqrt(np.mean(np.square(values))) if len(values) else math.nan
 
 
 def _share(error: Array, band: float) -> float:
@@ -336,9 +336,9 @@ def _share(error: Array, band: float) -> float:
 
 UNDER, OVER = 0.5, 1.5  #: Under- and over-polished is what lost less (more) than this many times the mean
 REMOVAL_SPREAD = (
-    *("removal_cv", "removal_cv_inside", "removal_p5", "removal_p95", "removal_max"),
-    *("under_polished_share", "over_polished_share"),
-)
+    "removal_cv", "removal_cv_inside", "removal_p5", "removal_p95", "removal_max", "under_polished_share",
+    "over_polished_share",
+)  # fmt: skip
 
 
 def measure_removal(removal: RemovalMap, pad_radius: float = 0.0) -> dict[str, float]:

@@ -92,7 +92,7 @@ def _pad_poses(
     log: RunLog, trace: Trace, origin: Array, R_base_part: Array, marks: Array
 ) -> tuple[Array, Rotation]:
     """Centre of the pad's face (k, 3) [m] and the tool's turn in the real work frame, at moments (k,) [s]."""
-    rows = np.asarray(log["time_s"], dtype=np.float64)
+    rows = log["time_s"]
     logged = Rotation.from_quat(np.asarray(log["tcp_quaternion_wxyz"], dtype=np.float64), scalar_first=True)
     R_work_base = _turned(rows, Rotation.from_matrix(R_base_part), marks).inv()
     R_work_tool = R_work_base * _turned(rows, logged, marks)

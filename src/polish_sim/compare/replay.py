@@ -51,7 +51,7 @@ def replay(scenario: Scenario, log: RobotRecording, payload: Payload) -> Replay:
     """
     dt = scenario.simulation.timestep_s
     wanted = commands_of(log)
-    t: Array = np.arange(-round(LEAD_S / dt), round(log.time[-1] / dt) + 1) * np.float64(dt)
+    t = np.arange(-round(LEAD_S / dt), round(log.time[-1] / dt) + 1) * dt
     inside = np.maximum(t, 0.0)
     q, qd = wanted(inside), wanted(inside, 1)
     # From rest to the first speed at a constant acceleration.

@@ -140,7 +140,7 @@ def work_turns(run: CellRun, task: DualTask) -> Array:
     """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3,
     3)."""
     R = carried_turns(run.log, task, task.frames.true.T_flange_work)
-    times, wanted = np.asarray(run.log["time_s"], dtype=np.float64), run.trace.time_s[run.trace.phase == 2]
+    times, wanted = run.log["time_s"], run.trace.time_s[run.trace.phase == 2]
     if len(times) < 2:
         return np.repeat(R[:1], len(wanted), axis=0)
     between = Slerp(times, Rotation.from_matrix(R))
@@ -151,7 +151,7 @@ def _at_rows(run: CellRun, values: Array) -> Array:
     """Values of the steps of the process (k, 3) at the rows of the log, zero outside it, shape (n, 3)."""
     every = np.zeros((len(run.trace.time_s), 3))
     every[run.trace.phase == 2] = values
-    rows = np.searchsorted(run.trace.time_s, np.asarray(run.log["time_s"], dtype=np.float64) - 1e-9)
+    rows = np.searchsorted(run.trace.time_s, run.log["time_s"] - 1e-9)
     return every[np.minimum(rows, len(every) - 1)]
 
 

@@ -511,7 +511,7 @@ class _Prover:
         feed = whole.feed
         proof = {
             "arm": scenario.robot.arm, "controller": scenario.controller.label,
-            "feed_m_s": scenario.process.feed_m_s if feed is None else float(feed[whole.process].max()),
+            "feed_m_s": scenario.process.feed_m_s if feed is None else feed[whole.process].max(),
             "contact_force_n": largest_force(scenario, whole),
             "seed": scenario.seed, "proof": scenario.safety.proof,
             "margin": MARGIN, "settings": settings_key(scenario), "path": path_key(task.plan.path),

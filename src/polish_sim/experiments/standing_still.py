@@ -148,7 +148,7 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
                 f"the arm did not stand still in pose {number}: a joint still moved at {speed:.2g} rad/s. "
                 "Raise payload.settle_s."
             )
-        times.append(float(log["time_s"][rows].astype(np.float64).mean()))
+        times.append(float(log["time_s"][rows].mean()))
         frames.append(log[frame][rows][-1].astype(np.float64))
         means.append(log["wrench_measured_tool"][rows].astype(np.float64).mean(axis=0))
     R_base_sensor = Rotation.from_quat(np.array(frames), scalar_first=True).as_matrix()

@@ -85,7 +85,7 @@ def remove_material(
 
 def _running(log: RunLog, motion: PadMotion, removed: Removed) -> Array:
     """Exposure summed over the part up to each row of the log [N m], shape (n,)."""
-    rows = np.asarray(log["time_s"], dtype=np.float64)
+    rows = log["time_s"]
     if not len(motion.times):
         return np.zeros(len(rows))
     # Between steps in contact nothing is gained.

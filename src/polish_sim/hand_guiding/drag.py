@@ -74,7 +74,7 @@ def drag_table(
     s = arc_length(positions)
     begin = HOLD_S + RELEASE_S + hand.before_s
     end = begin + s[-1] / drag.speed_m_s + RAMP_S
-    t: Array = np.arange(round((end + hand.after_s) / dt)) * np.float64(dt)
+    t = np.arange(round((end + hand.after_s) / dt)) * dt
     way = np.clip(_way(t - begin, s[-1] / drag.speed_m_s) * drag.speed_m_s, 0.0, s[-1])
     points = interpolate(way, s, positions)
     turned = RotationSpline(s, Rotation.from_matrix(rotations))(way)

@@ -120,7 +120,7 @@ def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
         numbers(log, "time_s")[of_case],
         np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1),
     )
-    moving = log["phase"].astype(np.int8)[of_case] == PROCESS
+    moving = log["phase"][of_case] == PROCESS
     if not moving.any():
         return np.zeros(0), np.zeros(0)
     first, last = time[moving][0], time[moving][-1]

@@ -289,24 +289,20 @@ def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
 
 
 PASS_KEYS = (
-    *(
-        "tool",
-        "grit",
-        "cycle_time_s",
-        "planned_cycle_time_s",
-        "contact_time_s",
-        "air_time_s",
-        "pieces",
-        "path_done",
-    ),
-    *(
-        "abrasive_path_m",
-        "abrasive_left",
-        "removal_cv",
-        "removal_cv_inside",
-        "force_rms_error_n",
-        "protective_stop",
-    ),
+    "tool",
+    "grit",
+    "cycle_time_s",
+    "planned_cycle_time_s",
+    "contact_time_s",
+    "air_time_s",
+    "pieces",
+    "path_done",
+    "abrasive_path_m",
+    "abrasive_left",
+    "removal_cv",
+    "removal_cv_inside",
+    "force_rms_error_n",
+    "protective_stop",
 )
 
 

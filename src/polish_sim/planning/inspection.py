@@ -82,7 +82,7 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
             "the path has no points in contact. Mark points as 'process', or give x, y, z, i, j, k."
         )
     middle = np.median(offset.heights)
-    highest, furthest = float(np.abs(offset.heights).max()), float(offset.sideways.max())
+    highest, furthest = np.abs(offset.heights).max(), offset.sideways.max()
     if highest <= OFF_PART_M and furthest <= sideways:
         if offset.outward < 0.5:
             todo = _other_unit(mesh, path) or "Turn the axes round (-i, -j, -k)."
@@ -296,7 +296,7 @@ def tool_notes(quality: Quality) -> list[str]:
     notes, lean = list[str](), np.degrees(quality.figures["max_axis_lean_rad"])
     warning = pad_in_part_warning(quality.figures)
     if warning:
-        away = 1e3 * float(quality.pad_in_part.reaches.max())
+        away = 1e3 * quality.pad_in_part.reaches.max()
         notes.append(
             f"{warning}: keep the path {away:.3g} mm further from what stands there, plan it anew with this "
             "pad, or take a smaller --pad-diameter"
