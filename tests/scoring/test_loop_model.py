@@ -191,3 +191,4 @@ def test_longest_latency_is_where_the_eigenvalues_say(scale: float) -> None:
         return growth(closed_loop_matrix(with_latency(setup, share_latency(total)), law), 0.001)
 
     assert grows(longest) <= SLOWEST < grows(longest + 0.001)
+    assert longest_latency(setup, law, totals[:3]) == math.inf

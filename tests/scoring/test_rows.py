@@ -141,6 +141,4 @@ def test_a_controller_that_grants_half_the_feed_is_seen_to_slow_down(tmp_path: P
     file.write_text("import numpy as np\n" + CONTROLLER.format(body="return np.append(target.twist, 0.5)"))
     (flat,) = choose_cases(BATTERY, ["flat-30"])
     line = replace(flat, settings=(*flat.settings, "process.max_feed_s=2"))
-    slow, full = (measure_row(Task(line, user_entry(name), 0)) for name in (f"{file}:Press", "hybrid-pi"))
-    assert full["slowed"] < 0.1  # the ramp
-    assert slow["slowed"] == pytest.approx(0.5 + 0.5 * full["slowed"], abs=0.05)
+    assert 0.5 < measure_row(Task(line, user_entry(f"{file}:Press"), 0))["slowed"] < 0.6  # and the ramp
