@@ -172,7 +172,17 @@ def test_force_mode_in_free_air_keeps_its_speed_limit_and_the_other_axes(robot: 
     assert abs(robot.actual_tcp_speed[2]) < 0.0055
 
 
-def test_a_stop_holds_the_arm_until_it_is_unlocked_and_a_far_servo_goal_is_one(robot: SimulatedRobot) -> None:
+def test_the_end_of_a_joint_s_range_and_a_far_servo_goal_are_stops(robot: SimulatedRobot) -> None:
+    robot.speedj(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0]), 20.0)
+    stand(robot, 2.5)
+    assert (robot.safety, "end of its range" in robot.stop_reason) == (PROTECTIVE, True)
+    robot.unlock()
+    robot.servoj(robot.target_q - 1.5, TICK_S, 0.03, 300.0)
+    stand(robot, 0.1)
+    assert (robot.safety, "too fast" in robot.stop_reason) == (PROTECTIVE, True)
+
+
+def test_a_stop_holds_the_arm_until_it_is_unlocked(robot: SimulatedRobot) -> None:
     robot.movel(moved(robot, 0.0, 0.1, 0.0), 0.5, 0.1, 0.0, 0.0)
     stand(robot, 0.3)
     robot.protective_stop()
@@ -184,9 +194,6 @@ def test_a_stop_holds_the_arm_until_it_is_unlocked_and_a_far_servo_goal_is_one(r
     robot.unlock()
     robot.movel(moved(robot, 0.0, 0.01, 0.0), 0.5, 0.1, 0.0, 0.0)
     go(robot, robot.move_done)
-    robot.servoj(robot.target_q + 1.5, TICK_S, 0.03, 300.0)
-    stand(robot, 0.1)
-    assert (robot.safety, "too fast" in robot.stop_reason) == (PROTECTIVE, True)
 
 
 def test_an_arm_that_hit_the_part_may_leave_it_unlocked_and_is_watched_again(

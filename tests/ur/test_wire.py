@@ -316,7 +316,9 @@ def test_bytes_that_nobody_should_send_do_no_harm(served: Served) -> None:
                 kind = int(rng.choice(list(b"VvOISPUM")))
                 data = struct.pack(">HB", 3 + len(data), kind) + data
             connection.sendall(data)
-    assert served.thread.is_alive()
+    with served.connect(RTDE) as connection:
+        connection.sendall(struct.pack(">HB", 3, ord("Z")))
+        assert connection.recv(1) == b""  # dropped
     served.until(lambda: len(served.server._clients) == 0)
     assert served.controller.claimed == {}
     connection = served.connect(DASHBOARD)
@@ -363,6 +365,11 @@ def test_a_lock_step_client_gets_the_same_bytes_twice(build: Callable[[], Simula
     assert len(heard[0]) == 1500 * (1 + 13 * 8)
     assert heard[0] == heard[1]
     assert recorded[0] == recorded[1]
+
+
+def test_taken_ports_are_named(served: Served) -> None:
+    with pytest.raises(InputError, match=f"port {DASHBOARD + served.offset} of {ADDRESS} cannot be used"):
+        Server(served.controller, ADDRESS, True, served.offset)
 
 
 def test_a_server_without_its_ports_says_so_once_and_ends(polish_sim: Tool, tmp_path: Path) -> None:
