@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.analysis.claim import Claim, shortfalls
+from polish_sim.analysis.claim import Claim, bound_text, shortfalls, value_text
 from polish_sim.analysis.metrics import measure_arc, measure_force, measure_removal, measure_surface
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.experiments.registry import claims_shown, default_scenario, experiment, experiments
@@ -50,6 +50,8 @@ def test_an_undefined_figure_meets_no_bound_and_the_worst_of_several_seeds_is_th
     for value in (None, math.nan):
         assert not Claim("x", "x", "N", high=1.0).met_by(value)
         assert Claim("x", "x", "N").met_by(value)
+    claim = Claim("x", "x", "mm", low=5e-5, high=1e-4)
+    assert (bound_text(claim), value_text(claim, math.nan)) == ("0.05 to 0.1", "-")
     assert Claim("x", "x", "%", more_is_better=True).worst_of([0.9, 0.7, 0.8]) == 0.7
     assert Claim("x", "x", "N", high=0.5).worst_of([0.1, 0.4, 0.2]) == 0.4
     assert math.isnan(Claim("x", "x", "N", high=0.5).worst_of([0.1, None]))

@@ -17,6 +17,7 @@ from polish_sim.analysis.metrics import (
     measure_arc,
     measure_force,
     measure_surface,
+    moving_average,
     rise_time,
     settling_time,
     steady_feed,
@@ -126,6 +127,7 @@ def test_settling_is_zero_without_an_error_and_undefined_when_it_ends_outside_or
     assert math.isnan(settling_time(TIME, np.full_like(TIME, math.nan), 3.0))
     assert math.isnan(settling_time(np.empty(0), np.empty(0), 3.0))
     assert math.isnan(rise_time(TIME, np.full_like(TIME, 17.9), 20.0))  # below 90 percent
+    assert moving_average(TIME[:20], TIME[:20], 0.05).size == 0  # shorter than the window
 
 
 def straight(height: float, last: float = 0.1, tilt: float = 0.0) -> ToolPath:

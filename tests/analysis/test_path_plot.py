@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -11,7 +9,7 @@ from mpl_toolkits.mplot3d import proj3d
 
 from polish_sim.analysis.inspect_plot import plot_distributions
 from polish_sim.analysis.path_plot import plot_plan
-from polish_sim.analysis.style import axis_name, depth_picture, seen_in
+from polish_sim.analysis.style import depth_picture, seen_in
 from polish_sim.config import PartConfig, PlanConfig
 from polish_sim.planning import inspect_path, plan_part
 
@@ -71,14 +69,6 @@ def test_a_side_of_the_part_is_seen_along_its_face(box, side, right):
     assert flat.get_ylabel() == "up (+z) [mm]"
 
 
-def test_a_path_without_neighbouring_turns_has_its_own_name_and_no_step_over(result, figure):
-    assert "step-over 12 mm" in figure.texts[-1].get_text()
-    alone = result.figures | {"stepover_p5_m": np.nan, "stepover_p95_m": np.nan}
-    rim = plot_plan(replace(result, figures=alone), "Once around the rim")
-    assert rim.get_suptitle().strip() == "Once around the rim on sphere_100"
-    assert "step-over" not in rim.texts[-1].get_text()
-
-
 def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result, figure):
     solid = figure.axes[0]
     corners = np.concatenate([result.mesh.vertices, result.path.positions_work]) * 1e3
@@ -88,11 +78,6 @@ def test_part_and_path_fill_the_view_in_space_and_stay_within_it(result, figure)
     assert 0.9 < share.max() <= 1.0
     assert (across.min(axis=1) >= view[:, 0]).all()
     assert (across.max(axis=1) <= view[:, 1]).all()
-
-
-def test_a_direction_is_called_by_the_part_s_axis_it_is_along():
-    for direction, name in (((0.0, 1.0, 1e-3), "+y"), ((0.6, -0.8, 0.0), "0.6, -0.8, 0")):
-        assert axis_name(np.array(direction)) == name
 
 
 def test_of_a_sphere_the_half_that_faces_the_viewer_is_seen():

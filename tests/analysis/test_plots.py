@@ -16,6 +16,7 @@ from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import RED
 from polish_sim.analysis.surface_plot import around_peaks
 from polish_sim.config import Scenario
+from polish_sim.errors import InputError
 from polish_sim.experiments.report import draw_comparison, draw_plots, draw_seeds, save_plots
 from polish_sim.log import RunLog, Trace
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, log_of, surface_trace, trace_of
@@ -142,7 +143,7 @@ def test_every_run_has_the_band_of_its_own_force_on_one_scale_under_its_controll
     assert np.ptp(first.get_ylim()) == pytest.approx(np.ptp(second.get_ylim()))
 
 
-def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each() -> None:
+def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each_but_not_with_each_other() -> None:
     (figure,) = draw_comparison([arc_record(), arc_record()]).values()
     assert len(figure.axes) == 1
     assert_labelled(figure)
@@ -151,6 +152,8 @@ def test_arcs_share_one_axis_and_force_steps_too_with_a_band_each() -> None:
     assert_labelled(figure)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"10 ± 3 N, the paper's band", "20 ± 3 N, the paper's band"} <= set(names)
+    with pytest.raises(InputError, match="arc, force"):
+        draw_comparison([arc_record(), force_record()])
 
 
 def test_a_path_without_bends_says_so_and_the_noise_of_its_curvature_stays_small() -> None:

@@ -24,15 +24,13 @@ FORCE = 20.0  # [N]
 UNFILTERED = 1e9  # corner of the low-pass [Hz]
 
 
-def press(
-    gains: PiGains, dt: float, seconds: float, receding: float = 0.0, state: PiMemory | None = None
-) -> Array:
+def press(gains: PiGains, dt: float, seconds: float, state: PiMemory | None = None) -> Array:
     """Force [N] at every step of a spring pressed by a tool whose velocity is the law's rate."""
     state = PiMemory() if state is None else state
     force, forces = 0.0, []
     for _ in range(round(seconds / dt)):
         rate = force_pi(FORCE, force, 1e9, gains, dt, state)
-        force += STIFFNESS * (rate - receding) * dt
+        force += STIFFNESS * rate * dt
         forces.append(force)
     return np.array(forces)
 
@@ -55,15 +53,6 @@ def test_a_step_of_force_follows_the_second_order_response(p: float, i: float) -
         errors.append(np.abs(forces - closed_form(t, p, i)).max())
     assert errors[1] < 0.002 * FORCE
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.1)  # first order in the step
-
-
-def test_without_the_integral_a_surface_that_recedes_leaves_its_speed_over_the_gain() -> None:
-    gains, state = PiGains(0.004, 0.012, 0.05, 10.0), PiMemory()
-    force = press(gains, 0.001, 10.0, receding=0.002, state=state)[-1]
-    assert force == pytest.approx(FORCE, abs=1e-4)
-    assert gains.i * state.integral == pytest.approx(0.002, rel=1e-4)
-    force = press(PiGains(0.004, 0.0, 0.05, 10.0), 0.001, 5.0, receding=0.002)[-1]
-    assert force == pytest.approx(FORCE - 0.002 / 0.004, abs=1e-6)
 
 
 def test_ten_seconds_in_the_air_do_not_wind_the_integral_up() -> None:
