@@ -70,22 +70,16 @@ def test_a_written_log_reads_back_the_same_without_pickle_and_cannot_be_changed(
             held["time_s"][0] = 1.0  # type: ignore[index]
 
 
-def test_a_file_of_other_arrays_is_told_what_it_lacks(rows: np.ndarray, tmp_path: Path) -> None:
+def test_a_file_of_other_arrays_is_told_what_it_lacks_and_objects_in_it_are_not_run(
+    rows: np.ndarray, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=r"log\.npz"):
+        read_log(tmp_path / "log.npz")
     columns = dict(from_rows(rows % 100).columns)
     del columns["phase"], columns["q_rad"]
     write_log(tmp_path / "log.npz", RunLog(columns))
     with pytest.raises(InputError, match="q_rad, phase"):
         read_log(tmp_path / "log.npz")
-
-
-@pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 cut", "objects"])
-def test_a_missing_or_foreign_log_is_named_and_objects_in_it_are_not_run(
-    tmp_path: Path, content: bytes | str | None
-) -> None:
-    path = tmp_path / "log.npz"
-    if isinstance(content, bytes):
-        path.write_bytes(content)
-    elif content == "objects":
-        np.savez(path, time_s=np.array([{"a": 1}], dtype=object))
+    np.savez(tmp_path / "log.npz", time_s=np.array([{"a": 1}], dtype=object))
     with pytest.raises(InputError, match=r"log\.npz"):
-        read_log(path)
+        read_log(tmp_path / "log.npz")

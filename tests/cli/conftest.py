@@ -86,6 +86,14 @@ class Call(NamedTuple):
     err: str
 
 
+def assert_refused(call: Call, said: str, *there: str) -> None:
+    """One error with code 2 that says something; the current folder holds nothing but what was there."""
+    assert (call.code, call.out) == (2, ""), call.err
+    (error,) = [line for line in call.err.splitlines() if line.startswith("error: ")]
+    assert said in error
+    assert {path.name for path in Path().iterdir()} == set(there)
+
+
 @pytest.fixture
 def polish_sim(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

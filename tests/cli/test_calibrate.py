@@ -14,7 +14,7 @@ from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.config import Scenario
 from polish_sim.scenario_file import load_scenario
-from tests.cli.conftest import Tool, metrics_of, undrawn
+from tests.cli.conftest import Tool, assert_refused, metrics_of, undrawn
 
 
 @pytest.fixture(scope="module")
@@ -85,10 +85,7 @@ def test_readings_that_follow_no_weight_are_refused(
         for row, read in zip(given[1:], rows[1:], strict=True):
             row[to] = str(scale * float(read[of]))
     (tmp_path / "bad.csv").write_text("\n".join(map(",".join, given)) + "\n", encoding="utf-8")
-    code, out, err = polish_sim("calibrate", "payload", "--data", "bad.csv", "--out", "no")
-    assert (code, out) == (2, "")
-    assert said in err.replace("\n", " ")
-    assert not (tmp_path / "no").exists()
+    assert_refused(polish_sim("calibrate", "payload", "--data", "bad.csv"), said, "bad.csv", "one")
 
 
 def test_a_touched_reading_is_named_and_too_noisy_a_sensor_falls_short(

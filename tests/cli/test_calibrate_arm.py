@@ -11,7 +11,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.dual.calibration.arm import read_arm_calibration, read_tracked
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import Tool, assert_refused, metrics_of
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,4 @@ def test_what_cannot_be_arms_is_refused(polish_sim: Tool, tmp_path: Path, tracke
         ([tracked[0].replace("x_mm", "x_m"), *tracked[1:]], "mixes units"),
     ):
         (tmp_path / "poses.csv").write_text("\n".join(lines))
-        code, _, err = polish_sim("calibrate", "arm", "--data", "poses.csv", "--out", "out")
-        assert code == 2, said
-        assert said in err
-        assert not (tmp_path / "out").exists()
+        assert_refused(polish_sim("calibrate", "arm", "--data", "poses.csv"), said, "poses.csv")

@@ -18,8 +18,9 @@ from polish_sim.dual.calibration.bases import read_base_calibration
 from polish_sim.dual.calibration.circle import fit_circle
 from polish_sim.dual.calibration.tool import read_tool_calibration
 from polish_sim.errors import InputError
-from tests.cli.conftest import Tool, metrics_of
+from tests.cli.conftest import Tool, assert_refused, metrics_of
 
+Rows = list[list[str]]
 PAIR = 'cell "7" \\ left'
 FILES = {"calibration.toml", "residuals.csv", "metrics.json"}
 
@@ -35,15 +36,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def files(made: Path) -> dict[str, list[list[str]]]:
+def files(made: Path) -> dict[str, Rows]:
     """Good files of measurements, to be spoilt."""
     texts = {folder.name: (folder / "residuals.csv").read_text(encoding="utf-8") for folder in made.iterdir()}
     return {name: [line.split(",") for line in text.splitlines()] for name, text in texts.items()}
 
 
-def write(file: Path, rows: list[list[str]]) -> Path:
+def write(file: Path, rows: Rows) -> None:
     file.write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
-    return file
 
 
 def test_a_tool_frame_leaves_its_files_and_they_read_back(
@@ -68,6 +68,7 @@ def test_bases_leave_their_files_and_they_read_back(made: Path, polish_sim: Tool
     assert {path.name for path in one.iterdir()} == {*FILES, "bases.png"}
     figures = metrics_of(one)
     assert {"origin_error_m", "axis_error_rad"} <= figures.keys()
+    assert (figures["gap_m"] < 1e-4, figures["axes_meet"]) == (True, True)
     found = read_base_calibration(one / "calibration.toml", PAIR)
     np.testing.assert_allclose(found.T_master_follower, figures["transform"], atol=1e-15)
     assert polish_sim("calibrate", "base", "--data", one / "residuals.csv", "--out", "two").code == 0
@@ -85,75 +86,88 @@ def test_a_calibration_of_another_thing_is_refused(made: Path, polish_sim: Tool)
     assert "is not the calibration of a payload" in err
 
 
-def changed(
-    rows: list[list[str]], line: int, column: str, scale: float, shift: float = 0.0
-) -> list[list[str]]:
+def changed(rows: Rows, line: int, columns: str, scale: float, shift: float = 0.0) -> Rows:
+    """Numbers of one line in other units, or moved."""
     rows = [list(row) for row in rows]
-    k = rows[0].index(column)
-    rows[line][k] = str(scale * float(rows[line][k]) + shift)
+    for k in map(rows[0].index, columns.split()):
+        rows[line][k] = str(scale * float(rows[line][k]) + shift)
     return rows
 
 
-def renamed(rows: list[list[str]], **names: str) -> list[list[str]]:
+def renamed(rows: Rows, **names: str) -> Rows:
     return [[names.get(name, name) for name in rows[0]], *rows[1:]]
 
 
-def scaled(rows: list[list[str]], scale: float) -> list[list[str]]:
-    """Every length in another unit than the header says."""
-    for name in ("x_mm", "y_mm", "z_mm"):
-        for line in range(1, len(rows)):
-            rows = changed(rows, line, name, scale)
-    return rows
+def without(rows: Rows, *cells: str) -> Rows:
+    return [row for row in rows if not set(cells) & set(row[:2])]
 
 
-def exchanged(row: list[str]) -> list[str]:
-    """The arc of axis 2 taken for the other robot's."""
-    return [{"master": "follower", "follower": "master"}[row[0]], *row[1:]] if row[1] == "2" else row
+def shifted(rows: Rows) -> Rows:
+    """Positions of the next line; the last two lines keep the order of the kinds."""
+    moved = rows[3:] + rows[1:3]
+    return [rows[0], *([*row[:5], *other[5:9], *row[9:]] for row, other in zip(moved, rows[1:], strict=True))]
 
 
-BAD: list[tuple[str, Callable[[list[list[str]]], list[list[str]]], str]] = [
+def exchanged(rows: Rows) -> Rows:
+    """The arcs of axis 2 each taken for the other robot's."""
+    other = {"master": "follower", "follower": "master"}
+    return [[other[row[0]], *row[1:]] if row[1] == "2" else row for row in rows]
+
+
+METRES = {"x_mm": "x_m", "y_mm": "y_m", "z_mm": "z_m"}
+BAD: list[tuple[str, Callable[[Rows], Rows], str]] = [
     ("tcp", lambda r: renamed(r, x_mm="y_mm", y_mm="x_mm"), "columns are swapped"),
     ("tcp", lambda r: renamed(r, qx="qy", qy="qx"), "as qw, qy, qx, qz: columns are swapped"),
-    ("tcp", lambda r: renamed(r, qw="qx", qx="qy", qy="qz", qz="qw"), "columns are swapped"),
     ("tcp", lambda r: renamed(r, x_mm="x_m"), "mixes units"),
     ("tcp", lambda r: renamed(r, z_mm="height"), "lacks the column z_mm"),
-    ("tcp", lambda r: [*r[:4], *scaled(r, 1e-3)[4:5], *r[5:]], "line 5"),
+    ("tcp", lambda r: renamed(r, **METRES), "Are these numbers in m, as the header"),
+    ("tcp", lambda r: changed(r, 4, "x_mm y_mm z_mm", 1e-3), "line 5"),
     ("tcp", lambda r: changed(r, 2, "qw", 1.0, 0.5), "are not a unit quaternion"),
-    ("tcp", lambda r: [row for row in r if row[1] != "in_xz"], "0 lines of the kind 'in_xz'"),
-    (
-        "tcp",
-        lambda r: [r[0], *[[*x[:5], *r[k][5:9], *x[9:]] for k, x in enumerate(r[3:] + r[1:3], 1)]],
-        "no tip fits",
-    ),
-    (
-        "tcp",
-        lambda r: [r[0], *[[*x[:6], *(str(-float(v)) for v in x[6:9]), *x[9:]] for x in r[1:]]],
-        "turned round",
-    ),
-    (
-        "tcp",
-        lambda r: renamed(r, x_mm="x_m", y_mm="y_m", z_mm="z_m"),
-        "Are these numbers in m, as the header",
-    ),
+    ("tcp", lambda r: without(r, "in_xz"), "0 lines of the kind 'in_xz'"),
+    ("tcp", shifted, "no tip fits"),
     ("tcp", lambda r: [[";".join(row)] for row in r], "the columns are separated by semicolons"),
-    ("base", lambda r: renamed(r, x_mm="x_m", y_mm="y_m", z_mm="z_m"), "Wrong unit, or joints not at zero?"),
-    ("base", lambda r: [r[0], *(["follower", *x[1:]] for x in r[1:] if x[0] == "master")], "of the master"),
-    ("base", lambda r: [exchanged(row) for row in r], "the master: axes 1 and 2 miss each other by"),
-    ("base", lambda r: [row for row in r if row[0] != "follower"], "no measurement of the follower"),
-    ("base", lambda r: [row for row in r if row[1] != "2"], "no arc of axis 2 of the master"),
+    ("base", lambda r: renamed(r, **METRES), "Wrong unit, or joints not at zero?"),
+    ("base", exchanged, "the master: axes 1 and 2 miss each other by"),
+    ("base", lambda r: without(r, "follower"), "no measurement of the follower"),
+    ("base", lambda r: without(r, "2"), "no arc of axis 2 of the master"),
 ]
 
 
 @pytest.mark.parametrize(("name", "spoil", "said"), BAD)
 def test_bad_files_are_one_message_and_nothing_is_written(
-    name: str, spoil: Any, said: str, files: dict[str, list[list[str]]], polish_sim: Tool, tmp_path: Path
+    name: str, spoil: Callable[[Rows], Rows], said: str, files: dict[str, Rows], polish_sim: Tool
 ) -> None:
-    write(tmp_path / "bad.csv", spoil(files[name]))
-    code, out, err = polish_sim("calibrate", name, "--data", "bad.csv")
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ")
-    assert said in err.replace("\n", " ")
-    assert not (tmp_path / "results").exists()
+    write(Path("bad.csv"), spoil(files[name]))
+    assert_refused(polish_sim("calibrate", name, "--data", "bad.csv"), said, "bad.csv")
+
+
+def test_rotation_vectors_in_degrees_are_refused(files: dict[str, Rows], polish_sim: Tool) -> None:
+    header, *rows = files["tcp"]
+    first = header.index("qw")
+    q = np.array([row[first : first + 4] for row in rows], dtype=float)
+    vectors = Rotation.from_quat(q, scalar_first=True).as_rotvec()
+    for scale, code in ((1.0, 0), (180.0 / np.pi, 2)):
+        turns = (scale * vectors).astype(str).tolist()
+        given = [[*row[:first], *turn] for row, turn in zip(rows, turns, strict=True)]
+        write(Path("turns.csv"), [[*header[:first], "rx_rad", "ry_rad", "rz_rad"], *given])
+        call = polish_sim("calibrate", "tcp", "--data", "turns.csv", "--out", f"out{code}")
+        assert call.code == code
+    assert "Are they degrees?" in call.err
+
+
+def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: dict[str, Rows], polish_sim: Tool) -> None:
+    """The second arc of the master, 1 mm to the side of where its axes would meet."""
+    rows, arcs = files["base"], [["master", "1"], ["master", "2"]]
+    points = [np.array([row[2:5] for row in rows if row[:2] == arc], dtype=float) for arc in arcs]
+    aside = np.cross(*(fit_circle(arc).axis for arc in points))
+    moved = (points[1] + aside / np.linalg.norm(aside)).astype(str).tolist()
+    rows = [[*row[:2], *moved.pop(0), *row[5:]] if row[:2] == arcs[1] else row for row in rows]
+    write(Path("moved.csv"), rows)
+    call = polish_sim("calibrate", "base", "--data", "moved.csv", "--out", "moved", "--check")
+    assert call.code == 1
+    assert "the master miss each other" in call.err
+    assert metrics_of(Path("moved"))["gap_m"] == pytest.approx(1e-3, abs=1e-4)
+    assert metrics_of(Path("moved"))["axes_meet"] is False
 
 
 @pytest.mark.parametrize(
@@ -167,82 +181,3 @@ def test_a_measurement_off_by_two_millimetres_is_named(
     assert code == 0
     assert f"{said} does not fit the others and was left out" in err
     assert metrics_of(tmp_path / "two")["outliers"] == [said]
-
-
-def test_rotation_vectors_in_degrees_are_refused(files: Any, polish_sim: Tool, tmp_path: Path) -> None:
-    header, *rows = files["tcp"]
-    first = header.index("qw")
-    q = np.array([[float(v) for v in row[first : first + 4]] for row in rows])
-    vectors = Rotation.from_quat(q, scalar_first=True).as_rotvec()
-    for scale, code in ((1.0, 0), (180.0 / np.pi, 2)):
-        turns = (scale * vectors).astype(str).tolist()
-        given = [[*row[:first], *turn] for row, turn in zip(rows, turns, strict=True)]
-        write(tmp_path / "turns.csv", [[*header[:first], "rx_rad", "ry_rad", "rz_rad"], *given])
-        call = polish_sim("calibrate", "tcp", "--data", "turns.csv", "--out", f"out{code}")
-        assert call.code == code
-    assert "Are they degrees?" in call.err
-
-
-def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: Any, polish_sim: Tool, tmp_path: Path) -> None:
-    """The second arc of the master, 1 mm to the side of where its axes would meet."""
-    found = calibrated(polish_sim, tmp_path, "as_is", files["base"])
-    assert found["gap_m"] < 1e-4
-    assert found["axes_meet"] is True
-    axis = np.cross(*(fit_circle(arc_of(files["base"], k)).axis for k in ("1", "2")))
-    axis /= np.linalg.norm(axis)
-    moved = [
-        [*row[:2], *(str(float(v) + d) for v, d in zip(row[2:5], axis, strict=True)), *row[5:]]
-        if row[:2] == ["master", "2"]
-        else row
-        for row in files["base"]
-    ]
-    found = calibrated(polish_sim, tmp_path, "moved", moved, code=1)
-    assert found["gap_m"] == pytest.approx(1e-3, abs=1e-4)
-    assert found["axes_meet"] is False
-
-
-def arc_of(rows: list[list[str]], axis: str) -> Any:
-    return np.array([[float(v) for v in row[2:5]] for row in rows if row[:2] == ["master", axis]])
-
-
-def calibrated(
-    polish_sim: Tool, folder: Path, name: str, rows: list[list[str]], code: int = 0
-) -> dict[str, Any]:
-    """Figures of a calibration of bases from rows, with --check."""
-    write(folder / f"{name}.csv", rows)
-    call = polish_sim("calibrate", "base", "--data", f"{name}.csv", "--out", name, "--check")
-    assert call.code == code
-    assert ("the master miss each other" in call.err) == (code == 1)
-    return metrics_of(folder / name)
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("tcp", "--poses", "3"), "--poses 3 is outside 4 to 100000"),
-        (("tcp", "--cone", "1"), "--cone 1 is outside 3 to 90 deg"),
-        (("tcp", "--data", "gone.csv"), "cannot read the flange poses 'gone.csv'"),
-        (("tcp", "--data", "gone.csv", "--cell-tool"), "--cell-tool would change nothing with --data"),
-        (("tcp", "--arm", "ur10"), "unknown --arm 'ur10'. Did you mean 'ur10e'?"),
-        (("tcp", "--data", "folder.csv"), "Is a directory"),
-        (("tcp", "--data", "empty.csv"), "holds no"),
-        (("tcp", "--data", "binary.csv"), "is not a text file"),
-        (("base", "--points", "5"), "--points 5 is outside 6 to 100000"),
-        (("arm", "--poses", "19"), "--poses 19 is outside 20 to"),
-        (("arm", "--data", "gone.csv"), "cannot read the measurements 'gone.csv'"),
-        (("arm", "--data", "gone.csv", "--seed", "1"), "--seed would change nothing with --data"),
-        (("budget", "--draws", "29"), "--draws 29 is outside 30 to 100000"),
-        (("budget", "--touch-noise", "nan"), "--touch-noise nan is outside 0 to 10 mm"),
-        (("budget", "--tracker-noise", "0", "--touch-noise", "0"), "leaves no error to share out"),
-    ],
-)
-def test_options_that_cannot_be_are_one_message(
-    words: tuple[str, ...], said: str, polish_sim: Tool, tmp_path: Path
-) -> None:
-    (tmp_path / "folder.csv").mkdir()
-    (tmp_path / "empty.csv").touch()
-    (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
-    code, out, err = polish_sim("calibrate", *words)
-    assert (code, out) == (2, "")
-    assert said in err.replace("\n", " ")
-    assert not (tmp_path / "results").exists()

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from tests.cli.conftest import UNPROVEN, Tool
-from tests.kept import plate_file
+from tests.cli.conftest import Tool, assert_refused, metrics_of
 
 FILES = ["coverage.ply", "coverage.png", "metrics.json", "spacing.png"]
 KEYS = {
@@ -40,7 +38,7 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: 
     assert sorted(file.name for file in Path("seen").iterdir()) == FILES
     assert out.rstrip().endswith("folder: seen")
     assert "step-over taken from the path: 10 mm" in err
-    metrics = json.loads(Path("seen/metrics.json").read_text())
+    metrics = metrics_of(Path("seen"))
     assert set(metrics) >= KEYS
     assert metrics["coverage_stepover"] == 1.0
     # The mesh opens elsewhere and carries the time under the pad.
@@ -53,22 +51,11 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: 
     assert exposure[inner].mean() == pytest.approx(np.pi * 25.0**2 / (10.0 * 10.0), rel=0.02)
 
 
-def test_a_plan_folder_knows_its_part_and_step_over(polish_sim: Tool) -> None:
-    words = ("--up", "z", "--stepover", "20", *UNPROVEN, "--out", "plan")
-    assert polish_sim("plan", plate_file(), *words)[0] == 0
-    code, _, err = polish_sim("inspect", "plan", "--out", "seen")
-    assert code == 0
-    assert "step-over taken from the path" not in err
-    planned, seen = (json.loads(Path(name, "metrics.json").read_text()) for name in ("plan", "seen"))
-    for key in ("coverage_stepover", "stepover_mean_m", "self_crossings", "path_length_m"):
-        assert seen[key] == pytest.approx(planned[key], rel=1e-9)
-
-
 def test_options_reach_the_figures(polish_sim: Tool) -> None:
     write_raster(Path("raster.csv"))
     words = ("--stepover", "12", "--pad-diameter", "30", "--feed", "20")
     assert polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", "seen")[0] == 0
-    metrics = json.loads(Path("seen/metrics.json").read_text())
+    metrics = metrics_of(Path("seen"))
     assert metrics["stepover_expected_m"] == pytest.approx(0.012)
     assert metrics["overlap"] == pytest.approx(1.0 - 10.0 / 30.0)
     assert metrics["time_in_contact_s"] == pytest.approx(4190.0 / 20.0)
@@ -79,7 +66,7 @@ def test_options_reach_the_figures(polish_sim: Tool) -> None:
     assert (
         polish_sim("inspect", "raster.csv", "--part", "plate", "--config", "mine.toml", "--out", "8")[0] == 0
     )
-    assert json.loads(Path("8/metrics.json").read_text())["stepover_expected_m"] == 0.008
+    assert metrics_of(Path("8"))["stepover_expected_m"] == 0.008
 
 
 BAD = {
@@ -96,8 +83,4 @@ def test_a_bad_request_is_one_message_and_nothing_is_written(polish_sim: Tool, c
     write_raster(Path("raster.csv"))
     write_raster(Path("deep.csv"), 16.0)
     words, message = BAD[case]
-    code, _, err = polish_sim("inspect", *words)
-    assert code == 2
-    assert message in err
-    assert "Traceback" not in err
-    assert not Path("results").exists()
+    assert_refused(polish_sim("inspect", *words), message, "raster.csv", "deep.csv")

@@ -16,7 +16,7 @@ from polish_sim.cli import film, run
 from polish_sim.cli.film import CELL, FRAMES_PER_S, PAD
 from polish_sim.experiments.registry import PATH_OPTIONS
 from polish_sim.log import read_log
-from tests.cli.conftest import PROGRAM, UNPROVEN, Tool
+from tests.cli.conftest import PROGRAM, UNPROVEN, Tool, metrics_of
 from tests.kept import plate_file
 
 QUICK = ["--set", "process.max_feed_s=1.0"]
@@ -76,7 +76,7 @@ def test_every_option_of_a_path_reaches_the_plan_and_a_dry_run_that_writes_nothi
     assert plan["start"] == pytest.approx([0.0, 0.0, 0.025])
     assert plan["axis_smoothing_m"] == pytest.approx(0.015)
     assert plan["edge_margin_m"] == pytest.approx(0.003)
-    figures = json.loads(Path("plan/metrics.json").read_text())
+    figures = metrics_of(Path("plan"))
     assert figures["air_length_m"] >= 0.06
     assert figures["axis_deviation_max_rad"] <= 0.034907
 
@@ -116,7 +116,7 @@ def test_a_run_that_stops_short_keeps_its_plan_reports_coverage_and_fails_the_ch
     code, _, err = polish_sim("run", "surface", *words, "--check", "--out", "run")
     assert code == 1, err
     assert {"path.csv", "path.json", "path.png", "force.png"} <= {f.name for f in Path("run").iterdir()}
-    figures = json.loads((tmp_path / "run/metrics.json").read_text())
+    figures = metrics_of(Path("run"))
     assert 0.0 < figures["coverage"] <= 1.0
     assert figures["path_done"] < 1.0
 

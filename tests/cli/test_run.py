@@ -121,19 +121,6 @@ def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool, tmp_pa
     assert metrics_of(tmp_path / "full")[same] == metrics_of(tmp_path / "coarse")[same]
 
 
-def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Tool, tmp_path: Path) -> None:
-    seeds = ("--seed", "5", "--seeds", "2", "--on", "here", "--check", "--out", "two")
-    code, out, err = polish_sim(*FORCE, *seeds)
-    assert code == 0, err
-    assert "worst seed" in out
-    figures = metrics_of(tmp_path / "two")
-    assert figures["seeds"] == [5, 6]
-    times = [metrics_of(tmp_path / "two" / f"seed-000{seed}")["settling_time_3n_s"] for seed in (5, 6)]
-    assert times[0] != times[1]
-    assert figures["worst"]["settling_time_3n_s"] == max(times)
-    assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)
-
-
 @pytest.mark.pictures
 def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool, tmp_path: Path) -> None:
     for name, controller in (("a", "hybrid-pi"), ("b", "hybrid-pi-position")):

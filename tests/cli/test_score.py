@@ -56,31 +56,6 @@ def test_two_controllers_side_by_side_leave_table_markdown_json_and_figure(
     assert (tmp_path / "s/rows.jsonl").read_text() == lines
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["--controller", "hybrid-pie"], "Did you mean 'hybrid-pi'?"),
-        (["--against", "none.py:X"], "'none.py' does not exist"),
-        (["--case", "step-11"], "Did you mean 'step-10'? Known: "),
-        (["--set", "controller.fore_p=1"], "unknown key 'controller.fore_p'"),
-        (["--against", "hybrid-pi"], "compared with itself"),
-        (["--ablate"], "--ablate leaves out laws of 'hybrid-adaptive'"),
-        (["--ablate", "--against", "position"], "leave --against out"),
-        (["--out", "full"], "is not a score"),
-    ],
-)
-def test_what_cannot_be_scored_is_one_line_and_writes_nothing(
-    polish_sim: Tool, tmp_path: Path, words: list[str], told: str
-) -> None:
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full/thesis.tex").touch()
-    code, out, err = polish_sim("score", *words)
-    assert (code, out) == (2, "")
-    assert told in err.replace("\n", " ")
-    assert err.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["full"]
-
-
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_score_goes_on_after_ctrl_c_or_a_kill_and_gives_the_rows_of_one_that_was_not_ended(
     polish_sim: Tool, tmp_path: Path

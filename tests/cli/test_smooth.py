@@ -11,7 +11,7 @@ import pytest
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.motion.rules.limits import SmoothingLimits, load_limits
-from tests.cli.conftest import Tool, metrics_of, undrawn
+from tests.cli.conftest import Tool, assert_refused, metrics_of, undrawn
 
 HEAD = "x,y,z,i,j,k\n"
 ZIGZAG = HEAD + "0,0,20,0,0,1\n30,0,20,0,0,1\n40,20,20,0,0.1,0.994987437\n40,20,20,0,0,1\n10,30,20,0,0,1\n"
@@ -145,12 +145,8 @@ def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Tool, case: str
     Path("zero.toml").write_text(LIMITS.format("50", "jerk_mm_s3 = 0"))
     Path("inf.toml").write_text(LIMITS.format("inf", "jerk_mm_s3 = 10000"))
     Path("short.toml").write_text(LIMITS.format("50", ""))
-    before = sorted(Path().iterdir())
-    code, out, err = polish_sim("smooth", "path.csv", *words.split(), "--out", "out")
-    assert (code, out) == (2, "")
-    (error,) = [line for line in err.splitlines() if line.startswith("error: ")]
-    assert message in error
-    assert sorted(Path().iterdir()) == before
+    there = [file.name for file in Path().iterdir()]
+    assert_refused(polish_sim("smooth", "path.csv", *words.split(), "--out", "out"), message, *there)
 
 
 @pytest.mark.pictures

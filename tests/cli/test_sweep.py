@@ -69,28 +69,6 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool,
     assert "hello" not in done.out + more.out
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("sweep", "ark"), "Did you mean 'arc'?"),
-        (("sweep", "arc", "--vary", "controller.own.gain=0.1"), "is for an own controller"),
-        (("sweep", "arc", "--vary", "controller.name=hybrid-pi,hybrid-p"), "Did you mean 'hybrid-pi'?"),
-        (("sweep", "arc", "--on", "locl"), "unknown engine 'locl'"),
-        (("sweep", "nowhere/study.toml"), "cannot read the study"),
-        (("sweep", "arc", "--out", "other"), "holds something that is not a sweep"),
-    ],
-)
-def test_what_is_no_sweep_is_one_line_and_writes_nothing(
-    polish_sim: Tool, tmp_path: Path, words: tuple[str, ...], told: str
-) -> None:
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "notes.txt").touch()
-    call = polish_sim(*words, *SHORT)
-    assert (call.code, call.err.count("\n")) == (2, 1)
-    assert told in call.err
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["notes.txt", "other"]
-
-
 def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(
     polish_sim: Tool, tmp_path: Path
 ) -> None:

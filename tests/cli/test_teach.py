@@ -40,26 +40,6 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: T
     assert len(np.load("out/log.npz")["time_s"]) > 100
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--mode", "float"), "Known: assist, classical, gravity, inertia, none"),
-        (("--direction", "z"), "unknown direction 'z'. Known: x, y"),
-        (("--dry-run",), "--dry-run would change nothing in 'run teach'"),
-        (("--follow", "gone.csv"), "gone.csv"),
-        (("--follow", "rim", "--duration", "1"), "leave --duration out."),
-        (("--set", "robot.real.encoder_rad=4.8e-5"), "too coarse for --mode assist"),
-        (("--set", "guide.model_file=gone.xml"), "'gone.xml' is not a robot's MJCF"),
-    ],
-)
-def test_bad_input_is_one_message_and_nothing_written(
-    polish_sim: Tool, words: tuple[str, ...], said: str
-) -> None:
-    code, _, err = polish_sim("run", "teach", *words, "--out", "out")
-    assert (code, Path("out").exists()) == (2, False)
-    assert said in " ".join(err.split())
-
-
 @pytest.mark.pictures
 def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
     """From the hand to the polished part: taught.csv of one run is the path of the next."""

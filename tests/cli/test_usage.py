@@ -10,7 +10,7 @@ from polish_sim import __version__
 from polish_sim.cell import FAULTS
 from polish_sim.cli.catalogue import KINDS
 from polish_sim.cli.main import commands
-from tests.cli.conftest import Tool
+from tests.cli.conftest import Tool, assert_refused
 
 COMMANDS = sorted(info.name for info in commands.registered_commands if info.name)
 FLANGED = "--set head.flange.bandwidth_hz=20 --set controller.name=position"
@@ -62,6 +62,34 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("run force --out .", "the output folder '.' exists"),
         ("run dual --region faces:gone.txt", "gone.txt: cannot be read"),
         (f"run dual {FLANGED}", "leave it out of 'dual'"),
+        ("run dual --master-path way.csv --master-turn 3", "leave --master-turn out"),
+        ("plan plate --master-turn 5", "--master-turn is for two robots: give --dual as well"),
+        ("run surface --standoff 5", "--standoff would change nothing in 'run surface'"),
+        ("run surface --fault master-stop@1", "it is one of 'run dual'"),
+        ("run teach --mode float", "Known: assist, classical, gravity, inertia, none"),
+        ("run teach --direction z", "unknown direction 'z'. Known: x, y"),
+        ("run teach --dry-run", "--dry-run would change nothing in 'run teach'"),
+        ("run teach --follow rim --duration 1", "leave --duration out."),
+        ("score --case step-11", "Did you mean 'step-10'? Known: "),
+        ("score --set controller.fore_p=1", "unknown key 'controller.fore_p'"),
+        ("score --against hybrid-pi", "compared with itself"),
+        ("score --ablate", "--ablate leaves out laws of 'hybrid-adaptive'"),
+        ("score --ablate --against position", "leave --against out"),
+        ("sweep arc --vary controller.own.gain=0.1", "is for an own controller"),
+        ("sweep arc --vary controller.name=hybrid-pi,hybrid-p", "Did you mean 'hybrid-pi'?"),
+        ("sweep arc --on locl", "unknown engine 'locl'"),
+        ("sweep nowhere/study.toml", "cannot read the study"),
+        ("identify --periods 0", "at least one whole period"),
+        ("identify --period 5", "--period belongs to --data"),
+        ("identify --data none.csv --task line.csv", "--task would change nothing with --data"),
+        ("identify --model robot.xml", "--model belongs to --data or --report"),
+        ("identify --report --model none.xml", "cannot read the robot model 'none.xml'"),
+        ("identify --report --data log.csv --seed 3", "--seed, --data would change nothing with"),
+        ("identify --payload 9", "--payload 9: wanted 0 to 3 kg"),
+        ("identify --joints a", "--joints belongs to --model"),
+        ("identify --arm ur5e --data log.npz --model a.xml", "both name the robot"),
+        ("identify --run a --data log.npz", "--run belongs to --arm"),
+        ("identify --set head.mass_kg=1", "would change nothing in 'identify'"),
         (f"serve {FLANGED}", "leave it out of 'serve'"),
         (f"plan plate {FLANGED} --export urscript", "leave it out of '--export urscript'"),
         ("plan freeforme", "Did you mean 'freeform'? Shipped: "),
@@ -75,19 +103,27 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("calibrate", "Missing command. Known: arm, base, budget, payload, tcp."),
         ("calibrate tpc", "Known: arm, base, budget, payload, tcp."),
         ("calibrate payload --poses 3", "--poses 3 is outside 4 to 500"),
+        ("calibrate tcp --cone 1", "--cone 1 is outside 3 to 90 deg"),
+        ("calibrate tcp --arm ur10", "unknown --arm 'ur10'. Did you mean 'ur10e'?"),
+        ("calibrate tcp --data gone.csv", "cannot read the flange poses 'gone.csv'"),
+        ("calibrate tcp --data gone.csv --cell-tool", "--cell-tool would change nothing with --data"),
+        ("calibrate base --points 5", "--points 5 is outside 6 to 100000"),
+        ("calibrate arm --poses 19", "--poses 19 is outside 20 to"),
+        ("calibrate arm --data gone.csv", "cannot read the measurements 'gone.csv'"),
+        ("calibrate arm --data gone.csv --seed 1", "--seed would change nothing with --data"),
+        ("calibrate budget --draws 29", "--draws 29 is outside 30 to 100000"),
+        ("calibrate budget --touch-noise nan", "--touch-noise nan is outside 0 to 10 mm"),
+        ("calibrate budget --tracker-noise 0 --touch-noise 0", "leaves no error to share out"),
         ("calibrate payload --data gone.csv", "cannot read the readings 'gone.csv'"),
         ("calibrate payload --data gone.csv --poses 9", "--poses would change nothing with --data"),
     ],
 )
 def test_wrong_words_are_one_line_with_code_2_before_any_work_and_nothing_is_written(
-    polish_sim: Tool, tmp_path: Path, words: str, said: str
+    polish_sim: Tool, words: str, said: str
 ) -> None:
-    code, out, err = polish_sim(*words.split())
-    assert (code, out) == (2, "")
-    assert err.startswith("error: ")
-    assert said in err
-    assert err.count("\n") == 1  # no stage was begun
-    assert list(tmp_path.iterdir()) == []
+    call = polish_sim(*words.split())
+    assert_refused(call, said)
+    assert call.err.count("\n") == 1  # no stage was begun
 
 
 @pytest.mark.parametrize(
@@ -95,6 +131,12 @@ def test_wrong_words_are_one_line_with_code_2_before_any_work_and_nothing_is_wri
     [
         ("run surface --part gone.stl", "gone.stl"),
         ("run surface --region bottom", "bottom"),
+        ("identify --data none.csv", "cannot read the samples 'none.csv'"),
+        ("identify --payload-data none.csv", "cannot read the samples 'none.csv'"),
+        ("run teach --follow gone.csv", "gone.csv"),
+        ("run teach --set robot.real.encoder_rad=4.8e-5", "too coarse for --mode assist"),
+        ("run teach --set guide.model_file=gone.xml", "'gone.xml' is not a robot's MJCF"),
+        ("run dual --master-path gone.csv", "cannot read the poses 'gone.csv'"),
         ("calibrate payload --set sensor.force_range_n=5", "is at the end of its range in pose 1"),
         (
             "calibrate payload --set payload.average_s=0.01 --set simulation.log_rate_hz=2",
@@ -103,22 +145,32 @@ def test_wrong_words_are_one_line_with_code_2_before_any_work_and_nothing_is_wri
     ],
 )
 def test_what_only_the_work_shows_to_be_wrong_is_one_error_and_nothing_is_written(
+    polish_sim: Tool, words: str, said: str
+) -> None:
+    assert_refused(polish_sim(*words.split()), said)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("run force --config mine.toml", "'sensor.force_noise_n' = -1.0 is outside 0 to 20"),
+        ("calibrate tcp --data .", "Is a directory"),
+        ("calibrate tcp --data empty.csv", "holds no"),
+        ("calibrate tcp --data binary.csv", "is not a text file"),
+        ("sweep arc --out other", "holds something that is not a sweep"),
+        ("score --out other", "is not a score"),
+    ],
+)
+def test_a_file_or_folder_of_something_else_is_named_and_left_alone(
     polish_sim: Tool, tmp_path: Path, words: str, said: str
 ) -> None:
-    code, out, err = polish_sim(*words.split())
-    assert (code, out) == (2, "")
-    (error,) = [line for line in err.splitlines() if line.startswith("error: ")]
-    assert said in error
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_bad_config_names_the_key_and_writes_nothing(polish_sim: Tool, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("[sensor]\nforce_noise_n = -1.0\n")
-    code, _, err = polish_sim("run", "force", "--config", "mine.toml")
-    assert code == 2
-    assert "force_noise_n" in err
-    assert "outside 0 to 20" in err
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+    (tmp_path / "empty.csv").touch()
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/notes.txt").touch()
+    assert_refused(polish_sim(*words.split()), said, "mine.toml", "empty.csv", "binary.csv", "other")
+    assert [path.name for path in (tmp_path / "other").iterdir()] == ["notes.txt"]
 
 
 def test_list_names_what_ships_of_one_kind_says_what_each_is_and_every_config_can_be_printed(

@@ -1,7 +1,10 @@
 """A log of a simulated run compared with its own replay differs by nothing; what is planted in a log is
 found."""
 
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +17,10 @@ from polish_sim.compare.replay import SCENARIO, Payload, load_flange, replay, ri
 from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
 from polish_sim.motion.makes import use_arm
 from polish_sim.scenario_file import override
-from tests.exchange.robot_logs import write_bag, write_csv
+from tests.cli.conftest import assert_refused, polish_sim
+from tests.exchange.robot_logs import synthetic_log, write_bag, write_csv
 
+__all__ = ["polish_sim"]
 UR10E = warm(override(SCENARIO, ["robot.arm=ur10e"]))
 NAMES = {
     "time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}",
@@ -131,3 +136,41 @@ def test_a_step_is_measured_by_its_closed_form() -> None:
     same = compare_steps(step, step)
     assert same["force_rms_n"] == 0.0
     assert same["simulated_settling_s"] == same["settling_s"]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Slow sines of all joints, with torques."""
+    made = synthetic_log(3.0)
+    made["q_rad"] = 0.3 * made["q_rad"] + [0.3, -1.4, 1.2, -1.0, -1.2, 0.2]
+    return write_csv(tmp_path_factory.mktemp("log") / "log.csv", made | {"qd_rad_s": 0.3 * made["qd_rad_s"]})
+
+
+def test_the_command_writes_figures_picture_and_page(
+    log: Path, polish_sim: Callable[..., Any], tmp_path: Path
+) -> None:
+    code, said, _ = polish_sim("compare", log, "--arm", "ur10e", "--payload", 2, "--out", "out")
+    assert code == 0
+    assert "ur10e" in said
+    figures = json.loads((tmp_path / "out/compare.json").read_text())
+    assert figures.keys() >= {"nrms", "delay_s", "ripple_cycles"}
+    assert len(figures["nrms"]) == 6
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    assert files >= {"compare.png", "report.html", "config.toml"}
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        ("--set sensor.model=axia80", "robot.KEY"),
+        ("--payload-center 1,2", "X,Y,Z"),
+        ("--arm ur20", "ur10e"),
+        ("--asked 20", "--beside"),
+        ("--beside nowhere", "nowhere"),
+        ("--to 0.0001", "fewer than two"),
+    ],
+)
+def test_what_cannot_be_done_is_one_message(
+    log: Path, polish_sim: Callable[..., Any], words: str, what: str
+) -> None:
+    assert_refused(polish_sim("compare", log, *words.split(), "--out", "out"), what)

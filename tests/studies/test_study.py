@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,8 +16,8 @@ from polish_sim.experiments.assembly import config_hash
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.scenario_file import FILE_KEYS, override
 from polish_sim.studies.page import pareto, sweep_page
-from polish_sim.studies.study import Axis, Run, Study, read_axis, read_study, to_text
-from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, missing_runs, read_rows, run_row, run_study
+from polish_sim.studies.study import Axis, Study, read_axis, read_study, to_text
+from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, missing_runs, read_rows, run_study
 from polish_sim.workers import Result
 
 pytest.importorskip("pyarrow")
@@ -161,22 +160,11 @@ def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path: Path
     columns = read_rows(tmp_path)
     assert sorted(columns["outcome"]) == [DONE, DONE, FAILED, FAILED]
     assert len(set(columns["config_hash"])) == 4
+    assert sorted(columns[NOISE]) == [0.1, 0.1, 0.5, 0.5]
     assert all(("nobody" in str(reason)) == (outcome == FAILED)
                for reason, outcome in zip(columns["reason"], columns["outcome"], strict=True))  # fmt: skip
     page = sweep_page(asked, columns)
     assert page.startswith("<!DOCTYPE html>")
-
-
-def test_a_row_depends_on_its_run_alone() -> None:
-    asked = study(f"{NOISE}=0.1,0.5")
-    task = ("key", Run((0.5,), 3))
-    rows = [run_row(asked, None, task) for _ in range(2)]
-    for row in rows:
-        for column in ("wall_s", "loop_wall_s"):
-            assert row.pop(column) > 0.0
-    assert json.dumps(rows[0]) == json.dumps(rows[1])
-    assert rows[0][NOISE] == 0.5
-    assert rows[0]["seed"] == 3
 
 
 def test_the_front_is_the_points_none_beats_in_both() -> None:
