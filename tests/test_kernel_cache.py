@@ -75,7 +75,7 @@ def _cache(package: Path) -> Path:
     return package.parents[1] / "cache" / "polish-sim" / "kernels"
 
 
-def test_only_dependents_of_an_edited_file_compile_again_older_kernels_stay_and_long_unused_ones_go(
+def test_only_dependents_of_an_edited_file_compile_again(
     package: Path,
 ) -> None:
     long_unused = _cache(package) / "stiffness-of-last-year"
@@ -104,7 +104,7 @@ def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_
     assert _run(package, script)[0] == [6.0, 2, 8.0, 3]
 
 
-def test_kernels_of_other_packages_stay_where_numba_keeps_them_and_know_those_they_need(
+def test_kernels_of_other_packages_stay_where_numba_keeps_them(
     package: Path,
 ) -> None:
     own = package.parent / "own.py"
@@ -181,7 +181,7 @@ def shipped(wheel: Path, tmp_path: Path) -> Path:
     return shutil.copytree(wheel, tmp_path / "installed elsewhere" / wheel.name)
 
 
-def test_kernels_of_a_wheel_are_used_wherever_it_is_and_those_it_does_not_have_go_to_the_users_folder(
+def test_kernels_of_a_wheel_are_used_and_others_go_to_the_users_folder(
     shipped: Path,
 ) -> None:
     assert _run(shipped) == ([20.0, -2.0, 0], "")
@@ -229,7 +229,7 @@ def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep_and_their_
     assert users == {"kernel_cache.py"}
 
 
-def test_a_numba_that_was_not_tested_is_refused_with_the_version_the_range_and_the_cure(
+def test_a_numba_that_was_not_tested_is_refused_with_range_and_cure(
     package: Path,
 ) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]

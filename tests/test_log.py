@@ -53,9 +53,7 @@ def test_a_damaged_log_is_refused_by_name_whatever_byte_is_wrong(rows: np.ndarra
     assert all("log.npz" in message for message in messages)
 
 
-def test_a_written_log_reads_back_the_same_without_pickle_and_cannot_be_changed(
-    rows: np.ndarray, tmp_path: Path
-) -> None:
+def test_a_log_reads_back_the_same_and_cannot_be_changed(rows: np.ndarray, tmp_path: Path) -> None:
     log, path = from_rows(rows % 100), tmp_path / "log.npz"
     write_log(path, log)
     again = read_log(path)
@@ -70,9 +68,7 @@ def test_a_written_log_reads_back_the_same_without_pickle_and_cannot_be_changed(
             held["time_s"][0] = 1.0  # type: ignore[index]
 
 
-def test_a_file_of_other_arrays_is_told_what_it_lacks_and_objects_in_it_are_not_run(
-    rows: np.ndarray, tmp_path: Path
-) -> None:
+def test_a_file_of_other_arrays_is_refused_and_objects_are_not_run(rows: np.ndarray, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"log\.npz"):
         read_log(tmp_path / "log.npz")
     columns = dict(from_rows(rows % 100).columns)

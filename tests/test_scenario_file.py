@@ -200,9 +200,7 @@ def test_a_named_sensor_stands_for_its_values_and_its_file_gives_the_same_again(
 
 
 @pytest.mark.parametrize("written", ['"auto"', "[]"])
-def test_a_list_that_is_chosen_is_called_auto_and_older_files_leave_it_empty(
-    tmp_path: Path, written: str
-) -> None:
+def test_a_list_that_is_chosen_is_called_auto_or_left_empty(tmp_path: Path, written: str) -> None:
     posed = override(BASE, ["part.pose=[0, -0.5, 0.1, 0, 0, 0]"])
     file = tmp_path / "config.toml"
     file.write_text(f"[part]\npose = {written}\n[plan]\nstart = {written}\n")

@@ -42,9 +42,9 @@ def browser() -> Iterator[Any]:
         started.close()
 
 
-def metrics_of(folder: Path) -> dict[str, Any]:
+def metrics_of(folder: Path | str) -> dict[str, Any]:
     """The figures a command wrote into a folder."""
-    return dict(json.loads((folder / "metrics.json").read_text(encoding="utf-8")))
+    return dict(json.loads(Path(folder, "metrics.json").read_text(encoding="utf-8")))
 
 
 @contextmanager

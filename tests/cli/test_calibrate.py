@@ -50,17 +50,15 @@ def test_one_calibration_leaves_its_files_and_they_agree(folder: Path) -> None:
     assert (scenario.experiment, scenario.seed, scenario.payload.poses) == ("calibrate-payload", 4, 6)
 
 
-def test_the_written_config_and_the_readings_give_the_same_tool_again(
-    folder: Path, polish_sim: Tool, tmp_path: Path
-) -> None:
+def test_config_and_readings_give_the_same_tool_again(folder: Path, polish_sim: Tool) -> None:
     code, out, _ = polish_sim("calibrate", "payload", "--config", "one/config.toml", "--out", "two")
     assert code == 0
     assert out.splitlines()[-1] == "folder: two"
     for name in ("calibration.toml", "residuals.csv"):
-        assert (tmp_path / "two" / name).read_bytes() == (folder / name).read_bytes()
+        assert (Path("two") / name).read_bytes() == (folder / name).read_bytes()
     again = ("calibrate", "payload", "--data", "one/residuals.csv", "--out", "three", "--check")
     assert polish_sim(*again).code == 0
-    metrics = [metrics_of(tmp_path / name) for name in ("one", "three")]
+    metrics = [metrics_of(Path(name)) for name in ("one", "three")]
     assert metrics[1]["mass_kg"] == pytest.approx(metrics[0]["mass_kg"], rel=1e-8)
     assert "mass_error_kg" not in metrics[1]  # nobody knows a robot's true tool
 
@@ -76,7 +74,7 @@ def test_the_written_config_and_the_readings_give_the_same_tool_again(
     ],
 )
 def test_readings_that_follow_no_weight_are_refused(
-    columns: str, scales: tuple[float, ...], said: str, folder: Path, polish_sim: Tool, tmp_path: Path
+    columns: str, scales: tuple[float, ...], said: str, folder: Path, polish_sim: Tool
 ) -> None:
     rows = list(csv.reader((folder / "residuals.csv").open(encoding="utf-8")))
     given = [list(row) for row in rows]
@@ -84,17 +82,15 @@ def test_readings_that_follow_no_weight_are_refused(
         to, of = rows[0].index(name), rows[0].index(source)
         for row, read in zip(given[1:], rows[1:], strict=True):
             row[to] = str(scale * float(read[of]))
-    (tmp_path / "bad.csv").write_text("\n".join(map(",".join, given)) + "\n", encoding="utf-8")
+    Path("bad.csv").write_text("\n".join(map(",".join, given)) + "\n", encoding="utf-8")
     assert_refused(polish_sim("calibrate", "payload", "--data", "bad.csv"), said, "bad.csv", "one")
 
 
-def test_a_touched_reading_is_named_and_too_noisy_a_sensor_falls_short(
-    folder: Path, polish_sim: Tool, tmp_path: Path
-) -> None:
+def test_a_touched_reading_is_named_and_a_noisy_sensor_falls_short(folder: Path, polish_sim: Tool) -> None:
     rows = list(csv.reader((folder / "residuals.csv").open(encoding="utf-8")))
     column = rows[0].index("fy_n")
     rows[3][column] = str(float(rows[3][column]) + 2.0)
-    (tmp_path / "touched.csv").write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
+    Path("touched.csv").write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
     code, _, err = polish_sim("calibrate", "payload", "--data", "touched.csv", "--out", "two")
     assert code == 0
     assert "note: reading 3 does not fit the others" in err
@@ -106,29 +102,29 @@ def test_a_touched_reading_is_named_and_too_noisy_a_sensor_falls_short(
     ("asked", "error", "power"),
     [("payload --poses 4", "mass_error_relative", 1), ("tcp", "position_error_m", 2)],
 )
-def test_many_seeds_give_their_mean_or_rms_and_the_worst_and_are_not_done_again(
-    asked: str, error: str, power: int, polish_sim: Tool, tmp_path: Path
+def test_many_seeds_give_their_mean_or_rms_and_worst_once(
+    asked: str, error: str, power: int, polish_sim: Tool
 ) -> None:
     words = ("calibrate", *asked.split(), "--seeds", "2", "--on", "here", "--out", "many")
     assert polish_sim(*words, "--check").code == 0
-    metrics = metrics_of(tmp_path / "many")
+    metrics = metrics_of("many")
     assert metrics["seeds"] == [0, 1]
     errors = np.array([run[error] for run in metrics["runs"].values()])
     assert metrics["worst"][error] == errors.max()
     assert metrics["rms" if power == 2 else "mean"][error] == pytest.approx(
         np.mean(errors**power) ** (1 / power)
     )
-    assert power == 2 or (tmp_path / "many/seed-0001/calibration.toml").is_file()
-    begun = (tmp_path / "many/rows.jsonl").read_bytes()
+    assert power == 2 or Path("many/seed-0001/calibration.toml").is_file()
+    begun = Path("many/rows.jsonl").read_bytes()
     assert polish_sim(*words).code == 0
-    assert (tmp_path / "many/rows.jsonl").read_bytes() == begun
+    assert Path("many/rows.jsonl").read_bytes() == begun
 
 
-def test_a_run_takes_the_calibration(folder: Path, polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_run_takes_the_calibration(folder: Path, polish_sim: Tool) -> None:
     words = ("--set", "process.hold_s=1", "--calibration", "one/calibration.toml", "--out", "run")
     assert polish_sim("run", "force", *words).code == 0
-    metrics = metrics_of(tmp_path / "run")
+    metrics = metrics_of("run")
     found = tomllib.loads((folder / "calibration.toml").read_text(encoding="utf-8"))
     assert metrics["payload_mass_error_kg"] == pytest.approx(found["mass_kg"] - 2.0, abs=1e-9)
-    scenario = load_scenario(tmp_path / "run" / "config.toml", Scenario())
+    scenario = load_scenario(Path("run/config.toml"), Scenario())
     assert Path(scenario.payload.file) == (folder / "calibration.toml").resolve()

@@ -23,9 +23,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_arms_are_found_again_from_the_file_of_their_own_residuals(
-    found: Path, polish_sim: Tool, tmp_path: Path
-) -> None:
+def test_arms_are_found_again_from_their_residuals(found: Path, polish_sim: Tool) -> None:
     figures = metrics_of(found)
     assert figures["relative_error_m"] <= 1.5e-4 < 5e-4 < figures["relative_error_nominal_m"]
     assert (found / "arms.png").stat().st_size > 10_000
@@ -35,7 +33,7 @@ def test_arms_are_found_again_from_the_file_of_their_own_residuals(
     assert code == 0, err
     assert "master: off its table by up to" in out + err
     first, again = (
-        read_arm_calibration(folder / "calibration.toml", "cell 7") for folder in (found, tmp_path / "again")
+        read_arm_calibration(folder / "calibration.toml", "cell 7") for folder in (found, Path("again"))
     )
     np.testing.assert_allclose(again.T_master_follower, first.T_master_follower, atol=1e-4)
     for robot in ("master", "follower"):
@@ -92,7 +90,7 @@ def test_degrees_and_metres_are_read_as_what_they_are(tmp_path: Path, tracked: l
         np.testing.assert_allclose(other[robot].seen, usual[robot].seen, atol=1e-12)
 
 
-def test_what_cannot_be_arms_is_refused(polish_sim: Tool, tmp_path: Path, tracked: list[str]) -> None:
+def test_what_cannot_be_arms_is_refused(polish_sim: Tool, tracked: list[str]) -> None:
     degrees, far = scaled(tracked[1:], 57.3, 1.0), scaled(tracked[1:], 1.0, 1e-3)
     head = ",".join(tracked[0].split(",")[:10])
     for lines, said in (
@@ -103,5 +101,5 @@ def test_what_cannot_be_arms_is_refused(polish_sim: Tool, tmp_path: Path, tracke
         ([head, *far], "units"),
         ([tracked[0].replace("x_mm", "x_m"), *tracked[1:]], "mixes units"),
     ):
-        (tmp_path / "poses.csv").write_text("\n".join(lines))
+        Path("poses.csv").write_text("\n".join(lines))
         assert_refused(polish_sim("calibrate", "arm", "--data", "poses.csv"), said, "poses.csv")

@@ -46,9 +46,7 @@ def write(file: Path, rows: Rows) -> None:
     file.write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
 
 
-def test_a_tool_frame_leaves_its_files_and_they_read_back(
-    made: Path, polish_sim: Tool, tmp_path: Path
-) -> None:
+def test_a_tool_frame_leaves_its_files_and_they_read_back(made: Path, polish_sim: Tool) -> None:
     one = made / "tcp"
     assert {path.name for path in one.iterdir()} == {*FILES, "tool.png"}
     figures = metrics_of(one)
@@ -58,12 +56,12 @@ def test_a_tool_frame_leaves_its_files_and_they_read_back(
     written = tomllib.loads((one / "calibration.toml").read_text(encoding="utf-8"))
     assert written["position_covariance"][0][0] == pytest.approx(figures["position_m_std"][0] ** 2)
     assert polish_sim("calibrate", "tcp", "--data", one / "residuals.csv", "--out", "two").code == 0
-    again = metrics_of(tmp_path / "two")
+    again = metrics_of("two")
     np.testing.assert_allclose(again["position_m"], figures["position_m"], atol=1e-10)
     np.testing.assert_allclose(again["quaternion_wxyz"], figures["quaternion_wxyz"], atol=1e-9)
 
 
-def test_bases_leave_their_files_and_they_read_back(made: Path, polish_sim: Tool, tmp_path: Path) -> None:
+def test_bases_leave_their_files_and_they_read_back(made: Path, polish_sim: Tool) -> None:
     one = made / "base"
     assert {path.name for path in one.iterdir()} == {*FILES, "bases.png"}
     figures = metrics_of(one)
@@ -72,7 +70,7 @@ def test_bases_leave_their_files_and_they_read_back(made: Path, polish_sim: Tool
     found = read_base_calibration(one / "calibration.toml", PAIR)
     np.testing.assert_allclose(found.T_master_follower, figures["transform"], atol=1e-15)
     assert polish_sim("calibrate", "base", "--data", one / "residuals.csv", "--out", "two").code == 0
-    np.testing.assert_allclose(metrics_of(tmp_path / "two")["transform"], figures["transform"], atol=1e-6)
+    np.testing.assert_allclose(metrics_of("two")["transform"], figures["transform"], atol=1e-6)
 
 
 def test_a_calibration_of_another_thing_is_refused(made: Path, polish_sim: Tool) -> None:
@@ -166,18 +164,18 @@ def test_an_arm_whose_axes_do_not_quite_meet_is_told(files: dict[str, Rows], pol
     call = polish_sim("calibrate", "base", "--data", "moved.csv", "--out", "moved", "--check")
     assert call.code == 1
     assert "the master miss each other" in call.err
-    assert metrics_of(Path("moved"))["gap_m"] == pytest.approx(1e-3, abs=1e-4)
-    assert metrics_of(Path("moved"))["axes_meet"] is False
+    assert metrics_of("moved")["gap_m"] == pytest.approx(1e-3, abs=1e-4)
+    assert metrics_of("moved")["axes_meet"] is False
 
 
 @pytest.mark.parametrize(
     ("name", "line", "column", "said"), [("tcp", 6, "y_mm", 6), ("base", 4, "y_mm", "master, axis 1: 4")]
 )
 def test_a_measurement_off_by_two_millimetres_is_named(
-    name: str, line: int, column: str, said: Any, files: Any, polish_sim: Tool, tmp_path: Path
+    name: str, line: int, column: str, said: Any, files: Any, polish_sim: Tool
 ) -> None:
-    write(tmp_path / "off.csv", changed(files[name], line, column, 1.0, 2.0))
+    write(Path("off.csv"), changed(files[name], line, column, 1.0, 2.0))
     code, _, err = polish_sim("calibrate", name, "--data", "off.csv", "--out", "two")
     assert code == 0
     assert f"{said} does not fit the others and was left out" in err
-    assert metrics_of(tmp_path / "two")["outliers"] == [said]
+    assert metrics_of("two")["outliers"] == [said]

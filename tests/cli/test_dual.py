@@ -47,7 +47,7 @@ def run_dual(calibrations: Path, polish_sim: Tool, tmp_path: Path) -> Tool:
     return run
 
 
-def test_calibrations_of_bases_and_tool_are_both_taken_and_the_cell_stands_as_they_were_made(
+def test_the_cell_stands_as_the_calibrations_of_bases_and_tool_were_made(
     run_dual: Tool, tmp_path: Path
 ) -> None:
     code, _, err = run_dual("base own", *SHORT, "--out", "run")
@@ -86,11 +86,11 @@ def test_a_spoilt_calibration_is_one_message(spoil: str, run_dual: Tool, tmp_pat
     assert "calibration.toml'" in err
 
 
-def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim: Tool) -> None:
     code, out, _ = polish_sim("plan", "wheel_hub_rim", "--dual", "--out", "plan")
     assert code == 0
     assert "path length" in out
-    figures = metrics_of(tmp_path / "plan")
+    figures = metrics_of("plan")
     assert figures["chain_residual_m"] < 1e-9
     assert figures["placement_value"] > 0.1
     assert len(figures["q_master_rad"]) == len(figures["q_follower_rad"]) == 6
@@ -98,7 +98,7 @@ def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim: Tool,
     code, _, err = polish_sim(*run, "--out", "run")
     assert code == 0, err
     planned, ran = (
-        np.loadtxt(tmp_path / name / "path.csv", delimiter=",", skiprows=1, usecols=(0, 1, 2))
+        np.loadtxt(Path(name) / "path.csv", delimiter=",", skiprows=1, usecols=(0, 1, 2))
         for name in ("plan", "run")
     )
     np.testing.assert_allclose(ran, planned, atol=1e-9)
@@ -110,4 +110,4 @@ def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim: Tool,
     code, _, err = polish_sim("plan", "wheel_hub_rim", *far)
     assert code == 2
     assert "the follower does not reach the first pose" in err
-    assert not (tmp_path / "far").exists()
+    assert not Path("far").exists()

@@ -12,7 +12,7 @@ from tests.cli.conftest import UNPROVEN, Tool, metrics_of
 from tests.planning.test_fixture import asked, wall
 
 
-def test_a_plan_says_its_fixture_inspect_and_run_take_it_and_ask_for_it_when_it_is_gone_or_changed(
+def test_a_plan_carries_its_fixture_which_must_be_there_unchanged(
     polish_sim: Tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     asked(Path(), wall(10.0))  # called by relative names
@@ -27,7 +27,7 @@ def test_a_plan_says_its_fixture_inspect_and_run_take_it_and_ask_for_it_when_it_
     assert polish_sim("inspect", folder, "--out", "seen").code == 0
     area = metrics_of(folder)["unreachable_area_m2"]
     assert area > 0.0
-    assert metrics_of(Path("seen"))["unreachable_area_m2"] == pytest.approx(area)
+    assert metrics_of("seen")["unreachable_area_m2"] == pytest.approx(area)
     dry = polish_sim("run", "surface", "--path", folder, *UNPROVEN, "--dry-run")
     assert dry.code == 0
     assert "fixture" in dry.err + dry.out

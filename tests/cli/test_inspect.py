@@ -38,7 +38,7 @@ def test_a_foreign_path_gives_the_files_and_figures_of_the_contract(polish_sim: 
     assert sorted(file.name for file in Path("seen").iterdir()) == FILES
     assert out.rstrip().endswith("folder: seen")
     assert "step-over taken from the path: 10 mm" in err
-    metrics = metrics_of(Path("seen"))
+    metrics = metrics_of("seen")
     assert set(metrics) >= KEYS
     assert metrics["coverage_stepover"] == 1.0
     # The mesh opens elsewhere and carries the time under the pad.
@@ -55,7 +55,7 @@ def test_options_reach_the_figures(polish_sim: Tool) -> None:
     write_raster(Path("raster.csv"))
     words = ("--stepover", "12", "--pad-diameter", "30", "--feed", "20")
     assert polish_sim("inspect", "raster.csv", "--part", "plate", *words, "--out", "seen")[0] == 0
-    metrics = metrics_of(Path("seen"))
+    metrics = metrics_of("seen")
     assert metrics["stepover_expected_m"] == pytest.approx(0.012)
     assert metrics["overlap"] == pytest.approx(1.0 - 10.0 / 30.0)
     assert metrics["time_in_contact_s"] == pytest.approx(4190.0 / 20.0)
@@ -66,7 +66,7 @@ def test_options_reach_the_figures(polish_sim: Tool) -> None:
     assert (
         polish_sim("inspect", "raster.csv", "--part", "plate", "--config", "mine.toml", "--out", "8")[0] == 0
     )
-    assert metrics_of(Path("8"))["stepover_expected_m"] == 0.008
+    assert metrics_of("8")["stepover_expected_m"] == 0.008
 
 
 BAD = {

@@ -113,7 +113,7 @@ def call_c_function() -> None:
 
 
 @pytest.mark.parametrize("command", [compile_kernels, go_on_for_ever, load_c_module, call_c_function])
-def test_ctrl_c_that_is_dropped_or_taken_for_another_error_is_no_bug_of_ours(
+def test_ctrl_c_that_is_dropped_or_taken_for_another_error_ends_it(
     command: Callable[[], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     app = typer.Typer()
@@ -132,20 +132,18 @@ def test_ctrl_c_of_a_run_keeps_what_was_recorded_however_often_it_comes(tmp_path
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["cut"]
 
 
-def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_the_same_command_does_the_others(
-    tmp_path: Path, polish_sim: Tool
-) -> None:
-    many = ["run", "arc", "--seeds", "5", "--set", "process.max_feed_s=0.5"]
+def test_ctrl_c_of_many_seeds_keeps_those_that_ended_and_goes_on(tmp_path: Path, polish_sim: Tool) -> None:
+    many = ["run", "arc", "--seeds", "8", "--set", "process.max_feed_s=0.5"]
     interrupted([*many, "--workers", "1"], tmp_path, lambda folder, _: (folder / "seed-0001").exists(), 0.0)
     kept = metrics_of(tmp_path / "out/cut")["seeds"]
-    assert 1 <= len(kept) < 5
+    assert 1 <= len(kept) < 8
     assert sorted(folder.name for folder in (tmp_path / "out/cut").glob("seed-*")) == [
         f"seed-{s:04d}" for s in kept
     ]
     begun = (tmp_path / "out/cut/rows.jsonl").read_bytes()
     assert (tmp_path / "out/cut/seed-0000/log.npz").is_file()
     assert polish_sim(*many, "--on", "here", "--out", "out/cut").code == 0
-    assert metrics_of(tmp_path / "out/cut")["seeds"] == list(range(5))
+    assert metrics_of(tmp_path / "out/cut")["seeds"] == list(range(8))
     assert (tmp_path / "out/cut/rows.jsonl").read_bytes().startswith(begun)
     assert polish_sim(*many, "--feed", "20", "--out", "out/cut").code == 2  # another run is not mixed in
 

@@ -55,7 +55,7 @@ def test_an_error_is_one_line_on_stderr_with_its_code(
     assert execute(app_that(None, None), ["work"]) == 0
 
 
-def test_an_unexpected_error_is_called_a_bug_and_debug_shows_where_it_comes_from(
+def test_an_unexpected_error_is_called_a_bug_and_traced_with_debug(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert execute(app_that(ZeroDivisionError("by zero")), ["work"]) == 70
@@ -74,7 +74,7 @@ def asked(out: Path | str | None, overwrite: bool = False) -> dict[str, object]:
     return {"--out": out, "--overwrite": overwrite}
 
 
-def test_a_run_without_out_gets_a_new_dated_folder_whose_files_appear_at_the_end(
+def test_without_out_files_appear_at_the_end_in_a_new_dated_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -89,7 +89,7 @@ def test_a_run_without_out_gets_a_new_dated_folder_whose_files_appear_at_the_end
     assert len(finals) == 3
 
 
-def test_an_existing_folder_or_a_place_that_cannot_be_written_is_refused_before_the_block_runs(
+def test_a_folder_that_exists_or_cannot_be_made_is_refused_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -141,7 +141,7 @@ with claimed({"--out": Path(sys.argv[1]), "--overwrite": None}, "run-force") as 
 """
 
 
-def test_drafts_of_killed_commands_are_swept_at_the_next_start_those_of_running_ones_stay(
+def test_drafts_of_killed_commands_are_swept_those_of_running_ones_stay(
     tmp_path: Path,
 ) -> None:
     (tmp_path / ".mine.part").mkdir()

@@ -23,7 +23,7 @@ def test_a_plan_folder_holds_the_files_of_the_contract(polish_sim: Tool) -> None
     assert sorted(file.name for file in Path("plan").iterdir()) == FILES
     assert out.rstrip().endswith("folder: plan")
     assert "note: read in mm: 112 x 112 x 35 mm" in err
-    metrics = metrics_of(Path("plan"))
+    metrics = metrics_of("plan")
     assert metrics["coverage_stepover"] > 0.98
     assert metrics["retracts"] == 1
     # What the table puts beside each other is of the same way: in contact at 10 mm/s, the rest at 5 mm/s.
@@ -41,11 +41,11 @@ def test_a_plan_takes_as_long_as_its_run_where_joints_slow_it_down(polish_sim: T
     words = ("--stepover", "12", "--feed", "100", *ideal)
     assert polish_sim("plan", "sphere_50", *words, "--out", "plan")[0] == 0
     assert polish_sim("run", "surface", "--path", "plan", "--feed", "100", *ideal, "--out", "run")[0] == 0
-    planned, done = metrics_of(Path("plan")), metrics_of(Path("run"))
+    planned, done = metrics_of("plan"), metrics_of("run")
     assert planned["motion_time_s"] == pytest.approx(done["motion_time_s"], rel=1e-6)
     assert planned["cycle_time_s"] == pytest.approx(done["cycle_time_s"], rel=0.02)
     assert polish_sim("inspect", "plan", "--feed", "100", "--out", "inspect")[0] == 0
-    tool_alone = metrics_of(Path("inspect"))["cycle_time_s"]
+    tool_alone = metrics_of("inspect")["cycle_time_s"]
     assert tool_alone < 0.94 * done["cycle_time_s"]
 
 
@@ -55,8 +55,8 @@ def test_a_plan_says_where_the_part_stands_and_draws_the_reach_map_if_asked(poli
     words = ("--up", "z", "--stepover", "40", "--reach-map", *UNPROVEN)
     code, out, _ = polish_sim("plan", "block.stl", *words, "--out", "plan")
     assert code == 0
-    assert (Path("plan") / "reach_map.png").stat().st_size > 20_000
-    metrics = metrics_of(Path("plan"))
+    assert Path("plan/reach_map.png").stat().st_size > 20_000
+    metrics = metrics_of("plan")
     assert np.array(metrics["T_base_work"])[:3, 3] == pytest.approx([0.0, -0.5, 0.08], abs=1e-3)
     assert metrics["smallest_singular_value"] > 0.1
     assert "part's origin, robot base" in out
@@ -111,7 +111,7 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     assert code == 0
     assert "pad of 20 mm and step-over 3.2 mm, 3.4 mm off the edges chosen: the default pad" in err
     assert json.loads(Path("plan/path.json").read_text())["pad"]["radius_m"] == 0.010
-    metrics = metrics_of(Path("plan"))
+    metrics = metrics_of("plan")
     assert metrics["coverage"] > 0.99
     # The run takes the plan's pad, planned by itself or from the file; inspect sees what the plan saw.
     for words in (("--part", "small.stl"), ("--path", "plan")):
@@ -120,20 +120,20 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
         assert "radius_m = 0.01 " in Path("run/config.toml").read_text()
         shutil.rmtree("run")
     assert polish_sim("inspect", "plan", "--out", "seen")[0] == 0
-    seen = metrics_of(Path("seen"))
+    seen = metrics_of("seen")
     # its edge margin counts as asked for
     assert seen["coverage"] == pytest.approx(metrics["coverage"], abs=0.005)
     assert seen["stepover_mean_m"] == pytest.approx(metrics["stepover_mean_m"], rel=1e-9)
 
 
-def test_a_chosen_pad_does_not_sink_off_corners_and_a_face_too_small_for_the_force_is_refused(
+def test_a_chosen_pad_does_not_sink_off_corners_and_fits_the_force(
     polish_sim: Tool,
 ) -> None:
     for side, name in ((20.0, "cube.stl"), (6.0, "tiny.stl")):
         trimesh.creation.box((side, side, 20.0)).export(name)
     words = "--part cube.stl --up z --feed 30 --out run"
     assert polish_sim("run", "surface", *words.split())[0] == 0
-    assert metrics_of(Path("run"))["path_done"] == 1.0
+    assert metrics_of("run")["path_done"] == 1.0
     code, _, err = polish_sim("plan", "tiny.stl", "--up", "z")
     assert code == 2
     assert "6 mm wide, is too small for 20 N" in err
@@ -165,11 +165,11 @@ def test_a_plan_over_countersunk_holes_is_inspected_and_keeps_no_margin_round_th
     plate.export("plate.stl")
     words = ("--up", "z", "--edge-margin", "20", *UNPROVEN, "--out", "plan")
     assert polish_sim("plan", "plate.stl", *words)[0] == 0
-    metrics = metrics_of(Path("plan"))
+    metrics = metrics_of("plan")
     assert metrics["bridged_holes"] == 3
     assert metrics["region_area_m2"] == pytest.approx(0.120 * 0.060 - 3 * np.pi * 0.006**2, rel=0.01)
     assert polish_sim("inspect", "plan/path.csv", "--part", "plate.stl", "--out", "seen")[0] == 0
-    assert metrics_of(Path("seen"))["coverage"] == metrics["coverage"]
+    assert metrics_of("seen")["coverage"] == metrics["coverage"]
 
 
 def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> None:
@@ -178,7 +178,7 @@ def test_a_plan_says_how_much_of_the_part_its_region_is(polish_sim: Tool) -> Non
     cap.export("cap.stl")
     code, out, err = polish_sim("plan", "cap.stl", "--stepover", "30", *UNPROVEN, "--out", "plan")
     assert code == 0, err
-    figures = metrics_of(Path("plan"))
+    figures = metrics_of("plan")
     for key, angle, rel in (("region_area_m2", 46.0, 0.01), ("part_area_m2", 75.0, 0.05)):
         area = 2.0 * np.pi * 0.08**2 * (1.0 - np.cos(np.radians(angle)))  # of a spherical cap
         assert figures[key] == pytest.approx(area, rel=rel)
@@ -192,7 +192,7 @@ def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim: Too
     trimesh.creation.annulus(20.0, 60.0, 10.0, sections=120).export("ring.stl")
     code, out, err = polish_sim("plan", "ring.stl", "--stepover", "15", *UNPROVEN, "--out", "plan")
     assert code == 0, err
-    apart = 1e3 * metrics_of(Path("plan"))["stepover_mean_m"]
+    apart = 1e3 * metrics_of("plan")["stepover_mean_m"]
     assert 11.5 < apart < 14.0
     assert ["step-over,", "mean", "mm", f"{apart:.2f}"] in [line.split() for line in out.splitlines()]
     assert "more than 46 deg" not in err

@@ -24,11 +24,9 @@ def plan(polish_sim: Tool) -> Call:
     return made
 
 
-def test_a_proven_plan_says_so_once_and_is_not_played_again(
-    plan: Call, polish_sim: Tool, tmp_path: Path
-) -> None:
+def test_a_proven_plan_is_not_played_again(plan: Call, polish_sim: Tool) -> None:
     assert "prove in the cell" in plan.err
-    assert metrics_of(tmp_path / "plan")["proven"] == 1
+    assert metrics_of("plan")["proven"] == 1
     run = ("run", "surface", "--path", "plan")
     whole = polish_sim(*run, "--proof", "nominal", "--seed", "520", "--out", "whole")
     assert whole.code == 0, whole.err
@@ -36,22 +34,22 @@ def test_a_proven_plan_says_so_once_and_is_not_played_again(
     harder = ("--contact-force", "15", "--proof", "nominal", "--set", "process.max_feed_s=1")
     other = polish_sim(*run, *harder, "--out", "other")
     assert "prove in the cell" in other.err
-    found = metrics_of(tmp_path / "whole")
+    found = metrics_of("whole")
     assert found["path_done"] == 1.0
-    assert "feed_m_s = 0.04" in (tmp_path / "whole" / "config.toml").read_text()
+    assert "feed_m_s = 0.04" in Path("whole/config.toml").read_text()
 
     for words in (("--from", "99999"), ("--proof", "often"), ("--proof", "0")):
         refused = polish_sim(*run, *words, "--out", "none")
-        assert (refused.code, (tmp_path / "none").exists()) == (2, False)
+        assert (refused.code, Path("none").exists()) == (2, False)
         assert words[0] in refused.err
 
     rest = polish_sim(*run, "--from", BEHIND, "--proof", "none", "--out", "rest")
     assert rest.code == 0, rest.err
-    assert metrics_of(tmp_path / "rest")["left_out_area_m2"] > 0.0
-    assert "it was polished before (--from)" in metrics_of(tmp_path / "rest")["left_out"]
+    assert metrics_of("rest")["left_out_area_m2"] > 0.0
+    assert "it was polished before (--from)" in metrics_of("rest")["left_out"]
     # It lands with half the force and has all of it a pad's diameter on, at what comes behind the place.
-    log, path = (np.load(tmp_path / "rest" / name) for name in ("log.npz", "path.npz"))
-    fed, pressed = log["phase"] == 2, np.load(tmp_path / "whole" / "path.npz")
+    log, path = (np.load(Path("rest") / name) for name in ("log.npz", "path.npz"))
+    fed, pressed = log["phase"] == 2, np.load(Path("whole/path.npz"))
     force, first = log["normal_force_n"][fed], path["positions_work"][path["segment"] == PROCESS][0]
     assert 8.0 < force[0] < 13.0
     assert force[-20:].mean() == pytest.approx(20.0, abs=1.0)
@@ -59,12 +57,12 @@ def test_a_proven_plan_says_so_once_and_is_not_played_again(
     assert pressed["s"][away.argmin()] == pytest.approx(1e-3 * BEHIND, abs=2e-3)
 
 
-def test_a_run_with_bad_figures_says_each_and_fails_with_check(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_run_with_bad_figures_says_each_and_fails_with_check(polish_sim: Tool) -> None:
     words = f"run surface --part {plate_file()} --up z --controller position --proof none --seed 504".split()
     words += [*WORDS, "--set", "part.displacement_m=0.003", "--set", "process.max_feed_s=3"]
     kept = polish_sim(*words, "--out", "kept")
     assert kept.code == 0, kept.err
-    found = metrics_of(tmp_path / "kept")
+    found = metrics_of("kept")
     assert found["bad_figures"]
     assert sum(line.startswith("bad: ") for line in kept.err.splitlines()) == len(found["bad_figures"])
     assert polish_sim(*words, "--check", "--out", "checked").code == 1

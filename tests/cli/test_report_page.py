@@ -177,9 +177,7 @@ def assert_follows_the_log(tab: Tab, run: Made, arms: tuple[str, ...]) -> None:
 
 
 @in_browser
-def test_a_page_plays_the_run_back_and_colours_the_part_by_what_was_removed_until_then(
-    played: Tab, surface: Made
-) -> None:
+def test_a_page_plays_the_run_back_and_colours_what_was_removed(played: Tab, surface: Made) -> None:
     assert_follows_the_log(played, surface, ("q_rad",))
     assert_clean(played)
     log, removal = surface.record.log, surface.record.removal

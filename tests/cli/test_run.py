@@ -25,9 +25,7 @@ DEAF = ["--set", "controller.force_p_m_sn=0.0001", "--set", "controller.force_i_
 
 
 @pytest.mark.pictures
-def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(
-    polish_sim: Tool, tmp_path: Path
-) -> None:
+def test_a_run_leaves_the_contract_s_files_and_ends_with_its_folder(polish_sim: Tool, tmp_path: Path) -> None:
     code, out, err = polish_sim(*FORCE)
     assert code == 0, err
     (folder,) = (tmp_path / "results" / "run-force").iterdir()
@@ -46,22 +44,20 @@ def test_a_run_leaves_the_contract_s_files_and_ends_with_figures_and_folder(
     assert {"seed", "simulated_s", "wall_s", "real_time_factor", "steps", "versions"} <= figures.keys()
 
 
-def test_config_prints_what_a_bare_run_uses_and_the_folder_s_config_gives_the_same_log(
-    polish_sim: Tool, tmp_path: Path
-) -> None:
+def test_the_config_of_a_run_gives_the_same_log_again(polish_sim: Tool) -> None:
     _, toml, _ = polish_sim("config", "arc")
-    (tmp_path / "mine.toml").write_text(toml)
+    Path("mine.toml").write_text(toml)
     assert polish_sim("run", "arc", "--config", "mine.toml", "--out", "again")[0] == 0
-    assert (tmp_path / "again/config.toml").read_text() == toml
+    assert Path("again/config.toml").read_text() == toml
     assert polish_sim(*ARC, "--seed", "3", "--out", "first")[0] == 0
     assert polish_sim("run", "arc", "--config", "first/config.toml", "--out", "again", "--overwrite")[0] == 0
-    assert (tmp_path / "first/config.toml").read_text() == (tmp_path / "again/config.toml").read_text()
-    first, again = read_log(tmp_path / "first/log.npz"), read_log(tmp_path / "again/log.npz")
+    assert Path("first/config.toml").read_text() == Path("again/config.toml").read_text()
+    first, again = read_log(Path("first/log.npz")), read_log(Path("again/log.npz"))
     for name in COLUMNS:
         np.testing.assert_array_equal(first[name], again[name])
 
 
-def test_check_is_1_when_a_figure_falls_short_and_under_other_conditions_none_is_judged(
+def test_check_is_1_when_a_figure_falls_short_of_its_conditions(
     polish_sim: Tool,
 ) -> None:
     assert polish_sim(*FORCE, "--check", "--out", "good")[0] == 0
@@ -83,10 +79,10 @@ def test_check_is_1_when_a_figure_falls_short_and_under_other_conditions_none_is
     assert (noisy.sensor.force_noise_n, noisy.sensor.force_range_n) == (0.5, 500.0)
 
 
-def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool) -> None:
     code, _, err = polish_sim(*FORCE, "--set", "faults.events=sensor-jump@contact+0.5", "--out", "stopped")
     assert code == 3, err
-    figures = metrics_of(tmp_path / "stopped")
+    figures = metrics_of("stopped")
     said = str(figures["protective_stop"])
     found = re.fullmatch(
         r"wrist sensor reading jumped by more than safety.jump_limit_n = 15: [^;]*; measured [\d.]+ N "
@@ -103,7 +99,7 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     assert float(found[4]) == pytest.approx(20.0, abs=2.0)
     assert said in err
     # The picture has a line at its time after first contact, its name stands in the head.
-    picture = draw_plots(read_record(tmp_path / "stopped"))["force.png"]
+    picture = draw_plots(read_record(Path("stopped")))["force.png"]
     lines = [line.get_xdata() for line in picture.axes[0].lines if line.get_color() == RED]
     (at,) = [x[0] for x in lines if len(x) == 2]
     assert at == pytest.approx(0.5, abs=0.02)
@@ -111,18 +107,18 @@ def test_a_protective_stop_names_limit_time_place_and_force(polish_sim: Tool, tm
     assert f"protective stop at {figures['protective_stop_time_s']:.2f} s: wrist sensor" in head
 
 
-def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool, tmp_path: Path) -> None:
+def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool) -> None:
     assert polish_sim(*ARC, "--log-rate", "full", "--out", "full")[0] == 0
     assert polish_sim(*ARC, "--log-rate", "50", "--out", "coarse")[0] == 0
-    full, coarse = read_log(tmp_path / "full/log.npz"), read_log(tmp_path / "coarse/log.npz")
+    full, coarse = read_log(Path("full/log.npz")), read_log(Path("coarse/log.npz"))
     assert np.median(np.diff(full["time_s"].astype(float))) == pytest.approx(0.001)
     assert np.median(np.diff(coarse["time_s"].astype(float))) == pytest.approx(0.02)
     same = "tracking_error_max_m"
-    assert metrics_of(tmp_path / "full")[same] == metrics_of(tmp_path / "coarse")[same]
+    assert metrics_of("full")[same] == metrics_of("coarse")[same]
 
 
 @pytest.mark.pictures
-def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool, tmp_path: Path) -> None:
+def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool) -> None:
     for name, controller in (("a", "hybrid-pi"), ("b", "hybrid-pi-position")):
         assert polish_sim(*ARC, "--controller", controller, "--out", name)[0] == 0
     assert polish_sim("report", "a", "--out", "alone")[0] == 0
@@ -131,7 +127,7 @@ def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool, tmp_pa
     (row,) = [line.split() for line in out.splitlines() if line.strip().startswith("controller")]
     assert row == ["controller", "hybrid-pi", "hybrid-pi-position"]
     for folder in ("alone", "both"):
-        assert (tmp_path / folder / "arc.png").stat().st_size > 10_000
+        assert (Path(folder) / "arc.png").stat().st_size > 10_000
 
 
 @pytest.mark.pictures
@@ -158,17 +154,17 @@ def test_an_interrupt_while_drawing_says_that_only_pictures_are_missing(
         assert {"arc.png", "report.html"} <= {file.name for file in (tmp_path / "drawn").iterdir()}
 
 
-def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Tool, tmp_path: Path) -> None:
+def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: Tool) -> None:
     faults = ("--fault", "sensor-dropout@contact+0.5", "--fault", "part-low@60")
     code, _, err = polish_sim(*FORCE, *faults, "--out", "a")
     assert code == 3
     assert "wrist sensor reading missing" in err
     assert "part-low@60 did not happen: the run was over after" in err
-    first = metrics_of(tmp_path / "a")
+    first = metrics_of("a")
     assert first["retracted"] is True
     assert first["stop_delay_s"] <= 0.02
-    log = read_log(tmp_path / "a/log.npz")
+    log = read_log(Path("a/log.npz"))
     assert log["phase"][-1] == 3
     assert log["normal_force_n"][-1] == 0.0
     assert polish_sim("run", "force", "--config", "a/config.toml", "--out", "b")[0] == 3
-    assert (tmp_path / "a/log.npz").read_bytes() == (tmp_path / "b/log.npz").read_bytes()
+    assert Path("a/log.npz").read_bytes() == Path("b/log.npz").read_bytes()

@@ -52,7 +52,7 @@ def test_every_option_lands_in_its_key_in_si() -> None:
     assert [values[key] for _, _, key, _ in landed] == [pytest.approx(value) for *_, value in landed]
 
 
-def test_set_beats_options_options_beat_the_file_and_what_is_not_given_changes_nothing(
+def test_set_beats_options_and_options_beat_the_file(
     tmp_path: Path,
 ) -> None:
     assert build_scenario(Scenario(), {"--feed": None, "--part": None}) == Scenario()
@@ -114,9 +114,7 @@ def test_of_the_options_of_a_path_those_pass_that_change_something() -> None:
     refuse_idle_on_path(Scenario(plan=PlanConfig(axis_smoothing_m=0.01)), {}, {"--axis-deviation": 3.0})
 
 
-def test_a_user_s_files_are_written_from_the_root_and_a_controller_s_is_shown_by_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_user_s_files_are_named_from_the_root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine.py").touch()
     (tmp_path / "mine.toml").touch()
     monkeypatch.chdir(tmp_path)

@@ -29,7 +29,7 @@ def cube(tmp_path: Path) -> Path:
 def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim: Tool, cube: Path) -> None:
     code, out, err = polish_sim("plan", cube, *PLAN)
     assert code == 0
-    setups = metrics_of(Path("all"))["setups"]
+    setups = metrics_of("all")["setups"]
     assert len(setups) == 2
     numbers = [n for setup in setups for n in setup["region"].partition(":")[2].partition("/")[0].split(",")]
     assert sorted(numbers) == list("123456")
@@ -39,7 +39,7 @@ def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim: Tool,
     assert "setup_1: z up" in err
     assert polish_sim("run", "surface", "--path", "all/setup_2", "--dry-run", *UNPROVEN)[0] == 0
     assert polish_sim("inspect", "all/setup_1", "--out", "seen")[0] == 0
-    assert metrics_of(Path("seen"))["coverage"] == pytest.approx(setups[0]["coverage"], abs=0.002)
+    assert metrics_of("seen")["coverage"] == pytest.approx(setups[0]["coverage"], abs=0.002)
     code, _, err = polish_sim("run", "surface", "--path", "all")
     assert code == 2
     assert "setup_1" in err
@@ -48,11 +48,9 @@ def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim: Tool,
     assert "--path FOLDER/setup_N" in err
 
 
-def test_a_side_that_is_asked_for_stays_up_and_what_it_does_not_show_is_named(
-    polish_sim: Tool, cube: Path
-) -> None:
+def test_a_side_that_is_asked_for_stays_up_and_what_it_hides_is_named(polish_sim: Tool, cube: Path) -> None:
     assert polish_sim("plan", cube, *PLAN, "--up", "y")[0] == 0
-    figures = metrics_of(Path("all"))
+    figures = metrics_of("all")
     assert all(setup["up"] == [0.0, 1.0, 0.0] for setup in figures["setups"])
     planned = sum(setup["region_area_m2"] for setup in figures["setups"])
     lost = sum(patch["area_m2"] for patch in figures["unreached"])
@@ -60,13 +58,13 @@ def test_a_side_that_is_asked_for_stays_up_and_what_it_does_not_show_is_named(
     assert figures["unreached_area_m2"] == pytest.approx(lost)
 
 
-def test_walls_narrower_than_half_the_pad_are_left_out_by_name(polish_sim: Tool, tmp_path: Path) -> None:
-    trimesh.creation.box((100.0, 80.0, 10.0)).export(tmp_path / "plate.stl")
+def test_walls_narrower_than_half_the_pad_are_left_out_by_name(polish_sim: Tool) -> None:
+    trimesh.creation.box((100.0, 80.0, 10.0)).export("plate.stl")
     code, _, err = polish_sim("plan", "plate.stl", *PLAN)
     assert code == 0
     assert "no setup reaches 36 cm^2 in 4 patches" in err
     assert "narrower than half the pad" in err
-    assert metrics_of(Path("all"))["unreached_area_m2"] == pytest.approx(2 * (0.1 + 0.08) * 0.01)
+    assert metrics_of("all")["unreached_area_m2"] == pytest.approx(2 * (0.1 + 0.08) * 0.01)
 
 
 def test_a_setup_is_planned_again_from_its_own_words(polish_sim: Tool, cube: Path) -> None:

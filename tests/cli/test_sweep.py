@@ -42,36 +42,34 @@ def rows_of(folder: Path) -> dict[str, dict[str, object]]:
     return rows
 
 
-def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(MINE)
+def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool) -> None:
+    Path("mine.py").write_text(MINE)
     vary = (
         "sweep", "arc", "--controller", "mine.py:Mine", "--vary", "controller.own.gain=0:1:lin2", *SHORT,
         *ONE,
     )  # fmt: skip
     dry = polish_sim(*vary, "--out", "s", "--dry-run")
     assert dry.code == 0
-    assert not (tmp_path / "s").exists()
+    assert not Path("s").exists()
     assert "about" in dry.out
     done = polish_sim(*vary, "--out", "s")
     assert done.code == 0, done.err
     assert {"runs.parquet", "study.toml", "metrics.json", "report.html"} <= {
-        f.name for f in (tmp_path / "s").iterdir()
+        f.name for f in Path("s").iterdir()
     }
-    assert (metrics_of(tmp_path / "s")["runs"], metrics_of(tmp_path / "s")["failed"]) == (2, 0)
-    before = rows_of(tmp_path / "s")
-    study = tmp_path / "s" / "study.toml"
+    assert (metrics_of("s")["runs"], metrics_of("s")["failed"]) == (2, 0)
+    before = rows_of(Path("s"))
+    study = Path("s/study.toml")
     study.write_text(study.read_text().replace("seeds = 1", "seeds = 2"))
     more = polish_sim("sweep", "s", *ONE)
     assert more.code == 0, more.err
-    after = rows_of(tmp_path / "s")
+    after = rows_of(Path("s"))
     assert len(after) == 4
     assert {key: after[key] for key in before} == before
     assert "hello" not in done.out + more.out
 
 
-def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(
-    polish_sim: Tool, tmp_path: Path
-) -> None:
+def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim: Tool, tmp_path: Path) -> None:
     asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin12", *SHORT]
     rows, begin = tmp_path / "s" / "rows.jsonl", [*PROGRAM, *asked, *ONE, "--out", "s"]
     for ended_by, least in ((signal.SIGKILL, 2), (signal.SIGINT, 4)):
@@ -88,7 +86,7 @@ def test_a_killed_sweep_goes_on_and_has_the_rows_of_one_that_was_not(
     assert len(rows_of(tmp_path / "s")) == 12
 
 
-def test_a_force_is_judged_with_the_limit_it_is_swept_with_and_a_sweep_without_any_run_ends_with_2(
+def test_a_sweep_judges_values_together_and_says_why_no_run_was_done(
     polish_sim: Tool,
 ) -> None:
     force, limit = Axis("process.contact_force_n", "60", (60.0,)), Axis("safety.force_limit_n", "80", (80.0,))

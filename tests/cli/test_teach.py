@@ -22,7 +22,7 @@ def test_one_mode_leaves_the_contract_s_files_and_figures(polish_sim: Tool) -> N
     assert {"config.toml", "metrics.json", "log.npz", "hand_force.png"} <= {
         file.name for file in Path("out").iterdir()
     }
-    metrics = metrics_of(Path("out"))
+    metrics = metrics_of("out")
     assert {"hand_force_peak_n", "hand_force_rms_n", "drift_rad"} <= set(metrics)
     assert metrics["moves"] == ["assist_x_0p8s"]
     log = np.load("out/log.npz")
@@ -36,7 +36,7 @@ def test_an_arm_that_would_run_away_stops_with_3_and_keeps_its_log(polish_sim: T
     code, _, err = polish_sim("run", "teach", *words, *SHORT, "--out", "out")
     assert code == 3
     assert "protective stop: classical x fast: " in err
-    assert metrics_of(Path("out"))["protective_stop"]
+    assert metrics_of("out")["protective_stop"]
     assert len(np.load("out/log.npz")["time_s"]) > 100
 
 
@@ -48,7 +48,7 @@ def test_a_taught_rim_is_polished_within_4_newton(polish_sim: Tool) -> None:
     assert "taught path off what was meant" in out
     assert {"taught.csv", "taught.png", "hand_force.png"} <= {file.name for file in Path("taught").iterdir()}
     path = read_path("taught/taught.csv")
-    assert path.length_m == metrics_of(Path("taught"))["taught_length_m"]
+    assert path.length_m == metrics_of("taught")["taught_length_m"]
     words = "--part sphere_50 --path taught/taught.csv --set process.max_feed_s=4 --out polished"
     assert polish_sim("run", "surface", *words.split(), *UNPROVEN)[0] == 0
-    assert metrics_of(Path("polished"))["force_within_4n"] >= 0.995
+    assert metrics_of("polished")["force_within_4n"] >= 0.995

@@ -118,9 +118,7 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("calibrate payload --data gone.csv --poses 9", "--poses would change nothing with --data"),
     ],
 )
-def test_wrong_words_are_one_line_with_code_2_before_any_work_and_nothing_is_written(
-    polish_sim: Tool, words: str, said: str
-) -> None:
+def test_wrong_words_are_one_line_before_any_work(polish_sim: Tool, words: str, said: str) -> None:
     call = polish_sim(*words.split())
     assert_refused(call, said)
     assert call.err.count("\n") == 1  # no stage was begun
@@ -144,9 +142,7 @@ def test_wrong_words_are_one_line_with_code_2_before_any_work_and_nothing_is_wri
         ),
     ],
 )
-def test_what_only_the_work_shows_to_be_wrong_is_one_error_and_nothing_is_written(
-    polish_sim: Tool, words: str, said: str
-) -> None:
+def test_what_only_the_work_shows_to_be_wrong_is_one_error(polish_sim: Tool, words: str, said: str) -> None:
     assert_refused(polish_sim(*words.split()), said)
 
 
@@ -161,19 +157,17 @@ def test_what_only_the_work_shows_to_be_wrong_is_one_error_and_nothing_is_writte
         ("score --out other", "is not a score"),
     ],
 )
-def test_a_file_or_folder_of_something_else_is_named_and_left_alone(
-    polish_sim: Tool, tmp_path: Path, words: str, said: str
-) -> None:
-    (tmp_path / "mine.toml").write_text("[sensor]\nforce_noise_n = -1.0\n")
-    (tmp_path / "empty.csv").touch()
-    (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other/notes.txt").touch()
+def test_a_file_of_something_else_is_named_and_left_alone(polish_sim: Tool, words: str, said: str) -> None:
+    Path("mine.toml").write_text("[sensor]\nforce_noise_n = -1.0\n")
+    Path("empty.csv").touch()
+    Path("binary.csv").write_bytes(bytes(range(256)))
+    Path("other").mkdir()
+    Path("other/notes.txt").touch()
     assert_refused(polish_sim(*words.split()), said, "mine.toml", "empty.csv", "binary.csv", "other")
-    assert [path.name for path in (tmp_path / "other").iterdir()] == ["notes.txt"]
+    assert [path.name for path in Path("other").iterdir()] == ["notes.txt"]
 
 
-def test_list_names_what_ships_of_one_kind_says_what_each_is_and_every_config_can_be_printed(
+def test_list_says_what_ships_and_what_each_is(
     polish_sim: Tool,
 ) -> None:
     code, out, _ = polish_sim("list")

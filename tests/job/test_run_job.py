@@ -56,9 +56,7 @@ def whole(job: Job, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lis
     return folder, list(run_job(job, folder, Silent()))
 
 
-def test_planned_and_simulated_time_agree_and_the_programme_asks_the_operator(
-    job: Job, whole: tuple[Path, list[Row]]
-):
+def test_planned_and_simulated_time_agree_in_programme_and_figures(job: Job, whole: tuple[Path, list[Row]]):
     folder, rows = whole
     figures = job_figures(job, folder, rows)
     assert figures["planned_cycle_time_s"] == pytest.approx(figures["cycle_time_s"], rel=0.02)
@@ -72,7 +70,7 @@ def test_planned_and_simulated_time_agree_and_the_programme_asks_the_operator(
 
 
 @pytest.mark.parametrize(("after", "pieces"), [(1.0, 1), (7.0, 2), (9.5, 2)])
-def test_a_stopped_job_goes_on_and_takes_off_as_much_with_no_more_than_ramp_and_landing(
+def test_a_stopped_job_goes_on_and_takes_off_as_much(
     job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, after: float, pieces: int
 ):
     """After 9.5 s what is left is shorter than a step-over: 1.5 of them are polished again, and the
@@ -101,7 +99,7 @@ def test_the_same_job_gives_the_same_bytes(job: Job, whole: tuple[Path, list[Row
     assert digests(tmp_path) == digests(whole[0])
 
 
-def test_a_pass_with_a_flange_is_left_to_its_own_programme_and_a_force_controller_is_refused(
+def test_a_pass_with_a_flange_is_left_to_its_own_programme(
     tmp_path: Path,
 ) -> None:
     """URScript would press with the robot's force mode."""

@@ -76,9 +76,7 @@ def test_a_filtered_box_has_the_peaks_of_its_closed_form() -> None:
 
 
 @pytest.mark.parametrize(("overlap", "jerk"), [(0.1, np.sqrt(2.0)), (1e-15, 1.0), (1e-12, 1.0), (4e-11, 1.0)])
-def test_overlapping_segments_add_their_jerks_but_not_if_by_rounding_only(
-    overlap: float, jerk: float
-) -> None:
+def test_jerks_add_where_segments_overlap_by_more_than_rounding(overlap: float, jerk: float) -> None:
     """For 0.1 s the last ramp of the old segment and the first one of the new, square to it, are one."""
     peak = find_peaks(corner([0.0, 2.6 - overlap]), None).tip[2]
     assert peak.value == pytest.approx(jerk, rel=1e-9)
