@@ -168,7 +168,8 @@ def test_inches_an_unknown_place_and_a_vector_of_any_length_are_understood(tmp_p
 @pytest.mark.parametrize(
     ("words", "axis"),
     [
-        ("B90 C90", (0, 1, 0)), ("A90 B45", (0, -1, 0)), ("A30 C180", (0, 0.5, np.sqrt(0.75))),
+        ("B90 C90", (0, 1, 0)), ("A90 C90", (1, 0, 0)), ("A90 B45", (0, -1, 0)),
+        ("A30 C180", (0, 0.5, np.sqrt(0.75))),
     ],
 )  # fmt: skip
 def test_a_turns_about_x_then_b_about_y_then_c_about_z(tmp_path, words, axis):

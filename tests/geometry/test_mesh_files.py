@@ -132,6 +132,7 @@ def with_number(facet, value):
 
 HEADER = "ply\nformat ascii 1.0\n"
 BINARY = HEADER.replace("ascii", "binary_little_endian")
+ENDLESS = "element face 999999999999\nproperty list uint int vertex_indices\nend_header\n"
 XYZ = "property float x\nproperty float y\nproperty float z\n"
 
 
@@ -150,32 +151,15 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
         ("bad_number.stl", TEXT_STL.replace(b"vertex ", b"vertex x", 1), "is not a vertex"),
         ("nan.stl", with_number(5, np.nan), "NaN or infinite, the first is facet 5"),
         ("zero_area.stl", stl_bytes(LINE), "zero area"),
-        (
-            "crowded.stl",
-            stl_bytes(np.concatenate([TRIANGLES, PINCHED])),
-            "1 edges are shared by more than two",
-        ),
+        ("crowded.stl", stl_bytes(np.concatenate([TRIANGLES, PINCHED])), "1 edges are shared by more than"),
         ("moebius.stl", stl_bytes(MOEBIUS), "one-sided"),
         ("part.mtl", "newmtl steel\n", "name the .obj file itself"),
         ("part.igs", "S 1\n", r"Export the part as one of: \.ply, \.stl, \.obj, \.step, \.stp"),
         ("cut.ply", binary_ply()[:-100], "cut short: its header announces 320 rows of 'face'"),
-        (
-            "huge.ply",
-            BINARY + "element vertex 4000000000\n" + XYZ + "end_header\n",
-            "announces 4000000000 rows",
-        ),
-        (
-            "huge_faces.ply",
-            BINARY + "element vertex 3\n" + XYZ + "element face 999999999999\n"
-            "property list uint int vertex_indices\nend_header\n" + 400 * "x",
-            "announces 999999999999 rows",
-        ),
+        ("huge.ply", BINARY + "element vertex 4000000000\n" + XYZ + "end_header\n", "4000000000 rows"),
+        ("huge_faces.ply", BINARY + "element vertex 3\n" + XYZ + ENDLESS + 400 * "x", "999999999999 rows"),
         ("cloud.ply", HEADER + "element vertex 1\n" + XYZ + "end_header\n0 0 0\n", "no faces"),
-        (
-            "no_z.ply",
-            HEADER + "element vertex 1\nproperty float x\nproperty float y\nend_header\n0 0\n",
-            "no x, y, z",
-        ),
+        ("no_z.ply", HEADER + "element vertex 1\nproperty float x\nend_header\n0\n", "no x, y, z"),
         ("headless.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "no 'end_header'"),
         ("strange.ply", HEADER.replace("ascii", "morse") + "end_header\n", "its format is none of"),
         ("words.ply", text_ply().replace(" 7 ", " seven ", 1), "words where numbers"),

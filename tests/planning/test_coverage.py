@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.ground.ground import prepare_ground
+from polish_sim.planning.ground.points import thin
 from polish_sim.planning.ground.triangulation import triangulate
 from polish_sim.planning.part_plan import LEFT_OUT, Mend
 from polish_sim.planning.quality.areas import CutOut
@@ -121,6 +123,13 @@ def test_a_strongly_tilted_pad_stands_on_its_edge():
     x = np.linspace(-R, R, 200_001)
     pressure = PAD.stiffness_n_m / (np.pi * R**2) * np.maximum(depth + 0.5 * x, 0.0)
     assert np.trapezoid(pressure * 2.0 * np.sqrt(R**2 - x**2), x) == pytest.approx(20.0, rel=0.05)
+
+
+def test_thinned_points_are_apart_and_leave_nothing_out():
+    points = np.random.default_rng(3).uniform(0.0, 0.1, (5000, 3)) * [1.0, 1.0, 0.1]
+    some = thin(points, 0.004)
+    assert len(cKDTree(points[some.kept]).query_pairs(0.004 * (1.0 - 1e-9))) == 0
+    assert np.linalg.norm(points - points[some.kept][some.stands_for], axis=1).max() < 0.004
 
 
 # Every cm^2 of the region asked for is polished, or left out for one reason.

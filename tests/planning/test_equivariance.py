@@ -17,10 +17,10 @@ from benchmarks.random_parts import exact_mesh, examine, find_faults, mesh_of
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import PartMesh, fit_surface, select_region
 from polish_sim.models.parts import Block, parts
-from polish_sim.models.solids import disc_grid, rectangle_grid
+from polish_sim.models.solids import Solid, disc_grid, rectangle_grid
 from polish_sim.planning import ToolPath, plan_mesh, plan_path
+from tests.planning.shapes import UP, Array
 
-Array = NDArray[np.float64]
 SAME_M = 1e-6
 SAME_AXIS = 1e-3
 """Tool axes of the same path differ by no more than this; a bent place at 1 mm radius turns by it within
@@ -39,9 +39,8 @@ class Body(NamedTuple):
         return float(np.ptp(self.vertices, axis=0).max())
 
 
-def _coarse(name: str, grid: object) -> Body:
-    solid = Block(parts()[name].shape, grid).build()
-    return Body(solid.vertices, solid.faces, np.array([0.0, 0.0, 1.0]))
+def _upright(solid: Solid) -> Body:
+    return Body(solid.vertices, solid.faces, UP)
 
 
 def _random(seed: int) -> Body:
@@ -49,16 +48,12 @@ def _random(seed: int) -> Body:
     return Body(part.solid.vertices - part.solid.vertices.mean(axis=0), part.solid.faces, part.up)
 
 
-def _ring() -> Body:
-    solid = replace(parts()["wheel_hub_rim"], spacing=0.006).build()
-    return Body(solid.vertices, solid.faces, np.array([0.0, 0.0, 1.0]))
-
-
+SHAPES = {name: part.shape for name, part in parts().items() if isinstance(part, Block)}
 BODIES = {
-    "plate": lambda: _coarse("plate", rectangle_grid(0.200, 0.160, 0.020)),
-    "saddle": lambda: _coarse("saddle", rectangle_grid(0.160, 0.160, 0.010)),
-    "freeform": lambda: _coarse("freeform", disc_grid(0.100, 0.006)),
-    "ring": _ring,
+    "plate": lambda: _upright(Block(SHAPES["plate"], rectangle_grid(0.200, 0.160, 0.020)).build()),
+    "saddle": lambda: _upright(Block(SHAPES["saddle"], rectangle_grid(0.160, 0.160, 0.010)).build()),
+    "freeform": lambda: _upright(Block(SHAPES["freeform"], disc_grid(0.100, 0.006)).build()),
+    "ring": lambda: _upright(replace(parts()["wheel_hub_rim"], spacing=0.006).build()),
     "random 9": lambda: _random(9),
     "random 26": lambda: _random(26),
 }

@@ -11,6 +11,8 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.exchange.strokes import ExportSetup
 from polish_sim.exchange.viewers import path_page
+from polish_sim.geometry import load_part
+from polish_sim.geometry.fixture import joined_meshes, load_fixture
 from polish_sim.planning import PlanResult, inspect_path, measure_given_path, plan_part
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, UNSURE_M
 from tests.planning.shapes import moved
@@ -91,6 +93,14 @@ def test_a_fixture_that_swallows_the_part_is_refused_by_name(tmp_path):
     around = trimesh.creation.box((900, 900, 900))
     with pytest.raises(PlanError, match=r"too close to the fixture .* own frame and unit"):
         planned(tmp_path, around)
+
+
+def test_part_and_fixture_joined_enclose_the_volume_of_both(tmp_path):
+    config = asked(tmp_path, wall(10))
+    mesh = load_part(config.file, up="z")
+    joined = joined_meshes(mesh, load_fixture(config.fixture_file, mesh))
+    volume = trimesh.Trimesh(joined.vertices, joined.faces, process=False).volume
+    assert volume == pytest.approx(1e-9 * (PLATE.volume + wall(10).volume))
 
 
 def test_picture_and_page_show_the_fixture(tmp_path):

@@ -23,6 +23,7 @@ from polish_sim.planning.moves.leads import (
 )
 from polish_sim.planning.moves.leave_out import leave_out
 from polish_sim.planning.moves.travel import nearest_neighbours, order_blocks, travel
+from polish_sim.planning.moves.way_out import RIM_POINTS, rim_depths
 from polish_sim.planning.toolpath import PROCESS, stretches
 from tests.planning.shapes import UP, moved, plan_of, surface_of
 
@@ -42,6 +43,15 @@ def stroke(x0, x1, y=0.0):
     x = np.linspace(x0, x1, 60)
     positions = np.stack([x, 0.0 * x + y, 0.0 * x], axis=1)
     return Move(positions, np.tile(UP, (60, 1)), PROCESS, np.zeros(60, dtype=np.int64))
+
+
+def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
+    box = surface_of(trimesh.creation.box((100.0, 100.0, 100.0)), tmp_path)
+    beside = np.array([[0.06, 0.0, 0.0]])
+    assert rim_depths(box, beside, UP[None], 0.0) == pytest.approx([0.0])
+    depth = rim_depths(box, beside, UP[None], 0.025)[0]
+    # The deepest point of the rim is at most half the angle between two probed ones away.
+    assert 0.015 - 0.025 * (1.0 - np.cos(np.pi / RIM_POINTS)) <= depth <= 0.015 + 1e-12
 
 
 @pytest.mark.parametrize(("height", "ahead"), [(20.0, 0.04), (60.0, 0.04), (60.0, -0.03)])

@@ -35,19 +35,31 @@ def test_the_first_turn_runs_half_a_step_over_inside_the_border():
 
 
 @pytest.mark.parametrize(
-    ("order", "direction", "side"), [("inward", "conventional", 1.0), ("outward", "climb", -1.0)]
-)
-def test_what_is_not_done_yet_lies_on_the_left_or_on_the_right(order, direction, side):
+    ("pattern", "order", "direction", "side"),
+    [
+        ("spiral", "inward", "conventional", 1.0), ("spiral", "outward", "climb", -1.0),
+        ("contour", "inward", "climb", -1.0), ("contour", "outward", "conventional", 1.0),
+    ],
+)  # fmt: skip
+def test_what_is_not_done_yet_lies_on_the_left_or_on_the_right(pattern, order, direction, side):
     """Inwards on a cap that is the middle, outwards the border."""
-    path = plan_path(region_of("sphere_100"), PlanConfig(stepover_m=STEP, order=order, direction=direction))
+    plan = PlanConfig(pattern=pattern, stepover_m=STEP, order=order, direction=direction)
+    path = plan_path(region_of("sphere_100"), plan)
     points = path.positions_work[path.process]
     inwards = order == "inward"
-    radius = np.linalg.norm(points[[0, -1], :2], axis=1)
-    assert (radius[0] > radius[1]) == inwards
-    feed = np.gradient(points, axis=0)
+    radius = np.linalg.norm(points[:, :2], axis=1)
+    assert (radius[0] > radius[-1]) == inwards
     to_what_is_left = (-1.0 if inwards else 1.0) * points * [1.0, 1.0, 0.0]
-    left = np.cross(UP, feed)
+    left = np.cross(UP, np.gradient(points, axis=0))
     assert (side * (left * to_what_is_left).sum(axis=1) > 0.0).mean() > 0.95
+    if pattern == "contour":
+        passes = path.pass_index[path.process]
+        for loop in (points[passes == number] for number in np.unique(passes)):
+            # It comes back to exactly where it began.
+            again = (loop == loop[0]).all(axis=1)
+            assert again.sum() == 2
+            radius = np.linalg.norm(loop[: np.flatnonzero(again)[1] + 1, :2], axis=1)
+            assert np.ptp(radius) < 0.02 * STEP + 0.02 * radius.mean()
 
 
 def test_the_spiral_becomes_archimedean_turn_by_turn():
@@ -63,29 +75,6 @@ def test_the_spiral_becomes_archimedean_turn_by_turn():
     slopes = np.ptp(heights, axis=1) / 0.8
     assert np.diff(slopes).min() > -1e-9
     assert slopes[14] == pytest.approx(1.0, abs=0.05)
-
-
-# Contour: closed loops one inside the other.
-
-
-@pytest.mark.parametrize(
-    ("order", "sign", "direction", "way"),
-    [("inward", 1.0, "climb", -1.0), ("outward", -1.0, "conventional", 1.0)],
-)
-def test_what_closed_loops_have_not_done_yet_lies_on_the_left_unless_climbing(order, sign, direction, way):
-    plan = PlanConfig(pattern="contour", stepover_m=STEP, order=order, direction=direction)
-    path = plan_path(region_of("sphere_100"), plan)
-    passes = path.pass_index[path.process]
-    loops = [path.positions_work[path.process][passes == number] for number in np.unique(passes)]
-    sizes = [np.linalg.norm(loop[:, :2], axis=1).mean() for loop in loops]
-    assert (np.diff(sizes) * sign < 0.0).all()
-    for loop in loops:
-        assert np.cross(loop[:-1], loop[1:])[:, 2].sum() * sign * way > 0.0  # area swept about z
-        # It comes back to exactly where it began.
-        again = (loop == loop[0]).all(axis=1)
-        assert again.sum() == 2
-        radius = np.linalg.norm(loop[: np.flatnonzero(again)[1] + 1, :2], axis=1)
-        assert np.ptp(radius) < 0.02 * STEP + 0.02 * radius.mean()
 
 
 # Connected Fermat spirals: one stroke over any region, covered, never crossing itself.

@@ -8,8 +8,9 @@ import pytest
 from polish_sim.arrays import Array
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface, fit_surface, load_part
-from polish_sim.hand_guiding.teaching import Recording, teach_path
+from polish_sim.hand_guiding.teaching import Recording, simplified, teach_path
 from polish_sim.models import workpiece_path
+from tests.planning.shapes import to_polyline
 
 RADIUS, SPEED = 0.08, 0.05
 
@@ -39,7 +40,8 @@ def test_a_hand_s_circle_comes_back_and_tremor_is_filtered_to_a_fifth(plate: Sur
     hand = circle(tremor)
     taught = teach_path(hand, plate, 4.0, 0.0003, 0.002)
     off = off_circle(taught.path.positions_work)[3:-3]
-    assert np.sqrt(np.mean(off**2)) < max(1e-4, 0.2 * np.sqrt(np.mean(off_circle(hand.positions) ** 2)))
+    rms = [np.sqrt(np.mean(gap**2)) for gap in (off, off_circle(hand.positions))]
+    assert rms[0] < 0.2 * rms[1] if tremor else off.max() < 1e-4
     assert taught.path.length_m == pytest.approx(2.0 * np.pi * RADIUS, rel=5e-3)
     assert np.diff(taught.path.s).max() < 0.0025
 
@@ -61,6 +63,13 @@ def test_on_a_sphere_points_lie_on_it_and_axes_are_its_normals() -> None:
     again = surface.closest(found.path.positions_work)
     np.testing.assert_allclose(again.positions, found.path.positions_work, atol=1e-9)
     np.testing.assert_allclose(np.sum(again.normals * found.path.axes_work, axis=1), 1.0, atol=1e-6)
+
+
+def test_no_point_is_further_from_the_simplified_line_than_asked() -> None:
+    points, tolerance = circle(tremor=0.0005).positions, 1e-3
+    corners = simplified(points, tolerance)
+    assert len(corners) < 0.02 * len(points)
+    assert to_polyline(points, points[corners]).max() <= tolerance + 1e-12
 
 
 def test_a_tool_that_was_hardly_moved_teaches_nothing(plate: Surface) -> None:
