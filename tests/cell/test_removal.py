@@ -164,6 +164,13 @@ def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_se
     np.testing.assert_allclose(exposed(every=500).exposure, removed.exposure, rtol=1e-12)
 
 
+def test_a_pad_in_the_air_removes_nothing() -> None:
+    trace, _ = run_of()
+    lifted = trace._replace(normal_force_n=np.zeros(len(trace.time_s)))
+    motion = pad_motion(log_of(trace), lifted, part_at(plane()), R)
+    assert expose_nodes(level_nodes(FINE), motion, R, STIFFNESS).exposure.max() == 0.0
+
+
 def test_a_world_turned_removes_the_same() -> None:
     here, there = exposed(4).exposure, exposed(4, Rotation.from_euler("xyz", [0.4, -1.1, 2.0])).exposure
     np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-9 * here.max())

@@ -87,7 +87,7 @@ def test_moving_in_free_space_the_sensor_reads_m_a_minus_g_at_every_instant() ->
 
 def test_pressing_and_sliding_it_reads_that_minus_the_contact_at_every_instant() -> None:
     scenario = ideal("force", EVERY_STEP, "spindle.speed_rpm=6000", "sensor.force_noise_n=0.5")
-    stroke = pressing_stroke(slide=0.005, lift=0.01)
+    stroke = pressing_stroke(height=0.002, slide=0.002, hold=0.2, lift=0.002)
     look, run = watched(cell_for(scenario, stroke, part=part_under(sphere(0.1))))
     assert run.stop_reason is None
     assert run.trace.normal_force_n.max() > 10.0

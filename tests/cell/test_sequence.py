@@ -107,9 +107,9 @@ def test_two_strokes_follow_each_other_through_free_space() -> None:
 
 
 def contact_time(reading: Callable[[float], float]) -> float:
-    """When a reading [N] by the time in the air [s] counts as contact, coming down from 30 mm [s]; infinite:
+    """When a reading [N] by the time in the air [s] counts as contact, coming down from 20 mm [s]; infinite:
     never."""
-    stroke, sequence, target = pressing_stroke(height=0.03), build_sequence(), Target()
+    stroke, sequence, target = pressing_stroke(height=0.02), build_sequence(), Target()
     for step in range(20_000):
         t = 0.001 * step - (TARE_START + TARE_TIME)
         if not advance_sequence(stroke, sequence, reading(t), 1.0, 0.001, target, 0.005, 0.0):
