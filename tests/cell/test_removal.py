@@ -150,11 +150,14 @@ def with_tool(log: RunLog, quaternions: Array) -> RunLog:
     return RunLog({**log.columns, "tcp_quaternion_wxyz": quaternions})
 
 
-def exposed(every: int, turn: Rotation = STRAIGHT) -> Removed:
+def motion_of(every: int, turn: Rotation = STRAIGHT) -> PadMotion:
     trace, quaternion = run_of(turn)
     log, part = log_of(trace, every), part_at(plane(), turn.as_matrix())
-    logged = with_tool(log, np.tile(quaternion, (len(log), 1)))
-    return expose_nodes(level_nodes(FINE), pad_motion(logged, trace, part, R), R, STIFFNESS)
+    return pad_motion(with_tool(log, np.tile(quaternion, (len(log), 1))), trace, part, R)
+
+
+def exposed(every: int, turn: Rotation = STRAIGHT) -> Removed:
+    return expose_nodes(level_nodes(FINE), motion_of(every, turn), R, STIFFNESS)
 
 
 def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_seldom_it_is_logged() -> None:
@@ -162,6 +165,9 @@ def test_the_face_lies_above_the_tool_point_by_what_the_head_gave_way_however_se
     assert removed.carried == pytest.approx(20.0, rel=0.01)
     assert removed.gained.sum() == pytest.approx(2.0 / 3.0 * 20.0 * SPIN * R * 1.5, rel=0.01)
     np.testing.assert_allclose(exposed(every=500).exposure, removed.exposure, rtol=1e-12)
+    motion = motion_of(every=4)  # the spindle turns about the tool's axis, which points into the part
+    np.testing.assert_allclose(motion.turning, np.tile([0.0, 0.0, -SPIN], (len(motion.times), 1)), atol=1e-9)
+    assert motion.times.sum() == pytest.approx(1.5)
 
 
 def test_a_pad_in_the_air_removes_nothing() -> None:
