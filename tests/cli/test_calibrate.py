@@ -94,6 +94,13 @@ def test_a_touched_reading_is_named_and_a_noisy_sensor_falls_short(folder: Path,
     code, _, err = polish_sim("calibrate", "payload", "--data", "touched.csv", "--out", "two")
     assert code == 0
     assert "note: reading 3 does not fit the others" in err
+    for row in rows[1 : 1 + len(rows) // 2]:  # half of the forces in kN
+        first = rows[0].index("fx_n")
+        row[first : first + 3] = [str(1e-3 * float(value)) for value in row[first : first + 3]]
+    Path("half.csv").write_text("\n".join(map(",".join, rows)) + "\n")
+    code, _, err = polish_sim("calibrate", "payload", "--data", "half.csv", "--out", "no")
+    assert code == 2
+    assert "the forces do not follow a tool's weight" in err
     words = ("--noise", "20", "--poses", "4", "--set", "payload.average_s=0.02", "--out", "noisy")
     assert polish_sim("calibrate", "payload", *words, "--check").code == 1
 

@@ -40,16 +40,3 @@ def test_a_plan_carries_its_fixture_which_must_be_there_unchanged(
     assert polish_sim("inspect", folder, "--fixture", "fixture.stl", "--out", "seen").code == 0
     Path("fixture.stl").unlink()
     assert polish_sim("run", "surface", "--path", folder, "--dry-run").code == 2
-
-
-def test_a_fixture_that_is_no_file_or_not_for_two_robots_is_refused_before_planning(polish_sim: Tool) -> None:
-    asked(Path(), None)
-    for words, said in (
-        ("plan plate.stl --fixture gone.stl", "gone.stl"),
-        ("run surface --part plate.stl --fixture gone.stl", "gone.stl"),
-        ("plan plate.stl --dual --fixture plate.stl", "--fixture"),
-    ):
-        code, _, err = polish_sim(*words.split(), "--out", "made")
-        assert code == 2
-        assert said in err
-        assert not Path("made").exists()

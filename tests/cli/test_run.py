@@ -117,6 +117,18 @@ def test_the_log_rate_sets_the_rows_but_not_the_figures(polish_sim: Tool) -> Non
     assert metrics_of("full")[same] == metrics_of("coarse")[same]
 
 
+def test_seeds_give_a_run_each_and_their_mean_and_worst(polish_sim: Tool) -> None:
+    words = ("--seed", "5", "--seeds", "2", "--on", "here", "--check", "--out", "two")
+    code, out, err = polish_sim(*FORCE, *words)
+    assert code == 0, err
+    assert "worst seed" in out
+    figures = metrics_of("two")
+    times = [metrics_of(f"two/seed-000{seed}")["settling_time_3n_s"] for seed in (5, 6)]
+    assert times[0] != times[1]
+    assert figures["worst"]["settling_time_3n_s"] == max(times)
+    assert figures["mean"]["settling_time_3n_s"] == pytest.approx(sum(times) / 2)
+
+
 @pytest.mark.pictures
 def test_report_draws_saved_runs_again_and_side_by_side(polish_sim: Tool) -> None:
     for name, controller in (("a", "hybrid-pi"), ("b", "hybrid-pi-position")):

@@ -77,6 +77,8 @@ def test_set_beats_options_and_options_beat_the_file(
         ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: pad diameter"),
         ("--start", "1,2,inf", r"--start '1,2,inf' is not X,Y,Z"),
         ("--raster-direction", "0,0,0", "not all zero"),
+        ("--part-pose", "1,2,3", "six numbers in mm and deg"),
+        ("--overlap", 100.0, "--overlap 100 is not a percentage"),
         ("--overlap", 99.9, r"leaves a step-over of 0\.05 mm, less than the smallest possible"),
         ("--log-rate", "fast", "--log-rate 'fast' is not a number .*full"),
         ("--stepover", "8mm", "--stepover '8mm' is not a number: write 8; the unit is mm"),

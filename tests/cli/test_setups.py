@@ -48,16 +48,6 @@ def test_a_cube_takes_two_setups_and_each_face_is_planned_once(polish_sim: Tool,
     assert "--path FOLDER/setup_N" in err
 
 
-def test_a_side_that_is_asked_for_stays_up_and_what_it_hides_is_named(polish_sim: Tool, cube: Path) -> None:
-    assert polish_sim("plan", cube, *PLAN, "--up", "y")[0] == 0
-    figures = metrics_of("all")
-    assert all(setup["up"] == [0.0, 1.0, 0.0] for setup in figures["setups"])
-    planned = sum(setup["region_area_m2"] for setup in figures["setups"])
-    lost = sum(patch["area_m2"] for patch in figures["unreached"])
-    assert planned + lost == pytest.approx(6 * 0.08**2)
-    assert figures["unreached_area_m2"] == pytest.approx(lost)
-
-
 def test_walls_narrower_than_half_the_pad_are_left_out_by_name(polish_sim: Tool) -> None:
     trimesh.creation.box((100.0, 80.0, 10.0)).export("plate.stl")
     code, _, err = polish_sim("plan", "plate.stl", *PLAN)

@@ -129,6 +129,7 @@ BAD = {
     "points out of order": (UNORDERED, "", "line 4, point 3: s_m falls from 2 to 1"),
     "out of reach where it lies": (ZIGZAG, "--part-pose 5000,0,0,0,0,0", "out of reach"),
     "no such rule": (ZIGZAG, "--rule fast", "unknown rule 'fast'"),
+    "a rule that has left": (ZIGZAG, "--rule certified", "spline"),
     "a tolerance below zero": (ZIGZAG, "--tolerance -1", "--tolerance -1 is outside 0 to 10 mm"),
     "a rule beside itself": (ZIGZAG, "--against spline", "--against spline is the rule itself"),
     "no limits there": (ZIGZAG, "--limits none.toml", "none.toml"),
