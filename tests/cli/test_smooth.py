@@ -154,6 +154,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(polish_sim: Tool, case: str
 def test_run_smooth_plays_a_path_with_every_rule_and_can_be_drawn_again(polish_sim: Tool) -> None:
     line = HEAD + "".join(f"{5 * k},{5 * (k % 2)},20,0,0,1\n" for k in range(4))
     Path("path.csv").write_text(line)
+    assert "within reach" in polish_sim("run", "smooth", "--path", "path.csv", "--dry-run").out
     code, out, err = polish_sim("run", "smooth", "--path", "path.csv", "--out", "out")
     assert code == 0, err
     assert metrics_of("out")["path_done"] == 1.0

@@ -43,6 +43,7 @@ def test_the_template_is_two_crossed_passes_and_passes_are_setups_times_regions_
         ("process.contact_force_n = 15.0", "process.contact_force_n = 55.0"),
         ('tool = "spindle-pad"  #', 'tool = "spindel-pad"  #'),
         ('plan.pattern = "raster"\n', 'plan.pattern = "rastre"\n'),
+        ('regions = ["auto"]', 'regions = "auto"'),
         ("clamp_s = 60.0", "clamp_s = 'long'"),
         ('robot.arm = "ur5e"', 'robot.arn = "ur5e"'),
     ],

@@ -52,7 +52,8 @@ def test_a_worn_abrasive_takes_off_half_after_its_wear():
     ("text", "named"),
     [
         ("[a]\nradius_m = -1.0\n", "radius_m"), ("[a]\nkind = 'laser'\n", "laser"),
-        ("[a]\nkind = 'orbital'\n", "orbit_m"), ("a = 3\n", "a"), ("[a\n", "TOML"),
+        ("[a]\nkind = 'orbital'\n", "orbit_m"), ("[a]\nspeed_rpm = 20000.0\n", "speed_rpm"),
+        ("a = 3\n", "a"), ("[a\n", "TOML"),
     ],
 )  # fmt: skip
 def test_a_bad_tool_is_refused_by_name(tmp_path: Path, text: str, named: str):

@@ -84,6 +84,7 @@ def test_samples_stay_in_their_ranges_and_come_again(sample: str) -> None:
     [
         ([f"{NOISE}=0.1,0.2", f"{NOISE}=0.3"], {}, "varied twice"),
         ([f"{NOISE}=0.1:0.2"], {}, "a grid needs steps"),
+        ([f"{NOISE}=0.1:0.2"], {"sample": "sobol"}, "needs --count"),
         ([f"{NOISE}=0.1"], {"count": 3}, "--count is for"),
         ([f"{NOISE}=0.1"], {"sample": "sobl", "count": 3}, "'sobol'"),
         (["sensor.force_nose_n=0.1"], {}, "'sensor.force_noise_n'"),
@@ -118,6 +119,7 @@ def test_a_study_s_file_gives_back_the_same_runs(tmp_path: Path) -> None:
     ("text", "told"),
     [
         ("experiment = 'arc'\nsed = 3", "'seeds'"),
+        ("experiment = 'ark'", "'arc'"),
         ("experiment = 'arc'\nseeds = 'many'", "'seeds' in .* whole number"),
         ("experiment = 'arc'\nvary = 3", "'vary' in .* section"),
         ("experiment = 'arc'\n[vary]\nsensor.force_noise_n = []", "must be a list"),
