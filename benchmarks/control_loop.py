@@ -75,7 +75,7 @@ def measure_pair() -> Iterator[Row]:
     pair = build_dual_cell(scenario, prepare_dual(scenario)).cell
     lone, both_of = build_recorder(CHUNK, 4), build_recorder(CHUNK, 4, pair.more_columns)
 
-    arms = pair.real_arm, pair.master_arm, None  # elastic: their encoders say where they are
+    arms = pair.real_arm, pair.master_arm, pair.host_arm
 
     def step_one() -> None:
         advance(one, single.real_arm, lone, single.law, single.rng.standard_normal((CHUNK, 12)), CHUNK)

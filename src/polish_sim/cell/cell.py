@@ -94,7 +94,7 @@ class _Start(NamedTuple):
     force: float  #: The largest it is to hold [N]
     mass: float  #: See ``Cell._tangential_mass`` [kg]
     qpos: Array  #: Of the engine
-    arm: RealArm | None
+    arm: RealArm
     damping: Array  #: Of the engine's joints
 
 
@@ -161,8 +161,7 @@ class Cell:
         mujoco.mj_resetData(self.model, self.data)
         self._set_joints(start.q)
         self.data.qpos[:], self.model.dof_damping[:] = start.qpos, start.damping
-        if self.real_arm is not None:
-            memory_of(self.real_arm)[:] = memory_of(start.arm)
+        memory_of(self.real_arm)[:] = memory_of(start.arm)
         mujoco.mj_forward(self.model, self.data)
         self._prepare(scenario, part)
         self.compensate(*self._believed)
@@ -171,7 +170,7 @@ class Cell:
     def _prepare(self, scenario: Scenario, part: RealPart) -> None:
         """Check a scenario against the cell, and build what changes in its run."""
         force, mass = self._start.force, self._start.mass
-        if self.real_arm is not None:
+        if self.real_arm.elastic:
             scenario = with_implicit_friction(scenario, force, mass)
         check_step_limits(scenario, force, mass, part.field.band)
         check_rates(scenario)
@@ -381,10 +380,9 @@ class Cell:
         self.data.qpos[:6] = q_start
         self.data.ctrl[0:12:2] = q_start
 
-    def _build_real_arm(self, q_start: Array) -> RealArm | None:
-        """Joints with gears; None: the engine's servos move the links themselves."""
+    def _build_real_arm(self, q_start: Array) -> RealArm:
         if not is_real(self.scenario):
-            return None
+            return RealArm()
         return build_real_arm(self.scenario, self.model, self.data, q_start, self._host)
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:

@@ -80,8 +80,10 @@ def read_encoders(arm: HostArm, q: Array, first: int) -> None:
 
 
 class RealArm(Record):
-    """Settings and state of the joints, and the arm as the host computes it."""
+    """Settings and state of the joints, and the arm as the host computes it; all zero for a rigid arm, whose
+    links the engine's servos move."""
 
+    elastic: bool
     stiffness: Slopes  #: Between the knees [N m/rad]
     knees: Knees  #: Torques at which it changes [N m]
     bends: Knees  #: Twists there [rad]

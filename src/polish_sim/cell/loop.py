@@ -58,13 +58,13 @@ FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
 # Without reference counts: nothing is allocated in the loop, and counting the tuples' arrays cost half of it.
 @njit(nogil=True, _nrt=False)
 def advance(  # type: ignore[no-untyped-def]
-    cell: CellKernel, arm: RealArm | None, recorder: Recorder, law, draws: Array, steps: int
+    cell: CellKernel, arm: RealArm, recorder: Recorder, law, draws: Array, steps: int
 ) -> None:
     """Run the cell for at most ``steps`` physics steps, or until the caller is needed.
 
     That is when the stroke is done, a guard has tripped, the robot stands after a stop, at first contact if
-    it is waited for, or, between measurement and law, from ``status.wait_from`` steps on. ``arm``: its joints
-    if they are elastic; None compiles nothing of that. The recorder holds at least ``steps`` steps; ``law``
+    it is waited for, or, between measurement and law, from ``status.wait_from`` steps on. ``arm``: its
+    joints. The recorder holds at least ``steps`` steps; ``law``
     is a compiled law, see ``LAW_SIGNATURE``; ``draws`` are standard normal numbers, shape (steps, 12).
     """
     e, state = cell.engine, cell.state
@@ -81,11 +81,11 @@ def advance(  # type: ignore[no-untyped-def]
                 if state.flange.share > 0.0:
                     hold_force(state.flange, e, state.target.force)
             see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
-            if arm is not None:
+            if arm.elastic:
                 see_as_host(arm, state, e)
             read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
             due, cycle = host_is_due(status, cell.control_every), e.dt * cell.control_every
-            if arm is not None:
+            if arm.elastic:
                 due, cycle = host_hears(arm, due, status.steps), e.dt * arm.waited
             if due:
                 move_target(state, cell.stroke, cycle, t)
@@ -98,7 +98,7 @@ def advance(  # type: ignore[no-untyped-def]
             feed_learned(state, cell.lesson)
         command(state, cell.requests, e.ctrl, e.dt, t)
         finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
-        if arm is not None:
+        if arm.elastic:
             record_exact(recorder, e, state, arm.tool_speed)
         if is_over(cell, 0, t):
             return
@@ -300,8 +300,8 @@ def command(state: CellState, requests: RequestLine, ctrl: Array, dt: float, t: 
 def finish_step(  # type: ignore[no-untyped-def]
     e: EngineViews,
     state: CellState,
-    arm,
-    other,
+    arm: RealArm,
+    other: RealArm | None,
     recorder: Recorder,
     part_position: Array,
     turns: Ints,
@@ -309,7 +309,7 @@ def finish_step(  # type: ignore[no-untyped-def]
 ) -> None:
     """Note contact, record this instant and let the engine move on; arguments as of ``record_state``.
 
-    ``arm`` and ``other``: joints of one robot and of a second, if they are elastic.
+    ``arm`` and ``other``: joints of one robot and of a second, if there is one.
     """
     status, stage = state.status, state.sequence.stage
     if stage == TRAVEL:
@@ -321,15 +321,15 @@ def finish_step(  # type: ignore[no-untyped-def]
     phase = 3 if status.stop != guards.NO_STOP else _phase(stage, status.touched)
     record_state(recorder, e, state, part_position, turns, t, phase)
     keep_speeds(e)
-    if arm is not None:
+    if arm.elastic:
         drive_joints(arm, e, t)
-    if other is not None:
+    if other is not None and other.elastic:
         drive_joints(other, e, t)
     mj_step2(e.model, e.data)
     correct_reading(e)
-    if arm is not None:
+    if arm.elastic:
         follow_joints(arm, e)
-    if other is not None:
+    if other is not None and other.elastic:
         follow_joints(other, e)
     record_reading(recorder, status.steps, e.sensordata, e.qfrc_actuator)
     status.steps += 1

@@ -67,7 +67,7 @@ def play_joints(
     still = round(settle / float(model.opt.timestep))
     wanted = JointTargets(np.ascontiguousarray(targets.q), np.ascontiguousarray(targets.qd))
     q, qd, torque, motor, read = (np.empty(wanted.q.shape) for _ in range(5))
-    played, arm = Played(q, qd, torque, motor, read, NOMINAL.copy()), None
+    played, arm = Played(q, qd, torque, motor, read, NOMINAL.copy()), RealArm()
     if is_real(scenario):
         played.table[:] = built_table(scenario, model, wanted.q[0])
         arm = build_real_arm(scenario, model, data, wanted.q[0])
@@ -92,25 +92,24 @@ def _refuse_touch(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> None:
 
 
 @njit(_nrt=False)
-def _play(arm: RealArm | None, e: EngineViews, targets: JointTargets, played: Played, still: int) -> None:
-    """``arm``: the joints if they are elastic; None compiles nothing of that."""
+def _play(arm: RealArm, e: EngineViews, targets: JointTargets, played: Played, still: int) -> None:
     for step in range(-still, len(targets.q)):
         row = max(step, 0)
         for j in range(JOINTS):
             e.ctrl[2 * j] = targets.q[row, j]
             e.ctrl[2 * j + 1] = targets.qd[row, j] if step >= 0 else 0.0
         mj_step1(e.model, e.data)
-        if arm is not None:
+        if arm.elastic:
             hear_joints(arm, e)
         if step >= 0:
             for j in range(JOINTS):
                 played.q[row, j], played.qd[row, j] = e.qpos[j], e.qvel[j]
-                played.motor[row, j] = e.qpos[j] if arm is None else arm.angle[j]
-                played.read[row, j] = e.qpos[j] if arm is None else arm.read[j]
-        if arm is not None:
+                played.motor[row, j] = arm.angle[j] if arm.elastic else e.qpos[j]
+                played.read[row, j] = arm.read[j] if arm.elastic else e.qpos[j]
+        if arm.elastic:
             drive_joints(arm, e, (still + step) * e.dt)
         mj_step2(e.model, e.data)
-        if arm is not None:
+        if arm.elastic:
             follow_joints(arm, e)
         if step >= 0:
             for j in range(JOINTS):

@@ -270,6 +270,7 @@ def build_joints(
     stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
     waves, servos = 2.0 * real.gear_ratio, slice(place.first_control // 2, place.first_control // 2 + 6)
     arm = RealArm(
+        elastic=True,
         stiffness=stiffness.T,
         knees=knees.T,
         bends=bends.T,

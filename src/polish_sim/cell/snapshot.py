@@ -45,7 +45,7 @@ def cell_memory(cell: Cell) -> list[NDArray[Any]]:
         k.state,
         k.pad.material,
         cell.recorder.filled,
-        *([] if cell.real_arm is None else [cell.real_arm]),
+        cell.real_arm,
     ]
     return [
         *map(memory_of, records),

@@ -78,7 +78,7 @@ class PairCell(Cell):
 
     def __init__(self, master: MasterRows, host_arm: HostArm, scenario: Scenario, *cell: Any) -> None:
         self._rows, self.host_arm = master, host_arm
-        self.master_arm: RealArm | None = None
+        self.master_arm = RealArm()
         super().__init__(scenario, *cell)
         self.master = build_master(self.model, self.data, master, self.kernel.part, scenario)
 
@@ -86,9 +86,9 @@ class PairCell(Cell):
         super()._set_joints(q_start)
         self.data.qpos[FIRST_JOINT:] = self.data.ctrl[FIRST_CONTROL::2] = self._rows.q[0]
 
-    def _build_real_arm(self, q_start: Array) -> RealArm | None:
+    def _build_real_arm(self, q_start: Array) -> RealArm:
         if not is_real(self.scenario):
-            return None
+            return RealArm()
         # The scene is bent by both tables already; of the master's host the loop keeps its own account.
         both = ((self._rows.q[0], MASTER_ARM), (q_start, FOLLOWER_ARM))
         self.master_arm, follower = (
@@ -97,12 +97,12 @@ class PairCell(Cell):
         return follower
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
-        arms = self.real_arm, self.master_arm, self.host_arm if self.real_arm is None else None
+        arms = self.real_arm, self.master_arm, self.host_arm
         advance_pair(self.kernel, *arms, self.master, recorder, self.law, draws, steps)
 
     def memory(self) -> list[NDArray[Any]]:
         """Those of the cell, and the master's."""
-        records = [self.master.state, *([] if self.master_arm is None else [self.master_arm])]
+        records = self.master.state, self.master_arm
         return [*super().memory(), *map(memory_of, records), self.master.line]
 
     def _log(self, rows: Array) -> RunLog:
@@ -111,13 +111,12 @@ class PairCell(Cell):
 
 @njit(_nrt=False)
 def advance_pair(  # type: ignore[no-untyped-def]
-    cell: CellKernel, arm: RealArm | None, other: RealArm | None, host_arm: HostArm | None, master: Master,
+    cell: CellKernel, arm: RealArm, other: RealArm, host_arm: HostArm, master: Master,
     recorder: Recorder, law, draws: Array, steps: int
 ) -> None:  # fmt: skip
     """Run two robots for at most ``steps`` physics steps, see ``cell.loop.advance``.
 
-    ``arm`` and ``other``: joints of follower and master if they are elastic; ``host_arm`` as in `PairCell`,
-    for arms that are not. Of what is None nothing is compiled.
+    ``arm`` and ``other``: joints of follower and master; ``host_arm`` as in `PairCell`, for rigid ones.
     """
     e, state = cell.engine, cell.state
     recorder.filled.rows = recorder.filled.steps = 0
@@ -128,16 +127,15 @@ def advance_pair(  # type: ignore[no-untyped-def]
         if cell.stroke.contact:
             press_on_part(e, state, cell.pad, cell.part)
             _push_back(e, state, master.state.part_body)
-        if host_arm is None:
+        if arm.elastic:
             see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
+            see_as_host(arm, state, e)
         else:
             read_encoders(host_arm, e.qpos, 0)
             see_tool(state, host_arm.place, host_arm.turn, host_arm.anchors, host_arm.axes, e.qvel)
-        if arm is not None:
-            see_as_host(arm, state, e)
         read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
         due, cycle = host_is_due(state.status, cell.control_every), e.dt * cell.control_every
-        if arm is not None:
+        if arm.elastic:
             due, cycle = host_hears(arm, due, state.status.steps), e.dt * arm.waited
         if due:
             move_target(state, cell.stroke, cycle, t)
@@ -164,7 +162,7 @@ def _place_part(  # type: ignore[no-untyped-def]
 ) -> None:
     """Place the part for this instant: where the flange that carries it is, and by its own motion."""
     carrier = master.state
-    if arm is None:
+    if not arm.elastic:
         carry_part(
             master, state.master.unheard, e, part, state.motion, Encoders(e.qpos, e.qvel, FIRST_JOINT), True
         )

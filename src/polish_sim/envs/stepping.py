@@ -210,7 +210,7 @@ class Kept(NamedTuple):
     """Everything a step works on but the law, which numba would take a millisecond to unpack here."""
 
     cell: CellKernel
-    arm: RealArm | None
+    arm: RealArm
     recorder: Recorder  #: Its trace holds the whole episode
     draws: Array  #: Standard normal numbers, shape (k, 12)
     turn: EnvState

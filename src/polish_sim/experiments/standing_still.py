@@ -133,7 +133,7 @@ def run_visit(cell: Cell, visit: Visit, observer: Observer) -> tuple[CellRun, Pa
         raise ProtectiveStop(f"protective stop on the way through the poses: {run.stop_reason}.")
     place, log = run.log["path_s_m"], run.log
     # A host that computes with its own table believes to be where it has steered the tool to.
-    frame = "tcp_quaternion_wxyz" if cell.real_arm is None else "target_quaternion_wxyz"
+    frame = "target_quaternion_wxyz" if cell.real_arm.elastic else "tcp_quaternion_wxyz"
     times, frames, means = [], [], []
     for number, (first, last) in enumerate(visit.windows, 1):
         rows = (place >= first) & (place <= last)

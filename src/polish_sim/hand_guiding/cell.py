@@ -175,7 +175,7 @@ def run_guided(
     Raises ReachError if links touch at the start.
     """
     register_engine()
-    joints = None
+    joints = RealArm()
     if arm.elastic is not None:
         arm = arm._replace(model=copy.copy(arm.model))  # links and damping of the model become this run's
     data = mujoco.MjData(arm.model)
@@ -237,21 +237,18 @@ def _links_that_touch(model: mujoco.MjModel, data: mujoco.MjData) -> str:
 
 
 @njit(_nrt=False)
-def _advance(k: _Kernel, arm: RealArm | None, rows: NDArray[Any], last: int) -> None:
-    """Run up to step ``last``; returns earlier when the arm stands after a stop or the simulation broke.
-
-    ``arm``: its joints if they are elastic; None compiles nothing of that.
-    """
+def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
+    """Run up to step ``last``; returns earlier when the arm stands after a stop or the simulation broke."""
     e, memory, status, velocity, force = k.engine, k.memory, k.status, k.scratch[0], k.scratch[1]
     for step in range(status.step, last):
         mj_step1(e.model, e.data)
         tool_velocity(e, velocity)
         speed = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
-        if arm is None:
-            read_encoders(k.gains, memory, e.qpos, e.dt, step == 0)
-        else:
+        if arm.elastic:
             hear_joints(arm, e)
             read_encoders(k.gains, memory, arm.read, e.dt, step == 0)
+        else:
+            read_encoders(k.gains, memory, e.qpos, e.dt, step == 0)
         granted = (1.0 - k.servos[step]) * fade_out(k.limits, memory.qd, speed)
         guide_by_hand(k.belief, k.gains, memory, granted, e.dt)
         if status.stop == 0:
@@ -268,14 +265,13 @@ def _advance(k: _Kernel, arm: RealArm | None, rows: NDArray[Any], last: int) -> 
         pull_by_hand(k.hand, k.motion, step, e, velocity, force)
         for j in range(6):
             e.ctrl[j] = memory.torque[j]
-            if arm is not None:
-                arm.push[j], arm.stiffened[j] = memory.torque[j], 0.0
+            arm.push[j], arm.stiffened[j] = memory.torque[j], 0.0
         _record(k, rows[step], step, speed)
         keep_speeds(e)
-        if arm is not None:
+        if arm.elastic:
             turn_rotors(arm, e, step * e.dt)
         mj_step2(e.model, e.data)
-        if arm is not None:
+        if arm.elastic:
             follow_joints(arm, e)
         correct_reading(e)
         for i in range(6):

@@ -64,7 +64,7 @@ class Order(Record):
 # Without reference counts, as the cell's own loop.
 @njit(_nrt=False)
 def follow(  # type: ignore[no-untyped-def]
-    cell: CellKernel, arm: RealArm | None, recorder: Recorder, order: Order, draws: Array, steps: int
+    cell: CellKernel, arm: RealArm, recorder: Recorder, order: Order, draws: Array, steps: int
 ) -> None:
     """Run the cell for ``steps`` physics steps under an ``order``; ``draws`` as of
     `polish_sim.cell.loop.advance`.
@@ -79,25 +79,25 @@ def follow(  # type: ignore[no-untyped-def]
         move_part(state.motion, t, e.dt, cell.part.position)
         press_on_part(e, state, cell.pad, cell.part)
         see_tool(state, e.site_xpos[e.tool_site], e.site_xmat[e.tool_site], e.xanchor, e.xaxis, e.qvel)
-        if arm is not None:
+        if arm.elastic:
             see_as_host(arm, state, e)
         read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
         state.sequence.stage = PROCESS if state.wrench[2] > FIRST_CONTACT_N else APPROACH
         for j in range(6):
-            order.read[j] = e.qpos[j] if arm is None else arm.read[j]
-            order.read_speed[j] = e.qvel[j] if arm is None else arm.read_speed[j]
+            order.read[j] = arm.read[j] if arm.elastic else e.qpos[j]
+            order.read_speed[j] = arm.read_speed[j] if arm.elastic else e.qvel[j]
             place = order.begin[j] + (k + 1) / steps * (order.end[j] - order.begin[j])
             speed = order.speed[j]
             if order.by_torque:
                 place, speed = order.read[j] + order.torque[j] / order.kp[j], order.read_speed[j]
-                if arm is not None:
+                if arm.elastic:
                     seen = arm.angle[j] if arm.on_link else order.read[j]
                     place, speed = seen + order.torque[j] / order.kp[j], arm.speed[j]
                     arm.set_point[j], arm.set_speed[j] = place, speed
                     arm.correction[j] = -arm.link_rate * (place - arm.read[j]) if arm.on_link else 0.0
             e.ctrl[2 * j], e.ctrl[2 * j + 1] = place, speed
         finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
-        if arm is not None:
+        if arm.elastic:
             record_exact(recorder, e, state, arm.tool_speed)
         is_over(cell, 0, t)
         for j in range(6):
@@ -127,7 +127,7 @@ class Rig:
         guards.singular_value, guards.jump, guards.contact_lost = 0.0, math.inf, math.inf
         self._force, self._torque = float(guards.force), float(guards.torque)
         arm, model = cell.real_arm, cell.model
-        kp = arm.kp if arm is not None else -model.actuator_biasprm[:6, 1]
+        kp = arm.kp if arm.elastic else -model.actuator_biasprm[:6, 1]
         self.order = Order(kp=kp)
         self.recorder, self._status = build_recorder(self.steps, cell._every), state.status
         self.files: list[Any] = [TemporaryFile() for _ in range(2)]  # noqa: SIM115 - closed with the rig

@@ -339,8 +339,6 @@ class SimulatedRobot:
     def _friction(self, viscous: Array | float, coulomb: Array | float) -> Array:
         """What the joints rub at shares of the two kinds [N m]."""
         arm = self.cell.real_arm
-        if arm is None:
-            return np.zeros(6)
         slides = np.clip(self.actual_qd / SETTLED, -1.0, 1.0)
         return viscous * arm.viscous * self.actual_qd + coulomb * arm.coulomb * slides
 
@@ -510,8 +508,7 @@ class SimulatedRobot:
         mujoco.mj_forward(model, data)
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
-        arm = self.cell.real_arm
-        own = np.zeros(6) if arm is None or not rotors else np.array(arm.inertia)
+        own = rotors * self.cell.real_arm.inertia
         return inertia[:6, :6] + np.diag(own)
 
     def coriolis(self, q: Array, qd: Array) -> Array:
@@ -531,7 +528,7 @@ class SimulatedRobot:
         """
         own = self.mass_matrix(self.actual_q, True) @ self.target_qdd + self._friction(1.0, 1.0)
         own += self.coriolis(self.actual_q, self.actual_qd) + self._data.qfrc_bias[:6]  # the weight
-        if self.cell.real_arm is None:
+        if not self.cell.real_arm.elastic:
             own -= self._data.qfrc_gravcomp[:6]  # carried without motors
         return self.joint_torques - own
 
