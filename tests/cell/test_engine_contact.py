@@ -59,7 +59,7 @@ def test_a_tool_moved_d_into_an_engine_primitive_presses_with_k_d(T_base_touch: 
     )
     cell = cell_for(ideal("force", "controller.name=position"), stroke, model=model)
     steps = 3000
-    advance(cell.kernel, None, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
+    advance(cell.kernel, cell.real_arm, build_recorder(steps, 4), cell.law, np.zeros((steps, 12)), steps)
     mujoco.mj_forward(model, cell.data)
     assert cell.state.status.stop == NO_STOP
     pushed = T_base_touch[:3, :3].T @ contact_on_part(model, cell.data)
