@@ -150,11 +150,14 @@ def test_force_mode_holds_a_force_that_the_joints_feel_by_its_lever(robot: Simul
         torques.append(robot.free_torques.copy())
     assert np.mean(held) == pytest.approx(40.0, abs=1.0)
     assert np.ptp(held) < 4.0
-    felt, J = np.mean(torques, axis=0), tool_at(robot.actual_q, matrix_of(robot.tcp_offset))[1]
-    arm = robot.cell.real_arm
+    felt, arm = np.mean(torques, axis=0), robot.cell.real_arm
     assert arm is not None
-    assert np.all(np.abs(felt + J.T @ robot.tcp_force) < arm.coulomb + 1.0)  # at rest friction is not known
     assert np.abs(felt).max() > 20.0
+    for _ in range(2):  # about the tool, and about another tool point
+        by_lever = tool_at(robot.actual_q, matrix_of(robot.tcp_offset))[1].T @ robot.tcp_force
+        assert np.all(np.abs(felt + by_lever) < arm.coulomb + 1.0)  # at rest friction is not known
+        robot.set_tcp(robot.tcp_offset + [0.1, 0.2, 0.3, 0.0, 0.0, 0.0])
+        robot.step()
     robot.end_force_mode()
     stand(robot, 0.5)
     assert robot.compliance is None
@@ -278,6 +281,10 @@ def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(
         robot.step()
     assert (robot.safety, "force" in robot.stop_reason) == (PROTECTIVE, True)
     assert float(robot.cell.state.wrench[2]) < 90.0
+    robot.unlock()  # it may leave
+    robot.speedl(moving(0.0, 0.0, 0.02), 0.5, None)
+    stand(robot, 0.5)
+    assert (robot.safety, robot.rig.near_limit()) == (NORMAL, False)
 
 
 def test_a_client_s_sensor_is_what_force_mode_feels(robot: SimulatedRobot) -> None:

@@ -203,7 +203,7 @@ def test_the_dashboard_says_what_the_robot_does(served: Served) -> None:
     assert lines(connection, "brake release", "robotmode") == ["Brake releasing", "Robotmode: RUNNING"]
 
 
-def test_the_dashboard_unlocks_a_stop_after_five_seconds(robot: SimulatedRobot) -> None:
+def test_the_dashboard_unlocks_a_stop_after_five_seconds_and_closes_a_popup(robot: SimulatedRobot) -> None:
     controller = Controller(robot, "5.11", Machine)
     controller.run("def stops():\n  protective_stop()\n  sync()\nend\n", "")
     controller.tick()
@@ -214,6 +214,12 @@ def test_the_dashboard_unlocks_a_stop_after_five_seconds(robot: SimulatedRobot) 
         controller.tick()
     assert (robot.ticks - stopped) * 0.002 == pytest.approx(5.0, abs=0.01)
     assert answer(controller, "safetymode") == "Safetymode: NORMAL"
+    controller.run('def asks():\n  popup("on?", blocking=True)\nend\n', "")
+    controller.tick()
+    assert controller.machine is not None
+    assert answer(controller, "close popup") == "closing popup"
+    controller.tick()
+    assert controller.machine is None
 
 
 def test_the_robot_stops_when_the_client_of_its_programme_dies(served: Served) -> None:
