@@ -132,20 +132,3 @@ def played(motion: FourierMotion, periods: int) -> States:
     """A periodic motion entered and left at rest."""
     end = periods * motion.period + 4.0
     return started_and_stopped(motion, np.arange(round(end * RATE)) / RATE, 2.0, end)
-
-
-def joined(*parts: States) -> States:
-    """Parts one after the other, each from and to rest, with a smooth way of three seconds between them."""
-    pieces = [parts[0]]
-    for part in parts[1:]:
-        x = np.arange(1.0, 3.0 * RATE)[:, None] / (3.0 * RATE)
-        way = part.q[0] - pieces[-1].q[-1]
-        pieces += [
-            States(
-                pieces[-1].q[-1] + way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2),
-                way / 3.0 * 30.0 * x**2 * (1.0 - x) ** 2,
-                way / 9.0 * 60.0 * x * (1.0 - 3.0 * x + 2.0 * x**2),
-            ),
-            part,
-        ]  # fmt: skip
-    return States(*(np.concatenate(part) for part in zip(*pieces, strict=True)))

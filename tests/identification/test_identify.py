@@ -17,7 +17,7 @@ from polish_sim.identification.regressor import FULL, States
 from polish_sim.identification.settings import SCENARIO, STEP_S, IdentifySettings
 from polish_sim.motion.makes import used_arm
 from polish_sim.scenario_file import override
-from tests.identification.known import SIGMA, joined, known_robot, played, write_log
+from tests.identification.known import SIGMA, known_robot, played, write_log
 
 IDEAL = RobotConfig(arm="ideal")
 HELD_BY_LINKS = ["robot.arm=ur5e", "robot.real.servo_side=link", "robot.real.kinematics=exact"]
@@ -28,7 +28,7 @@ def identified() -> Identification:
     return run_identification(IdentifySettings(periods=1, iterations=15, robot=IDEAL, payload=1.0, seed=1))
 
 
-def test_a_motion_that_was_not_fitted_is_predicted_far_better_than_by_the_drawing(
+def test_another_motion_is_predicted_far_better_than_by_the_drawing_and_a_block_is_weighed(
     identified: Identification,
 ) -> None:
     figures = identified.figures
@@ -39,11 +39,8 @@ def test_a_motion_that_was_not_fitted_is_predicted_far_better_than_by_the_drawin
     assert figures["clearance_min_m"] >= 0.02
     assert figures["error_over_crb"] < 1.6
     assert figures["interval_coverage"] > 0.8
-
-
-def test_a_block_the_arm_carries_is_found_within_its_intervals(identified: Identification) -> None:
     assert identified.weighed is not None
-    figures = identified.weighed.figures
+    figures = identified.weighed.figures  # of the block it carries
     assert figures["payload_error_over_std"] < 2.0
     assert abs(figures["payload_mass_error_kg"]) < 0.01
     assert figures["payload_center_error_m"] < 0.003
@@ -81,9 +78,11 @@ def test_a_planted_robot_is_recovered_from_its_log(tmp_path: Path) -> None:
 
 
 def test_a_joint_that_rests_at_the_end_of_the_log_is_named(tmp_path: Path) -> None:
-    end = played(KNOWN.with_still(slice(2, 3)), 1)
+    rests = States(*(part.copy() for part in MOTION))
+    end = slice(len(rests.q) // 2, None)
+    rests.q[end, 2], rests.qd[end, 2], rests.qdd[end, 2] = rests.q[end, 2][0], 0.0, 0.0
     with pytest.raises(IdentificationError, match="no usable torque of elbow_joint"):
-        _identified(tmp_path, joined(MOTION, end))
+        _identified(tmp_path, rests)
 
 
 BEFORE = used_arm()

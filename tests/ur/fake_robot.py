@@ -26,7 +26,6 @@ class FakeRobot:
         self.inputs: dict[tuple[str, int], float] = {}
         self.outputs: dict[tuple[str, int], float] = {}
         self.told: list[tuple[Any, ...]] = []
-        self.contact = 0
         self._left = 0
 
     def step(self) -> None:
@@ -56,29 +55,8 @@ class FakeRobot:
     def inverse_kin(self, pose: Array, near: Array, tcp: Array) -> Array | None:
         return None if np.linalg.norm(pose[:3]) > 1.0 else np.asarray(pose) * 10.0
 
-    def jacobian(self, q: Array, tcp: Array) -> Array:
-        return np.eye(6)
-
-    def jacobian_dot(self, q: Array, qd: Array, tcp: Array) -> Array:
-        return np.zeros((6, 6))
-
     def mass_matrix(self, q: Array, rotors: bool) -> Array:
         return 2.0 * np.eye(6)
-
-    def coriolis(self, q: Array, qd: Array) -> Array:
-        return np.zeros(6)
-
-    def within_safety_limits(self, target: Array, is_pose: bool) -> bool:
-        return True
-
-    def q_history(self, steps: int) -> Array:
-        return self.actual_q
-
-    def tool_contact(self, direction: Array) -> int:
-        return self.contact
-
-    def freedrive_status(self) -> int:
-        return 0
 
     def __getattr__(self, name: str) -> Any:
         def note(*values: Any) -> None:

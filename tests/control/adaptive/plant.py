@@ -13,6 +13,8 @@ from polish_sim.arrays import Array
 from polish_sim.control.signals import CompiledController
 from tests.control.signals import DT, measurement_at_rest, target_to_press
 
+ACCELERATION, GAP = 1.2, 0.008  # [m/s^2], and from the tool to the part at first [m]
+
 
 class Plant(NamedTuple):
     """What the controller does not know."""
@@ -23,8 +25,6 @@ class Plant(NamedTuple):
     noise: float = 0.0  #: White, before the sensor's low-pass, rms [N]
     mass: float = 2.0  #: Carried by the sensor [kg]
     rise: float = 0.0  #: Speed of the part towards the tool after 0.6 s [m/s]
-    acceleration: float = 1.2  #: [m/s^2]
-    gap: float = 0.008  #: From the tool to the part at first [m]
 
 
 class Run(NamedTuple):
@@ -49,7 +49,7 @@ def land(
     z = v = sensed = planned = 0.0
     forces: list[float] = []
     while len(forces) < seconds / DT:
-        part = plant.gap - plant.rise * max(0.0, len(forces) * DT - 0.6)
+        part = GAP - plant.rise * max(0.0, len(forces) * DT - 0.6)
         force = plant.stiffness * max(z - part, 0.0)
         if force > 0.5 or forces:
             forces.append(force)
@@ -60,7 +60,7 @@ def land(
         t.twist[2] = planned
         t.position[2] = z if t.contact else t.position[2] + planned * DT
         commands.append(float(controller.step(m, t)[2]))
-        step = plant.acceleration * DT
+        step = ACCELERATION * DT
         before, v = v, v + min(max(commands.popleft() - v, -step), step)
         z += v * DT
         load = force + plant.mass * (v - before) / DT + plant.noise * float(rng.standard_normal())

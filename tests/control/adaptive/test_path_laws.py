@@ -146,9 +146,10 @@ def test_round_a_bend_the_carried_mass_is_accelerated_by_both_its_circles() -> N
     """Tool point at v round a bend of radius R, centre l above it: v^2 / R + l (v / R)^2, towards the
     part."""
     v, radius, height = 0.06, 0.06, 0.1226
-    m = measurement_at_rest()
+    m, turned = measurement_at_rest(), Rotation.random(random_state=1)
+    m.rotation[:] = turned.as_matrix()
     # Over a convex part, z into it: moving along x the axis turns about -y.
-    m.twist[:] = v, 0.0, 0.0, 0.0, -v / radius, 0.0
+    m.twist[:3], m.twist[3:] = turned.apply([v, 0.0, 0.0]), turned.apply([0.0, -v / radius, 0.0])
     gains = adaptive_gains(AdaptiveConfig(tool_center_m=height))
     assert abs(round_a_bend(gains, m)) == pytest.approx(v**2 / radius + height * (v / radius) ** 2)
 

@@ -17,39 +17,27 @@ from tests.control.signals import DT, measurement_at_rest, target_to_press
 SPACING = 0.0005
 SPRING = 5000.0
 FORCE = 20.0
+FEED = 0.06
 
 
-def course_of(surplus: Array, neighbour: Array | None = None, feed: float = 0.06) -> Course:
+def course_of(surplus: Array, neighbour: Array | None = None, feed: float = FEED) -> Course:
     """A straight path on a flat part that asks for this surplus depth [m], rows (n,)."""
     n = len(surplus)
     zero = np.zeros(n)
+    beside = np.full(n, -1) if neighbour is None else neighbour.astype(np.int64)
     return Course(
-        SPACING,
-        FORCE / SPRING + surplus,
-        surplus,
-        zero + SPRING,
-        np.zeros((n, 2)),
-        np.full((n, 2), 3.125),
-        zero,
-        zero,
-        np.zeros((n, 3)),
-        zero + feed,
-        np.full(n, -1) if neighbour is None else neighbour.astype(np.int64),
-        zero,
-    )
+        SPACING, FORCE / SPRING + surplus, surplus, zero + SPRING, np.zeros((n, 2)), np.full((n, 2), 3.125),
+        zero, zero, np.zeros((n, 3)), zero + feed, beside, zero,
+    )  # fmt: skip
 
 
 def follow(
-    controller: CompiledController,
-    depth: Callable[[float], float],
-    length: float,
-    feed: float = 0.06,
-    noise: float = 0.0,
+    controller: CompiledController, depth: Callable[[float], float], length: float
 ) -> tuple[Array, Array]:
     """Land, then feed along a track that lies ``depth(s)`` [m] deeper than flat; places [m] and force errors
     [N]."""
     blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * DT)
-    m, t = measurement_at_rest(), target_to_press(FORCE)
+    feed, m, t = FEED, measurement_at_rest(), target_to_press(FORCE)
     controller.reset(DT)
     commands, readings = deque([0.0] * 9), deque([0.0] * 3)
     z, v, sensed, s, clock, approach = -0.002, 0.0, 0.0, 0.0, 0.0, 0.01
