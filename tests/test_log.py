@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,6 +70,16 @@ def test_a_log_reads_back_the_same_and_cannot_be_changed(rows: np.ndarray, tmp_p
             held["time_s"][0] = 1.0  # type: ignore[index]
 
 
+class MakesFolder:
+    """What makes a folder when it is read."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (str(self.folder),)
+
+
 def test_a_file_of_other_arrays_is_refused_and_objects_are_not_run(rows: np.ndarray, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"log\.npz"):
         read_log(tmp_path / "log.npz")
@@ -76,6 +88,7 @@ def test_a_file_of_other_arrays_is_refused_and_objects_are_not_run(rows: np.ndar
     write_log(tmp_path / "log.npz", RunLog(columns))
     with pytest.raises(InputError, match="q_rad, phase"):
         read_log(tmp_path / "log.npz")
-    np.savez(tmp_path / "log.npz", time_s=np.array([{"a": 1}], dtype=object))
+    np.savez(tmp_path / "log.npz", time_s=np.array([MakesFolder(tmp_path / "made")], dtype=object))
     with pytest.raises(InputError, match=r"log\.npz"):
         read_log(tmp_path / "log.npz")
+    assert not (tmp_path / "made").exists()
