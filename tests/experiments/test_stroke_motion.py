@@ -113,9 +113,9 @@ def islands(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     return plan_part(PartConfig(str(file), up="z"), plan)
 
 
-def strokes(plan: PlanResult, force: np.ndarray | None = None) -> list[Stroke]:
-    path = replace(plan.path, force=force)
-    return placed_strokes(Scenario(), path, placed_tool(path, REACH), 0.0, LIFT)
+def strokes(plan: PlanResult, force: np.ndarray | None = None, feed_s: float = 0.0) -> list[Stroke]:
+    path, asked = replace(plan.path, force=force), replace(Scenario().process, max_feed_s=feed_s)
+    return placed_strokes(Scenario(process=asked), path, placed_tool(path, REACH), 0.0, LIFT)
 
 
 def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(islands: PlanResult) -> None:
@@ -124,6 +124,8 @@ def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(is
     assert second.travel.places[-1] > 0.1
     for stroke in (first, second):
         assert stroke.lead_in.length == pytest.approx(LIFT, abs=1e-3)
+    # The feed's time goes on from stroke to stroke; what it does not come to is not planned.
+    assert [len(strokes(islands, feed_s=first.motion.playing_time + more)) for more in (-1.0, 1.0)] == [1, 2]
     lifted = first.process.positions[-1] + [0.0, 0.0, LIFT + first.depth]
     assert second.travel.positions[0] == pytest.approx(lifted, abs=1e-9)
     assert second.travel.positions[-1] == pytest.approx(second.lead_in.positions[0], abs=1e-9)

@@ -74,10 +74,8 @@ def test_it_begins_at_nought_and_ends_at_one_and_times_of_nought_leave_fewer_fil
 
 def test_the_pieces_are_the_closed_form() -> None:
     durations, coefficients = np.empty(PIECES), np.empty((PIECES, 4))
-    cases = np.concatenate(
-        [triples(50, 6), [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]]
-    )
-    for triple in cases:
+    special = [[1.0, 1.0, 1.0], [1.0, 0.5, 0.5], [0.0, 2.0, 1.0], [3.0, 0.0, 0.0]]
+    for triple in np.concatenate([triples(50, 6), special]):
         count = box_pieces(*triple, durations, coefficients)
         assert durations[:count].sum() == pytest.approx(triple.sum(), rel=1e-14)
         begin = 0.0
@@ -86,9 +84,8 @@ def test_the_pieces_are_the_closed_form() -> None:
                 t = share * length
                 true = progress(triple, begin + t)
                 assert piece @ t ** np.arange(4) == pytest.approx(true[0], abs=1e-13)
-                assert piece[1:] @ [1.0, 2.0 * t, 3.0 * t * t] == pytest.approx(
-                    true[1], rel=1e-9, abs=1e-12 * true[1]
-                )
+                rate = piece[1:] @ [1.0, 2.0 * t, 3.0 * t * t]
+                assert rate == pytest.approx(true[1], rel=1e-9, abs=1e-12 * true[1])
             begin += length
 
 

@@ -17,7 +17,7 @@ from polish_sim.arrays import Array
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.deviation import measure_deviation
 from polish_sim.motion.rules.fir import stop_times
-from polish_sim.motion.rules.limits import SmoothingLimits, six
+from polish_sim.motion.rules.limits import SmoothingLimits
 from polish_sim.motion.spline import law as law_module
 from polish_sim.motion.spline.curve import Curve, curve_rates, fit_curve, polyline_of
 from polish_sim.motion.spline.motion import Feed, SplineMotion, passage_at, plan_spline, smooth_by_spline
@@ -25,15 +25,8 @@ from polish_sim.motion.timed_path import time_schedule
 from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 
 DEFAULT = SmoothingLimits()
-LIMITS = SmoothingLimits(
-    tip_speed=math.inf,
-    tip_acceleration=0.6,
-    tip_jerk=15.0,
-    axis_speed=2.0,
-    axis_acceleration=6.0,
-    axis_jerk=300.0,
-    joint_jerk=six(600.0),
-)
+TIP = {"tip_speed": math.inf, "tip_acceleration": 0.6, "tip_jerk": 15.0}
+LIMITS = SmoothingLimits(**TIP, axis_speed=2.0, axis_acceleration=6.0, axis_jerk=300.0)
 TOLERANCES = (1e-4, math.radians(0.2))
 
 
@@ -109,9 +102,7 @@ def test_derivatives_are_those_of_finite_differences() -> None:
 
 
 @pytest.mark.parametrize(("turn", "tolerance"), [(20.0, 2e-5), (90.0, 1e-4), (130.0, 1e-5), (165.0, 2e-5)])
-def test_a_corner_between_long_legs_uses_the_whole_tolerance_on_both_sides_of_the_path(
-    turn: float, tolerance: float
-) -> None:
+def test_a_corner_uses_the_whole_tolerance_on_both_sides_of_the_path(turn: float, tolerance: float) -> None:
     angle = np.radians(turn)
     tips = 0.03 * np.array([[-1.0, 0, 0], [0, 0, 0], [np.cos(angle), np.sin(angle), 0]])
     curve = fit(*stroke(tips), (tolerance, 1e-3))

@@ -13,8 +13,16 @@ from polish_sim.arrays import Array
 from polish_sim.motion.rules.chain import build_chain
 from polish_sim.motion.rules.fir import fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed, sample_schedule, turning
-from polish_sim.motion.timed_path import Pace, TimedPath, marks_on, sample_motion, time_path, time_schedule
-from polish_sim.motion.trajectory import PathTable, build_path_table
+from polish_sim.motion.timed_path import (
+    Pace,
+    TimedPath,
+    marks_on,
+    sample_motion,
+    sample_rate,
+    time_path,
+    time_schedule,
+)
+from polish_sim.motion.trajectory import PathTable, build_path_table, with_feed_share
 
 PACE = Pace(0.01, 0.05, 1.25)
 RADIUS = 0.02
@@ -79,6 +87,22 @@ def test_velocity_and_spin_are_the_rates_of_position_and_orientation() -> None:
     np.testing.assert_allclose(now.spins, [[0.0, 0.0, 0.01 / RADIUS]] * len(t), atol=1e-4)
     np.testing.assert_allclose(np.linalg.norm(now.velocities, axis=1), 0.01, rtol=1e-4)
     np.testing.assert_allclose(np.linalg.norm(now.positions, axis=1), RADIUS, atol=1e-8)
+
+
+def test_a_feed_that_changes_along_the_path_is_kept_and_slowed_for_in_time() -> None:
+    s, feed = np.array([0.0, 0.05, 0.06, 0.12]), np.array([2.0, 2.0, 0.5, 0.5])
+    motion = time_path(with_feed_share(circle(), s, feed), PACE)
+    clock = np.arange(len(motion.places)) * motion.spacing
+    fed = motion.rates * motion.speeds
+    assert np.all(
+        fed <= 0.01 * np.interp(motion.places, s, feed) * 1.05
+    )  # the feed's corners lie between rows
+    assert fed[len(clock) // 8] == pytest.approx(0.02)
+    slowing = -np.diff(fed**2) / (2.0 * np.maximum(np.diff(motion.places), 1e-12))
+    assert slowing[20:-60].max() < 3.0 * PACE.acceleration
+    assert motion.playing_time == pytest.approx(np.trapezoid(1.0 / motion.rates, clock), rel=1e-3)
+    for t in np.linspace(0.0, motion.duration, 777):
+        assert sample_rate(motion, float(t)) == pytest.approx(np.interp(t, clock, motion.rates))
 
 
 # A schedule sampled densely is the schedule: poses, rates, and how far along the path it has come.
