@@ -14,8 +14,10 @@ import pytest
 from polish_sim.cell.gears import elastic_torque, slip
 from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
+from polish_sim.identification.elastic import SprungHead, filtered
 from polish_sim.identification.gear_fit import _hysteresis, _spring
 from polish_sim.identification.identify import run_identification
+from polish_sim.identification.regressor import States
 from polish_sim.identification.settings import GEARS, SCENARIO, IdentifySettings
 from polish_sim.scenario_file import override
 from tests.cell.elastic import HOME, joints_at
@@ -132,3 +134,20 @@ def test_spring_and_hysteresis_are_those_of_the_simulated_gears() -> None:
         torque = slip(torque, moved, 4.5, 1e-4)
         found.append(torque)
     np.testing.assert_allclose(4.5 * _hysteresis(way, 1e-4), found, atol=1e-9)
+
+
+def test_a_head_on_its_spring_follows_a_slow_arm_and_leaves_a_quick_one() -> None:
+    head, dt = SprungHead(0.3, 20_000 / 3, 60.0, np.array([0.0, 0.0, 0.175])), 1e-3
+    t = np.arange(4000) * dt
+    torques = {}
+    for hz in (0.5, 150.0):
+        q = np.tile([0.3, -1.2, 1.0, -1.4, -1.5, 0.2], (len(t), 1))
+        q[:, 1] += 1e-4 * np.sin(2.0 * np.pi * hz * t)
+        states = States(q, filtered(q, dt, 400.0, 1), filtered(q, dt, 400.0, 2))
+        torques[hz] = head.torques(states, dt, 400.0)[:, 1] / np.ptp(states.qdd[:, 1])
+    assert np.ptp(torques[0.5]) < 1e-3 * np.ptp(torques[150.0])
+    # Far above its resonance the head stands still, but for its damper: what a rigid link would push is taken
+    # off.
+    w = 2.0 * np.pi * 150.0
+    lag = np.angle(w**2 - head.stiffness / head.mass - 1j * w * head.damping / head.mass)
+    assert np.corrcoef(torques[150.0], -states.qdd[:, 1])[0, 1] == pytest.approx(np.cos(lag), abs=2e-3)

@@ -43,7 +43,7 @@ from polish_sim.control.adaptive.surface import (
     tilted_target,
 )
 from polish_sim.control.signals import Target
-from tests.control.adaptive.track import SPACING, SPRING, course_of, follow
+from tests.control.adaptive.plant import SPACING, SPRING, course_of, follow
 from tests.control.signals import CONFIG, measurement_at_rest, target_to_press
 
 CAN = Abilities(1.0, 40.0, 1.2, 6.0, 202.0)
