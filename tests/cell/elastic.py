@@ -106,12 +106,6 @@ def tangents(joints: Joints) -> Array:
     ])  # fmt: skip
 
 
-def poses(n: int) -> Array:
-    rng = np.random.default_rng(3)
-    low, high = [-3.0, -2.2, 0.3, -2.5, -2.4, -3.0], [3.0, -0.6, 2.2, -0.5, -0.7, 3.0]
-    return rng.uniform(low, high, (n, 6))
-
-
 def first_mode(joints: Joints) -> tuple[complex, Array]:
     """Slowest vibration of links, head and rotors around the pose, linear: eigenvalue [1/s] and complex shape
     (13,)."""

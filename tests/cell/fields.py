@@ -16,19 +16,17 @@ from polish_sim.geometry.field_lookup import CELLS, NODES, DistanceField
 Distance = Callable[[Array], Array]
 
 
-def sampled(
-    distance: Distance, low: Sequence[float], high: Sequence[float], spacing: float = FIELD_SPACING
-) -> DistanceField:
+def sampled(distance: Distance, low: Sequence[float], high: Sequence[float]) -> DistanceField:
     """Field of a distance function, points (..., 3) to distances (...), in a box [m]."""
-    side = CELLS * spacing
+    side = CELLS * FIELD_SPACING
     origin = np.array(low, dtype=float)
     shape = np.ceil((np.array(high) - origin) / side).astype(int)
     table = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
     corners = origin + side * np.argwhere(table >= 0)
-    steps = spacing * np.arange(NODES)
+    steps = FIELD_SPACING * np.arange(NODES)
     nodes = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
     bricks = np.clip(distance(corners[:, None, None, None, :] + nodes), -FIELD_BAND, FIELD_BAND)
-    return DistanceField(origin, spacing, FIELD_BAND, table, np.ascontiguousarray(bricks, dtype=np.float32))
+    return DistanceField(origin, FIELD_SPACING, FIELD_BAND, table, bricks.astype(np.float32, order="C"))
 
 
 @cache
@@ -38,11 +36,11 @@ def plane() -> DistanceField:
 
 
 @cache
-def sphere(radius: float, spacing: float = FIELD_SPACING) -> DistanceField:
+def sphere(radius: float) -> DistanceField:
     """The top of a ball of this radius [m], its highest point at the origin."""
     middle = np.array([0.0, 0.0, -radius])
     low, high = (-0.04, -0.04, -0.032), (0.04, 0.04, 0.008)
-    return sampled(lambda p: np.linalg.norm(p - middle, axis=-1) - radius, low, high, spacing)
+    return sampled(lambda p: np.linalg.norm(p - middle, axis=-1) - radius, low, high)
 
 
 def wall(x: float, height: float = 0.4) -> DistanceField:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from polish_sim.arrays import Array
 from polish_sim.cell import RealPart, Stroke, no_part, tool_on_flange
-from polish_sim.cell.gears import HostArm, build_host_arm
+from polish_sim.cell.gears import build_host_arm
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.dual.carrier import MasterRows
@@ -22,18 +21,6 @@ ON_GRIPPER = transform(np.eye(3), np.array([0.0, 0.0, GRIPPER_LENGTH]))
 TOOL = tool_pose(0.0, -0.5, 0.3)
 
 
-def nominal_host() -> HostArm:
-    """The follower as a host computes it that has its tool and believes in the nominal table."""
-    return build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
-
-
-def part_at(T_base_work: Array) -> RealPart:
-    """Nothing to touch, at a pose."""
-    return no_part()._replace(
-        rotation=np.ascontiguousarray(T_base_work[:3, :3]), position=T_base_work[:3, 3].copy()
-    )
-
-
 def pair_cell(
     scenario: Scenario,
     model: mujoco.MjModel,
@@ -42,8 +29,9 @@ def pair_cell(
     part: RealPart | None = None,
 ) -> PairCell:
     """A pair at the start of the follower's stroke; the host believes in the nominal table."""
-    part = part_at(master.T_base_work) if part is None else part
+    T, host = master.T_base_work, build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
+    nothing = no_part()._replace(rotation=np.ascontiguousarray(T[:3, :3]), position=T[:3, 3].copy())
     return PairCell(
-        master, nominal_host(), scenario, model, part, [stroke], joints_at(start_of(stroke)),
+        master, host, scenario, model, part or nothing, [stroke], joints_at(start_of(stroke)),
         build_controller(scenario.controller), np.random.default_rng(0),
     )  # fmt: skip

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import build_pad, no_part, press_pad
 from tests.cell.fields import part_at, plane, sphere
-from tests.cell.pressing import DOWN, ELASTIC, PAD, below_sphere, foundation, press, working_depth
+from tests.cell.pressing import DOWN, PAD, below_sphere, foundation, press, working_depth
 
 FLAT = part_at(plane())
 DEPTH = 0.001
@@ -62,21 +62,6 @@ def test_on_spheres_force_and_moment_are_the_integral(radius: float, offset: flo
     np.testing.assert_allclose(found.force, truth.force, rtol=0.0, atol=0.02 * size)
     moment = float(np.linalg.norm(truth.torque))
     np.testing.assert_allclose(found.torque, truth.torque, rtol=0.0, atol=0.02 * moment + 1e-4)
-
-
-def test_more_points_come_closer_to_the_integral() -> None:
-    """Mean over places of the pad, on a field fine enough not to hide what the points do."""
-    radius = 0.05
-    depth, part, errors = working_depth(radius), part_at(sphere(radius, spacing=0.0005)), []
-    offsets = np.linspace(0.0, 0.008, 5)
-    truths = [foundation(below_sphere(radius), np.array([x, 0.0, -depth]), DOWN).force[2] for x in offsets]
-    for points in (25, 100, 400):
-        config = replace(ELASTIC, points=points)
-        found = [press(part, np.array([x, 0.0, -depth]), DOWN, config).force[2] for x in offsets]
-        errors.append(float(np.sqrt(np.mean((np.array(found) / truths - 1.0) ** 2))))
-    assert errors[1] < 0.6 * errors[0]
-    assert errors[2] < 0.6 * errors[1]
-    assert errors[2] < 0.002
 
 
 def test_pressing_in_is_harder_and_drawing_out_softer_by_a_times_the_speed_and_the_part_never_pulls() -> None:

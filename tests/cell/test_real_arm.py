@@ -15,19 +15,8 @@ from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.real_arm import gear_twists, weights
 from polish_sim.errors import ConfigError, InputError, ReachError
 from polish_sim.experiments import default_scenario, run_experiment
-from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.scenario_file import override
-from tests.cell.elastic import (
-    HOME,
-    NONE,
-    REAL,
-    SPRINGS_ONLY,
-    STRETCHED,
-    first_mode,
-    joints_at,
-    poses,
-    tangents,
-)
+from tests.cell.elastic import HOME, NONE, REAL, SPRINGS_ONLY, STRETCHED, first_mode, joints_at, tangents
 
 ARC = default_scenario("arc")
 
@@ -35,7 +24,8 @@ ARC = default_scenario("arc")
 @pytest.mark.parametrize("gravity", [True, False])
 def test_compliance_at_the_tool_is_that_of_gears_and_servos_in_series(gravity):
     well_damped = "robot.real.damping_nm_s_rad=[300,300,300,40,40,40]"
-    for q in poses(4):
+    low, high = [-3.0, -2.2, 0.3, -2.5, -2.4, -3.0], [3.0, -0.6, 2.2, -0.5, -0.7, 3.0]
+    for q in np.random.default_rng(3).uniform(low, high, (4, 6)):
         joints = joints_at(q, *SPRINGS_ONLY, well_damped, gravity=gravity)
         joints.go(0.3)
         soft = tangents(joints)
@@ -210,14 +200,3 @@ def test_played_with_rigid_gears_it_moves_as_the_ideal_arm_does():
     held = weights(build_scene(scenario, None, None), ideal.q[moving])
     expected = ideal.torque[moving] - np.array([1600.0] * 3 + [220.0] * 3) * change + held
     assert np.all(np.abs(real.torque[moving] - expected).max(axis=0) < 0.02 * np.ptp(expected, axis=0))
-
-
-def test_played_at_rest_the_links_hang_where_springs_say():
-    scenario = override(default_scenario("smooth"), SPRINGS_ONLY)
-    played = play_joints(scenario, JointTargets(np.tile(STRETCHED, (50, 1)), np.zeros((50, 6))))
-    model = build_scene(scenario, None, None)
-    twists = gear_twists(scenario.robot.real, weights(model, played.q[-1:]))
-    np.testing.assert_allclose(played.motor[-1] - played.q[-1], twists[0], atol=2e-6)
-    np.testing.assert_allclose(played.read[-1], STRETCHED, atol=1e-7)
-    np.testing.assert_allclose(played.torque[-1], weights(model, played.q[-1:])[0], atol=0.05)
-    np.testing.assert_array_equal(played.table, NOMINAL)

@@ -50,9 +50,8 @@ def test_head_pad_and_step_are_the_scenarios() -> None:
     assert model.body("head").mass[0] == pytest.approx(0.5)
     assert model.geom("head_pad").size[0] == pytest.approx(0.03)
     assert model.opt.timestep == 0.0005
-    usual = build_scene(Scenario(), None, None)
-    np.testing.assert_allclose(model.body("head").inertia / usual.body("head").inertia, 0.5 / 0.3, rtol=1e-6)
-    assert usual.jnt_stiffness[slide.id] == pytest.approx(20000.0 / 3.0)
+    usual = build_scene(Scenario(), None, None).body("head").inertia
+    np.testing.assert_allclose(model.body("head").inertia / usual, 0.5 / 0.3, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["plate_two_holes", "freeform", "wheel_hub_rim"])
