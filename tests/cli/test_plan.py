@@ -12,6 +12,7 @@ import trimesh
 
 from polish_sim.models import workpiece_path
 from tests.cli.conftest import UNPROVEN, Tool, assert_refused, metrics_of
+from tests.planning.test_fixture import asked, wall
 
 FILES = ["metrics.json", "path.csv", "path.json", "path.png", "report.html"]
 
@@ -196,3 +197,33 @@ def test_turns_are_as_far_apart_as_a_whole_number_of_them_allows(polish_sim: Too
     assert 11.5 < apart < 14.0
     assert ["step-over,", "mean", "mm", f"{apart:.2f}"] in [line.split() for line in out.splitlines()]
     assert "more than 46 deg" not in err
+
+
+def test_a_plan_carries_its_fixture_which_must_be_there_unchanged(
+    polish_sim: Tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked(Path(), wall(10.0))  # called by relative names
+    words = "--fixture fixture.stl --region point:0,0,0 --stepover 20 --up z --out made"
+    assert polish_sim("plan", "plate.stl", *words.split(), *UNPROVEN).code == 0
+    folder = Path("made").resolve()
+    said = json.loads((folder / "path.json").read_text())["fixture"]
+    assert said["file"] == "fixture.stl"
+    assert Path(said["path"]) == folder.parent / "fixture.stl"
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert polish_sim("inspect", folder, "--out", "seen").code == 0
+    area = metrics_of(folder)["unreachable_area_m2"]
+    assert area > 0.0
+    assert metrics_of("seen")["unreachable_area_m2"] == pytest.approx(area)
+    dry = polish_sim("run", "surface", "--path", folder, *UNPROVEN, "--dry-run")
+    assert dry.code == 0
+    assert "fixture" in dry.err + dry.out
+    monkeypatch.chdir(tmp_path)
+    wall(30.0).export("fixture.stl")
+    changed = polish_sim("inspect", folder, "--out", "seen")
+    assert changed.code == 2
+    assert "made with the fixture 'fixture.stl'" in changed.err
+    assert "--fixture" in changed.err
+    assert polish_sim("inspect", folder, "--fixture", "fixture.stl", "--out", "seen").code == 0
+    Path("fixture.stl").unlink()
+    assert polish_sim("run", "surface", "--path", folder, "--dry-run").code == 2
