@@ -41,6 +41,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
         raise InputError(f"'{part}' is too much: give one job's file, or 'job init PART'.")
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.analysis.run_record import write_json
+    from polish_sim.cli.run import check_part, plan_facts
     from polish_sim.job.job_file import read_job
     from polish_sim.job.page import job_page
     from polish_sim.job.run_job import check_regions, job_figures, programs, run_job
@@ -49,6 +50,8 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     asked = read_job(file)
     check_regions(asked)
     folder = _folder(file, given)
+    for plan in folder.rglob("plan/path.json"):
+        check_part(plan, asked.passes[0].scenario.part.file, plan_facts(plan)["part"])
     rows: list[Row] = []
     try:
         with console.progress() as observer:
