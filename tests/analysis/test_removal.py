@@ -34,6 +34,7 @@ def test_the_shares_of_the_area_below_half_and_above_one_and_a_half_means_are_co
     even, nothing = (measure_removal(removal_map(np.full(20, size))) for size in (7.0, 0.0))
     assert (even["removal_p5"], even["removal_p95"]) == pytest.approx((1.0, 1.0))
     assert math.isnan(nothing["removal_cv"])
+    assert math.isnan(nothing["over_polished_share"])
     assert nothing["unpolished_share"] == pytest.approx(1.0)
 
 

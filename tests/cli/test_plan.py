@@ -145,7 +145,9 @@ def test_a_path_with_the_tool_in_the_part_is_refused_before_it_runs_unless_allow
     plate = trimesh.creation.box((160.0, 120.0, 20.0)).apply_translation([0, 0, -10])
     trimesh.boolean.union([plate, wall], engine="manifold").export("walled.stl")
     words = ("--region", "point:0,0,0", "--up", "z", "--pad-diameter", "12", "--stepover", "12")
-    assert polish_sim("plan", "walled.stl", *words, *UNPROVEN, "--out", "plan")[0] == 0
+    code, _, err = polish_sim("plan", "walled.stl", *words, *UNPROVEN, "--out", "plan")
+    assert code == 0
+    assert "cm^2 are left out (" in next(line for line in err.splitlines() if line.startswith("bad: "))
     run = "run surface --path plan --pad-diameter 50 --set process.max_feed_s=0.5 --out run"
     code, _, err = polish_sim(*run.split(), *UNPROVEN)
     assert code == 2

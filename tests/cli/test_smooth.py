@@ -128,6 +128,7 @@ BAD = {
     "a half turn": (HEAD + "0,0,0,0,0,1\n9,0,0,0,0,-1\n", "", "180 deg between line 2, point 1 and line 3"),
     "points out of order": (UNORDERED, "", "line 4, point 3: s_m falls from 2 to 1"),
     "out of reach where it lies": (ZIGZAG, "--part-pose 5000,0,0,0,0,0", "out of reach"),
+    "a feed so low that it never ends": (ZIGZAG, "--feed 0.001", "is not smoothed in one piece"),
     "no such rule": (ZIGZAG, "--rule fast", "unknown rule 'fast'"),
     "a rule that has left": (ZIGZAG, "--rule certified", "spline"),
     "a tolerance below zero": (ZIGZAG, "--tolerance -1", "--tolerance -1 is outside 0 to 10 mm"),

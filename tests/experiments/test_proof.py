@@ -74,6 +74,14 @@ def runs_on_drawn_parts(proven: Proven) -> None:
         assert run.figures["force_max_deviation_n"] < 4.0  # of the force asked for there
 
 
+def test_a_proof_names_the_force_and_feed_of_the_path_not_those_it_would_have_without() -> None:
+    path, scenario = straight((-0.02, 0.0), (0.02, 0.0)), pressing()
+    own = replace(path, force=np.full(120, 30.0), feed=np.linspace(0.01, 0.02, 120))
+    proof = prove(scenario, planned(scenario, own)).plan.proof
+    assert proof is not None
+    assert (proof["contact_force_n"], proof["feed_m_s"]) == (30.0, pytest.approx(0.02))
+
+
 @pytest.mark.parametrize(
     ("changes", "shares"), [((), [0.5]), (("pad.stiffness_n_m=10000", "plan.removal=even"), [0.5, 0.25])]
 )

@@ -8,8 +8,11 @@ import shutil
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from polish_sim.cell import Silent
+from polish_sim.cli.boundary import execute
+from polish_sim.cli.main import commands
 from polish_sim.errors import InputError, PolishSimError
 from polish_sim.job.job_file import Job, read_job
 from polish_sim.job.run_job import Row, job_figures, programs, run_job
@@ -118,7 +121,12 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(
 
 
 @pytest.mark.parametrize(
-    ("gone", "told"), [("plan/path.script", "programme in plan/"), ("run", "cycle_time_s in run/")]
+    ("gone", "told"),
+    [
+        ("plan/path.script", "programme in plan/"),
+        ("run", "cycle_time_s in run/"),
+        ("run/log.npz", "whole run/log.npz"),
+    ],
 )
 def test_a_pass_that_is_no_longer_whole_is_named(
     job: Job, whole: tuple[Path, list[Row]], tmp_path: Path, gone: str, told: str
@@ -140,3 +148,29 @@ def test_a_pass_that_is_no_longer_whole_is_named(
         resumed()
     shutil.rmtree(here)
     assert resumed() == list(programs(job, whole[0]))
+
+
+def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_resuming(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    part, file, out = tmp_path / "part.stl", tmp_path / "job.toml", tmp_path / "out"
+    text = JOB.replace(str(plate_file()), str(part))
+
+    def done(*words: str) -> int:
+        return execute(commands, ["job", str(file), "--out", str(out), *words])
+
+    def seconds() -> float:
+        return float(json.loads((out / "job.json").read_text())["contact_time_s"])
+
+    shutil.copy(plate_file(), part)
+    file.write_text(text)
+    assert done() == 0
+    first = seconds()
+    assert done() == 2
+    assert "--resume" in capfd.readouterr().err
+    file.write_text(text.replace("0.05", "0.1"))
+    assert done("--overwrite") == 0
+    assert seconds() < 0.8 * first
+    trimesh.creation.box((202.0, 200.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export(part)
+    assert done("--resume") == 2
+    assert "made on another file" in capfd.readouterr().err

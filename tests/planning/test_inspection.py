@@ -10,7 +10,7 @@ import pytest
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
-from polish_sim.planning import inspect_path
+from polish_sim.planning import inspect_path, measure_given_path
 from polish_sim.planning.quality.spacing import guess_stepover, measure_stepover
 from tests.planning.shapes import level, path_through, shipped_plan
 
@@ -119,6 +119,15 @@ def test_a_path_that_does_not_belong_on_the_part_is_refused_with_the_reason(case
     path, reason = BAD[case]
     with pytest.raises(PlanError, match=reason):
         inspect_path(path, PLATE)
+    with pytest.raises(PlanError, match=reason):
+        measure_given_path(path, PLATE, PlanConfig())
+
+
+def test_how_far_a_tool_leans_is_said_of_a_path_that_is_inspected_or_run():
+    leaning = path_through(raster().positions_work, (np.sin(0.2), 0.0, np.cos(0.2)))
+    given = measure_given_path(leaning, PLATE, PlanConfig(), pad=PadConfig(radius_m=0.005))
+    for notes in (inspect_path(leaning, PLATE).notes, given.notes):
+        assert any("leans up to 11 deg" in note for note in notes)
 
 
 def test_a_path_on_another_region_than_asked_for_is_refused():

@@ -53,10 +53,11 @@ class Offset(NamedTuple):
 
 
 def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = ()) -> Offset:
-    """Measure how far the points of a path in contact lie off a part.
+    """Measure how far the path in contact lies off a part.
 
     ``bridges`` are surfaces over holes the pad runs over, which count as the part.
     """
+    path = with_points_between(path)
     points, axes = path.positions_work[path.process], path.axes_work[path.process]
     found = [each.closest(points) for each in (surface, *bridges)]
     nearest = np.argmin([np.linalg.norm(points - each.positions, axis=1) for each in found], axis=0)
@@ -181,7 +182,7 @@ def inspect_path(
     mesh = load_mesh(part, observer)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
-    offset = offset_from(surface, with_points_between(path), _bridges(region, plan))
+    offset = offset_from(surface, path, _bridges(region, plan))
     check_on_part(offset, mesh, path, 2.0 * pad.radius_m)
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     observer.stage("measure the path")
