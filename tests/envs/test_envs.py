@@ -24,6 +24,7 @@ from polish_sim.envs.policy import ControllerPolicy, evaluate, linear, save_line
 from polish_sim.envs.stepping import ACTIONS, OBSERVATION, SEEN  # noqa: E402
 from polish_sim.errors import ConfigError, InputError  # noqa: E402
 from polish_sim.experiments import run_experiment  # noqa: E402
+from tests.kept import plate_file  # noqa: E402
 
 SHORT = ("process.hold_s=1",)
 SMOOTH = (
@@ -31,7 +32,8 @@ SMOOTH = (
     "robot.real.encoder_rad=0", "sensor.force_quantum_n=0", "sensor.torque_quantum_nm=0",
 )  # fmt: skip
 PLATE = (
-    "part.file=plate", "plan.pattern=raster", "plan.raster_direction=[1.0, 0.0, 0.0]", "plan.stepover_m=0.025"
+    f"part.file={plate_file()}", "plan.pattern=raster", "plan.raster_direction=[1.0, 0.0, 0.0]",
+    "plan.stepover_m=0.025",
 )  # fmt: skip
 REST = np.zeros((1, 3), np.float32)
 TWO_NEWTON = np.full((1, 3), [0.2, 0.0, 0.0], np.float32)
