@@ -426,10 +426,9 @@ def test_two_robots_are_served_and_the_unmodified_client_polishes_with_one(tmp_p
             mean = float(done.stdout.partition("mean ")[2].split(" ")[0])
             assert mean == pytest.approx(20.0, abs=0.5)
         for address in both:
-            with socket.create_connection((address, SECONDARY)) as line:
-                line.sendall(f'textmsg("this is {address}")\n'.encode())
-                assert line.recv(1)
-        time.sleep(0.3)
+            with socket.create_connection((address, DASHBOARD)) as line:
+                line.recv(200)
+                assert lines(line, f"addToLog this is {address}") == ["Added log message"]
         process.send_signal(signal.SIGINT)
         assert process.wait(120) == 0, said()
     finally:
