@@ -111,7 +111,7 @@ def planned(part):
 @pytest.mark.parametrize(
     ("name", "pattern", "diameter_mm"),
     [
-        ("pocket", "contour", 20.0), ("walled plate", "raster", 16.0), ("boss", "fermat", 20.0),
+        ("pocket", "contour", 20.0), ("boss", "fermat", 20.0),
         ("bowl", "spiral", 30.0), ("scan", "contour", 20.0),
     ],
 )  # fmt: skip
