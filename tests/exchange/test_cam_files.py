@@ -92,6 +92,7 @@ def test_units_hold_for_lengths_and_feeds_and_a_feed_may_name_its_own(tmp_path, 
     path = read(tmp_path, f"{text}\nGOTO/1,2,3\nGOTO/4,2,3\n").path
     assert path.positions_work[0] == pytest.approx(metres * np.array([1.0, 2.0, 3.0]))
     assert path.feed == pytest.approx([m_s, m_s])
+    assert read(tmp_path, "GOTO/1,2,3\nGOTO/4,2,3\n").path.feed is None
 
 
 @pytest.mark.parametrize("wishes", [False, True])
