@@ -21,11 +21,10 @@ from tests.kept import share_fields, share_parts  # noqa: E402  (imports numpy)
 share_fields()
 share_parts()
 
-# What compiles longest comes first and side by side: with an empty cache each process has its own kernels to
-# make.
-COMPILE_LONGEST = ("cell/test_engine_contact.py", "analysis/test_path_plot.py")
-# What waits for the clock or takes long runs beside the others: at the end one process would do it alone.
-NOT_LAST = "ur"
+# What compiles longest comes first and side by side, each a loop of its own: with an empty cache each process
+# has its own kernels to make. What waits for the clock or takes long runs beside the others: at the end one
+# process would do it alone.
+FIRST = ("cell/test_engine_contact.py", "cell/test_pair.py", "envs/test_envs.py", "ur/test_wire.py")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
@@ -37,11 +36,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     def rank(item: pytest.Item) -> int:
-        place, first = item.path.as_posix(), len(COMPILE_LONGEST)
-        if place.endswith(COMPILE_LONGEST):
-            return next(k for k, name in enumerate(COMPILE_LONGEST) if place.endswith(name))
-        if item.path.parent.name == NOT_LAST:
-            return first + 1
-        return first if item.path.parent.name < "dual" else first + 2
+        place = item.path.as_posix()
+        return next((k for k, name in enumerate(FIRST) if place.endswith(name)), len(FIRST))
 
     items.sort(key=rank)
