@@ -180,9 +180,11 @@ def test_the_end_of_a_joint_s_range_and_a_far_servo_goal_are_stops(robot: Simula
     stand(robot, 2.5)
     assert (robot.safety, "end of its range" in robot.stop_reason) == (PROTECTIVE, True)
     robot.unlock()
+    stood = robot.actual_q.copy()
     robot.servoj(robot.target_q - 1.5, TICK_S, 0.03, 300.0)
     stand(robot, 0.1)
     assert (robot.safety, "too fast" in robot.stop_reason) == (PROTECTIVE, True)
+    assert robot.actual_q == pytest.approx(stood, abs=1e-3)  # what is too fast is not followed
 
 
 def test_a_stop_holds_the_arm_until_it_is_unlocked(robot: SimulatedRobot) -> None:

@@ -110,9 +110,12 @@ class SimulatedRobot:
         except (ValueError, ReachError) as error:
             self.protective_stop(str(error))
         qd = (self.target_q - before) / TICK_S
-        self.target_qdd, self.target_qd = (qd - self.target_qd) / TICK_S, qd
         if np.abs(qd).max() > JOINT_SPEED and self.safety == NORMAL:
+            # It is not followed: the arm brakes from the speed it had.
+            qd = self.target_qd
+            self.target_q = before + TICK_S * qd
             self.protective_stop("a joint's set-point is too fast: near a singularity, or a jump of servoj")
+        self.target_qdd, self.target_qd = (qd - self.target_qd) / TICK_S, qd
         by_torque = self._torque_left > 0
         self.rig.order.by_torque = by_torque
         if by_torque:
