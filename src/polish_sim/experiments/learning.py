@@ -16,7 +16,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import differences, read_record
@@ -64,6 +63,8 @@ def read_lesson(scenario: Scenario, path: ToolPath, reach: Reach) -> Lesson:
     Raises:
         InputError: The folder is no run, or one of another path, place, part, arm, seed or setting.
     """
+    from scipy.signal import butter, sosfiltfilt  # slow to import
+
     folder = scenario.process.learn
     record = read_record(Path(folder))
     keys, before = differences([record.scenario, scenario]), record.path
