@@ -50,7 +50,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     asked = read_job(file)
     check_regions(asked)
     folder = _folder(file, given)
-    for plan in folder.rglob("plan/path.json"):
+    for plan in _passes(folder, "plan/path.json"):
         check_part(plan, asked.passes[0].scenario.part.file, plan_facts(plan)["part"])
     rows: list[Row] = []
     try:
@@ -108,19 +108,25 @@ def _folder(file: Path, given: Given) -> Path:
         if (out / COPY).read_bytes() != text:
             raise InputError(f"'{out}' was begun with another job file: see '{out / COPY}'.")
         return Path(out)
-    begun = out is not None and (out / COPY).is_file()
-    if begun and not given["--overwrite"]:
+    if out is not None and (out / COPY).is_file() and not given["--overwrite"]:
         raise InputError(
             f"'{out}' holds a job already: go on with it with --resume, or do it anew with --overwrite."
         )
     refuse_taken(given)
     folder: Path = out or unused(RESULTS / "job")
     folder.mkdir(parents=True, exist_ok=bool(given["--overwrite"]))
-    # Else what another job did would be taken for done.
-    for old in [*folder.glob("setup_*"), *folder.glob("part_*")] if begun else ():
-        shutil.rmtree(old) if old.is_dir() else old.unlink()
+    # Else what another job did would be taken for done; what no job writes stays.
+    for name in ("plan", "run", "pieces"):
+        for old in _passes(folder, name):
+            shutil.rmtree(old)
     (folder / COPY).write_bytes(text)
     return folder
+
+
+def _passes(folder: Path, name: str) -> list[Path]:
+    """What the passes of a job have under a name."""
+    one = f"setup_[0-9]*/region_[0-9]*/pass_[0-9]*/{name}"
+    return [*folder.glob(one), *folder.glob(f"part_[0-9]*/{one}")]
 
 
 def _show(rows: list[Row]) -> None:

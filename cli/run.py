@@ -459,7 +459,10 @@ def plan_facts(source: Path) -> dict[str, Any]:
     file = source / "path.json" if source.is_dir() else source
     if file.suffix.lower() != ".json":
         return {}
-    document = json.loads(file.read_text(encoding="utf-8"))
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"'{file}' is damaged: {error}.") from None
     if not {"part", "plan"} <= set(document):
         raise InputError(
             f"'{file}' does not say its part and plan. Give a path.json made by 'plan', or a CSV."
@@ -475,7 +478,7 @@ def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:
     if file.is_file() and _hash(file) != part["sha256"]:
         raise InputError(
             f"the plan '{source}' was made on another file than '{name}' (it was '{part['file']}', "
-            "and its content differs). Plan again on this part."
+            "and its content differs). Plan again on this part; a job is done anew with --overwrite."
         )
 
 

@@ -126,6 +126,7 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(
         ("plan/path.script", "programme in plan/"),
         ("run", "cycle_time_s in run/"),
         ("run/log.npz", "whole run/log.npz"),
+        ("run/metrics.json", "whole run/metrics.json"),
     ],
 )
 def test_a_pass_that_is_no_longer_whole_is_named(
@@ -168,9 +169,13 @@ def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_res
     first = seconds()
     assert done() == 2
     assert "--resume" in capfd.readouterr().err
+    # Whatever is left of it; what no job wrote stays.
+    (out / "job.toml").unlink()
+    (out / "setup_notes").mkdir()
     file.write_text(text.replace("0.05", "0.1"))
     assert done("--overwrite") == 0
     assert seconds() < 0.8 * first
+    assert (out / "setup_notes").is_dir()
     trimesh.creation.box((202.0, 200.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export(part)
     assert done("--resume") == 2
     assert "made on another file" in capfd.readouterr().err

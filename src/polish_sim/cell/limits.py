@@ -65,7 +65,7 @@ def check_contact_settings(scenario: Scenario, force: float) -> None:
         raise ConfigError(
             f"safety.force_limit_n = {scenario.safety.force_limit_n:g} leaves no room above the {force:g} N "
             f"to be held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or "
-            "more, or lower process.contact_force_n (--contact-force)."
+            "more, or lower process.contact_force_n (--contact-force) or the path's own force."
         )
     _check_depth(scenario, force, depth_for(force, pad.stiffness_n_m * head.spring_scale))
 

@@ -93,7 +93,10 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
                 seeded = one._replace(scenario=replace(one.scenario, seed=job.head.seed + part - 1))
                 with naming_line(job.file), at(here):
                     run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
-            figures = read_json(target / "run" / METRICS)
+            try:
+                figures = read_json(target / "run" / METRICS)
+            except (InputError, ValueError):
+                raise _no_longer_whole(target, f"whole run/{METRICS}") from None
             for key in ("sliding_work_after_nm", "area_m2", *PASS_KEYS):
                 if key not in figures:
                     raise _no_longer_whole(target, f"{key} in run/{METRICS}")

@@ -33,7 +33,7 @@ from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
-LEANING_DEG = 10.0  #: Lean of the tool off the surface's normal from which on it is said
+LEANING_DEG = 10.0  #: Lean of the tool off the surface's normal above which a note is given
 UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
 EVEN = 0.2  #: A path is pressed in if its depth stays within this share of the median ...
 MOSTLY_EVEN = 0.6  #: ... along this share of it
@@ -65,7 +65,7 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = (
     normals = np.choose(nearest[:, None], [each.normals for each in found])
     gap = points - feet
     heights = (gap * axes).sum(axis=1)
-    outward = float(((axes * normals).sum(axis=1) > 0.0).mean()) if len(axes) else 0.0
+    outward = ((axes * normals).sum(axis=1) > 0.0).mean() if len(axes) else 0.0
     return Offset(feet, heights, np.linalg.norm(gap - heights[:, None] * axes, axis=1), outward)
 
 
@@ -86,7 +86,10 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
     highest, furthest = np.abs(offset.heights).max(), offset.sideways.max()
     if highest <= OFF_PART_M and furthest <= sideways:
         if offset.outward < 0.5:
-            todo = _other_unit(mesh, path) or "Turn the axes round (-i, -j, -k)."
+            todo = _other_unit(mesh, path) or (
+                "Turn the axes round (-i, -j, -k), unless the path is on the wrong side of the part: its "
+                "frame is that of the part's file."
+            )
             raise PlanError(
                 f"the tool axis points into '{mesh.name}' along {100.0 * (1.0 - offset.outward):.0f}% of the "
                 f"path, wanted: from the part to the tool, as CLDATA. {todo}"
@@ -97,8 +100,10 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
         f"{1e3 * offset.heights.min():+.2f} to {1e3 * offset.heights.max():+.2f} mm off the surface (median "
         f"{1e3 * middle:+.2f} mm, allowed {1e3 * OFF_PART_M:g} mm), sideways up to {1e3 * furthest:.1f} mm. "
     )
+    if highest <= OFF_PART_M:
+        away += f"It runs beyond the part's edge or over a hole, by more than {1e3 * sideways:.3g} mm. "
     even = np.abs(offset.heights - middle) < EVEN * abs(middle)
-    raise PlanError(away + (_other_unit(mesh, path) or _reason(mesh, path, middle, float(even.mean()))))
+    raise PlanError(away + (_other_unit(mesh, path) or _reason(mesh, path, middle, even.mean())))
 
 
 def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
@@ -109,7 +114,7 @@ def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
     size = np.ptp(box, axis=0).max()
     for text, factor in UNITS.items():
         for scale, larger, smaller in ((factor, "part", "path"), (1.0 / factor, "path", "part")):
-            beyond = max(float((box[0] - scale * own[0]).max()), float((scale * own[1] - box[1]).max()))
+            beyond = max((box[0] - scale * own[0]).max(), (scale * own[1] - box[1]).max())
             if beyond < SLACK * size and scale * np.ptp(own, axis=0).max() > LEAST_SHARE * size:
                 return (
                     f"The {larger} is about {text} as large as the {smaller}: another unit? "
@@ -195,9 +200,9 @@ def inspect_path(
     quality.figures.update(
         part_figures(mesh, surface),
         stepover_expected_m=plan.stepover_m,
-        height_above_part_min_m=float(offset.heights.min()),
-        height_above_part_max_m=float(offset.heights.max()),
-        beyond_part_max_m=float(offset.sideways.max()),
+        height_above_part_min_m=offset.heights.min(),
+        height_above_part_max_m=offset.heights.max(),
+        beyond_part_max_m=offset.sideways.max(),
     )
     notes = [*given.part_notes, *notes, *_findings(quality, offset)]
     strict = strictly_covered(ground.mesh.vertices, ground.mesh.normals, quality.runs, plan.stepover_m)
@@ -302,7 +307,7 @@ def tool_notes(quality: Quality) -> list[str]:
             f"{warning}: keep the path {away:.3g} mm further from what stands there, plan it anew with this "
             "pad, or take a smaller --pad-diameter"
         )
-    if lean > LEANING_DEG:
+    if LEANING_DEG < lean < 90.0:  # more is of another face than the region's
         notes.append(
             f"the tool leans up to {lean:.0f} deg off the surface's normal: there only a part of the pad's "
             "face touches"
