@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from polish_sim.smoothing.plots import Curves
 
 LIMITS = "limits.toml"
-LONGEST_H = 2.0  #: Of a motion [h]: every hour of it takes over a minute and 3.5 GB of memory
+LONGEST_H = 2.0  #: Of a motion [h]: every hour of it takes about a minute and 3.5 GB of memory
 MANY = 20_000  #: A path of more segments is smoothed by the rules asked for only
 DRAWN = 20_000  #: Samples of a curve; motions of more than that many milliseconds are drawn with fewer
 MOTION = "Motion"

@@ -548,8 +548,8 @@ def proof_notes(proof: Mapping[str, Any]) -> list[str]:
     name, worst = max(proof["limits"].items(), key=lambda item: item[1]["share"])
     notes = [
         f"proven: played in the cell with {proof['controller']} at up to {1e3 * proof['feed_m_s']:.4g} mm/s "
-        f"and {proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: {name}, "
-        f"{100.0 * worst['share']:.0f}% at {1e3 * worst['at_m']:.4g} mm of the path"
+        f"and up to {proof['contact_force_n']:.4g} N on the arm {proof['arm']}; nearest to its limit: "
+        f"{name}, {100.0 * worst['share']:.0f}% at {1e3 * worst['at_m']:.4g} mm of the path"
     ]
     groups: dict[tuple[str, float, str], list[Mapping[str, Any]]] = {}
     for mend in proof["mends"]:
