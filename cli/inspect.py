@@ -13,7 +13,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, build_scenario, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.config import Scenario
+from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.registry import REGION_OPTIONS
 from polish_sim.scenario_file import merge
@@ -49,18 +49,16 @@ def inspect(path: PathFile, given: Given) -> None:
     from polish_sim.planning import guessed_stepover, inspect_path
 
     tool_path = read_path(path)
-    facts = plan_facts(
-        path if path.name != "path.csv" or not (path.parent / "path.json").exists() else path.parent
-    )
-    if not facts and given["--part"] is None:
-        raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
-    base = Scenario()
+    beside = path.with_name("path.json")
+    facts = plan_facts(beside if path.name == "path.csv" and beside.exists() else path)
     if facts:
-        base = merge(base, planned_settings(path, facts, given), "")
+        base = merge(Scenario(), planned_settings(path, facts, given), "")
+        if given["--part"] is None:
+            given = {**given, "--part": planned_part(path, facts["part"])}
+    elif given["--part"] is None:
+        raise InputError(f"'{path}' does not say which part it was made on: give it with --part.")
     else:  # the step-over is guessed unless something sets it
-        base = replace(base, plan=replace(base.plan, stepover_m=math.nan))
-    if given["--part"] is None:
-        given = {**given, "--part": planned_part(path, facts["part"])}
+        base = Scenario(plan=PlanConfig(stepover_m=math.nan))
     scenario = build_scenario(base, given)
     if facts:
         check_part(path, scenario.part.file, facts["part"])
@@ -97,7 +95,7 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
             "s",
             console.number_or_dash(m["cycle_time_s"], ".1f"),
         ],
-        ["lifts on the way", "", str(m["lifts"])],
+        ["lifts on the way", "", f"{m['lifts']}"],
         ["step-over, min / p5 / mean / p95 / max", "mm", spread],
         ["overlap of neighbouring turns", "% of pad", console.number_or_dash(m["overlap"], ".1f", percent)],
         ["covered by the pad", "%", f"{m['coverage'] * percent:.1f}"],
@@ -105,7 +103,7 @@ def _rows(m: Mapping[str, Any]) -> list[list[str]]:
         ["time under the pad, mean", "s", f"{m['exposure_mean_s']:.3g}"],
         ["  its variation over the area", "cv", f"{m['exposure_cv']:.3f}"],
         ["  area over twice the median", "mm^2", f"{m['over_polished_area_m2'] * mm2:.4g}"],
-        ["crossings of the path with itself", "", str(m["self_crossings"])],
+        ["crossings of the path with itself", "", f"{m['self_crossings']}"],
         ["sharpest corner", "deg", f"{math.degrees(m['sharpest_corner_rad']):.1f}"],
         ["largest turn of the tool axis", "deg/mm", f"{math.degrees(m['max_axis_rate_rad_m']) * 1e-3:.2f}"],
         ["out of the tool's reach", "mm^2", f"{m['unreachable_area_m2'] * mm2:.4g}"],

@@ -10,7 +10,7 @@ import pytest
 
 from polish_sim.config import PadConfig, PartConfig, PlanConfig
 from polish_sim.errors import PlanError
-from polish_sim.planning import inspect_path, measure_given_path
+from polish_sim.planning import inspect_path, measure_given_path, plan_part
 from polish_sim.planning.quality.spacing import guess_stepover, measure_stepover
 from tests.planning.shapes import level, path_through, shipped_plan
 
@@ -86,6 +86,23 @@ def test_our_own_plan_inspected_gives_the_figures_it_was_planned_with():
     assert found["max_axis_rate_rad_m"] == pytest.approx(1.0 / 0.1, rel=0.01)
     assert found["max_axis_lean_rad"] < 0.02
     assert found["unreachable_area_m2"] == 0.0
+
+
+def test_a_plan_with_an_overrun_lies_on_its_part_and_its_bare_table_too_when_inspected():
+    """Past the rim it runs along the tangent: off the part itself by more than a millimetre."""
+    part, plan = PartConfig("freeform"), PlanConfig(overrun_m=0.015, stepover_m=0.01)
+    planned = plan_part(part, plan)
+    found, bare = inspect_path(planned.path, part, planned.plan), inspect_path(planned.path, part)
+    for name in ("coverage_stepover", "path_length_m", "coverage"):
+        assert found.figures[name] == pytest.approx(planned.figures[name], abs=1e-3)
+    for figures in (found.figures, bare.figures):
+        assert 0.005 < figures["beyond_part_max_m"] < 0.015
+        assert figures["height_above_part_max_m"] < 1e-5
+    with pytest.raises(PlanError, match=r"only beyond the part's edge .* needs its plan\.overrun_m"):
+        measure_given_path(planned.path, part, PlanConfig(stepover_m=0.01))
+    lifted = replace(planned.path, positions_work=planned.path.positions_work + [0.0, 0.0, 0.003])
+    with pytest.raises(PlanError, match="lifted off by"):
+        inspect_path(lifted, part, planned.plan)
 
 
 def test_the_face_under_the_path_is_found_when_it_is_not_the_top():

@@ -13,8 +13,10 @@ from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
 from polish_sim.geometry.fixture import load_fixture
+from polish_sim.geometry.surface import SurfacePoints
 from polish_sim.planning.feasibility import lean_notes
 from polish_sim.planning.ground.ground import Ground, bridge_holes
+from polish_sim.planning.ground.overrun import SHARPEST, with_skirt
 from polish_sim.planning.moves.leads import with_way_down
 from polish_sim.planning.part_plan import (
     UNSEEN,
@@ -34,7 +36,7 @@ from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
 LEANING_DEG = 10.0  #: Lean of the tool off the surface's normal above which a note is given
-UNITS = {"1000 times": 1e3, "25.4 times": 25.4, "10 times": 10.0}
+UNITS = (1000.0, 25.4, 10.0)  #: m, inch and cm over mm
 EVEN = 0.2  #: A path is pressed in if its depth stays within this share of the median ...
 MOSTLY_EVEN = 0.6  #: ... along this share of it
 SLACK, LEAST_SHARE = 0.1, 0.3
@@ -59,14 +61,20 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = (
     """
     path = with_points_between(path)
     points, axes = path.positions_work[path.process], path.axes_work[path.process]
-    found = [each.closest(points) for each in (surface, *bridges)]
-    nearest = np.argmin([np.linalg.norm(points - each.positions, axis=1) for each in found], axis=0)
-    feet = np.choose(nearest[:, None], [each.positions for each in found])
-    normals = np.choose(nearest[:, None], [each.normals for each in found])
+    feet, normals = _closest((surface, *bridges), points)
     gap = points - feet
     heights = (gap * axes).sum(axis=1)
     outward = ((axes * normals).sum(axis=1) > 0.0).mean() if len(axes) else 0.0
     return Offset(feet, heights, np.linalg.norm(gap - heights[:, None] * axes, axis=1), outward)
+
+
+def _closest(surfaces: Sequence[Surface], points: Array) -> SurfacePoints:
+    """The closest of several surfaces' points to each of some (n, 3) [m]."""
+    found = [each.closest(points) for each in surfaces]
+    apart = [np.linalg.norm(points - each.positions, axis=1) for each in found]
+    nearest = np.argmin(apart, axis=0), np.arange(len(points))
+    positions, normals = (np.stack(columns)[nearest] for columns in list(zip(*found, strict=True))[:2])
+    return SurfacePoints(positions, normals)
 
 
 def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: float) -> None:
@@ -82,9 +90,7 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
         raise PlanError(
             "the path has no points in contact. Mark points as 'process', or give x, y, z, i, j, k."
         )
-    middle = np.median(offset.heights)
-    highest, furthest = np.abs(offset.heights).max(), offset.sideways.max()
-    if highest <= OFF_PART_M and furthest <= sideways:
+    if np.abs(offset.heights).max() <= OFF_PART_M and offset.sideways.max() <= sideways:
         if offset.outward < 0.5:
             todo = _other_unit(mesh, path) or (
                 "Turn the axes round (-i, -j, -k), unless the path is on the wrong side of the part: its "
@@ -95,36 +101,39 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
                 f"path, wanted: from the part to the tool, as CLDATA. {todo}"
             )
         return
-    away = (
+    middle = np.median(offset.heights)
+    reason = _reason(mesh, path, offset.heights, middle)
+    if np.abs(offset.heights[offset.sideways <= sideways]).max(initial=0.0) <= OFF_PART_M:
+        reason = (
+            f"It is so only beyond the part's edge or over a hole, by more than {1e3 * sideways:.3g} mm: a "
+            "table of a plan with --overrun needs its plan.overrun_m (--set), any other the part's own frame."
+        )
+    raise PlanError(
         f"the path does not lie on '{mesh.name}': along the tool axis it is "
         f"{1e3 * offset.heights.min():+.2f} to {1e3 * offset.heights.max():+.2f} mm off the surface (median "
-        f"{1e3 * middle:+.2f} mm, allowed {1e3 * OFF_PART_M:g} mm), sideways up to {1e3 * furthest:.1f} mm. "
+        f"{1e3 * middle:+.2f} mm, allowed {1e3 * OFF_PART_M:g} mm), sideways up to "
+        f"{1e3 * offset.sideways.max():.1f} mm. {_other_unit(mesh, path) or reason}"
     )
-    if highest <= OFF_PART_M:
-        away += f"It runs beyond the part's edge or over a hole, by more than {1e3 * sideways:.3g} mm. "
-    even = np.abs(offset.heights - middle) < EVEN * abs(middle)
-    raise PlanError(away + (_other_unit(mesh, path) or _reason(mesh, path, middle, even.mean())))
 
 
 def _other_unit(mesh: PartMesh, path: ToolPath) -> str:
     """Advice if the path would fit the part in place and size in another unit; else empty."""
-    box = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-    points = path.positions_work[path.process]
-    own = np.stack([points.min(axis=0), points.max(axis=0)])
-    size = np.ptp(box, axis=0).max()
-    for text, factor in UNITS.items():
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    points, size = path.positions_work[path.process], (high - low).max()
+    for factor in UNITS:
         for scale, larger, smaller in ((factor, "part", "path"), (1.0 / factor, "path", "part")):
-            beyond = max((box[0] - scale * own[0]).max(), (scale * own[1] - box[1]).max())
-            if beyond < SLACK * size and scale * np.ptp(own, axis=0).max() > LEAST_SHARE * size:
+            scaled = scale * points
+            beyond = max((low - scaled).max(), (scaled - high).max())
+            if beyond < SLACK * size and np.ptp(scaled, axis=0).max() > LEAST_SHARE * size:
                 return (
-                    f"The {larger} is about {text} as large as the {smaller}: another unit? "
+                    f"The {larger} is about {factor:g} times as large as the {smaller}: another unit? "
                     "Give it in mm, or set --units."
                 )
     return ""
 
 
-def _reason(mesh: PartMesh, path: ToolPath, middle: float, even: float) -> str:
-    if even > MOSTLY_EVEN:
+def _reason(mesh: PartMesh, path: ToolPath, heights: Array, middle: float) -> str:
+    if (np.abs(heights - middle) < EVEN * abs(middle)).mean() > MOSTLY_EVEN:
         side = "pressed in already" if middle < 0.0 else "lifted off"
         return (
             f"It is {side} by {1e3 * abs(middle):.2f} mm along most of it: give the path on the surface "
@@ -181,14 +190,18 @@ def inspect_path(
             do.
     """
     process, pad = process or ProcessConfig(), pad or PadConfig()
-    notes: list[str] = []
-    if plan is None:
-        plan = replace(PlanConfig(), stepover_m=guessed_stepover(path, pad, notes))
+    notes = list[str]()
+    plan = plan or PlanConfig(stepover_m=guessed_stepover(path, pad, notes))
     mesh = load_mesh(part, observer)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     region = choose_region(mesh, surface, plan)
+    beyond = max(2.0 * pad.radius_m, plan.overrun_m / SHARPEST)
     offset = offset_from(surface, path, _bridges(region, plan))
-    check_on_part(offset, mesh, path, 2.0 * pad.radius_m)
+    if np.abs(offset.heights).max(initial=0.0) > OFF_PART_M:
+        # Beyond the edge it may keep to the tangent, as --overrun does; a bare table does not say how far.
+        ahead = offset_from(surface, path, _bridges(region, plan, beyond))
+        offset = offset._replace(heights=ahead.heights)
+    check_on_part(offset, mesh, path, beyond)
     region, plan = _region_of(region, surface, mesh, plan, offset, notes)
     observer.stage("measure the path")
     tool = Tool(pad, process.contact_force_n, load_fixture(part.fixture_file, mesh))
@@ -204,9 +217,9 @@ def inspect_path(
         height_above_part_max_m=offset.heights.max(),
         beyond_part_max_m=offset.sideways.max(),
     )
-    notes = [*given.part_notes, *notes, *_findings(quality, offset)]
     strict = strictly_covered(ground.mesh.vertices, ground.mesh.normals, quality.runs, plan.stepover_m)
-    return Inspection(mesh, surface, ground, path, plan, quality, strict, tuple(notes))
+    said = (*given.part_notes, *notes, *_findings(quality, offset))
+    return Inspection(mesh, surface, ground, path, plan, quality, strict, said)
 
 
 def measure_given_path(
@@ -259,10 +272,13 @@ def guessed_stepover(path: ToolPath, pad: PadConfig, notes: list[str]) -> float:
     return found
 
 
-def _bridges(region: Region, plan: PlanConfig) -> list[Surface]:
-    """The pieces of a region with small holes, these closed as the pad runs over them."""
+def _bridges(region: Region, plan: PlanConfig, beyond: float = 0.0) -> list[Surface]:
+    """The pieces of a region with small holes, these closed as the pad runs over them.
+
+    With ``beyond`` [m] it is all pieces, continued so far past their borders.
+    """
     bridged = (bridge_holes(piece, plan.bridge_m) for piece in region.components())
-    return [piece.region.surface for piece in bridged if piece.holes]
+    return [with_skirt(piece.region, beyond).surface for piece in bridged if piece.holes or beyond]
 
 
 def _region_of(
@@ -290,10 +306,13 @@ def _region_of(
 
 
 def _share_on(region: Region, plan: PlanConfig, offset: Offset) -> float:
-    """Share of the path's feet on the part that belong to a region, closed holes included."""
-    feet = [surface.closest(offset.feet).positions for surface in (region.surface, *_bridges(region, plan))]
-    gap = np.min([np.linalg.norm(foot - offset.feet, axis=1) for foot in feet], axis=0)
-    return float((gap < OFF_PART_M).mean())
+    """Share of the path's feet on the part that belong to a region, closed holes included.
+
+    Points beyond the part's edge do not count, unless all are.
+    """
+    feet = offset.feet[offset.sideways <= max(OFF_PART_M, offset.sideways.min())]
+    there = _closest((region.surface, *_bridges(region, plan)), feet).positions
+    return (np.linalg.norm(there - feet, axis=1) < OFF_PART_M).mean()
 
 
 def tool_notes(quality: Quality) -> list[str]:
@@ -321,6 +340,8 @@ def _findings(quality: Quality, offset: Offset) -> list[str]:
     if offset.sideways.max() > OFF_PART_M:
         notes.append(f"the path runs up to {1e3 * offset.sideways.max():.3g} mm beyond the part's edge")
     if len(quality.crossings):
-        first = place_in_mm(quality.crossings[0])
-        notes.append(f"crossings of the path with itself: {len(quality.crossings)}, the first at {first}")
+        notes.append(
+            f"crossings of the path with itself: {len(quality.crossings)}, the first at "
+            f"{place_in_mm(quality.crossings[0])}"
+        )
     return notes

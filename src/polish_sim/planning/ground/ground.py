@@ -156,7 +156,7 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
                 "Choose a region that looks one way, e.g. 'top', or a box."
             )
         bridged = bridge_holes(component, plan.bridge_m)
-        ground = with_skirt(bridged.region, plan.overrun_m) if plan.overrun_m > 0.0 else bridged.region
+        ground = with_skirt(bridged.region, plan.overrun_m)
         mesh = triangulate(ground.surface, plan.stepover_m / EDGES_PER_STEPOVER)
         pieces.append(Piece(ground, mesh, bridged.facets))
         holes += bridged.holes

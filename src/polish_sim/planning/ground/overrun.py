@@ -19,10 +19,13 @@ SHARPEST = 0.6
 
 
 def with_skirt(region: Region, width: float) -> Region:
-    """Continue a region past its border by ``width`` [m], straight ahead in its tangent planes.
+    """Continue a region past its border by ``width`` [m], straight ahead in its tangent planes; with 0
+    it stays as it is.
 
     The facets added come last and lie on no part of the part; its area stays that of the part.
     """
+    if not width:
+        return region
     surface = region.surface
     for loop in trace_border(surface):
         facet, edge = np.array(loop, dtype=np.int64).T
@@ -45,14 +48,14 @@ def _continued(surface: Surface, facet: Indices, edge: Indices, width: float) ->
     corners = places[faces]
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
     middles[:count, 0] = surface.control[facet, 3 + edge]
-    bend = surface.shape[facet, edge], surface.shape[facet, ahead]
+    bend, ahead_bend = surface.shape[facet, edge], surface.shape[facet, ahead]
     return build_surface(
         vertices=places,
         faces=(joined := np.concatenate([surface.faces, faces]).astype(np.int32)),
         control=np.concatenate([surface.control, np.concatenate([corners, middles], axis=1)]),
         normal_control=np.concatenate([surface.normal_control, quadratic_normals(corners, upright[faces])]),
-        shape=np.concatenate([surface.shape, np.stack([bend[1], bend[0], bend[0]], axis=1),
-                              np.stack([bend[1], bend[0], bend[1]], axis=1)]),
+        shape=np.concatenate([surface.shape, np.stack([ahead_bend, bend, bend], axis=1),
+                              np.stack([ahead_bend, bend, ahead_bend], axis=1)]),
         adjacency=find_adjacency(joined),
         smooth=np.concatenate([surface.smooth, np.zeros((2 * count, 3), dtype=bool)]),
     )  # fmt: skip
