@@ -19,7 +19,7 @@ from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import build_recorder
-from polish_sim.cell.stroke import PROCESS
+from polish_sim.cell.stroke import FEEDING
 from polish_sim.dual.cell import advance_pair
 from polish_sim.dual.dual import build_dual_cell
 from polish_sim.dual.task import prepare_dual
@@ -134,7 +134,7 @@ class _Wrapped:
 def _go_on(kernel: CellKernel) -> None:
     """Back into the process after the stroke's end."""
     status = kernel.state.status
-    status.stop, status.arrived, kernel.state.sequence.stage = NO_STOP, False, PROCESS
+    status.stop, status.arrived, kernel.state.sequence.stage = NO_STOP, False, FEEDING
 
 
 def _interleaved(cell: Cell, other: Cell | None = None) -> tuple[float, float, float]:

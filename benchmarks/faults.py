@@ -130,7 +130,7 @@ def _wrongs(result: RunResult, record: RunRecord) -> Iterator[str]:
 
 def injected_feed_ended(result: RunResult) -> bool:
     """Whether a run that was not stopped ended before its time."""
-    fed = result.trace.time_s[result.trace.phase == 2]
+    fed = result.trace.time_s[result.trace.fed]
     wanted = result.scenario.process.max_feed_s or result.scenario.process.hold_s
     return not len(fed) or fed[-1] - fed[0] < wanted - 0.01
 

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from benchmarks.table import Row, print_rows
-from polish_sim.analysis.metrics import PAPER_ARC, PROCESS, steady_feed
+from polish_sim.analysis.metrics import PAPER_ARC, steady_feed
 from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, head, new_figure, styled
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.scenario_file import override
@@ -145,7 +145,7 @@ def run_circle(*settings: str) -> Arc:
     """Run ``arc`` and look at it across the circle."""
     result = run_experiment(override(default_scenario("arc"), ["robot.arm=ideal", *settings, EVERY_STEP]))
     trace, normal = result.trace, np.array(PAPER_ARC.normal)
-    part = steady_feed(trace.phase == PROCESS, trace.time_s, trace.path_s_m)
+    part = steady_feed(trace.fed, trace.time_s, trace.path_s_m)
     from_center = trace.tcp_position_m[part] - PAPER_ARC.center
     along = from_center @ normal
     in_plane = from_center - np.outer(along, normal)

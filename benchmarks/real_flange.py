@@ -148,7 +148,7 @@ def simulated_landing(case: FlangeCase, rig: FlangeRig = RIG) -> ForceFigures:
 def simulated_way(case: FlangeCase, rig: FlangeRig = RIG) -> ForceFigures:
     """Along a profile, after a gentle landing."""
     trace = _run(scenario_of(case, rig, "surface", 0.02), case.profile)
-    force = published(trace.normal_force_n[trace.phase == 2])
+    force = published(trace.normal_force_n[trace.fed])
     return figures_of(RATE_S * np.arange(len(force)), force, case.force)
 
 

@@ -96,10 +96,10 @@ def apart(own: Trace, served: Trace, points: Array, axes: Array) -> Array:
     base frame) nothing is counted. Landings and ends of strokes, where one path is longer than the other, are
     left out: what lies within 2 mm of the other's ends.
     """
-    reference = own.tcp_position_m[own.phase == 2]
+    reference = own.tcp_position_m[own.fed]
     jumps = np.flatnonzero(np.linalg.norm(np.diff(reference, axis=0), axis=1) > 1e-3)
     ends = reference[np.concatenate([[0], jumps, jumps + 1, [len(reference) - 1]])]
-    at = served.tcp_position_m[served.phase == 2]
+    at = served.tcp_position_m[served.fed]
     at = at[cKDTree(ends).query(at)[0] > END_M]
     near = cKDTree(reference).query(at)[1].clip(1, len(reference) - 2)
     side = np.cross(reference[near + 1] - reference[near - 1], axes[cKDTree(points).query(at)[1]])

@@ -22,6 +22,7 @@ import rtde_control
 import rtde_receive
 
 from benchmarks.served import serving
+from polish_sim.log import PROCESS_PHASE
 
 JOINTS = [-1.54, -1.83, -2.28, -0.59, 1.60, 0.023]
 GIVEN = np.array([-0.117025, -0.435893, 0.150533, -0.0124127, 3.11199, -0.0180484])
@@ -106,7 +107,7 @@ def main() -> None:
                 on_plate(host)
             with np.load(out / "log.npz") as log:
                 t, force, phase = (log[name] for name in ("time_s", "normal_force_n", "phase"))
-            work = np.flatnonzero(phase == 2)
+            work = np.flatnonzero(phase == PROCESS_PHASE)
             held = force[work[(t[work] > t[work[0]] + 2.0) & (t[work] < t[work[-1]] - 0.2)]]
             print(
                 f"plate, springs x {scale}: exact force at most {force.max():.1f} N, from 2 s on "

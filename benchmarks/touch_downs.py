@@ -49,7 +49,7 @@ def main() -> None:
                 rng = random_streams(seed)[SENSOR_STREAM]
                 cell.begin_again(scenario, build_part(scenario, task.place), rng)
                 run = cell.run(Silent())
-                force, fed = run.trace.normal_force_n, run.trace.phase == 2
+                force, fed = run.trace.normal_force_n, run.trace.fed
                 largest = max(largest, (float(force.max()), seed))
                 lost = max(lost, float((force[fed] < 0.5).sum()) * scenario.simulation.timestep_s)
                 stops += [f"seed {seed}: {run.stop_reason}"] if run.stop_reason else []

@@ -32,7 +32,7 @@ def measure(rule: str, feed: float) -> str:
     """A line of figures of one run at a feed [mm/s]."""
     settings = [*PLATE, f"process.feed_m_s={feed / 1e3}", f"smoothing.rule={rule}"]
     run = run_experiment(override(default_scenario("surface"), settings))
-    fed = np.flatnonzero(run.log["phase"] == 2)
+    fed = np.flatnonzero(run.log.fed)
     fed = fed[run.log["time_s"][fed] < run.log["time_s"][fed[-1]] - LAST_S]
     step = float(np.median(np.diff(run.log["time_s"][fed])))
     moved = [run.log["target_position_m"][fed]]

@@ -372,7 +372,7 @@ def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
         return
     points = apply(job.place.reach.T_base_work, path.positions_work[path.process])
     run = rig.result(job.wall_s, points, path.s[path.process], job.most_s)
-    if not (run.trace.phase == 2).any():
+    if not run.trace.fed.any():
         console.note(
             "no contact at 80% of the set force: only log and page of the motion have something to show."
         )

@@ -25,7 +25,7 @@ result = run_experiment(scenario)
 # the set force.
 print("columns of the log:", ", ".join(result.log.names[:6]), "...")
 force = result.log["normal_force_n"]
-print(f"contact force: {force[result.log['phase'] == 2].mean():.2f} N on average, 15 N asked for")
+print(f"contact force: {force[result.log.fed].mean():.2f} N on average, 15 N asked for")
 for name in ("force_rms_error_n", "force_max_deviation_n", "speed_mean_m_s"):
     print(f"{name:22s} {result.figures[name]:.4g}")
 

@@ -28,7 +28,7 @@ print(f"the part moved by {1e3 * figures['master_way_m']:.1f} mm")
 
 # %%
 # The error of the tool on the part, axis by axis, while it is fed.
-fed = result.log["phase"] == 2
+fed = result.log.fed
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
 lines = axes.plot(result.log["time_s"][fed], 1e3 * np.atleast_2d(result.log["relative_error_m"][fed]))
 for line, name in zip(lines, "xyz", strict=True):

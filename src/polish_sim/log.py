@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, Bools
 from polish_sim.errors import InputError
 from polish_sim.row_file import whole_file
 
@@ -24,6 +24,7 @@ UNREADABLE = (
 )
 """What reading a damaged npz may raise."""
 PHASES = ("approach", "touch_down", "process", "retract")
+APPROACH_PHASE, TOUCH_PHASE, PROCESS_PHASE, RETRACT_PHASE = range(len(PHASES))  #: Codes in the log
 
 # Shape of one row ("" = scalar) and unit of every column, base frame unless the name says otherwise.
 COLUMNS: Mapping[str, tuple[int, str]] = MappingProxyType(
@@ -91,6 +92,11 @@ class RunLog:
         """Names of the columns."""
         return tuple(self.columns)
 
+    @property
+    def fed(self) -> Bools:
+        """Rows of the process, shape (n,)."""
+        return self["phase"] == PROCESS_PHASE
+
 
 def from_rows(rows: Array) -> RunLog:
     """Split an array of packed rows, shape (n, row_width()), into the named columns of the contract."""
@@ -156,7 +162,7 @@ class Trace(NamedTuple):
     """Exact quantities at every physics step, each of shape (n,); nothing filtered, nothing late."""
 
     time_s: Array
-    phase: NDArray[np.int8]  #: 0 approach, 1 touch-down, 2 process, 3 retract, as in ``log.PHASES``
+    phase: NDArray[np.int8]  #: Codes of ``PHASES``
     normal_force_n: Array  #: Contact force along the tool axis, pressing positive
     position_error_m: Array  #: Distance from the tool point to its target
     tangential_error_m: Array  #: The part of it across the target's tool axis
@@ -171,6 +177,11 @@ class Trace(NamedTuple):
     tool_on_part_m: Array
     """Tool point in the nominal work frame of a part that a second robot carries, shape (n, 3); else
     zeros."""
+
+    @property
+    def fed(self) -> Bools:
+        """Steps of the process, shape (n,)."""
+        return self.phase == PROCESS_PHASE
 
 
 # What a run took off the part: Preston's integral at every node of the region, in npz.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.analysis.metrics import PAPER_ARC
-from polish_sim.log import RemovalMap, RunLog, Trace, from_rows, row_layout, row_width
+from polish_sim.log import PROCESS_PHASE, RemovalMap, RunLog, Trace, from_rows, row_layout, row_width
 from polish_sim.planning.toolpath import APPROACH, LEAD_OUT, PROCESS, ToolPath
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ def force_trace(
     """Approach, then a first-order rise to the set force (from contact), then a retract at zero force."""
     time = np.arange(0.0, approach_s + hold_s + 1.0, DT)
     phase = np.where(time < approach_s, 0, np.where(time < approach_s + hold_s, 2, 3)).astype(np.int8)
-    force = np.where(phase == 2, contact_force * (1.0 - np.exp(-(time - approach_s) / tau)), 0.0)
+    force = np.where(phase == PROCESS_PHASE, contact_force * (1.0 - np.exp(-(time - approach_s) / tau)), 0.0)
     return trace_of(phase, normal_force_n=force)
 
 

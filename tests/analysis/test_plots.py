@@ -18,7 +18,7 @@ from polish_sim.analysis.surface_plot import around_peaks
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
 from polish_sim.experiments.report import draw_comparison, draw_plots, draw_seeds, save_plots
-from polish_sim.log import RunLog, Trace
+from polish_sim.log import APPROACH_PHASE, RunLog, Trace
 from tests.analysis.synthetic import arc_trace, bumpy_path, force_trace, log_of, surface_trace, trace_of
 
 
@@ -94,7 +94,7 @@ def test_a_run_stopped_early_still_draws(make: Callable[[Trace], RunRecord], pha
     shown = [text.get_text() for figure in plots.values() for axes in figure.axes for text in axes.texts]
     shown += [head_of(figure) for figure in plots.values()]
     assert not [text for text in shown if "nan" in text]
-    if make is surface_record and phase == 0:
+    if make is surface_record and phase == APPROACH_PHASE:
         assert set(plots) == {"force.png"}
         assert plots["force.png"].axes[0].get_xlabel() == "time since the start [s]"
 
@@ -103,7 +103,7 @@ def test_the_drawn_force_is_the_logged_one_and_each_curvature_peak_is_numbered()
     record = surface_record()
     figure = draw_plots(record)["force.png"]
     drawn = next(line for line in figure.axes[0].lines if line.get_label() == "exact contact force")
-    fed = record.log["phase"] == 2
+    fed = record.log.fed
     np.testing.assert_array_equal(drawn.get_ydata(), record.log["normal_force_n"][fed])
     assert [text.get_text() for text in figure.axes[0].texts] == [" 1", " 2", " 3"]
 
@@ -118,7 +118,7 @@ def stopped(record: RunRecord, time: float, s: float) -> RunRecord:
 
 def test_the_force_of_a_stopped_run_ends_at_the_stop_which_is_marked() -> None:
     record = surface_record()
-    fed = record.log["phase"] == 2
+    fed = record.log.fed
     time, s = (float(record.log[name][fed][len(fed[fed]) // 10]) for name in ("time_s", "path_s_m"))
     for run, where in ((stopped(record, time, s), s), (stopped(force_record(), 3.0, 0.0), 1.0)):
         figure = draw_plots(run)["force.png"]
@@ -173,7 +173,7 @@ def test_a_path_without_bends_says_so_and_the_noise_of_its_curvature_stays_small
 
 def test_a_bend_too_near_an_end_to_be_drawn_is_told() -> None:
     record = surface_record()
-    fed = np.flatnonzero(record.log["phase"] == 2)
+    fed = np.flatnonzero(record.log.fed)
     cut = record.log["phase"].copy()
     cut[fed[: len(fed) // 8]] = 1
     figure = draw_plots(replace(record, log=RunLog({**record.log.columns, "phase": cut})))["peaks.png"]

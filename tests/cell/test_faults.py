@@ -154,7 +154,7 @@ def test_noise_five_times_stronger_raises_the_threshold_of_contact() -> None:
     blend = 1.0 - math.exp(-2.0 * math.pi * 80.0 * 0.001)
     assert floor == pytest.approx(5.0 * 2.5 * math.sqrt(blend / (2.0 - blend)), rel=0.2)
     assert run.stop_reason is None
-    assert run.trace.normal_force_n[run.trace.phase == 2].min() > 5.0
+    assert run.trace.normal_force_n[run.trace.fed].min() > 5.0
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from polish_sim.config import FlangeConfig
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import default_scenario, run_experiment
 from polish_sim.experiments.registry import check_flange
+from polish_sim.log import TOUCH_PHASE
 from polish_sim.scenario_file import override
 from tests.cell.cells import along_tool, cell_for, ideal, part_under, pressing_stroke, tool_pose
 from tests.cell.fields import plane
@@ -74,7 +75,7 @@ def test_the_force_rises_over_the_ramp_and_the_loop_behind_it() -> None:
 def test_the_loop_lags_behind_fast_motion_by_the_air_it_compresses() -> None:
     """Pressed in at v: k v dt / (e^(2 pi f dt) - 1), in short steps k v / (2 pi f)."""
     gentle = held(0.018, "head.damping_n_s_m=0").trace
-    sinking = (gentle.phase == 1) & (gentle.pad_travel_m > 0.010) & (gentle.pad_travel_m < 0.014)
+    sinking = (gentle.phase == TOUCH_PHASE) & (gentle.pad_travel_m > 0.010) & (gentle.pad_travel_m < 0.014)
     speed = np.gradient(gentle.pad_travel_m, 0.001)[sinking].mean()
     lag = 12000.0 * speed * 0.001 / math.expm1(2.0 * math.pi * 20.0 * 0.001)
     assert gentle.normal_force_n[sinking].mean() - 20.0 == pytest.approx(lag, rel=0.02)
@@ -93,9 +94,7 @@ def test_a_part_that_lies_deeper_costs_stroke_and_no_force() -> None:
     for aside in (0.0, 0.003):
         scenario = override(default_scenario("force"), [*flange, f"part.displacement_m={aside}"])
         trace = run_experiment(scenario).trace
-        found.append(
-            [column[trace.phase == 2].mean() for column in (trace.pad_travel_m, trace.normal_force_n)]
-        )
+        found.append([column[trace.fed].mean() for column in (trace.pad_travel_m, trace.normal_force_n)])
     deeper, harder = np.abs(np.diff(found, axis=0))[0]
     assert deeper > 5e-4
     assert harder < 2 * FlangeConfig().friction_n

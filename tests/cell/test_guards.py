@@ -22,7 +22,7 @@ from polish_sim.cell.guards import (
     forget_shares,
     guard_shares,
 )
-from polish_sim.cell.stroke import PROCESS
+from polish_sim.cell.stroke import FEEDING
 from polish_sim.geometry import load_part
 from polish_sim.geometry.field_lookup import DistanceField
 from polish_sim.models import part_path
@@ -100,7 +100,7 @@ def test_contact_lost_over_an_edge_stops_after_its_time() -> None:
 def test_a_swing_that_grows_is_no_jump_and_the_same_at_once_is_one(grown_s: float) -> None:
     """Gears shake the arm at 24 Hz, up to what counts as a jump beyond the 15 N that are allowed."""
     state, codes, largest = on_plane().state, set(), 0.0
-    state.sequence.stage = PROCESS
+    state.sequence.stage = FEEDING
     for t in np.arange(0.0, 3.0, 0.001):
         size = 40.0 * float(np.clip((t - 1.0) / grown_s if grown_s else t >= 1.0, 0.0, 1.0))
         state.sensor.reading[2] = 50.0 + size * math.sin(2.0 * math.pi * 24.0 * (t - 1.0))
@@ -277,8 +277,8 @@ def test_the_sensor_is_zeroed_again_before_a_stroke_if_it_is_to_be() -> None:
         cell = cell_for(ideal("force", EVERY_STEP), first, second._replace(retare=retare), part=part)
         cell.state.sensor.errors.creep[2] = 0.001 * drift
         trace = cell.run().trace
-        last.append(trace.normal_force_n[trace.phase == 2][-1])
+        last.append(trace.normal_force_n[trace.fed][-1])
         if not retare:
-            since_tare = trace.time_s[trace.phase == 2][-1] - 0.3
+            since_tare = trace.time_s[trace.fed][-1] - 0.3
             assert last[0] == pytest.approx(20.0 - drift * since_tare, abs=0.2)
     assert last[1] - last[0] > drift * 2.5

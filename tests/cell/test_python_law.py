@@ -12,6 +12,7 @@ import pytest
 
 from polish_sim.cell import CellRun, Silent
 from polish_sim.cell.observer import interrupts_noted, results_kept
+from polish_sim.log import RETRACT_PHASE
 from tests.cell.cells import Law, on_plane
 
 WRAPS = """
@@ -93,7 +94,8 @@ def test_the_controller_is_called_once_a_cycle_with_the_clock_and_cycle_it_was_t
     assert watch.cycle_s == 0.004
     np.testing.assert_allclose(cycles, 0.004)
     np.testing.assert_allclose(times, 0.004 * np.arange(len(times)), atol=1e-12)
-    assert len(times) == int(np.sum(run.trace.phase < 3)) // 4 + 1  # the cycle of the stop is the last
+    steps = int(np.sum(run.trace.phase < RETRACT_PHASE))
+    assert len(times) == steps // 4 + 1  # the cycle of the stop is the last
     assert run.log["command_twist"][100, 2] == pytest.approx(-0.005)
 
 

@@ -100,7 +100,7 @@ def test_the_tare_takes_the_bias_out_which_the_logs_exact_wrench_never_had() -> 
     measured = pressed.log["wrench_measured_tool"]
     assert np.abs(measured[:100, :3]).max() > 1.0
     assert np.abs(measured[700:1000] / [0.05, 0.05, 0.05, 0.02, 0.02, 0.02]).max() < 1.0
-    process = pressed.log["phase"] == 2
+    process = pressed.log.fed
     true = pressed.log["normal_force_n"][process][-200:]
     np.testing.assert_allclose(true, 20.0, atol=0.1)
     np.testing.assert_allclose(measured[process][-200:, 2], true, atol=0.05)

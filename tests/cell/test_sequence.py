@@ -18,6 +18,7 @@ from polish_sim.cell.stroke import (
     build_sequence,
 )
 from polish_sim.control.signals import Target
+from polish_sim.log import APPROACH_PHASE, RETRACT_PHASE, TOUCH_PHASE
 from tests.cell.cells import (
     EVERY_STEP,
     TOUCH,
@@ -49,19 +50,20 @@ def test_phases_come_in_order_at_their_speeds_and_the_target_never_jumps() -> No
     assert phases(run) == [0, 1, 2, 3]
     # It stands still while the sensor is tared, then approaches at 5 mm/s.
     assert np.linalg.norm(place[time < 0.39] - place[0], axis=1).max() < 2e-5
-    np.testing.assert_allclose(speed[(phase == 0) & (time > 1.0)], 0.005, atol=1e-4)
+    np.testing.assert_allclose(speed[(phase == APPROACH_PHASE) & (time > 1.0)], 0.005, atol=1e-4)
     # Touch-down begins at half a newton, 0.1 mm deep, and lasts half a second.
-    assert force[phase == 0].max() <= 0.5 < force[phase == 1][0]
-    assert 0.0 < (place[phase == 1][0] - TOUCH[:3, 3]) @ down < 2e-4
+    assert force[phase == APPROACH_PHASE].max() <= 0.5 < force[phase == TOUCH_PHASE][0]
+    assert 0.0 < (place[phase == TOUCH_PHASE][0] - TOUCH[:3, 3]) @ down < 2e-4
     assert TOUCH_DOWN_TIME < span(run, 1) < TOUCH_DOWN_TIME + 0.1
     # The feed goes from the first process point to the last at its speed.
-    path_s = run.trace.path_s_m[phase == 2]
+    path_s = run.trace.path_s_m[run.trace.fed]
     np.testing.assert_allclose(path_s[[0, -1]], [0.0, SLIDE], atol=1e-6)
     assert np.all(np.diff(path_s) >= 0.0)
     assert np.diff(path_s).max() == pytest.approx(0.01 * 0.001, rel=1e-6)
-    assert TOUCH[:3, 0] @ (place[phase == 2][-1] - place[phase == 2][0]) == pytest.approx(SLIDE, abs=2e-4)
+    slid = place[run.trace.fed]
+    assert TOUCH[:3, 0] @ (slid[-1] - slid[0]) == pytest.approx(SLIDE, abs=2e-4)
     # The retract lifts straight off; the run ends as the target arrives.
-    lifted = place[phase == 3]
+    lifted = place[phase == RETRACT_PHASE]
     np.testing.assert_allclose(lifted[-1] - TOUCH[:3, 3], -LIFT * down + [SLIDE, 0.0, 0.0], atol=1.5e-3)
     assert np.linalg.norm(lifted[:, :2] - lifted[0, :2], axis=1).max() < 2e-4
     assert force[-1] == 0.0
@@ -75,7 +77,7 @@ def test_a_part_that_lies_high_is_met_early_and_one_that_lies_low_is_sought() ->
         part = part_under(plane(), along_tool(TOUCH, z=-offset))
         run = on_plane(part=part, height=HEIGHT, hold=1.5).run()
         assert run.stop_reason is None
-        first = int(np.argmax(run.trace.phase == 1))
+        first = int(np.argmax(run.trace.phase == TOUCH_PHASE))
         assert run.trace.tcp_position_m[first, 2] - TOUCH[2, 3] == pytest.approx(offset, abs=2e-4)
         assert run.trace.normal_force_n[-1] == pytest.approx(20.0, abs=0.3)
 
@@ -87,7 +89,7 @@ def test_the_feed_time_ends_the_feed_early() -> None:
     # up, and down again before the time is over
     ramps = 0.5 * (0.01 / 0.05 + 0.04) + 0.5 * (0.01 / 0.2 + 0.04)
     assert run.trace.path_s_m[-1] == pytest.approx(0.01 * (1.0 - ramps), abs=1e-4)
-    targets = run.log["target_position_m"][run.trace.phase == 2]
+    targets = run.log["target_position_m"][run.trace.fed]
     np.testing.assert_allclose(targets[-1], targets[-2], atol=1e-7)
 
 
@@ -99,9 +101,9 @@ def test_two_strokes_follow_each_other_through_free_space() -> None:
     run = cell_for(ideal("force", EVERY_STEP), first, second, part=part_under(plane())).run()
     assert run.stop_reason is None
     assert phases(run) == [0, 1, 2, 3, 0, 1, 2, 3]
-    crossing = (run.trace.phase == 0) & (run.trace.time_s > 3.0)
+    crossing = (run.trace.phase == APPROACH_PHASE) & (run.trace.time_s > 3.0)
     assert run.trace.normal_force_n[crossing].max() <= 0.5
-    fed = run.trace.phase == 2
+    fed = run.trace.fed
     assert {0.0, 0.1} == set(np.round(run.trace.path_s_m[fed], 6))
     np.testing.assert_allclose(run.trace.tcp_position_m[fed][-1, :2], second_touch[:2, 3], atol=1e-4)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polish_sim.log import PROCESS_PHASE
 from polish_sim.planning.toolpath import PROCESS
 from tests.cli.conftest import Call, Tool, metrics_of
 from tests.kept import plate_file
@@ -49,7 +50,7 @@ def test_a_proven_plan_is_not_played_again(plan: Call, polish_sim: Tool) -> None
     assert "it was polished before (--from)" in metrics_of("rest")["left_out"]
     # It lands with half the force and has all of it a pad's diameter on, at what comes behind the place.
     log, path = (np.load(Path("rest") / name) for name in ("log.npz", "path.npz"))
-    fed, pressed = log["phase"] == 2, np.load(Path("whole/path.npz"))
+    fed, pressed = log["phase"] == PROCESS_PHASE, np.load(Path("whole/path.npz"))
     force, first = log["normal_force_n"][fed], path["positions_work"][path["segment"] == PROCESS][0]
     assert 8.0 < force[0] < 13.0
     assert force[-20:].mean() == pytest.approx(20.0, abs=1.0)

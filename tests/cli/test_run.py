@@ -14,7 +14,7 @@ from polish_sim.cli.options import build_scenario
 from polish_sim.cli.outcome import other_conditions
 from polish_sim.experiments import default_scenario
 from polish_sim.experiments.report import draw_plots
-from polish_sim.log import COLUMNS, read_log
+from polish_sim.log import COLUMNS, RETRACT_PHASE, read_log
 from polish_sim.page import PAGE
 from polish_sim.scenario_file import override
 from tests.cli.conftest import Tool, metrics_of
@@ -176,7 +176,7 @@ def test_a_fault_stops_the_run_and_its_folder_does_the_same_again(polish_sim: To
     assert first["retracted"] is True
     assert first["stop_delay_s"] <= 0.02
     log = read_log(Path("a/log.npz"))
-    assert log["phase"][-1] == 3
+    assert log["phase"][-1] == RETRACT_PHASE
     assert log["normal_force_n"][-1] == 0.0
     assert polish_sim("run", "force", "--config", "a/config.toml", "--out", "b")[0] == 3
     assert Path("a/log.npz").read_bytes() == Path("b/log.npz").read_bytes()

@@ -27,6 +27,7 @@ from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.errors import CalibrationError, ConfigError, PlanError, ReachError
 from polish_sim.experiments import RunResult, check_experiment, default_scenario, run_experiment
 from polish_sim.geometry import load_part
+from polish_sim.log import PROCESS_PHASE
 from polish_sim.models import workpiece_path
 from polish_sim.motion import forward
 from polish_sim.planning import PlanResult, measure_given_path
@@ -89,7 +90,7 @@ def test_a_run_has_its_figures_the_tools_speed_and_a_picture(free: RunResult, pr
     assert free.log["master_q_rad"].shape == free.log["relative_error_m"].shape[:1] + (6,)
     for run, claims, feed, panels in ((free, FREE_CLAIMS, 0.05, 1), (pressed, PRESSING_CLAIMS, 0.01, 2)):
         assert {claim.figure for claim in claims} <= set(run.figures)
-        fed = run.trace.phase == 2
+        fed = run.trace.fed
         speed = np.ptp(run.trace.path_s_m[fed]) / np.ptp(run.trace.time_s[fed])
         assert run.figures["speed_mean_m_s"] == pytest.approx(speed, rel=0.02)
         assert run.figures["speed_mean_m_s"] < 1.02 * feed
@@ -101,7 +102,7 @@ def test_a_run_has_its_figures_the_tools_speed_and_a_picture(free: RunResult, pr
 
 def test_without_calibration_errors_the_tool_is_off_by_the_tracking_only(free: RunResult) -> None:
     assert free.figures["chain_residual_m"] < 1e-9
-    process = np.flatnonzero(free.trace.phase == 2)
+    process = np.flatnonzero(free.trace.fed)
     # max_feed_s ends the feed four times as hard as a path ends: that is left out.
     before_the_end = process[: len(process) - 200]
     assert np.abs(free.trace.target_error_m[before_the_end]).max() < 1e-4
@@ -118,7 +119,7 @@ def test_the_joints_of_both_arms_as_they_went_close_the_chain_in_the_engine(free
     held = Held(part, 2700.0, true.T_flange_gripper @ true.T_gripper_work)
     model = build_pair_scene(free.scenario, inverse(true.T_master_follower), held)
     data = mujoco.MjData(model)
-    rows = np.flatnonzero(log["phase"] == 2)[50:-60:20]
+    rows = np.flatnonzero(log["phase"] == PROCESS_PHASE)[50:-60:20]
     assert np.ptp(log["master_q_rad"][rows], axis=0).max() > 0.02
     for row in rows:
         data.qpos[:6], data.qpos[FIRST_JOINT:] = log["q_rad"][row], log["master_q_rad"][row]
@@ -173,7 +174,7 @@ def test_a_part_that_slips_in_the_gripper_shows_in_the_error_of_the_tool_on_it()
 def test_a_base_believed_a_millimetre_off_puts_the_tool_a_millimetre_off(tmp_path: Path) -> None:
     file = base_file(tmp_path, off_m=MILLIMETRE)
     run = run_experiment(dual(*FREE, *EXACT, f"dual.bases_file={file}"))
-    off = run.log["relative_error_m"].astype(float)[run.log["phase"] == 2][-200:-100]
+    off = run.log["relative_error_m"].astype(float)[run.log.fed][-200:-100]
     # The host puts the follower's base too far along y, so the tool it sends comes out too little.
     np.testing.assert_allclose(off.mean(axis=0), [0.0, -MILLIMETRE, 0.0], atol=4e-5)
     assert run.figures["tracking_error_worst_m"] < 2e-4
@@ -229,7 +230,7 @@ def test_an_even_removal_covers_the_rim_and_is_fed_as_planned_on_the_moving_part
     assert path is not None
     assert path.feed is not None
     assert path.length_m > 4.0 * 2.0 * np.pi * 0.08
-    fed = np.flatnonzero(trace.phase == 2)
+    fed = np.flatnonzero(trace.fed)
     fed = fed[len(fed) // 6 : -len(fed) // 6]
     s, time = trace.path_s_m[fed], trace.time_s[fed]
     planned = np.interp(0.5 * (s[1:] + s[:-1]), path.s, path.feed)

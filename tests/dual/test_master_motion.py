@@ -23,6 +23,7 @@ from polish_sim.dual.plots import plot_dual
 from polish_sim.dual.task import DualTask, prepare_dual
 from polish_sim.errors import ConfigError, InputError, PolishSimError, ReachError
 from polish_sim.experiments import RunResult, run_experiment
+from polish_sim.log import RETRACT_PHASE
 from polish_sim.motion import forward
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
 from polish_sim.spatial import inverse
@@ -42,13 +43,13 @@ def poses_of(run: RunResult, column: str) -> Array:
 def test_a_hub_turned_against_the_feed_lets_the_tool_stand_still() -> None:
     run = run_experiment(dual(*ABOVE, *AGAINST, "process.max_feed_s=4"))
     trace = run.trace
-    fed = np.flatnonzero(trace.phase == 2)
+    fed = np.flatnonzero(trace.fed)
     time = trace.time_s[fed]
     even = fed[(time > time[0] + BEGUN_S) & (time < time[-1] - 0.4)]
     assert np.ptp(trace.tcp_position_m[even], axis=0).max() < 1e-4
     on_part = np.linalg.norm(np.gradient(trace.tool_on_part_m[even], trace.time_s[even], axis=0), axis=1)
     assert on_part.mean() == pytest.approx(FEED, rel=1e-3)
-    follower = np.ptp(poses_of(run, "q_rad")[run.log["phase"] == 2], axis=0)
+    follower = np.ptp(poses_of(run, "q_rad")[run.log.fed], axis=0)
     assert np.abs(follower[:3, :3]).max() < 0.05
     # Its time ramps up as the feed does, in 0.54 s, of which half is lost: even then the tool hardly moves.
     assert run.figures["master_turn_rad"] == pytest.approx(FEED / RADIUS * (4.0 - 0.27), rel=0.01)
@@ -82,7 +83,7 @@ def test_two_stretches_above_a_moving_part_are_followed_as_the_check_looked_at_t
     assert run.stop_reason is None
     assert run.figures["path_done"] == 1.0
     assert run.figures["relative_error_rms_m"] < 6e-5
-    lifted = run.trace.tool_on_part_m[run.trace.phase == 3][:, 2]
+    lifted = run.trace.tool_on_part_m[run.trace.phase == RETRACT_PHASE][:, 2]
     assert lifted.max() == pytest.approx(0.038 + 0.005 + run.scenario.plan.clearance_m, abs=1e-3)
     for off in between(task, run):
         assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 2e-4
@@ -90,7 +91,7 @@ def test_two_stretches_above_a_moving_part_are_followed_as_the_check_looked_at_t
     # Errors are drawn for the strokes and not between them.
     figure = plot_dual(RunRecord("dual", run.scenario, run.figures, run.log, run.path))
     drawn = np.asarray(figure.axes[0].lines[0].get_ydata(), dtype=np.float64)
-    fed = run.log["phase"] == 2
+    fed = run.log.fed
     on = np.flatnonzero(fed)
     np.testing.assert_array_equal(np.isnan(drawn), ~fed[on[0] : on[-1] + 1])
     assert np.isnan(drawn).any()

@@ -14,6 +14,7 @@ from polish_sim.errors import InputError, PlanError
 from polish_sim.experiments import run_experiment
 from polish_sim.experiments.assembly import check_settings
 from polish_sim.experiments.part_pose import PartPlacing
+from polish_sim.log import RETRACT_PHASE
 from polish_sim.planning import PlanResult, measure_given_path, plan_part
 from polish_sim.scenario_file import merge
 from polish_sim.spatial import apply
@@ -56,7 +57,7 @@ def test_a_part_in_a_fixture_that_hangs_below_it_is_placed_with_the_fixture_abov
 def test_a_path_planned_with_the_fixture_is_run_beside_it() -> None:
     run = run_experiment(scenario(True), plan(True))
     assert run.stop_reason is None
-    assert np.median(run.log["normal_force_n"][run.log["phase"] == 2]) == pytest.approx(20.0, abs=1.0)
+    assert np.median(run.log["normal_force_n"][run.log.fed]) == pytest.approx(20.0, abs=1.0)
 
 
 def test_a_path_planned_without_it_is_refused_or_stopped_where_the_pad_touches_the_wall() -> None:
@@ -68,7 +69,7 @@ def test_a_path_planned_without_it_is_refused_or_stopped_where_the_pad_touches_t
     assert run.stop_reason is not None
     assert run.stop_reason.startswith("pad, tool, wrist or forearm ran into the fixture")
     T = np.array(run.figures["T_base_work"])
-    stopped = run.log["tcp_position_m"][run.log["phase"] < 3][-1]
+    stopped = run.log["tcp_position_m"][run.log["phase"] < RETRACT_PHASE][-1]
     place = (stopped - T[:3, 3]) @ T[:3, :3]
     # The path begins 15 mm beside the wall, with a pad of 50 mm: it comes down on the wall, 10 mm high.
     assert place[0] == pytest.approx(0.065, abs=0.5e-3)

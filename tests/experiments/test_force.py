@@ -10,6 +10,7 @@ import pytest
 from benchmarks.loop_margins import analytic_margins
 from polish_sim.config import Scenario
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
+from polish_sim.log import RETRACT_PHASE, TOUCH_PHASE
 from polish_sim.scenario_file import override
 from polish_sim.scoring.border import measure_border
 from polish_sim.scoring.force_bench import Bench, build_bench, press
@@ -26,11 +27,11 @@ def test_it_settles_within_three_newton_in_four_tenths_of_a_second_and_holds(eve
     assert figures["steady_within_3n"] == 1.0
     assert figures["steady_std_n"] < 0.5
     assert figures["path_done"] == 1.0
-    held = trace.normal_force_n[trace.phase == 2]
+    held = trace.normal_force_n[trace.fed]
     assert held[1000:].mean() == pytest.approx(20.0, abs=0.2)
     assert len(held) * 0.001 == pytest.approx(result.scenario.process.hold_s, abs=0.005)
     # First contact lies 0.7 to 1 mm off, and as far as turning and bending add.
-    first = int(np.argmax(trace.phase == 1))
+    first = int(np.argmax(trace.phase == TOUCH_PHASE))
     nominal = np.array(figures["T_base_work"])[2, 3] + result.path.positions_work[-1, 2]
     assert 0.0005 < abs(trace.tcp_position_m[first, 2] - nominal) < 0.0013
 
@@ -53,7 +54,7 @@ def test_half_the_physics_step_gives_the_same_response() -> None:
         override(default_scenario("force"), [*quiet, f"simulation.timestep_s={dt}"]) for dt in (0.001, 0.0005)
     ]
     one, half = (run_experiment(scenario).trace for scenario in asked)
-    after = [trace.normal_force_n[int(np.argmax(trace.phase == 1)) :] for trace in (one, half)]
+    after = [trace.normal_force_n[int(np.argmax(trace.phase == TOUCH_PHASE)) :] for trace in (one, half)]
     n = min(len(after[0]), len(after[1]) // 2)
     np.testing.assert_allclose(after[0][:n], after[1][: 2 * n : 2], atol=0.6)
 
@@ -91,7 +92,8 @@ def test_springs_and_latency_it_was_not_told_of(scale: float, sensor: float, com
     # Springs a fifth as stiff give by 20 mm: at the 30 mm/s that cannot strike on stiff ones that takes 0.7
     # s.
     assert result.figures["settling_time_1n_s"] < (0.9 if scale < 1.0 else 0.6)
-    held = result.trace.normal_force_n[result.trace.phase < 3][-400:]  # by then it has landed on any springs
+    held = result.trace.normal_force_n[result.trace.phase < RETRACT_PHASE]
+    held = held[-400:]  # by then it has landed on any springs
     assert held.std() < 0.3
 
 

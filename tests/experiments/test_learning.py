@@ -42,7 +42,7 @@ def test_the_second_pass_errs_less_than_the_first_with_another_noise(first: Path
     assert second.metrics["learned_from"] == 1
     assert second.metrics["force_rms_error_n"] < 0.8 * before.metrics["force_rms_error_n"]
     # The part lies as it lay: the tool lands at the same height. The sensor's noise is not the same.
-    landed = [record.log["tcp_position_m"][record.log["phase"] == 2][0] for record in (before, second)]
+    landed = [record.log["tcp_position_m"][record.log.fed][0] for record in (before, second)]
     assert np.linalg.norm(landed[0] - landed[1]) < 3e-4
     air = [record.log["wrench_raw_sensor"][:100, 2] for record in (before, second)]
     reading = [record.log["wrench_measured_tool"][:100, 2] for record in (before, second)]

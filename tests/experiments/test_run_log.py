@@ -77,7 +77,7 @@ def test_the_traces_errors_are_those_between_the_logs_tool_and_target(freeform: 
 
 def test_raw_measured_and_true_wrench_differ_by_weight_bias_and_noise_only(freeform: RunResult) -> None:
     """The pad's travel carries the force through the head's spring; the turn of the path is counted."""
-    fed = freeform.log["phase"] == 2
+    fed = freeform.log.fed
     travel, force = column(freeform, "pad_travel_m")[fed], column(freeform, "normal_force_n")[fed]
     assert travel.mean() * 20000.0 / 3.0 == pytest.approx(force.mean(), rel=0.01)
     path, along = freeform.path, column(freeform, "path_s_m")[fed]

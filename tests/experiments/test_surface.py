@@ -29,11 +29,11 @@ def test_on_the_freeform_part_the_force_stays_and_the_arm_does_not_swing(freefor
     assert freeform.figures["contact_lost_s"] == 0.0
     assert 0.0 < freeform.figures["path_done"] < 0.05
     # The tool's axis is the planned one but for the moment loop.
-    tilt = freeform.trace.orientation_error_rad[freeform.trace.phase == 2].max()
+    tilt = freeform.trace.orientation_error_rad[freeform.trace.fed].max()
     assert tilt < freeform.scenario.controller.moment_tilt_limit_rad + 0.005
     # No loop makes the elastic arm swing: with both filters at 10 Hz the force loop feeds the mode at 26 Hz,
     # 53 um rms instead of 6.
-    feeding = freeform.log["phase"] == 2
+    feeding = freeform.log.fed
     off = (freeform.log["tcp_position_m"][feeding] - freeform.log["target_position_m"][feeding])[250:]
     band = butter(4, [8.0, 60.0], "band", fs=250.0, output="sos")
     assert np.sqrt((sosfiltfilt(band, off, axis=0) ** 2).sum(axis=1).mean()) < 12e-6
@@ -55,7 +55,7 @@ def test_with_the_spindle_off_the_force_is_held_as_well(cap: Cap) -> None:
         result = run_experiment(override(cap[0], ["robot.arm=ideal", change]), cap[1])
         assert result.figures["force_max_deviation_n"] < 4.0
         assert result.figures["tracking_error_max_m"] < 0.3e-3
-        fed = result.log["phase"] == 2
+        fed = result.log.fed
         wrench = np.asarray(result.log["wrench_true_tool"][fed][100:], dtype=float).mean(axis=0)
         force[name], moment[name] = np.linalg.norm(wrench[:2]), wrench[5]
     # Sliding with the feed alone friction opposes it with mu F; spinning, points slide round faster than
@@ -134,7 +134,7 @@ def rising(cap: Cap) -> RunResult:
 
 
 def fed(run: RunResult, after_s: float = 1.0) -> np.ndarray:
-    feeding = run.trace.phase == 2
+    feeding = run.trace.fed
     return feeding & (run.trace.time_s > run.trace.time_s[feeding][0] + after_s)
 
 
@@ -159,7 +159,7 @@ def test_the_feed_follows_the_path_s(rising: RunResult) -> None:
 
 
 def test_the_target_is_pressed_in_by_the_local_force_over_the_stiffness(rising: RunResult) -> None:
-    rows = rising.log["phase"] == 2
+    rows = rising.log.fed
     along = np.asarray(rising.log["path_s_m"][rows], dtype=float)
     T_base_work = np.array(rising.figures["T_base_work"])
     axes, points = rising.path.axes_work, rising.path.positions_work

@@ -22,6 +22,7 @@ from polish_sim.hand_guiding.teach import PlayedMove, figures_of_moves, minimum_
 from polish_sim.identification.arm import ARM_JOINTS
 from polish_sim.identification.model_file import IdentifiedJoints, identified_xml
 from polish_sim.identification.robot_model import own_parameters
+from polish_sim.log import PROCESS_PHASE
 from polish_sim.scenario_file import override
 
 GRIP = {"turn_stiffness_nm_rad": 30.0, "turn_damping_nm_s_rad": 10.0}
@@ -56,7 +57,7 @@ def test_each_step_of_compensation_lightens_the_move(trial: RunResult) -> None:
 
 def test_every_move_is_in_the_log_with_the_hand_s_force(trial: RunResult) -> None:
     case, force = np.asarray(trial.log["case"]), np.linalg.norm(np.asarray(trial.log["hand_force_n"]), axis=1)
-    moving = np.asarray(trial.log["phase"]) == 2
+    moving = np.asarray(trial.log["phase"]) == PROCESS_PHASE
     for number, name in enumerate(trial.figures["moves"]):
         peak = trial.figures[f"{name}_hand_force_peak_n"]
         assert force[moving & (case == number)].max() == pytest.approx(peak, rel=0.02)

@@ -25,6 +25,7 @@ from polish_sim.cli.boundary import execute
 from polish_sim.cli.main import commands
 from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario
+from polish_sim.log import PROCESS_PHASE
 from polish_sim.scenario_file import override
 from polish_sim.ur.controller import Controller
 from polish_sim.ur.dashboard import answer
@@ -439,7 +440,8 @@ def test_two_robots_are_served_and_the_unmodified_client_polishes_with_one(tmp_p
         return
     run = tmp_path / "TWO" / both[0]
     with np.load(run / "log.npz") as log:
-        time_s, exact = log["time_s"][log["phase"] == 2], log["normal_force_n"][log["phase"] == 2]
+        fed = log["phase"] == PROCESS_PHASE
+        time_s, exact = log["time_s"][fed], log["normal_force_n"][fed]
     # Force mode of a UR settles within some two seconds.
     assert exact[time_s > time_s[0] + 2.0].mean() == pytest.approx(20.0, abs=1.0)
     assert json.loads((run / "metrics.json").read_text())["contact_lost_s"] == 0.0

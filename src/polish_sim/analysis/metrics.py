@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.log import RETRACT_PHASE
 from polish_sim.planning.toolpath import stretches
 
 if TYPE_CHECKING:
@@ -130,25 +131,9 @@ def moving_average(time: Array, value: Array, window: float) -> Array:
     return (sums[samples:] - sums[:-samples]) / samples
 
 
-# Columns of a log as plain numbers, and which rows belong to which phase.
-
-
-PROCESS, RETRACT = 2, 3  #: Codes of the phases, see ``log.PHASES``
-
-
 def numbers(log: RunLog, name: str) -> Array:
     """A column in double precision, shape (n,) or (n, k)."""
     return log[name].astype(np.float64)
-
-
-def fed(log: RunLog) -> Bools:
-    """Rows of the process, shape (n,)."""
-    return log["phase"] == PROCESS
-
-
-def before_retract(log: RunLog) -> Bools:
-    """Rows before the tool lifts off, shape (n,)."""
-    return log["phase"] < RETRACT
 
 
 Figures = dict[str, float | int]
@@ -212,7 +197,7 @@ def measure_arc(trace: Trace) -> Figures:
     time); speed_mean_m_s; speed_max_deviation_m_s: largest difference of the 50 ms average of the speed from
     the commanded feed; orientation_error_max_rad.
     """
-    part = steady_feed(trace.phase == PROCESS, trace.time_s, trace.path_s_m)
+    part = steady_feed(trace.fed, trace.time_s, trace.path_s_m)
     time, speed = trace.time_s[part], trace.tcp_speed_m_s[part]
     distance = distance_to_circle(trace.tcp_position_m[part], PAPER_ARC)
     # The median leaves ramps at the ends out.
@@ -236,7 +221,7 @@ def measure_force(trace: Trace, contact_force: float) -> Figures:
     undefined if the run ended within 0.5 s of contact; overshoot_n: largest excess over the set force, 0 if
     none; steady_*: from 0.5 s after contact on.
     """
-    held = trace.phase < RETRACT
+    held = trace.phase < RETRACT_PHASE
     time, force = trace.time_s[held], trace.normal_force_n[held]
     contact = first_contact(force)
     start = len(time) if contact is None else contact
@@ -255,8 +240,8 @@ def measure_force(trace: Trace, contact_force: float) -> Figures:
 
 
 def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figures:
-    """Measure force and path while the tool is fed along the part (phase 2 only); ``contact_force`` where the
-    path names none.
+    """Measure force and path while the tool is fed along the part; ``contact_force`` where the path names
+    none.
 
     Errors are against the force wanted at that place of the path. force_mean_n, force_rms_error_n,
     force_max_deviation_n; force_within_4n, force_within_1n: shares of the time; force_error_median_n,
@@ -265,7 +250,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     how many, see `curvature_peaks`; force_error_at_peaks_n: mean over the peaks of the largest error within
     15 mm of the peak; force_error_between_peaks_n: the same for equally long stretches away from them.
     """
-    part = trace.phase == PROCESS
+    part = trace.fed
     time, force, path_s = trace.time_s[part], trace.normal_force_n[part], trace.path_s_m[part]
     error = force - plan.force_at(path_s, contact_force)
     passed = peaks_passed(plan, path_s)

@@ -14,9 +14,7 @@ from polish_sim.analysis.claim import Claim, bound_text, value_text
 from polish_sim.analysis.metrics import (
     FORCE_BANDS_N,
     PAPER_ARC,
-    before_retract,
     distance_to_circle,
-    fed,
     first_contact,
     moving_average,
     numbers,
@@ -39,7 +37,7 @@ from polish_sim.analysis.style import (
     styled,
 )
 from polish_sim.arrays import Array, Bools
-from polish_sim.log import RunLog
+from polish_sim.log import RETRACT_PHASE, RunLog
 
 PAPER_LIMIT_M = 3e-4
 SHOWN_SHARE = 0.15  #: In the view of its plane, most share of the radius the largest distance is drawn at
@@ -51,7 +49,7 @@ def plot_arc(record: RunRecord) -> Figure:
     figure = new_figure(10.0, 5.0)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
     speed, error = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
-    process = fed(record.log)
+    process = record.log.fed
     time = numbers(record.log, "time_s")[process]
     positions = numbers(record.log, "tcp_position_m")[process]
     start = time[0] if len(time) else 0.0
@@ -88,7 +86,7 @@ def plot_arc_runs(records: Sequence[RunRecord]) -> Figure:
     """Draw the tracking error of several runs over the way round the commanded circle."""
 
     def curve(record: RunRecord) -> tuple[Array, Array]:
-        process = fed(record.log)
+        process = record.log.fed
         error = distance_to_circle(numbers(record.log, "tcp_position_m")[process], PAPER_ARC)
         return numbers(record.log, "path_s_m")[process], error * 1e6
 
@@ -127,7 +125,7 @@ def compare_runs(
 
 
 def _draw_speed(axes: Axes, time: Array, record: RunRecord) -> None:
-    process = fed(record.log)
+    process = record.log.fed
     feed = record.scenario.process.feed_m_s * 1e3
     value = numbers(record.log, "tcp_speed_m_s")[process] * 1e3
     smooth = moving_average(time, value, 0.05)
@@ -268,7 +266,7 @@ def _origin(log: RunLog) -> float:
 
 def _shown(log: RunLog) -> Bools:
     """The rows before the retract, shape (n,); all of them where a run stops at its very start."""
-    before = before_retract(log)
+    before = log["phase"] < RETRACT_PHASE
     return before if before.any() else np.ones_like(before)
 
 

@@ -15,7 +15,6 @@ from polish_sim.analysis.metrics import (
     SHARP_1_M,
     WINDOW_M,
     curvature_peaks,
-    fed,
     numbers,
 )
 from polish_sim.analysis.run_plots import plot_force
@@ -47,7 +46,7 @@ def plot_surface_force(record: RunRecord) -> Figure:
 
     Of a run that stopped before the feed there is the force over time instead.
     """
-    if not fed(record.log).any():
+    if not record.log.fed.any():
         return plot_force(record)
     figure = new_figure(10.0, 5.6)
     force, bend = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
@@ -116,12 +115,12 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
 
 def process_force(record: RunRecord) -> tuple[Array, Array]:
     """Place on the path [m] and exact force [N] of the logged rows of the process, each shape (n,)."""
-    process = fed(record.log)
+    process = record.log.fed
     return numbers(record.log, "path_s_m")[process], numbers(record.log, "normal_force_n")[process]
 
 
 def _draw_force(axes: Axes, record: RunRecord, color: str, label: str | None) -> None:
-    process = fed(record.log)
+    process = record.log.fed
     place, force = process_force(record)
     low, high = (
         numbers(record.log, "normal_force_min_n")[process],

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Ints
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
-from polish_sim.cell.stroke import PROCESS, TARE, TOUCH_DOWN
+from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN
 from polish_sim.config import Scenario, SensorConfig
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
 from polish_sim.kernels import Record, Vector3, kernel
@@ -325,7 +325,7 @@ def check_guards(
         if guards.found < SPINDLE_SHARE:
             return SPINDLE
     flange = state.flange
-    if flange.share > 0.0 and state.sequence.stage == PROCESS:
+    if flange.share > 0.0 and state.sequence.stage == FEEDING:
         guards.found = flange.travel / flange.stroke
         if abs(guards.found - 0.5) > guards.stroke:
             return STROKE

@@ -37,7 +37,7 @@ from polish_sim.cell.robot import (
 from polish_sim.cell.stroke import (
     APPROACH,
     DONE,
-    PROCESS,
+    FEEDING,
     RETRACT,
     SEEK,
     TARE,
@@ -50,6 +50,7 @@ from polish_sim.cell.stroke import (
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, kernel
+from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE
 
 LOOK_EVERY = 4  # steps between looks at the engine's own contacts
 FIRST_CONTACT_N = 0.5  # exact force at which the log's touch-down begins
@@ -318,7 +319,7 @@ def finish_step(  # type: ignore[no-untyped-def]
         status.touched = True
         if status.contact_time == 0.0:
             status.contact_time = t
-    phase = 3 if status.stop != guards.NO_STOP else _phase(stage, status.touched)
+    phase = RETRACT_PHASE if status.stop != guards.NO_STOP else _phase(stage, status.touched)
     record_state(recorder, e, state, part_position, turns, t, phase)
     keep_speeds(e)
     if arm.elastic:
@@ -339,11 +340,11 @@ def finish_step(  # type: ignore[no-untyped-def]
 def _phase(stage: int, touched: bool) -> int:
     """The log's phase: touch-down begins with the exact first contact, everything else with the host's
     stage."""
-    if stage == PROCESS:
-        return 2
+    if stage == FEEDING:
+        return PROCESS_PHASE
     if stage in (RETRACT, DONE):
-        return 3
-    return 1 if touched and stage in (APPROACH, SEEK, TOUCH_DOWN) else 0
+        return RETRACT_PHASE
+    return TOUCH_PHASE if touched and stage in (APPROACH, SEEK, TOUCH_DOWN) else APPROACH_PHASE
 
 
 @kernel

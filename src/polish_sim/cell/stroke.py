@@ -15,7 +15,7 @@ from polish_sim.motion.timed_path import Pace, TimedPath, sample_motion, sample_
 from polish_sim.motion.trajectory import PathTable, sample_column, sample_path
 from polish_sim.spatial import rotation_from_quaternion
 
-TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, PROCESS, RETRACT, DONE = range(8)
+TARE, TRAVEL, APPROACH, SEEK, TOUCH_DOWN, FEEDING, RETRACT, DONE = range(8)
 TARE_START = 0.15  # the robot stands still this long before the sensor is zeroed [s]
 TARE_TIME = 0.25  # readings averaged for zeroing [s]
 TOUCH_DOWN_TIME = 0.42  # from measured contact to the start of the feed, at least [s]
@@ -162,8 +162,8 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
     """Move the target on by one step of its stage; ``granted`` is the share of the planned feed that is
     granted [-]."""
     stage = state.stage
-    target.contact = stroke.contact and stage in (TOUCH_DOWN, PROCESS)
-    fed = state.s if stage >= PROCESS else 0.0
+    target.contact = stroke.contact and stage in (TOUCH_DOWN, FEEDING)
+    fed = state.s if stage >= FEEDING else 0.0
     target.force = sample_column(stroke.process, stroke.force, fed)
     target.moment = target.curvature = 0.0
     target.s = stroke.start_s
@@ -186,7 +186,7 @@ def place_target(stroke: Stroke, state: Sequence, granted: float, dt: float, tar
         speed = (stroke.depth - state.depth) / left
         state.depth += speed * dt
         _sink(stroke.process, 0.0, state, state.depth - stroke.depth, speed, target)
-    elif stage == PROCESS:
+    elif stage == FEEDING:
         most = sample_rate(stroke.motion, state.clock)
         stopping = state.rate * stroke.feed / (FALL * feed_acceleration(stroke.feed)) + BUILD_UP
         if state.time >= stroke.feed_time - stopping:
@@ -275,9 +275,9 @@ def advance_sequence(
     stage = state.stage
     _watch_air(state, measured_force, dt)
     if stage == TARE and state.time >= TARE_START + TARE_TIME - 0.5 * dt:
-        _enter(state, APPROACH if stroke.contact else PROCESS)
+        _enter(state, APPROACH if stroke.contact else FEEDING)
     elif stage == TRAVEL and state.clock >= stroke.travel.duration:
-        _enter(state, TARE if stroke.retare else APPROACH if stroke.contact else PROCESS)
+        _enter(state, TARE if stroke.retare else APPROACH if stroke.contact else FEEDING)
         state.s = state.speed = 0.0
     elif stage in (APPROACH, SEEK):
         swinging = stage == APPROACH and state.time < SWINGS_FOR
@@ -293,9 +293,9 @@ def advance_sequence(
             return False
     elif stage == TOUCH_DOWN and state.time >= TOUCH_DOWN_TIME:
         if measured_force >= LANDED_SHARE * target.force or state.time >= LONGEST_TOUCH_DOWN:
-            _enter(state, PROCESS)
+            _enter(state, FEEDING)
             state.s = state.speed = 0.0
-    elif stage == PROCESS:
+    elif stage == FEEDING:
         arrived = state.clock >= stroke.motion.duration and state.time >= stroke.hold
         if arrived or state.time >= stroke.feed_time:
             _enter(state, RETRACT if stroke.lift > 0.0 else DONE)
@@ -322,5 +322,5 @@ def _enter(state: Sequence, stage: int) -> None:
     if stage == TOUCH_DOWN:
         # The depth at contact is kept; above the surface it is negative.
         state.speed = 0.0
-    elif stage == PROCESS:
+    elif stage == FEEDING:
         state.clock, state.rate, state.rate_change = 0.0, 1.0, 0.0

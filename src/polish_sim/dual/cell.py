@@ -33,7 +33,7 @@ from polish_sim.cell.real_arm import build_joints, is_real
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
 from polish_sim.cell.robot import SENT
-from polish_sim.cell.stroke import PROCESS
+from polish_sim.cell.stroke import FEEDING
 from polish_sim.config import Scenario
 from polish_sim.dual.carrier import (
     FIRST_CONTROL,
@@ -144,7 +144,7 @@ def advance_pair(  # type: ignore[no-untyped-def]
         command(state, cell.requests, e.ctrl, e.dt, t)
         # The stop reaches both robots at once, by its own line.
         stopping = state.status.stop != 0 and state.stop.stage != SENT
-        drive_master(master, state.master, state.sequence.stage == PROCESS, stopping, e.dt, e.ctrl)
+        drive_master(master, state.master, state.sequence.stage == FEEDING, stopping, e.dt, e.ctrl)
         if state.status.steps % recorder.every == 0:
             put(recorder.rows[recorder.filled.rows], ROW_WIDTH, e.qpos[FIRST_JOINT:], 6)
         finish_step(e, state, arm, other, recorder, cell.part.position, cell.stroke.process.pass_index, t)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.analysis.metrics import PROCESS, measure_removal, measure_surface
+from polish_sim.analysis.metrics import measure_removal, measure_surface
 from polish_sim.arrays import Array, rms
 from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_real_part
 from polish_sim.cell.gears import build_host_arm
@@ -62,7 +62,7 @@ def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Obser
     observer.stage("simulate")
     run = cell.run(observer)
     path, reach = task.place.path, task.place.reach
-    fed = run.trace.path_s_m[run.trace.phase == 2]
+    fed = run.trace.path_s_m[run.trace.fed]
     turns = work_turns(run, task)
     errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), turns, pressing)
     figures: dict[str, Any] = measure_pair(run.trace, errors, turns)
@@ -140,7 +140,7 @@ def work_turns(run: CellRun, task: DualTask) -> Array:
     """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3,
     3)."""
     R = carried_turns(run.log, task, task.frames.true.T_flange_work)
-    times, wanted = run.log["time_s"], run.trace.time_s[run.trace.phase == 2]
+    times, wanted = run.log["time_s"], run.trace.time_s[run.trace.fed]
     if len(times) < 2:
         return np.repeat(R[:1], len(wanted), axis=0)
     between = Slerp(times, Rotation.from_matrix(R))
@@ -150,7 +150,7 @@ def work_turns(run: CellRun, task: DualTask) -> Array:
 def _at_rows(run: CellRun, values: Array) -> Array:
     """Values of the steps of the process (k, 3) at the rows of the log, zero outside it, shape (n, 3)."""
     every = np.zeros((len(run.trace.time_s), 3))
-    every[run.trace.phase == 2] = values
+    every[run.trace.fed] = values
     rows = np.searchsorted(run.trace.time_s, run.log["time_s"] - 1e-9)
     return every[np.minimum(rows, len(every) - 1)]
 
@@ -193,7 +193,7 @@ def pair_errors(trace: Trace, wanted: WantedTool, R_base_work: Array, pressing: 
 
     ``R_base_work``: how the work frame stands in the base of the robot with the tool then, shape (n, 3, 3).
     """
-    part = trace.phase == PROCESS
+    part = trace.fed
     s = trace.path_s_m[part]
     tracking = np.einsum("nij,ni->nj", R_base_work, trace.target_error_m[part])
     relative = trace.tool_on_part_m[part] - interpolate(s, wanted.s, wanted.points)
@@ -227,7 +227,7 @@ def measure_pair(trace: Trace, errors: PairErrors, R_base_work: Array) -> dict[s
         )  # fmt: skip
     tracking = np.abs(errors.tracking).max(axis=0)
     relative = np.linalg.norm(errors.relative, axis=1)
-    process = trace.phase == PROCESS
+    process = trace.fed
     shift = trace.part_shift_m[process]
     speed = _speed(trace.time_s, trace.tool_on_part_m)[process]
     R = R_base_work[:: max(1, len(R_base_work) // TURNS)]

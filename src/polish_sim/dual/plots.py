@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import FORCE_BANDS_N, fed, numbers
+from polish_sim.analysis.metrics import FORCE_BANDS_N, numbers
 from polish_sim.analysis.run_plots import compare_runs
 from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import (
@@ -90,7 +90,7 @@ def plot_dual_runs(records: Sequence[RunRecord]) -> Figure:
 
 
 def _from_first_feed_to_last(record: RunRecord) -> slice:
-    on = np.flatnonzero(fed(record.log))
+    on = np.flatnonzero(record.log.fed)
     return slice(int(on[0]), int(on[-1]) + 1) if len(on) else slice(0, 0)
 
 
@@ -98,7 +98,7 @@ def _while_fed(record: RunRecord, name: str) -> Array:
     """A column from the first feed to the last; between two strokes no numbers, so that lines break there."""
     rows = _from_first_feed_to_last(record)
     values = numbers(record.log, name)[rows]
-    values[~fed(record.log)[rows]] = np.nan
+    values[~record.log.fed[rows]] = np.nan
     return values
 
 

@@ -22,7 +22,7 @@ from polish_sim.cell.limits import check_contact_settings
 from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
 from polish_sim.cell.set_points import FORCE
-from polish_sim.cell.stroke import PROCESS, RETRACT, TARE_START, TARE_TIME, begin_next_stroke, cycle_time
+from polish_sim.cell.stroke import FEEDING, RETRACT, TARE_START, TARE_TIME, begin_next_stroke, cycle_time
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.config import Scenario
 from polish_sim.control.signals import Course, Measurement, Target
@@ -265,7 +265,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             self.cell.faults.inject_due(self.cell.kernel)
             self.cell.state.status.pause_at_contact = False
         sequence = self.cell.state.sequence
-        if self._to_come and sequence.stage == PROCESS and sequence.time >= self._to_come[0][0]:
+        if self._to_come and sequence.stage == FEEDING and sequence.time >= self._to_come[0][0]:
             force = self._to_come.pop(0)[1]
             self.cell.set_points.change(FORCE, force, self.cell.kernel)
             self.cell.state.target.force = force

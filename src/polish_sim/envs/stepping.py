@@ -20,11 +20,12 @@ from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.loop import advance
 from polish_sim.cell.recorder import Recorder, TraceStep
-from polish_sim.cell.stroke import PROCESS, RETRACT
+from polish_sim.cell.stroke import FEEDING, RETRACT
 from polish_sim.control import hybrid, signals
 from polish_sim.control.loops import rotation_error
 from polish_sim.kernel_cache import cfunc, njit, structref
 from polish_sim.kernels import Record, Vector3, Vector6, dot, kernel
+from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE
 
 if TYPE_CHECKING:
     from polish_sim.cell import Cell
@@ -234,14 +235,14 @@ def _reward(trace: NDArray[np.void], steps: int, force: float, turn: EnvState, s
     total = 0.0
     for k in range(steps):
         step = trace[k]
-        if step.phase == 0:
+        if step.phase == APPROACH_PHASE:
             total += ON_THE_WAY * max(0.0, 1.0 - step.position_error_m / _ASTRAY_M)
-        elif step.phase < 3:
+        elif step.phase < RETRACT_PHASE:
             error = abs(step.normal_force_n - force)
             worth = 0.5 * max(0.0, 1.0 - error / force) + 0.5 * max(0.0, 1.0 - error / BAND_N)
             if turn.moving:
                 worth *= max(0.0, 1.0 - step.orientation_error_rad / _ASKEW_RAD)
-            total += worth * share if step.phase == 2 else worth
+            total += worth * share if step.phase == PROCESS_PHASE else worth
     return total / max(steps, 1)
 
 
@@ -267,7 +268,7 @@ def _take_step(k: Kept, law) -> StepEnd:  # type: ignore[no-untyped-def]
     lifted = turn.last_stroke and state.sequence.stage >= RETRACT
     asks = status.waiting and status.stop == NO_STOP and not lifted and status.steps < turn.longest
     left = len(k.draws) - (status.steps - turn.drawn_from)
-    held = state.sequence.time if state.sequence.stage == PROCESS else 0.0
+    held = state.sequence.time if state.sequence.stage == FEEDING else 0.0
     needs = turn.eventful or left < turn.every + SPARE or held >= turn.force_after
     if done > 0:
         k.truth[0] = recorder.trace[done - 1]

@@ -110,4 +110,4 @@ def measure_hold(scenario: Scenario, path: ToolPath, reach: Reach, run: CellRun)
 def hold_done(scenario: Scenario, run: CellRun) -> float:
     """Share of the time on the point that was held, 0 to 1."""
     steps = round(scenario.process.hold_s / scenario.simulation.timestep_s)
-    return min(1.0, float(np.sum(run.trace.phase == 2)) / steps)
+    return min(1.0, float(np.sum(run.trace.fed)) / steps)

@@ -24,12 +24,10 @@ from polish_sim.config import Scenario
 from polish_sim.control import Controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.placement import Reach
-from polish_sim.log import PHASES
 from polish_sim.planning.toolpath import ToolPath
 
 SPACING = 0.0005  #: Of the places at which it is learned [m]
 SHORTEST_S = 0.5  #: A stretch in contact from which something is learned [s]
-FED = PHASES.index("process")  #: In the log
 SAME = ("part", "robot", "head", "pad", "process", "smoothing")
 """Sections that decide what repeats."""
 FREE = ("part.pose", "process.learn", "process.preston_1_pa")
@@ -85,7 +83,7 @@ def read_lesson(scenario: Scenario, path: ToolPath, reach: Reach) -> Lesson:
             "it had one, and --learn."
         )
     beliefs = scenario.controller.adaptive
-    time, s, fed = (numbers(record.log, name) for name in ("time_s", "path_s_m", "phase"))
+    time, s = (numbers(record.log, name) for name in ("time_s", "path_s_m"))
     wanted = path.force_at(s, scenario.process.contact_force_n)
     reading = numbers(record.log, "wrench_measured_tool")[:, 2]
     height = numbers(record.log, "host_depth_m") + (wanted - reading) / beliefs.stiffness_n_m
@@ -94,7 +92,7 @@ def read_lesson(scenario: Scenario, path: ToolPath, reach: Reach) -> Lesson:
     low = butter(2, min(highest, 0.2 * rate), fs=rate, output="sos")
     places = np.arange(0.0, float(path.s[-1]), SPACING)
     slope = np.zeros(len(places))
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], fed == FED, [False]])))
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], record.log.fed, [False]])))
     for first, last in ends.reshape(-1, 2):
         if last - first < SHORTEST_S * rate:
             continue

@@ -19,11 +19,12 @@ from polish_sim.cell import Cell, Observer
 from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
 from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
-from polish_sim.cell.stroke import PROCESS, cycle_time
+from polish_sim.cell.stroke import FEEDING, cycle_time
 from polish_sim.config import FaultsConfig, Scenario
 from polish_sim.experiments.assembly import build_part, cell_for, course_for, strokes_for
 from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.surface import SurfaceTask
+from polish_sim.log import PROCESS_PHASE
 
 MARGIN = 0.2
 """Share of a guard's limit that the nominal part leaves, for other noise and for parts as they are drawn."""
@@ -34,7 +35,6 @@ CHUNK_S = 0.5  #: Simulated time between looks; what is slowed reaches as far (`
 SETTLED_S = 0.1  #: After the feed begins the force may settle for this long [s]
 #: Share of the limit of the surface's place that is kept, however the part is drawn
 LEAST_OFFSET = 0.4
-FED = 2  #: Phase of the log in which the force is to be held
 BAND = "force error"
 SAVE_EVERY_S = 2.0  #: Simulated time between saved states [s]
 SAVED = 12  #: States kept; with the beginnings of strokes
@@ -117,7 +117,7 @@ class Play:
         cell.use_strokes(strokes, course_for(cell.controller, scenario, place, strokes))
         cell.restore(self._saved[-1].state)
         sequence, motion = cell.state.sequence, cell.kernel.stroke.motion
-        if sequence.stage == PROCESS:
+        if sequence.stage == FEEDING:
             # The motion may have been timed anew: the clock is that of the place.
             sequence.clock = np.interp(
                 sequence.s, motion.places, np.arange(len(motion.places)) * motion.spacing
@@ -159,7 +159,9 @@ class Play:
         status, path = cell.state.status, self.task.plan.path
         wanted = path.force_at(s, self.scenario.process.contact_force_n)
         # After landing the force is given the time a step response takes to settle.
-        unsettled = np.where(steps["phase"] == FED, self._unsettled_until, steps["time_s"] + SETTLED_S)
+        unsettled = np.where(
+            steps["phase"] == PROCESS_PHASE, self._unsettled_until, steps["time_s"] + SETTLED_S
+        )
         unsettled = np.maximum.accumulate(unsettled)
         self._unsettled_until = float(unsettled[-1])
         error = np.where(steps["time_s"] > unsettled, np.abs(steps["normal_force_n"] - wanted), 0.0)
@@ -167,7 +169,7 @@ class Play:
         self._note(BAND, float(error[worst]) / limit, float(s[worst]))
         stage, at = cell.state.sequence.stage, float(cell.state.target.s)
         if status.stop != NO_STOP:
-            return Failure(self._reason(int(status.stop)), at, int(status.stop), stage < PROCESS)
+            return Failure(self._reason(int(status.stop)), at, int(status.stop), stage < FEEDING)
         beyond = np.flatnonzero(error > (1.0 - self.margin) * limit)
         if len(beyond):
             k = beyond[0]
@@ -177,7 +179,7 @@ class Play:
         for name, most in self._most().items():
             if shares[name].share > most:
                 code = guard.SHARES[name]
-                return Failure(self._reason(code), shares[name].at_m, code, stage < PROCESS)
+                return Failure(self._reason(code), shares[name].at_m, code, stage < FEEDING)
         return None
 
     def _reason(self, code: int) -> str:
@@ -210,4 +212,4 @@ class Play:
 def _done_until(cell: Cell) -> float:
     """Arc length of the plan up to which a change would not have changed what was played [m]."""
     sequence, stroke = cell.state.sequence, cell.kernel.stroke
-    return stroke.start_s + (sequence.s if sequence.stage >= PROCESS else 0.0)
+    return stroke.start_s + (sequence.s if sequence.stage >= FEEDING else 0.0)

@@ -49,7 +49,7 @@ def common_figures(
     its stroke used.
     """
     simulated = run.steps * scenario.simulation.timestep_s
-    travel = run.trace.pad_travel_m[run.trace.phase == 2]
+    travel = run.trace.pad_travel_m[run.trace.fed]
     stroke = {"flange_stroke_used": float(np.ptp(travel)) / scenario.head.travel_m} if len(travel) else {}
     return {
         **(stroke if scenario.head.flange.bandwidth_hz else {}),

@@ -22,7 +22,7 @@ from polish_sim.experiments.part_setup import sunk_under
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.geometry.mesh import lighter_mesh
-from polish_sim.log import PHASES, RemovalMap, RunLog
+from polish_sim.log import PROCESS_PHASE, TOUCH_PHASE, RemovalMap, RunLog
 from polish_sim.motion import track
 from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, box, cylinder
 from polish_sim.spatial import apply, transform
@@ -206,9 +206,9 @@ def joint_columns(record: RunRecord, model: Any) -> Array:
 
 def _asked_force(record: RunRecord) -> Array:
     """The force to hold [N], NaN where the tool is not pressed on the part, shape (n,)."""
-    log, phase = record.log, record.log["phase"]
+    log = record.log
     usual = record.scenario.process.contact_force_n
-    pressing = np.isin(phase, [PHASES.index("touch_down"), PHASES.index("process")])
+    pressing = np.isin(log["phase"], [TOUCH_PHASE, PROCESS_PHASE])
     pressing &= bool((numbers(log, "normal_force_n") > 0.0).any())
     s = numbers(log, "path_s_m")
     return np.where(pressing, usual if record.path is None else record.path.force_at(s, usual), np.nan)

@@ -178,7 +178,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
 def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPart, run: CellRun) -> RunResult:
     """How well a ``run`` of a ``cell`` has polished the task's part."""
     plan, reach, place, path = task.plan, task.reach, task.place, task.plan.path
-    fed = run.trace.path_s_m[run.trace.phase == 2]
+    fed = run.trace.path_s_m[run.trace.fed]
     figures: dict[str, Any] = dict(measure_surface(run.trace, path, scenario.process.contact_force_n))
     reached = float(fed[-1]) if len(fed) else -1.0
     figures["coverage"] = coverage_until(plan, reached, scenario.process, scenario.pad)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polish_sim.analysis.metrics import PROCESS, fed, numbers
+from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import RunRecord
 from polish_sim.analysis.style import (
     BLUE,
@@ -120,7 +120,7 @@ def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
         numbers(log, "time_s")[of_case],
         np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1),
     )
-    moving = log["phase"][of_case] == PROCESS
+    moving = log.fed[of_case]
     if not moving.any():
         return np.zeros(0), np.zeros(0)
     first, last = time[moving][0], time[moving][-1]
@@ -142,7 +142,7 @@ def _words(direction: str, pace: str) -> str:
 def plot_taught(record: RunRecord) -> Figure:
     """Draw the taught path of a run from above, and its distance from what was meant along it."""
     assert record.path is not None  # without one there is nothing to draw
-    moving = fed(record.log)
+    moving = record.log.fed
     T_base_work = np.array(record.metrics["T_base_work"])
     R, origin = T_base_work[:3, :3], T_base_work[:3, 3]
     meant = (numbers(record.log, "target_position_m")[moving] - origin) @ R

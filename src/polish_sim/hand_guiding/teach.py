@@ -29,7 +29,7 @@ from polish_sim.hand_guiding.arm import (
 from polish_sim.hand_guiding.cell import GuidingRun, HandMotion, run_guided
 from polish_sim.hand_guiding.figures import compare_modes, measure_drift, measure_move
 from polish_sim.hand_guiding.law import MODES
-from polish_sim.log import Trace
+from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, Trace
 from polish_sim.planning.toolpath import arc_length
 
 # What the hand does in `run teach`: holds, moves, holds, releases.
@@ -37,7 +37,11 @@ from polish_sim.planning.toolpath import arc_length
 
 HOLD_S, RELEASE_S = 0.5, 0.3  #: The servos hold the arm this long, then release it during this time [s]
 FAST_S, SLOW_S = 0.6, 1.0  #: Durations of the hand's move in paper 3's trial [s]
-HELD, MOVING, OFF = 0, 2, 3  #: Phases of the log: the hand holds still, moves, is off
+HELD, MOVING, OFF = (
+    APPROACH_PHASE,
+    PROCESS_PHASE,
+    RETRACT_PHASE,
+)  #: Phases of the log: the hand holds still, moves, is off
 
 
 class Move(NamedTuple):

@@ -34,7 +34,7 @@ from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass
 from polish_sim.job.lines import at, naming_line
-from polish_sim.log import RemovalMap, read_removal
+from polish_sim.log import PROCESS_PHASE, RemovalMap, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import stretches
@@ -42,7 +42,6 @@ from polish_sim.row_file import whole_file
 from polish_sim.spatial import to_pose
 
 PIECE_S = 1.0  #: Of simulated time between pieces on disk
-FED = 2  #: Phase of the log from which the pad has worked
 NOTHING_M = 1e-4  #: So little of a path left is done [m]
 ON_ZONE_M = 1e-4  #: Points of a path so near a zone are in it [m]
 
@@ -125,7 +124,11 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
         pieces = folder / "pieces" / str(len(parts))
         before = _read_pieces(pieces)
         reached = max(
-            (float(piece.trace["path_s_m"][-1]) for piece in before if piece.trace["phase"][-1] >= FED),
+            (
+                float(piece.trace["path_s_m"][-1])
+                for piece in before
+                if piece.trace["phase"][-1] >= PROCESS_PHASE
+            ),
             default=None,
         )
         played = before if reached is not None else _play(cell, pieces, observer)
@@ -230,7 +233,7 @@ def _write(
     last, maps = parts[-1], [result.removal for result in parts if result.removal is not None]
     scenario, removal = last.scenario, summed(maps, left)
     simulated = sum(result.figures["simulated_s"] for result in parts)
-    fed = sum(float((result.trace.phase == 2).sum()) for result in parts) * scenario.simulation.timestep_s
+    fed = sum(float(result.trace.fed.sum()) for result in parts) * scenario.simulation.timestep_s
     work = removal_work(maps)
     figures = {
         **last.figures,

@@ -15,15 +15,13 @@ import numpy as np
 
 from polish_sim.analysis.metrics import (
     CONTACT_N,
-    PROCESS,
-    RETRACT,
     first_contact,
     moving_average,
     settling_time,
     time_step,
 )
 from polish_sim.arrays import Array
-from polish_sim.log import Trace
+from polish_sim.log import RETRACT_PHASE, Trace
 
 STEADY_AFTER_S = 0.5  #: The steady window of a hold begins this long after first contact [s]
 #: A moving mean over this keeps how the force follows the part and takes oscillation away [s]
@@ -74,9 +72,9 @@ def measure_score(trace: Trace, wanted: Array, moving: bool, whole: bool) -> dic
         moving: Whether the tool was fed along a path; else it held one point.
         whole: Whether the run went to its end without a protective stop.
     """
-    held = trace.phase < RETRACT
+    held = trace.phase < RETRACT_PHASE
     time, force, error = trace.time_s[held], trace.normal_force_n[held], (trace.normal_force_n - wanted)[held]
-    fed = trace.phase[held] == PROCESS
+    fed = trace.fed[held]
     contact = first_contact(force)
     if contact is None:
         return dict.fromkeys(FIGURES) | {"stable": False}

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.metrics import PROCESS
 from polish_sim.arrays import Array
 from polish_sim.cell import RealPart
 from polish_sim.config import Scenario
@@ -150,6 +149,6 @@ def press(bench: Bench, scenario: Scenario, gain: float = 1.0, friction: bool = 
     if gain != 1.0:
         cell.use_controller(LouderLaw(build_controller(calm.controller), gain))
     trace = cell.run().trace
-    held = trace.normal_force_n[trace.phase == PROCESS]
+    held = trace.normal_force_n[trace.fed]
     whole = len(held) >= round(calm.process.hold_s / calm.simulation.timestep_s) - 1
     return judge_rest(held if whole else held[:0], calm.process.contact_force_n, calm.simulation.timestep_s)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.analysis.metrics import PROCESS, errors_at_peaks, peaks_passed
+from polish_sim.analysis.metrics import errors_at_peaks, peaks_passed
 from polish_sim.arrays import Array
 from polish_sim.cell import CellRun
 from polish_sim.config import Scenario
@@ -109,7 +109,7 @@ def _figures(task: Task, scenario: Scenario, place: Workplace, run: CellRun) -> 
     figures = measure_score(
         trace, wanted, task.case.moving, run.stop_reason is None and _done(task, place, run)
     )
-    fed = trace.phase == PROCESS
+    fed = trace.fed
     path_s = trace.path_s_m[fed]
     if not task.case.moving:
         return figures | {"peaks_error_n": None, "slowed": None}
@@ -130,7 +130,7 @@ def _done(task: Task, place: Workplace, run: CellRun) -> bool:
     scenario = task.scenario
     if not task.case.moving:
         return hold_done(scenario, run) > 0.999
-    fed = run.trace.phase == PROCESS
+    fed = run.trace.fed
     limit = scenario.process.max_feed_s
     timed_out = limit > 0.0 and float(np.sum(fed)) * scenario.simulation.timestep_s >= 0.999 * limit
     return timed_out or path_done(place.path, run.trace.path_s_m[fed]) > 0.999

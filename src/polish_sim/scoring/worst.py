@@ -138,7 +138,7 @@ def _measure(scenario: Scenario, tasks: dict[str, SurfaceTask]) -> tuple[tuple[f
     place = tasks[part].place
     run = build_cell(scenario, place, build_part(scenario, place)).run()
     trace, wanted = run.trace, scenario.process.contact_force_n
-    force, time, fed = trace.normal_force_n, trace.time_s, trace.phase == 2
+    force, time, fed = trace.normal_force_n, trace.time_s, trace.fed
     begun = time[fed][0] + SETTLED_S if fed.any() else math.inf
     lost = float((force[fed] < 0.5).sum()) * scenario.simulation.timestep_s
     error = float(np.abs(force[fed & (time > begun)] - wanted).max(initial=0.0))

@@ -18,7 +18,7 @@ from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
-from polish_sim.log import Trace
+from polish_sim.log import PROCESS_PHASE, Trace
 from polish_sim.motion import forward, track
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.motion.rules.chain import Chain, build_chain
@@ -33,7 +33,6 @@ from polish_sim.smoothing.tracking import REFERENCE, PlayedRule, compare_trackin
 from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
 from polish_sim.spatial import transform
 
-PLAYED = 2
 AFTER_S = 0.2  #: Time at the last point [s]
 _NEAR = np.array([2.6, -1.6, 1.8, -1.6, -1.4, -2.1])  # elbow up, the spindle clear of the arm [rad]
 
@@ -95,7 +94,7 @@ def trace_of_rule(play: RulePlay) -> Trace:
     tool, time = _motion(play, 1), play.seen.time
     off, axes = tool.wanted - tool.tips, tool.wanted_frames[:, :, 2]
     across = off - np.sum(off * axes, axis=1)[:, None] * axes
-    return tool.trace(time, np.full(len(time), PLAYED), play.seen.place, across)
+    return tool.trace(time, np.full(len(time), PROCESS_PHASE), play.seen.place, across)
 
 
 def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, Array]:
@@ -109,7 +108,7 @@ def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, A
         "torque_nm": played.torque[::every],
         **_motion(play, every).columns(),
         "path_s_m": play.seen.place[::every],
-        "phase": np.full(len(time), float(PLAYED)),
+        "phase": np.full(len(time), float(PROCESS_PHASE)),
         "rule": np.full(len(time), float(number)),
         "target_q_rad": targets.q[::every],
         "target_qd_rad_s": targets.first[::every],

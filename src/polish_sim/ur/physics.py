@@ -33,14 +33,13 @@ from polish_sim.cell.loop import (
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import Recorder, TraceStep, build_recorder, record_exact
 from polish_sim.cell.scene import STAND_NAMES
-from polish_sim.cell.stroke import APPROACH, PROCESS
+from polish_sim.cell.stroke import APPROACH, FEEDING
 from polish_sim.cell.wrist_sensor import DRAWS
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, Vector6
-from polish_sim.log import row_layout
+from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE, row_layout
 
 TICK_S = 0.002  #: Cycle of the robot's controller
-TOUCH_PHASE, PROCESS_PHASE, RETRACT_PHASE = 1, 2, 3  #: In the log
 SEATED = 0.8  #: Share of the set force from which a client's pad counts as working
 LIFTED_S = 1.0  #: A gap in the contact at least so long is a lift [s]
 FAR_M = 10.0  #: Below its place a part that is not there is kept [m]
@@ -82,7 +81,7 @@ def follow(  # type: ignore[no-untyped-def]
         if arm.elastic:
             see_as_host(arm, state, e)
         read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
-        state.sequence.stage = PROCESS if state.wrench[2] > FIRST_CONTACT_N else APPROACH
+        state.sequence.stage = FEEDING if state.wrench[2] > FIRST_CONTACT_N else APPROACH
         for j in range(6):
             order.read[j] = arm.read[j] if arm.elastic else e.qpos[j]
             order.read_speed[j] = arm.read_speed[j] if arm.elastic else e.qvel[j]
@@ -187,7 +186,7 @@ class Rig:
         pressing = force > FIRST_CONTACT_N
         if pressing.any():
             place = s[cKDTree(points).query(trace["tcp_position_m"])[1]]
-        trace["phase"] = np.where(pressing, TOUCH_PHASE, 0)
+        trace["phase"] = np.where(pressing, TOUCH_PHASE, APPROACH_PHASE)
         seated = np.flatnonzero(force >= SEATED * self.cell.scenario.process.contact_force_n)
         touching = seconds[pressing]
         for some in (
