@@ -21,12 +21,19 @@ from polish_sim.cli.calibrate_pair import (
     carry_out,
     chosen,
     noise_option,
-    refuse_beside_data,
     tcp,
     write_found,
 )
 from polish_sim.cli.help import PanelledCommand
-from polish_sim.cli.options import CONFIG_OPTIONS, OUTPUT_OPTIONS, Given, Own, build_scenario, takes
+from polish_sim.cli.options import (
+    CONFIG_OPTIONS,
+    OUTPUT_OPTIONS,
+    Given,
+    Own,
+    build_scenario,
+    refuse_beside,
+    takes,
+)
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import SENSOR
@@ -73,7 +80,7 @@ def _every_calibration() -> None:
 def payload(given: Given) -> int:
     """Estimate mass and centre of the tool and the bias of the wrist sensor from readings at rest in many
     poses."""
-    refuse_beside_data(given, "--noise", "--poses", *SEED_OPTIONS, "--config", "--set")
+    refuse_beside(given, "--data", "--noise", "--poses", *SEED_OPTIONS, "--config", "--set")
     # Lazy: --help must not wait for the libraries.
     from polish_sim.calibration import read_readings
     from polish_sim.experiments import calibrate_from

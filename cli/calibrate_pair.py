@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder, whole_folder
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_without, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_beside, refuse_without, takes
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
-from polish_sim.errors import InputError, leave_out, unknown_name
+from polish_sim.errors import unknown_name
 from polish_sim.experiments.registry import SEED_OPTIONS
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class Means(NamedTuple):
 )
 def tcp(given: Given) -> int:
     """Find the tool's tip from touches of one fixed point, and its axes from moves along them."""
-    refuse_beside_data(given, "--noise", "--poses", "--cone", "--cell-tool", "--arm", *SEED_OPTIONS)
+    refuse_beside(given, "--data", "--noise", "--poses", "--cone", "--cell-tool", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_tcp import TcpTrial, calibrate_tcp_from, run_tcp_calibration
     from polish_sim.dual.calibration.tool import read_tool_measurements
@@ -128,7 +128,7 @@ def tcp(given: Given) -> int:
 def base(given: Given) -> int:
     """Find where the second robot's base stands in the first one's, from axes turned before a laser
     tracker."""
-    refuse_beside_data(given, "--noise", "--points", "--arm", *SEED_OPTIONS)
+    refuse_beside(given, "--data", "--noise", "--points", "--arm", *SEED_OPTIONS)
     # Lazy: --help must not wait for the libraries.
     from polish_sim.dual.calibrate_bases import BaseTrial, calibrate_base_from, run_base_calibration
     from polish_sim.dual.calibration.bases import read_base_measurements
@@ -174,7 +174,9 @@ def base(given: Given) -> int:
 )
 def arm(given: Given) -> int:
     """Find two arms' true Denavit-Hartenberg tables from poses a laser tracker measured."""
-    refuse_beside_data(given, "--noise", "--poses", "--length-error", "--angle-error", "--arm", *SEED_OPTIONS)
+    refuse_beside(
+        given, "--data", "--noise", "--poses", "--length-error", "--angle-error", "--arm", *SEED_OPTIONS
+    )
     # Lazy: --help must not wait for the libraries.
     from polish_sim.calibration.arm import Tolerance
     from polish_sim.dual.calibrate_bases import ArmTrial, calibrate_arm_from, run_arm_calibration
@@ -213,13 +215,6 @@ def _gears(given: Given, seed: int) -> tuple[PairArms, np.random.Generator] | No
     from polish_sim.dual.calibrate_bases import Q_NEAR
 
     return lone_arms(seed, Q_NEAR), np.random.default_rng([seed, 18])
-
-
-def refuse_beside_data(given: Given, *simulated: str) -> None:
-    """Refuse, by name, options of a simulated measurement beside a real one."""
-    idle = [name for name in simulated if given[name] is not None]
-    if given["--data"] is not None and idle:
-        raise InputError(leave_out(idle, "would change nothing with --data"))
 
 
 def chosen(given: Given, *names: str) -> dict[str, Any]:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from polish_sim.cli import console
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import SECOND
-from polish_sim.errors import InputError, leave_out
+from polish_sim.errors import InputError
 from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
@@ -80,10 +80,8 @@ def compare(real: LogFile, given: Given) -> int:
     """Replay a robot's log in the cell, measured beside simulated: joints, torques, friction, ripple; or
     forces."""
     beside = given["--beside"]
-    if beside is not None and (idle := [name for name in REPLAY if given[name] is not None]):
-        raise InputError(leave_out(idle, "would change nothing with --beside"))
-    if beside is None and given["--asked"] is not None:
-        raise InputError("--asked belongs to --beside.")
+    refuse_beside(given, "--beside", *REPLAY)
+    refuse_without(given, "--beside", "--asked")
     log = read_log(real, given, () if beside else ("q_rad",))
     with claimed(given, "compare") as folder:
         if beside is not None:

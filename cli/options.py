@@ -491,6 +491,13 @@ def refuse_without(given: Given, needed: str, *options: str) -> None:
         raise InputError(leave_out(idle, f"would change nothing without {needed}"))
 
 
+def refuse_beside(given: Given, chosen: str, *options: str) -> None:
+    """Refuse options that change nothing beside another one, by name (InputError)."""
+    idle = [option for option in options if given.get(option) is not None]
+    if idle and given.get(chosen) is not None:
+        raise InputError(leave_out(idle, f"would change nothing with {chosen}"))
+
+
 def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]], given: Given) -> None:
     """Refuse options the chosen pattern, or axis smoothing that is off, takes no notice of.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from polish_sim.cli import console
 from polish_sim.cli.boundary import DONE, INTERRUPTED, SHORT
 from polish_sim.cli.many import asked_folder, at_work
-from polish_sim.cli.options import OWN, Given, Own, takes
+from polish_sim.cli.options import OWN, Given, Own, refuse_beside, takes
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import CONFIG, OUTPUT, RUN
 from polish_sim.errors import InputError, count_text
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 SEEDS = 5
 SEEDS_OF_REACH = 20
+OF_ROWS = ("--seeds", "--case", "--reach", "--list", "--check", "--workers", "--on")
+"""Options that count only where rows of a score are measured."""
 CONTROLLER_TEXT = (
     "A shipped controller (see 'list'; default hybrid-pi), FILE.py:CLASS, or a policy: FILE.npz:linear, "
     "FILE.zip:sb3. A .py or .zip file runs code."
@@ -73,6 +75,8 @@ def score(given: Given) -> int:
     against, ablate, settings = given["--against"], bool(given["--ablate"]), given["--set"] or []
     if ablate and against is not None:
         raise InputError("--ablate compares a controller with itself: leave --against out.")
+    refuse_beside(given, "--worst", *OF_ROWS, "--ablate", "--against", "--border")
+    refuse_beside(given, "--border", *OF_ROWS, "--ablate", "--set")
     if given["--worst"]:
         return find_worst(given)
     # Lazy: --help must not wait for the numerical libraries.
@@ -102,8 +106,6 @@ def score(given: Given) -> int:
     if given["--border"]:
         from polish_sim.cli.border import search_border
 
-        if settings or ablate:
-            raise InputError("--border takes controllers as they ship: leave --set and --ablate out.")
         asked = {"of": "border", "controllers": [entry.label for entry in entries]}
         with asked_folder(out, "score", "score", asked, overwrite) as folder:
             return search_border(entries, folder)
@@ -122,11 +124,6 @@ def score(given: Given) -> int:
 def find_worst(given: Given) -> int:
     """Search the worst runs of a controller, print them with the commands that repeat them, and keep their
     configs."""
-    idle = [
-        name for name in ("--against", "--seeds", "--case", "--reach", "--ablate", "--border") if given[name]
-    ]
-    if idle:
-        raise InputError(f"--worst searches one controller: leave {', '.join(idle)} out.")
     from polish_sim.analysis.run_record import write_json
     from polish_sim.scenario_file import override, to_toml
     from polish_sim.scoring.worst import FIGURES, search_worst, worst_base

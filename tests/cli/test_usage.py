@@ -72,6 +72,12 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("score --against hybrid-pi", "compared with itself"),
         ("score --ablate", "--ablate leaves out laws of 'hybrid-adaptive'"),
         ("score --ablate --against position", "leave --against out"),
+        (
+            "score --worst 30 --on dask --list --check",
+            "--list, --check, --on would change nothing with --worst",
+        ),
+        ("score --worst 30 --workers 2 --border", "--workers, --border would change nothing with --worst"),
+        ("score --border --seeds 3 --workers 2 --set a=1", "--seeds, --workers, --set would change nothing"),
         ("sweep ark", "Did you mean 'arc'?"),
         ("sweep arc --vary controller.own.gain=0.1", "is for an own controller"),
         ("sweep arc --vary controller.name=hybrid-pi,hybrid-p", "Did you mean 'hybrid-pi'?"),
