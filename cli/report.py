@@ -23,11 +23,11 @@ def report(runs: Runs, given: Given) -> None:
     """Draw plots and tables again from saved runs; two or more are put side by side."""
     refuse_taken(given)
     # Lazy: --help must not wait for matplotlib.
-    from polish_sim.analysis.run_record import notes_of, read_records, setting_rows, write_json
+    from polish_sim.analysis.run_record import notes_of, read_records, write_json
     from polish_sim.cli.outcome import show_figures
     from polish_sim.cli.run import draw_run
     from polish_sim.experiments.compared_page import cell_model, remade
-    from polish_sim.experiments.registry import claims_shown
+    from polish_sim.experiments.registry import claims_shown, setting_rows
     from polish_sim.experiments.report import draw_comparison, save_plots, write_saved_page
 
     records = read_records(runs)

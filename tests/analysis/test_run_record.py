@@ -18,12 +18,12 @@ from polish_sim.analysis.run_record import (
     notes_of,
     read_record,
     read_records,
-    setting_rows,
     write_json,
     write_record,
 )
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
+from polish_sim.experiments.registry import setting_rows
 from polish_sim.scenario_file import merge
 from tests.analysis.synthetic import bumpy_path, log_of, removal_map, surface_trace, trace_of
 
@@ -95,6 +95,7 @@ def test_part_force_and_feed_of_every_run_stand_in_its_own_column() -> None:
     runs = [run(experiment="teach"), run(experiment="teach", drag={"follow": "rim"})]
     assert row(runs, "along") == ["the trial's moves", "rim"]
     assert row(runs, "mode") == ["every", "default"]
+    assert row([run(experiment="dual")], "path") == ["around the rim"]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from polish_sim.analysis.inspect_plot import BARE as BARE_COLOUR
 from polish_sim.analysis.inspect_plot import write_ply
 from polish_sim.analysis.metrics import OVER, UNDER
 from polish_sim.analysis.path_plot import cross_out, scale_flat
-from polish_sim.analysis.run_record import path_words, stop_mark
+from polish_sim.analysis.run_record import stop_mark
 from polish_sim.analysis.style import (
     BLUE,
     GREY,
@@ -38,6 +38,7 @@ from polish_sim.errors import number_text
 
 if TYPE_CHECKING:
     from polish_sim.analysis.run_record import RunRecord
+    from polish_sim.config import Scenario
     from polish_sim.log import RemovalMap
 
 MM, MICRO = 1e3, 1e6
@@ -55,9 +56,9 @@ def removal_colors() -> Colormap:
 
 
 @styled
-def plot_removal(record: RunRecord) -> Figure:
-    """Draw a run's removal over the part, seen from above or along its face, and how the area is shared
-    out."""
+def plot_removal(record: RunRecord, path_words: Callable[[Scenario], str]) -> Figure:
+    """Draw a run's removal over the part, seen from above or along its face, and how the area is shared out;
+    ``path_words`` name the path of a run."""
     removal = _of(record)
     views = views_of(removal.normals, removal.up)
     figure = new_figure(10.5, 5.0)
@@ -74,9 +75,9 @@ def plot_removal(record: RunRecord) -> Figure:
 
 
 @styled
-def plot_removal_runs(records: Sequence[RunRecord]) -> Figure:
+def plot_removal_runs(records: Sequence[RunRecord], path_words: Callable[[Scenario], str]) -> Figure:
     """Draw the removal of several runs from above, each over its own mean, and their distributions over each
-    other."""
+    other; ``path_words`` as of ``plot_removal``."""
     columns = min(len(records), 4)
     rows = math.ceil(len(records) / columns)
     figure = new_figure(3.4 * columns + 4.4, 0.5 + 3.9 * rows)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
@@ -145,47 +145,6 @@ COMPARED = ("seed", "controller")
 
 
 WHOLE = "whole"
-
-
-class Setting(NamedTuple):
-    """One setting as a row of a table."""
-
-    label: str
-    unit: str
-    shown: Callable[[Scenario], str]
-    experiments: tuple[str, ...]  #: Where it has an effect
-
-
-def path_words(scenario: Scenario) -> str:
-    """The path of a run: its file's name, or how it was planned."""
-    planned = "around the rim" if scenario.experiment == "dual" else scenario.plan.pattern
-    return Path(scenario.plan.file).name or planned
-
-
-SETTINGS = (
-    Setting("part", "", lambda s: Path(s.part.file).name, ("force", "surface", "dual")),
-    Setting("path", "", path_words, ("surface", "dual")),
-    Setting(
-        "step-over", "mm", lambda s: "-" if s.plan.file else f"{1e3 * s.plan.stepover_m:g}", ("surface",)
-    ),
-    Setting("set force", "N", lambda s: f"{s.process.contact_force_n:g}", ("force", "surface", "dual")),
-    Setting("feed", "mm/s", lambda s: f"{1e3 * s.process.feed_m_s:g}", ("arc", "surface", "dual")),
-    Setting("controller", "", lambda s: Path(s.controller.name).name, ("arc", "force", "surface", "dual")),
-    Setting("along", "", lambda s: Path(s.drag.follow).name or "the trial's moves", ("teach",)),
-    Setting("mode", "", lambda s: s.guide.mode or ("default" if s.drag.follow else "every"), ("teach",)),
-    Setting("seed", "", lambda s: str(s.seed), ("arc", "force", "surface", "dual", "teach")),
-)
-
-
-def setting_rows(records: Sequence[RunRecord]) -> list[list[str]]:
-    """Rows of label, unit and a value for each run: what was asked, and at the end how the run ended."""
-    experiments = {record.scenario.experiment for record in records}
-    rows = [
-        [setting.label, setting.unit, *(setting.shown(record.scenario) for record in records)]
-        for setting in SETTINGS
-        if experiments & set(setting.experiments)
-    ]
-    return [*rows, ["ended", "", *(ending(record) for record in records)]]
 
 
 def ending(record: RunRecord) -> str:

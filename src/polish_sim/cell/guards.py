@@ -34,7 +34,8 @@ FORCE, TORQUE, LOST, FROZEN, SINGULAR, CRASH, MISSING, CONTROLLER_NAN, JOINT_LIM
 ENGINE_CONTACT, CONTROLLER_ERROR, NO_READING, JUMP, SILENT_HOST, SPINDLE, HIGH, LOW, RISEN, FALLEN = range(
     11, 21
 )
-FIXTURE, OVERLOAD, STROKE = 23, 24, 25  # 21 and 22 are a second robot's
+FIXTURE, OVERLOAD, STROKE = range(21, 24)
+CODES = 24  #: The first code free for what a branch adds
 REASONS: Mapping[int, str] = MappingProxyType(
     {
         FORCE: "measured force above safety.force_limit_n: the pad may be on a wall, an edge or something "
@@ -125,7 +126,6 @@ SHARES: Mapping[str, int] = MappingProxyType(
 )
 """Guards of which the largest share of their limit is kept."""
 
-CODES = 26
 FOLLOW_S = 0.002  # the reading is compared with itself, smoothed over this time
 SEEN_S = 0.1  # for this long a jump is watched
 SUDDEN = 1.5  # times what the reading did just before, a jump must be

@@ -13,7 +13,7 @@ from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews, mj_step1
 from polish_sim.cell.gears import HostArm, RealArm, compensate, hear_joints, host_hears, read_encoders
-from polish_sim.cell.guards import REASONS
+from polish_sim.cell.guards import CODES, REASONS
 from polish_sim.cell.kernel import CellKernel, CellState
 from polish_sim.cell.loop import (
     ask_law,
@@ -55,7 +55,7 @@ from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel, memory_of
 from polish_sim.log import RunLog, with_column
 
-MASTER_HALTED, MASTER_SILENT = 21, 22
+MASTER_HALTED, MASTER_SILENT = CODES, CODES + 1
 
 
 class PairCell(Cell):

@@ -140,6 +140,7 @@ DUAL = Experiment(
     claims=lambda scenario: FREE_CLAIMS if scenario.dual.standoff_m > 0.0 else PRESSING_CLAIMS,
     plots=always({"dual.png": "polish_sim.dual.plots:plot_dual"}),
     comparisons={"dual.png": "polish_sim.dual.plots:plot_dual_runs"},
+    path_name="around the rim",
     options=(
         *(*PART_OPTIONS, "--real-part", *PATH_OPTIONS, "--path"),
         *("--master-speed", "--master-turn", "--master-path", "--standoff"),

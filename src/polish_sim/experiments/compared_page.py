@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 
 from polish_sim.analysis.claim import Claim, claim_row
 from polish_sim.analysis.metrics import numbers
-from polish_sim.analysis.run_record import RunRecord, notes_of, setting_rows
+from polish_sim.analysis.run_record import RunRecord, notes_of
 from polish_sim.arrays import Array
 from polish_sim.cell.scene import lay_part, robot_with_tool, works_below
 from polish_sim.errors import PolishSimError
-from polish_sim.experiments.registry import claims_shown, experiment
+from polish_sim.experiments.registry import claims_shown, experiment, setting_rows
 from polish_sim.experiments.run_page import clock, named_rows, run_motion, run_page, run_plots, shown_rows
 from polish_sim.page import PAGE
 from polish_sim.page.page import Line, Motion, Other, Page, Plot, Wear, read_page

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.analysis.claim import Claim, without_paper
@@ -71,6 +72,15 @@ def _usual_title(scenario: Scenario) -> str:
     return f"{scenario.experiment}, {scenario.controller.label}, seed {scenario.seed}"
 
 
+class Setting(NamedTuple):
+    """What a run was asked, as a row of a table."""
+
+    label: str
+    unit: str
+    shown: Callable[[Scenario], str]
+    where: str = "name"  #: Field of the experiment's row that is true where it has an effect
+
+
 class Excludes(NamedTuple):
     """An option beside which others change nothing."""
 
@@ -94,6 +104,8 @@ class Experiment:
     comparisons: Mapping[str, str]
     #: Options of ``run`` that change something here, besides checks, config and output
     options: tuple[str, ...]
+    settings: tuple[Setting, ...] = ()  #: Its own, beside ``SETTINGS``
+    path_name: str = ""  #: Of the path that is planned; empty: its pattern
     #: Arguments as of ``run`` -> CheckedPath: everything but the simulation; empty: nothing to check
     prepare: str = ""
     along_plan: bool = False  #: Whether it can run along a finished plan
@@ -113,6 +125,11 @@ class Experiment:
     remade: bool = True  #: Whether the cell of a run can be set up again from what it left
     fixtures: bool = False  #: Whether a fixture may hold the part
     holds: bool = False  #: Whether the tool stays on one point, instead of being fed along the path
+
+    @property
+    def fed(self) -> bool:
+        """Whether a controller feeds the tool along a path."""
+        return self.controlled and not self.holds
 
     def is_paper_trial(self, scenario: Scenario) -> bool:
         """Whether part, path, force and feed of a run are those of the paper's trial."""
@@ -255,6 +272,37 @@ def claims_shown(scenarios: Sequence[Scenario]) -> tuple[Claim, ...]:
             asked[claim.figure] = claim if alike else claim._replace(low=-math.inf, high=math.inf)
     papers = all(row.is_paper_trial(scenario) for row, scenario in zip(rows, scenarios, strict=True))
     return tuple(asked.values()) if papers else without_paper(asked.values())
+
+
+def path_words(scenario: Scenario) -> str:
+    """The path of a run: its file's name, or how it was planned."""
+    planned = experiment(scenario.experiment).path_name or scenario.plan.pattern
+    return Path(scenario.plan.file).name or planned
+
+
+SETTINGS = (
+    Setting("part", "", lambda s: Path(s.part.file).name, "on_part"),
+    Setting("path", "", path_words, "along_plan"),
+    Setting("step-over", "mm", lambda s: "-" if s.plan.file else f"{1e3 * s.plan.stepover_m:g}", "plans"),
+    Setting("set force", "N", lambda s: f"{s.process.contact_force_n:g}", "on_part"),
+    Setting("feed", "mm/s", lambda s: f"{1e3 * s.process.feed_m_s:g}", "fed"),
+    Setting("controller", "", lambda s: Path(s.controller.name).name, "controlled"),
+    Setting("seed", "", lambda s: str(s.seed)),
+)
+
+
+def setting_rows(records: Sequence[RunRecord]) -> list[list[str]]:
+    """Rows of label, unit and a value for each run of one experiment: what was asked, and at the end how the
+    run ended."""
+    from polish_sim.analysis.run_record import ending  # numpy is slow to import
+
+    row = experiment(records[0].scenario.experiment)
+    rows = [
+        [setting.label, setting.unit, *(setting.shown(record.scenario) for record in records)]
+        for setting in (*row.settings, *SETTINGS)
+        if getattr(row, setting.where)
+    ]
+    return [*rows, ["ended", "", *map(ending, records)]]
 
 
 def refuse_idle_options(row: Experiment, given: Iterable[str]) -> None:

@@ -13,7 +13,7 @@ from polish_sim.analysis.claim import Claim, shortfalls
 from polish_sim.analysis.run_record import RunRecord, stop_mark
 from polish_sim.analysis.style import add_line, say_stop
 from polish_sim.errors import InputError
-from polish_sim.experiments.registry import experiment, load
+from polish_sim.experiments.registry import experiment, load, path_words
 from polish_sim.page import PAGE
 from polish_sim.row_file import whole_file
 
@@ -144,4 +144,4 @@ def _drawn(plots: Mapping[str, str], runs: Any) -> dict[str, Figure]:
 
 
 def _removal(plot: str, runs: Any) -> dict[str, Figure]:
-    return _drawn({"removal.png": f"polish_sim.analysis.removal_plot:{plot}"}, runs)
+    return {"removal.png": load(f"polish_sim.analysis.removal_plot:{plot}")(runs, path_words)}

@@ -260,7 +260,8 @@ def run_plots(record: RunRecord, motion: Motion, kept: Indices) -> list[Plot]:
         joint_plot(column("qd_rad_s"), limit),
         Plot("Command", "mm/s", [Line("into the part", MM * along, "0"), Line("along it", MM * across, "1")]),
     ]
-    if record.scenario.experiment not in ("arc", "surface"):
+    row = experiment(record.scenario.experiment)
+    if row.carried or not row.fed:
         plots[2] = plots[2]._replace(lines=plots[2].lines[1:])
     if "relative_error_m" in log.names:
         apart = 1e6 * np.linalg.norm(column("relative_error_m"), axis=1)

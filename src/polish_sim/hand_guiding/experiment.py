@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from polish_sim.analysis.claim import DEGREES, PATH_DONE, Claim
@@ -14,6 +15,7 @@ from polish_sim.experiments.registry import (
     WATCH_OPTIONS,
     Excludes,
     Experiment,
+    Setting,
 )
 
 if TYPE_CHECKING:
@@ -97,6 +99,10 @@ TEACH = Experiment(
     claims=lambda scenario: CLAIMS[kind_of(scenario)],
     plots=_plots,
     comparisons={"hand_force.png": "polish_sim.hand_guiding.plots:plot_guiding_runs"},
+    settings=(
+        Setting("along", "", lambda s: Path(s.drag.follow).name or "the trial's moves"),
+        Setting("mode", "", lambda s: s.guide.mode or ("default" if s.drag.follow else "every")),
+    ),
     options=(
         *("--mode", "--direction", "--duration", "--follow"),
         *(*PART_OPTIONS, *REGION_OPTIONS, "--pad-diameter", *SEED_OPTIONS, *WATCH_OPTIONS),
