@@ -11,27 +11,26 @@ from importlib.util import find_spec
 from pathlib import Path
 
 _PACKAGE = __name__.partition(".")[0]
-_ELSEWHERE = (f"{_PACKAGE}.cli", f"{_PACKAGE}.models")  # in a checkout
+_CLI, _MODELS = f"{_PACKAGE}.cli", f"{_PACKAGE}.models"  # in a checkout they are elsewhere
 _NOT_COMPILED_IN = {
     *(f"{_PACKAGE}.kernel_cache", f"{_PACKAGE}.source_stamp"),  # they only find what was compiled
     *(f"{_PACKAGE}.arms", f"{_PACKAGE}.motion.makes"),  # kernels take an arm as an argument
 }
 
-# they start runs and show results: no figure depends on them
-_ONLY_SHOWN = ("cli/", "page/", "workers")
+# they share runs out and show results: no figure depends on them
+_ONLY_SHOWN = ("page/", "workers")
 _SOURCES = (".py", ".xml", ".npz", ".stl")
 
 
 @cache
 def package_hash() -> str:
-    """Hash of everything in this package that a result may depend on: its source, its tables and its
-    models."""
-    root, models = Path(__file__).resolve().parent, _folder(f"{_PACKAGE}.models")
-    folders = {"": root, "models/": Path(models)} if models else {"": root}
+    """Hash of everything in this package that a result may depend on: its source, its commands, its tables
+    and its models."""
     files = {
         f"{prefix}{path.relative_to(folder).as_posix()}": path
-        for prefix, folder in folders.items()
-        for path in folder.rglob("*")
+        for prefix, package in (("", _PACKAGE), ("cli/", _CLI), ("models/", _MODELS))
+        if (folder := _folder(package))
+        for path in Path(folder).rglob("*")
         if path.suffix in _SOURCES
     }
     digest = hashlib.sha256()
@@ -123,7 +122,7 @@ def _folder(package: str) -> str | None:
         return None
     if name in _entries(above):
         return f"{above}/{name}" if "__init__.py" in _entries(f"{above}/{name}") else None
-    if package in _ELSEWHERE:
+    if package in (_CLI, _MODELS):
         spec = find_spec(package)
         return str(Path(spec.origin).parent) if spec and spec.origin else None
     return None

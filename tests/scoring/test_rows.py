@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import polish_sim
-from polish_sim import models
+from polish_sim import cli, models
 from polish_sim.errors import InputError
 from polish_sim.row_file import ROWS, locked
 from polish_sim.scoring import Entry, Score, Task, choose_cases, measure_row, run_score, user_entry
@@ -102,7 +102,7 @@ def test_a_row_counts_only_for_the_scenario_it_was_measured_in(tmp_path: Path) -
 
 def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp_path: Path) -> None:
     copy = tmp_path / "polish_sim"
-    for target, package in ((copy, polish_sim), (copy / "models", models)):
+    for target, package in ((copy, polish_sim), (copy / "cli", cli), (copy / "models", models)):
         folder = Path(package.__file__).parent
         shutil.copytree(folder, target, ignore=shutil.ignore_patterns("__pycache__"), dirs_exist_ok=True)
 
@@ -110,7 +110,13 @@ def test_an_edit_of_anything_a_row_is_made_by_changes_the_hash_of_the_source(tmp
         names = runpy.run_path(str(copy / "source_stamp.py"), run_name="polish_sim.source_stamp")
         return names["package_hash"]()
 
-    made_by = ("scoring/journal.py", "studies/table.py", "models/ur5e_spindle.xml")
+    made_by = (
+        "scoring/journal.py",
+        "studies/table.py",
+        "models/ur5e_spindle.xml",
+        "cli/run.py",
+        "cli/many.py",
+    )
     for file, counts in [*((name, True) for name in made_by), ("page/page.py", False), ("workers.py", False)]:
         before = source()
         with (copy / file).open("a") as edited:
