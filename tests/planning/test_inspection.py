@@ -25,6 +25,13 @@ def raster(spacing=0.01, reach=0.1, top=TOP):
     return path_through(np.concatenate(ends))
 
 
+def with_axes(path, rows):
+    """The path with the tool axis turned round at some of its points."""
+    axes = path.axes_work.copy()
+    axes[rows] *= -1.0
+    return replace(path, axes_work=axes)
+
+
 def test_a_full_raster_covers_the_plate_and_its_step_over_is_found_and_said():
     inspected = inspect_path(raster(), PLATE)
     m = inspected.figures
@@ -127,6 +134,8 @@ BAD = {
         path_through(raster().positions_work * [0.045, 0.045, 1.0], (0.0, 0.0, -1.0)),
         "points into 'plate' along 100%.* Turn the axes round",
     ),
+    "a quarter upside down": (with_axes(raster(), slice(0, 10)), "along 25% of the path, first at"),
+    "stabbing once": (with_axes(raster(), 21), r"2.53% of the path, first at \(0, 5, 20\) mm"),
     "in the air": (replace(raster(), segment=np.zeros(40, dtype=np.int8)), "no points in contact"),
 }
 

@@ -121,8 +121,8 @@ def plot_maps(found: Inspection) -> Figure:
     A region that looks down is seen from below, a side of the part along its face.
     """
     view = _look(found)
-    wide = (view.extent[1] - view.extent[0]) >= 1.2 * (view.extent[3] - view.extent[2])
-    figure = new_figure(10.5, 4.6 if wide else 5.4)
+    left, right, low, high = view.extent
+    figure = new_figure(10.5, 4.6 if right - left >= 1.2 * (high - low) else 5.4)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     _draw_time(figure, panels[0], found, view)
     handles = _draw_cover(panels[1], found, view)
@@ -131,9 +131,9 @@ def plot_maps(found: Inspection) -> Figure:
         axes.grid(False)
         axes.set_xlabel(view.views.labels[0])
     # Images stick to their edges, where outlines would be cut flat.
-    room = 0.03 * max(view.extent[1] - view.extent[0], view.extent[3] - view.extent[2])
-    panels[0].set_xlim(view.extent[0] - room, view.extent[1] + room)
-    panels[0].set_ylim(view.extent[2] - room, view.extent[3] + room)
+    room = 0.03 * max(right - left, high - low)
+    panels[0].set_xlim(left - room, right + room)
+    panels[0].set_ylim(low - room, high + room)
     panels[0].set_ylabel(view.views.labels[1])
     head(figure, f"Path on {found.mesh.name}, seen {view.views.name}")
     figure.legend(handles=handles, loc="outside lower left", ncols=4)
@@ -174,9 +174,7 @@ def _look(found: Inspection) -> _View:
     shown = shown if len(shown) else np.arange(len(seen))
     low, high = seen[shown, :2].min(axis=0), seen[shown, :2].max(axis=0)
     pixel = (high - low).max() / PIXELS
-    edge = MM * float(
-        np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1).max()
-    )
+    edge = np.linalg.norm(np.diff(seen[mesh.edges], axis=1), axis=2).max()
     # Half the longest edge reaches every place inside a triangle that is not flat.
     reach = 0.6 * edge + pixel
     xs, ys = (np.arange(low[k] - reach, high[k] + reach + pixel, pixel) for k in (0, 1))
@@ -213,7 +211,7 @@ def _draw_cover(axes: Axes, found: Inspection, view: _View) -> list[Artist]:
     level = np.where(quality.exposure.times > 0.0, np.where(found.strict, 2.0, 1.0), 0.0)
     colors = ListedColormap(list(LEVELS.values()))
     axes.imshow(_image(view, level), extent=view.extent, origin="lower", cmap=colors, vmin=-0.5, vmax=2.5)
-    for run in found.quality.runs:
+    for run in quality.runs:
         line = (run.positions @ view.views.flat.T * MM)[:, :2]
         axes.add_collection(LineCollection([line], colors=[GREY], lw=0.5))
     if len(quality.crossings):
@@ -265,11 +263,9 @@ def _draw_rate(axes: Axes, found: Inspection) -> None:
 
 
 def _draw_times(axes: Axes, found: Inspection) -> None:
-    times, m = found.quality.exposure.times, found.figures
+    times, median = found.quality.exposure.times, found.figures["exposure_median_s"]
     areas = found.ground.mesh.part_areas(found.ground.part_facets)
     axes.hist(times, bins=60, weights=100.0 * areas / areas.sum(), color=BLUE)
-    axes.axvline(
-        m["exposure_median_s"], color=GREY, lw=1.0, ls="--", label=f"median {m['exposure_median_s']:.3g} s"
-    )
-    axes.axvline(2.0 * m["exposure_median_s"], color=ORANGE, lw=1.0, label="twice the median")
+    axes.axvline(median, color=GREY, lw=1.0, ls="--", label=f"median {median:.3g} s")
+    axes.axvline(2.0 * median, color=ORANGE, lw=1.0, label="twice the median")
     axes.set(xlabel="time under the pad [s]", ylabel="share of the area [%]")

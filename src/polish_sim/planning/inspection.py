@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +36,8 @@ from polish_sim.planning.quality.tool_room import Tool, pad_in_part_warning
 from polish_sim.planning.toolpath import ToolPath
 
 OFF_PART_M = 1e-3  #: A path made before may lie this far off the fitted surface [m]
+BESIDE_M = 1e-4  #: So near the foot of a point, along each axis, a face meets it [m]
+SQUARE = 1e-3  #: A tool axis with less than this along a face's outward normal does not look out of it [-]
 LEANING_DEG = 10.0  #: Lean of the tool off the surface's normal above which a note is given
 UNITS = (1000.0, 25.4, 10.0)  #: m, inch and cm over mm
 EVEN = 0.2  #: A path is pressed in if its depth stays within this share of the median ...
@@ -51,7 +54,7 @@ class Offset(NamedTuple):
     heights: Array  #: Along the tool axis [m], positive outside, shape (n,)
     #: Across it [m], shape (n,): beyond the part's edge the pad hangs over, which is no error
     sideways: Array
-    outward: float  #: Share of the points whose tool axis points out of the part
+    turned: Array  #: Points of the path whose tool axis points into the part [m], shape (k, 3)
 
 
 def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = ()) -> Offset:
@@ -61,11 +64,17 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = (
     """
     path = with_points_between(path)
     points, axes = path.positions_work[path.process], path.axes_work[path.process]
-    feet, normals = _closest((surface, *bridges), points)
+    surfaces = (surface, *bridges)
+    feet, normals = _closest(surfaces, points)
     gap = points - feet
     heights = (gap * axes).sum(axis=1)
-    outward = ((axes * normals).sum(axis=1) > 0.0).mean() if len(axes) else 0.0
-    return Offset(feet, heights, np.linalg.norm(gap - heights[:, None] * axes, axis=1), outward)
+    turned = np.flatnonzero((axes * normals).sum(axis=1) <= 0.0)
+    # On an edge the closest face may be the other one: the axis is turned if no face around looks its way.
+    for way in product((-BESIDE_M, 0.0, BESIDE_M), repeat=3):
+        around = _closest(surfaces, feet[turned] + way).normals
+        turned = turned[(axes[turned] * around).sum(axis=1) < SQUARE]
+    sideways = np.linalg.norm(gap - heights[:, None] * axes, axis=1)
+    return Offset(feet, heights, sideways, points[turned])
 
 
 def _closest(surfaces: Sequence[Surface], points: Array) -> SurfacePoints:
@@ -91,14 +100,15 @@ def check_on_part(offset: Offset, mesh: PartMesh, path: ToolPath, sideways: floa
             "the path has no points in contact. Mark points as 'process', or give x, y, z, i, j, k."
         )
     if np.abs(offset.heights).max() <= OFF_PART_M and offset.sideways.max() <= sideways:
-        if offset.outward < 0.5:
+        if len(offset.turned):
             todo = _other_unit(mesh, path) or (
-                "Turn the axes round (-i, -j, -k), unless the path is on the wrong side of the part: its "
-                "frame is that of the part's file."
+                "Turn the axes round there (-i, -j, -k), unless the path is on the wrong side of the part: "
+                "its frame is that of the part's file."
             )
             raise PlanError(
-                f"the tool axis points into '{mesh.name}' along {100.0 * (1.0 - offset.outward):.0f}% of the "
-                f"path, wanted: from the part to the tool, as CLDATA. {todo}"
+                f"the tool axis points into '{mesh.name}' along "
+                f"{100.0 * len(offset.turned) / len(offset.feet):.3g}% of the path, first at "
+                f"{place_in_mm(offset.turned[0])}, wanted: from the part to the tool, as CLDATA. {todo}"
             )
         return
     middle = np.median(offset.heights)
