@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from benchmarks.loop_margins import analytic_margins
-from polish_sim.cell.real_arm import ARMS, is_real
 from polish_sim.config import Scenario
+from polish_sim.config.cell import ARM_PRESETS
 from polish_sim.experiments import default_scenario
 from polish_sim.scenario_file import override
 from polish_sim.scoring.force_bench import Bench, Rest, build_bench, press
@@ -31,7 +31,7 @@ class SimulatedMargins(NamedTuple):
 
 
 def main() -> None:
-    for arm in ARMS:
+    for arm in ARM_PRESETS:
         print(f"robot.arm = {arm}")
         margins_on(override(default_scenario("force"), [f"robot.arm={arm}"]))
 
@@ -44,7 +44,7 @@ def margins_on(scenario: Scenario) -> None:
         model = analytic_margins(named)
         phase = f"{math.degrees(model.phase):.0f} deg"
         _row(name, "linear model", model.gain, model.phase_crossover, phase, model.delay, model.crossover)
-        for friction in (True,) if is_real(scenario) else (False, True):
+        for friction in (True,) if scenario.robot.elastic else (False, True):
             what = "cell" if friction else "cell without joint friction"
             cell = simulated_margins(named, bench, friction)
             _row("", what, cell.gain, cell.gain_frequency, "", cell.delay, cell.delay_frequency)

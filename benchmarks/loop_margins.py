@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.scoring.border import linear_law_of
 from polish_sim.scoring.loop_model import Complex, elastic_arm, setup_of
@@ -76,7 +75,7 @@ def response_of(loop: Loop, dt: float) -> Response:
 def linear_loop(scenario: Scenario, swing: float = 0.0) -> Loop:
     """Open loop L(z) of a scenario, the law settled on its springs; elastic gears swing by ``swing``
     [rad]."""
-    setup = setup_of(scenario, elastic_arm(scenario, swing=swing) if is_real(scenario) else None)
+    setup = setup_of(scenario, elastic_arm(scenario, swing=swing) if scenario.robot.elastic else None)
     return force_loop(setup, linear_law_of(scenario, scenario.head.spring_scale))
 
 
@@ -86,7 +85,7 @@ def analytic_margins(scenario: Scenario) -> Margins:
     Of elastic joints the least at any of the `SWINGS`; all zero where the loop is unstable at one.
     """
     dt, found = scenario.simulation.timestep_s, []
-    for swing in SWINGS if is_real(scenario) else SWINGS[:1]:
+    for swing in SWINGS if scenario.robot.elastic else SWINGS[:1]:
         loop = linear_loop(scenario, swing)
         if turns_about_minus_one(loop(contour(dt))) > 0:
             return Margins(0.0, 0.0, 0.0, math.nan, math.nan)

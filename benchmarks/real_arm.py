@@ -41,7 +41,7 @@ from polish_sim.compare.contact import (
 from polish_sim.compare.joints import compare_joints
 from polish_sim.compare.replay import SCENARIO, Payload, commands_of, rigid_torques, warm
 from polish_sim.compare.show import plot_steps
-from polish_sim.config import Scenario
+from polish_sim.config import RobotConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.exchange.robot_log import read_robot_recording
 from polish_sim.experiments import default_scenario, run_experiment
@@ -102,9 +102,9 @@ def on_rig(scenario: Scenario, rig: ContactRig, asked: float, approach: float, *
 
 def joint_rows(data: Path) -> Iterator[Row]:
     """Measured beside simulated, by joint, and the largest deviations on logs kept from the gears' fit."""
-    scenario = override(SCENARIO, [UR10E])
+    robot = override(SCENARIO, [UR10E]).robot
     for names, what in ((FITTED, "fitted on"), (HELD_OUT, "held out")):
-        found = {name: compare_joints(scenario, _log(data, name), Payload()).figures for name in names}
+        found = {name: compare_joints(robot, _log(data, name), Payload()).figures for name in names}
         for name, figures in found.items():
             yield Row(f"{name} ({what}): torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-")
         for key, unit in (("ripple_cycles", "1/turn"), ("ripple_nm", "N m")):
@@ -118,9 +118,9 @@ def joint_rows(data: Path) -> Iterator[Row]:
             yield Row(f"{name}: friction by speed, largest error [%]", _six(off), "within 20")
         delays = ", ".join(f"{1e3 * f['motion_delay_s']:.1f}" for f in found.values())
         yield Row(f"{what}: motion, measured behind simulated [ms]", delays, "-")
-    yield _own_torques(scenario, data, HELD_OUT[0])
+    yield _own_torques(robot, data, HELD_OUT[0])
     for payload, named in ((LOADED[1], "2.805 kg"), (Payload(), "none")):
-        figures = compare_joints(scenario, _log(data, LOADED[0]), payload).figures
+        figures = compare_joints(robot, _log(data, LOADED[0]), payload).figures
         yield Row(
             f"{LOADED[0]}, payload {named}: torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-"
         )
@@ -161,12 +161,12 @@ def _arm_log(data: Path, name: str) -> RobotLog:
     return log_of_arm(data / name, "ur10e", _log(data, name))
 
 
-def _own_torques(scenario: Scenario, data: Path, name: str) -> Row:
+def _own_torques(robot: RobotConfig, data: Path, name: str) -> Row:
     """What the robot's controller computes for its links and rotors, beside our table, while it moves."""
     log = _log(data, name)
     commands, theirs = commands_of(log), log.values["torque_desired_nm"]
     states = (commands(log.time, order) for order in range(3))
-    off = theirs - rigid_torques(warm(scenario), *states, Payload())
+    off = theirs - rigid_torques(warm(robot), *states, Payload())
     moving = (log.time > MOVES_S[0]) & (log.time < MOVES_S[1])
     rms = np.sqrt(np.mean(np.array([off, theirs])[:, moving] ** 2, axis=1))
     return Row(

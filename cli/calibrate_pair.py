@@ -196,11 +196,11 @@ def arm(given: Given) -> int:
 
 
 def _elastic(given: Given) -> bool:
-    from polish_sim.cell.real_arm import ARMS
+    from polish_sim.config.cell import ARM_PRESETS
 
     name = given["--arm"] or "ideal"
-    if name not in ARMS:
-        raise unknown_name("--arm", name, ARMS)
+    if name not in ARM_PRESETS:
+        raise unknown_name("--arm", name, ARM_PRESETS)
     return name != "ideal"
 
 

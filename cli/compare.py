@@ -94,6 +94,7 @@ def compare(real: LogFile, given: Given) -> int:
 
 def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
     from polish_sim.analysis.run_record import write_json
+    from polish_sim.cell.scene import build_scene
     from polish_sim.compare.joints import compare_joints
     from polish_sim.compare.replay import SCENARIO, Payload
     from polish_sim.compare.show import FIGURES, PICTURE, joint_page, joint_rows, plot_joints
@@ -108,13 +109,13 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
     payload = Payload(given["--payload"] or 0.0, _center(given["--payload-center"]))
     with console.progress() as observer:
         observer.stage("replay")
-        found = compare_joints(scenario, log, payload)
+        found = compare_joints(scenario.robot, log, payload)
         observer.stage("draw")
         title = f"{real.name} beside {scenario.robot.arm}"
         put(draft, "config.toml", to_toml(scenario))
         write_json(draft / FIGURES, found.figures)
         plot_joints(found, title).savefig(draft / PICTURE)
-        put(draft, PAGE, joint_page(found, scenario, title))
+        put(draft, PAGE, joint_page(found, build_scene(scenario), title))
     delays = (f"{name} {console.number_or_dash(found.figures[key], '.1f', 1e3)} ms" for name, key in
               (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in found.figures)  # fmt: skip
     caption = f"measured behind simulated: {', '.join(delays)}"

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from polish_sim.arms import IDEAL
 from polish_sim.cli import console
 from polish_sim.cli.compare import LOG_OPTIONS, read_log
 from polish_sim.cli.console import number_or_dash as dash
@@ -85,7 +84,7 @@ def identify(given: Given) -> int:
 def _simulated_robot(settings: list[str]) -> RobotConfig:
     """The cell's robot with what ``--set`` changes of its arm; InputError for keys that would change
     nothing."""
-    from polish_sim.identification.settings import IdentifySettings
+    from polish_sim.config import Scenario
     from polish_sim.scenario_file import override
 
     idle = [text for text in settings if not text.startswith(ARM_KEYS)]
@@ -93,7 +92,7 @@ def _simulated_robot(settings: list[str]) -> RobotConfig:
         raise InputError(
             f"--set {idle[0]} would change nothing in 'identify': it takes robot.arm and robot.real.KEY."
         )
-    return override(IdentifySettings().scenario, settings).robot
+    return override(Scenario(), settings).robot
 
 
 def _refuse_idle(given: Given) -> None:
@@ -167,7 +166,7 @@ def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim,
 
     kind = "full" if settings.periods >= FULL_PERIODS else "short"
     claims = IDENTIFY["task" if for_task else kind]
-    if settings.robot.arm == IDEAL:
+    if not settings.robot.elastic:
         return claims
     # Its torques are predicted from what both encoders read: their steps and the gears' ripple are in every
     # error.

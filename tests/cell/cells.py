@@ -149,7 +149,7 @@ def cell_for(
     """A cell at the start of its first stroke, without table."""
     return Cell(
         scenario,
-        model if model is not None else build_scene(scenario, None, None),
+        model if model is not None else build_scene(scenario),
         part or no_part(),
         strokes,
         joints_at(start_of(strokes[0])),

@@ -87,12 +87,12 @@ class Joints(NamedTuple):
 def joints_at(q: Array, *settings: str, gravity: bool = True) -> Joints:
     register_engine()
     scenario = override(default_scenario("arc"), [REAL, *settings])
-    model = build_scene(scenario, None, None)
+    model = build_scene(scenario)
     if not gravity:
         model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
     data.qpos[:6] = data.ctrl[0:12:2] = q
-    arm = build_real_arm(scenario, model, data, q)
+    arm = build_real_arm(scenario.robot.real, scenario.seed, model, data, q)
     mujoco.mj_forward(model, data)
     return Joints(model, data, arm, scenario.simulation.timestep_s)
 

@@ -118,7 +118,9 @@ def test_where_one_mode_has_the_tools_axis_the_arm_swings_at_it_and_a_rigid_one_
     """Against the eigenvalues of links, rotors and springs: a tenth above the slowest."""
     scenario = default_scenario("surface")
     about = joints_about(scenario, joints_at(TOUCH)[None])[0]
-    moving = motion_matrices(about, gears_about(scenario, about, slipping_gears(about.arm, 0.0)))
+    moving = motion_matrices(
+        about, gears_about(scenario.robot.real, 20.0, about, slipping_gears(about.arm, 0.0))
+    )
     tool = np.append(about.axis @ about.jacobian[:3], np.zeros(6))
     squares, shapes = eigh(moving.stiffness + 5000.0 * np.outer(tool, tool), moving.mass)
     softness = (tool @ shapes) ** 2 / squares

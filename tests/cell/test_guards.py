@@ -22,6 +22,7 @@ from polish_sim.cell.guards import (
     forget_shares,
     guard_shares,
 )
+from polish_sim.cell.scene import Drawn
 from polish_sim.cell.stroke import FEEDING
 from polish_sim.geometry import load_part
 from polish_sim.geometry.field_lookup import DistanceField
@@ -159,7 +160,8 @@ def onto_the_table(look_every_s: float) -> CellRun:
         frame_every_s = look_every_s
 
     mesh, scenario = load_part(part_path("plate")), ideal("arc", EVERY_STEP)
-    model = build_scene(scenario, mesh, no_part()._replace(position=np.array([-0.3, -0.6, 0.1])))
+    part = no_part()._replace(position=np.array([-0.3, -0.6, 0.1]))
+    model = build_scene(scenario, Drawn(mesh, part))
     poses = tool_pose(0.2, -0.5, 0.05), tool_pose(0.2, -0.5, -0.2)
     return cell_for(scenario, free_stroke(*poses, feed=0.05), model=model).run(Onlooker())
 

@@ -279,7 +279,7 @@ def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_wher
     cell = real_pair()
     starts = ((FOLLOWER_ARM, joints_at(TOOL)), (MASTER_ARM, Q_MASTER))
     for place, q in starts:
-        resting = resting_arm(cell.scenario, cell.model, place)
+        resting = resting_arm(cell.scenario.robot.real, cell.scenario.seed, cell.model, place)
         links = resting.links(q[None])
         np.testing.assert_allclose(cell.data.qpos[place.joints], links[0], atol=1e-9)
         np.testing.assert_allclose(resting.encoders(links)[0], q, atol=1e-9)
@@ -294,7 +294,7 @@ def test_both_arms_with_gears_rest_where_their_encoders_say_and_their_links_wher
 def test_what_a_gear_has_slipped_is_within_its_lost_motion_and_seen_by_the_link_side_not_at_all() -> None:
     """Half of it either way; of a pose reached from both sides, on average, less."""
     cell, rng, most = real_pair(), np.random.default_rng(2), 0.5 * 2.9e-4
-    resting = resting_arm(cell.scenario, cell.model, MASTER_ARM)
+    resting = resting_arm(cell.scenario.robot.real, cell.scenario.seed, cell.model, MASTER_ARM)
     q = Q_MASTER + rng.uniform(-0.3, 0.3, (300, 6))
     there = resting.links(q)
     arrived, anywhere = resting.arrive(q[:40], rng) - there[:40], resting.links(q, rng) - there
@@ -327,12 +327,13 @@ def test_torques_along_a_way_leave_the_hysteresis_that_the_twists_of_the_gear_le
 
 def test_each_arm_of_a_seed_is_drawn_for_itself_and_the_first_is_that_of_one_robot() -> None:
     cell = real_pair()
-    alone = build_scene(cell.scenario, None, None)
-    follower, master = (resting_arm(cell.scenario, cell.model, place) for place in (FOLLOWER_ARM, MASTER_ARM))
-    np.testing.assert_array_equal(follower.errors, resting_arm(cell.scenario, alone).errors)
+    real, seed = cell.scenario.robot.real, cell.scenario.seed
+    alone = build_scene(cell.scenario)
+    follower, master = (resting_arm(real, seed, cell.model, place) for place in (FOLLOWER_ARM, MASTER_ARM))
+    np.testing.assert_array_equal(follower.errors, resting_arm(real, seed, alone).errors)
     assert np.abs(master.errors - follower.errors).max() > 5e-5
-    tables = [built_table(cell.scenario, cell.model, Q_MASTER, place) for place in (FOLLOWER_ARM, MASTER_ARM)]
-    np.testing.assert_allclose(tables[0], built_table(cell.scenario, alone, Q_MASTER), atol=1e-12)
+    tables = [built_table(real, seed, cell.model, Q_MASTER, place) for place in (FOLLOWER_ARM, MASTER_ARM)]
+    np.testing.assert_allclose(tables[0], built_table(real, seed, alone, Q_MASTER), atol=1e-12)
     assert np.abs(tables[1] - tables[0]).max() > 1e-4
 
 

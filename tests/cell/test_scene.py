@@ -12,6 +12,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from polish_sim.cell import CellRun, build_scene, no_part
+from polish_sim.cell.scene import Drawn
 from polish_sim.config import Scenario
 from polish_sim.control import CONTROLLERS
 from polish_sim.geometry import load_part
@@ -37,12 +38,12 @@ HEAD = ["head.stiffness_n_m=4000", "head.damping_n_s_m=33", "head.mass_kg=0.5", 
 
 def standing(name: str, z: float = 0.15) -> mujoco.MjModel:
     part = no_part()._replace(position=np.array([0.0, -0.5, z]))
-    return build_scene(Scenario(), load_part(workpiece_path(name)), part)
+    return build_scene(Scenario(), Drawn(load_part(workpiece_path(name)), part))
 
 
 def test_head_pad_and_step_are_the_scenarios() -> None:
     scenario = override(Scenario(), [*HEAD, "pad.radius_m=0.03", "simulation.timestep_s=0.0005"])
-    model = build_scene(scenario, None, None)
+    model = build_scene(scenario)
     slide = model.joint("head_slide")
     assert model.jnt_stiffness[slide.id] == pytest.approx(4000.0)
     assert model.dof_damping[slide.dofadr[0]] == pytest.approx(33.0)
@@ -50,7 +51,7 @@ def test_head_pad_and_step_are_the_scenarios() -> None:
     assert model.body("head").mass[0] == pytest.approx(0.5)
     assert model.geom("head_pad").size[0] == pytest.approx(0.03)
     assert model.opt.timestep == 0.0005
-    usual = build_scene(Scenario(), None, None).body("head").inertia
+    usual = build_scene(Scenario()).body("head").inertia
     np.testing.assert_allclose(model.body("head").inertia / usual, 0.5 / 0.3, rtol=1e-6)
 
 

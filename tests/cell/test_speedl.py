@@ -17,7 +17,7 @@ from polish_sim.cell.robot import (
     pass_request,
     resolve_joints,
 )
-from polish_sim.config import RobotConfig, Scenario
+from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.motion import jacobian
 from tests.cell.cells import joints_at, tool_pose
 
@@ -25,12 +25,12 @@ DT = 0.001
 TIP = np.array([0.0, 0.0, 0.22])
 ROBOT = RobotConfig()
 AT_WORK = joints_at(tool_pose(0.0, -0.5, 0.1))
-DEFAULT = build_speedl(Scenario(), AT_WORK)
+DEFAULT = build_speedl(ROBOT, SafetyConfig(), DT, AT_WORK)
 
 
 def robot_with(q: Array = AT_WORK, **changes: Any) -> Speedl:
     """The default interface at joint positions [rad], some of its limits changed."""
-    robot = build_speedl(Scenario(), q)
+    robot = build_speedl(ROBOT, SafetyConfig(), DT, q)
     for name, value in changes.items():
         robot[name] = value  # type: ignore[index]
     return robot

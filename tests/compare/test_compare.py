@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.cell.scene import build_scene
 from polish_sim.compare.contact import compare_steps, from_contact, measure_step
 from polish_sim.compare.figures import delay, fit_friction, friction_curve, nrms, ripple
 from polish_sim.compare.joints import compare_joints
-from polish_sim.compare.replay import SCENARIO, Payload, load_flange, replay, rigid_torques, warm
+from polish_sim.compare.replay import SCENARIO, Payload, bare_arm, replay, rigid_torques, warm
 from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
 from polish_sim.motion.makes import use_arm
 from polish_sim.scenario_file import override
@@ -21,7 +20,7 @@ from tests.cli.conftest import assert_refused, polish_sim
 from tests.exchange.robot_logs import synthetic_log, write_bag, write_csv
 
 __all__ = ["polish_sim"]
-UR10E = warm(override(SCENARIO, ["robot.arm=ur10e"]))
+UR10E = warm(override(SCENARIO, ["robot.arm=ur10e"]).robot)
 NAMES = {
     "time_s": "timestamp", "q_rad": "actual_q_{i}", "qd_rad_s": "actual_qd_{i}",
     "q_desired_rad": "target_q_{i}", "torque_nm": "actual_current_as_torque_{i}",
@@ -89,8 +88,7 @@ def test_rigid_torques_hold_a_payload_at_its_lever() -> None:
 
 
 def test_the_flange_carries_what_is_named() -> None:
-    model = build_scene(UR10E, None, None)
-    load_flange(model, Payload(3.0, (0.01, 0.0, 0.02)))
+    model = bare_arm(UR10E, Payload(3.0, (0.01, 0.0, 0.02)))
     assert model.body("tool_mount").mass[0] == pytest.approx(3.0)
     np.testing.assert_allclose(model.body("tool_mount").ipos, [0.01, 0.0, 0.02])
 

@@ -305,7 +305,7 @@ def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
 )
 def test_what_nominal_arms_measured_is_not_taken_beside_their_tables(changes: list[str], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        pair_arms(dual(*changes), {}, np.random.default_rng(0))
+        pair_arms(dual(*changes).dual, "none", {}, np.random.default_rng(0))
 
 
 def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(

@@ -41,10 +41,10 @@ def test_the_arm_found_is_the_arm_built() -> None:
     start = prepare_arc().reach.q_start
     found = find_arm(scenario, start)
     assert found is not None
-    model = robot_with_tool(scenario).compile()
-    arm = resting_arm(scenario, model)
+    model = robot_with_tool(scenario.robot, scenario.head, scenario.pad).compile()
+    arm = resting_arm(scenario.robot.real, SEED, model)
     tool = tool_on_flange()[:3, 3]
-    built = ArmEstimate(built_table(scenario, model, start), np.eye(4), tool)
+    built = ArmEstimate(built_table(scenario.robot.real, SEED, model, start), np.eye(4), tool)
     q = start + 0.5 * AROUND * np.random.default_rng(5).uniform(-1.0, 1.0, (200, 6))
     there = built.target_at(arm.links(q))
     off = np.linalg.norm(found.target_at(q, arm.weight(q)) - there, axis=1)

@@ -16,7 +16,7 @@ import trimesh
 
 from polish_sim.cell import build_scene, no_part, tool_on_flange
 from polish_sim.cell.arm_check import ArmCheck
-from polish_sim.cell.scene import works_below
+from polish_sim.cell.scene import Drawn, robot_with_tool, works_below
 from polish_sim.config import Scenario
 from polish_sim.config.key import POSE
 from polish_sim.errors import ReachError
@@ -49,7 +49,7 @@ def test_faces_to_the_side_and_below_are_reached_and_nothing_touches_on_the_way(
     scenario, plan = planned(f"point:{SIDES[side]}")
     reach, path = reached(scenario, plan), plan.path
     part = no_part()._replace(position=reach.T_base_work[:3, 3], rotation=reach.T_base_work[:3, :3].copy())
-    model = build_scene(scenario, plan.mesh, part, works_below(reach.T_base_work, path.axes_work))
+    model = build_scene(scenario, Drawn(plan.mesh, part), works_below(reach.T_base_work, path.axes_work))
     poses = transform(
         tool_rotations(path.axes_work @ reach.T_base_work[:3, :3].T, reach.spin),
         apply(reach.T_base_work, path.positions_work),
@@ -101,7 +101,10 @@ def test_an_arm_whose_forearm_would_be_in_the_part_takes_another_configuration()
     placing = PartPlacing(pose, plan.mesh, plan.surface, plan.path)
     T = from_pose(pose.part.pose)
     blind = find_reach(placing.positions, placing.axes, iter([T]), tool_on_flange(), above_table=True)
-    touch = ArmCheck(pose, plan.mesh, plan.surface, placing.axes).first_touch(T, blind.q_start[None])
+    check = ArmCheck(
+        robot_with_tool(pose.robot, pose.head, pose.pad), plan.mesh, plan.surface, placing.axes, False
+    )
+    touch = check.first_touch(T, blind.q_start[None])
     assert touch is not None
     assert touch.names == "wrist or forearm and the part"
     assert not np.allclose(reached(pose, plan).q_start, blind.q_start, atol=0.1)

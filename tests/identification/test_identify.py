@@ -49,7 +49,7 @@ def test_another_motion_is_predicted_far_better_than_by_the_drawing_and_a_block_
 
 @pytest.mark.parametrize(("settings", "off"), [([], 1e-3), (HELD_BY_LINKS, 1e-2)])
 def test_the_arm_at_rest_shows_its_weight_and_nothing_else(settings: list[str], off: float) -> None:
-    arm = build_arm(FULL, override(SCENARIO, ["robot.arm=ideal", *settings]))
+    arm = build_arm(FULL, override(SCENARIO, ["robot.arm=ideal", *settings]).robot)
     pose = np.array([0.3, -1.2, 1.0, -0.8, 0.7, 0.2])
     q = np.tile(pose, (round(0.05 / STEP_S), 1))
     log = play_states(arm, States(q, 0.0 * q, 0.0 * q))

@@ -274,7 +274,7 @@ def test_the_line_falls_silent_now_and_then_and_loses_nothing() -> None:
     scenario = override(
         default_scenario("surface"), ["robot.real.missed_every_s=0.2", "robot.real.missed_s=0.0056"]
     )
-    link, came, silent = Link(scenario), list[int](), list[bool]()
+    link, came, silent = Link(scenario.robot, 0), list[int](), list[bool]()
     for tick in range(50_000):
         link.advance(tick)
         silent.append(link.silent)
@@ -284,7 +284,7 @@ def test_the_line_falls_silent_now_and_then_and_loses_nothing() -> None:
     assert np.sum(silent) == 3 * len(gaps)
     assert came == list(range(len(came)))
     assert len(came) >= 50_000 - 10
-    ideal = Link(override(scenario, ["robot.arm=ideal"]))
+    ideal = Link(override(scenario, ["robot.arm=ideal"]).robot, 0)
     for tick in range(1000):
         ideal.advance(tick)
         assert not ideal.silent

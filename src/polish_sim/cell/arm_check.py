@@ -3,7 +3,7 @@ there."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,12 +16,10 @@ from polish_sim.cell.scene import (
     TABLE_TOP,
     add_stand,
     add_table,
-    robot_with_tool,
     stand_of,
     touching,
     works_below,
 )
-from polish_sim.config import Scenario
 from polish_sim.errors import place_in_mm
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.distance_field import signed_distances
@@ -69,13 +67,13 @@ class ArmCheck:
     """What the arm touches at given joint angles: itself, the table, the stand, or the part in its fixture.
 
     The tool's own clearance of the part is the path's affair: it is the same wherever the part stands.
-    ``axes`` (n, 3) are the tool axes from the part to the tool, work frame.
+    ``spec`` is the arm's, of `robot_with_tool`, and gets a table and a stand; ``axes`` (n, 3) are the tool
+    axes from the part to the tool, work frame. The part is ``fixed`` in a fixture, or lies alone.
     """
 
-    def __init__(self, scenario: Scenario, mesh: PartMesh, surface: Surface, axes: Array) -> None:
+    def __init__(self, spec: Any, mesh: PartMesh, surface: Surface, axes: Array, fixed: bool) -> None:
         self._mesh, self._surface, self._axes = mesh, surface, axes
-        self._held = "part or its fixture" if scenario.part.fixture_file else "part"
-        spec = robot_with_tool(scenario)
+        self._held = "part or its fixture" if fixed else "part"
         add_table(spec)
         add_stand(spec, (TABLE, TABLE))  # of any size, see _place
         self._model = spec.compile()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import mujoco
@@ -30,7 +31,7 @@ from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson
 from polish_sim.cell.limits import check_rates, check_step_limits, with_implicit_friction
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import SILENT, Observer, PythonLaw, interrupts_noted
-from polish_sim.cell.real_arm import build_real_arm, is_real
+from polish_sim.cell.real_arm import build_real_arm
 from polish_sim.cell.real_part import build_part_motion, no_part
 from polish_sim.cell.recorder import Recorder, build_recorder, trace_from
 from polish_sim.cell.robot import build_request_line, build_speedl, build_stop_motion
@@ -131,7 +132,8 @@ class Cell:
         self.lesson, self._host = lesson, host
         self.data = mujoco.MjData(model)
         self._set_joints(q_start)
-        self.real_arm = self._build_real_arm(q_start)
+        self.real_arm = self._build_real_arm(q_start) if scenario.robot.elastic else RealArm()
+        self.real_arm.waited = scenario.simulation.control_every - 1
         mujoco.mj_forward(model, self.data)
         if pair := touching(model, self.data):
             raise ReachError(
@@ -145,8 +147,7 @@ class Cell:
             q_start, max(forces, default=scenario.process.contact_force_n), self._tangential_mass(),
             self.data.qpos.copy(), copy(self.real_arm), model.dof_damping.copy(),
         )  # fmt: skip
-        rate = scenario.simulation.log_rate_hz
-        self._every = max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
+        self._every = scenario.simulation.log_every
         self._prepare(scenario, part)
         self.compensate(self.carried.mass, self.carried.center)
         self.use_controller(controller)
@@ -171,7 +172,8 @@ class Cell:
         """Check a scenario against the cell, and build what changes in its run."""
         force, mass = self._start.force, self._start.mass
         if self.real_arm.elastic:
-            scenario = with_implicit_friction(scenario, force, mass)
+            dt = scenario.simulation.timestep_s
+            scenario = replace(scenario, pad=with_implicit_friction(scenario.pad, dt, force, mass))
         check_step_limits(scenario, force, mass, part.field.band)
         check_rates(scenario)
         self.on_part = any(stroke.contact for stroke in self.strokes)
@@ -381,9 +383,8 @@ class Cell:
         self.data.ctrl[0:12:2] = q_start
 
     def _build_real_arm(self, q_start: Array) -> RealArm:
-        if not is_real(self.scenario):
-            return RealArm()
-        return build_real_arm(self.scenario, self.model, self.data, q_start, self._host)
+        real, seed = self.scenario.robot.real, self.scenario.seed
+        return build_real_arm(real, seed, self.model, self.data, q_start, self._host)
 
     def _advance(self, recorder: Recorder, draws: Array, steps: int) -> None:
         advance(self.kernel, self.real_arm, recorder, self.law, draws, steps)
@@ -414,20 +415,20 @@ class Cell:
         return float(1.0 / np.linalg.eigvalsh(mobility)[-1])
 
     def _build_kernel(self, part: RealPart) -> CellKernel:
-        scenario, stroke = self.scenario, self.strokes[0]
+        scenario, stroke, nothing = self.scenario, self.strokes[0], np.zeros(8, np.uint8)
+        dt, robot, safety = scenario.simulation.timestep_s, scenario.robot, scenario.safety
         state = CellState(
             motion=build_part_motion(scenario.part, part),
             spindle=build_spindle(scenario.spindle),
-            flange=build_flange(scenario),
+            flange=build_flange(scenario.head, dt),
             sensor=build_sensor(scenario.sensor, self.rng),
             payload=self.carried,
-            speedl=build_speedl(scenario, self._start.q),
+            speedl=build_speedl(robot, safety, dt, self._start.q),
             sequence=build_sequence(),
-            guards=build_guards(scenario),
-            stop=build_stop_motion(scenario, scenario.plan.clearance_m if stroke.contact else 0.0),
+            guards=build_guards(safety, scenario.sensor, dt, scenario.controller.adaptive.arm_mode_hz),
+            stop=build_stop_motion(robot, safety, scenario.plan.clearance_m if stroke.contact else 0.0),
             answer=Answer(feed=1.0),
         )
-        nothing = np.zeros(8, np.uint8)
         return CellKernel(
             engine_views(self.model, self.data, self.arm),
             build_pad(scenario.pad, scenario.head.spring_scale),

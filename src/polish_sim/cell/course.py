@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Indices
 from polish_sim.cell.contact import build_pad
 from polish_sim.cell.linear_arm import arm_modes
-from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.scene import tool_on_flange
 from polish_sim.cell.stroke import Stroke
 from polish_sim.config import Scenario
@@ -89,7 +88,7 @@ def build_course(
     earlier = nearest_earlier(unpressed, SPACING, REACH * scenario.plan.stepover_m)
     few = np.linspace(0, rows - 1, min(math.ceil(s[-1] / POSE_SPACING) + 1, MOST_POSES)).astype(np.int64)
     modes = np.zeros(rows)
-    if is_real(scenario):
+    if scenario.robot.elastic:
         tools = transform(poses.rotations[few], poses.positions[few])
         modes = np.interp(
             np.arange(rows), few, arm_modes(scenario, track(tools, tool_on_flange(), q_start).q)

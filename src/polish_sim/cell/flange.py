@@ -16,7 +16,7 @@ import math
 from polish_sim.cell.engine import HEAD, EngineViews
 from polish_sim.cell.gears import slip
 from polish_sim.cell.wrist_sensor import GRAVITY
-from polish_sim.config import Scenario
+from polish_sim.config import HeadConfig
 from polish_sim.kernels import Record, kernel
 
 SLIP_M = 2e-5  # way on which the slide's friction builds up, assumed [m]
@@ -39,9 +39,8 @@ class Flange(Record):
     risen: float  #: Share of the ramp that is done [-]
 
 
-def build_flange(scenario: Scenario) -> Flange:
-    """A flange in the air, or none."""
-    head, dt = scenario.head, scenario.simulation.timestep_s
+def build_flange(head: HeadConfig, dt: float) -> Flange:
+    """A flange in the air, or none; ``dt``: physics step [s]."""
     flange = head.flange
     return Flange(
         share=1.0 - math.exp(-2.0 * math.pi * flange.bandwidth_hz * dt),

@@ -21,7 +21,7 @@ from polish_sim.arrays import Array, Ints
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN
-from polish_sim.config import Scenario, SensorConfig
+from polish_sim.config import SafetyConfig, SensorConfig
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
 from polish_sim.kernels import Record, Vector3, kernel
 from polish_sim.models import robot_model_path
@@ -201,9 +201,8 @@ class CrashPoints(NamedTuple):
     pad: int  #: How many of them, the last ones, are on the pad's rim: it may touch the part
 
 
-def build_guards(scenario: Scenario) -> Guards:
-    """Guards with the limits of a scenario."""
-    safety, sensor = scenario.safety, scenario.sensor
+def build_guards(safety: SafetyConfig, sensor: SensorConfig, dt: float, mode_hz: float) -> Guards:
+    """Guards with these limits; ``dt``: physics step [s], ``mode_hz``: of the arm, see `_jump_share`."""
     # Without noise a robot at rest reads the same all the time, which is no fault.
     restless = min(sensor.force_noise_n - sensor.force_quantum_n, sensor.torque_noise_nm) > 0.0
     return Guards(
@@ -212,9 +211,7 @@ def build_guards(scenario: Scenario) -> Guards:
         contact_lost=safety.contact_lost_s,
         sensor_timeout=safety.sensor_timeout_s if restless else math.inf,
         jump=safety.jump_limit_n or math.inf,
-        jump_share=_jump_share(
-            sensor, scenario.simulation.timestep_s, scenario.controller.adaptive.arm_mode_hz
-        ),
+        jump_share=_jump_share(sensor, dt, mode_hz),
         singular_value=safety.singular_value_limit,
         offset=safety.offset_limit_m,
         stroke=0.5 - safety.stroke_margin if safety.stroke_margin else math.inf,

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from polish_sim.cell.real_part import depth_for
-from polish_sim.config import Scenario
+from polish_sim.config import PadConfig, Scenario
 from polish_sim.errors import ConfigError
 
 TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
@@ -34,15 +34,14 @@ def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, 
     _check_depth(scenario, force, modelled)
 
 
-def with_implicit_friction(scenario: Scenario, force: float, tangential_mass: float) -> Scenario:
-    """A scenario whose pad's friction, taken at the step's beginning, acts as if taken at its end.
+def with_implicit_friction(pad: PadConfig, dt: float, force: float, tangential_mass: float) -> PadConfig:
+    """A pad whose friction, taken at the beginning of a step of ``dt`` [s], acts as if taken at its end.
 
     Behind elastic gears the tool is so light that it needs that. In its steep part friction is a damper mu F
     / v_s; taken at the end of a step it is mu F / (v_s + mu F dt / m). Arguments as of `check_step_limits`.
     """
-    pad, dt = scenario.pad, scenario.simulation.timestep_s
     smoothing = pad.friction_smoothing_m_s + pad.friction * force * dt / tangential_mass
-    return replace(scenario, pad=replace(pad, friction_smoothing_m_s=smoothing))
+    return replace(pad, friction_smoothing_m_s=smoothing)
 
 
 def check_contact_settings(scenario: Scenario, force: float) -> None:

@@ -13,7 +13,7 @@ from polish_sim.cell.gears import RealArm, slip
 from polish_sim.cell.real_arm import build_real_arm, gear_twists, weights
 from polish_sim.cell.scene import build_scene
 from polish_sim.cell.wrist_sensor import carried_payload
-from polish_sim.config import Scenario
+from polish_sim.config import RealArmConfig, Scenario
 
 
 class JointsAbout(NamedTuple):
@@ -34,10 +34,10 @@ def joints_about(scenario: Scenario, q: Array) -> list[JointsAbout]:
 
     What is drawn of the arm, and its damping, are those of the first pose.
     """
-    model = build_scene(scenario, None, None)
+    model = build_scene(scenario)
     data = mujoco.MjData(model)
     data.qpos[:6] = q[0]
-    arm = build_real_arm(scenario, model, data, q[0])
+    arm = build_real_arm(scenario.robot.real, scenario.seed, model, data, q[0])
     tool, head = model.site("tool").id, float(model.body("head").mass[0])
     abouts, rested = [], data.qpos[:6] - q[0]
     for pose, weight in zip(q, weights(model, q + rested), strict=True):
@@ -70,11 +70,11 @@ class Gears(NamedTuple):
     damping: Array  #: [N m s/rad]
 
 
-def gears_about(scenario: Scenario, about: JointsAbout, slipping: Array) -> Gears:
-    """The gears under the weight and the contact force, with what `slipping_gears` says of their
+def gears_about(real: RealArmConfig, force: float, about: JointsAbout, slipping: Array) -> Gears:
+    """The gears under the weight and a contact force [N], with what `slipping_gears` says of their
     hysteresis."""
-    torque = about.weight + scenario.process.contact_force_n * about.axis @ about.jacobian[:3]
-    more = gear_twists(scenario.robot.real, np.stack([torque - 1e-3, torque + 1e-3]))
+    torque = about.weight + force * about.axis @ about.jacobian[:3]
+    more = gear_twists(real, np.stack([torque - 1e-3, torque + 1e-3]))
     return Gears(
         2e-3 / (more[1] - more[0]) + slipping.real, np.array(about.arm.coupling) + slipping.imag / _ABOUT
     )
@@ -110,9 +110,9 @@ def arm_modes(scenario: Scenario, q: Array) -> Array:
     with its notch there (`python -m benchmarks.arm_notch`).
     """
     springs = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
-    modes = []
+    real, force, modes = scenario.robot.real, scenario.process.contact_force_n, []
     for about in joints_about(scenario, q):
-        moving = motion_matrices(about, gears_about(scenario, about, slipping_gears(about.arm, 0.0)))
+        moving = motion_matrices(about, gears_about(real, force, about, slipping_gears(about.arm, 0.0)))
         tool = np.append(about.axis @ about.jacobian[:3], np.zeros(6))
         bent = np.linalg.solve(moving.stiffness + springs * np.outer(tool, tool), tool)
         modes.append(math.sqrt(tool @ bent / (bent @ moving.mass @ bent)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import mujoco
@@ -11,9 +10,9 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews, engine_views, mj_step1, mj_step2, register_engine
 from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints
-from polish_sim.cell.real_arm import build_real_arm, built_table, is_real
-from polish_sim.cell.scene import build_scene, touching
-from polish_sim.config import Scenario
+from polish_sim.cell.real_arm import build_real_arm, built_table
+from polish_sim.cell.scene import touching
+from polish_sim.config import RobotConfig
 from polish_sim.errors import ProtectiveStop, ReachError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.kinematics import NOMINAL
@@ -42,25 +41,19 @@ class Played(NamedTuple):
 
 
 def play_joints(
-    scenario: Scenario,
-    targets: JointTargets,
-    settle: float = 0.5,
-    change: Callable[[mujoco.MjModel], None] | None = None,
+    model: mujoco.MjModel, robot: RobotConfig, seed: int, targets: JointTargets, settle: float = 0.5
 ) -> Played:
-    """Play joint targets, from rest to rest and one row a step, on the robot of the cell in free space,
-    spindle at rest.
+    """Play joint targets, from rest to rest and one row a step, on a scene's robot in free space, spindle at
+    rest.
 
-    The robot first stands at the first target for ``settle`` [s], so that gravity has settled. ``change``
-    changes the compiled scene before, e.g. adds a load to its last link.
+    The robot first stands at the first target for ``settle`` [s], so that gravity has settled. Elastic joints
+    are those of a ``seed``; the model becomes theirs.
 
     Raises:
         ReachError: Links or head would touch each other on the way.
         ProtectiveStop: The simulation ran away.
     """
     register_engine()
-    model = build_scene(scenario, None, None)
-    if change is not None:
-        change(model)
     data = mujoco.MjData(model)
     _refuse_touch(model, data, targets.q)
     data.qpos[:JOINTS] = targets.q[0]
@@ -68,9 +61,9 @@ def play_joints(
     wanted = JointTargets(np.ascontiguousarray(targets.q), np.ascontiguousarray(targets.qd))
     q, qd, torque, motor, read = (np.empty(wanted.q.shape) for _ in range(5))
     played, arm = Played(q, qd, torque, motor, read, NOMINAL.copy()), RealArm()
-    if is_real(scenario):
-        played.table[:] = built_table(scenario, model, wanted.q[0])
-        arm = build_real_arm(scenario, model, data, wanted.q[0])
+    if robot.elastic:
+        played.table[:] = built_table(robot.real, seed, model, wanted.q[0])
+        arm = build_real_arm(robot.real, seed, model, data, wanted.q[0])
     mujoco.mj_forward(model, data)
     _play(arm, engine_views(model, data), wanted, played, still)
     if not np.isfinite(played.q).all():

@@ -13,16 +13,14 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from polish_sim.arms import ARMS as TABLES_OF_ARMS
-from polish_sim.arms import IDEAL
 from polish_sim.arrays import Array
 from polish_sim.cell.gears import HostArm, RealArm, build_host_arm, update_twist
 from polish_sim.cell.scene import bend_links, tool_on_flange
-from polish_sim.config import RealArmConfig, Scenario
+from polish_sim.config import RealArmConfig, RobotConfig
+from polish_sim.config.cell import ARM_PRESETS
 from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
 
-ARMS = (IDEAL, *TABLES_OF_ARMS)
 SIDES = ("motor", "link")
 TABLES = ("calibrated", "uncalibrated", "exact")
 _STREAM = 17  # of the scenario's seed, for what is drawn of the arms themselves
@@ -58,21 +56,20 @@ class ArmPlace(NamedTuple):
 LONE = ArmPlace()
 
 
-def is_real(scenario: Scenario) -> bool:
-    """Whether the robot has elastic joints.
+def check_arm(robot: RobotConfig) -> None:
+    """Refuse words of a robot's settings that are not known, and knees in the wrong order.
 
     Raises:
-        PolishSimError: A word of its settings is not known, or they contradict each other.
+        PolishSimError: Naming the key.
     """
-    robot, real = scenario.robot, scenario.robot.real
-    choices = (("robot.arm", robot.arm, ARMS), ("robot.real.servo_side", real.servo_side, SIDES),
+    real = robot.real
+    choices = (("robot.arm", robot.arm, ARM_PRESETS), ("robot.real.servo_side", real.servo_side, SIDES),
                ("robot.real.kinematics", real.kinematics, TABLES))  # fmt: skip
     for key, word, known in choices:
         if word not in known:
             raise unknown_name(key, word, known)
     if np.any(np.array(real.knee_2_nm) <= real.knee_1_nm):
         raise ConfigError("robot.real.knee_2_nm must be above robot.real.knee_1_nm in every joint.")
-    return robot.arm != IDEAL
 
 
 def gear_twists(real: RealArmConfig, torque: Array) -> Array:
@@ -193,10 +190,9 @@ def slip_along(real: RealArmConfig, torques: Array, slipped: Array) -> Array:
     return slipped
 
 
-def resting_arm(scenario: Scenario, model: mujoco.MjModel, place: ArmPlace = LONE) -> RestingArm:
+def resting_arm(real: RealArmConfig, seed: int, model: mujoco.MjModel, place: ArmPlace = LONE) -> RestingArm:
     """The arm `build_real_arm` builds there, at rest."""
-    real = scenario.robot.real
-    return RestingArm(real, gear_errors(real, place.rng(scenario.seed, 1)), model, place)
+    return RestingArm(real, gear_errors(real, place.rng(seed, 1)), model, place)
 
 
 def _lost_torque(real: RealArmConfig) -> Array:
@@ -204,17 +200,18 @@ def _lost_torque(real: RealArmConfig) -> Array:
     return 0.5 * np.array(real.lost_motion_rad) * np.array(real.stiffness_1_nm_rad)
 
 
-def built_table(scenario: Scenario, model: mujoco.MjModel, q_start: Array, place: ArmPlace = LONE) -> Array:
+def built_table(
+    real: RealArmConfig, seed: int, model: mujoco.MjModel, q_start: Array, place: ArmPlace = LONE
+) -> Array:
     """Table of the arm as built, (4, 6), given that its host's is the nominal one; ``model`` weighs it.
 
     Calibrated: points on the tool are measured in random poses around the work at ``q_start`` (6,) [rad], the
     weight acting, and a table is fitted; the arm's is the nominal one plus what that fit got wrong.
     Uncalibrated: the errors as they were built.
     """
-    real = scenario.robot.real
     if real.kinematics == "exact":
         return NOMINAL.copy()
-    rng = place.rng(scenario.seed, 0)
+    rng = place.rng(seed, 0)
     sizes = np.array([real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad])
     built = sizes[:, None] * rng.standard_normal((4, 6))
     if real.kinematics == "uncalibrated":
@@ -236,7 +233,8 @@ def _points(q: Array, table: Array) -> Array:
 
 
 def build_real_arm(
-    scenario: Scenario,
+    real: RealArmConfig,
+    seed: int,
     model: mujoco.MjModel,
     data: mujoco.MjData,
     q_start: Array,
@@ -246,14 +244,15 @@ def build_real_arm(
     table and its tool; see `build_joints`."""
     links = [model.body(f"link_{number}") for number in range(1, 7)]
     bend_links(
-        links, [model.joint(int(link.jntadr[0])) for link in links], built_table(scenario, model, q_start)
+        links, [model.joint(int(link.jntadr[0])) for link in links], built_table(real, seed, model, q_start)
     )
     host = host or build_host_arm(NOMINAL, np.eye(4), tool_on_flange())
-    return build_joints(scenario, model, data, q_start, host)
+    return build_joints(real, seed, model, data, q_start, host)
 
 
 def build_joints(
-    scenario: Scenario,
+    real: RealArmConfig,
+    seed: int,
     model: mujoco.MjModel,
     data: mujoco.MjData,
     q_start: Array,
@@ -264,8 +263,7 @@ def build_joints(
 
     The model becomes one of links without servos, rotors and friction; ``data`` gets the links' angles.
     """
-    real, dt = scenario.robot.real, scenario.simulation.timestep_s
-    rng = place.rng(scenario.seed, 1)
+    rng, dt = place.rng(seed, 1), model.opt.timestep
     knees, bends = _knees(real)
     stiffness = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
     waves, servos = 2.0 * real.gear_ratio, slice(place.first_control // 2, place.first_control // 2 + 6)
@@ -296,7 +294,6 @@ def build_joints(
         missed_mean=real.missed_every_s / dt,
         missed_next=-math.ceil(real.missed_s / dt),
         dice=int(rng.integers(1, 2**31)),
-        waited=scenario.simulation.control_every - 1,
         set_point=q_start,
         angle=q_start,
         first=place.first,

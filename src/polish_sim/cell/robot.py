@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
-from polish_sim.config import Scenario
+from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.control.signals import Measurement
 from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, kernel
 from polish_sim.motion import JOINT_LIMITS
@@ -56,15 +56,14 @@ class RequestLine(NamedTuple):
     numbers: NDArray[np.int64]  #: Their numbers, shape (latency + SPARE + 1,)
 
 
-def build_speedl(scenario: Scenario, joints: Array) -> Speedl:
-    """The velocity interface of a robot at rest at ``joints`` [rad], shape (6,)."""
-    robot = scenario.robot
+def build_speedl(robot: RobotConfig, safety: SafetyConfig, dt: float, joints: Array) -> Speedl:
+    """The velocity interface of a robot at rest at ``joints`` [rad], shape (6,), stepped by ``dt`` [s]."""
     return Speedl(
-        latency=round(robot.command_latency_s / scenario.simulation.timestep_s),
+        latency=round(robot.command_latency_s / dt),
         acceleration=robot.linear_acceleration_m_s2, angular_acceleration=robot.angular_acceleration_rad_s2,
         timeout=robot.command_timeout_s, joint_speed=robot.joint_speed_limit_rad_s,
         lowest=JOINT_LIMITS[:, 0], highest=JOINT_LIMITS[:, 1],
-        damping_onset=2.0 * scenario.safety.singular_value_limit, weakest=1.0, joints=joints,
+        damping_onset=2.0 * safety.singular_value_limit, weakest=1.0, joints=joints,
         probe=np.full(6, 1.0 / math.sqrt(6.0)),
     )  # fmt: skip
 
@@ -231,21 +230,19 @@ class StopMotion(Record):
     axis: Vector3  #: Direction of the retract, against the tool axis
 
 
-def brakes_of(scenario: Scenario) -> Array:
+def brakes_of(robot: RobotConfig, safety: SafetyConfig) -> Array:
     """Deceleration of a protective stop [m/s^2], [rad/s^2], shape (2,): speedl's limits, both as much
     firmer."""
-    robot, deceleration = scenario.robot, scenario.safety.stop_deceleration_m_s2
+    deceleration = safety.stop_deceleration_m_s2
     turning = robot.angular_acceleration_rad_s2 * deceleration / robot.linear_acceleration_m_s2
     return np.array([deceleration, turning])
 
 
-def build_stop_motion(scenario: Scenario, clearance: float) -> StopMotion:
-    """How this scenario's robot stops; ``clearance`` [m] is how far it goes back."""
-    safety = scenario.safety
-    firmness = safety.stop_deceleration_m_s2 / scenario.robot.linear_acceleration_m_s2
+def build_stop_motion(robot: RobotConfig, safety: SafetyConfig, clearance: float) -> StopMotion:
+    """How a robot stops; ``clearance`` [m] is how far it goes back."""
     return StopMotion(
         latency=safety.stop_latency_s,
-        firmness=firmness,
+        firmness=safety.stop_deceleration_m_s2 / robot.linear_acceleration_m_s2,
         clearance=clearance,
         retract_speed=safety.retract_speed_m_s,
     )

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arms import ArmTable
 from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
-from polish_sim.config import Scenario
+from polish_sim.config import HeadConfig, PadConfig, RobotConfig, Scenario
 from polish_sim.geometry.mesh import PartMesh, lighter_mesh
 from polish_sim.models import robot_model_path
 from polish_sim.motion.kinematics import NOMINAL, link_poses
@@ -54,21 +54,18 @@ class Drawn(NamedTuple):
 
 
 def build_scene(
-    scenario: Scenario,
-    mesh: PartMesh | None,
-    part: RealPart | None,
-    held_behind: bool = False,
-    fixture: Drawn | None = None,
+    scenario: Scenario, part: Drawn | None = None, held_behind: bool = False, fixture: Drawn | None = None
 ) -> mujoco.MjModel:
-    """Compile the cell; without a mesh it is for motion in free space.
+    """Compile the cell; without a part it is for motion in free space.
 
     ``held_behind``: the stand leaves the part's underside free, see ``stand_of``. The meshes of part and
     ``fixture`` are drawn only; the pad's contact and the crash check are computed on their signed distance,
     because the engine would take the convex hull.
     """
-    spec = robot_with_tool(scenario)
-    if mesh is not None and part is not None:
-        lay_part(spec, mesh, transform(part.rotation, part.position), held_behind, fixture)
+    spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    spec.option.timestep = scenario.simulation.timestep_s
+    if part is not None:
+        lay_part(spec, part.mesh, part.pose, held_behind, fixture)
     return spec.compile()
 
 
@@ -85,27 +82,25 @@ def lay_part(
     add_stand(spec, stand_of(corners, held_behind))
 
 
-def robot_with_tool(scenario: Scenario) -> Any:
-    """``robot_spec`` with its payload set, to be compiled or attached elsewhere."""
-    spec = robot_spec(scenario)
-    spec.body("tool_mount").gravcomp = 1.0 + scenario.robot.payload_error
+def robot_with_tool(robot: RobotConfig, head: HeadConfig, pad: PadConfig) -> Any:
+    """The robot of the model file with its head and its payload set, to be compiled or attached elsewhere."""
+    spec = arm_spec(robot.arm)
+    body, slide, face = spec.body("head"), spec.joint("head_slide"), spec.geom("head_pad")
+    body.inertia = body.inertia * (head.mass_kg / body.mass)
+    body.mass = head.mass_kg
+    slide.stiffness[0], slide.damping[0] = head.stiffness_n_m * head.spring_scale, head.damping_n_s_m
+    slide.range = [slide.range[0], head.travel_m]
+    face.size = [pad.radius_m, *face.size[1:]]
+    spec.body("tool_mount").gravcomp = 1.0 + robot.payload_error
     return spec
 
 
-def robot_spec(scenario: Scenario) -> Any:
-    """The robot of the model file with this scenario's head and time step, not yet compiled."""
-    spec = arm_spec(scenario)
-    _fit_head(spec, scenario)
-    return spec
-
-
-def arm_spec(scenario: Scenario) -> Any:
-    """The model file with the scenario's make of arm and time step."""
-    spec = mujoco.MjSpec.from_file(str(robot_model_path()))
-    arm = use_arm(scenario.robot.arm)
+def arm_spec(name: str) -> Any:
+    """The model file with a make of arm, not yet compiled."""
+    spec, arm = mujoco.MjSpec.from_file(str(robot_model_path())), use_arm(name)
     if arm.links:
         _build_arm(spec, arm)
-    set_options(spec, scenario)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     return spec
 
 
@@ -153,24 +148,6 @@ def bend_links(links: Sequence[Any], joints: Sequence[Any], table: Array) -> Non
     for link, joint, T in zip(links, joints, link_poses(table), strict=True):
         link.pos, link.quat = T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
         joint.axis, joint.pos = T[2, :3], -T[:3, :3].T @ T[:3, 3]
-
-
-def set_options(spec: Any, scenario: Scenario) -> None:
-    """How the engine steps a scene."""
-    spec.option.timestep = scenario.simulation.timestep_s
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-
-
-def _fit_head(spec: Any, scenario: Scenario) -> None:
-    head, slide = spec.body("head"), spec.joint("head_slide")
-    scale = scenario.head.mass_kg / head.mass
-    head.mass = scenario.head.mass_kg
-    head.inertia = head.inertia * scale
-    slide.stiffness[0] = scenario.head.stiffness_n_m * scenario.head.spring_scale
-    slide.damping[0] = scenario.head.damping_n_s_m
-    slide.range = [slide.range[0], scenario.head.travel_m]
-    pad = spec.geom("head_pad")
-    pad.size = [scenario.pad.radius_m, *pad.size[1:]]
 
 
 def add_table(spec: Any) -> None:

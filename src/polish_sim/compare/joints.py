@@ -9,9 +9,10 @@ import numpy as np
 
 from polish_sim.arms import arm_table
 from polish_sim.arrays import Array
+from polish_sim.cell.real_arm import check_arm
 from polish_sim.compare.figures import SPEEDS, delay, fit_friction, friction_curve, nrms, ripple
 from polish_sim.compare.replay import Payload, commands_of, replay, rigid_torques, warm
-from polish_sim.config import Scenario
+from polish_sim.config import RobotConfig
 from polish_sim.exchange.robot_log import RobotRecording
 
 JOINTS = range(6)
@@ -30,11 +31,12 @@ class JointComparison(NamedTuple):
     figures: dict[str, Any]
 
 
-def compare_joints(scenario: Scenario, log: RobotRecording, payload: Payload) -> JointComparison:
+def compare_joints(robot: RobotConfig, log: RobotRecording, payload: Payload) -> JointComparison:
     """Replay a log and measure both sides alike; raises as `replay`."""
-    scenario = warm(scenario)
-    played = replay(scenario, log, payload)
-    measured = log.torques(arm_table(scenario.robot.arm).torque_constants)
+    check_arm(robot)
+    robot = warm(robot)
+    played = replay(robot, log, payload)
+    measured = log.torques(arm_table(robot.arm).torque_constants)
     q = log.values["q_rad"]
     figures: dict[str, Any] = {
         "motion_delay_s": delay(log.time, q, played.q),
@@ -44,7 +46,7 @@ def compare_joints(scenario: Scenario, log: RobotRecording, payload: Payload) ->
     if len(measured):
         commands = commands_of(log)
         qd, qdd = commands(log.time, 1), commands(log.time, 2)
-        rigid = rigid_torques(scenario, commands(log.time), qd, qdd, payload)
+        rigid = rigid_torques(robot, commands(log.time), qd, qdd, payload)
         figures |= {
             "nrms": nrms(measured, played.torque).tolist(),
             "delay_s": delay(log.time, measured, played.torque),

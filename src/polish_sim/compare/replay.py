@@ -12,7 +12,6 @@ from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
-from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import RobotConfig, Scenario, SpindleConfig
 from polish_sim.exchange.robot_log import RobotRecording
@@ -39,8 +38,8 @@ class Replay(NamedTuple):
     torque: Array  #: Of the motors, the arm's weight included [N m]
 
 
-def replay(scenario: Scenario, log: RobotRecording, payload: Payload) -> Replay:
-    """Play a log's commanded joints, or its measured ones, on the servos of the scenario's arm.
+def replay(robot: RobotConfig, log: RobotRecording, payload: Payload) -> Replay:
+    """Play a log's commanded joints, or its measured ones, on the servos of an arm.
 
     The arm is bare but for the ``payload``, which its controller does not know. Of a log that begins in
     motion the start is led up to.
@@ -49,8 +48,8 @@ def replay(scenario: Scenario, log: RobotRecording, payload: Payload) -> Replay:
         ReachError: Links would touch each other.
         ProtectiveStop: The simulation ran away.
     """
-    dt = scenario.simulation.timestep_s
-    wanted = commands_of(log)
+    model = bare_arm(robot, payload)
+    dt, wanted = model.opt.timestep, commands_of(log)
     t = np.arange(-round(LEAD_S / dt), round(log.time[-1] / dt) + 1) * dt
     inside = np.maximum(t, 0.0)
     q, qd = wanted(inside), wanted(inside, 1)
@@ -59,13 +58,11 @@ def replay(scenario: Scenario, log: RobotRecording, payload: Payload) -> Replay:
     share = 1.0 + t[lead, None] / LEAD_S
     q[lead] = q[0] - first * LEAD_S * 0.5 * (1.0 - share**2)
     qd[lead] = first * share
-    played = play_joints(scenario, JointTargets(q, qd), change=lambda model: load_flange(model, payload))
-    elastic = is_real(scenario)
-    rows = (
-        played.read,
-        played.qd,
-        played.torque if elastic else played.torque + weights_of(scenario, played.q, payload),
-    )
+    played = play_joints(model, robot, SCENARIO.seed, JointTargets(q, qd))
+    torque, still = played.torque, np.zeros_like(q)
+    if not robot.elastic:
+        torque = torque + rigid_torques(robot, played.q, still, still, payload)
+    rows = played.read, played.qd, torque
     return Replay(*(np.stack([np.interp(log.time, t, column) for column in values.T], 1) for values in rows))
 
 
@@ -85,18 +82,11 @@ def commands_of(log: RobotRecording) -> CubicSpline:
     )
 
 
-def weights_of(scenario: Scenario, q: Array, payload: Payload) -> Array:
-    """Torques that hold the bare arm and its payload, (n, 6) [N m]."""
-    still = np.zeros_like(q)
-    return rigid_torques(scenario, q, still, still, payload)
-
-
-def rigid_torques(scenario: Scenario, q: Array, qd: Array, qdd: Array, payload: Payload) -> Array:
+def rigid_torques(robot: RobotConfig, q: Array, qd: Array, qdd: Array, payload: Payload) -> Array:
     """Torques the bare arm with its rotors and payload takes without friction, (n, 6) [N m]."""
-    model = build_scene(scenario, None, None)
-    load_flange(model, payload)
+    model = bare_arm(robot, payload)
     model.body_gravcomp[:] = model.dof_frictionloss[:] = model.dof_damping[:] = 0.0
-    model.dof_armature[:6] = scenario.robot.real.rotor_kg_m2
+    model.dof_armature[:6] = robot.real.rotor_kg_m2
     model.jnt_stiffness[:] = 0.0
     data, torques = mujoco.MjData(model), np.empty_like(q)
     for k in range(len(q)):
@@ -106,9 +96,9 @@ def rigid_torques(scenario: Scenario, q: Array, qd: Array, qdd: Array, payload: 
     return torques
 
 
-def load_flange(model: mujoco.MjModel, payload: Payload) -> None:
-    """Take the cell's tool off a compiled arm and put a payload on its flange; the robot compensates none of
-    it."""
+def bare_arm(robot: RobotConfig, payload: Payload) -> mujoco.MjModel:
+    """Compile an arm in free space, a payload on its flange for its tool; the robot compensates neither."""
+    model = build_scene(replace(SCENARIO, robot=robot))
     mount, head = model.body("tool_mount").id, model.body("head").id
     mass = max(payload.mass, _NO_TOOL)
     for body in (mount, head):
@@ -118,10 +108,10 @@ def load_flange(model: mujoco.MjModel, payload: Payload) -> None:
     model.body_ipos[mount] = payload.center
     model.body_gravcomp[mount] = 0.0
     mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
 
 
-def warm(scenario: Scenario) -> Scenario:
-    """The scenario with an arm that is warm, its table exact and no packet missed: logs tell nothing of
-    these."""
-    real = replace(scenario.robot.real, cold_friction=0.0, kinematics="exact", missed_every_s=0.0)
-    return replace(scenario, robot=replace(scenario.robot, real=real))
+def warm(robot: RobotConfig) -> RobotConfig:
+    """The arm warm, its table exact and no packet missed: logs tell nothing of these."""
+    real = replace(robot.real, cold_friction=0.0, kinematics="exact", missed_every_s=0.0)
+    return replace(robot, real=real)

@@ -6,16 +6,15 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
 from polish_sim.analysis.style import BLUE, ORANGE, head, new_figure, styled
 from polish_sim.arrays import Array
-from polish_sim.cell.scene import build_scene
 from polish_sim.compare.contact import ForceStep
 from polish_sim.compare.figures import SPEEDS
 from polish_sim.compare.joints import JOINTS, JointComparison
-from polish_sim.config import Scenario
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
 from polish_sim.page.page import Line, Motion, Page, Plot, page_html, tables_page
 
@@ -106,9 +105,9 @@ def plot_steps(pairs: Sequence[tuple[str, ForceStep, ForceStep]], title: str) ->
     return figure
 
 
-def joint_page(found: JointComparison, scenario: Scenario, title: str) -> str:
-    """The replayed arm in motion over its torques, measured and simulated, as one HTML file."""
-    model = build_scene(scenario, None, None)
+def joint_page(found: JointComparison, model: mujoco.MjModel, title: str) -> str:
+    """The replayed arm, drawn by a ``model``, in motion over its torques, measured and simulated, as one HTML
+    file."""
     kept = shown_rows(found.time, found.simulated_q)
     time, still = found.time[kept], np.full(len(kept), np.nan)
     joints = np.column_stack([found.simulated_q[kept], np.zeros((len(kept), model.nq - 6))])

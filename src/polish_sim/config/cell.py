@@ -130,6 +130,11 @@ class RobotConfig:
     )
     real: RealArmConfig = field(default_factory=RealArmConfig)
 
+    @property
+    def elastic(self) -> bool:
+        """Whether its joints are."""
+        return self.arm != IDEAL
+
 
 SENSOR_MODELS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -404,3 +409,8 @@ class SimulationConfig:
         1e5,
         option=Option("--log-rate", OUTPUT, "HZ|full", HERTZ_OR_FULL),
     )
+
+    @property
+    def log_every(self) -> int:
+        """Steps from one row of the log to the next."""
+        return max(1, round(1.0 / (self.log_rate_hz * self.timestep_s))) if self.log_rate_hz else 1

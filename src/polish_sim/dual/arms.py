@@ -21,7 +21,7 @@ from polish_sim.arrays import Array
 from polish_sim.calibration.arm import LEAST_POSES, Tolerance, gear_columns
 from polish_sim.cell.real_arm import ArmPlace, RestingArm, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool
-from polish_sim.config import DualConfig, RobotConfig, Scenario
+from polish_sim.config import DualConfig, HeadConfig, PadConfig, RealArmConfig, RobotConfig
 from polish_sim.dual.calibrate_bases import Flanges, built_arm, simulate_tracked, wrong_table
 from polish_sim.dual.calibrate_tcp import Reading
 from polish_sim.dual.calibration.arm import PairTables, fit_pair, read_arm_calibration
@@ -165,7 +165,8 @@ PLACES = MappingProxyType(dict(zip(ROBOTS, (MASTER_ARM, FOLLOWER_ARM), strict=Tr
 
 
 def real_arms(
-    scenario: Scenario,
+    real: RealArmConfig,
+    seed: int,
     model: mujoco.MjModel,
     q_work: Mapping[str, Array],
     places: Mapping[str, ArmPlace] = PLACES,
@@ -175,35 +176,36 @@ def real_arms(
 
     ``model``: the scene of both, which weighs them.
     """
-    tables = {robot: built_table(scenario, model, q_work[robot], place) for robot, place in places.items()}
     return PairArms(
-        tables, gears={robot: resting_arm(scenario, model, place) for robot, place in places.items()}
+        {robot: built_table(real, seed, model, q_work[robot], place) for robot, place in places.items()},
+        gears={robot: resting_arm(real, seed, model, place) for robot, place in places.items()},
     )
 
 
 def lone_arms(seed: int, q_work: Array) -> PairArms:
     """The arms of a seed with the cell's tool and no part, calibrated by the maker around ``q_work`` (6,)
     [rad]."""
-    scenario = Scenario(seed=seed, robot=RobotConfig(arm=FIRST))
+    robot = RobotConfig(arm=FIRST)
+    model = robot_with_tool(robot, HeadConfig(), PadConfig()).compile()
     places = dict(zip(ROBOTS, (ArmPlace(number=MASTER_ARM.number), ArmPlace()), strict=True))
-    return real_arms(scenario, robot_with_tool(scenario).compile(), dict.fromkeys(ROBOTS, q_work), places)
+    return real_arms(robot.real, seed, model, dict.fromkeys(ROBOTS, q_work), places)
 
 
 def pair_arms(
-    scenario: Scenario,
+    config: DualConfig,
+    compensation: str,
     T_tracker_base: Mapping[str, Array],
     rng: np.random.Generator,
     made: PairArms = NOMINAL_ARMS,
 ) -> PairArms:
-    """Both arms of a scenario, which stand at ``T_tracker_base`` before a simulated tracker; ``made``: as the
-    maker has left them.
+    """Both arms, which stand at ``T_tracker_base`` before a simulated tracker; ``made``: as the maker has
+    left them, ``compensation``: what the host is to know of them, as ``robot.compensation``.
 
     Raises:
         ConfigError: Two sources of one thing, or too few poses.
         CalibrationError: The calibration on file is another pair's, or of arms of another make.
     """
-    config = scenario.dual
-    poses = config.arm_poses or (POSES if scenario.robot.compensation == TRACKER else 0)
+    poses = config.arm_poses or (POSES if compensation == TRACKER else 0)
     if config.arms_file or poses:
         _refuse_second_source(config)
     if config.arms_file:

@@ -18,11 +18,11 @@ from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.gears import HostArm, build_host_arm, read_encoders
 from polish_sim.cell.kernel import MasterFaults
-from polish_sim.cell.real_arm import ArmPlace, is_real
+from polish_sim.cell.real_arm import ArmPlace
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.robot import brakes_of
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
-from polish_sim.config import Scenario
+from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.control.signals import Target
 from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, dot, kernel
 from polish_sim.motion.kinematics import NOMINAL
@@ -153,7 +153,12 @@ class Master(NamedTuple):
 
 
 def build_master(
-    model: mujoco.MjModel, data: mujoco.MjData, rows: MasterRows, part: RealPart, scenario: Scenario
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    rows: MasterRows,
+    part: RealPart,
+    robot: RobotConfig,
+    safety: SafetyConfig,
 ) -> Master:
     """The master at the first of its rows, holding the part as it lies at the start; ``data``: kinematics
     done."""
@@ -171,8 +176,8 @@ def build_master(
         spacing=rows.spacing,
         duration=rows.spacing * (len(rows.q) - 1),
         pace=1.0,
-        brakes=brakes_of(scenario),
-        timeout=scenario.safety.master_timeout_s,
+        brakes=brakes_of(robot, safety),
+        timeout=safety.master_timeout_s,
         flange_body=model.body(f"{MASTER}link_6").id,
         part_body=model.body(f"{MASTER}part").id,
         host_arm=host_arm,
@@ -181,7 +186,7 @@ def build_master(
         span=span,
         lead=rows.lead,
     )
-    gap = math.ceil(scenario.robot.real.missed_s / model.opt.timestep) if is_real(scenario) else 0
+    gap = math.ceil(robot.real.missed_s / model.opt.timestep) if robot.elastic else 0
     line = np.zeros((delay + hold + span + gap + 1, 12))
     return Master(state, np.ascontiguousarray(rows.q), np.ascontiguousarray(rows.qd), line)
 

@@ -29,7 +29,7 @@ from polish_sim.cell.loop import (
     see_tool,
     trip,
 )
-from polish_sim.cell.real_arm import build_joints, is_real
+from polish_sim.cell.real_arm import build_joints
 from polish_sim.cell.real_part import move_part
 from polish_sim.cell.recorder import ROW_WIDTH, Recorder, put
 from polish_sim.cell.robot import SENT
@@ -80,19 +80,20 @@ class PairCell(Cell):
         self._rows, self.host_arm = master, host_arm
         self.master_arm = RealArm()
         super().__init__(scenario, *cell)
-        self.master = build_master(self.model, self.data, master, self.kernel.part, scenario)
+        self.master = build_master(
+            self.model, self.data, master, self.kernel.part, scenario.robot, scenario.safety
+        )
 
     def _set_joints(self, q_start: Array) -> None:
         super()._set_joints(q_start)
         self.data.qpos[FIRST_JOINT:] = self.data.ctrl[FIRST_CONTROL::2] = self._rows.q[0]
 
     def _build_real_arm(self, q_start: Array) -> RealArm:
-        if not is_real(self.scenario):
-            return RealArm()
+        real, seed = self.scenario.robot.real, self.scenario.seed
         # The scene is bent by both tables already; of the master's host the loop keeps its own account.
         both = ((self._rows.q[0], MASTER_ARM), (q_start, FOLLOWER_ARM))
         self.master_arm, follower = (
-            build_joints(self.scenario, self.model, self.data, q, self.host_arm, place) for q, place in both
+            build_joints(real, seed, self.model, self.data, q, self.host_arm, place) for q, place in both
         )
         return follower
 

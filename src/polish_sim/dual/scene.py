@@ -64,15 +64,17 @@ def build_pair_scene(
         tables: Denavit-Hartenberg parameters of ``master`` and ``follower`` as built, (4, 6) each; None:
             nominal.
     """
-    scene = _file_without_keyframe(scenario)
+    scene, master = arm_spec(scenario.robot.arm), arm_spec(scenario.robot.arm)
+    follower = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    for spec in (scene, follower, master):
+        spec.option.timestep = scenario.simulation.timestep_s
+        for key in list(spec.keys):  # a keyframe of one robot fits no scene of two
+            spec.delete(key)
     scene.delete(scene.body("base"))
-    follower, master = robot_with_tool(scenario), _file_without_keyframe(scenario)
     if tables is not None:
         for arm, name in ((master, "master"), (follower, "follower")):
             if not is_nominal(tables[name]):
                 bend_arm(arm, tables[name])
-    for key in list(follower.keys):
-        follower.delete(key)
     master.delete(master.body("tool_mount"))
     part = _add_gripper(master, held)
     _set_contacts(follower, master, part, held.clearances)
@@ -83,14 +85,6 @@ def build_pair_scene(
     middle = 0.5 * T_follower_master[:3, 3]
     scene.stat.center = [middle[0], middle[1], 0.35]
     return scene.compile()
-
-
-def _file_without_keyframe(scenario: Scenario) -> Any:
-    """The model file, stepped as everything attached to it; a keyframe of one robot fits no scene of two."""
-    spec = arm_spec(scenario)
-    for key in list(spec.keys):
-        spec.delete(key)
-    return spec
 
 
 def _add_gripper(master: Any, held: Held) -> Any:

@@ -12,7 +12,6 @@ from scipy.interpolate import CubicSpline
 
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
-from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.stroke import expected_duration
 from polish_sim.config import Scenario
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joints, pair_arms, real_arms
@@ -101,15 +100,16 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     made, drawn = NOMINAL_ARMS, None
     work, motion = _asked_of_both(job, true)
     site = Site(_half_way(work, next(held_poses(scenario, work, motion, region.up))), marks)
-    if is_real(scenario):
+    if scenario.robot.elastic:
         # Gears err by pose: arms are calibrated as they will stand at work.
         drawn = _find_way(job, true, observer)[2]
         q_work = {"master": drawn.q_master, "follower": drawn.q_follower}
-        made = real_arms(scenario, _scene(job, true), q_work)
+        made = real_arms(scenario.robot.real, scenario.seed, _scene(job, true), q_work)
         site = Site(_half_way(work, drawn.T_master_work), marks, q_work)
     observer.stage("calibrate the robots")
     stand = tracker_sees(true.T_master_follower)
-    arms = pair_arms(scenario, stand, np.random.default_rng([scenario.seed, ARMS_STREAM]), made)
+    rng = np.random.default_rng([scenario.seed, ARMS_STREAM])
+    arms = pair_arms(scenario.dual, scenario.robot.compensation, stand, rng, made)
     rng = np.random.default_rng([scenario.seed, FRAMES_STREAM])
     frames = calibrated_frames(scenario.dual, true, site, rng, arms)
     work, motion, reach, collides = _find_way(job, frames.believed, observer, drawn)

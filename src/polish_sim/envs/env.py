@@ -19,6 +19,7 @@ from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.limits import check_contact_settings
+from polish_sim.cell.real_arm import check_arm
 from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
 from polish_sim.cell.set_points import FORCE
@@ -129,6 +130,7 @@ def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Seq
     if scenario is not None and not isinstance(scenario, Scenario):
         scenario = load_scenario(Path(scenario), usual)
     chosen = override(scenario or usual, list(settings))
+    check_arm(chosen.robot)
     if chosen.process.changes:
         raise ConfigError(
             "process.changes is for runs: an environment changes the set force with force_steps."

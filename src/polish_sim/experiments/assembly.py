@@ -16,7 +16,7 @@ from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_s
 from polish_sim.cell.cell import NO_LESSON
 from polish_sim.cell.faults import parse_changes, planned_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
-from polish_sim.cell.real_arm import is_real
+from polish_sim.cell.real_arm import check_arm
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields, depth_for
 from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.cell.set_points import FORCE
@@ -222,7 +222,7 @@ def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequ
     )
     cell = Cell(
         scenario,
-        build_scene(scenario, place.shape.mesh, part, held_behind, fixture),
+        build_scene(scenario, Drawn(place.shape.mesh, part), held_behind, fixture),
         part,
         strokes,
         place.reach.q_start,
@@ -268,7 +268,7 @@ def check_settings(scenario: Scenario) -> None:
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
     parse_events(scenario.faults.events)
-    is_real(scenario)
+    check_arm(scenario.robot)
     row = experiment(scenario.experiment)
     check_flange(scenario)
     check_compensation(scenario, row.controlled, row.carried)

@@ -43,11 +43,11 @@ def remade(record: RunRecord) -> bool:
 def cell_model(record: RunRecord) -> Any:
     """The cell of a run with one robot, the part where it was planned; without the part if its file is
     gone."""
-    spec, T_base_work = robot_with_tool(record.scenario), record.metrics.get("T_base_work")
-    if T_base_work is not None and experiment(record.scenario.experiment).on_part:
-        part = record.scenario.part
+    scenario, T_base_work = record.scenario, record.metrics.get("T_base_work")
+    spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    if T_base_work is not None and experiment(scenario.experiment).on_part:
         with suppress(PolishSimError):
-            mesh, below = load_mesh(part), False
+            mesh, below = load_mesh(scenario.part), False
             if record.path is not None:
                 below = works_below(np.array(T_base_work), record.path.axes_work)
             lay_part(spec, mesh, np.array(T_base_work), below)

@@ -18,7 +18,7 @@ from polish_sim.arrays import Array
 from polish_sim.calibration.arm import USUAL_NOISE, ArmEstimate, Tolerance, TrackedArm, fit_arm
 from polish_sim.calibration.tables import Calibration
 from polish_sim.cell.gears import HostArm, build_host_arm
-from polish_sim.cell.real_arm import AROUND, built_table, is_real, resting_arm
+from polish_sim.cell.real_arm import AROUND, built_table, resting_arm
 from polish_sim.cell.scene import robot_with_tool, tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError, unknown_name
@@ -64,7 +64,7 @@ def check_compensation(scenario: Scenario, controlled: bool, two_arms: bool) -> 
         raise ConfigError(
             f"robot.compensation is for a tool on a path: leave it out of '{scenario.experiment}'."
         )
-    if not is_real(scenario):
+    if not scenario.robot.elastic:
         raise ConfigError("robot.compensation changes nothing on robot.arm = ideal: leave one of them out.")
     if asked != TRACKER:
         if not Path(asked).is_file():
@@ -103,9 +103,10 @@ def find_arm(scenario: Scenario, q_start: Array) -> ArmEstimate | None:
 def track_arm(scenario: Scenario, q_start: tuple[float, ...]) -> ArmEstimate:
     """Measure the arm of a scenario at rest around ``q_start`` (6,) [rad] and find how it is built; kept for
     the next cell."""
-    model, real = robot_with_tool(scenario).compile(), scenario.robot.real
-    rng = np.random.default_rng([scenario.seed, _STREAM])
-    arm, table = resting_arm(scenario, model), built_table(scenario, model, np.array(q_start))
+    model = robot_with_tool(scenario.robot, scenario.head, scenario.pad).compile()
+    real, seed = scenario.robot.real, scenario.seed
+    rng = np.random.default_rng([seed, _STREAM])
+    arm, table = resting_arm(real, seed, model), built_table(real, seed, model, np.array(q_start))
     built = ArmEstimate(table, np.eye(4), tool_on_flange()[:3, 3])
     q = q_start + AROUND * rng.uniform(-1.0, 1.0, (POSES, 6))
     seen = built.tracked(arm.arrive(q, rng), USUAL_NOISE, rng)

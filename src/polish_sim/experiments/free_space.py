@@ -10,15 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
-
-
-def log_every(scenario: Scenario) -> int:
-    """Steps of the simulation from one row of the log to the next."""
-    rate = scenario.simulation.log_rate_hz
-    return max(1, round(1.0 / (rate * scenario.simulation.timestep_s))) if rate else 1
 
 
 class ToolMotion(NamedTuple):
@@ -61,7 +54,7 @@ def free_log(
     ``columns_of`` gives columns of the log by name, (n,) or (n, k), those of ``log.LATER`` last, of one of
     them, its number, steps a row, and whether the arm is a real one; what is not there is zero.
     """
-    every, real = log_every(scenario), is_real(scenario)
+    every, real = scenario.simulation.log_every, scenario.robot.elastic
     parts = [columns_of(play, number, every, real) for number, play in enumerate(played)]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     rows = np.zeros((len(columns["time_s"]), row_width()))

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
 from polish_sim.cell.arm_check import ArmCheck, standing_fault
+from polish_sim.cell.scene import robot_with_tool
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError
 from polish_sim.experiments.part_setup import pressing_depths
@@ -54,7 +55,8 @@ class PartPlacing:
         self.positions = followed.positions_work
         self.axes = path.axes_work
         self.lowest = float((mesh.vertices @ mesh.up).min())
-        self._surface, self._arm = surface, ArmCheck(scenario, mesh, surface, path.axes_work)
+        self._surface, spec = surface, robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+        self._arm = ArmCheck(spec, mesh, surface, path.axes_work, bool(scenario.part.fixture_file))
 
     def map(self) -> ReachMap:
         """How well the arm does the path wherever the part may stand."""

@@ -300,7 +300,7 @@ def plan_page(
     """The page of a plan, ``page``, with the robot that does it, as long as the cycle takes."""
     from polish_sim.exchange.viewers import path_plots
 
-    spec = robot_with_tool(scenario)
+    spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
     lay_part(spec, result.mesh, reach.T_base_work, works_below(reach.T_base_work, result.path.axes_work))
     model, cycle = spec.compile(), cycle_of(strokes)
     turns = _matrix(cycle.quaternions)

@@ -57,7 +57,7 @@ def free_cell(
         feed_time=scenario.process.max_feed_s or math.inf,
     )
     return Cell(
-        scenario, build_scene(scenario, None, None), no_part(), [stroke], q_start,
+        scenario, build_scene(scenario), no_part(), [stroke], q_start,
         build_controller(scenario.controller), rng, host=knowing_host(scenario, q_start),
     )  # fmt: skip
 

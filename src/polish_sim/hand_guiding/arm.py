@@ -13,8 +13,8 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
-from polish_sim.cell.real_arm import SIDES, is_real
-from polish_sim.cell.scene import lay_part, robot_spec
+from polish_sim.cell.real_arm import SIDES
+from polish_sim.cell.scene import lay_part, robot_with_tool
 from polish_sim.config import HandConfig, Scenario
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.geometry.mesh import PartMesh
@@ -48,9 +48,11 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
     Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``:
     what lies on the table before it, or None; its contact is not computed.
     """
-    spec, guide, real = robot_spec(scenario), scenario.guide, scenario.robot.real
+    guide, real = scenario.guide, scenario.robot.real
+    spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
+    spec.option.timestep = scenario.simulation.timestep_s
     friction = guide.coulomb_nm, guide.viscous_nm_s_rad
-    if is_real(scenario):
+    if scenario.robot.elastic:
         friction = real.coulomb_nm, real.viscous_nm_s_rad
         for name, rotor in zip(ARM_JOINTS, real.rotor_kg_m2, strict=True):
             spec.joint(name).armature = rotor
@@ -122,12 +124,11 @@ def believe(scenario: Scenario) -> Belief:
     unloaded = torque_arm(replace(scenario, guide=replace(guide, payload_kg=0.0)))
     own = read_chain(unloaded, ARM_JOINTS)
     chain = chain_of_file(Path(guide.model_file)) if guide.model_file else own
-    rubbing = chain if is_real(scenario) else own
-    real, load = scenario.robot.real, np.zeros((2, 6))
-    if is_real(scenario) and guide.model_file:
-        load = friction_by_load(Path(guide.model_file))
-    elif is_real(scenario):
-        load = np.tile([[real.coulomb_driving], [real.coulomb_driven]], 6)
+    real, rubbing, load = scenario.robot.real, own, np.zeros((2, 6))
+    if scenario.robot.elastic:
+        rubbing, load = chain, np.tile([[real.coulomb_driving], [real.coulomb_driven]], 6)
+        if guide.model_file:
+            load = friction_by_load(Path(guide.model_file))
     return Belief(
         chain_model(chain, guide.mass_scale), guide.friction_scale * rubbing.frictionloss,
         guide.friction_scale * rubbing.damping, np.array(guide.creep_rad_s),
@@ -142,19 +143,18 @@ def guided_arm(scenario: Scenario, mode: str, model: Any, belief: Belief, hand: 
         guide.joint_speed_limit_rad_s, guide.tool_speed_limit_m_s, guide.energy_limit_j, Lent()
     )
     gains = gains_of(mode, guide, scenario.simulation.timestep_s)
-    if not is_real(scenario):
+    if not scenario.robot.elastic:
         return GuidedArm(model, belief, gains, limits, hand)
     if guide.encoder_side not in SIDES:
         raise unknown_name("guide.encoder_side", guide.encoder_side, SIDES)
     real = replace(scenario.robot.real, servo_side=guide.encoder_side)
-    elastic = replace(scenario, robot=replace(scenario.robot, real=real))
     if gains.assist > 0.0 and real.encoder_rad > COARSEST_RAD:
         raise InputError(
             f"robot.real.encoder_rad = {real.encoder_rad:g} rad is too coarse for --mode {mode}: when it is "
             f"released the arm would drive on. Give {COARSEST_RAD:g} or less, or --mode classical."
         )
     gains = gains._replace(encoder=real.encoder_rad, start=START_RAD * (gains.assist > 0.0))
-    return GuidedArm(model, belief, gains, limits, hand, elastic)
+    return GuidedArm(model, belief, gains, limits, hand, real, scenario.seed)
 
 
 def hand_of(config: HandConfig) -> Hand:

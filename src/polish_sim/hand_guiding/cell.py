@@ -23,7 +23,7 @@ from polish_sim.cell.engine import (
 from polish_sim.cell.gears import RealArm, follow_joints, hear_joints, turn_rotors
 from polish_sim.cell.observer import SILENT, Observer, interrupts_noted
 from polish_sim.cell.real_arm import build_real_arm
-from polish_sim.config import Scenario
+from polish_sim.config import RealArmConfig
 from polish_sim.errors import ReachError
 from polish_sim.hand_guiding.law import (
     GUARDS,
@@ -163,7 +163,8 @@ class GuidedArm(NamedTuple):
     gains: GuidingGains
     limits: GuidingLimits
     hand: Hand
-    elastic: Scenario | None = None  #: Whose elastic joints it has, if any
+    elastic: RealArmConfig | None = None  #: Its joints, if they are
+    seed: int = 0  #: Of what is drawn of them
 
 
 def run_guided(
@@ -181,7 +182,7 @@ def run_guided(
     data = mujoco.MjData(arm.model)
     data.qpos[:6] = q_start
     if arm.elastic is not None:
-        joints = build_real_arm(arm.elastic, arm.model, data, q_start)
+        joints = build_real_arm(arm.elastic, arm.seed, arm.model, data, q_start)
     mujoco.mj_forward(arm.model, data)
     if data.ncon:
         raise ReachError("the arm cannot be guided from here: its links touch. Choose another start.")

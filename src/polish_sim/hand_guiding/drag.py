@@ -17,7 +17,7 @@ from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.config import DragConfig, HandConfig, Scenario
 from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
-from polish_sim.experiments.free_space import free_log, log_every
+from polish_sim.experiments.free_space import free_log
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.result import RunResult
@@ -224,7 +224,7 @@ def _teach(
     scenario: Scenario, task: DragTask, dragged: DragTable, read: Array
 ) -> tuple[Taught, dict[str, Any]]:
     """The recording at the log's rate as a path, and how near it came."""
-    drag, every = scenario.drag, log_every(scenario)
+    drag, every = scenario.drag, scenario.simulation.log_every
     # What the encoders say is all that is known of the tool.
     read = np.ascontiguousarray(read[::every])
     T_work_tool = inverse(task.reach.T_base_work) @ forward(read) @ tool_on_flange()

@@ -14,9 +14,8 @@ import numpy as np
 from polish_sim.arms import ARMS
 from polish_sim.arrays import Array
 from polish_sim.cell.playback import JointTargets, play_joints
-from polish_sim.cell.real_arm import is_real
 from polish_sim.cell.scene import arm_spec, bend_links, build_scene
-from polish_sim.config import RealArmConfig, Scenario
+from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.identification.elastic import KnownArm, SprungHead
 from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
@@ -47,11 +46,10 @@ _LINK_DOUBT, _FRICTION_DOUBT = 0.15, 0.3
 class Arm:
     """The simulated arm."""
 
-    scenario: Scenario
+    robot: RobotConfig
+    seed: int  #: Of what is drawn of it
     truth: TorqueModel  #: With the parameters of the compiled model, hidden from the identification
     carried: Array  #: Tool and head, known from the payload's calibration, shape (6, 10)
-    #: Whether its joints are: torques are the motors' then, positions those of the servos' encoders
-    elastic: bool
     servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
     clearance: RobotClearance
     load: CarriedLoad | None = None  #: Bolted to the last link, part of the truth
@@ -62,12 +60,13 @@ class Arm:
     def known(self, drawing: Drawing) -> KnownArm:
         """What an identification of the elastic arm knows of it beforehand."""
         assert self.head is not None
-        return KnownArm(self.truth, self.scenario.robot.real, self.head, self.bent, drawing.parameters)
+        return KnownArm(self.truth, self.robot.real, self.head, self.bent, drawing.parameters)
 
 
 def build_arm(
     terms: tuple[str, ...],
-    scenario: Scenario = SCENARIO,
+    robot: RobotConfig = SCENARIO.robot,
+    seed: int = 0,
     load: CarriedLoad | None = None,
     warm_at: float = math.inf,
 ) -> Arm:
@@ -76,25 +75,27 @@ def build_arm(
     ``terms``: of the torque model; ``load``: what is bolted to the last link besides. Elastic joints have for
     truth their rotors and the friction of their motors without load, as warm as they are at ``warm_at`` [s].
     """
-    elastic, real = is_real(scenario), scenario.robot.real
-    model = build_scene(replace(scenario, robot=replace(scenario.robot, payload_error=0.0)), None, None)
-    if elastic:
+    real, model = robot.real, _free_arm(replace(robot, payload_error=0.0), load)
+    if robot.elastic:
         warm = 1.0 + real.cold_friction * math.exp(-warm_at / real.warming_s)
         model.dof_armature[:6], model.dof_frictionloss[:6] = (
             real.rotor_kg_m2,
             warm * np.array(real.coulomb_nm),
         )
         model.dof_damping.reshape(model.nv, -1)[:6, 0] = warm * np.array(real.viscous_nm_s_rad)
-    if load is not None:
-        carry(model, LAST_LINK, load)
     chain = read_chain(model, ARM_JOINTS)
     carried = chain.parameters - own_parameters(model, ARM_JOINTS)
     gains = -model.actuator_biasprm[:, 2]
     clearance = RobotClearance(model, 6, also=("head_pad",))
-    head, bent = (_head_of(model), _bent(model, real)) if elastic else (None, ())
-    return Arm(
-        scenario, TorqueModel(chain, terms), carried, elastic, gains.copy(), clearance, load, head, bent
-    )
+    head, bent = (_head_of(model), _bent(model, real)) if robot.elastic else (None, ())
+    return Arm(robot, seed, TorqueModel(chain, terms), carried, gains.copy(), clearance, load, head, bent)
+
+
+def _free_arm(robot: RobotConfig, load: CarriedLoad | None) -> mujoco.MjModel:
+    model = build_scene(replace(SCENARIO, robot=robot))
+    if load is not None:
+        carry(model, LAST_LINK, load)
+    return model
 
 
 def _head_of(model: mujoco.MjModel) -> SprungHead:
@@ -162,12 +163,11 @@ def play_states(arm: Arm, states: States) -> RobotLog:
     step's first position. The engine compensates gravity, a real servo must hold it, so it is added. Of
     elastic joints the motors' torques are logged as they are.
     """
-    load = arm.load
-    bolt_on = None if load is None else lambda model: carry(model, LAST_LINK, load)
-    played = play_joints(arm.scenario, JointTargets(states.q, states.qd), change=bolt_on)
+    servos = JointTargets(states.q, states.qd)
+    played = play_joints(_free_arm(arm.robot, arm.load), arm.robot, arm.seed, servos)
     time: Array = np.arange(len(played.q)) * np.float64(STEP_S)
-    if arm.elastic:
-        step = arm.scenario.robot.real.encoder_rad
+    if arm.robot.elastic:
+        step = arm.robot.real.encoder_rad
         return RobotLog(
             time, played.read, played.torque, Gears(read_by(played.motor, step), read_by(played.q, step))
         )
@@ -201,15 +201,16 @@ def arm_of_table(name: str) -> LoggedRobot:
     """A make of arm without a tool, on strain-wave gears, by its table; InputError if there is none such."""
     if name not in ARMS:
         raise unknown_name("arm", name, ARMS)
-    robot, used = replace(SCENARIO.robot, arm=name), used_arm()
-    spec = arm_spec(replace(SCENARIO, robot=robot))
+    used = used_arm()
+    spec = arm_spec(name)
+    spec.option.timestep = STEP_S
     use_arm(next(other for other, table in ARMS.items() if table is used))  # it is only looked at
     for key in list(spec.keys):
         spec.delete(key)
     spec.delete(spec.body("tool_mount"))
     spec.modelname = name
     chain = read_chain(spec.compile(), ARM_JOINTS)
-    teeth = round(2.0 * robot.real.gear_ratio)  # two more than the cup inside has
+    teeth = round(2.0 * SCENARIO.robot.real.gear_ratio)  # two more than the cup inside has
     waves = (f"{wave}{count}" for count in (teeth - 2, teeth) for wave in WAVES)
     model = TorqueModel(chain, (*FULL, "root", "load", *waves), chain.parameters.ravel())
     return LoggedRobot(model, np.zeros_like(chain.parameters), spec)

@@ -98,7 +98,7 @@ def run_identification(
     # The fifth is not used; without it the payload of a seed would be another.
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")
-    arm = build_arm(settings.terms, settings.scenario, warm_at=0.5 * settings.periods * PERIOD)
+    arm = build_arm(settings.terms, settings.robot, settings.seed, warm_at=0.5 * settings.periods * PERIOD)
     base, sigma = base_of(arm.truth), np.array(settings.sigma)
     drawing = believe(arm, streams[0])
     observer.stage("design a motion")
@@ -203,7 +203,7 @@ def _fit_elastic(
 ) -> _FittedArm:
     """First the gears, whose error tells friction by load from the links' size; then links, rotors and
     friction."""
-    real = arm.scenario.robot.real
+    real = arm.robot.real
     gears, base, known = fit_gears(log, real, PERIOD), elastic_base(arm.truth), arm.known(drawing)
     mean = one_period(log, PERIOD)
     motion = ElasticMotion(known, gears, mean, BAND_HZ)

@@ -168,7 +168,8 @@ def weigh_block(
     """Play the motion again with a block on the simulated arm, and find the block; ``empty`` is the run
     without it."""
     load = random_block(settings.payload, rng)
-    arm, sigma = build_arm(settings.terms, settings.scenario, load), np.array(settings.sigma)
+    arm = build_arm(settings.terms, settings.robot, settings.seed, load)
+    sigma = np.array(settings.sigma)
     log = play_motion(arm, motion, settings.periods, settings.rate)
     log = with_noise(log, settings.encoder_step, sigma, rng)
     payload = fit_payload(arm.truth, base, empty, periodic_states(log, motion.period), log.torque)

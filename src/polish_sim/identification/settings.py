@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from polish_sim.analysis.claim import Claim
-from polish_sim.arms import IDEAL
+from polish_sim.cell.real_arm import check_arm
 from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import InputError
 from polish_sim.identification.regressor import FULL
@@ -38,16 +38,12 @@ class IdentifySettings:
     seed: int = 0
 
     @property
-    def scenario(self) -> Scenario:
-        """The simulated robot in free space."""
-        return replace(SCENARIO, robot=self.robot, seed=self.seed)
-
-    @property
     def encoder_step(self) -> float:
         """Step of the encoders the robot's positions are logged by [rad]."""
-        return self.robot.real.encoder_rad if self.robot.arm != IDEAL else self.encoder
+        return self.robot.real.encoder_rad if self.robot.elastic else self.encoder
 
     def __post_init__(self) -> None:
+        check_arm(self.robot)
         if not 0.0 <= self.payload <= LARGEST_PAYLOAD:
             raise InputError(
                 f"--payload {self.payload:g}: wanted 0 to {LARGEST_PAYLOAD:g} kg, what the arm carries "

@@ -16,7 +16,6 @@ from polish_sim.analysis.style import BLUE, GREEN, GREY, ORANGE, YELLOW, head, n
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer
 from polish_sim.cell.linear_arm import arm_modes
-from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 from polish_sim.control import build_controller
 from polish_sim.scoring.force_bench import Border, Rest, build_bench, press
@@ -42,7 +41,7 @@ def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
     it knows the vibration in the pose of ``force``, as from the course.
     """
     controller = scenario.controller
-    if is_real(scenario) and controller.adaptive.arm_mode_hz:
+    if scenario.robot.elastic and controller.adaptive.arm_mode_hz:
         mode = float(arm_modes(scenario, FORCE_POSE[None])[0])
         known = replace(controller.adaptive, arm_mode_hz=mode / (2.0 * math.pi))
         controller = replace(controller, adaptive=known)

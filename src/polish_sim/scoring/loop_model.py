@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
 from polish_sim.cell.linear_arm import gears_about, joints_about, motion_matrices, slipping_gears
-from polish_sim.cell.real_arm import is_real
 from polish_sim.config import Scenario
 
 Complex = NDArray[np.complex128]
@@ -74,7 +73,8 @@ def elastic_arm(scenario: Scenario, swing: float = 0.0, q: Array = FORCE_POSE) -
     arm, J, axis = about.arm, about.jacobian, about.axis
     tool, nothing = axis @ J[:3], np.zeros(6)
     way = np.linalg.solve(J, np.concatenate([axis, np.zeros(3)]))
-    gears = gears_about(scenario, about, slipping_gears(arm, swing))
+    force = scenario.process.contact_force_n
+    gears = gears_about(scenario.robot.real, force, about, slipping_gears(arm, swing))
     mass, stiffness, damping = motion_matrices(about, gears)
     at_links, at_rotors = np.concatenate([tool, nothing]), np.concatenate([nothing, tool])
     pull, drag = np.concatenate([nothing, arm.kp * way]), np.concatenate([nothing, arm.kv * way])
@@ -109,7 +109,7 @@ def setup_of(scenario: Scenario, arm: Arm | None = None) -> LoopSetup:
     """
     head, pad, sensor, dt = scenario.head, scenario.pad, scenario.sensor, scenario.simulation.timestep_s
     return LoopSetup(
-        arm or (elastic_arm(scenario) if is_real(scenario) else one_mass()),
+        arm or (elastic_arm(scenario) if scenario.robot.elastic else one_mass()),
         head.stiffness_n_m * head.spring_scale,
         head.damping_n_s_m,
         head.mass_kg,

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from polish_sim.arrays import Array
+from polish_sim.cell.real_arm import check_arm
 from polish_sim.config import Scenario
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.registry import default_scenario
@@ -70,6 +71,7 @@ class _Enough(Exception):
 def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], None]) -> Worst:
     """Search with a number of runs of a ``scenario``'s controller and settings; Ctrl-C returns what was
     found."""
+    check_arm(scenario.robot)
     tasks: dict[str, SurfaceTask] = {}
     found: dict[str, Found] = {}
     done, stops = 0, 0

@@ -11,6 +11,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell.playback import JointTargets, Played, play_joints
+from polish_sim.cell.scene import build_scene
 from polish_sim.config import Scenario
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.exchange import read_way_points
@@ -178,7 +179,8 @@ def play_rule(scenario: Scenario, task: SmoothTask, rule: str, motion: SmoothMot
     """Play one rule's motion: joint angles and speeds to the servos, one pair a step."""
     clock = np.arange(0.0, motion.end + AFTER_S, scenario.simulation.timestep_s)
     targets = sampled_joints(motion.sample(clock), task.arm)
-    played: Played = play_joints(scenario, JointTargets(targets.q, targets.first))
+    servos = JointTargets(targets.q, targets.first)
+    played: Played = play_joints(build_scene(scenario), scenario.robot, scenario.seed, servos)
     places = motion.places_at(task.marks, clock)[0]
     return RulePlay(PlayedRule(rule, clock, places, targets.q - played.read, targets.third), targets, played)
 

@@ -57,7 +57,8 @@ class Controller:
         read."""
         self.robot, self.version, self._start, self._reader = robot, VERSIONS[version], start, reader
         self.torque_constants = np.array(used_arm().torque_constants)  #: [N m/A]
-        self.link = Link(robot.cell.scenario)
+        scenario = robot.cell.scenario
+        self.link = Link(scenario.robot, scenario.seed)
         self._unread: list[tuple[str, str]] = []  #: Sources and clients; the first is with the reader
         self._reading: tuple[Future[Any], tuple[str, str]] | None = None  #: One at a time, wanted or not
         self.claimed: dict[str, Any] = {}  #: RTDE inputs by the session that has them

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from polish_sim.cell.real_arm import is_real
 from polish_sim.ur.physics import TICK_S
 
 if TYPE_CHECKING:
-    from polish_sim.config import Scenario
+    from polish_sim.config import RobotConfig
 
 STREAM = 0x4C494E4B  #: Of the random numbers
 
@@ -25,10 +24,10 @@ class Link:
     ``missed_every_s``: what either side sends meanwhile arrives when that is over.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        robot, self._rng = scenario.robot, np.random.default_rng([scenario.seed, STREAM])
-        self._apart = robot.real.missed_every_s / TICK_S if is_real(scenario) else 0.0
-        self._length = math.ceil(robot.real.missed_s / TICK_S)
+    def __init__(self, robot: RobotConfig, seed: int) -> None:
+        real, self._rng = robot.real, np.random.default_rng([seed, STREAM])
+        self._apart = real.missed_every_s / TICK_S if robot.elastic else 0.0
+        self._length = math.ceil(real.missed_s / TICK_S)
         self._coming: deque[Callable[[], None]] = deque()
         self._gap = self._next(0)
         self.silent = False
