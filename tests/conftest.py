@@ -24,7 +24,7 @@ share_parts()
 # What compiles longest comes first and side by side, each a loop of its own: with an empty cache each process
 # has its own kernels to make. What waits for the clock or takes long runs beside the others: at the end one
 # process would do it alone.
-FIRST = ("cell/test_engine_contact.py", "cell/test_pair.py", "envs/test_envs.py", "ur/test_wire.py")
+FIRST = ("cell/test_engine_contact.py", "dual/test_pair.py", "envs/test_envs.py", "ur/test_wire.py")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:

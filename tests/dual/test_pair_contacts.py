@@ -20,7 +20,7 @@ from polish_sim.geometry import PartMesh, part_from_arrays
 from polish_sim.motion import forward
 from polish_sim.spatial import from_pose, inverse
 from tests.cell.cells import EVERY_STEP, along_tool, free_stroke, ideal, joints_at
-from tests.cell.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
+from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 
 CLEARANCES = Clearances(arms=0.03, pad=0.005)
 SIDE = 0.02  # of the cube in the gripper [m]

@@ -43,7 +43,7 @@ from tests.cell.cells import (
 )
 from tests.cell.elastic import REAL
 from tests.cell.fields import plane
-from tests.cell.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
+from tests.dual.pairs import ON_GRIPPER, Q_MASTER, TOOL, pair_cell
 
 T_FOLLOWER_MASTER = inverse(from_pose([-1.1, 0.0, 0.0, 0.0, 0.0, 3.0]))
 

@@ -1,0 +1,54 @@
+"""The pad pressed on a spring: the cell's borders of stability lie where the linear model has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from benchmarks.loop_margins import analytic_margins
+from polish_sim.config import Scenario
+from polish_sim.experiments import default_scenario
+from polish_sim.scenario_file import override
+from polish_sim.scoring.border import measure_border
+from polish_sim.scoring.force_bench import Bench, build_bench, press
+
+FORCE = override(default_scenario("force"), ["robot.arm=ideal", "controller.force_filter_hz=10"])
+"""The loop of the model: a stiff arm. With a slower filter the border lies where speed limits bend it
+first."""
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return build_bench(FORCE)
+
+
+def _later(delay: float) -> Scenario:
+    return replace(FORCE, robot=replace(FORCE.robot, command_latency_s=FORCE.robot.command_latency_s + delay))
+
+
+def test_gain_margin_of_the_model_holds_in_the_cell_within_8_percent(bench: Bench) -> None:
+    margins = analytic_margins(FORCE)
+    rest = press(bench, FORCE)
+    assert rest.resting
+    assert rest.offset == pytest.approx(0.0, abs=0.1)
+    assert press(bench, FORCE, 0.92 * margins.gain, friction=False).resting
+    beyond = press(bench, FORCE, 1.08 * margins.gain, friction=False)
+    assert not beyond.resting
+    assert beyond.frequency == pytest.approx(margins.phase_crossover, rel=0.1)
+
+
+def test_delay_margin_of_the_model_holds_in_the_cell_within_5_percent(bench: Bench) -> None:
+    margins = analytic_margins(FORCE)
+    assert press(bench, _later(0.95 * margins.delay), friction=False).resting
+    beyond = press(bench, _later(1.05 * margins.delay), friction=False)
+    assert not beyond.stable
+    assert beyond.frequency == pytest.approx(margins.crossover, rel=0.1)
+
+
+def test_border_of_the_cell_lies_on_the_border_of_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polish_sim.scoring.border.FINE_SCALES", (1.0, 3.0))
+    border = measure_border(FORCE, ["hybrid-pi"], scales=(1.0, 3.0), latencies=(0.008, 0.06))
+    line = dict(zip(border.line_scales, border.lines["hybrid-pi"], strict=True))
+    stable = [[rest.stable for rest in row] for row in border.rests["hybrid-pi"]]
+    assert stable == [[latency <= line[scale] for scale in (1.0, 3.0)] for latency in (0.008, 0.06)]
