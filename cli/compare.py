@@ -139,15 +139,15 @@ def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Pat
     from polish_sim.page.page import page_html
 
     record = read_record(run)
-    force = log.values["wrench"][:, 2:3] if "force_n" not in log.values and "wrench" in log.values else None
-    force = log.need("force_n", real) if force is None else force
+    if "force_n" in log.values or "wrench" not in log.values:
+        force = log.need("force_n", real)
+    else:
+        force = log.values["wrench"][:, 2:3]
     asked = given["--asked"] or record.scenario.process.contact_force_n
     measured = from_contact(log.time, force[:, 0], asked)
     simulated = from_contact(numbers(record.log, "time_s"), numbers(record.log, "normal_force_n"), asked)
-    found, title = (
-        compare_steps(measured, simulated),
-        f"{real.name} {given['--run'] or ''} beside {record.name}",
-    )
+    found = compare_steps(measured, simulated)
+    title = f"{real.name} {given['--run'] or ''} beside {record.name}"
     write_json(draft / FIGURES, found)
     plot_steps([(title, measured, simulated)], "force from first contact").savefig(draft / PICTURE)
     put(draft, PAGE, page_html(step_page(found, title)))

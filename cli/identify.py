@@ -98,20 +98,19 @@ def _simulated_robot(settings: list[str]) -> RobotConfig:
 def _refuse_idle(given: Given) -> None:
     """Refuse options that would change nothing, and an invalid period."""
     asked = [f"--{name}" for name in (*SETTINGS, "task", "set") if given[f"--{name}"] is not None]
-    data, loaded, period, model = (
-        given[name] for name in ("--data", "--payload-data", "--period", "--model")
-    )
+    log = given["--data"] or given["--payload-data"]
+    period, model = given["--period"], given["--model"]
     files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")
     beside = asked + [name for name in files if given[name] is not None]
     if given["--report"] and beside:
         raise InputError(leave_out(beside, "would change nothing with --report"))
-    if (data or loaded) is not None and asked:
+    if log is not None and asked:
         raise InputError(leave_out(asked, "would change nothing with --data"))
-    if (data or loaded) is None and period is not None:
+    if log is None and period is not None:
         raise InputError("--period belongs to --data: a simulated motion repeats after 10 s.")
     if period is not None and period <= 0.0:
         raise InputError(f"--period {period:g}: the time after which a motion repeats is more than 0 s.")
-    if model is not None and (data or loaded) is None and not given["--report"]:
+    if model is not None and log is None and not given["--report"]:
         raise InputError("--model belongs to --data or --report: what is simulated is the cell's arm.")
     if given["--joints"] is not None and model is None:
         raise InputError("--joints belongs to --model: the cell's arm has its six.")
@@ -156,8 +155,11 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
         observer.stage("draw")
         write_folder(draft, found)
     show(found)
-    title = f"identification, {count_text(settings.periods, 'period')}, seed {settings.seed}"
-    return Outcome(asked_of(settings, task is not None), title, {"this arm": found.figures})
+    return Outcome(
+        asked_of(settings, task is not None),
+        f"identification, {count_text(settings.periods, 'period')}, seed {settings.seed}",
+        {"this arm": found.figures},
+    )
 
 
 def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim, ...]:
@@ -192,10 +194,9 @@ def from_log(robot: LoggedRobot, file: Path, loaded: Path | None, read: RunReade
         observer.stage("draw")
         write_folder(draft, found, robot.source)
     show(found)
-    title = f"identification from {file.name}"
     return Outcome(
         IDENTIFY["data" if robot.model.load is None else "gears"],
-        title,
+        f"identification from {file.name}",
         {"this robot": found.figures},
         notes=doubts(found),
     )
@@ -219,9 +220,10 @@ def show_identifiable(robot: LoggedRobot) -> None:
 
     model = robot.model
     base = base_of(model)
-    rows = [list(row) for row in zip(model.names, model.units, identifiable(base), strict=True)]
-    console.table("which parameters torques identify", ["parameter", "unit", "identified"], rows)
-    combinations = [[str(k + 1), name] for k, name in enumerate(base_names(base, model.names))]
+    rows = zip(model.names, model.units, identifiable(base), strict=True)
+    heads = ["parameter", "unit", "identified"]
+    console.table("which parameters torques identify", heads, [list(row) for row in rows])
+    combinations = [[f"{k}", name] for k, name in enumerate(base_names(base, model.names), 1)]
     console.table(f"the {base.rank} base parameters", ["number", "combination"], combinations, left=2)
 
 
@@ -232,8 +234,11 @@ def show(found: Identification) -> None:
 
     rows = rows_of(found)
     alone = [row for row in rows if row.identifiable in ("alone", "gear") and row.name[:3] not in WAVES]
-    table = [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", dash(r.true_value, ".5g")] for r in alone]
-    console.table("parameters identified alone", ["parameter", "unit", "value", "std", "true"], table)
+    console.table(
+        "parameters identified alone",
+        ["parameter", "unit", "value", "std", "true"],
+        [[r.name, r.unit, f"{r.value:.5g}", f"{r.std:.2g}", dash(r.true_value, ".5g")] for r in alone],
+    )
     console.say(f"all {len(rows)} numbers, base parameters with 95% intervals: parameters.csv")
     if found.weighed is not None:
         show_payload(found.weighed)

@@ -49,23 +49,36 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     file = Path(what)
     asked = read_job(file)
     check_regions(asked)
-    folder = _folder(file, given)
-    for plan in _passes(folder, "plan/path.json"):
-        check_part(plan, asked.passes[0].scenario.part.file, plan_facts(plan)["part"])
+    copy = file.read_bytes()
+    folder = _folder(copy, given)
+    # For the first pass, while those of another job are there.
+    draft, fresh = folder / ".part-job", not folder.exists()
+    if given["--resume"]:
+        for plan in _passes(folder, "plan/path.json"):
+            check_part(plan, asked.passes[0].scenario.part.file, plan_facts(plan)["part"])
     rows: list[Row] = []
     try:
         with console.progress() as observer:
+            if not (fresh or given["--resume"]):
+                shutil.rmtree(draft, ignore_errors=True)
+                _replace(folder, draft, next(run_job(asked, draft, observer)).folder)
+            folder.mkdir(parents=True, exist_ok=True)
+            put(folder, COPY, copy)
             rows.extend(run_job(asked, folder, observer))
     except KeyboardInterrupt:
         console.note(
-            "interrupted: what was recorded up to now is kept; the same command goes on with "
+            f"interrupted before the first new pass was there: what was in '{folder}' stays"
+            if draft.exists()
+            else "interrupted: what was recorded up to now is kept; the same command goes on with "
             f"--resume --out '{folder}'"
         )
         return INTERRUPTED
     except PolishSimError:
-        if not (rows or given["--resume"] or given["--overwrite"]):
+        if fresh and not rows:
             shutil.rmtree(folder)
         raise
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
     figures = job_figures(asked, folder, rows)
     for number, text in programs(asked, folder):
         put(folder, f"setup_{number}.script", text)
@@ -95,32 +108,42 @@ def _init(part: str | None, given: Given) -> int:
     return DONE
 
 
-def _folder(file: Path, given: Given) -> Path:
-    """The job's folder, new or taken up.
+def _folder(copy: bytes, given: Given) -> Path:
+    """The folder of a job's file, which may not be there yet.
 
     Raises:
         InputError: It exists, or holds another job.
     """
-    text, out = file.read_bytes(), given["--out"]
+    out: Path | None = given["--out"]
     if given["--resume"]:
         if out is None or not (out / COPY).is_file():
             raise InputError("--resume takes up a job's folder: name it with --out.")
-        if (out / COPY).read_bytes() != text:
+        if (out / COPY).read_bytes() != copy:
             raise InputError(f"'{out}' was begun with another job file: see '{out / COPY}'.")
-        return Path(out)
+        return out
     if out is not None and (out / COPY).is_file() and not given["--overwrite"]:
         raise InputError(
             f"'{out}' holds a job already: go on with it with --resume, or do it anew with --overwrite."
         )
     refuse_taken(given)
-    folder: Path = out or unused(RESULTS / "job")
-    folder.mkdir(parents=True, exist_ok=bool(given["--overwrite"]))
-    # Else what another job did would be taken for done; what no job writes stays.
+    return out or unused(RESULTS / "job")
+
+
+def _replace(folder: Path, draft: Path, first: str) -> None:
+    """Put the first pass of a job in the place of what another job did; what no job writes stays.
+
+    Killed halfway it leaves a folder that is no job's: the copy of the job's file goes first.
+    """
+    for name in (COPY, "job.json", "report.html", "setup_[0-9]*.script"):
+        for file in folder.glob(name):
+            file.unlink()
     for name in ("plan", "run", "pieces"):
         for old in _passes(folder, name):
             shutil.rmtree(old)
-    (folder / COPY).write_bytes(text)
-    return folder
+    (folder / first).mkdir(parents=True, exist_ok=True)
+    for new in (draft / first).iterdir():
+        new.rename(folder / first / new.name)
+    shutil.rmtree(draft)
 
 
 def _passes(folder: Path, name: str) -> list[Path]:
@@ -133,8 +156,8 @@ def _show(rows: list[Row]) -> None:
     table = []
     for row in rows:
         f = row.figures
-        times = (f["cycle_time_s"], f["planned_cycle_time_s"], f["contact_time_s"])
+        times = (f"{f[name]:.1f}" for name in ("cycle_time_s", "planned_cycle_time_s", "contact_time_s"))
         spread = console.number_or_dash(f["removal_cv"], ".1f", 100.0)
-        table.append([row.folder, f["tool"], str(f["grit"] or "-"), *(f"{t:.1f}" for t in times), spread])
+        table.append([row.folder, f["tool"], f"{f['grit'] or '-'}", *times, spread])
     heads = ["pass", "tool", "grit", "time, s", "planned, s", "contact, s", "removal std, %"]
     console.table("job", heads, table, left=2)

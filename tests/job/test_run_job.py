@@ -152,7 +152,7 @@ def test_a_pass_that_is_no_longer_whole_is_named(
 
 
 def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_resuming(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     part, file, out = tmp_path / "part.stl", tmp_path / "job.toml", tmp_path / "out"
     text = JOB.replace(str(plate_file()), str(part))
@@ -162,6 +162,12 @@ def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_res
 
     def seconds() -> float:
         return float(json.loads((out / "job.json").read_text())["contact_time_s"])
+
+    def interrupted(*_words: object, **_more: object) -> None:
+        raise KeyboardInterrupt
+
+    def tree(folder: Path) -> dict[Path, bytes]:
+        return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
     shutil.copy(plate_file(), part)
     file.write_text(text)
@@ -176,6 +182,24 @@ def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_res
     assert done("--overwrite") == 0
     assert seconds() < 0.8 * first
     assert (out / "setup_notes").is_dir()
+    # A job that cannot be planned or is interrupted leaves the one that was there, one that is killed no job.
+    kept = tree(out)
+    file.write_text(text.replace("[cell]", "[cell]\npart.pose = [5.0, 0.0, 0.1, 0.0, 0.0, 0.0]"))
+    assert done("--overwrite") == 2
+    assert tree(out) == kept
+    file.write_text(text)
+    with monkeypatch.context() as patch:
+        patch.setattr("polish_sim.job.run_job._play", interrupted)
+        assert done("--overwrite") == 130
+        assert "stays" in capfd.readouterr().err
+        assert tree(out) == kept
+        patch.undo()
+        patch.setattr("polish_sim.cli.job.put", interrupted)
+        assert done("--overwrite") == 130
+    assert not (out / "job.toml").exists()
+    assert not (out / "job.json").exists()
+    assert done("--overwrite") == 0
+    assert seconds() == first
     trimesh.creation.box((202.0, 200.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export(part)
     assert done("--resume") == 2
     assert "made on another file" in capfd.readouterr().err

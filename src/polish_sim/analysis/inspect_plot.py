@@ -65,19 +65,14 @@ def write_ply(
     """Write vertices [m], normals and triangles as binary PLY in mm, with colours (v, 3) and columns per
     vertex."""
     points, normals, corners = mesh
-    vertices = np.zeros(
-        len(points),
-        dtype=[(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
-        + [(name, "u1") for name in ("red", "green", "blue")]
-        + [(name, kind) for name, (kind, _) in columns.items()],
-    )
-    for k, (name, color) in enumerate((("x", "red"), ("y", "green"), ("z", "blue"))):
-        vertices[name], vertices["n" + name], vertices[color] = (
-            1e3 * points[:, k],
-            normals[:, k],
-            colors[:, k],
-        )
-    for name, (_, values) in columns.items():
+    places = np.hstack([1e3 * points, normals]).T
+    every: Columns = {
+        **{name: ("<f4", row) for name, row in zip(("x", "y", "z", "nx", "ny", "nz"), places, strict=True)},
+        **{name: ("u1", row) for name, row in zip(("red", "green", "blue"), colors.T, strict=True)},
+        **columns,
+    }
+    vertices = np.zeros(len(points), dtype=[(name, kind) for name, (kind, _) in every.items()])
+    for name, (_, values) in every.items():
         vertices[name] = values
     triangles = np.zeros(len(corners), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
     triangles["count"], triangles["corners"] = 3, corners
@@ -147,7 +142,8 @@ def plot_distributions(found: Inspection) -> Figure:
     m = found.figures
     turns = DEG_MM * m["max_axis_rate_rad_m"] > LEAST_RATE
     figure = new_figure(13.0 if turns else 9.0, 4.2)
-    panels = figure.subplots(1, 3 if turns else 2, width_ratios=(1.0, 1.0, 1.5)[: 3 if turns else 2])
+    count = 3 if turns else 2
+    panels = figure.subplots(1, count, width_ratios=(1.0, 1.0, 1.5)[:count])
     for axes, draw in zip(panels, (_draw_spacing, _draw_times, _draw_rate), strict=False):
         draw(axes, found)
         if axes.get_legend_handles_labels()[0]:
@@ -181,7 +177,8 @@ def _look(found: Inspection) -> _View:
     grid = np.stack(np.meshgrid(xs, ys), axis=-1)
     near, index = cKDTree(seen[shown, :2]).query(grid, distance_upper_bound=reach)
     vertex = np.where(np.isfinite(near), shown[np.minimum(index, len(shown) - 1)], -1)
-    extent = (xs[0] - 0.5 * pixel, xs[-1] + 0.5 * pixel, ys[0] - 0.5 * pixel, ys[-1] + 0.5 * pixel)
+    half = 0.5 * pixel
+    extent = (xs[0] - half, xs[-1] + half, ys[0] - half, ys[-1] + half)
     return _View(views, extent, vertex)
 
 
@@ -222,28 +219,27 @@ def _draw_cover(axes: Axes, found: Inspection, view: _View) -> list[Artist]:
         at = inside.positions @ view.views.flat.T * MM
         label = f"pad up to {MM * inside.max_m:.3g} mm in the part"
         axes.plot(at[:, 0], at[:, 1], "o", color=DARK, ms=3.0, label=label)
-        worst = at[inside.depths.argmax(), :2]
-        axes.add_patch(
-            Circle((worst[0], worst[1]), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2, clip_on=False)
-        )
+        x, y = at[inside.depths.argmax(), :2]
+        axes.add_patch(Circle((x, y), MM * inside.pad_radius, fill=False, ec=DARK, lw=1.2, clip_on=False))
     axes.set_title(
         f"Coverage: {100.0 * m['coverage_stepover']:.1f}% strict, {100.0 * m['coverage']:.1f}% by the pad",
         fontsize=9.0,
     )
-    handles: list[Artist] = [Patch(color=color, label=name) for name, color in LEVELS.items()]
-    return handles + axes.get_legend_handles_labels()[0]
+    patches = (Patch(color=color, label=name) for name, color in LEVELS.items())
+    return [*patches, *axes.get_legend_handles_labels()[0]]
 
 
 def _draw_spacing(axes: Axes, found: Inspection) -> None:
-    spacing, expected = found.quality.spacing, found.plan.stepover_m
+    spacing, expected = found.quality.spacing, MM * found.plan.stepover_m
     axes.set(xlabel="distance to the turn beside [mm]", ylabel="share of the path [%]")
-    if len(spacing.distances_m) == 0:
+    apart = MM * spacing.distances_m
+    if len(apart) == 0:
         axes.text(0.5, 0.5, "no turns beside each other", transform=axes.transAxes, ha="center", color=GREY)
         return
-    weights = np.full(len(spacing.distances_m), 100.0 / len(spacing.distances_m))
-    edges = MM * expected * np.linspace(0.0, 2.0, 81)
-    axes.hist(MM * spacing.distances_m, bins=edges.tolist(), weights=weights, color=BLUE)
-    axes.axvline(MM * expected, color=ORANGE, lw=1.2, label=f"step-over {MM * expected:.4g} mm")
+    weights = np.full(len(apart), 100.0 / len(apart))
+    edges = expected * np.linspace(0.0, 2.0, 81)
+    axes.hist(apart, bins=edges.tolist(), weights=weights, color=BLUE)
+    axes.axvline(expected, color=ORANGE, lw=1.2, label=f"step-over {expected:.4g} mm")
     axes.axvspan(
         MM * spacing.p5_m, MM * spacing.p95_m, color=GREEN, alpha=0.2, lw=0,
         label=f"p5-p95 {MM * spacing.p5_m:.2f}-{MM * spacing.p95_m:.2f} mm",

@@ -43,7 +43,8 @@ def job_page(title: str, figures: Mapping[str, Any]) -> str:
         [
             r["region"],
             f"{r['exposure_mean_n_m']:.4g}",
-            *(f"{100.0 * (r[k] or 0.0):.1f}" for k in ("removal_cv", "removal_cv_inside")),
+            f"{100.0 * (r['removal_cv'] or 0.0):.1f}",
+            f"{100.0 * (r['removal_cv_inside'] or 0.0):.1f}",
         ]
         for r in f["regions"]
     ]

@@ -148,8 +148,10 @@ def _planned(one: Pass, scenario: Scenario, folder: Path, observer: Observer) ->
     if done.is_dir():
         pose = tuple(read_json(done / "pass.json")["pose"])
         scenario = replace(scenario, part=replace(scenario.part, pose=pose))
-        asked = (scenario.part, scenario.plan, scenario.process, scenario.pad)
-        return measure_given_path(read_path(done), *asked), scenario
+        return (
+            measure_given_path(read_path(done), scenario.part, scenario.plan, scenario.process, scenario.pad),
+            scenario,
+        )
     plan = zoned(one, scenario, plan_removal(scenario, observer))
     if scenario.safety.proof != "none":
         plan, scenario = prove_with_a_pad_that_fits(scenario, plan, observer)
@@ -221,10 +223,8 @@ def summed(maps: list[RemovalMap], left: float = 1.0) -> RemovalMap:
     """What several runs took off together, on the nodes of the first, times what is ``left`` of the
     abrasive."""
     first = maps[0]
-    total = np.zeros(len(first.exposure))
-    for each in maps:
-        total += left * each.exposure[cKDTree(each.vertices).query(first.vertices)[1]]
-    return replace(first, exposure=total)
+    taken = [left * each.exposure[cKDTree(each.vertices).query(first.vertices)[1]] for each in maps]
+    return replace(first, exposure=np.sum(taken, axis=0))
 
 
 def _write(
@@ -276,11 +276,18 @@ def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
         before = (row.part, one.setup, one.head.tool, one.head.grit)
     sums = []
     for name, those in regions.items():
-        maps = [read_removal(folder / row.folder / "run" / "removal.npz") for row in those]
-        found = summed(maps)
+        found = summed([read_removal(folder / row.folder / "run" / "removal.npz") for row in those])
         sums.append({"region": name, **measure_removal(found, those[0].work.tool.radius_m)})
-    keys = ("cycle_time_s", "planned_cycle_time_s", "contact_time_s", "air_time_s", "abrasive_path_m")
-    total = {name: sum(row.figures[name] for row in rows) for name in keys}
+    total = {
+        name: sum(row.figures[name] for row in rows)
+        for name in (
+            "cycle_time_s",
+            "planned_cycle_time_s",
+            "contact_time_s",
+            "air_time_s",
+            "abrasive_path_m",
+        )
+    }
     area = sum(row.figures["area_m2"] for row in rows)
     return {
         "job_sha256": job.sha256,
@@ -316,14 +323,14 @@ def programs(job: Job, folder: Path) -> Iterator[tuple[int, str]]:
     """A programme for each setup: its passes one after the other, a message wherever the operator acts."""
     for number in sorted({one.setup for one in job.passes}):
         those = [one for one in job.passes if one.setup == number]
-        lines, calls, before = [], [], None
+        lines, mounted, clamped = [], None, those[0].setup_head
+        calls = [_say(f"Clamp the part: {clamped.name or clamped.up}.")]
         for k, one in enumerate(those, 1):
-            if before is None:
-                calls.append(_say(f"Clamp the part: {one.setup_head.name or one.setup_head.up}."))
-            if (one.head.tool, one.head.grit) != before:
+            abrasive = one.head.tool, one.head.grit
+            if abrasive != mounted:
                 grit = f", grit {one.head.grit}" if one.head.grit else ""
                 calls.append(_say(f"Mount {one.head.tool}{grit}."))
-            before = (one.head.tool, one.head.grit)
+            mounted = abrasive
             if one.tool.flange.bandwidth_hz:
                 calls.append(_say(f"Run {one.folder}/plan with the flange's own programme: no force mode."))
                 continue
