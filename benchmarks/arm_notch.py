@@ -26,7 +26,7 @@ from polish_sim.scoring.measured_law import measure_law
 
 SWINGS = (0.0, 5e-5, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]
 REACH = np.array([[-0.3, 0.3], [-0.25, 0.3], [0.0, 0.3]])  #: Of the tool from where ``force`` works [m]
-SHARES = (0.9, 1.0, 1.1, 1.2)  #: Of what `arm_modes` says, to try
+SHARES = (0.9, 1.0, 1.1, 1.2)  #: Of the frequency by `arm_modes`, to try
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 python -m benchmarks.sensors              # at rest
 python -m benchmarks.sensors force        # `run force`: sensors, laws and arms, SEEDS seeds each
-python -m benchmarks.sensors told         # the same, `hybrid-adaptive` told filter, delay and noise
+python -m benchmarks.sensors told         # the same, `hybrid-adaptive` set to filter, delay and noise
 python -m benchmarks.sensors surface      # `run surface` on `freeform`, FED_S seconds, one seed
 """
 

@@ -90,7 +90,7 @@ def on_plate(host: str) -> None:
 
 
 def main() -> None:
-    """Print what came of it."""
+    """Print the results."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

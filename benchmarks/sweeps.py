@@ -139,7 +139,7 @@ def engines(folder: Path, runs: int) -> None:
 
 
 def kills(folder: Path, count: int) -> None:
-    """Kill a worker, the scheduler or the command at a random moment of a sweep, and let it go on, ``count``
+    """Kill a worker, the scheduler or the command at a random moment of a sweep, and let it resume, ``count``
     times."""
     draw = random.Random(0)
     words = ("arc", "--vary", "sensor.force_noise_n=0:1:lin100", "--seeds", str(max(1, count // 3)), *SHORT)

@@ -64,7 +64,7 @@ def read_log(file: Path, given: Given, need: Sequence[str]) -> RobotRecording:
         "--payload",
         PANEL,
         "KG",
-        "What it carried on its flange, not told to its controller (kg).",
+        "What it carried on its flange without a setting of its controller for it (kg).",
         float,
         0.0,
         50.0,

@@ -30,7 +30,7 @@ PartFile = Annotated[
 
 
 @takes(
-    Own("--resume", OUTPUT, "", "Go on with the job in --out where it was stopped or killed.", bool),
+    Own("--resume", OUTPUT, "", "Resume the job in --out where it was stopped or killed.", bool),
     *OUTPUT_OPTIONS,
 )
 def job(what: What, given: Given, part: PartFile = None) -> int:
@@ -69,7 +69,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
         console.note(
             f"interrupted before the first new pass was there: what was in '{folder}' stays"
             if draft.exists()
-            else "interrupted: what was recorded up to now is kept; the same command goes on with "
+            else "interrupted: what was recorded up to now is kept; the same command resumes it with "
             f"--resume --out '{folder}'"
         )
         return INTERRUPTED
@@ -123,7 +123,7 @@ def _folder(copy: bytes, given: Given) -> Path:
         return out
     if out is not None and (out / COPY).is_file() and not given["--overwrite"]:
         raise InputError(
-            f"'{out}' holds a job already: go on with it with --resume, or do it anew with --overwrite."
+            f"'{out}' holds a job already: resume it with --resume, or do it anew with --overwrite."
         )
     refuse_taken(given)
     return out or unused(RESULTS / "job")

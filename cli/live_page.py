@@ -23,7 +23,7 @@ from polish_sim.spatial import apply, inverse
 SHOWN_HZ = 30.0  #: Moments sent to the page per second, at most
 GAUGES_HZ = 10.0  #: As often numbers, plot, trace and colours
 PLOT_S = 12.0  #: Length of the plot [s]
-PAUSE, GO_ON, STEP = "pause", "go on", "step"
+PAUSE, RESUME, STEP = "pause", "resume", "step"
 SPEEDS = {"¼ x": 0.25, "1 x": 1.0, "4 x": 4.0, "fastest": math.inf}
 PART, TOOL, CELL = "part", "tool", "cell"
 FROM = np.array([0.62, -0.66, 0.42])  #: Where the camera is, seen from what it looks at
@@ -123,7 +123,7 @@ class Page:
         self._shown_at = self._drawn_at = 0.0
         gui = self.server.gui
         self.text = gui.add_html("")
-        times = gui.add_button_group("Time", (PAUSE, GO_ON, STEP))
+        times = gui.add_button_group("Time", (PAUSE, RESUME, STEP))
         speeds = gui.add_button_group("Speed", tuple(SPEEDS))
         looks = gui.add_button_group("Look at", (PART, TOOL, CELL))
         lines = [{}, *({"label": name, "stroke": color, "width": 2}
@@ -138,7 +138,7 @@ class Page:
         self.say("starting")
 
     def _press(self, button: str) -> None:
-        self.paused, self.steps = button != GO_ON, self.steps + (button == STEP)
+        self.paused, self.steps = button != RESUME, self.steps + (button == STEP)
 
     def _look(self, client: Any, what: str) -> None:
         if what in self._looks and client is not None:
@@ -146,7 +146,7 @@ class Page:
             client.camera.look_at, client.camera.position = at, at + far * FROM
 
     def say(self, what: str) -> None:
-        """Show what is going on where there are no numbers yet, or any more."""
+        """Show what is happening where there are no numbers yet, or any more."""
         self.text.content = block(f"<b>{html.escape(self._title)}</b><br>{html.escape(what)}")
 
     def build(self, bodies: int, solids: Sequence[Any], part: int, path: Array, radius: float) -> None:

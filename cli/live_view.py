@@ -63,7 +63,7 @@ class LiveView(FrameSink):
         self.page.close(f"{end}. 'polish-sim view' with its folder shows it again.")
 
     def stage(self, text: str) -> None:
-        """Say what is going on; in the handler of Ctrl-C, which may have come anywhere, the page is left
+        """Say what is happening; in the handler of Ctrl-C, which may have come anywhere, the page is left
         alone."""
         self._stopping = text == STOPPING
         if not self._stopping:
@@ -95,7 +95,7 @@ class LiveView(FrameSink):
         gui.add_slider(label, *scale).on_update(moved)
 
     def take(self, model: Any, data: Any) -> None:
-        """Show one moment; wait as long as it lasts, or until somebody lets the run go on."""
+        """Show one moment; wait as long as it lasts, or until somebody resumes the run."""
         page = self.page
         if not page.built:
             self._build(model, data)

@@ -97,11 +97,11 @@ def at_work(
         console.note(FIRST_START)
     with open_workers(on, given["--workers"], files) as workers, console.progress() as observer:
         observer.stage(f"{stage}: {workers.where}")
-        begun = told = time.monotonic()
+        begun = shown = time.monotonic()
         first = -1
 
         def heard(done: int, total: int, trouble: str | None) -> None:
-            nonlocal begun, told, first
+            nonlocal begun, shown, first
             if trouble is not None:
                 console.note(f"warning: {trouble}.")
             first = done + 1 if first < 0 else first
@@ -110,8 +110,8 @@ def at_work(
                 begun = now
             if sys.stderr.isatty():
                 observer.progress(done, total)
-            elif done == total or (done > first and now - told >= QUIET_S):
-                told, left = now, (now - begun) / max(1, done - first) * (total - done)
+            elif done == total or (done > first and now - shown >= QUIET_S):
+                shown, left = now, (now - begun) / max(1, done - first) * (total - done)
                 console.note(
                     f"{done} of {total} runs" + (f", about {duration(left)} left" if done < total else "")
                 )

@@ -60,7 +60,7 @@ class Quality(NamedTuple):
     shadow: int  #: Resolution of the shadows
 
 
-LIBRARIES = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}  #: Of what MUJOCO_GL may name
+LIBRARIES = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}  #: By the values of MUJOCO_GL
 CROSS = 11.0  #: Half the size of the cross at a protective stop [pixels]
 STOP_COLOR = "#E00020"
 CELL = Quality(720, 640, 4, 2048)
@@ -202,7 +202,7 @@ class Viewer(FrameSink):
         self._ahead_of: float | None = None
 
     def take(self, model: Any, data: Any) -> None:
-        """Show one moment; closing the window lets the run go on without it."""
+        """Show one moment; closing the window lets the run continue without it."""
         if self._failed:
             return
         if self._window is None:

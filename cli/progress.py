@@ -57,8 +57,8 @@ class ProgressObserver:
         )
         terminal = sys.stderr.isatty()
         with Progress(*columns, console=console, transient=True, disable=not terminal) as bar:
-            told = bar.console.print if terminal else say
-            observer = cls(bar, told, sinks, None if terminal else QUIET_S)
+            shown = bar.console.print if terminal else say
+            observer = cls(bar, shown, sinks, None if terminal else QUIET_S)
             with compiling_shown(observer.compiled if terminal else now_and_then(say)) as observer.compiling:
                 yield observer
 

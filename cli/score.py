@@ -162,7 +162,7 @@ def find_worst(given: Given) -> int:
 
 
 def write_and_show(score: Score, given: Given, folder: Path) -> int:
-    """Write and print what came of a score; returns 1 only with ``--check``, 130 if it was interrupted."""
+    """Write and print the results of a score; returns 1 only with ``--check``, 130 if it was interrupted."""
     from polish_sim.scoring import BATTERY_ASKED, REACH, judge
 
     asked = REACH if given["--reach"] else BATTERY_ASKED

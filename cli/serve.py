@@ -70,7 +70,7 @@ CELL = (
         "1: real time; max: as fast as a client that answers every packet. Default 1.",
     ),
     Own("--polyscope", RUN, "5.11|5.23|5.26", "Version the controller says it is. Default 5.11."),
-    Own("--port-offset", RUN, "N", "Added to every port, for clients that can be told.", int, 0, 30000),
+    Own("--port-offset", RUN, "N", "Added to every port, for clients that take a port.", int, 0, 30000),
     Own("--for", RUN, "SECONDS", "End after this robot time; default: at Ctrl-C.", float, 0.01, 1e6),
     *("--live", "--live-port", "--live-host"),
     *OUTPUT_OPTIONS,
@@ -235,7 +235,7 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
 
 
 def _reader() -> Executor:
-    """A process that reads programmes: the clock of the robot goes on meanwhile."""
+    """A process that reads programmes: the clock of the robot runs meanwhile."""
     from concurrent.futures import ProcessPoolExecutor
 
     from polish_sim.ur.script.translate import read, translate
@@ -274,7 +274,7 @@ def _serve(
     real_time: bool,
     beside: Sequence[BaseProcess],
 ) -> bool:
-    """Serve until told to end, one of the others has ended or the time is over; whether it was not the
+    """Serve until interrupted, one of the others has ended or the time is over; whether it was not the
     time."""
     from polish_sim.cell.observer import interrupts_noted
     from polish_sim.motion.makes import used_arm
@@ -288,7 +288,7 @@ def _serve(
     sys.setswitchinterval(SWITCH_S)
     gc.freeze()  # what is here stays: collecting looks at what comes later only
 
-    def told() -> bool:
+    def interrupted() -> bool:
         return interrupt.seen or asked.is_set() or not all(process.is_alive() for process in beside)
 
     try:
@@ -301,7 +301,7 @@ def _serve(
                 f"serving a {used_arm().label} (PolyScope {'.'.join(map(str, controller.version[:2]))}) at "
                 f"{address}; Ctrl-C ends it"
             )
-            server.run(lambda: told() or robot.ticks >= most)
+            server.run(lambda: interrupted() or robot.ticks >= most)
     finally:
         server.close()
     job.wall_s = time.perf_counter() - started
@@ -311,7 +311,7 @@ def _serve(
             f"{100.0 * (1.0 - pace.late / pace.ticks):.3f}% within 2.5 ms of when they were due, the latest "
             f"{1e3 * pace.worst_s:.1f} ms late"
         )
-    return told()
+    return interrupted()
 
 
 @contextmanager

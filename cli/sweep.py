@@ -91,10 +91,10 @@ def asked_study(what: str, given: Given) -> tuple[Study, Path | None]:
     file = Path(what) / STUDY if Path(what).is_dir() else Path(what)
     if file.suffix == ".toml" or file.is_file():
         study = read_study(file)
-        told = [option for option in OF_STUDY if given[option] is not None]
-        if told:
+        given_twice = [option for option in OF_STUDY if given[option] is not None]
+        if given_twice:
             raise InputError(
-                f"a study says what is varied: write {', '.join(told)} into '{file}', or leave it out."
+                f"a study says what is varied: write {', '.join(given_twice)} into '{file}', or leave it out."
             )
         out = given["--out"] or (
             file.parent if file.name == STUDY and (file.parent / ROWS).is_file() else None
@@ -181,7 +181,7 @@ def time_first(study: Study, table: RunTable | None) -> Row | None:
 
 
 def run_and_show(study: Study, table: RunTable, given: Given) -> int:
-    """Do the runs, write table, summary and page, print what came of them; 130 if it was interrupted."""
+    """Do the runs, write table, summary and page, print their results; 130 if it was interrupted."""
     from polish_sim.experiments.assembly import user_files
     from polish_sim.kernel_cache import is_warm
     from polish_sim.source_stamp import package_hash

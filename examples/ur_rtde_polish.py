@@ -1,7 +1,7 @@
 """Polish a planned path with a UR's own force mode, from Python through ur_rtde.
 
-Nothing of polish-sim is imported: the program is for a robot, or for ``polish-sim serve``, which cannot be
-told from one. It goes above the part, zeroes the sensor, lands in force mode, follows the plan's poses with
+Nothing of polish-sim is imported: the program is for a robot, or for ``polish-sim serve``, which answers
+like one. It goes above the part, zeroes the sensor, lands in force mode, follows the plan's poses with
 ``servoL`` while force mode presses along the tool, lifts, and writes what the robot measured.
 
     polish-sim plan freeform --stepover 25 --out PLAN

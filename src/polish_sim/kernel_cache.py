@@ -1,7 +1,7 @@
 """`njit` and `cfunc` as numba has them, with a cache of the machine code that knows what a kernel calls.
 
 Numba notices a change of the file a kernel stands in, not of the files it calls into: after an edit or an
-update old machine code could go on running beside new. Here kernels are kept in one folder per user, in a
+update old machine code could keep running beside new. Here kernels are kept in one folder per user, in a
 subfolder per module and state of its sources: the name holds a hash of the kernel's file, of every file of
 this package it imports, directly or not, and of the compiler's versions. An edit therefore recompiles only
 what depends on it, and several checkouts or versions share the folder without overwriting each other's

@@ -154,5 +154,5 @@ def test_ctrl_c_of_a_job_says_how_to_go_on_and_that_goes_on(tmp_path: Path, poli
     pieces = tmp_path / "out/cut/setup_1/region_1/pass_1/pieces"
     err = interrupted(["job", "job.toml"], tmp_path, lambda *_: any(pieces.rglob("[0-9]*.npz")), 0.0)
     more = "--resume --out 'out/cut'"
-    assert err.splitlines()[-1].endswith(f"the same command goes on with {more}")
+    assert err.splitlines()[-1].endswith(f"the same command resumes it with {more}")
     assert polish_sim("job", "job.toml", *shlex.split(more)).code == 0

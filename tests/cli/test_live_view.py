@@ -142,7 +142,7 @@ class Tab:
         self.tab.on("request", lambda request: self.requests.append(request.url))
         self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
         self.tab.goto(url)
-        self.tab.get_by_text("go on").wait_for()
+        self.tab.get_by_text("resume").wait_for()
 
     def press(self, button: str) -> None:
         self.tab.get_by_role("button", name=button, exact=True).click()
@@ -279,7 +279,7 @@ def test_what_is_changed_in_the_page_is_in_the_config_and_repeats_the_run(
     tab.press("tool")
     run.until(lambda: float(np.mean(first != tab.picture())) > 0.02)
     tab.press("fastest")
-    tab.press("go on")
+    tab.press("resume")
     tab.wait_for("The run is over")
     assert run.process.wait(60) == 0
     tab.close()

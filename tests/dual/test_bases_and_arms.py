@@ -193,7 +193,7 @@ def test_gears_that_wind_up_and_err_are_found_along_with_the_table() -> None:
     np.testing.assert_allclose(found.target_at(others, other_weight), there, atol=1e-8)
     rigid = fit_arm(TrackedArm(q, planted.target_at(q, weight)), 1e-4)
     assert np.abs(rigid.target_at(others) - there).max() > 1e-3
-    # Loads a little beyond the second knee say next to nothing: the gear is taken to go on as before it.
+    # Loads a little beyond the second knee say next to nothing: the gear is taken to continue as before it.
     light = np.clip(weight, -1.01 * np.array(CATALOGUE.knee_2_nm), 1.01 * np.array(CATALOGUE.knee_2_nm))
     seen = planted.target_at(q, light) + 3e-5 * rng.standard_normal((80, 3))
     beyond = fit_arm(TrackedArm(q, seen, light), 3e-5).gears

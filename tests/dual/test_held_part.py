@@ -98,7 +98,7 @@ def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin(pose: list[floa
     on_gripper = apply(seat.T_gripper_work, moved.vertices)
     np.testing.assert_allclose(on_gripper[:, 2], hub().vertices[:, 2], atol=1e-6)
     np.testing.assert_allclose(on_gripper[:, :2].max(axis=0) + on_gripper[:, :2].min(axis=0), 0.0, atol=3e-4)
-    assert seat.nose == pytest.approx(0.008, abs=2e-4)  # the gripper goes on to the hub's web
+    assert seat.nose == pytest.approx(0.008, abs=2e-4)  # the gripper reaches to the hub's web
 
 
 def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it() -> None:

@@ -55,7 +55,7 @@ def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_name
 
 
 def test_over_many_draws_the_error_is_the_cramer_rao_bound_and_the_stated_covariance() -> None:
-    """The mean square of 4000 draws tells the rms to 0.65%."""
+    """The mean square of 4000 draws gives the rms to 0.65%."""
     rng, R = np.random.default_rng(1), planned()
     found = [fit_tool_point(touches(R, SIGMA * rng.standard_normal((10, 3)))) for _ in range(4000)]
     errors = np.array([np.concatenate([one.point - TIP, one.touched - POINT]) for one in found])
@@ -101,7 +101,7 @@ def coning(count: int, sense: float) -> Array:
 def test_orientations_that_cannot_tell_are_refused(R: Array, said: str) -> None:
     with pytest.raises(CalibrationError, match=said):
         fit_tool_point(touches(R))
-    # Spun the other way the cone tells.
+    # Spun the other way the cone shows it.
     assert orientation_spread(coning(8, -1.0))[0][0] > 0.3
     np.testing.assert_allclose(fit_tool_point(touches(coning(8, -1.0))).point, TIP, atol=1e-12)
 

@@ -124,7 +124,7 @@ def test_each_island_is_a_stroke_and_travel_joins_a_lift_to_the_next_way_down(is
     assert second.travel.places[-1] > 0.1
     for stroke in (first, second):
         assert stroke.lead_in.length == pytest.approx(LIFT, abs=1e-3)
-    # The feed's time goes on from stroke to stroke; what it does not come to is not planned.
+    # The feed's time adds up from stroke to stroke; what lies beyond its limit is not planned.
     assert [len(strokes(islands, feed_s=first.motion.playing_time + more)) for more in (-1.0, 1.0)] == [1, 2]
     lifted = first.process.positions[-1] + [0.0, 0.0, LIFT + first.depth]
     assert second.travel.positions[0] == pytest.approx(lifted, abs=1e-9)

@@ -102,5 +102,5 @@ def test_the_robot_program_of_a_pad_in_a_wall_says_so_and_asks(in_pocket):
     assert re.search(
         r"^# - DO NOT RUN IT AS IT IS: the pad runs up to [78]\.\d+ mm into the part", text, re.M
     )
-    assert 'popup("Go on? the pad runs up to' in text
+    assert 'popup("Continue? the pad runs up to' in text
     assert "DO NOT RUN" not in urscript_text(shipped_plan("plate"), ExportSetup())

@@ -108,7 +108,7 @@ def test_streamed_goals_act_after_the_arm_s_latency_and_a_stop_is_waited_for(
     robot.movel(moved(robot, 0.0, 0.05, 0.0), 0.5, 0.05, 0.0, 0.0)
     stand(robot, 0.3)
     before = robot.target_qd.copy()
-    robot.speedj(before, 1.0)  # goes on as it was until the goal acts
+    robot.speedj(before, 1.0)  # continues as it was until the goal acts
     stand(robot, 0.05)
     assert robot.target_qd == pytest.approx(before, abs=0.02)
 

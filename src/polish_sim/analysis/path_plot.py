@@ -70,7 +70,7 @@ LIGHT = np.array([-0.57, -0.37, 0.73])
 AMBIENT = 0.42
 TICKS = 6
 LONGEST_EDGE = 0.1  #: Of a facet that is drawn, as a share of the part's size
-LEAST_HEIGHT = 0.02  #: Of what is drawn in 3D, over its width
+LEAST_HEIGHT = 0.02  #: Of a 3D drawing, over its width
 TINT, FIXTURE_TINT = np.array([0.93, 0.95, 1.0]), np.array([0.55, 0.62, 0.72])
 
 

@@ -92,7 +92,7 @@ def read_record(folder: Path) -> RunRecord:
 
 
 def read_records(folders: Sequence[Path]) -> list[RunRecord]:
-    """Read runs back under names that tell them apart: their folders' own, or as they are given where these
+    """Read runs back under distinct names: their folders' own, or as they are given where these
     repeat."""
     records = [read_record(folder) for folder in folders]
     names = [record.name for record in records]
@@ -192,7 +192,7 @@ def differences(scenarios: Sequence[Scenario]) -> list[str]:
 def changed_settings(scenario: Scenario, usual: Scenario) -> list[list[str]]:
     """Rows of key, value and usual value of the settings, dotted, in which a scenario differs from another.
 
-    Of a sensor by its name only the name counts, and what differs from what it stands for.
+    A sensor given by its name counts by that name, and by what differs from the named one.
     """
     named = override(usual, [f"sensor.model={scenario.sensor.model}"])
     theirs = dict(_flat(named)) | {"sensor.model": usual.sensor.model}

@@ -238,7 +238,7 @@ def views_of(normals: Array, up: Array) -> Views:
 
 
 def axis_name(direction: Array) -> str:
-    """Which of the part's axes a direction of the picture is, to tell views apart: ``+x``, ``-y``, or as
+    """Which of the part's axes a direction of the picture is, to distinguish views: ``+x``, ``-y``, or as
     numbers."""
     largest = int(np.abs(direction).argmax())
     if abs(direction[largest]) > ALONG:

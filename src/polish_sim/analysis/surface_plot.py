@@ -44,7 +44,7 @@ NUMBERED_PEAKS = 24  #: More curvature peaks than this are marked without their 
 def plot_surface_force(record: RunRecord) -> Figure:
     """Draw the force along the path over the path's curvature, the strong bends marked in both.
 
-    Of a run that stopped before the feed there is the force over time instead.
+    A run that stopped before the feed is drawn as force over time instead.
     """
     if not record.log.fed.any():
         return plot_force(record)

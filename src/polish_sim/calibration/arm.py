@@ -180,5 +180,5 @@ def _slopes(arm: ArmEstimate, tracked: TrackedArm) -> Array:
 
 
 def residual_rms(arms: list[ArmEstimate]) -> float:
-    """Of one coordinate of a pose [m]."""
+    """Rms of the residual of one coordinate of a pose [m]."""
     return rms(np.concatenate([arm.residuals.ravel() for arm in arms]))

@@ -30,7 +30,7 @@ LARGEST_CONDITION = 1e5  #: Of the whole regressor; beyond it the drift cannot b
 LARGEST_REST = 0.3  #: Of the weight, what the forces may leave unexplained, rms
 FARTHEST = 1.0  #: How far from the sensor's origin a tool's centre of mass may be [m]
 NOISES = (Noise(slice(0, 3), 1.0, 2e-3), Noise(slice(3, 6), 0.05, 1e-4))
-"""Of forces and of torques [N, N m]; drift and residual motion move readings by the floors at least."""
+"""Noise of forces and of torques [N, N m]; drift and residual motion move readings by the floors at least."""
 _BETTER, _GOOD = 0.2, 0.05
 
 
@@ -160,7 +160,7 @@ class PayloadEstimate:
 
     @property
     def center_covariance(self) -> Array:
-        """Of the centre [m^2], to first order, shape (3, 3)."""
+        """Covariance of the centre [m^2], to first order, shape (3, 3)."""
         slope = np.column_stack([-self.center, np.eye(3)]) / self.mass
         return slope @ self.covariance[:4, :4] @ slope.T
 

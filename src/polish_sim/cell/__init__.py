@@ -1,5 +1,8 @@
-"""The cell: robot, compliant head, wrist sensor, part and the control loop; the only layer that knows MuJoCo
-(8a)."""
+"""The cell: robot, compliant head, wrist sensor, part and the control loop, simulated by MuJoCo.
+
+MuJoCo is known here, to the branches that simulate and to pages and pictures of the cell; control, motion,
+planning, geometry, scoring and analysis do not import it, which import-linter checks (pyproject.toml).
+"""
 
 from typing import TYPE_CHECKING
 

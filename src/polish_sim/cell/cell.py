@@ -253,8 +253,8 @@ class Cell:
         """Mean readings of this run's sensor in pose after pose, shape (n, 6); arguments as of
         `wrist_sensor.read_at_rest`.
 
-        ``fresh`` readings are taken before the run, without drift; others go on from where the run has left
-        the sensor.
+        ``fresh`` readings are taken before the run, without drift; others continue from where the run has
+        left the sensor.
         """
         sensor, line = self.state.sensor, self.kernel.samples
         if fresh:
@@ -352,10 +352,10 @@ class Cell:
         self.kernel = self.kernel._replace(stroke=self.set_points.begin(self.strokes[number]))
 
     def use_strokes(self, strokes: Sequence[Stroke], course: Course | None = None) -> None:
-        """Go on with other strokes on the same part, and their ``course`` for a controller that prepares for
-        it.
+        """Continue with other strokes on the same part, and their ``course`` for a controller that prepares
+        for it.
 
-        The one under way is replaced by that of its number; its time and place go on.
+        The one under way is replaced by that of its number; its time and place are kept.
         """
         self.strokes, self.course = tuple(strokes), course
         self.begin_stroke(min(self.stroke_number, len(self.strokes) - 1))

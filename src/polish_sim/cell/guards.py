@@ -1,7 +1,7 @@
 """Protective stops: the conditions under which the simulated robot stops itself, checked at every step.
 
-The guards stand beside the controller, not in it: they go on when it fails. They use what a real cell has:
-the sensor's reading, the encoders, the plan, the age of the last command, the spindle's speed.
+The guards stand beside the controller, not in it: they still act when it fails. They use what a real cell
+has: the sensor's reading, the encoders, the plan, the age of the last command, the spindle's speed.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ MEASURED: Mapping[int, tuple[float, str]] = MappingProxyType(
         FALLEN: (1e3, "{:.2f} mm"),
     }
 )
-"""Of what a limit is set for: factor and form of what was measured [SI]."""
+"""Factor and form of the measured value [SI], for the codes that have a limit."""
 
 SHARES: Mapping[str, int] = MappingProxyType(
     {

@@ -56,7 +56,7 @@ SILENT = Silent()
 # Ctrl-C between two chunks of steps, not in the middle of one: what was recorded stays whole.
 
 STOPPING = "stopping at the next cycle; Ctrl-C again ends a controller's step"
-#: After the first Ctrl-C a controller may go on for this long before it is aborted [s]
+#: After the first Ctrl-C a controller may run for this long before it is aborted [s]
 PATIENCE_S = 2.0
 
 

@@ -54,8 +54,8 @@ def pad_motion(
 ) -> PadMotion:
     """Cut a run into steps; those in contact, in order.
 
-    Of the log only the tool's orientation is taken, of ``part`` its pose at the start. ``part_turns`` (n, 3,
-    3) is how a part that is carried stands in the base at the log's rows; None: as at the start.
+    Only the tool's orientation is taken from the log, and the pose at the start from ``part``. ``part_turns``
+    (n, 3, 3) is how a part that is carried stands in the base at the log's rows; None: as at the start.
     """
     time, force = trace.time_s, np.maximum(trace.normal_force_n, 0.0)
     touching = np.flatnonzero(force > 0.0)

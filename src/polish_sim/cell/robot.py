@@ -302,7 +302,7 @@ def _at_rest(robot: Speedl) -> bool:
 
 @kernel
 def _back_enough(stop: StopMotion, m: Measurement, inside: bool) -> bool:
-    """Whether the retract is done, or cannot go on as it should."""
+    """Whether the retract is done, or cannot continue as it should."""
     height = away = 0.0
     for i in range(3):
         gone = m.position[i] - stop.origin[i]

@@ -41,8 +41,8 @@ class Replay(NamedTuple):
 def replay(robot: RobotConfig, log: RobotRecording, payload: Payload) -> Replay:
     """Play a log's commanded joints, or its measured ones, on the servos of an arm.
 
-    The arm is bare but for the ``payload``, which its controller does not know. Of a log that begins in
-    motion the start is led up to.
+    The arm is bare but for the ``payload``, which its controller does not know. A log that begins in
+    motion gets a run-up to its start.
 
     Raises:
         ReachError: Links would touch each other.
@@ -112,6 +112,6 @@ def bare_arm(robot: RobotConfig, payload: Payload) -> mujoco.MjModel:
 
 
 def warm(robot: RobotConfig) -> RobotConfig:
-    """The arm warm, its table exact and no packet missed: logs tell nothing of these."""
+    """The arm warm, its table exact and no packet missed: logs do not show these."""
     real = replace(robot.real, cold_friction=0.0, kinematics="exact", missed_every_s=0.0)
     return replace(robot, real=real)

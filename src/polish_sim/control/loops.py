@@ -27,7 +27,7 @@ class VelocityGains(Record):
 
 
 class VelocityMemory(Record):
-    """Of ``velocity_pid``: linear [m] or angular [rad]."""
+    """Memory of ``velocity_pid``: linear [m] or angular [rad]."""
 
     integral: Vector3  #: Of the velocity error
     error: Vector3  #: Last velocity error, by second
@@ -138,7 +138,7 @@ class PiGains(Record):
 
 
 class PiMemory(Record):
-    """Of ``force_pi``."""
+    """Memory of ``force_pi``."""
 
     integral: float  #: Of the error [N s] or [N m s]
     measured: float  #: Low-passed [N] or [N m]
@@ -170,12 +170,12 @@ def force_pi(
 
 # Gains are right for one stiffness: kfp k is the loop's crossover, and filter and latency limit that.
 
-FELT_FROM = 0.25  #: Share of the set force by which the force has to rise before travel tells a stiffness
-LEAST_SHARE = 0.15  #: Of the gains, where a part came towards the tool and the travel tells nothing
+FELT_FROM = 0.25  #: Share of the set force by which the force must rise before travel gives a stiffness
+LEAST_SHARE = 0.15  #: Of the gains, where a part came towards the tool and its travel gives no stiffness
 
 
 class FeltMemory(Record):
-    """Of ``felt_share``; with a ``share`` of 0 it starts anew."""
+    """Memory of ``felt_share``; with a ``share`` of 0 it starts anew."""
 
     travel: float  #: Into the part since contact [m]
     late: float  #: The same through the low-pass of the force [m]

@@ -118,7 +118,7 @@ class Prediction(NamedTuple):
 
     @property
     def covariances(self) -> dict[str, Array]:
-        """Of the tool's place by source and together [m^2], work frame, each (points, 3, 3)."""
+        """Covariances of the tool's place by source and together [m^2], work frame, each (points, 3, 3)."""
         J = self.slopes
         found = {name: np.asarray(J @ C @ np.swapaxes(J, 1, 2)) for name, C in self.shares.items()}
         return found | {TOGETHER: np.sum(list(found.values()), axis=0)}

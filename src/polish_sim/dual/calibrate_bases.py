@@ -194,9 +194,9 @@ def run_arm_calibration(trial: ArmTrial) -> ArmsFound:
     poses.
 
     The tool point is the target itself: what is left is the arms' and bases' error, not that of a tool
-    calibration. Of the follower's tool point relative to the master's, in poses not measured:
-    relative_error_nominal_m is the rms with bases and targets calibrated and the tables taken as nominal,
-    relative_error_m that with all of it calibrated jointly.
+    calibration. The figures are errors of the follower's tool point relative to the master's, in poses not
+    measured: relative_error_nominal_m is the rms with bases and targets calibrated and the tables taken as
+    nominal, relative_error_m that with all of it calibrated jointly.
     """
     rng = np.random.default_rng([trial.seed, 13])
     T_tracker = planted_bases(rng)

@@ -37,7 +37,7 @@ def check_length(visits: Visits, motion: MasterMotion) -> None:
     if motion.file is not None and lasts < needed:
         raise InputError(
             f"'{motion.file.columns.file}' lasts {lasts:.2f} s, the tool works on the part for {needed:.2f} "
-            f"s: {needed - lasts:.2f} s are missing. Go on with it, raise --feed, or stop early with --set "
+            f"s: {needed - lasts:.2f} s are missing. Extend the file, raise --feed, or stop early with --set "
             "process.max_feed_s=..."
         )
 

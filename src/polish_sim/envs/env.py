@@ -275,7 +275,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             turn.force_after = self._to_come[0][0] if self._to_come else math.inf
 
     def next_stroke(self) -> bool:
-        """Go on to the next stroke if one is done and there is another."""
+        """Begin the next stroke if one is done and there is another."""
         cell, status = self.cell, self.cell.state.status
         left = [stroke for stroke in cell.strokes if stroke.start_s > cell.kernel.stroke.start_s]
         if not (status.arrived and left) or self.steps >= self._longest:

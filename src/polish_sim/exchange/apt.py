@@ -107,7 +107,7 @@ def statements(file: Path, text: str) -> Iterator[Statement]:
     pending, begin, remarked = "", 0, False
     for number, raw in enumerate(text.splitlines(), start=1):
         code, _, comment = raw.partition("$$")
-        # Creo writes frames as remarks ("$$->") that go on over lines; they are remarks all the way.
+        # Creo writes frames as remarks ("$$->") that continue over lines; they are remarks all the way.
         remarked, swallowed = raw.rstrip().endswith("$") and (remarked or comment.startswith("->")), remarked
         if swallowed:
             continue

@@ -92,7 +92,7 @@ class RobotRecording(NamedTuple):
     time: Array  #: From the first row kept [s], shape (n,)
     values: Mapping[str, Array]  #: By the names of `WIDTHS`, each of shape (n, width)
     start: float  #: Time of the first row in the log's own clock, from the log's beginning [s]
-    whole: bool  #: False: the log goes on after the last row
+    whole: bool  #: False: the log continues after the last row
 
     def need(self, name: str, file: Path) -> Array:
         """A quantity; InputError if the log has none of it."""
@@ -306,9 +306,9 @@ def _check_units(file: Path, time: Array, values: Mapping[str, Array]) -> None:
             )
     if "q_rad" in values and "qd_rad_s" in values and len(time) > 10:
         moved = np.abs(np.diff(values["q_rad"], axis=0)).sum()
-        told = (np.abs(values["qd_rad_s"][1:]) * np.diff(time)[:, None]).sum()
-        if moved > 0.5 and not 0.5 < told / moved < 2.0:
+        by_speed = (np.abs(values["qd_rad_s"][1:]) * np.diff(time)[:, None]).sum()
+        if moved > 0.5 and not 0.5 < by_speed / moved < 2.0:
             raise InputError(
-                f"'{file}': by qd_rad_s the joints turned {told:.3g} rad, by q_rad {moved:.3g}. Units of "
+                f"'{file}': by qd_rad_s the joints turned {by_speed:.3g} rad, by q_rad {moved:.3g}. Units of "
                 "time or speed differ: --map with [units]."
             )

@@ -150,7 +150,7 @@ def closing(calls: Sequence[str], result: PlanResult) -> list[str]:
         "  halt",
         "end",
         *(
-            [f'popup("Go on? {warning}.", title="polish-sim", warning=True, blocking=True)']
+            [f'popup("Continue? {warning}.", title="polish-sim", warning=True, blocking=True)']
             if warning
             else []
         ),

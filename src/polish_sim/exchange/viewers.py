@@ -129,7 +129,7 @@ MM = 1e3
 MOST_FACETS = 60_000  #: A finer part is shown by a lighter copy
 MOST_NODES = 40_000  #: Of the mesh on which the removal is predicted, about
 AIR_SPEED = 0.05  #: Of the tool in the air [m/s]
-SHAFT_RADIUS, SHAFT_LENGTH = 0.009, 0.07  #: Of what is drawn behind the pad [m]
+SHAFT_RADIUS, SHAFT_LENGTH = 0.009, 0.07  #: Of the shaft drawn behind the pad [m]
 PAD_COLOR, SHAFT_COLOR = (0.93, 0.62, 0.18), (0.55, 0.57, 0.60)
 FIGURES: tuple[tuple[str, str, float, str], ...] = (
     ("path in contact", "path_length_m", 1.0, "{:.2f} m"),

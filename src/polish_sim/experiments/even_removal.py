@@ -206,7 +206,7 @@ class _Problem:
         return (self.rates * by_force) @ (self.knots * (eased * self.usual))
 
     def exposure(self, slowness: Array) -> Array:
-        """Of the region's nodes [N/m]."""
+        """Exposure of the region's nodes [N/m]."""
         return self.rates @ (self.steps * (self.knots @ slowness)) + self.landing
 
     def at(self, s: Array, values: Array) -> Array:

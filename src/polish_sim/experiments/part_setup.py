@@ -250,7 +250,7 @@ def real_shape(scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolP
 
 
 def touched(shape: RealShape, path: ToolPath, pad_radius: float, depth: float) -> Touch:
-    """Where the pad goes: on the path, and where the real surface lies above or below it, there too.
+    """Where the pad goes: along the path, and where the real surface lies above or below it, there too.
 
     The part is to be modelled ``depth`` [m] deep.
     """

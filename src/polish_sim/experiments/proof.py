@@ -4,7 +4,7 @@ The guards get limits tighter by a margin, so that a part that is displaced and 
 runs too. Where a guard trips or the exact force leaves its band, the tool is slowed over that stretch; where
 slowing does not help, or the pad sinks off an edge, it is pressed with half the force there, and by an even
 removal, which makes up for it, then with a quarter; where that fails as well, or the pad has lost the part,
-the stretch is left out and the tool lifts over it. Each mended path goes on from a state saved shortly
+the stretch is left out and the tool lifts over it. Each mended path resumes from a state saved shortly
 before the place. A path that was mended is at last played whole: only that is the proof.
 """
 
@@ -222,7 +222,7 @@ def _pressed(plan: PlanResult) -> float:
 
 
 class _Begun(NamedTuple):
-    """A path under way, and what has to be mended before it can go on."""
+    """A path under way, and what has to be mended before it can continue."""
 
     play: Play
     found: list[Failure]
@@ -300,7 +300,7 @@ class _Prover:
         self._keep(remaining)
 
     def _keep(self, remaining: Remaining) -> None:
-        """Go on with what is left of the path."""
+        """Continue with what is left of the path."""
         self.path, source = remaining.path, remaining.source
         self.share, self.pressed, self.most = self.share[source], self.pressed[source], self.most[source]
 

@@ -1,4 +1,4 @@
-"""One play of a path in the cell under limits that leave a margin: where it fails, and states to go on from.
+"""One play of a path in the cell under limits that leave a margin: where it fails, and states to resume from.
 
 The guards get limits tighter by the margin, so that a part that is displaced and bent as the scenario draws
 it runs too. A failure is a guard that comes nearer to its limit than that, or an exact force that leaves its
@@ -53,7 +53,7 @@ class Failure(NamedTuple):
 
 
 class _Saved(NamedTuple):
-    """A state to go on from."""
+    """A state to resume from."""
 
     s: float  #: Everything of the path up to here has been played [m]
     state: CellSnapshot
@@ -106,7 +106,7 @@ class Play:
         guards.offset = max(guards.offset - less, LEAST_OFFSET * guards.offset)
 
     def go_back(self, task: SurfaceTask, until: float) -> None:
-        """Go on along a path as it is mended now, from the last state before ``until`` [m] of the path."""
+        """Resume a path as it is mended now, from the last state before ``until`` [m] of the path."""
         self._saved[:] = [state for state in self._saved if state.s <= until]
         if not self._saved:
             # The path may begin elsewhere now, and the sensor is zeroed there with the arm at rest.

@@ -24,7 +24,7 @@ from polish_sim.spatial import inverse, transform
 
 DISTANCES = np.arange(0.20, 0.96, 0.05)  #: Of the path's middle from the base axis [m]
 HEIGHTS = np.array([0.0, 0.03, 0.08, 0.16, 0.25, 0.35, 0.45, 0.6, 0.75])
-"""Of the part's lowest point above the table [m]."""
+"""Heights of the part's lowest point above the table [m]."""
 TURNS = np.radians(np.arange(0.0, 360.0, 15.0))  #: Of the part about the vertical [rad]
 _SAMPLES = 12  #: Points along the path, besides the outermost ones
 

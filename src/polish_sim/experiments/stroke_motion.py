@@ -38,11 +38,11 @@ CELL_LIMITS = SmoothingLimits(
     axis_jerk=300.0,
     joint_jerk=six(600.0),
 )
-"""Of the tip half of what the robot's velocity interface does by default (1.2 m/s^2), built up in 40 ms: the
-other half is for the force loop. Of the axis, which that loop leaves alone, all of it (6 rad/s^2), built up
-in 20 ms: half of it costs the spiral on the freeform part 3% of its time. The tip's speed is the feed; of the
-joints the arm's defaults, their jerk (no maker publishes one) high enough that the tool's limits decide at
-most corners."""
+"""The tip gets half of the acceleration of the robot's velocity interface (1.2 m/s^2 by default), built up in
+40 ms: the other half is for the force loop. The axis, which that loop does not move, gets all of it
+(6 rad/s^2), built up in 20 ms: half of it costs the spiral on the freeform part 3% of its time. The tip's
+speed is the feed. The joints have the arm's defaults, their jerk (no maker publishes one) high enough that
+the tool's limits decide at most corners."""
 
 SPLINE = "spline"
 AXIS_SHARES = (1.0, 0.5)  #: Shares of the axis's acceleration tried before the joints' own, cautious bounds

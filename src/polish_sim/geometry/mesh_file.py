@@ -101,7 +101,7 @@ def parse_stl(content: bytes, path: Path) -> FileTriangles:
 
 
 def _is_text_stl(content: bytes) -> bool:
-    """Tell text from binary; binary files may start with "solid" too, but soon hold a zero byte."""
+    """Whether it is text, not binary; binary files may start with "solid" too, but soon hold a zero byte."""
     head = content[:2048]
     return head.lstrip().lower().startswith(b"solid") and b"\0" not in head
 

@@ -97,7 +97,7 @@ class Surface:
 
     @cached_property
     def radius(self) -> float:
-        """Of the ball around the middle that holds all vertices [m]."""
+        """Radius of the ball around the middle that holds all vertices [m]."""
         return float(np.linalg.norm(self.vertices - self.middle, axis=1).max())
 
     @cached_property

@@ -112,7 +112,7 @@ def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> M
 
 
 class PlayedMove(NamedTuple):
-    """A move and what came of it."""
+    """A move and its result."""
 
     move: Move
     table: MoveTable

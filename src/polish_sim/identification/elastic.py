@@ -6,10 +6,10 @@ own.
     T = Y(link) pi + the sprung head's share + dY/dtable pi (table - nominal one)
 
 Motor side and link side are measured, so neither the springs nor their hysteresis have to be known. Only e',
-the slope of the gears' error, tells the size of T from the friction that grows with it: links and load could
-else be scaled together. What the arm is built off its table bends the weight's lever arms; it is fitted
-along, with the table's tolerance as prior knowledge. The parameters are those of `TorqueModel` with all its
-terms, the two shares of load and the bends behind them; Gauss-Newton on torques and columns that are
+the slope of the gears' error, separates the size of T from the friction that grows with it: without it links
+and load could be scaled together. What the arm is built off its table bends the weight's lever arms; it is
+fitted along, with the table's tolerance as prior knowledge. The parameters are those of `TorqueModel` with
+all its terms, the two shares of load and the bends behind them; Gauss-Newton on torques and columns that are
 filtered alike: what is left of the torques becomes white. Encoder steps outweigh the torques' noise from
 some 80 Hz on.
 """
@@ -40,13 +40,13 @@ from polish_sim.identification.regressor import FULL, States, TorqueModel, rando
 from polish_sim.motion.kinematics import jacobian, link_frames
 from polish_sim.motion.serial_chain import ChainGeometry
 
-#: Of speeds that say where motors turn back, and of torques that are fitted while their noise is unknown
+#: For the speeds that show where motors turn back, and for torques while their noise is unknown
 LOW_PASS_HZ = 30.0
-#: Of what is fitted: the gears' ripple at full speed is at 96 Hz; much above, steps make all of |T| larger
+#: Of the fit: the gears' ripple at full speed is at 96 Hz; much above, encoder steps make all of |T| larger
 BAND_HZ = 140.0
-#: Over which the spectrum of the noise is smoothed: over little it would follow what the fit has taken
+#: Width over which the noise's spectrum is smoothed: a small one would follow what the fit has taken
 SMOOTH_HZ = 20.0
-#: Of the states torques are predicted from: less loses the gears' ripple, more adds steps
+#: Low-pass of the states torques are predicted from: less loses the gears' ripple, more adds encoder steps
 PREDICTED_HZ = 130.0
 BLOCK_S = 0.2  #: How long residuals may be alike
 #: Size of these shares before anything is measured: decides only where gears show no error
@@ -119,7 +119,7 @@ class KnownArm(NamedTuple):
     """What is known of an elastic arm before it moves."""
 
     model: TorqueModel  #: With all its terms
-    real: RealArmConfig  #: Of which the ratio is used
+    real: RealArmConfig  #: Only its gear ratio is used
     head: SprungHead
     bent: tuple[ChainGeometry, ...]  #: The chain with each number of its table off by its tolerance
     drawn: Array  #: Parameters by drawing, shape (p,)

@@ -25,9 +25,9 @@ from polish_sim.identification.log_file import Gears, RobotLog
 from polish_sim.identification.physical import ParameterRow
 
 LOW_PASS_HZ = 30.0
-#: Of twists: the encoders' steps, added up, would be a longer way of the hysteresis
+#: Low-pass of the twists: the encoders' steps, added up, would lengthen the way of the hysteresis
 TWIST_HZ = 140.0
-SAMPLED_HZ = 100.0  #: Of what is fitted
+SAMPLED_HZ = 100.0  #: Rate of the samples that are fitted
 BLOCK_S = 0.2  #: How long residuals may be alike
 FORGOTTEN = 7.0  #: Ways, in units of its rise, after which it does not matter how a hysteresis began
 #: A slope is fitted where a first estimate of the torque goes beyond this share of its knee

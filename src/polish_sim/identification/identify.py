@@ -201,7 +201,7 @@ class _FittedArm(NamedTuple):
 def _fit_elastic(
     arm: Arm, log: RobotLog, other: RobotLog, drawing: Drawing, settings: IdentifySettings
 ) -> _FittedArm:
-    """First the gears, whose error tells friction by load from the links' size; then links, rotors and
+    """First the gears, whose error separates friction by load from the links' size; then links, rotors and
     friction."""
     real = arm.robot.real
     gears, base, known = fit_gears(log, real, PERIOD), elastic_base(arm.truth), arm.known(drawing)

@@ -127,7 +127,7 @@ def _sizes(believed: Array, n: int) -> Array:
         inertia = 0.5 * float(link[[4, 6, 9]].sum())
         arm = np.sqrt(inertia * link[0])
         sizes[10 * number : 10 * number + 10] = [link[0], *[arm] * 3, *[inertia] * 6]
-    # No drawing tells of a gear's friction: it may be as large as Coulomb's.
+    # No drawing states a gear's friction: it may be as large as Coulomb's.
     friction = sizes[10 * n :].reshape(-1, n)
     friction[len(FULL) :] = friction[:1]
     return _PRIOR * np.maximum(sizes, 0.1)

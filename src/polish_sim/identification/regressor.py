@@ -251,7 +251,7 @@ def term_of(name: str) -> JointTerm:
 
 
 FULL = ("coulomb", "viscous", "armature", "offset")
-"""Of rigid joints, in the order of the model's columns."""
+"""Terms of rigid joints, in the order of the model's columns."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ ARM_JOINTS = (
     "wrist_2_joint",
     "wrist_3_joint",
 )
-"""Of the shipped robot, from base to flange."""
+"""Joints of the shipped robot, from base to flange."""
 _KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): HINGE, int(mujoco.mjtJoint.mjJNT_SLIDE): SLIDE}
 
 

@@ -1,6 +1,6 @@
 """Plan, simulate and measure a job's passes one after the other; what is done is on disk (Job -> folder).
 
-A pass under way writes a piece of its record every simulated second. After a stop or a kill it goes on behind
+A pass under way writes a piece of its record every simulated second. After a stop or a kill it resumes behind
 the last whole piece: the tool lands there, and its force rises over a pad's diameter.
 """
 

@@ -197,7 +197,7 @@ class LinearLaw(Protocol):
     """Speed along the tool axis that a law answers to a small change of what it reads, at points z."""
 
     def by_force(self, z: Complex) -> Complex:
-        """Of the force reading [m/(s N)]."""
+        """Response to the force reading [m/(s N)]."""
 
     def by_motion(self, z: Complex) -> Complex:
-        """Of the tool's velocity, its place moving with it [-]."""
+        """Response to the tool's velocity, its place moving with it [-]."""

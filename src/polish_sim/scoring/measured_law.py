@@ -42,11 +42,11 @@ class MeasuredLaw(NamedTuple):
     settled: bool
 
     def by_force(self, z: Complex) -> Complex:
-        """Of the force reading [m/(s N)]."""
+        """Response to the force reading [m/(s N)]."""
         return _sum_up(self.force, z)
 
     def by_motion(self, z: Complex) -> Complex:
-        """Of the tool's velocity, its place moving with it [-]."""
+        """Response to the tool's velocity, its place moving with it [-]."""
         return _sum_up(self.motion, z)
 
 
@@ -131,7 +131,7 @@ class _Stand:
         self._show(*self._read())
 
     def press_on(self, command: float) -> None:
-        """Take a command and go on by one step."""
+        """Take a command and advance by one step."""
         self.commands = np.concatenate([[command], self.commands[:-1]])
         plant = self._plant()
         self.state = plant.A @ self.state + plant.B * self.commands[-1]

@@ -38,7 +38,7 @@ VERSIONS = {"5.11": (5, 11, 8, 108249), "5.23": (5, 23, 0, 120000), "5.26": (5, 
 UNLOCK_TICKS = 2500  #: The dashboard unlocks a protective stop 5 s after it
 #: Other ports, whose clients wait 5 s at most, 1 s after it; the robot's time is not public
 WAIT_TICKS = 500
-GONE_TICKS = 100  #: A programme whose RTDE client has gone goes on for so long
+GONE_TICKS = 100  #: How long a programme runs on after its RTDE client has gone
 PROTECTIVE_CODE, WARNING = 209, 2  #: Of the message that a protective stop was triggered
 KEPT = 1000  #: Lines of the controller's log that are kept, and messages of a tick
 UNREAD = 8  #: Programmes that may wait to be read
@@ -186,14 +186,14 @@ class Controller:
             self.robot.let_go()
 
     def play(self) -> bool:
-        """Go on with a paused programme."""
+        """Resume a paused programme."""
         ready = self.robot.runtime == PAUSED and self.robot.safety == NORMAL and self.robot.mode == RUNNING
         if ready:
             self.robot.runtime = PLAYING
         return ready
 
     def client_gone(self, session: Any) -> None:
-        """An RTDE client has gone: a programme that hears of its registers is stopped unless it comes
+        """An RTDE client has gone: a programme that reads its registers is stopped unless it comes
         back."""
         if self.machine is not None and any(
             self.claimed.get(name) is session for name in self.robot.inputs_read

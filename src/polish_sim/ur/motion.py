@@ -29,7 +29,7 @@ class Drive(Protocol):
         ...
 
     def done(self) -> bool:
-        """Whether the programme goes on."""
+        """Whether the programme continues."""
         ...
 
 
@@ -112,7 +112,7 @@ class ToolWay(Way):
         self.end = inverse_near(self.pose(1.0) @ self._inverse, start) if via is None else self._followed()
 
     def pose(self, share: float) -> Array:
-        """Of the TCP."""
+        """Pose of the TCP."""
         if self._angle:
             turned = Rotation.from_rotvec(share * self._angle * self._axis)
             p = self._p - self._arm + turned.apply(self._arm)

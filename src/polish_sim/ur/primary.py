@@ -26,7 +26,7 @@ def message(kind: int, stamp_us: int, body: bytes) -> bytes:
 
 
 def version_message(controller: Controller) -> bytes:
-    """What a client hears first."""
+    """The first message a client receives."""
     major, minor, bugfix, build = controller.version
     name = b"URControl"
     body = (

@@ -47,7 +47,7 @@ class SimulatedRobot:
 
     Everything is SI, in the base frame: a pose is (x, y, z, rx, ry, rz), metres and rotation vector, of the
     TCP; ``tcp_force`` is the force on the tool [N] and the torque about the TCP [N m]. A motion only starts
-    one; ``move_done`` says when the script goes on. `Machine.tick` calls these once in 2 ms, before the
+    one; ``move_done`` says when the script continues. `Machine.tick` calls these once in 2 ms, before the
     physics of that step.
     """
 
@@ -233,7 +233,7 @@ class SimulatedRobot:
         )
 
     def move_done(self) -> bool:
-        """Whether the programme goes on: the move has ended, or the blend to the next may begin."""
+        """Whether the programme continues: the move has ended, or the blend to the next may begin."""
         return self._drive is None or (self._drive.done() and not self._coming)
 
     def _stream(self, act: Callable[[], None]) -> None:

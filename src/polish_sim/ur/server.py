@@ -170,7 +170,7 @@ class Server:
             raise
 
     def run(self, until: Callable[[], bool]) -> None:
-        """Serve until told to stop."""
+        """Serve until ``until`` is true."""
         due = time.perf_counter() + TICK_S
         while not until():
             if not self._real_time:

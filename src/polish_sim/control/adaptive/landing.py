@@ -77,14 +77,14 @@ def fast_rise(memory: PressMemory) -> float:
 
 @kernel
 def _deviation(memory: PressMemory) -> float:
-    """Of the faster low-passed reading in the air: that of white noise, or what was measured if that is more
-    [N]."""
+    """Standard deviation of the faster low-passed reading in the air [N]: that of white noise, or the
+    measured one if that is larger."""
     return math.sqrt(max(_FAST_SHARE * _FAST_SHARE * memory.air.variance, memory.air.fast_variance))
 
 
 @kernel
 def is_armed(memory: PressMemory) -> bool:
-    """Whether the air has been watched for long enough to tell contact from noise."""
+    """Whether the air has been watched for long enough to distinguish contact from noise."""
     return bool(memory.air.watched > _ARMED)
 
 

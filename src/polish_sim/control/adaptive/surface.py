@@ -28,7 +28,7 @@ class LearningGains(Record):
 
 
 class LearningMemory(Record):
-    """Of ``learn``."""
+    """Memory of ``learn``."""
 
     average: float  #: Averaged offset [m]
     began: float  #: Arc length where the average began [m]; 0: it does not run
@@ -36,7 +36,7 @@ class LearningMemory(Record):
 
 
 class NeighbourMemory(Record):
-    """Of ``learned_rate``."""
+    """Memory of ``learned_rate``."""
 
     fading: float  #: 0 to 1 [-]
     slope: float  #: Of the neighbour turn, kept while it fades out [-]

@@ -64,7 +64,7 @@ class PairAdjustment(NamedTuple):
 
     @property
     def covariance(self) -> Array:
-        """Of the 15 unknowns: base (m, rad), tip (m), part (m, rad), shape (15, 15)."""
+        """Covariance of the 15 unknowns: base (m, rad), tip (m), part (m, rad), shape (15, 15)."""
         return np.linalg.inv(np.sum(list(self.informations.values()), axis=0))
 
     def share(self, source: str) -> Array:

@@ -30,7 +30,7 @@ _MOST_CANDIDATES = 5_000_000
 def drop_bad_facets(skin: Skin, path: Path) -> Skin:
     """Drop facets whose corners coincide and facets that occur twice.
 
-    Of a facet that occurs twice one stays; where that leaves a wall inside the part (two solids glued at a
+    One of two equal facets stays; where that leaves a wall inside the part (two solids glued at a
     face), both go.
 
     Raises:

@@ -45,7 +45,7 @@ class Deviation(NamedTuple):
 
 
 class VertexDistances(NamedTuple):
-    """Of every raw way point."""
+    """Distances of every raw way point."""
 
     distances: Array  #: From the tip's trajectory [m], shape (m,)
     times: Array  #: When the tip is nearest [s], shape (m,)

@@ -52,7 +52,7 @@ def bounded_quantities(rates: CurveRates, limits: SmoothingLimits, arm: Arm | No
 
 
 def norms(parts: Array) -> Array:
-    """Of the quantities made of parts (..., 12), shape (..., 8)."""
+    """Norms of the quantities made of parts (..., 12), shape (..., 8)."""
     return np.sqrt(np.add.reduceat(parts * parts, FIRST_PARTS, axis=-1))
 
 

@@ -204,7 +204,7 @@ SWINGS = (
     Swing(0.8, 0.6588, np.array([0.8764, 0.2484])),
 )
 MOST_UNEQUAL = 4.0  #: Ratio of slopes up to which distances at a corner are taken square to its sides
-UNIT_SHARE = 0.999  #: Of what keeps the tolerance: swings are known to four digits
+UNIT_SHARE = 0.999  #: Of the unit that keeps the tolerance: swings are known to four digits
 LONGEST_UNIT = 0.001  #: A corner of a longer unit is a bend [m]
 #: Corners that neighbours leave less of their unit than this are not rounded on their own
 LEAST_CORNER = 0.25

@@ -97,17 +97,17 @@ MOST_STEPS = 80
 GAP = 1e-4  #: Share of the time that may be left to the least one when the steps end
 KEPT = 1e-3  #: Of the squares of norms over their limits: what rows may be off then
 ROWS = 25
-"""Of every knot: eight quantities' acceleration, jerk at the begin and at the end of the span after it, and
-the cap."""
+"""Rows of every knot: eight quantities' acceleration, jerk at the begin and at the end of the span after it,
+and the cap."""
 KINDS = 3
 LEAST_SLACK = 0.1
 FIRST, FIRST_NEAR = (0.5, 0.1), (0.95, 0.01)
-"""Of the expected law, where the steps begin; products of slacks and weights then, by the time."""
+"""Share of the expected law at which the steps begin; products of slacks and weights then, by the time."""
 KEEP = 1e30  #: Diagonal of an unknown that stays
 
 
 class Programme(NamedTuple):
-    """Of control values over their sizes, n + 1 and one more that counts for nothing."""
+    """The programme of n + 1 control values over their sizes, and one more that counts for nothing."""
 
     spans: Array  #: [m], shape (n - 1,)
     forms: Array  #: Acceleration, jerk over u' at both ends over their limits, shape (n, 3, 12, 3)

@@ -216,7 +216,7 @@ def _on_offset(surface: SurfaceQuery, around: CurveSet, trial: Curve, distance: 
     """Nearest point of the old curve, then the equal-distance step towards the trial."""
     feet = around.nearest(trial.positions)
     foot = surface.closest(feet.nearest.positions)
-    # A foot off the surface lies on a line thought to go on beyond the border.
+    # A foot off the surface lies on a line extended beyond the border.
     on = (np.linalg.norm(foot.positions - feet.nearest.positions, axis=1) < OFF * distance)[:, None]
     start = np.where(on, foot.positions, feet.nearest.positions)
     normals = np.where(on, foot.normals, feet.nearest.normals)

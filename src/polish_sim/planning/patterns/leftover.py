@@ -173,7 +173,7 @@ def _finite(values: Array) -> Array:
 def _lead_into(
     mesh: Triangulation, traces: Sequence[Array], line: Array, stepover: float
 ) -> tuple[int, Array]:
-    """The run that can go on into a line without crossing anything, and the points it adds; -1 if none
+    """The run that can continue into a line without crossing anything, and the points it adds; -1 if none
     can."""
     offers: list[tuple[float, int, Array]] = []
     for number, trace in enumerate(traces):

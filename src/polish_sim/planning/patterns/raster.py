@@ -30,7 +30,7 @@ from polish_sim.spatial import unit
 # distance on the surface, not in a projection.
 
 MOST = 1.55  #: Largest distance of the first and the last line from the border [step-overs]
-#: A line's ends are thought to go on straight for this many step-overs where its neighbour is longer
+#: A line's ends are extended straight for this many step-overs where its neighbour is longer
 REACH = 6.0
 #: Differences below this share of a step-over, or of a length, are rounding and decide nothing
 ROUNDING = 1e-6

@@ -102,7 +102,7 @@ def _first_end(pieces: Sequence[LinePiece], tips: Array, start: Sequence[float])
 def _onwards(
     pieces: Sequence[LinePiece], ends: _Ends, waiting: set[int], end: int, stepover: float
 ) -> list[tuple[int, Array]]:
-    """Ends of waiting pieces of the same or a neighbouring line that one may go on to, and the ways there."""
+    """Ends of waiting pieces of the same or a neighbouring line that may follow, and the ways there."""
     line = pieces[end // 2].line
     return [
         (other, way)

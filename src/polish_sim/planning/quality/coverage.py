@@ -277,7 +277,7 @@ class ExposureMap(NamedTuple):
 
     times: Array  #: At every vertex of the region [s], shape (v,)
     mean_s: float
-    median_s: float  #: Of what is under the pad at all
+    median_s: float  #: Of the vertices that come under the pad
     variation: float  #: Standard deviation over mean
     over_area_m2: float  #: More than twice the median
     under_area_m2: float  #: Less than half of it, what is not covered included

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 STOP_A = 4.0  #: Deceleration of a move whose thread is killed [rad/s^2]
 MOST_STEPS = 10**9
-OPTIMAL_A, OPTIMAL_V = 5.0, 3.14  #: Of which ``optimovej`` takes a share [rad/s^2, rad/s]
-OPTIMAL_A_M, OPTIMAL_V_M = 2.5, 1.0  #: Of which ``optimovel`` takes a share [m/s^2, m/s]
+OPTIMAL_A, OPTIMAL_V = 5.0, 3.14  #: ``optimovej`` takes a share of these [rad/s^2, rad/s]
+OPTIMAL_A_M, OPTIMAL_V_M = 2.5, 1.0  #: ``optimovel`` takes a share of these [m/s^2, m/s]
 #: What a programme reads, by the robot's names: angles [rad], speeds [rad/s], [m/s], wrenches [N, N m], [m]
 LISTS = {
     "get_actual_joint_positions": "actual_q",
@@ -117,7 +117,7 @@ class BuiltIns(Sockets):
         return {f"get_{group}_in": reader("in"), f"get_{group}_out": reader("out"), f"set_{group}_out": write}
 
     def _registers(self, word: str, kind: Kind) -> dict[str, Callable[..., Any]]:
-        """Of RTDE, 0 to 47; bits to 127."""
+        """Registers of RTDE, 0 to 47; bits to 127."""
 
         def reader(side: Side) -> Callable[[Any], Any]:
             return lambda address: self._robot.register(side, kind, int(address))
@@ -451,7 +451,7 @@ class BuiltIns(Sockets):
         return self._waypoint
 
     def get_actual_tool_flange_pose(self) -> Pose:
-        """Of the flange."""
+        """Pose of the flange."""
         return as_pose(self._robot.forward_kin(self._robot.actual_q, np.zeros(6)))
 
     def get_target_payload(self) -> float:

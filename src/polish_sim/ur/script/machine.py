@@ -47,7 +47,7 @@ class Machine:
 
     Args:
         source: The programme, ``def`` or ``sec`` or bare statements; or what was made of it.
-        listener: Hears what it says.
+        listener: Receives its messages.
         client: The address its sockets reach.
 
     Raises:
@@ -98,7 +98,7 @@ class Machine:
         self.listener.stopped(self.program.name)
 
     def close_popup(self) -> None:
-        """Let a programme go on behind its blocking message."""
+        """Let a programme continue after its blocking message."""
         self.popup_open = False
 
     def tick(self, robot: SimulatedRobot) -> None:
