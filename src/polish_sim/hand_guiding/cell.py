@@ -164,7 +164,7 @@ class GuidedArm(NamedTuple):
     limits: GuidingLimits
     hand: Hand
     elastic: RealArmConfig | None = None  #: Its joints, if they are
-    seed: int = 0  #: Of what is drawn of them
+    seed: int = 0  #: Of their random numbers
 
 
 def run_guided(

@@ -47,7 +47,7 @@ class Arm:
     """The simulated arm."""
 
     robot: RobotConfig
-    seed: int  #: Of what is drawn of it
+    seed: int  #: Of its random numbers
     truth: TorqueModel  #: With the parameters of the compiled model, hidden from the identification
     carried: Array  #: Tool and head, known from the payload's calibration, shape (6, 10)
     servo_damping: Array  #: Speed gain of the servos [N m s/rad], shape (6,)
