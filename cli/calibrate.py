@@ -19,7 +19,6 @@ from polish_sim.cli.calibrate_pair import (
     arm,
     base,
     carry_out,
-    chosen,
     noise_option,
     tcp,
     write_found,
@@ -31,6 +30,7 @@ from polish_sim.cli.options import (
     Given,
     Own,
     build_scenario,
+    chosen,
     refuse_beside,
     takes,
 )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder, whole_folder
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, refuse_beside, refuse_without, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed, put
 from polish_sim.config.key import DEG, MM
@@ -217,11 +217,6 @@ def _gears(given: Given, seed: int) -> tuple[PairArms, np.random.Generator] | No
     return lone_arms(seed, Q_NEAR), np.random.default_rng([seed, 18])
 
 
-def chosen(given: Given, *names: str) -> dict[str, Any]:
-    """Options that were given, by the names of a trial's fields."""
-    return {name: given[f"--{name}"] for name in names if given[f"--{name}"] is not None}
-
-
 def _pair(given: Given) -> str:
     return given["--pair"] or "simulated"
 
@@ -235,7 +230,7 @@ def carry_out(given: Given, means: Means, trial: object) -> int:
         kind, claims = f"calibrate-{means.kind}", CALIBRATIONS[means.claims]
         prepare = partial(_each, means)
         many = Many(kind, means.what, f"{trial} {given.get('--arm')}", prepare, claims, means.mean, "here")
-        return run_seeds(many, given, lambda _folder, _runs, outcome: outcome)
+        return run_seeds(many, given)
     with claimed(given, f"calibrate-{means.kind}") as folder:
         found = means.run(first) if data is None else means.fit(means.read(data))
         means.write(found, folder.draft)

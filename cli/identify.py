@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from polish_sim.cli import console
 from polish_sim.cli.compare import LOG_OPTIONS, read_log
 from polish_sim.cli.console import number_or_dash as dash
-from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, takes
+from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
-from polish_sim.errors import InputError, count_text, leave_out
+from polish_sim.errors import InputError, count_text
+from polish_sim.experiments.registry import SEED_OPTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,8 +34,7 @@ FULL_PERIODS = 5
 ARM_KEYS = ("robot.arm=", "robot.real.")  #: What --set may change
 #: A joint is noted if the model explains less than this share of its torque's variance
 LITTLE_EXPLAINED = 0.5
-SETTINGS = ("periods", "starts", "seed", "payload")
-"""Options of a simulated identification, by the names of its settings."""
+OF_SIMULATED = ("--periods", "--starts", "--payload", "--task", "--set", *SEED_OPTIONS)
 
 
 @takes(
@@ -56,7 +56,7 @@ SETTINGS = ("periods", "starts", "seed", "payload")
                                              "robot's model is taken as it is.", Path),
     Own("--report", PANEL, "", "Only list the parameters that torques can identify.", bool),
     *(option._replace(panel="Log, with --arm") for option in LOG_OPTIONS),
-    *("--seed", "--set", "--check", *OUTPUT_OPTIONS),
+    *(*SEED_OPTIONS, "--set", "--check", *OUTPUT_OPTIONS),
 )  # fmt: skip
 def identify(given: Given) -> int:
     """Identify inertia and friction of the arm from its own motion, with intervals, and write them as a
@@ -66,11 +66,14 @@ def identify(given: Given) -> int:
     # Lazy: the simulator takes a second to load, --help must not wait for it.
     from polish_sim.identification.settings import IdentifySettings
 
-    named = {name: given[f"--{name}"] for name in SETTINGS if given[f"--{name}"] is not None}
-    settings = IdentifySettings(**named, robot=_simulated_robot(given["--set"] or []))
     if given["--report"]:
         show_identifiable(_robot(given))
         return 0
+    settings = IdentifySettings(
+        **chosen(given, "periods", "starts", "seed", "payload"), robot=_simulated_robot(given["--set"] or [])
+    )
+    if given["--seeds"] is not None:
+        return many_seeds(settings, given)
     with claimed(given, "identify") as folder:
         if data is not None:
             outcome = from_log(_robot(given), data, loaded, _reader(given), folder.draft)
@@ -97,15 +100,13 @@ def _simulated_robot(settings: list[str]) -> RobotConfig:
 
 def _refuse_idle(given: Given) -> None:
     """Refuse options that would change nothing, and an invalid period."""
-    asked = [f"--{name}" for name in (*SETTINGS, "task", "set") if given[f"--{name}"] is not None]
+    files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")
+    refuse_beside(given, "--report", *OF_SIMULATED, *files)
+    for source in ("--data", "--payload-data"):
+        refuse_beside(given, source, *OF_SIMULATED)
+    refuse_without(given, "--seeds", "--workers", "--on")
     log = given["--data"] or given["--payload-data"]
     period, model = given["--period"], given["--model"]
-    files = ("--data", "--payload-data", "--period", "--out", "--overwrite", "--check")
-    beside = asked + [name for name in files if given[name] is not None]
-    if given["--report"] and beside:
-        raise InputError(leave_out(beside, "would change nothing with --report"))
-    if log is not None and asked:
-        raise InputError(leave_out(asked, "would change nothing with --data"))
     if log is None and period is not None:
         raise InputError("--period belongs to --data: a simulated motion repeats after 10 s.")
     if period is not None and period <= 0.0:
@@ -160,6 +161,22 @@ def simulated(settings: IdentifySettings, draft: Path, task: Path | None = None)
         f"identification, {count_text(settings.periods, 'period')}, seed {settings.seed}",
         {"this arm": found.figures},
     )
+
+
+def many_seeds(settings: IdentifySettings, given: Given) -> int:
+    """Identify as many simulated arms as there are ``--seeds``, and show their figures."""
+    from polish_sim.cli.many import Figures, Many, run_seeds
+    from polish_sim.identification.identify import run_identification
+    from polish_sim.identification.use_motion import use_states
+
+    use = None if given["--task"] is None else use_states(given["--task"])
+
+    def figures_of(seed: int) -> Figures:
+        return dict(run_identification(replace(settings, seed=seed), use=use).figures)
+
+    depends = f"{replace(settings, seed=0)} {[bytes(states) for states in use or ()]}"
+    what, claims = f"identification, {count_text(settings.periods, 'period')}", asked_of(settings, bool(use))
+    return run_seeds(Many("identify", what, depends, lambda _folder: figures_of, claims), given)
 
 
 def asked_of(settings: IdentifySettings, for_task: bool = False) -> tuple[Claim, ...]:

@@ -144,11 +144,13 @@ class Many(NamedTuple):
 
 
 def run_seeds(
-    many: Many, given: Given, finish: Callable[[Path, dict[int, Figures], Outcome], Outcome]
+    many: Many,
+    given: Given,
+    finish: Callable[[Path, dict[int, Figures], Outcome], Outcome] = lambda _folder, _runs, outcome: outcome,
 ) -> int:
     """Do the work for each of ``--seeds``, write their figures, mean and worst; what is checked is the worst.
 
-    ``finish`` draws, and adds to the outcome; an interrupt keeps the seeds that are done.
+    ``finish`` may draw, and add to the outcome; an interrupt keeps the seeds that are done.
     """
     from polish_sim.analysis.run_record import write_metrics
     from polish_sim.source_stamp import package_hash

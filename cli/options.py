@@ -484,6 +484,11 @@ def _calibrations(files: Sequence[str], experiment: str) -> dict[str, Any]:
     return table
 
 
+def chosen(given: Given, *names: str) -> dict[str, Any]:
+    """Options that were given, by the names of a trial's fields."""
+    return {name: given[f"--{name}"] for name in names if given[f"--{name}"] is not None}
+
+
 def refuse_without(given: Given, needed: str, *options: str) -> None:
     """Refuse options that change nothing without another one, by name (InputError)."""
     idle = [option for option in options if given.get(option) is not None]

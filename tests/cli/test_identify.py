@@ -14,7 +14,7 @@ from polish_sim.arms import arm_table
 from polish_sim.cli.identify import asked_of
 from polish_sim.config import RobotConfig
 from polish_sim.identification.arm import arm_of_table
-from polish_sim.identification.excitation import random_motion
+from polish_sim.identification.excitation import Excitation, ExcitationTask, design, random_motion
 from polish_sim.identification.fourier import MotionLimits
 from polish_sim.identification.regressor import TorqueModel
 from polish_sim.identification.robot_model import read_chain
@@ -63,6 +63,28 @@ def test_a_log_becomes_a_model_that_may_be_moved_and_is_taken_again(polish_sim: 
     assert metrics_of("again")["base_parameters"] == 58
     first, again = (metrics_of(Path(name))["nrms_heldout_mean"] for name in ("moved", "again"))
     assert again == pytest.approx(first, rel=1e-3)
+
+
+def test_many_seeds_are_rows_with_their_mean_and_worst(
+    polish_sim: Tool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[ExcitationTask] = []
+
+    def search(task: ExcitationTask, rng: np.random.Generator, *_: int) -> Excitation:
+        found.append(task)
+        return design(task, rng, iterations=2)
+
+    monkeypatch.setattr("polish_sim.identification.identify.design", search)
+    words = ("identify", "--periods", "1", "--set", "robot.arm=ideal", "--on", "here", "--out", "many")
+    assert polish_sim(*words, "--seed", "3", "--seeds", "1").code == 0
+    assert polish_sim(*words, "--seed", "3", "--seeds", "2").code == 0
+    assert len(found) == 2  # the first seed was there
+    metrics = metrics_of("many")
+    assert metrics["seeds"] == [3, 4]
+    assert len(metrics["runs"]["3"]["nrms_heldout"]) == 6
+    errors = [run["nrms_heldout_mean"] for run in metrics["runs"].values()]
+    assert metrics["worst"]["nrms_heldout_mean"] == max(errors)
+    assert metrics["mean"]["nrms_heldout_mean"] == pytest.approx(np.mean(errors))
 
 
 def test_the_report_says_what_torques_can_tell(polish_sim: Tool) -> None:

@@ -87,6 +87,12 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("identify --period 5", "--period belongs to --data"),
         ("identify --data none.csv --period -1", "more than 0 s"),
         ("identify --data none.csv --task line.csv", "--task would change nothing with --data"),
+        ("identify --data none.csv --seeds 3 --on dask", "--seeds, --on would change nothing with --data"),
+        (
+            "identify --payload-data none.csv --workers 2",
+            "--workers would change nothing with --payload-data",
+        ),
+        ("identify --workers 2", "--workers would change nothing without --seeds"),
         ("identify --model robot.xml", "--model belongs to --data or --report"),
         ("identify --report --model none.xml", "cannot read the robot model 'none.xml'"),
         ("identify --report --data log.csv --seed 3", "--seed, --data would change nothing with"),

@@ -64,7 +64,7 @@ def _identify(error: float, predicted: float = 0.0285) -> tuple[Claim, ...]:
         Claim("predicted_error_sigma", "predicted error / noise, one period", "", high=predicted),
         Claim("condition_motion", "condition of the motion, SI units", ""),
         Claim("error_over_crb", "error / Cramér-Rao bound, this draw", ""),
-        Claim("interval_coverage", "95% intervals that hold the truth", "%"),
+        Claim("interval_coverage", "95% intervals that hold the truth", "%", more_is_better=True),
         Claim("base_parameters", "base parameters", ""),
         Claim("design_s", "design of the motion, CPU", "s"),
         Claim("fit_s", "fit, CPU", "s"),
@@ -80,9 +80,9 @@ _IDENTIFY_DATA = (
 )
 ELASTIC = 5e-3  #: Asked of an elastic arm's error held out, in ranges of the torque
 GEARS = (
-    Claim("gear_slopes_found", "slopes of the gears' stiffness found, of 18", ""),
+    Claim("gear_slopes_found", "slopes of the gears' stiffness found, of 18", "", more_is_better=True),
     Claim("gear_stiffness_error_max", "  their largest error", "%"),
-    Claim("gear_interval_coverage", "  95% intervals that hold the truth", "%"),
+    Claim("gear_interval_coverage", "  95% intervals that hold the truth", "%", more_is_better=True),
 )
 """More of elastic joints."""
 
