@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.row_file import RowFile
+from polish_sim.row_file import Rows
 
 PROGRAM = [sys.executable, "-c", "from polish_sim.cli.main import app; app()"]
 ALONE = """
@@ -49,7 +49,7 @@ def sweep(folder: Path, *words: str, check: bool = True) -> float:
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
-    return [row for _, row in RowFile(folder).read()]
+    return [row for _, row in Rows(folder).read()]
 
 
 def rate(folder: Path, runs: int) -> None:

@@ -34,23 +34,27 @@ QUIET_S = 10.0  #: Between two lines of progress where no bar can be shown [s]
 
 
 @contextmanager
-def asked_folder(
-    out: Path | None, kind: str, what: str, asked: Mapping[str, Any], overwrite: bool = False
-) -> Iterator[Path]:
-    """The folder of rows of what is ``asked``, by name: only the same is continued there, unless
-    ``overwrite``."""
+def asked_folder(given: Given, kind: str, asked: Mapping[str, Any]) -> Iterator[Path]:
+    """The folder of rows of what is ``asked``, by name: only the same is continued there, unless with
+    ``--overwrite``, where the command has that."""
 
     def refuse(folder: Path) -> None:
         begun = _begun(folder)
-        if overwrite or begun is None or begun == asked:
+        if given.get("--overwrite") or begun is None or begun == asked:
             return
         raise InputError(
             f"'{folder}' holds another {asked['of']}: {_difference(begun, asked)}. Choose another folder "
             "with --out"
-            + (", or add --overwrite to replace it; rows that both have are kept." if what != "tune" else ".")
+            + (
+                ", or add --overwrite to replace it; rows that both have are kept."
+                if "--overwrite" in given
+                else "."
+            )
         )
 
-    with rows_folder(out, kind, what, {ASKED: json.dumps(asked, indent=1) + "\n"}, refuse) as folder:
+    with rows_folder(
+        given["--out"], kind, kind, {ASKED: json.dumps(asked, indent=1) + "\n"}, refuse
+    ) as folder:
         yield folder
 
 
@@ -143,6 +147,37 @@ class Many(NamedTuple):
     usual: str = "local"  #: Where the work is done if nothing is said
 
 
+@contextmanager
+def seed_rows(
+    many: Many, given: Given, seeds: Sequence[int], seed: str = "seed"
+) -> Iterator[tuple[Path, dict[int, Figures], bool]]:
+    """The folder with a row of each seed, those rows, and whether an interrupt left some out.
+
+    ``seed``: what one of them is called.
+    """
+    from polish_sim.source_stamp import package_hash
+    from polish_sim.workers import fill_rows
+
+    stamp = hashlib.sha256(f"{many.depends}|{package_hash()}".encode()).hexdigest()[:24]
+    with asked_folder(given, many.kind, {"of": f"{many.kind} of many {seed}s", "rows": stamp}) as folder:
+        kept, keys, interrupted = Rows(folder), {number: f"{stamp}-{number}" for number in seeds}, False
+        stage = f"{count_text(len(seeds), seed)} of {many.what}"
+        try:
+            # What is done already needs no plan.
+            work = many.prepare(folder) if kept.missing(keys) else dict
+            with at_work(given, stage, (), many.usual) as (workers, heard):
+                fill_rows(keys, kept, work, lambda _: 0, workers, heard)
+        except KeyboardInterrupt:
+            interrupted = True
+        rows = {number: kept.known[key] for number, key in keys.items() if key in kept.known}
+        if interrupted and not rows:
+            raise KeyboardInterrupt
+        whole = {seed_folder(folder, int(key.rpartition("-")[2])) for key in kept.known}
+        for left in set(folder.glob("*seed-*")) - whole:  # of an interrupt
+            shutil.rmtree(left, ignore_errors=True)
+        yield folder, rows, interrupted
+
+
 def run_seeds(
     many: Many,
     given: Given,
@@ -153,31 +188,9 @@ def run_seeds(
     ``finish`` may draw, and add to the outcome; an interrupt keeps the seeds that are done.
     """
     from polish_sim.analysis.run_record import write_metrics
-    from polish_sim.source_stamp import package_hash
-    from polish_sim.workers import fill_rows
 
     first = given["--seed"] or 0
-    seeds = range(first, first + given["--seeds"])
-    stamp = hashlib.sha256(f"{many.depends}|{package_hash()}".encode()).hexdigest()[:24]
-    asked, interrupted = {"of": f"{many.kind} of many seeds", "rows": stamp}, False
-    with asked_folder(given["--out"], many.kind, many.kind, asked, bool(given["--overwrite"])) as folder:
-        runs, kept, keys = dict[int, Figures](), Rows(folder), {seed: f"{stamp}-{seed}" for seed in seeds}
-        try:
-            # What is done already needs no plan.
-            work = many.prepare(folder) if set(keys.values()) - set(kept.known) else dict
-            with at_work(given, f"{count_text(len(seeds), 'seed')} of {many.what}", (), many.usual) as (
-                workers,
-                heard,
-            ):
-                fill_rows(runs, keys, kept, work, lambda _: 0, workers, heard)
-        except KeyboardInterrupt:
-            interrupted = True
-            if not runs:
-                raise
-        whole = {seed_folder(folder, int(key.rpartition("-")[2])) for key in kept.known}
-        for left in set(folder.glob("*seed-*")) - whole:  # of an interrupt
-            shutil.rmtree(left, ignore_errors=True)
-        runs = {seed: runs[seed] for seed in seeds if seed in runs}
+    with seed_rows(many, given, range(first, first + given["--seeds"])) as (folder, runs, interrupted):
         middle, worst = aggregate(many.claims, list(runs.values()), many.mean)
         facts = {
             "experiment": many.kind.removeprefix("run-"),

@@ -91,7 +91,7 @@ def score(given: Given) -> int:
         user_entry,
     )  # fmt: skip
 
-    reach, out, overwrite = bool(given["--reach"]), given["--out"], bool(given["--overwrite"])
+    reach = bool(given["--reach"])
     cases = choose_cases(REACH_CASES if reach else BATTERY, given["--case"] or [])
     if given["--list"]:
         console.table(
@@ -107,10 +107,10 @@ def score(given: Given) -> int:
         from polish_sim.cli.border import search_border
 
         asked = {"of": "border", "controllers": [entry.label for entry in entries]}
-        with asked_folder(out, "score", "score", asked, overwrite) as folder:
+        with asked_folder(given, "score", asked) as folder:
             return search_border(entries, folder)
     seeds = given["--seeds"] or (SEEDS_OF_REACH if reach else SEEDS)
-    with asked_folder(out, "score", "score", asked_for(cases, entries, seeds), overwrite) as folder:
+    with asked_folder(given, "score", asked_for(cases, entries, seeds)) as folder:
         console.note(f"folder: {folder} (the same command with --out {folder} resumes an interrupted score)")
         files = [file for entry in entries if (file := Path(entry.name.rpartition(":")[0])).is_file()]
         stage = f"score {', '.join(entry.label for entry in entries)}: {count_text(len(cases), 'case')}"

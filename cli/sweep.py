@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import statistics
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, redirect_stdout
 from dataclasses import replace
 from importlib.util import find_spec
@@ -29,7 +29,7 @@ from polish_sim.row_file import ROWS
 if TYPE_CHECKING:
     from polish_sim.row_file import Row
     from polish_sim.studies.study import Study
-    from polish_sim.studies.table import RunTable
+    from polish_sim.studies.table import RunTable, Task
 
 SHOWN = 3  #: Reasons of runs that failed
 MOST_CHECKED = 100  #: Values of an axis that are tried before the start
@@ -63,7 +63,7 @@ def sweep(what: What, given: Given) -> int:
     if find_spec("pyarrow") is None:
         raise InputError("'sweep' keeps its table in Parquet: pip install 'polish-sim[sweep]'.")
     # Lazy: --help must not wait for the numerical libraries.
-    from polish_sim.studies.table import RunTable, run_time
+    from polish_sim.studies.table import RunTable, keys_of_runs, run_time
     from polish_sim.workers import check_engine
 
     check_engine(given["--on"] or "local")
@@ -71,9 +71,10 @@ def sweep(what: What, given: Given) -> int:
     check_values(study)
     if given["--dry-run"]:
         begun = RunTable(out) if out is not None and (out / ROWS).is_file() else None
-        known = begun.run_s if begun else None
-        first = time_first(study, begun) if known is None else None
-        announce(study, begun, given, known if first is None else run_time(first))
+        keys = keys_of_runs(study)
+        missing, known = (begun.missing(keys), begun.run_s) if begun else (list(keys), None)
+        first = time_first(study, missing) if known is None else None
+        announce(study, len(missing), len(keys), given, known if first is None else run_time(first))
         return DONE
     with sweep_folder(out, study) as folder:
         return run_and_show(study, RunTable(folder), given)
@@ -146,20 +147,18 @@ def sweep_folder(out: Path | None, study: Study) -> AbstractContextManager[Path]
     return rows_folder(out, f"sweep-{study.base.experiment}", "sweep", {STUDY: to_text(study)}, refuse)
 
 
-def announce(study: Study, table: RunTable | None, given: Given, run_s: float | None) -> None:
-    """Show how many runs there are and about how long they take, if one takes ``run_s``."""
-    from polish_sim.studies.table import missing_runs
+def announce(study: Study, missing: int, total: int, given: Given, run_s: float | None) -> None:
+    """Show how many runs there are and about how long the missing ones take, if one takes ``run_s``."""
     from polish_sim.workers import processors
 
-    missing, total = missing_runs(study, table)
     workers, on = given["--workers"] or processors(), given["--on"] or "local"
     share = workers if on in ("local", "dask") else 1
     points = study.count or len(study.points())
     rows = [["points", f"{points} ({study.sample})"], ["seeds", str(study.seeds)], ["runs", str(total)]]
-    rows += [["done", str(total - len(missing))]] if total > len(missing) else []
+    rows += [["done", str(total - missing)]] if total > missing else []
     rows += [["on", f"{on}, on {count_text(share, 'processor')}" if on in ("local", "dask") else on]]
     if run_s is not None:
-        about = duration(run_s * len(missing) / share)
+        about = duration(run_s * missing / share)
         rows += [["about", f"{about}{' on one processor' if on not in ('local', 'dask') else ''}"]]
     axes = [[f"vary {axis.key}", axis.text] for axis in study.axes]
     console.table(
@@ -167,11 +166,10 @@ def announce(study: Study, table: RunTable | None, given: Given, run_s: float | 
     )
 
 
-def time_first(study: Study, table: RunTable | None) -> Row | None:
+def time_first(study: Study, missing: Sequence[Task]) -> Row | None:
     """Do the first run that is missing here: its row; None if there is none."""
-    from polish_sim.studies.table import missing_runs, run_row
+    from polish_sim.studies.table import run_row
 
-    missing, _ = missing_runs(study, table)
     if not missing:
         return None
     with console.progress() as observer:
@@ -185,31 +183,31 @@ def run_and_show(study: Study, table: RunTable, given: Given) -> int:
     from polish_sim.experiments.assembly import user_files
     from polish_sim.kernel_cache import is_warm
     from polish_sim.source_stamp import package_hash
-    from polish_sim.studies.table import run_study, write_summary
+    from polish_sim.studies.table import keys_of_runs, run_study, write_summary
 
     if table.sources - {package_hash()[:12]}:
         console.note(
             "note: rows of another version of polish-sim are in the folder and kept; see the column 'source'."
         )
     console.note(f"folder: {table.folder} (the same command with --out {table.folder} resumes it)")
-    interrupted, total = False, study.seeds * (study.count or len(study.points()))
+    interrupted, keys = False, keys_of_runs(study)
     try:
         # All kernels are compiled once, not in every process; once they are, the processes start at once.
-        if not is_warm() and not given["--logs"] and (row := time_first(study, table)):
-            table.add(row)
-        announce(study, table, given, table.run_s)
+        if not is_warm() and not given["--logs"] and (row := time_first(study, table.missing(keys))):
+            table.add(row["config_hash"], row)
+        announce(study, len(table.missing(keys)), len(keys), given, table.run_s)
         named = [study.with_value(axis, v) for axis in study.axes for v in axis.values if isinstance(v, str)]
         files = sorted({file for scenario in (study.base, *named) for file in user_files(scenario)})
         with at_work(given, "simulate", files) as (workers, heard):
-            run_study(study, table, workers, heard, bool(given["--logs"]))
+            run_study(study, keys, table, workers, heard, bool(given["--logs"]))
     except KeyboardInterrupt:
         interrupted = True
-        if not table.outcomes:
+        if not table.known:
             raise
     finally:
-        if table.outcomes:
+        if table.known:
             table.write()
-            facts = write_summary(table, study, total)
+            facts = write_summary(table, study, len(keys))
     _show(study, table, facts)
     if interrupted:
         console.note("interrupted: the runs that are done are kept; the same command with --out resumes.")

@@ -102,7 +102,7 @@ def tune(controller: Controller, given: Given) -> int:
     check_entries((*search.cases, *search.held_out), [search.entry(None)])
     asked = _facts(search)
     file = Path(search.controller.rpartition(":")[0])
-    with asked_folder(given["--out"], "tune", "tune", asked) as folder:
+    with asked_folder(given, "tune", asked) as folder:
         console.note(f"folder: {folder} (the same command with --out {folder} continues it)")
         trials = given["--trials"] or TRIALS
         stage = f"search {', '.join(p.key for p in search.over)}, {trials} trials"

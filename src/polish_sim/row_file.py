@@ -30,12 +30,23 @@ def whole_file(file: Path) -> Iterator[Path]:
         draft.unlink(missing_ok=True)
 
 
-class RowFile:
-    """The file of rows of one folder, each with a key that says what it depends on."""
+class Rows:
+    """The rows of one folder, on disk and in memory, each with a key that says what it depends on."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / ROWS
+        self.known: dict[str, Any] = {}
         _cut_torn_line(self.path)
+        for key, row in self.read():
+            self.note(key, row)
+
+    def note(self, key: str, row: Row) -> None:
+        """Keep in memory what is wanted of a row."""
+        self.known[key] = row
+
+    def missing(self, keys: Mapping[Any, str]) -> list[Any]:
+        """The tasks, named with their ``keys``, that are to be done."""
+        return [task for task, key in keys.items() if key not in self.known]
 
     def read(self) -> Iterator[tuple[str, Row]]:
         """Keys and rows; a damaged line is passed over."""
@@ -51,26 +62,15 @@ class RowFile:
 
     def add(self, key: str, row: Mapping[str, Any]) -> None:
         """Append a row; the line is whole or, when next read, it is not there."""
-        line = json.dumps({"key": key, "row": plain(row)}, allow_nan=False) + "\n"
+        kept = plain(row)
+        line = json.dumps({"key": key, "row": kept}, allow_nan=False) + "\n"
         try:
             with self.path.open("ab") as file:
                 file.write(line.encode())
         except OSError:  # no room
             _cut_torn_line(self.path)
             raise
-
-
-class Rows(RowFile):
-    """The same, all of them in memory."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        self.known = dict(self.read())
-
-    def add(self, key: str, row: Mapping[str, Any]) -> None:
-        """Append a row."""
-        super().add(key, row)
-        self.known[key] = plain(row)
+        self.note(key, kept)
 
 
 def plain(value: Any) -> Any:

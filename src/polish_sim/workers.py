@@ -76,23 +76,6 @@ class Workers(Protocol):
         ...
 
 
-def do_all(
-    workers: Workers, tasks: Sequence[Any], work: Work, group_of: GroupOf, keep: Callable[[Result], None],
-    heard: Heard, done: int = 0,
-) -> None:  # fmt: skip
-    """Have tasks done and ``keep`` each result as it comes; ``done`` more were done before.
-
-    ``keep`` also gets a result without a value where a process died. Ctrl-C ends the work with what is kept.
-    """
-    total = done + len(tasks)
-    heard(done, total, None)
-    with closing(workers.results(tasks, work, group_of)) as results:
-        for result in results:
-            keep(result)
-            done += result.value is not None
-            heard(done, total, result.trouble and f"{result.trouble} ({result.task})")
-
-
 @contextmanager
 def open_workers(
     on: str = "local", count: int | None = None, files: Sequence[Path] = ()
@@ -138,27 +121,30 @@ def processors() -> int:
 
 
 def fill_rows(
-    rows: dict[Any, Row],
     keys: Mapping[Any, str],
     kept: Rows,
     work: Work,
     group_of: GroupOf,
     workers: Workers,
     heard: Heard,
+    lost: Callable[[Any, str], Row] | None = None,
 ) -> None:
-    """Put the rows of tasks, named with their ``keys``, into ``rows``: those that are ``kept``, then those
-    measured.
+    """Measure the rows of tasks, named with their ``keys``, that are not ``kept``; Ctrl-C leaves what is.
 
-    One whose process dies is left out; Ctrl-C leaves what is there.
+    A task whose process dies again and again has no row, or the one that ``lost`` makes of it and the
+    trouble.
     """
-
-    def keep(result: Result) -> None:
-        if result.value is not None:
-            kept.add(keys[result.task], result.value)
-            rows[result.task] = kept.known[keys[result.task]]
-
-    rows |= {task: kept.known[key] for task, key in keys.items() if key in kept.known}
-    do_all(workers, [task for task in keys if task not in rows], work, group_of, keep, heard, len(rows))
+    tasks, total = kept.missing(keys), len(keys)
+    done = total - len(tasks)
+    heard(done, total, None)
+    with closing(workers.results(tasks, work, group_of)) as results:
+        for task, row, trouble in results:
+            done += row is not None
+            if lost is not None and trouble is not None and trouble.endswith("left out"):
+                row = lost(task, trouble)
+            if row is not None:
+                kept.add(keys[task], row)
+            heard(done, total, trouble and f"{trouble} ({task})")
 
 
 class Here:

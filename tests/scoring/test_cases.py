@@ -23,7 +23,7 @@ from polish_sim.scoring import (
 )
 from polish_sim.scoring.battery import Draw, latency_settings
 from polish_sim.scoring.force_bench import judge_rest
-from polish_sim.scoring.journal import setup_key
+from polish_sim.scoring.journal import Task, setup_key
 from polish_sim.scoring.margins import share_latency
 
 PI = Entry("hybrid-pi", "hybrid-pi")
@@ -65,11 +65,12 @@ def test_a_draw_depends_on_the_seed_alone_and_stays_in_its_range() -> None:
 def test_rows_share_a_set_up_exactly_when_plan_part_and_seed_agree() -> None:
     slow, fast = choose_cases(BATTERY, ["freeform-10", "freeform-30"])
     off = choose_cases(BATTERY, ["part-3mm"])[0]
-    assert setup_key(slow.scenario(PI, 1)) == setup_key(fast.scenario(PI, 1))
-    assert setup_key(slow.scenario(PI, 1)) != setup_key(slow.scenario(PI, 2))
-    assert setup_key(slow.scenario(PI, 1)) != setup_key(off.scenario(PI, 1))
-    soft = choose_cases(BATTERY, ["stiffness-0.2"])[0].scenario(PI, 1)
-    assert setup_key(soft) != setup_key(replace(soft, head=replace(soft.head, spring_scale=1.0)))
+    assert setup_key(Task(slow, PI, 1)) == setup_key(Task(fast, PI, 1))
+    assert setup_key(Task(slow, PI, 1)) != setup_key(Task(slow, PI, 2))
+    assert setup_key(Task(slow, PI, 1)) != setup_key(Task(off, PI, 1))
+    soft = choose_cases(BATTERY, ["stiffness-0.2"])[0]
+    drawn = replace(soft, settings=(*soft.settings, "head.spring_scale=1.0"))
+    assert setup_key(Task(soft, PI, 1)) != setup_key(Task(drawn, PI, 1))
 
 
 def test_the_worst_seed_decides_and_an_undefined_figure_never_passes() -> None:

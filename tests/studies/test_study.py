@@ -17,7 +17,7 @@ from polish_sim.experiments.registry import default_scenario
 from polish_sim.scenario_file import FILE_KEYS, override
 from polish_sim.studies.page import pareto, sweep_page
 from polish_sim.studies.study import Axis, Study, read_axis, read_study, to_text
-from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, missing_runs, read_rows, run_study
+from polish_sim.studies.table import DONE, FAILED, LOST, RunTable, keys_of_runs, read_rows, run_study
 from polish_sim.workers import Result
 
 pytest.importorskip("pyarrow")
@@ -148,14 +148,15 @@ def test_a_key_that_names_a_file_counts_by_the_file_s_content(key: str, tmp_path
 
 def test_rows_come_to_the_table_once_and_a_lost_run_is_done_again(tmp_path: Path) -> None:
     asked = study(f"{NOISE}=0.1,0.5", "controller.name=hybrid-pi,nobody", seeds=1)
-    run_study(asked, RunTable(tmp_path), Here(deaths=1), silent)
+    keys = keys_of_runs(asked)
+    run_study(asked, keys, RunTable(tmp_path), Here(deaths=1), silent)
     first = RunTable(tmp_path)
-    assert sorted(first.outcomes.values()) == [DONE, FAILED, FAILED, LOST]
+    assert sorted(first.known.values()) == [DONE, FAILED, FAILED, LOST]
     with (tmp_path / "rows.jsonl").open("a") as file:
         file.write('{"key": "torn')
     again = RunTable(tmp_path)
-    assert len(missing_runs(asked, again)[0]) == 1
-    run_study(asked, again, Here(), silent)
+    assert len(again.missing(keys)) == 1
+    run_study(asked, keys, again, Here(), silent)
     again.write()
     columns = read_rows(tmp_path)
     assert sorted(columns["outcome"]) == [DONE, DONE, FAILED, FAILED]

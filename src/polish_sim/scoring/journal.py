@@ -69,8 +69,9 @@ def _named(task: Task) -> Row:
     return {"case": task.case.name, "controller": task.entry.label, "seed": task.seed}
 
 
-def setup_key(scenario: Scenario) -> Hashable:
-    """What place and real part of a scenario depend on: rows that share it share their set-up."""
+def setup_key(task: Task) -> Hashable:
+    """What place and real part of a row depend on: rows that share it share their set-up."""
+    scenario = task.scenario
     return (
         place_key(scenario),
         scenario.part,

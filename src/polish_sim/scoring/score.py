@@ -95,16 +95,14 @@ def run_score(
     Rows do not depend on the ``workers`` or their number; those of the same scenarios that are in the folder
     already are taken over. Seeds count up from 0.
     """
-    rows, interrupted = dict[Task, Row](), False
-    tasks = keys_of(list_tasks(cases, entries, seeds))
+    kept, interrupted = Rows(folder), False
+    keys = keys_of(list_tasks(cases, entries, seeds))
     try:
-        fill_rows(
-            rows, tasks, Rows(folder), measure_row, lambda task: setup_key(task.scenario), workers, heard
-        )
+        fill_rows(keys, kept, measure_row, setup_key, workers, heard)
     except KeyboardInterrupt:
         interrupted = True
-    ordered = tuple(rows[task] for task in tasks if task in rows)
-    return Score(tuple(cases), tuple(entries), seeds, ordered, len(tasks), interrupted)
+    rows = tuple(kept.known[key] for key in keys.values() if key in kept.known)
+    return Score(tuple(cases), tuple(entries), seeds, rows, len(keys), interrupted)
 
 
 def user_entry(name: str, settings: Sequence[str] = (), remark: str = "") -> Entry:

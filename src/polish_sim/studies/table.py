@@ -7,10 +7,9 @@ import json
 import platform
 import statistics
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,10 @@ from polish_sim.exchange import read_cuts, read_path
 from polish_sim.experiments.assembly import Memory, config_hash, place_key
 from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
-from polish_sim.row_file import Row, RowFile, whole_file
+from polish_sim.row_file import Row, Rows, whole_file
 from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Run, Study
-from polish_sim.workers import Heard, Result, Workers, do_all, local_copy
+from polish_sim.workers import Heard, Workers, fill_rows, local_copy
 
 RUNS = "runs.parquet"
 RUN_FOLDERS = "runs"  #: Of logs, where they are wanted
@@ -40,9 +39,11 @@ _PAUSE_S = 60.0  #: Between two writings of the table, at least
 _SHARE = 50.0  #: Pause over the time one takes, at least
 
 _PLANS = Memory()
+Task = tuple[str, Run]  #: The hash of a run's config, and the run
+Keys = dict[Task, str]
 
 
-def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
+def run_row(study: Study, logs: Path | None, task: Task) -> Row:
     """Simulate one run and give its row; a run that cannot be done says why. ``logs``: where its folder
     goes."""
     key, run = task
@@ -88,7 +89,7 @@ def run_row(study: Study, logs: Path | None, task: tuple[str, Run]) -> Row:
     }
 
 
-def begun_row(study: Study, task: tuple[str, Run]) -> Row:
+def begun_row(study: Study, task: Task) -> Row:
     """What is known of a run before it is done."""
     key, run = task
     values = {axis.key: _cell(value) for axis, value in zip(study.axes, run.values, strict=True)}
@@ -119,44 +120,35 @@ def _cell(value: Any) -> Any:
     return value if _is_cell(value) else json.dumps(value)
 
 
-@dataclass
-class RunTable:
-    """The rows of one folder: those there are, and those that come."""
+class RunTable(Rows):
+    """The rows of one sweep's folder; of each its outcome is in memory, by the hash of the run's config."""
 
-    folder: Path
-    outcomes: dict[str, str] = field(default_factory=dict)  #: By the hash of the run's config
-
-    def __post_init__(self) -> None:
-        self._file = RowFile(self.folder)
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self._written_at, self._took_s = time.monotonic(), 0.0
         self._times: deque[float] = deque(maxlen=100)  #: Of the last runs [s]
         self.sources: set[str] = set()  #: Versions of this package that rows are of
-        for key, row in self._file.read():
-            self._note(key, row)
+        super().__init__(folder)
 
-    def has(self, key: str) -> bool:
-        """Whether a run needs not be done again; one that was lost does."""
-        return self.outcomes.get(key, LOST) != LOST
+    def missing(self, keys: Mapping[Any, str]) -> list[Any]:
+        """The runs that are to be done: those that were lost as well."""
+        return [run for run, key in keys.items() if self.known.get(key, LOST) == LOST]
 
-    def add(self, row: Row) -> None:
+    def add(self, key: str, row: Mapping[str, Any]) -> None:
         """Append a row, and write the table if that was long ago."""
-        self._file.add(row["config_hash"], row)
-        self._note(row["config_hash"], row)
+        super().add(key, row)
         if time.monotonic() - self._written_at > max(_PAUSE_S, _SHARE * self._took_s):
             self.write()
-
-    def count(self, outcome: str) -> int:
-        """How many runs ended so."""
-        return sum(one == outcome for one in self.outcomes.values())
 
     def write(self) -> None:
         """Write `RUNS` from all rows; the file is replaced when it is whole."""
         begun = time.monotonic()
-        write_table(self._file.path, self.folder / RUNS)
+        write_table(self.path, self.folder / RUNS)
         self._written_at, self._took_s = time.monotonic(), time.monotonic() - begun
 
-    def _note(self, key: str, row: Row) -> None:
-        self.outcomes[key] = str(row.get("outcome"))
+    def note(self, key: str, row: Row) -> None:
+        """Keep the outcome, and how long the run took."""
+        self.known[key] = str(row.get("outcome"))
         self.sources.add(str(row.get("source")))
         if row.get("wall_s"):
             self._times.append(run_time(row))
@@ -199,44 +191,40 @@ def read_rows(folder: Path) -> dict[str, Any]:
     return dict(parquet.read_table(file).to_pydict())
 
 
-def run_study(study: Study, table: RunTable, workers: Workers, heard: Heard, logs: bool = False) -> None:
-    """Do all runs of a study that the table does not have; KeyboardInterrupt leaves what is there.
+def run_study(
+    study: Study, keys: Keys, table: RunTable, workers: Workers, heard: Heard, logs: bool = False
+) -> None:
+    """Do the runs of `keys_of_runs` that the table does not have; KeyboardInterrupt leaves what is there.
 
     Raises:
         WorkersError: If processes die one after the other, or the cluster is gone.
     """
-    missing, total = missing_runs(study, table)
-    place = table.folder.resolve() / RUN_FOLDERS if logs else None
-    keys: dict[tuple[Any, ...], int] = {}
+    work = partial(run_row, study, table.folder.resolve() / RUN_FOLDERS if logs else None)
 
-    def group_of(task: tuple[str, Run]) -> int:
-        """Runs with one plan; found once for each point."""
-        values = task[1].values
-        if values not in keys:
-            keys[values] = hash(place_key(study.scenario(task[1])))
-        return keys[values]
+    @cache
+    def group_of_point(values: tuple[Any, ...]) -> int:
+        """Of runs with one plan; found once for each point."""
+        return hash(place_key(study.scenario(Run(values, study.base.seed))))
 
-    def keep(result: Result) -> None:
-        if result.value is not None:
-            table.add(result.value)
-        elif result.trouble is not None and result.trouble.endswith("left out"):
-            table.add(begun_row(study, result.task) | {"outcome": LOST, "reason": result.trouble})
+    def lost(task: Task, trouble: str) -> Row:
+        return begun_row(study, task) | {"outcome": LOST, "reason": trouble}
 
-    do_all(workers, missing, partial(run_row, study, place), group_of, keep, heard, total - len(missing))
+    fill_rows(keys, table, work, lambda task: group_of_point(task[1].values), workers, heard, lost)
 
 
-def missing_runs(study: Study, table: RunTable | None) -> tuple[list[tuple[str, Run]], int]:
-    """The runs the table does not have, with their hashes, and how many there are in all."""
+def keys_of_runs(study: Study) -> Keys:
+    """The runs of a study with the hashes of their configs, which are their keys as well."""
     hashes: dict[Path, str] = {}
     wanted = {config_hash(study.scenario(run), hashes): run for run in study.runs()}
-    return [(key, run) for key, run in wanted.items() if table is None or not table.has(key)], len(wanted)
+    return {(key, run): key for key, run in wanted.items()}
 
 
 def write_summary(table: RunTable, study: Study, total: int) -> Mapping[str, Any]:
     """Write metrics.json: how many runs ended how."""
+    ended = Counter(table.known.values())
     facts = {
-        "experiment": study.base.experiment, "runs": len(table.outcomes), "done": table.count(DONE),
-        "stopped": table.count(STOPPED), "failed": table.count(FAILED), "lost": table.count(LOST),
+        "experiment": study.base.experiment, "runs": len(table.known), "done": ended[DONE],
+        "stopped": ended[STOPPED], "failed": ended[FAILED], "lost": ended[LOST],
         "wanted": total, "vary": {axis.key: axis.text for axis in study.axes}, "versions": package_versions(),
     }  # fmt: skip
     write_json(table.folder / "metrics.json", facts)

@@ -245,10 +245,9 @@ class Scorer:
 
     def rows(self, tasks: Sequence[Task]) -> list[Row]:
         """The rows of tasks; one whose process died is left out."""
-        rows: dict[Task, Row] = {}
-        group_of, heard = (lambda task: setup_key(task.scenario)), (lambda *_: None)
-        fill_rows(rows, keys_of(tasks), self._kept, measure_row, group_of, self._workers, heard)
-        return [rows[task] for task in tasks if task in rows]
+        keys, known = keys_of(tasks), self._kept.known
+        fill_rows(keys, self._kept, measure_row, setup_key, self._workers, lambda *_: None)
+        return [known[key] for key in keys.values() if key in known]
 
 
 def search_best(
