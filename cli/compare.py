@@ -101,10 +101,11 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
     from polish_sim.scenario_file import override, to_toml
 
     settings = list(given["--set"] or [])
-    if other := [text for text in settings if not text.startswith(ROBOT)]:
-        raise InputError(
-            f"--set {other[0]} would change nothing in 'compare': it takes robot.KEY and robot.real.KEY."
-        )
+    for text in settings:
+        if not text.startswith(ROBOT):
+            raise InputError(
+                f"--set {text} would change nothing in 'compare': it takes robot.KEY and robot.real.KEY."
+            )
     scenario = override(SCENARIO, [*([f"robot.arm={given['--arm']}"] if given["--arm"] else []), *settings])
     payload = Payload(given["--payload"] or 0.0, _center(given["--payload-center"]))
     with console.progress() as observer:
@@ -118,9 +119,13 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         put(draft, PAGE, joint_page(found, build_scene(scenario), title))
     delays = (f"{name} {console.number_or_dash(found.figures[key], '.1f', 1e3)} ms" for name, key in
               (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in found.figures)  # fmt: skip
-    caption = f"measured behind simulated: {', '.join(delays)}"
-    heads = ["figure", "unit", "side", *(f"joint {j}" for j in range(1, 7))]
-    console.table(f"compare: {title}", heads, joint_rows(found.figures), left=3, caption=caption)
+    console.table(
+        f"compare: {title}",
+        ["figure", "unit", "side", *(f"joint {j}" for j in range(1, 7))],
+        joint_rows(found.figures),
+        left=3,
+        caption=f"measured behind simulated: {', '.join(delays)}",
+    )
 
 
 def _center(text: str | None) -> tuple[float, float, float]:

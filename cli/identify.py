@@ -90,11 +90,11 @@ def _simulated_robot(settings: list[str]) -> RobotConfig:
     from polish_sim.config import Scenario
     from polish_sim.scenario_file import override
 
-    idle = [text for text in settings if not text.startswith(ARM_KEYS)]
-    if idle:
-        raise InputError(
-            f"--set {idle[0]} would change nothing in 'identify': it takes robot.arm and robot.real.KEY."
-        )
+    for text in settings:
+        if not text.startswith(ARM_KEYS):
+            raise InputError(
+                f"--set {text} would change nothing in 'identify': it takes robot.arm and robot.real.KEY."
+            )
     return override(Scenario(), settings).robot
 
 
@@ -115,17 +115,17 @@ def _refuse_idle(given: Given) -> None:
         raise InputError("--model belongs to --data or --report: what is simulated is the cell's arm.")
     if given["--joints"] is not None and model is None:
         raise InputError("--joints belongs to --model: the cell's arm has its six.")
-    _refuse_idle_arm(given)
+    _refuse_idle_arm(given, log)
 
 
-def _refuse_idle_arm(given: Given) -> None:
+def _refuse_idle_arm(given: Given, log: Path | None) -> None:
     """Refuse ``--arm`` beside another robot or without a log, and options of its logs without it."""
     arm, of_arm = given["--arm"], [option.name for option in LOG_OPTIONS if given[option.name] is not None]
     if arm is None and of_arm:
         raise InputError(f"{of_arm[0]} belongs to --arm.")
     if arm is not None and given["--model"] is not None:
         raise InputError("--arm and --model both name the robot: leave one out.")
-    if arm is not None and not given["--report"] and (given["--data"] or given["--payload-data"]) is None:
+    if arm is not None and not given["--report"] and log is None:
         raise InputError("--arm belongs to --data or --report; a simulated one is --set robot.arm=NAME.")
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer
 from polish_sim.config import GuideConfig, HandConfig, Scenario
-from polish_sim.errors import unknown_name
+from polish_sim.errors import InputError, unknown_name
 from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log
 from polish_sim.experiments.result import PartOf, RunResult
 from polish_sim.hand_guiding.arm import (
@@ -37,6 +37,7 @@ from polish_sim.planning.toolpath import arc_length
 
 HOLD_S, RELEASE_S = 0.5, 0.3  #: The servos hold the arm this long, then release it during this time [s]
 FAST_S, SLOW_S = 0.6, 1.0  #: Durations of the hand's move in paper 3's trial [s]
+PEAK = 1.875  #: Largest speed of a minimum-jerk move over its mean [-]
 HELD, MOVING, OFF = (
     APPROACH_PHASE,
     PROCESS_PHASE,
@@ -75,6 +76,12 @@ def moves_of(guide: GuideConfig, hand: HandConfig) -> list[Move]:
         raise unknown_name("mode", guide.mode, MODES)
     if guide.direction and guide.direction not in DIRECTIONS:
         raise unknown_name("direction", guide.direction, DIRECTIONS)
+    shortest = PEAK * hand.distance_m / guide.tool_speed_limit_m_s
+    if 0.0 < guide.duration_s < shortest:
+        raise InputError(
+            f"--duration {guide.duration_s:g}: the hand would move faster than guide.tool_speed_limit_m_s, "
+            f"{guide.tool_speed_limit_m_s:g} m/s. Set --duration {shortest:.3g} or longer."
+        )
     modes = [guide.mode] if guide.mode else list(MODES)
     directions = [guide.direction] if guide.direction else list(DIRECTIONS)
     durations = [guide.duration_s] if guide.duration_s else [FAST_S, SLOW_S]
@@ -92,17 +99,17 @@ def minimum_jerk(share: Array) -> tuple[Array, Array]:
 
 def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> MoveTable:
     """Where the hand wants the tool at every step of a move, centred on the pose ``T_base_home``."""
-    begin = HOLD_S + RELEASE_S + hand.before_s
-    end = begin + move.duration + hand.after_s
+    begin, duration = HOLD_S + RELEASE_S + hand.before_s, move.duration
+    end = begin + duration + hand.after_s
     t: Array = np.arange(round((end + move.off) / dt)) * np.float64(dt)
-    way, speed = minimum_jerk((t - begin) / move.duration)
+    way, speed = minimum_jerk((t - begin) / duration)
     along = np.array(DIRECTIONS[move.direction])
     positions = T_base_home[:3, 3] + hand.distance_m * (way - 0.5)[:, None] * along
-    velocities = hand.distance_m / move.duration * speed[:, None] * along
+    velocities = hand.distance_m / duration * speed[:, None] * along
     rotations = np.tile(T_base_home[:3, :3], (len(t), 1, 1))
     grip = ((t >= HOLD_S) & (t < end)).astype(float)
     servos = np.clip((HOLD_S + RELEASE_S - t) / RELEASE_S, 0.0, 1.0)
-    phase = np.where((t >= begin) & (t < begin + move.duration), MOVING, np.where(t < end, HELD, OFF)).astype(
+    phase = np.where((t >= begin) & (t < begin + duration), MOVING, np.where(t < end, HELD, OFF)).astype(
         np.int8
     )
     return MoveTable(HandMotion(positions, velocities, rotations, grip), servos, phase)

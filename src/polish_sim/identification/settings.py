@@ -18,6 +18,7 @@ SCENARIO = Scenario(
     simulation=SimulationConfig(timestep_s=STEP_S),
 )  # fmt: skip
 """The arm whose torques are those of the fit: what a log is read by and methods are measured on."""
+MOST_PERIODS = 360  #: A period more takes 14 MB and 5 s
 LARGEST_PAYLOAD = 3.0  #: Five kilograms less the tool's two [kg]
 
 
@@ -49,8 +50,11 @@ class IdentifySettings:
                 f"--payload {self.payload:g}: wanted 0 to {LARGEST_PAYLOAD:g} kg, what the arm carries "
                 "beside its tool."
             )
-        if self.periods < 1:
-            raise InputError(f"--periods {self.periods}: at least one whole period must be logged.")
+        if not 1 <= self.periods <= MOST_PERIODS:
+            raise InputError(
+                f"--periods {self.periods}: wanted 1 to {MOST_PERIODS}; an hour of motion takes half an hour "
+                "and 6 GB of memory."
+            )
 
 
 def _identify(error: float, predicted: float = 0.0285) -> tuple[Claim, ...]:
