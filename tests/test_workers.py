@@ -83,7 +83,7 @@ def test_a_task_of_a_killed_process_is_done_once_more_and_then_left_out(
 
 
 def test_where_everything_dies_all_is_given_up_and_says_what_to_do() -> None:
-    with pytest.raises(WorkersError, match=r"4 worker processes in a row died.*memory.*--workers 1"):
+    with pytest.raises(WorkersError, match=r"4 worker .*memory.*--workers 1"):
         list(work_off(range(9), perish, lambda task: task, 2))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -87,10 +88,11 @@ class Call(NamedTuple):
 
 
 def assert_refused(call: Call, said: str, *there: str) -> None:
-    """One error with code 2 that says something; the current folder holds nothing but what was there."""
+    """One error with code 2 and the facts that are said, in this order (" ... " between them); the current
+    folder holds nothing but what was there."""
     assert (call.code, call.out) == (2, ""), call.err
     (error,) = [line for line in call.err.splitlines() if line.startswith("error: ")]
-    assert said in error
+    assert re.search(".*".join(map(re.escape, said.split(" ... "))), error), error
     assert {path.name for path in Path().iterdir()} == set(there)
 
 

@@ -66,7 +66,7 @@ def test_config_and_readings_give_the_same_tool_again(folder: Path, polish_sim: 
 @pytest.mark.parametrize(
     ("columns", "scales", "said"),
     [
-        ("fy_n fx_n fz_n", (1.0, 1.0, 1.0), "if they are read as fy, fx, fz: columns are swapped"),
+        ("fy_n fx_n fz_n", (1.0, 1.0, 1.0), "read as fy, fx, fz: columns are swapped"),
         ("fx_n fy_n fz_n", (1.0, 1.0, -1.0), "if they are read as fx, fy, -fz"),
         ("tx_nm tz_nm ty_nm", (1.0, 1.0, 1.0), "if they are read as tx, tz, ty"),
         ("tx_nm ty_nm tz_nm", (1e3, 1e3, 1e3), "are the torques in N m"),

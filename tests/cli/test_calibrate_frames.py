@@ -125,7 +125,7 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str]] = [
     ("tcp", shifted, "no tip fits"),
     ("tcp", lambda r: [[";".join(row)] for row in r], "the columns are separated by semicolons"),
     ("base", lambda r: renamed(r, **METRES), "Wrong unit, or joints not at zero?"),
-    ("base", exchanged, "the master: axes 1 and 2 miss each other by"),
+    ("base", exchanged, "the master: axes 1 and 2 miss"),
     ("base", lambda r: without(r, "follower"), "no measurement of the follower"),
     ("base", lambda r: without(r, "2"), "no arc of axis 2 of the master"),
 ]
@@ -177,5 +177,5 @@ def test_a_measurement_off_by_two_millimetres_is_named(
     write(Path("off.csv"), changed(files[name], line, column, 1.0, 2.0))
     code, _, err = polish_sim("calibrate", name, "--data", "off.csv", "--out", "two")
     assert code == 0
-    assert f"{said} does not fit the others and was left out" in err
+    assert f"{said} does not fit" in err
     assert metrics_of("two")["outliers"] == [said]

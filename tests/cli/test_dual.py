@@ -105,9 +105,9 @@ def test_a_plan_for_two_says_where_the_part_is_held_and_is_run(polish_sim: Tool)
     assert polish_sim(*run, "--fault", "master-stop@contact+1", "--dry-run").code == 0
     code, _, err = polish_sim(*run, "--region", "all", "--out", "again")
     assert code == 2
-    assert "--path is a finished plan: leave --region out" in err
+    assert "leave --region out" in err
     far = ("--dual", "--set", "dual.follower_pose=[-2.5,0,0,0,0,3]", "--out", "far")
     code, _, err = polish_sim("plan", "wheel_hub_rim", *far)
     assert code == 2
-    assert "the follower does not reach the first pose" in err
+    assert "the follower does not reach" in err
     assert not Path("far").exists()

@@ -348,7 +348,7 @@ def test_a_plan_s_page_shows_the_robot_for_as_long_as_the_cycle_takes(polish_sim
     words = ["plan", "sphere_100", "--stepover", "20", "--feed", "40", "--out", "plan"]
     code, out, err = polish_sim(*words, *UNPROVEN)
     assert code == 0, err
-    assert "to look at in a browser: plan/report.html" in out
+    assert "plan/report.html" in out
     page, figures = read_page(Path("plan", PAGE)), read_json(Path("plan", "metrics.json"))
     motion, pressing = page.motion, page.motion.force > 0.0
     assert motion.time[-1] == pytest.approx(figures["cycle_time_s"], abs=1e-3)

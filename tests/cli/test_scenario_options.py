@@ -72,18 +72,18 @@ def test_set_beats_options_and_options_beat_the_file(
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--stepover", -8.0, r"--stepover -8 is outside 0\.2 to 1000 mm: distance between"),
+        ("--stepover", -8.0, r"--stepover -8 .* 0\.2 to 1000 mm"),
         ("--feed", math.nan, r"--feed nan is outside 0\.1 to 500 mm/s"),
-        ("--pad-diameter", 500.0, r"--pad-diameter 500 is outside 2 to 400 mm: pad diameter"),
+        ("--pad-diameter", 500.0, "--pad-diameter 500 .* 2 to 400 mm"),
         ("--start", "1,2,inf", r"--start '1,2,inf' is not X,Y,Z"),
         ("--raster-direction", "0,0,0", "not all zero"),
         ("--part-pose", "1,2,3", "six numbers in mm and deg"),
         ("--overlap", 100.0, "--overlap 100 is not a percentage"),
-        ("--overlap", 99.9, r"leaves a step-over of 0\.05 mm, less than the smallest possible"),
+        ("--overlap", 99.9, r"step-over of 0\.05 mm"),
         ("--log-rate", "fast", "--log-rate 'fast' is not a number .*full"),
-        ("--stepover", "8mm", "--stepover '8mm' is not a number: write 8; the unit is mm"),
-        ("--stepover", "0.008", r"--stepover 0\.008 is outside .* For 0\.008 m write 8\."),
-        ("--seed", "1" * 400, r"--seed 111111\.\.\. \(400 digits\) is outside 0 to"),
+        ("--stepover", "8mm", "--stepover '8mm' .* write 8; .* mm"),
+        ("--stepover", "0.008", r"--stepover 0\.008 .* 0\.008 m write 8\."),
+        ("--seed", "1" * 400, r"--seed 1+\.\.\. \(400 digits\) .* 0 to"),
         ("--seed", "1.5", r"--seed '1\.5' is not a whole number"),
     ],
 )
@@ -106,7 +106,7 @@ def test_a_number_out_of_range_is_answered_without_the_key_s_name_or_unit() -> N
 def test_of_the_options_of_a_path_those_pass_that_change_something() -> None:
     refuse_idle_options(experiment("surface"), ["--stepover", "--overlap", "--order", "--lead-in", "--start"])
     # Two robots cover a region where an even removal is asked for.
-    with pytest.raises(InputError, match="--stepover would change nothing in 'run dual'"):
+    with pytest.raises(InputError, match=r"--stepover .*'run dual'"):
         refuse_idle_options(experiment("dual"), ["--stepover"])
     for asked in ("--even-removal", "--removal"):
         refuse_idle_options(experiment("dual"), [asked, "--stepover"])

@@ -106,7 +106,7 @@ def test_a_feed_of_the_path_holds_where_the_path_says(polish_sim: Tool) -> None:
     assert "line 3, column 14: unknown word 'U7'" in polish_sim(*words)[2]
     code, _, err = polish_sim(*words, "--lenient")
     assert code == 0
-    assert "left out: 'path.nc', line 3, column 14: unknown word 'U7'" in err
+    assert "left out: 'path.nc', line 3, column 14" in err
     archive = np.load("out/trajectory.npz")
     speed = np.linalg.norm(np.diff(archive["tip_m"], axis=0), axis=1)[:-1] / 0.001
     x = archive["tip_m"][1:-1, 0]

@@ -271,14 +271,14 @@ def two_stretches() -> PlanResult:
     ("change", "kind", "said"),
     [
         ("dual.follower_pose=[-2.5,0,0,0,0,3]", ReachError, "the follower .*dual.follower_pose"),
-        ("part.pose=[0,2,0.3,0,0,0]", ReachError, "the master does not reach the first pose.*--part-pose"),
+        ("part.pose=[0,2,0.3,0,0,0]", ReachError, "the master .*first pose.*--part-pose"),
         ("dual.master_travel_m=10", ReachError, r"master_speed_m_s, .*dual.master_travel_m"),
         ("dual.follower_pose=[0,0,0,0,0,0]", ConfigError, "0 mm from the master's"),
         ("dual.master_direction=[0,0,0]", ConfigError, "'dual.master_direction' is no direction"),
         ("part.file=plate", PlanError, "1 piece.s. and 1 border.s."),
-        ("dual.density_kg_m3=20000", ReachError, r"^the part weighs 15\.05 kg: .*density_kg_m3="),
+        ("dual.density_kg_m3=20000", ReachError, r" 15\.05 kg: .*density_kg_m3="),
         ("dual.part_on_gripper=[0,0,0.3,0,0,0]", ReachError, r"held too far out.*dual\.part_on_gripper="),
-        ("plan.removal=even", ConfigError, r"nothing comes off: leave it or plan\.removal out"),
+        ("plan.removal=even", ConfigError, r"leave it or plan\.removal out"),
     ],
 )
 def test_what_cannot_be_done_is_refused(change: str, kind: type[Exception], said: str) -> None:
@@ -297,9 +297,9 @@ def test_the_calibration_of_other_robots_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (["dual.arms_file=a", "dual.tool_file=t"], "dual.tool_file beside dual.arms_file.*Leave the tool's"),
-        (["dual.arm_poses=60", "dual.bases_file=b"], "dual.bases_file beside dual.arm_poses.*Give one"),
-        (["dual.arms_file=a", "dual.arm_poses=60"], "dual.arm_poses beside dual.arms_file.*Give one"),
+        (["dual.arms_file=a", "dual.tool_file=t"], "dual.tool_file .*dual.arms_file.* tool's"),
+        (["dual.arm_poses=60", "dual.bases_file=b"], "dual.bases_file .*dual.arm_poses"),
+        (["dual.arms_file=a", "dual.arm_poses=60"], "dual.arm_poses .*dual.arms_file"),
         (["dual.arm_poses=5"], "dual.arm_poses = 5 .*: 0, or 20 or more"),
     ],
 )

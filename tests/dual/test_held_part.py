@@ -64,7 +64,7 @@ def test_the_chain_of_the_followed_joints_closes_to_a_nanometre_and_out_of_reach
     assert np.abs(np.diff(q_follower, axis=0)).max() < 0.25
     assert min(limit_margin(q_master), limit_margin(q_follower)) > 0.0
     away = transform(np.eye(3), np.array([0.0, 0.0, 2.0])) @ T_master_work
-    with pytest.raises(ReachError, match="the master cannot bring its flange to point 1 of 60"):
+    with pytest.raises(ReachError, match=r"master .* point 1 of 60"):
         follow_joints(CHAIN.master_flange(away), Q_MASTER, "master")
 
 
@@ -103,7 +103,7 @@ def test_a_hub_sits_on_its_ring_wherever_its_file_has_its_origin(pose: list[floa
 
 def test_a_part_the_gripper_would_not_meet_is_refused_and_can_be_put_on_it() -> None:
     ring = fitted(trimesh.creation.annulus(0.06, 0.09, 0.03))
-    with pytest.raises(ReachError, match=r"hold nothing: .* \(0, 0, -15\) mm of the part.*part_on_gripper"):
+    with pytest.raises(ReachError, match=r"\(0, 0, -15\) mm .*part_on_gripper"):
         seat_part(ring, UP)
     on_wall = (0.075, 0.0, 0.015, 0.0, 0.0, 0.0)
     seat = seat_part(ring, UP, on_wall)
@@ -127,7 +127,7 @@ def test_the_shaft_keeps_its_clearance_from_what_stands_beside_the_pad() -> None
     solid.apply_transform(transform(turn, np.array([0.0, 0.05, 0.0])))
     wall = fitted(solid)
     check_shaft(beside_wall(0.0145), wall, 0.005)
-    with pytest.raises(PlanError, match=r"shaft comes within 4\.[0-9] mm of the part .* at \(13"):
+    with pytest.raises(PlanError, match=r"shaft .* 4\.[0-9] mm .* \(13"):
         check_shaft(beside_wall(0.0135), wall, 0.005)
 
 

@@ -50,7 +50,7 @@ def test_exact_touches_give_the_tip_to_a_picometre_and_a_left_handed_one_is_name
         np.testing.assert_allclose(found.point, TIP, atol=1e-12)
         np.testing.assert_allclose(found.touched, POINT, atol=1e-12)
     R[3] = R[3][:, [1, 0, 2]]
-    with pytest.raises(CalibrationError, match="orientation of touch 4 is not a right-handed rotation"):
+    with pytest.raises(CalibrationError, match=r"touch 4 .*right-handed"):
         touches(R)
 
 
@@ -93,7 +93,7 @@ def coning(count: int, sense: float) -> Array:
     ("R", "said"),
     [
         (planned(3 + 1)[:3], "3 touches cannot separate"),
-        (spin(8), r"direction \(0.00, 0.00, 1.00\) of the flange points the same way"),
+        (spin(8), r"\(0.00, 0.00, 1.00\) .*the same way"),
         (coning(8, 1.0), "points the same way"),
         (np.tile(np.eye(3), (6, 1, 1)), "stands nearly the same in all 6 touches"),
     ],

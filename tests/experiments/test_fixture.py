@@ -77,5 +77,5 @@ def test_a_path_planned_without_it_is_refused_or_stopped_where_the_pad_touches_t
 
 
 def test_a_fixture_is_refused_where_it_would_not_be_seen() -> None:
-    with pytest.raises(InputError, match=r"part\.fixture_file is for 'plan' and 'run surface'"):
+    with pytest.raises(InputError, match=r"part\.fixture_file .*'run surface'"):
         check_settings(merge(scenario(True), {"experiment": "force"}, ""))

@@ -211,5 +211,5 @@ def test_a_path_with_nothing_to_stand_on_and_a_word_that_is_no_proof_are_refused
     corner = planned(scenario, straight((0.0965, 0.0965), (0.0999, 0.0999)))
     with pytest.raises(PlanError, match="--pad-diameter"):
         prove(scenario, corner)
-    with pytest.raises(InputError, match="none, nominal, or the number of drawn parts"):
+    with pytest.raises(InputError, match="none, nominal, or the number"):
         prove(override(scenario, ["safety.proof=always"]), plan)

@@ -263,7 +263,7 @@ def test_a_file_that_lost_a_byte_in_the_middle_takes_no_more_memory_than_a_whole
 def test_triangles_without_neighbours_are_no_surface(tmp_path: Path) -> None:
     corners = np.random.default_rng(1).uniform(-60.0, 60.0, (14_400, 3, 3))
     (tmp_path / "soup.stl").write_bytes(stl_bytes(corners))
-    with pytest.raises(MeshError, match="14400 of 14400 facets have no neighbour, the first is facet 0"):
+    with pytest.raises(MeshError, match=r"14400 of 14400 facets .* facet 0"):
         load_part(tmp_path / "soup.stl")
     assert memory_to_load(tmp_path / "soup.stl") < 60
 

@@ -130,7 +130,7 @@ def test_a_point_takes_the_smooth_face_under_it_and_faces_the_listed_facets(list
 @pytest.mark.parametrize(
     ("choice", "error", "words"),
     [
-        ("bottom", InputError, "unknown region 'bottom'. Valid: auto, top, all"),
+        ("bottom", InputError, "'bottom'. Valid: auto, top, all"),
         ("point:1,2,z", InputError, "is not point:X,Y,Z"),
         ("box:1,2,3,4,5", InputError, "6 numbers in mm"),
         ("box:1,2,3,1,5,6", InputError, "no volume"),
@@ -142,7 +142,7 @@ def test_a_point_takes_the_smooth_face_under_it_and_faces_the_listed_facets(list
         ("polygon:0,0,0;10,0,0;x,1,1", InputError, "three or more corners"),
         ("polygon:0,0,0;10,0,0;20,0,5", InputError, "lie on a line seen from above"),
         ("polygon:0,0,0;0,0,5;0,0,9", InputError, "is a point seen from above"),
-        ("polygon:-9,-9,0;9,9,0;9,-9,0;-9,9,0", InputError, "from corner 1 to 2 and from corner 3 to 4"),
+        ("polygon:-9,-9,0;9,9,0;9,-9,0;-9,9,0", InputError, "corner 1 to 2 and from corner 3 to 4"),
     ],
 )
 def test_choices_that_cannot_be_met_are_refused_with_the_reason(choice, error, words):

@@ -59,7 +59,7 @@ def test_the_noise_of_every_joint_is_found_and_another_motion_predicted_within_i
 @pytest.mark.parametrize(
     ("still", "said"),
     [
-        (slice(3, 4), r"wrist_1_joint did not move, or never faster.*fc4.*fv4"),
+        (slice(3, 4), "wrist_1_joint .*fc4.*fv4"),
         (slice(1, 6), r"of 58 base parameters"),
     ],
 )

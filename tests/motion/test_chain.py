@@ -42,7 +42,7 @@ def test_angles_are_exact_from_nothing_to_nearly_half_a_turn(angle: float) -> No
 def test_half_a_turn_of_the_axis_and_an_axis_of_no_length_name_their_place() -> None:
     tips = np.array([[0.0, 0, 0], [0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
     axes = np.array([[0.0, 0, 1], [0.0, 0, 1], [0.0, 0, 1], [0.0, 0, -1]])
-    with pytest.raises(SmoothingError, match=r"180 deg between \(10, 0, 0\) mm and \(20, 0, 0\) mm.*2 and 3"):
+    with pytest.raises(SmoothingError, match=r"180 deg .*\(10, 0, 0\) mm .* 2 and 3"):
         chain_from_axes(tips, axes)
     with pytest.raises(SmoothingError, match=r"way point 1 .* zero"):
         chain_from_axes(tips[:2], np.array([[0.0, 0, 1], [0.0, 0, 0]]))

@@ -129,5 +129,5 @@ def test_limits_may_be_infinite_but_not_all(limits: dict[str, float], each: floa
         smoothed = plan(chain, SmoothingLimits(**{**INFINITE, **limits}), 0.0, 0.0, None)
         assert smoothed.end == pytest.approx(2.0 * each)
     none = SmoothingLimits(**INFINITE, tip_speed=np.inf, tip_acceleration=np.inf, tip_jerk=np.inf)
-    with pytest.raises(SmoothingError, match="nothing limits the motion along segment 1"):
+    with pytest.raises(SmoothingError, match=r"limits .* segment 1"):
         plan_exact_stop(chain, none)

@@ -181,7 +181,7 @@ def test_a_blocking_popup_holds_until_it_is_closed_and_a_secondary_programme_may
     [
         ("x = = 1", 2, 5, "unexpected"),
         ("if True:\n x = 1", 4, 1, "unexpected"),
-        ("setpayload(1)", 2, 1, "unknown function 'setpayload'. Did you mean 'set_payload'"),
+        ("setpayload(1)", 2, 1, "Did you mean 'set_payload'"),
         ("movej([0,0,0,0,0,0], speed=1)", 2, 1, "movej takes"),
         ("x = y + 1", 2, 5, "'y' is never given a value"),
         ("def g(a):\nend\ng()", 4, 1, "g takes (a)"),

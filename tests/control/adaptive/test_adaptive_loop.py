@@ -96,5 +96,5 @@ def test_noise_that_looks_like_contact_does_not_set_the_force_loop_on_the_air() 
 
 
 def test_a_law_that_does_not_exist_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(ConfigError, match=r"no law 'touchdown'.*touch-down, stiffness"):
+    with pytest.raises(ConfigError, match=r"'touchdown'.*touch-down, stiffness"):
         adaptive(laws="touchdown")
