@@ -175,8 +175,7 @@ class Trace(NamedTuple):
     spindle_rad_s: Array  #: Speed of the spindle
     target_error_m: Array  #: From the tool point to its target, base frame, shape (n, 3)
     tool_on_part_m: Array
-    """Tool point in the nominal work frame of a part that a second robot carries, shape (n, 3); else
-    zeros."""
+    """Tool point in the nominal work frame of a part that is carried, shape (n, 3); else zeros."""
 
     @property
     def fed(self) -> Bools:

@@ -314,7 +314,7 @@ class Cell:
             self.begin_stroke(self.stroke_number + 1)
         elif status.steps == 0:
             self.begin_stroke(0)
-        self.faults.inject_due(self.kernel)
+        self.faults.inject_due(self)
         if len(self.recorder.trace) < steps:
             longer = build_recorder(steps, self._every, self.more_columns)
             self.recorder = longer._replace(filled=self.recorder.filled)

@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from polish_sim.cell.set_points import FORCE, SET_POINTS, SetPoints
 from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, number_text, unknown_name
 
+if TYPE_CHECKING:
+    from polish_sim.cell.cell import Cell
+
 JUMP_N = 20.0
 DRIFT_N_S = 3.0
 PART_M = 0.010
@@ -33,7 +36,7 @@ SLOW = 0.5
 NOISE_TIMES, FRICTION_TIMES = 10.0, 2.0
 NO_PART = "no part to press on"
 _AWAY_M = 10.0  # where a missing part goes: out of reach
-Inject = Callable[[CellKernel], None]
+Inject = Callable[["Cell"], None]
 
 
 class Fault(NamedTuple):
@@ -46,60 +49,63 @@ class Fault(NamedTuple):
 
 
 def _set(record: str, field: str, value: float) -> Inject:
-    """Give a field of the cell's state a value."""
-    return lambda cell: setattr(attrgetter(record)(cell.state), field, value)
+    """Give a field of one of the cell's records a value."""
+    return lambda cell: setattr(attrgetter(record)(cell), field, value)
 
 
-def _bias(newton: float, cell: CellKernel) -> None:
+def _bias(newton: float, cell: Cell) -> None:
     cell.state.sensor.errors.bias[2] += newton
 
 
-def _drift(cell: CellKernel) -> None:
+def _drift(cell: Cell) -> None:
     cell.state.sensor.errors.creep[2] -= DRIFT_N_S * cell.state.sensor.period
 
 
-def _sensor_noise(cell: CellKernel) -> None:
+def _sensor_noise(cell: Cell) -> None:
     cell.state.sensor.errors.noise *= NOISE_TIMES
 
 
-def _latency_jump(cell: CellKernel) -> None:
-    robot, room = cell.state.speedl, len(cell.requests.numbers) - 1
-    robot.latency = min(robot.latency + round(LATENCY_S / cell.engine.dt), room)
+def _latency_jump(cell: Cell) -> None:
+    robot, room = cell.state.speedl, len(cell.kernel.requests.numbers) - 1
+    robot.latency = min(robot.latency + round(LATENCY_S / cell.kernel.engine.dt), room)
 
 
-def _part_missing(cell: CellKernel) -> None:
+def _part_missing(cell: Cell) -> None:
     motion = cell.state.motion
     motion.shift = motion.goal = -_AWAY_M * motion.axis
 
 
-def _lift(metres: float, cell: CellKernel) -> None:
+def _lift(metres: float, cell: Cell) -> None:
     cell.state.motion.goal += metres * cell.state.motion.axis
 
 
-def _part_across(cell: CellKernel) -> None:
+def _part_across(cell: Cell) -> None:
     axis = cell.state.motion.axis
     across = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
     cell.state.motion.goal += PART_M * across / np.linalg.norm(across)
 
 
-def _part_loose(cell: CellKernel) -> None:
+def _part_loose(cell: Cell) -> None:
     motion = cell.state.motion
     motion.amplitude, motion.frequency = SHAKE_M, 2.0 * math.pi * SHAKE_HZ
-    motion.start = cell.state.status.steps * cell.engine.dt
+    motion.start = cell.state.status.steps * cell.kernel.engine.dt
 
 
-def _friction_jump(cell: CellKernel) -> None:
-    cell.pad.material.friction *= FRICTION_TIMES
+def _friction_jump(cell: Cell) -> None:
+    cell.kernel.pad.material.friction *= FRICTION_TIMES
 
 
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         "sensor-dropout": Fault(
-            "the wrist sensor's reading is missing (not a number)", _set("sensor.errors", "reach", math.nan)
+            "the wrist sensor's reading is missing (not a number)",
+            _set("state.sensor.errors", "reach", math.nan),
         ),
-        "sensor-zeros": Fault("the wrist sensor's reading is all zeros", _set("sensor.errors", "reach", 0.0)),
+        "sensor-zeros": Fault(
+            "the wrist sensor's reading is all zeros", _set("state.sensor.errors", "reach", 0.0)
+        ),
         "sensor-frozen": Fault(
-            "the wrist sensor's reading no longer changes", _set("sensor", "next", math.inf)
+            "the wrist sensor's reading no longer changes", _set("state.sensor", "next", math.inf)
         ),
         "sensor-jump": Fault(
             f"the reading along the tool axis jumps by +{JUMP_N:g} N", partial(_bias, JUMP_N)
@@ -110,10 +116,12 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         "sensor-drift": Fault(f"the reading along the tool axis drifts by -{DRIFT_N_S:g} N/s", _drift),
         "sensor-noise": Fault(f"the sensor's noise grows {NOISE_TIMES:g} times", _sensor_noise),
         "command-lost": Fault(
-            "the host sends no more commands: speedl runs out by itself", _set("status", "mute", True)
+            "the host sends no more commands: speedl runs out by itself", _set("state.status", "mute", True)
         ),
         "latency-jump": Fault(f"commands come {1e3 * LATENCY_S:g} ms later than before", _latency_jump),
-        "controller-nan": Fault("the controller's answer is not a number", _set("status", "poisoned", True)),
+        "controller-nan": Fault(
+            "the controller's answer is not a number", _set("state.status", "poisoned", True)
+        ),
         "part-missing": Fault("the part is gone, at once", _part_missing, on_part=True),
         "part-high": Fault(
             f"the part rises by {1e3 * PART_M:g} mm along its normal, at 20 mm/s",
@@ -134,21 +142,27 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             on_part=True,
         ),
         "spindle-stop": Fault(
-            "the spindle's drive fails: it runs down in 0.5 s", _set("spindle", "failed", True), on_part=True
+            "the spindle's drive fails: it runs down in 0.5 s",
+            _set("state.spindle", "failed", True),
+            on_part=True,
         ),
         "friction-jump": Fault(
             f"the pad's friction grows {FRICTION_TIMES:g} times", _friction_jump, on_part=True
         ),
         "master-stop": Fault(
-            "the master stops itself, as its own guards would", _set("master", "halted", True), on_master=True
+            "the master stops itself, as its own guards would",
+            _set("master.state", "halted", True),
+            on_master=True,
         ),
         "master-silent": Fault(
             "the host no longer receives the master's position",
-            _set("master", "unheard", True),
+            _set("master.state", "unheard", True),
             on_master=True,
         ),
         "master-slow": Fault(
-            f"the master moves at {SLOW:g} of its speed", _set("master", "slow", 1.0 - SLOW), on_master=True
+            f"the master moves at {SLOW:g} of its speed",
+            _set("master.state", "slow", 1.0 - SLOW),
+            on_master=True,
         ),
     }
 )
@@ -282,14 +296,14 @@ class FaultClock:
         self.first_time: float | None = None
         """When the first fault happened [s]."""
 
-    def inject_due(self, cell: CellKernel) -> None:
+    def inject_due(self, cell: Cell) -> None:
         """Let everything happen that is due now."""
-        dt, status = cell.engine.dt, cell.state.status
+        dt, status = cell.kernel.engine.dt, cell.state.status
         now = float(status.steps) * dt
-        for event in [e for e in self.waiting if self._time_of(e, cell) <= now + 0.5 * dt]:
+        for event in [e for e in self.waiting if self._time_of(e, cell.kernel) <= now + 0.5 * dt]:
             self.waiting.remove(event)
             if event.value is not None:
-                self._set_points.change(event.name, event.value, cell)
+                self._set_points.change(event.name, event.value, cell.kernel)
                 continue
             FAULTS[event.name].inject(cell)
             self.first_time = now if self.first_time is None else self.first_time

@@ -43,19 +43,10 @@ class Status(Record):
     spread: float  #: Sum of squares of their normal force [N^2]
 
 
-class MasterFaults(Record):
-    """What goes wrong with a second robot that carries the part."""
-
-    halted: bool  #: It has stopped itself
-    unheard: bool  #: The host no longer receives its position
-    slow: float  #: Share of its speed it has lost [-]
-
-
 class CellState(Record):
     """Everything of the cell that changes during a run and has a fixed size."""
 
     status: Status
-    master: MasterFaults
     motion: PartMotion
     spindle: Spindle
     flange: Flange
@@ -70,7 +61,7 @@ class CellState(Record):
     answer: Answer  #: Of the controller
     wrench: Vector6  #: Exact wrench of the tool on the part, tool axes, tool point
     jacobian: Matrix6  #: Of the tool point at this instant
-    tool_on_part: Vector3  #: Tool point in the nominal work frame of a part that a second robot carries [m]
+    tool_on_part: Vector3  #: Tool point in the nominal work frame of a part that is carried [m]
     scratch: Annotated[Array, (5, 3)]  #: Work array
 
 

@@ -17,7 +17,6 @@ from polish_sim.arrays import Array
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.gears import HostArm, build_host_arm, read_encoders
-from polish_sim.cell.kernel import MasterFaults
 from polish_sim.cell.real_arm import ArmPlace
 from polish_sim.cell.real_part import PartMotion
 from polish_sim.cell.robot import brakes_of
@@ -111,6 +110,9 @@ class Carrier(Record):
     pace: float  #: The rate the ramp ends at [-]
     silence: float  #: Time since the host last received the master's position [s]
     timeout: float  #: Longest silence before a protective stop [s]
+    halted: bool  #: A fault: it has stopped itself
+    unheard: bool  #: A fault: the host no longer receives its position
+    slow: float  #: A fault: share of its speed it has lost [-]
     steps: int  #: Taken so far
     brakes: Vector2  #: Deceleration of a protective stop [m/s^2], [rad/s^2]
     flange_body: int
@@ -203,9 +205,7 @@ def _host_arm(data: mujoco.MjData, rows: MasterRows) -> tuple[HostArm, Array]:
 
 
 @kernel
-def drive_master(
-    master: Master, faults: MasterFaults, going: bool, stopping: bool, dt: float, ctrl: Array
-) -> None:
+def drive_master(master: Master, going: bool, stopping: bool, dt: float, ctrl: Array) -> None:
     """Let the master's rows pass while it is ``going``, from rest and back to rest, and drive its joint
     servos.
 
@@ -213,8 +213,8 @@ def drive_master(
     it falls as a protective stop brakes: the master keeps to its rows then as well.
     """
     state, step = master.state, dt / RAMP_S
-    state.pace += min(max(1.0 - faults.slow - state.pace, -step), step)
-    if stopping or faults.halted:
+    state.pace += min(max(1.0 - state.slow - state.pace, -step), step)
+    if stopping or state.halted:
         state.rate = max(state.rate - max(step, dt * state.rate * _firmness(state)), 0.0)
     else:
         left = state.duration - state.clock
@@ -246,7 +246,6 @@ def _firmness(carrier: Carrier) -> float:
 @kernel
 def carry_part(
     master: Master,
-    unheard: bool,
     e: EngineViews,
     part: RealPart,
     motion: PartMotion,
@@ -255,9 +254,8 @@ def carry_part(
 ) -> None:
     """Place the part by the flange that carries it, and work out what the host believes of it.
 
-    ``unheard``: the host does not receive the master's position; ``said``: its encoders, ``heard`` unless it
-    comes in a gap of the link. Written: what the master notes of this instant, the part's rotation, the
-    motion's place and angular velocity.
+    ``said``: the master's encoders, ``heard`` unless the reading comes in a gap of the link. Written: what
+    the master notes of this instant, the part's rotation, the motion's place and angular velocity.
     """
     carrier, flange = master.state, master.state.flange_body
     R_flange, p_flange = e.xmat[flange].reshape((3, 3)), e.xpos[flange]
@@ -269,8 +267,8 @@ def carry_part(
         motion.place[i] = p_flange[i] + x
         motion.turning[i] = w[i]
     # A host that receives nothing continues with the last value.
-    carrier.silence = carrier.silence + e.dt if unheard else 0.0
-    if unheard:
+    carrier.silence = carrier.silence + e.dt if carrier.unheard else 0.0
+    if carrier.unheard:
         return
     arm = carrier.host_arm
     _hear(master, said, heard, e.dt)

@@ -145,11 +145,11 @@ def advance_pair(  # type: ignore[no-untyped-def]
         command(state, cell.requests, e.ctrl, e.dt, t)
         # The stop reaches both robots at once, by its own line.
         stopping = state.status.stop != 0 and state.stop.stage != SENT
-        drive_master(master, state.master, state.sequence.stage == FEEDING, stopping, e.dt, e.ctrl)
+        drive_master(master, state.sequence.stage == FEEDING, stopping, e.dt, e.ctrl)
         if state.status.steps % recorder.every == 0:
             put(recorder.rows[recorder.filled.rows], ROW_WIDTH, e.qpos[FIRST_JOINT:], 6)
         finish_step(e, state, arm, other, recorder, cell.part.position, cell.stroke.process.pass_index, t)
-        if state.master.halted:
+        if master.state.halted:
             trip(state.status, MASTER_HALTED, t)
         elif master.state.silence > master.state.timeout:
             trip(state.status, MASTER_SILENT, t)
@@ -164,16 +164,12 @@ def _place_part(  # type: ignore[no-untyped-def]
     """Place the part for this instant: where the flange that carries it is, and by its own motion."""
     carrier = master.state
     if not arm.elastic:
-        carry_part(
-            master, state.master.unheard, e, part, state.motion, Encoders(e.qpos, e.qvel, FIRST_JOINT), True
-        )
+        carry_part(master, e, part, state.motion, Encoders(e.qpos, e.qvel, FIRST_JOINT), True)
     else:
         hear_joints(arm, e)
         compensate(arm, carrier.host_arm, e, state.measurement, -1.0)
         heard = host_hears(arm, True, state.status.steps)
-        carry_part(
-            master, state.master.unheard, e, part, state.motion, Encoders(arm.links, arm.link_speed, 0), heard
-        )
+        carry_part(master, e, part, state.motion, Encoders(arm.links, arm.link_speed, 0), heard)
     move_part(state.motion, t, e.dt, part.position)
     add_carried_speed(carrier, e.xpos[carrier.flange_body], part.position, state.motion.velocity)
     see_tool_on_part(carrier, e, part, state.motion, state.tool_on_part)

@@ -264,7 +264,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             self.cell.rng.standard_normal(out=self._draws[len(kept) :])
             turn.drawn_from = steps
         if self.cell.faults.waiting:
-            self.cell.faults.inject_due(self.cell.kernel)
+            self.cell.faults.inject_due(self.cell)
             self.cell.state.status.pause_at_contact = False
         sequence = self.cell.state.sequence
         if self._to_come and sequence.stage == FEEDING and sequence.time >= self._to_come[0][0]:

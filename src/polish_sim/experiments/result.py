@@ -83,7 +83,7 @@ def _stop(run: CellRun, scenario: Scenario, T_base_work: Array | None) -> dict[s
         return {"protective_stop": limits, "protective_stop_at": None}
     row = min(int(np.searchsorted(run.trace.time_s, at)), len(run.trace.time_s) - 1)
     tip = run.trace.tcp_position_m[row]
-    on_part, where = run.trace.tool_on_part_m[row], ""  # of a part that a second robot carries
+    on_part, where = run.trace.tool_on_part_m[row], ""  # of a part that is carried
     if T_base_work is not None:
         on_part = on_part if on_part.any() else apply(inverse(T_base_work), tip)
         where = f"{place_in_mm(on_part)} of the part, "

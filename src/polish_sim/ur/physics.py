@@ -140,7 +140,7 @@ class Rig:
         """Run the cell for a tick; why the arm stopped itself in it, or nothing."""
         before = self._status.stop
         if self.cell.faults.waiting:
-            self.cell.faults.inject_due(self.cell.kernel)
+            self.cell.faults.inject_due(self.cell)
         follow(self.cell.kernel, self.cell.real_arm, self.recorder, self.order, next(self._draws), self.steps)
         if self.recording:
             filled = self.recorder.filled
