@@ -55,7 +55,8 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     draft, fresh = folder / ".part-job", not folder.exists()
     if given["--resume"]:
         for plan in _passes(folder, "plan/path.json"):
-            check_part(plan, asked.passes[0].scenario.part.file, plan_facts(plan)["part"])
+            made_on, again = plan_facts(plan)["part"], "Do the job anew with --overwrite."
+            check_part(plan, asked.passes[0].scenario.part.file, made_on, again)
     rows: list[Row] = []
     try:
         with console.progress() as observer:

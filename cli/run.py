@@ -470,15 +470,17 @@ def plan_facts(source: Path) -> dict[str, Any]:
     return {name: document.get(name) for name in PLAN_FACTS}
 
 
-def check_part(source: Path, name: str, part: Mapping[str, str]) -> None:
-    """Refuse a part that is another file than a plan was made on."""
+def check_part(
+    source: Path, name: str, part: Mapping[str, str], again: str = "Plan again on this part."
+) -> None:
+    """Refuse a part that is another file than a plan was made on; ``again`` says what to do."""
     from polish_sim.models import part_path
 
     file = part_path(name)
     if file.is_file() and _hash(file) != part["sha256"]:
         raise InputError(
             f"the plan '{source}' was made on another file than '{name}' (it was '{part['file']}', "
-            "and its content differs). Plan again on this part; a job is done anew with --overwrite."
+            f"and its content differs). {again}"
         )
 
 

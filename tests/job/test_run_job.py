@@ -127,6 +127,9 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(
         ("run", "cycle_time_s in run/"),
         ("run/log.npz", "whole run/log.npz"),
         ("run/metrics.json", "whole run/metrics.json"),
+        ("damaged run/removal.npz", "whole run/removal.npz"),
+        ("damaged run/log.npz", "whole run/log.npz"),
+        ("plan/pass.json", "whole plan/pass.json"),
     ],
 )
 def test_a_pass_that_is_no_longer_whole_is_named(
@@ -138,7 +141,14 @@ def test_a_pass_that_is_no_longer_whole_is_named(
         figures = json.loads((here / "run/metrics.json").read_text())
         del figures["cycle_time_s"]
         (here / "run/metrics.json").write_text(json.dumps(figures))
+    elif gone.startswith("damaged"):
+        file = here / gone.split()[1]
+        content = file.read_bytes()
+        middle = len(content) // 2
+        file.write_bytes(content[:middle] + bytes(40) + content[middle + 40 :])
     else:
+        if gone == "plan/pass.json":
+            shutil.rmtree(here / "run")
         (here / gone).unlink()
 
     def resumed() -> list[tuple[int, str]]:
@@ -202,4 +212,5 @@ def test_another_job_in_a_folder_does_its_own_passes_and_a_changed_part_ends_res
     assert seconds() == first
     trimesh.creation.box((202.0, 200.0, 20.0)).apply_translation([0.0, 0.0, 10.0]).export(part)
     assert done("--resume") == 2
-    assert "made on another file" in capfd.readouterr().err
+    assert "made on another file" in (err := capfd.readouterr().err)
+    assert "Do the job anew with --overwrite" in err

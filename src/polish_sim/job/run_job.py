@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import is_zipfile
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -34,7 +33,7 @@ from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass
 from polish_sim.job.lines import at, naming_line
-from polish_sim.log import PROCESS_PHASE, RemovalMap, read_removal
+from polish_sim.log import PROCESS_PHASE, RemovalMap, read_log, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import stretches
@@ -43,6 +42,8 @@ from polish_sim.spatial import to_pose
 
 PIECE_S = 1.0  #: Of simulated time between pieces on disk
 NOTHING_M = 1e-4  #: So little of a path left is done [m]
+READERS = {METRICS: read_json, "log.npz": read_log, "removal.npz": read_removal}
+"""What a finished pass has in its run, and what reads it, so that a damaged file is noticed."""
 ON_ZONE_M = 1e-4  #: Points of a path so near a zone are in it [m]
 
 
@@ -92,16 +93,15 @@ def run_job(job: Job, folder: Path, observer: Observer) -> Iterator[Row]:
                 seeded = one._replace(scenario=replace(one.scenario, seed=job.head.seed + part - 1))
                 with naming_line(job.file), at(here):
                     run_pass(seeded, target, worn.get(abrasive, 0.0), observer)
-            try:
-                figures = read_json(target / "run" / METRICS)
-            except (InputError, ValueError):
-                raise _no_longer_whole(target, f"whole run/{METRICS}") from None
+            for name, read in READERS.items():
+                try:
+                    read(target / "run" / name)
+                except InputError:
+                    raise _no_longer_whole(target, f"whole run/{name}") from None
+            figures = read_json(target / "run" / METRICS)
             for key in ("sliding_work_after_nm", "area_m2", *PASS_KEYS):
                 if key not in figures:
                     raise _no_longer_whole(target, f"{key} in run/{METRICS}")
-            for name in ("log.npz", "removal.npz"):
-                if not is_zipfile(target / "run" / name):
-                    raise _no_longer_whole(target, f"whole run/{name}")
             worn[abrasive] = figures["sliding_work_after_nm"]
             yield Row(here, part, one, figures)
 
@@ -146,7 +146,10 @@ def _planned(one: Pass, scenario: Scenario, folder: Path, observer: Observer) ->
     """The plan on disk, or a new one; and the scenario with the part where it was proven."""
     done = folder / "plan"
     if done.is_dir():
-        pose = tuple(read_json(done / "pass.json")["pose"])
+        try:
+            pose = tuple(read_json(done / "pass.json")["pose"])
+        except (InputError, KeyError):
+            raise _no_longer_whole(folder, "whole plan/pass.json") from None
         scenario = replace(scenario, part=replace(scenario.part, pose=pose))
         return (
             measure_given_path(read_path(done), scenario.part, scenario.plan, scenario.process, scenario.pad),
