@@ -31,7 +31,7 @@ def _exact_rows() -> list[Row]:
     base = run_base_calibration(BaseTrial(noise=0.0)).figures
     found["bases"] = (base["relative_origin_error_m"], base["relative_rotation_error_rad"])
     pair = PairBudgetTrial(dual=DualConfig(tracker_noise_m=0.0, touch_noise_m=0.0), draws=1)
-    off = float(np.abs(next(draw_errors(pair))[TOGETHER]).max())
+    off = float(np.abs(draw_errors(pair, 0)[TOGETHER]).max())
     rows = [Row(name, f"{m:.1e} m, {rad:.1e}", "1e-12") for name, (m, rad) in found.items()]
     return [*rows, Row("two robots adjusted together: tool on the part", f"{off:.1e} m", "1e-12")]
 
@@ -111,7 +111,7 @@ def _arm_rows() -> list[Row]:
 def _budget_rows() -> list[Row]:
     """Found one by one, without closing touches: bases by a tracker, tool and part by touches."""
     trial = PairBudgetTrial(dual=DualConfig(closing_touches=0), draws=BUDGET_DRAWS)
-    draws = list(draw_errors(trial))
+    draws = [draw_errors(trial, number) for number in range(trial.draws)]
     errors = {name: np.stack([one[name] for one in draws]) for name in draws[0]}
     shares = compare_shares(trial, predict(trial).covariances, errors)
     rows = [

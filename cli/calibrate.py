@@ -3,15 +3,17 @@ robots."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from polish_sim.cli import console
+from polish_sim.cli.boundary import INTERRUPTED
 from polish_sim.cli.calibrate_pair import (
     CALIBRATION,
     PANEL,
@@ -24,6 +26,7 @@ from polish_sim.cli.calibrate_pair import (
     write_found,
 )
 from polish_sim.cli.help import PanelledCommand
+from polish_sim.cli.many import Figures, Many, seed_rows
 from polish_sim.cli.options import (
     CONFIG_OPTIONS,
     OUTPUT_OPTIONS,
@@ -35,7 +38,7 @@ from polish_sim.cli.options import (
     takes,
 )
 from polish_sim.cli.outcome import Outcome
-from polish_sim.cli.output_folder import claimed, put
+from polish_sim.cli.output_folder import put
 from polish_sim.config.key import SENSOR
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import InputError
@@ -111,7 +114,7 @@ def payload(given: Given) -> int:
     Own("--closing", PANEL, "N", "Touches of the marks with the tool, to which all is adjusted; default 12, "
                                  "0 = none.",
         int, 0, 1000),
-    *("--seed", "--check", *OUTPUT_OPTIONS),
+    *("--seed", "--workers", "--on", "--check", *OUTPUT_OPTIONS),
 )  # fmt: skip
 def budget(given: Given) -> int:
     """Calibrate bases, tool and part again and again: where the error of the tool on the part comes from."""
@@ -120,14 +123,19 @@ def budget(given: Given) -> int:
             "--tracker-noise 0 with --touch-noise 0 leaves no error to share out: give one of them."
         )
     # Lazy: --help must not wait for the libraries.
-    from polish_sim.dual.budget import PairBudgetTrial
+    from polish_sim.dual.budget import PairBudgetTrial, draw_errors
 
     trial = PairBudgetTrial(**chosen(given, "draws", "seed"))
     settings = {key: given[name] for name, key in SETTINGS.items() if given[name] is not None}
     trial = replace(trial, dual=replace(trial.dual, **settings))
-    with claimed(given, "calibrate-budget") as folder:
-        outcome = budget_once(trial, folder.draft)
-    return outcome.finish(folder.final, given["--check"])
+    depends, work = str(replace(trial, draws=0)), partial(draw_errors, trial)
+    many = Many("calibrate-budget", "the calibration", depends, lambda _folder: work, CALIBRATIONS["budget"])
+    with seed_rows(many, given, range(trial.draws), "draw") as (folder, drawn, interrupted):
+        if len(drawn) < LEAST_DRAWS:
+            console.note(f"interrupted: draws are kept; the same command with --out {folder} resumes.")
+            return INTERRUPTED
+        outcome = budget_of(trial, list(drawn.values()), folder)
+    return replace(outcome, interrupted=interrupted).finish(folder, given["--check"])
 
 
 for _command, _text in (
@@ -194,49 +202,33 @@ def _show_estimate(found: PayloadCalibration) -> tuple[str, ...]:
     )
 
 
-def budget_once(trial: PairBudgetTrial, draft: Path) -> Outcome:
-    """Predict, draw, compare and write; an interrupt keeps what was drawn if it is `LEAST_DRAWS` or more."""
+def budget_of(trial: PairBudgetTrial, drawn: Sequence[Figures], folder: Path) -> Outcome:
+    """Predict, compare with what was drawn, `LEAST_DRAWS` or more, and write."""
     import numpy as np
 
-    from polish_sim.dual.budget import TOGETHER, budget_figures, compare_shares, draw_errors, predict
+    from polish_sim.dual.budget import TOGETHER, budget_figures, compare_shares, predict
     from polish_sim.dual.plots import plot_budget
     from polish_sim.experiments.report import save_plots
 
     with console.progress() as observer:
         observer.stage("predict by covariances")
         prediction = predict(trial)
-        observer.stage(f"draw {trial.draws} calibrations")
-        drawn: list[dict[str, Any]] = []
-        interrupted = False
-        try:
-            for errors in draw_errors(trial):
-                drawn.append(errors)
-                observer.progress(len(drawn), trial.draws)
-        except KeyboardInterrupt:
-            if len(drawn) < LEAST_DRAWS:
-                raise
-            interrupted = True
     covariances = prediction.covariances
-    errors = {name: np.stack([one[name] for one in drawn]) for name in covariances}
+    errors = {name: np.array([one[name] for one in drawn]) for name in covariances}
     shares = compare_shares(trial, covariances, errors)
     limits = {claim.figure: claim.high for claim in CALIBRATIONS["budget"]}
     asked = limits["relative_error_rms_m"], limits["relative_error_p95_m"]
     predicted, figures = budget_figures(trial, prediction, shares, errors[TOGETHER], asked[0])
-    _write_budget(draft, trial, shares, figures)
+    _write_budget(folder, trial, shares, figures)
     figure = plot_budget(trial, shares, errors[TOGETHER], covariances[TOGETHER], asked)
-    save_plots(draft, {"budget.png": figure})
+    save_plots(folder, {"budget.png": figure})
     _show_shares(shares)
     columns = {"analysis": predicted, "drawn": figures}
-    return Outcome(
-        CALIBRATIONS["budget"],
-        f"tool on the part, {len(drawn)} calibrations",
-        columns,
-        interrupted=interrupted,
-    )
+    return Outcome(CALIBRATIONS["budget"], f"tool on the part, {len(drawn)} calibrations", columns)
 
 
 def _write_budget(
-    draft: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any]
+    folder: Path, trial: PairBudgetTrial, shares: Mapping[str, Share], figures: Mapping[str, Any]
 ) -> None:
     from polish_sim.analysis.run_record import write_metrics
 
@@ -244,7 +236,7 @@ def _write_budget(
     settings = {name: getattr(trial.dual, name) for name in SETTINGS.values()}
     settings |= {name: value for name, value in asdict(trial).items() if name != "dual"}
     record = {"experiment": "calibrate-budget", "settings": settings, **figures, "sources": sources}
-    write_metrics(draft, record)
+    write_metrics(folder, record)
 
 
 def _show_shares(shares: Mapping[str, Share]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,15 @@ def one_design(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.pictures
 @pytest.mark.usefixtures("one_design")
-def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp_path: Path) -> None:
-    call = polish_sim("calibrate", "budget", "--draws", "30", "--check", "--out", "one")
+def test_a_budget_leaves_its_files_meets_what_is_asked_and_draws_only_what_is_missing(
+    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ("calibrate", "budget", "--on", "here", "--check", "--out", "one")
+    call = polish_sim(*words, "--draws", "30")
     assert call.code == 0
-    assert "draw 30 calibrations" in call.err
-    assert {path.name for path in (tmp_path / "one").iterdir()} == {"metrics.json", "budget.png"}
+    assert "30 draws" in call.err
+    files = {"metrics.json", "budget.png", "rows.jsonl", "asked.json"}
+    assert {path.name for path in (tmp_path / "one").iterdir()} == files
     figures = metrics_of(tmp_path / "one")
     sources = figures["sources"]
     assert set(sources) == {"bases", "tool", "part", "closing", "together"}
@@ -33,22 +37,51 @@ def test_a_budget_leaves_its_files_and_meets_what_is_asked(polish_sim: Tool, tmp
     assert sources["together"]["predicted_rms_m"] == pytest.approx(np.linalg.norm(alone))
     assert figures["relative_error_rms_m"] == sources["together"]["drawn_rms_m"]
     assert figures["settings"]["tracker_noise_m"] == 3e-5
+    numbers: list[int] = []
+
+    def drawn(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
+        numbers.append(number)
+        return draw_errors(trial, number)
+
+    monkeypatch.setattr("polish_sim.dual.budget.draw_errors", drawn)
+    assert polish_sim(*words, "--draws", "30").code == 0
+    assert metrics_of(tmp_path / "one") == figures
+    assert polish_sim(*words, "--draws", "32").code == 0
+    assert numbers == [30, 31]
+    assert "another calibrate-budget" in polish_sim(*words, "--draws", "32", "--seed", "1").err
 
 
-def drawn_cheaply(trial: PairBudgetTrial, count: int) -> Iterator[dict[str, Any]]:
-    """Draws as large as one real draw: a calibration each would take most of the time."""
-    drawn, rng = next(draw_errors(trial)), np.random.default_rng(0)
-    for _ in range(count):
-        yield {name: rng.standard_normal() * errors for name, errors in drawn.items()}
+def drawn_cheaply(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
+    """A draw as large as one real draw: a calibration each would take most of the time."""
+    scale = np.random.default_rng(number).standard_normal()
+    return {name: scale * errors for name, errors in _one_draw(trial).items()}
+
+
+@cache
+def _one_draw(trial: PairBudgetTrial) -> dict[str, Any]:
+    return draw_errors(trial, 0)
 
 
 @pytest.mark.usefixtures("one_design")
 def test_worse_instruments_fall_short(
     polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("polish_sim.dual.budget.draw_errors", lambda trial: drawn_cheaply(trial, 30))
+    monkeypatch.setattr("polish_sim.dual.budget.draw_errors", drawn_cheaply)
     noise = ("--tracker-noise", "0", "--touch-noise", "0.2")
-    words = ("--draws", "30", *noise, "--marks", "4", "--closing", "0", "--check", "--out", "bad")
+    words = (
+        "--draws",
+        "30",
+        *noise,
+        "--marks",
+        "4",
+        "--closing",
+        "0",
+        "--on",
+        "here",
+        "--check",
+        "--out",
+        "bad",
+    )
     assert polish_sim("calibrate", "budget", *words).code == 1
     figures = metrics_of(tmp_path / "bad")
     assert figures["settings"]["marks"] == 4
@@ -58,18 +91,21 @@ def test_worse_instruments_fall_short(
 
 
 @pytest.mark.usefixtures("one_design")
-@pytest.mark.parametrize(("after", "kept"), [(30, True), (3, False)])
-def test_broken_off_what_was_drawn_is_kept_if_it_is_enough(
-    after: int, kept: bool, polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("after", "enough"), [(30, True), (3, False), (0, False)])
+def test_broken_off_what_was_drawn_is_kept_and_summed_up_if_it_is_enough(
+    after: int, enough: bool, polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(trial: PairBudgetTrial) -> Iterator[dict[str, Any]]:
-        yield from drawn_cheaply(trial, after)
-        raise KeyboardInterrupt
+    def interrupted(trial: PairBudgetTrial, number: int) -> dict[str, Any]:
+        if number == after:
+            raise KeyboardInterrupt
+        return drawn_cheaply(trial, number)
 
     monkeypatch.setattr("polish_sim.dual.budget.draw_errors", interrupted)
-    code, _, err = polish_sim("calibrate", "budget", "--out", "cut")
+    code, _, err = polish_sim("calibrate", "budget", "--on", "here", "--out", "cut")
     assert code == 130
     assert "interrupted" in err
-    assert [path.name for path in tmp_path.iterdir()] == ["cut"] * kept
-    if kept:
+    assert [path.name for path in tmp_path.iterdir()] == ["cut"] * (after > 0)
+    if after:
+        assert (tmp_path / "cut" / "rows.jsonl").read_bytes().count(b"\n") == after
+    if enough:
         assert metrics_of(tmp_path / "cut")["draws"] == after

@@ -188,7 +188,7 @@ def alone() -> Prediction:
 
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, Array]:
-    draws = list(draw_errors(TRIAL))
+    draws = [draw_errors(TRIAL, number) for number in range(TRIAL.draws)]
     return {name: np.stack([one[name] for one in draws]) for name in draws[0]}
 
 
@@ -228,7 +228,7 @@ def test_exact_instruments_put_the_tool_where_it_is_wanted(
     monkeypatch.setattr("polish_sim.dual.budget.DESIGNS", 1)
     config = DualConfig(tracker_noise_m=0.0, touch_noise_m=touch_noise_m, closing_touches=0)
     exact = replace(TRIAL, draws=2, dual=config)
-    errors = list(draw_errors(exact))
+    errors = [draw_errors(exact, number) for number in range(2)]
     covariances = predict(exact).covariances
     drawn = {name: np.stack([one[name] for one in errors]) for name in SOURCES}
     for name in SOURCES if touch_noise_m == 0.0 else ("bases", "closing"):

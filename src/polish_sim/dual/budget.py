@@ -9,7 +9,7 @@ d, phi of the follower's base in the master's, t, psi of the part on its flange,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -145,32 +145,28 @@ def predict(trial: PairBudgetTrial) -> Prediction:
     return Prediction(_slopes(trial, true), shares)
 
 
-def draw_errors(trial: PairBudgetTrial) -> Iterator[dict[str, Array]]:
-    """Calibrate again and again, through the whole chain: nothing is linear here.
+def draw_errors(trial: PairBudgetTrial, number: int) -> dict[str, Array]:
+    """Draw one calibration of a trial, through the whole chain: nothing is linear here.
 
-    Yields, with the noise of each source alone and of all together, the error from the tool as wanted to the
+    Returns, with the noise of each source alone and of all together, the error from the tool as wanted to the
     tool as it is, work frame [m], each (points, 3).
     """
-    rng = np.random.default_rng([trial.seed, 15])
-    dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
-    T_master_work, T_work_tool, noise = trial.T_master_work, trial.T_work_tool, trial.dual.touch_noise_m
-    for _ in range(trial.draws):
-        found, R_flange_tool = find_parts(dual, true, site, rng)
-        exact = true_parts(found, true, site)
-        touched = touch_marks(true, site, dual.closing_touches, noise, rng)
-        silent = touch_marks(true, site, dual.closing_touches, 0.0, rng)
-        heard = {
-            name: (_only(name, found, exact), touched if name == "closing" else silent) for name in SOURCES
-        }
-        heard[TOGETHER] = (found, touched)
-        chains = {
-            name: believed_chain(adjust_pair(parts, site.marks_work, closing, noise), R_flange_tool, true)
-            for name, (parts, closing) in heard.items()
-        }
-        yield {
-            name: tool_errors(PairFrames(true, chain), T_master_work, T_work_tool)
-            for name, chain in chains.items()
-        }
+    rng = np.random.default_rng([trial.seed, 15, number])
+    dual, site, true, noise = trial.dual, trial.site, true_chain(trial.dual), trial.dual.touch_noise_m
+    found, R_flange_tool = find_parts(dual, true, site, rng)
+    exact = true_parts(found, true, site)
+    touched = touch_marks(true, site, dual.closing_touches, noise, rng)
+    silent = touch_marks(true, site, dual.closing_touches, 0.0, rng)
+    heard = {name: (_only(name, found, exact), touched if name == "closing" else silent) for name in SOURCES}
+    heard[TOGETHER] = (found, touched)
+    chains = {
+        name: believed_chain(adjust_pair(parts, site.marks_work, closing, noise), R_flange_tool, true)
+        for name, (parts, closing) in heard.items()
+    }
+    return {
+        name: tool_errors(PairFrames(true, chain), trial.T_master_work, trial.T_work_tool)
+        for name, chain in chains.items()
+    }
 
 
 def compare_shares(
