@@ -39,7 +39,8 @@ def main() -> None:
     rng, limit = np.random.default_rng(options.seed), scenario.safety.singular_value_limit
     q = np.array(list(_poses(options.poses, rng, limit)))
     found: dict[str, list[float]] = {}
-    for pose, mode in zip(q, arm_modes(scenario, q) / (2.0 * math.pi), strict=True):
+    modes = arm_modes(scenario, setup_of(scenario, one_mass()).stiffness, q) / (2.0 * math.pi)
+    for pose, mode in zip(q, modes, strict=True):
         for name, tried in _tries(scenario, float(mode)):
             found.setdefault(name, []).append(_gain_margin(tried, pose))
         print(f"{mode:.1f} Hz  " + "  ".join(f"{column[-1]:.2f}" for column in found.values()), flush=True)

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from polish_sim.cell.limits import check_rates, check_step_limits
+from polish_sim.cell.limits import check_contact_settings, check_depth, check_friction, check_rates
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments import run_experiment
 from polish_sim.experiments.assembly import modelled_depth
@@ -18,8 +18,10 @@ TANGENTIAL_MASS = 4.0  # [kg]
 
 def accepted(*changes: str) -> None:
     scenario = ideal("force", "safety.force_limit_n=30", *changes)
-    force = scenario.process.contact_force_n
-    check_step_limits(scenario, force, TANGENTIAL_MASS, modelled_depth(scenario, force))
+    force, pad, dt = scenario.process.contact_force_n, scenario.pad, scenario.simulation.timestep_s
+    check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
+    check_friction(pad, dt, force, TANGENTIAL_MASS)
+    check_depth(pad, scenario.head, force, modelled_depth(scenario, force))
     check_rates(scenario)
 
 

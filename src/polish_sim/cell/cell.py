@@ -28,7 +28,13 @@ from polish_sim.cell.flange import build_flange
 from polish_sim.cell.gears import HostArm, RealArm
 from polish_sim.cell.guards import CONTROLLER_ERROR, NO_STOP, REASONS, build_guards, crash_points
 from polish_sim.cell.kernel import CellKernel, CellState, LawMemory, Lesson
-from polish_sim.cell.limits import check_rates, check_step_limits, with_implicit_friction
+from polish_sim.cell.limits import (
+    check_contact_settings,
+    check_depth,
+    check_friction,
+    check_rates,
+    with_implicit_friction,
+)
 from polish_sim.cell.loop import advance
 from polish_sim.cell.observer import SILENT, Observer, PythonLaw, interrupts_noted
 from polish_sim.cell.real_arm import build_real_arm
@@ -170,17 +176,21 @@ class Cell:
 
     def _prepare(self, scenario: Scenario, part: RealPart) -> None:
         """Check a scenario against the cell, and build what changes in its run."""
-        force, mass = self._start.force, self._start.mass
+        force, mass, dt = self._start.force, self._start.mass, scenario.simulation.timestep_s
         if self.real_arm.elastic:
-            dt = scenario.simulation.timestep_s
             scenario = replace(scenario, pad=with_implicit_friction(scenario.pad, dt, force, mass))
-        check_step_limits(scenario, force, mass, part.field.band)
+        pad = scenario.pad
+        check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
+        check_friction(pad, dt, force, mass)
+        check_depth(pad, scenario.head, force, part.field.band)
         check_rates(scenario)
         self.on_part = any(stroke.contact for stroke in self.strokes)
         self.scenario, self.set_points = scenario, SetPoints(scenario.process)
         self.touched: str | None = None  #: The links in contact at a protective stop
         self.stroke_number, self.draws = 0, np.empty((0, DRAWS))
-        self.faults = FaultClock(planned_events(scenario, self.on_part, bool(self.arm)), self.set_points)
+        self.faults = FaultClock(
+            planned_events(scenario.faults, scenario.process, self.on_part, bool(self.arm)), self.set_points
+        )
         self.asked: list[FaultEvent] = []  #: What somebody let happen while it ran
         self.kernel, self.recorder = (
             self._build_kernel(part),

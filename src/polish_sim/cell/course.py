@@ -91,7 +91,7 @@ def build_course(
     if scenario.robot.elastic:
         tools = transform(poses.rotations[few], poses.positions[few])
         modes = np.interp(
-            np.arange(rows), few, arm_modes(scenario, track(tools, tool_on_flange(), q_start).q)
+            np.arange(rows), few, arm_modes(scenario, springs, track(tools, tool_on_flange(), q_start).q)
         )
     statics = pressed_in + surplus, surplus, stiffness, moment, tilt_stiffness
     return Course(SPACING, *statics, *along, earlier, modes)

@@ -21,7 +21,7 @@ from polish_sim.cell.guards import MEASURED, NO_STOP
 from polish_sim.cell.kernel import CellKernel
 from polish_sim.cell.robot import SENT, SHORT, STANDING
 from polish_sim.cell.set_points import FORCE, SET_POINTS, SetPoints
-from polish_sim.config import Scenario
+from polish_sim.config import FaultsConfig, ProcessConfig, Scenario
 from polish_sim.errors import ConfigError, number_text, unknown_name
 
 if TYPE_CHECKING:
@@ -251,14 +251,16 @@ def _parse_change(entry: str) -> FaultEvent:
         raise ConfigError(f"the change '{entry}' has no number for {name}, e.g. force_n=25@3.5.") from None
 
 
-def planned_events(scenario: Scenario, on_part: bool, two_robots: bool) -> tuple[FaultEvent, ...]:
-    """The faults and the changes of set points that a scenario plans.
+def planned_events(
+    faults: FaultsConfig, process: ProcessConfig, on_part: bool, two_robots: bool
+) -> tuple[FaultEvent, ...]:
+    """The faults and the changes of set points that are planned.
 
     Raises:
         PolishSimError: Naming the first that is not written as it should be, is out of range, or would change
             nothing without a part to press on, or without a second robot that carries it.
     """
-    events = (*parse_events(scenario.faults.events), *parse_changes(scenario.process.changes))
+    events = (*parse_events(faults.events), *parse_changes(process.changes))
     for event in events:
         kind, lacking = "fault" if event.value is None else "change", ""
         if not on_part and (event.after_contact or event.name == FORCE):
@@ -267,7 +269,7 @@ def planned_events(scenario: Scenario, on_part: bool, two_robots: bool) -> tuple
             lacking = lacking_for(event.name, on_part, two_robots)
         if lacking:
             raise ConfigError(f"the {kind} '{event}' would change nothing: there is {lacking}. Leave it out.")
-        most = math.inf if event.name == FORCE else scenario.process.feed_m_s
+        most = math.inf if event.name == FORCE else process.feed_m_s
         if event.value is not None and not 0.0 < event.value <= most:
             raise ConfigError(
                 f"the change '{event}' is out of range: {SET_POINTS[event.name]}, above 0"

@@ -6,24 +6,22 @@ import math
 from dataclasses import replace
 
 from polish_sim.cell.real_part import depth_for
-from polish_sim.config import PadConfig, Scenario
+from polish_sim.config import HeadConfig, PadConfig, SafetyConfig, Scenario
 from polish_sim.errors import ConfigError
 
 TURNS_PER_STEP = 0.2  # of the spindle, at most: its imbalance must be seen five times a turn
 LEAST_ROOM = 1.2  # of the force at which the robot stops over the force it is to hold
 
 
-def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, modelled: float) -> None:
-    """Refuse a scenario whose contact would be unstable at its time step, pressed with at most ``force`` [N].
+def check_friction(pad: PadConfig, dt: float, force: float, tangential_mass: float) -> None:
+    """Refuse a pad whose friction would be unstable in a step of ``dt`` [s], pressed with at most ``force``
+    [N].
 
-    ``tangential_mass`` [kg] is the inertia of arm and tool against a push across the tool axis, ``modelled``
-    [m] how deep below its surface the part is modelled.
+    ``tangential_mass`` [kg] is the inertia of arm and tool against a push across the tool axis.
 
     Raises:
         ConfigError: Naming the limit that is broken, by how much, and the keys that would mend it.
     """
-    check_contact_settings(scenario, force)
-    dt, pad = scenario.simulation.timestep_s, scenario.pad
     drag = pad.friction * force * dt / (pad.friction_smoothing_m_s * tangential_mass)
     if drag >= 1.0:
         raise ConfigError(
@@ -31,23 +29,24 @@ def check_step_limits(scenario: Scenario, force: float, tangential_mass: float, 
             f"mu F dt / (v_s m) = {drag:.2f}, must be below 1 (m = {tangential_mass:.1f} kg). "
             "Raise it, or lower pad.friction or simulation.timestep_s."
         )
-    _check_depth(scenario, force, modelled)
 
 
 def with_implicit_friction(pad: PadConfig, dt: float, force: float, tangential_mass: float) -> PadConfig:
     """A pad whose friction, taken at the beginning of a step of ``dt`` [s], acts as if taken at its end.
 
     Behind elastic gears the tool is so light that it needs that. In its steep part friction is a damper mu F
-    / v_s; taken at the end of a step it is mu F / (v_s + mu F dt / m). Arguments as of `check_step_limits`.
+    / v_s; taken at the end of a step it is mu F / (v_s + mu F dt / m). Arguments as of `check_friction`.
     """
     smoothing = pad.friction_smoothing_m_s + pad.friction * force * dt / tangential_mass
     return replace(pad, friction_smoothing_m_s=smoothing)
 
 
-def check_contact_settings(scenario: Scenario, force: float) -> None:
-    """The part of `check_step_limits` that follows from the settings alone, before anything is planned."""
-    dt, pad, head = scenario.simulation.timestep_s, scenario.pad, scenario.head
-    damping = pad.damping_s_m * scenario.safety.force_limit_n * dt / head.mass_kg
+def check_contact_settings(
+    pad: PadConfig, head: HeadConfig, safety: SafetyConfig, dt: float, force: float
+) -> None:
+    """Refuse springs and limits that cannot work in a step of ``dt`` [s], pressed with at most ``force`` [N];
+    raises as `check_friction`."""
+    damping = pad.damping_s_m * safety.force_limit_n * dt / head.mass_kg
     if damping >= 1.0:
         raise ConfigError(
             f"pad.damping_s_m = {pad.damping_s_m:g} is too much for this step: a F dt / m = {damping:.2f}, "
@@ -60,17 +59,18 @@ def check_contact_settings(scenario: Scenario, force: float) -> None:
             "below 0.7. Lower pad.stiffness_n_m, head.stiffness_n_m, head.spring_scale or "
             "simulation.timestep_s, or raise head.mass_kg."
         )
-    if scenario.safety.force_limit_n < LEAST_ROOM * force:
+    if safety.force_limit_n < LEAST_ROOM * force:
         raise ConfigError(
-            f"safety.force_limit_n = {scenario.safety.force_limit_n:g} leaves no room above the {force:g} N "
+            f"safety.force_limit_n = {safety.force_limit_n:g} leaves no room above the {force:g} N "
             f"to be held: the robot would stop at the first overshoot. Raise it to {LEAST_ROOM * force:g} or "
             "more, or lower process.contact_force_n (--contact-force) or the path's own force."
         )
-    _check_depth(scenario, force, depth_for(force, pad.stiffness_n_m * head.spring_scale))
+    check_depth(pad, head, force, depth_for(force, pad.stiffness_n_m * head.spring_scale))
 
 
-def _check_depth(scenario: Scenario, force: float, modelled: float) -> None:
-    pad, head = scenario.pad, scenario.head
+def check_depth(pad: PadConfig, head: HeadConfig, force: float, modelled: float) -> None:
+    """Refuse a force that would press the pad deeper than the part is ``modelled`` below its surface [m];
+    raises as `check_friction`."""
     depth = 2.0 * force / (pad.stiffness_n_m * head.spring_scale)
     if depth > modelled:
         raise ConfigError(

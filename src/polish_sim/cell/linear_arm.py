@@ -101,15 +101,14 @@ def motion_matrices(about: JointsAbout, gears: Gears) -> MotionMatrices:
 _ABOVE: Final = 1.1  # the servos hold rotors that the resting shape leaves alone
 
 
-def arm_modes(scenario: Scenario, q: Array) -> Array:
+def arm_modes(scenario: Scenario, springs: float, q: Array) -> Array:
     """Frequency at which the arm swings along the tool axis, pressing on the part, at each of ``q`` (n, 6)
-    [rad], shape (n,) [rad/s].
+    [rad], shape (n,) [rad/s]; ``springs``: head and pad in series [N/m].
 
     One for all modes that share the axis: Rayleigh's quotient of the shape into which the tool's force bends
     the arm, and a tenth more. On twenty poses the loop of ``hybrid-adaptive`` has the largest gain margin
     with its notch there (`python -m benchmarks.arm_notch`).
     """
-    springs = 1.0 / (1.0 / scenario.head.stiffness_n_m + 1.0 / scenario.pad.stiffness_n_m)
     real, force, modes = scenario.robot.real, scenario.process.contact_force_n, []
     for about in joints_about(scenario, q):
         moving = motion_matrices(about, gears_about(real, force, about, slipping_gears(about.arm, 0.0)))

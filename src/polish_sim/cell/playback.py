@@ -19,6 +19,7 @@ from polish_sim.motion.kinematics import NOMINAL
 
 JOINTS = 6
 LOOK_EVERY = 20  # rows between looks at links in contact
+SETTLE_S = 0.5  # the robot stands before it plays [s]
 
 
 class JointTargets(NamedTuple):
@@ -40,13 +41,11 @@ class Played(NamedTuple):
     table: Array  #: Of the arm as built, shape (4, 6)
 
 
-def play_joints(
-    model: mujoco.MjModel, robot: RobotConfig, seed: int, targets: JointTargets, settle: float = 0.5
-) -> Played:
+def play_joints(model: mujoco.MjModel, robot: RobotConfig, seed: int, targets: JointTargets) -> Played:
     """Play joint targets, from rest to rest and one row a step, on a scene's robot in free space, spindle at
     rest.
 
-    The robot first stands at the first target for ``settle`` [s], so that gravity has settled. Elastic joints
+    The robot first stands at the first target for `SETTLE_S`, so that gravity has settled. Elastic joints
     are those of a ``seed``; the model becomes theirs.
 
     Raises:
@@ -57,10 +56,10 @@ def play_joints(
     data = mujoco.MjData(model)
     _refuse_touch(model, data, targets.q)
     data.qpos[:JOINTS] = targets.q[0]
-    still = round(settle / float(model.opt.timestep))
-    wanted = JointTargets(np.ascontiguousarray(targets.q), np.ascontiguousarray(targets.qd))
-    q, qd, torque, motor, read = (np.empty(wanted.q.shape) for _ in range(5))
-    played, arm = Played(q, qd, torque, motor, read, NOMINAL.copy()), RealArm()
+    still = round(SETTLE_S / model.opt.timestep)
+    wanted = JointTargets(*map(np.ascontiguousarray, targets))
+    played = Played._make((*np.empty((5, *wanted.q.shape)), NOMINAL.copy()))
+    arm = RealArm()
     if robot.elastic:
         played.table[:] = built_table(robot.real, seed, model, wanted.q[0])
         arm = build_real_arm(robot.real, seed, model, data, wanted.q[0])

@@ -59,11 +59,13 @@ def replay(robot: RobotConfig, log: RobotRecording, payload: Payload) -> Replay:
     q[lead] = q[0] - first * LEAD_S * 0.5 * (1.0 - share**2)
     qd[lead] = first * share
     played = play_joints(model, robot, SCENARIO.seed, JointTargets(q, qd))
-    torque, still = played.torque, np.zeros_like(q)
+    still = np.zeros_like(q)
     if not robot.elastic:
-        torque = torque + rigid_torques(robot, played.q, still, still, payload)
-    rows = played.read, played.qd, torque
-    return Replay(*(np.stack([np.interp(log.time, t, column) for column in values.T], 1) for values in rows))
+        played.torque[:] += rigid_torques(robot, played.q, still, still, payload)
+    return Replay(*(
+        np.stack([np.interp(log.time, t, column) for column in values.T], 1)
+        for values in (played.read, played.qd, played.torque)
+    ))  # fmt: skip
 
 
 def commands_of(log: RobotRecording) -> CubicSpline:

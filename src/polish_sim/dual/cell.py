@@ -91,9 +91,9 @@ class PairCell(Cell):
     def _build_real_arm(self, q_start: Array) -> RealArm:
         real, seed = self.scenario.robot.real, self.scenario.seed
         # The scene is bent by both tables already; of the master's host the loop keeps its own account.
-        both = ((self._rows.q[0], MASTER_ARM), (q_start, FOLLOWER_ARM))
         self.master_arm, follower = (
-            build_joints(real, seed, self.model, self.data, q, self.host_arm, place) for q, place in both
+            build_joints(real, seed, self.model, self.data, q, self.host_arm, place)
+            for q, place in ((self._rows.q[0], MASTER_ARM), (q_start, FOLLOWER_ARM))
         )
         return follower
 

@@ -184,7 +184,8 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
             raise InputError(f"bodies = {bodies}: there is at least one arm and part to choose from.")
         chosen = scenario_of(task, scenario, settings)
         if force_steps:
-            check_contact_settings(chosen, max(force_range_n))
+            dt = chosen.simulation.timestep_s
+            check_contact_settings(chosen.pad, chosen.head, chosen.safety, dt, max(force_range_n))
         self._every = steps_per_action(chosen, rate_hz)
         self.task, self.action, self.rate_hz, self.sparse = task, action, rate_hz, reward == "sparse"
         self._force_steps, self._force_range = force_steps, force_range_n

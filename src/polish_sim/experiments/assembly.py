@@ -293,7 +293,7 @@ def check_settings(scenario: Scenario) -> None:
             if name and not part_path(name).is_file():
                 raise InputError(f"'{name}' is no file. Check the name and the folder.")
     check_rates(scenario)
-    planned_events(scenario, row.on_part, two_robots=row.carried)
+    planned_events(scenario.faults, scenario.process, row.on_part, two_robots=row.carried)
     if scenario.process.learn:
         check_learning(scenario, controller)
 
@@ -310,4 +310,5 @@ def check_force(scenario: Scenario, path: ToolPath | None) -> None:
         raised = [
             change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE
         ]
-        check_contact_settings(scenario, force / usual * max([usual, *raised]))
+        pad, head, dt = scenario.pad, scenario.head, scenario.simulation.timestep_s
+        check_contact_settings(pad, head, scenario.safety, dt, force / usual * max([usual, *raised]))

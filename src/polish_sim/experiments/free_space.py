@@ -54,8 +54,10 @@ def free_log(
     ``columns_of`` gives columns of the log by name, (n,) or (n, k), those of ``log.LATER`` last, of one of
     them, its number, steps a row, and whether the arm is a real one; what is not there is zero.
     """
-    every, real = scenario.simulation.log_every, scenario.robot.elastic
-    parts = [columns_of(play, number, every, real) for number, play in enumerate(played)]
+    parts = [
+        columns_of(play, number, scenario.simulation.log_every, scenario.robot.elastic)
+        for number, play in enumerate(played)
+    ]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     rows = np.zeros((len(columns["time_s"]), row_width()))
     for name, (start, width) in row_layout().items():

@@ -176,13 +176,11 @@ def run_guided(
     Raises ReachError if links touch at the start.
     """
     register_engine()
-    joints = RealArm()
-    if arm.elastic is not None:
+    if arm.elastic:
         arm = arm._replace(model=copy.copy(arm.model))  # links and damping of the model become this run's
     data = mujoco.MjData(arm.model)
     data.qpos[:6] = q_start
-    if arm.elastic is not None:
-        joints = build_real_arm(arm.elastic, arm.seed, arm.model, data, q_start)
+    joints = build_real_arm(arm.elastic, arm.seed, arm.model, data, q_start) if arm.elastic else RealArm()
     mujoco.mj_forward(arm.model, data)
     if data.ncon:
         raise ReachError("the arm cannot be guided from here: its links touch. Choose another start.")

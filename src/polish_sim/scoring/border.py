@@ -41,11 +41,11 @@ def linear_law_of(scenario: Scenario, scale: float = 1.0) -> MeasuredLaw:
     it knows the vibration in the pose of ``force``, as from the course.
     """
     controller = scenario.controller
+    setup = setup_of(replace(scenario, head=replace(scenario.head, spring_scale=1.0)), one_mass())
     if scenario.robot.elastic and controller.adaptive.arm_mode_hz:
-        mode = float(arm_modes(scenario, FORCE_POSE[None])[0])
+        mode = float(arm_modes(scenario, setup.stiffness, FORCE_POSE[None])[0])
         known = replace(controller.adaptive, arm_mode_hz=mode / (2.0 * math.pi))
         controller = replace(controller, adaptive=known)
-    setup = setup_of(replace(scenario, head=replace(scenario.head, spring_scale=1.0)), one_mass())
     return measure_law(
         build_controller(controller), with_springs(setup, scale), scenario.process.contact_force_n,
         setup.stiffness,

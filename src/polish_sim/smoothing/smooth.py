@@ -180,7 +180,7 @@ def play_rule(scenario: Scenario, task: SmoothTask, rule: str, motion: SmoothMot
     clock = np.arange(0.0, motion.end + AFTER_S, scenario.simulation.timestep_s)
     targets = sampled_joints(motion.sample(clock), task.arm)
     servos = JointTargets(targets.q, targets.first)
-    played: Played = play_joints(build_scene(scenario), scenario.robot, scenario.seed, servos)
+    played = play_joints(build_scene(scenario), scenario.robot, scenario.seed, servos)
     places = motion.places_at(task.marks, clock)[0]
     return RulePlay(PlayedRule(rule, clock, places, targets.q - played.read, targets.third), targets, played)
 
