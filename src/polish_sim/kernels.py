@@ -26,6 +26,10 @@ Matrix6 = Annotated[Array, (6, 6)]
 kernel = njit(cache=False, forceinline=True)
 """Compiled into the kernels that call it and kept on disk only with them; callable from Python, too."""
 
+Triple = tuple[float, float, float]
+Vector = Array | Triple
+Matrix = Array | tuple[Triple, Triple, Triple]
+
 _SCALARS = {float: np.float64, int: np.int64, bool: np.bool_}
 
 
@@ -77,13 +81,94 @@ def memory_of(record: Any) -> NDArray[np.uint8]:
     return np.asarray(record).reshape(1).view(np.uint8)
 
 
-@kernel
-def dot(a: Array, b: Array) -> float:
-    """Scalar product of two vectors (3,)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # type: ignore[no-any-return]
+# Vectors by value. In go arrays (3,), the first three elements of longer ones, or tuples; out come tuples, so
+# that nothing is allocated. Sums are added from the left, as a formula is read.
 
 
 @kernel
-def cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> tuple[float, float, float]:
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def cross(a: Vector, b: Vector) -> Triple:
     """Vector product."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def plus(a: Vector, b: Vector) -> Triple:
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@kernel
+def minus(a: Vector, b: Vector) -> Triple:
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@kernel
+def scaled(factor: float, v: Vector) -> Triple:
+    """Product with a number."""
+    return factor * v[0], factor * v[1], factor * v[2]
+
+
+@kernel
+def plus_cross(v: Vector, a: Vector, b: Vector) -> Triple:
+    """v + a x b: a velocity or a moment, carried from one point of a body to another."""
+    return (
+        v[0] + a[1] * b[2] - a[2] * b[1],
+        v[1] + a[2] * b[0] - a[0] * b[2],
+        v[2] + a[0] * b[1] - a[1] * b[0],
+    )
+
+
+@kernel
+def second_by_turning(w: Vector, dw: Vector, v: Vector) -> Triple:
+    """Second derivative of a vector fixed in a body of angular velocity ``w``: dw x v + w x (w x v)."""
+    return plus_cross(cross(dw, v), w, cross(w, v))  # type: ignore[no-any-return]
+
+
+@kernel
+def third_by_turning(w: Vector, dw: Vector, ddw: Vector, v: Vector) -> Triple:
+    """Its third derivative: ddw x v + 2 dw x v' + w x v''."""
+    twice = scaled(2.0, cross(dw, cross(w, v)))
+    return plus_cross(plus(cross(ddw, v), twice), w, second_by_turning(w, dw, v))  # type: ignore[no-any-return]
+
+
+@kernel
+def matvec(M: Matrix, v: Vector) -> Triple:
+    """Product of a matrix (3, 3) and a vector."""
+    return dot(M[0], v), dot(M[1], v), dot(M[2], v)
+
+
+@kernel
+def plus_matvec(p: Vector, M: Array, v: Vector) -> Triple:
+    """p + M v: a place in the frame of a pose."""
+    return (
+        p[0] + M[0, 0] * v[0] + M[0, 1] * v[1] + M[0, 2] * v[2],
+        p[1] + M[1, 0] * v[0] + M[1, 1] * v[1] + M[1, 2] * v[2],
+        p[2] + M[2, 0] * v[0] + M[2, 1] * v[1] + M[2, 2] * v[2],
+    )
+
+
+@kernel
+def turn_about(n: Vector, cosine: float, sine: float, rest: float, v: Vector) -> Triple:
+    """``v`` turned about a unit axis ``n`` by the angle of this cosine and sine (Rodrigues); ``rest`` is 1 -
+    cosine."""
+    along = scaled(rest * dot(n, v), n)
+    return plus(plus(scaled(cosine, v), scaled(sine, cross(n, v))), along)  # type: ignore[no-any-return]
+
+
+@kernel
+def set_to(out: Array, v: Vector) -> None:
+    """Write a vector into an array (3,)."""
+    out[0], out[1], out[2] = v[0], v[1], v[2]
+
+
+@kernel
+def add_to(out: Array, v: Vector) -> None:
+    """Add a vector to an array (3,)."""
+    set_to(out, plus(out, v))

@@ -16,7 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import PadConfig, SpindleConfig
 from polish_sim.geometry.field_lookup import DistanceField, look_up
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Record, dot, kernel
+from polish_sim.kernels import Record, kernel, matvec, minus, set_to
 
 
 class PadMaterial(Record):
@@ -97,26 +97,21 @@ def press_pad(
     ``pad_center`` the centre of the face [m], ``pad_velocity`` its velocity [m/s], ``pad_turning`` the head's
     angular velocity without the spindle [rad/s]; all in the base frame.
     """
-    R, p, w = part.rotation, part.position, pad.motion
-    center, x_axis, y_axis, velocity, turning = 0, 1, 2, 3, 4
+    R, w = part.rotation, pad.motion
     # Everything in the work frame of the real part.
-    for j in range(3):
-        w[center, j] = w[x_axis, j] = w[y_axis, j] = w[velocity, j] = w[turning, j] = 0.0
-        for i in range(3):
-            w[center, j] += R[i, j] * (pad_center[i] - p[i])
-            w[x_axis, j] += R[i, j] * R_base_pad[i, 0]
-            w[y_axis, j] += R[i, j] * R_base_pad[i, 1]
-            w[velocity, j] += R[i, j] * pad_velocity[i]
-            w[turning, j] += R[i, j] * pad_turning[i]
+    set_to(w[0], matvec(R.T, minus(pad_center, part.position)))
+    set_to(w[1], matvec(R.T, R_base_pad[:, 0]))
+    set_to(w[2], matvec(R.T, R_base_pad[:, 1]))
+    set_to(w[3], matvec(R.T, pad_velocity))
+    set_to(w[4], matvec(R.T, pad_turning))
     deepest = _measure_depths(pad, part.field)
     if deepest <= 0.0:
         for i in range(3):
             force[i] = torque[i] = 0.0
         return
     _sum_pressure(pad, spin)
-    for i in range(3):
-        force[i] = dot(R[i], w[5])
-        torque[i] = dot(R[i], w[6])
+    set_to(force, matvec(R, w[5]))
+    set_to(torque, matvec(R, w[6]))
 
 
 @kernel
@@ -141,7 +136,10 @@ def _measure_depths(pad: Pad, field: DistanceField) -> float:
 
 @njit(fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _sum_pressure(pad: Pad, spin: float) -> None:
-    """Sum pressure and friction over the points; without branches, so that the compiler can vectorise."""
+    """Sum pressure and friction over the points; without branches, so that the compiler can vectorise.
+
+    The products stand here in full: those of other kernels are not ``fastmath``.
+    """
     w = pad.motion
     xx, xy, xz = w[1, 0], w[1, 1], w[1, 2]
     yx, yy, yz = w[2, 0], w[2, 1], w[2, 2]

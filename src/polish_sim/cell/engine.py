@@ -13,7 +13,7 @@ from numba import types
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import add_symbol
-from polish_sim.kernels import kernel
+from polish_sim.kernels import add_to, cross, kernel, matvec, minus, plus, plus_cross, scaled
 
 HEAD = 6  # the head's slide comes after the joints of the arm with the tool
 ARM_JOINTS = HEAD + 1
@@ -133,27 +133,20 @@ def correct_reading(e: EngineViews) -> None:
 
     Spatial vectors are (angular; linear) about the tree's centre of mass, as the engine keeps them.
     """
-    wx = wy = wz = vx = vy = vz = 0.0
-    fx = fy = fz = tx = ty = tz = 0.0
+    w = v = force = torque = 0.0, 0.0, 0.0
     last = e.speeds_before.shape[0] - 1
     for j in range(last + 1):
         surplus = (e.qvel[j] - e.speeds_before[j]) / e.dt - e.qacc[j]
-        d = e.cdof[j]
-        wx, wy, wz = wx + surplus * d[0], wy + surplus * d[1], wz + surplus * d[2]
-        vx, vy, vz = vx + surplus * d[3], vy + surplus * d[4], vz + surplus * d[5]
+        w = plus(w, scaled(surplus, e.cdof[j]))
+        v = plus(v, scaled(surplus, e.cdof[j, 3:6]))
         if j < last - 1:
             continue
         # The last joint is the head's slide, the one before carries the housing.
         c = e.cinert[e.mount_body if j == last - 1 else e.head_body]
-        tx += c[0] * wx + c[3] * wy + c[4] * wz + c[7] * vz - c[8] * vy
-        ty += c[3] * wx + c[1] * wy + c[5] * wz + c[8] * vx - c[6] * vz
-        tz += c[4] * wx + c[5] * wy + c[2] * wz + c[6] * vy - c[7] * vx
-        fx += c[8] * wy - c[7] * wz + c[9] * vx
-        fy += c[6] * wz - c[8] * wx + c[9] * vy
-        fz += c[7] * wx - c[6] * wy + c[9] * vz
-    R, p, com = e.site_xmat[e.sensor_site], e.site_xpos[e.sensor_site], e.subtree_com[e.root_body]
-    rx, ry, rz = com[0] - p[0], com[1] - p[1], com[2] - p[2]
-    tx, ty, tz = tx + ry * fz - rz * fy, ty + rz * fx - rx * fz, tz + rx * fy - ry * fx
-    for i in range(3):
-        e.sensordata[i] += R[i] * fx + R[3 + i] * fy + R[6 + i] * fz
-        e.sensordata[3 + i] += R[i] * tx + R[3 + i] * ty + R[6 + i] * tz
+        inertia = (c[0], c[3], c[4]), (c[3], c[1], c[5]), (c[4], c[5], c[2])
+        torque = plus(torque, plus_cross(matvec(inertia, w), c[6:9], v))
+        force = plus(force, plus(cross(w, c[6:9]), scaled(c[9], v)))
+    arm = minus(e.subtree_com[e.root_body], e.site_xpos[e.sensor_site])
+    R_sensor_base = e.site_xmat[e.sensor_site].reshape((3, 3)).T
+    add_to(e.sensordata, matvec(R_sensor_base, force))
+    add_to(e.sensordata[3:6], matvec(R_sensor_base, plus_cross(torque, arm, force)))

@@ -24,7 +24,19 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews
 from polish_sim.control.signals import Measurement
-from polish_sim.kernels import Matrix4, Record, Vector3, Vector6, kernel
+from polish_sim.kernels import (
+    Matrix4,
+    Record,
+    Vector3,
+    Vector6,
+    cross,
+    dot,
+    kernel,
+    matvec,
+    minus,
+    plus_matvec,
+    set_to,
+)
 from polish_sim.motion.kinematics import advance_frame, joint_rows
 
 PRESSED_S = 0.2  #: In which the host believes a force to stay [s]
@@ -66,14 +78,13 @@ def read_encoders(arm: HostArm, q: Array, first: int) -> None:
         for j in range(4):
             T[i, j] = arm.T_world_base[i, j]
     for k in range(6):
-        for i in range(3):
-            arm.anchors[k, i], arm.axes[k, i] = T[i, 3], T[i, 2]
+        set_to(arm.anchors[k], T[:, 3])
+        set_to(arm.axes[k], T[:, 2])
         advance_frame(T, arm.table[k], q[first + k])
-    E = arm.T_flange_end
-    for i in range(3):
-        arm.place[i] = T[i, 3] + T[i, 0] * E[0, 3] + T[i, 1] * E[1, 3] + T[i, 2] * E[2, 3]
-        for j in range(3):
-            arm.turn[3 * i + j] = T[i, 0] * E[0, j] + T[i, 1] * E[1, j] + T[i, 2] * E[2, j]
+    E, turn = arm.T_flange_end, arm.turn.reshape((3, 3))
+    set_to(arm.place, plus_matvec(T[:, 3], T, E[:, 3]))
+    for j in range(3):
+        set_to(turn[:, j], matvec(T, E[:, j]))
 
 
 # The joints.
@@ -190,14 +201,9 @@ def compensate(arm: RealArm, host: HostArm, e: EngineViews, m: Measurement, shar
     if math.isfinite(m.wrench[2]):
         arm.pressed += e.dt / PRESSED_S * (share * m.wrench[2] - arm.pressed)
     for j in range(6):
-        g, axis, z = host.gears[j], host.axes[j], m.rotation[:, 2]
-        x, y, h = (
-            m.position[0] - host.anchors[j, 0],
-            m.position[1] - host.anchors[j, 1],
-            m.position[2] - host.anchors[j, 2],
-        )
-        load = axis[0] * (y * z[2] - h * z[1]) + axis[1] * (h * z[0] - x * z[2])
-        load = e.qfrc_gravcomp[arm.first + j] + arm.pressed * (load + axis[2] * (x * z[1] - y * z[0]))
+        g, lever = host.gears[j], minus(m.position, host.anchors[j])
+        moment_arm = dot(host.axes[j], cross(lever, m.rotation[:, 2]))
+        load = e.qfrc_gravcomp[arm.first + j] + arm.pressed * moment_arm
         size, first, second = abs(load), arm.knees[j, 0], arm.knees[j, 1]
         wound = g[0] * min(size, first) + g[1] * min(max(size - first, 0.0), second - first)
         wound += g[2] * max(size - second, 0.0)

@@ -23,7 +23,7 @@ from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN
 from polish_sim.config import SafetyConfig, SensorConfig
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
-from polish_sim.kernels import Record, Vector3, kernel
+from polish_sim.kernels import Record, Vector3, kernel, matvec, minus, plus_matvec
 from polish_sim.models import robot_model_path
 
 if TYPE_CHECKING:
@@ -396,17 +396,11 @@ def _crashed(
     fields."""
     # a sheet thinner than the grid is nowhere negative, but never further than this
     near = 0.5 * field.spacing
-    P, p0 = part.rotation, part.position
     for i in range(first, end, _CRASH_ROUNDS):
         body, p = crash.bodies[i], crash.points[i]
-        R = e.xmat[body]
-        x = e.xpos[body, 0] + R[0] * p[0] + R[1] * p[1] + R[2] * p[2] - p0[0]
-        y = e.xpos[body, 1] + R[3] * p[0] + R[4] * p[1] + R[5] * p[2] - p0[1]
-        z = e.xpos[body, 2] + R[6] * p[0] + R[7] * p[1] + R[8] * p[2] - p0[2]
-        wx = P[0, 0] * x + P[1, 0] * y + P[2, 0] * z
-        wy = P[0, 1] * x + P[1, 1] * y + P[2, 1] * z
-        wz = P[0, 2] * x + P[1, 2] * y + P[2, 2] * z
-        if field_distance(field, wx, wy, wz) < near:
+        place = plus_matvec(e.xpos[body], e.xmat[body].reshape((3, 3)), p)
+        x, y, z = matvec(part.rotation.T, minus(place, part.position))
+        if field_distance(field, x, y, z) < near:
             return True
     return False
 

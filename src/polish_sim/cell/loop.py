@@ -49,7 +49,7 @@ from polish_sim.cell.stroke import (
 )
 from polish_sim.cell.wrist_sensor import sample_sensor, tool_wrench
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, kernel
+from polish_sim.kernels import cross, kernel, matvec, minus, plus_cross, scaled, set_to
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE, TOUCH_PHASE
 
 LOOK_EVERY = 4  # steps between looks at the engine's own contacts
@@ -122,38 +122,27 @@ def press_on_part(e: EngineViews, state: CellState, pad: Pad, part: RealPart) ->
     R_base_pad = e.site_xmat[e.pad_site].reshape((3, 3))
     velocity, force, torque, moment, turning_on = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     turning, com = e.cvel[head, 0:3], e.subtree_com[e.root_body]
-    rx, ry, rz = center[0] - com[0], center[1] - com[1], center[2] - com[2]
-    velocity[0] = e.cvel[head, 3] + turning[1] * rz - turning[2] * ry - moving[0]
-    velocity[1] = e.cvel[head, 4] + turning[2] * rx - turning[0] * rz - moving[1]
-    velocity[2] = e.cvel[head, 5] + turning[0] * ry - turning[1] * rx - moving[2]
+    gliding = minus(plus_cross(e.cvel[head, 3:6], turning, minus(center, com)), moving)
     # Of the pad against the part, which may turn as well.
-    spin, origin = state.motion.turning, part.position
-    rx, ry, rz = center[0] - origin[0], center[1] - origin[1], center[2] - origin[2]
-    velocity[0] -= spin[1] * rz - spin[2] * ry
-    velocity[1] -= spin[2] * rx - spin[0] * rz
-    velocity[2] -= spin[0] * ry - spin[1] * rx
-    for i in range(3):
-        turning_on[i] = turning[i] - spin[i]
+    spin = state.motion.turning
+    set_to(velocity, minus(gliding, cross(spin, minus(center, part.position))))
+    set_to(turning_on, minus(turning, spin))
     press_pad(pad, part, state.spindle.speed, R_base_pad, center, velocity, turning_on, force, torque)
     moment_at(force, torque, center, e.xipos[head], moment)
     for i in range(3):
         e.xfrc_applied[head, i] = force[i]
         e.xfrc_applied[head, 3 + i] = moment[i]
     moment_at(force, torque, center, tool, moment)
-    R = e.site_xmat[e.tool_site]
-    for i in range(3):
-        wrench[i] = -(R[i] * force[0] + R[3 + i] * force[1] + R[6 + i] * force[2])
-        wrench[3 + i] = -(R[i] * moment[0] + R[3 + i] * moment[1] + R[6 + i] * moment[2])
+    R_tool_base = e.site_xmat[e.tool_site].reshape((3, 3)).T
+    set_to(wrench, scaled(-1.0, matvec(R_tool_base, force)))
+    set_to(wrench[3:], scaled(-1.0, matvec(R_tool_base, moment)))
     pull_of_imbalance(state.spindle, e.xmat[head], e.xfrc_applied[head])
 
 
 @kernel
 def moment_at(force: Array, torque: Array, old_point: Array, new_point: Array, out: Array) -> None:
     """Move a torque from one reference point to another."""
-    rx, ry, rz = old_point[0] - new_point[0], old_point[1] - new_point[1], old_point[2] - new_point[2]
-    out[0] = torque[0] + ry * force[2] - rz * force[1]
-    out[1] = torque[1] + rz * force[0] - rx * force[2]
-    out[2] = torque[2] + rx * force[1] - ry * force[0]
+    set_to(out, plus_cross(torque, minus(old_point, new_point), force))
 
 
 @kernel
@@ -172,10 +161,8 @@ def see_tool(state: CellState, tool: Array, R: Array, anchors: Array, axes: Arra
     for i in range(6):
         m.twist[i] = 0.0
     for j in range(6):
-        ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
-        rx, ry, rz = tool[0] - anchors[j, 0], tool[1] - anchors[j, 1], tool[2] - anchors[j, 2]
-        jacobian[0, j], jacobian[1, j], jacobian[2, j] = cross(ax, ay, az, rx, ry, rz)
-        jacobian[3, j], jacobian[4, j], jacobian[5, j] = ax, ay, az
+        set_to(jacobian[:, j], cross(axes[j], minus(tool, anchors[j])))
+        set_to(jacobian[3:, j], axes[j])
         for i in range(6):
             m.twist[i] += jacobian[i, j] * speeds[j]
 

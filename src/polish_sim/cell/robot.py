@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array
 from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.control.signals import Measurement
-from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, kernel
+from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, add_to, dot, kernel, minus, scaled
 from polish_sim.motion import JOINT_LIMITS
 
 SPARE = 200  # steps the latency can grow by while running
@@ -102,14 +102,10 @@ def limit_acceleration(robot: Speedl, dt: float, firmness: float = 1.0) -> None:
     limits."""
     alive = 1.0 if robot.age < robot.timeout else 0.0
     for start, limit in ((0, firmness * robot.acceleration), (3, firmness * robot.angular_acceleration)):
-        x = alive * robot.request[start] - robot.twist[start]
-        y = alive * robot.request[start + 1] - robot.twist[start + 1]
-        z = alive * robot.request[start + 2] - robot.twist[start + 2]
-        size = math.sqrt(x * x + y * y + z * z)
-        share = 1.0 if size <= limit * dt else limit * dt / size
-        robot.twist[start] += share * x
-        robot.twist[start + 1] += share * y
-        robot.twist[start + 2] += share * z
+        twist = robot.twist[start:]
+        gap = minus(scaled(alive, robot.request[start:]), twist)
+        size = math.sqrt(dot(gap, gap))
+        add_to(twist, scaled(1.0 if size <= limit * dt else limit * dt / size, gap))
 
 
 @kernel

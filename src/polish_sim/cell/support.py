@@ -15,7 +15,7 @@ from polish_sim.cell.contact import Pad, RealPart, build_pad, press_pad
 from polish_sim.cell.real_part import PartFields, place_part
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import kernel
+from polish_sim.kernels import dot, kernel
 from polish_sim.spatial import perpendicular
 
 SIDES = 8  #: Directions in which the part may lie aside
@@ -30,7 +30,7 @@ def _carries(pad: Pad, part: RealPart, frame: Array, middle: Array, depth: float
     for k in range(3):
         place[k] = middle[k] + depth * frame[k, 2]
     press_pad(pad, part, 0.0, frame, place, still, still, pushed, torque)
-    return -(pushed[0] * frame[0, 2] + pushed[1] * frame[1, 2] + pushed[2] * frame[2, 2]) >= force
+    return -dot(pushed, frame[:, 2]) >= force
 
 
 @njit

@@ -15,7 +15,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.config import SensorConfig
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, kernel
+from polish_sim.kernels import Matrix6, Record, Vector3, Vector6, cross, kernel, minus, scaled, set_to
 
 GRAVITY = 9.81  # [m/s^2], MuJoCo's default and the model's
 DRAWS = 12  # standard normal numbers a sample takes: noise and drift of six axes
@@ -156,18 +156,12 @@ def tool_wrench(payload: Payload, sensor: WristSensor, R_base_tool: Array, out: 
     The sensor reads sum m (a - g) - contact; the believed weight is subtracted (accelerations are not), the
     moment is moved to the tool point and the tare is taken off.
     """
-    c, lever, reading, tare = payload.center, payload.lever, sensor.reading, sensor.tare
-    wx = payload.mass * GRAVITY * R_base_tool[2, 0]
-    wy = payload.mass * GRAVITY * R_base_tool[2, 1]
-    wz = payload.mass * GRAVITY * R_base_tool[2, 2]
-    fx, fy, fz = reading[0] - wx, reading[1] - wy, reading[2] - wz
-    mx = reading[3] - (c[1] * wz - c[2] * wy)
-    my = reading[4] - (c[2] * wx - c[0] * wz)
-    mz = reading[5] - (c[0] * wy - c[1] * wx)
-    out[0], out[1], out[2] = fx - tare[0], fy - tare[1], fz - tare[2]
-    out[3] = mx - (lever[1] * fz - lever[2] * fy) - tare[3]
-    out[4] = my - (lever[2] * fx - lever[0] * fz) - tare[4]
-    out[5] = mz - (lever[0] * fy - lever[1] * fx) - tare[5]
+    reading, tare = sensor.reading, sensor.tare
+    weight = scaled(payload.mass * GRAVITY, R_base_tool[2])
+    force = minus(reading, weight)
+    moment = minus(reading[3:6], cross(payload.center, weight))
+    set_to(out, minus(force, tare))
+    set_to(out[3:6], minus(minus(moment, cross(payload.lever, force)), tare[3:6]))
 
 
 # The tool as it really is, and what its weight does to the wrist sensor.

@@ -20,7 +20,7 @@ from polish_sim.control.signals import (
     Target,
 )
 from polish_sim.kernel_cache import cfunc
-from polish_sim.kernels import Record, Vector3, kernel
+from polish_sim.kernels import Record, Vector3, dot, kernel
 
 LATEST = 2.0  #: Times as late as believed the sensor may be
 STIFFER = 1.5  #: Times the drawn stiffness up to which the gains are as set
@@ -125,8 +125,7 @@ def turn_to_target(
 @kernel
 def along_z(m: Measurement, twist: Array) -> float:
     """Speed along tool z [m/s]."""
-    z = m.rotation[:, 2]
-    return float(z[0] * twist[0] + z[1] * twist[1] + z[2] * twist[2])
+    return float(dot(m.rotation[:, 2], twist))
 
 
 @kernel

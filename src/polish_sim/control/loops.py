@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 from polish_sim.arrays import Array
-from polish_sim.kernels import Record, Vector3, kernel
+from polish_sim.kernels import Record, Vector3, add_to, cross, dot, kernel, scaled
 
 # First-order low-pass, in the exact discrete form.
 
@@ -89,19 +89,12 @@ def add_axis_rotation(n0: Array, n1: Array, spare: Array, out: Array) -> None:
     Parallel axes add nothing. For opposite ones every perpendicular axis is right: ``spare``, a unit vector
     perpendicular to ``n0``, is taken.
     """
-    c0 = n0[1] * n1[2] - n0[2] * n1[1]
-    c1 = n0[2] * n1[0] - n0[0] * n1[2]
-    c2 = n0[0] * n1[1] - n0[1] * n1[0]
-    sine = math.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
-    cosine = n0[0] * n1[0] + n0[1] * n1[1] + n0[2] * n1[2]
+    across, cosine = cross(n0, n1), dot(n0, n1)
+    sine = math.sqrt(dot(across, across))
     if sine > 1e-12:
-        scale = math.atan2(sine, cosine) / sine
-        out[0] += scale * c0
-        out[1] += scale * c1
-        out[2] += scale * c2
+        add_to(out, scaled(math.atan2(sine, cosine) / sine, across))
     elif cosine < 0.0:
-        for i in range(3):
-            out[i] += math.pi * spare[i]
+        add_to(out, scaled(math.pi, spare))
 
 
 @kernel

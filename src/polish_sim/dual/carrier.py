@@ -23,7 +23,24 @@ from polish_sim.cell.robot import brakes_of
 from polish_sim.cell.stroke import BUILD_UP, LONGEST_RAMP
 from polish_sim.config import RobotConfig, SafetyConfig
 from polish_sim.control.signals import Target
-from polish_sim.kernels import Matrix3, Record, Vector2, Vector3, Vector6, dot, kernel
+from polish_sim.kernels import (
+    Matrix3,
+    Record,
+    Vector2,
+    Vector3,
+    Vector6,
+    add_to,
+    cross,
+    dot,
+    kernel,
+    matvec,
+    minus,
+    plus,
+    plus_cross,
+    plus_matvec,
+    scaled,
+    set_to,
+)
 from polish_sim.motion.kinematics import NOMINAL
 from polish_sim.spatial import inverse, transform
 
@@ -141,7 +158,7 @@ class Carrier(Record):
     p_moved: Vector3  #: How the part has moved since the first row, as the host believes
     #: The flange as the host believes, in rows: place [m], velocity [m/s], angular velocity [rad/s]
     believed: Matrix3
-    work: Annotated[Array, (7, 3)]  #: Work array
+    work: Annotated[Array, (6, 3)]  #: Work array
 
 
 class Master(NamedTuple):
@@ -262,10 +279,8 @@ def carry_part(
     w = carrier.turning
     _add_joints(p_flange, e.xanchor, e.xaxis, FIRST_JOINT, e.qvel, FIRST_JOINT, carrier.velocity, w)
     multiply(R_flange, carrier.R_part, part.rotation)
-    for i in range(3):
-        x = dot(R_flange[i], carrier.p_part)
-        motion.place[i] = p_flange[i] + x
-        motion.turning[i] = w[i]
+    set_to(motion.place, plus(p_flange, matvec(R_flange, carrier.p_part)))
+    set_to(motion.turning, w)
     # A host that receives nothing continues with the last value.
     carrier.silence = carrier.silence + e.dt if carrier.unheard else 0.0
     if carrier.unheard:
@@ -319,45 +334,29 @@ def _add_joints(
         v[i] = w[i] = 0.0
     for k in range(6):
         j, speed = first + k, speeds[first_speed + k]
-        ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
-        rx, ry, rz = point[0] - anchors[j, 0], point[1] - anchors[j, 1], point[2] - anchors[j, 2]
-        v[0] += speed * (ay * rz - az * ry)
-        v[1] += speed * (az * rx - ax * rz)
-        v[2] += speed * (ax * ry - ay * rx)
-        w[0], w[1], w[2] = w[0] + speed * ax, w[1] + speed * ay, w[2] + speed * az
+        add_to(v, scaled(speed, cross(axes[j], minus(point, anchors[j]))))
+        add_to(w, scaled(speed, axes[j]))
 
 
 @kernel
 def add_carried_speed(carrier: Carrier, p_flange: Array, origin: Array, velocity: Array) -> None:
     """Add what the flange does to the velocity of the part's origin, both (3,)."""
-    w = carrier.turning
-    rx, ry, rz = origin[0] - p_flange[0], origin[1] - p_flange[1], origin[2] - p_flange[2]
-    velocity[0] += carrier.velocity[0] + w[1] * rz - w[2] * ry
-    velocity[1] += carrier.velocity[1] + w[2] * rx - w[0] * rz
-    velocity[2] += carrier.velocity[2] + w[0] * ry - w[1] * rx
+    add_to(velocity, plus_cross(carrier.velocity, carrier.turning, minus(origin, p_flange)))
 
 
 @kernel
 def carry_target(carrier: Carrier, target: Target) -> None:
     """Close the chain: move a target given for the part at the first row to where the host believes it is
     now."""
-    R, b, old, frame = carrier.R_moved, carrier.believed, carrier.work, target.rotation
-    for i in range(3):
-        old[0, i], old[1, i], old[2, i] = target.position[i], target.twist[i], target.twist[3 + i]
-    for i in range(3):
-        target.position[i] = (
-            carrier.p_moved[i] + R[i, 0] * old[0, 0] + R[i, 1] * old[0, 1] + R[i, 2] * old[0, 2]
-        )
-        target.twist[i] = dot(R[i], old[1])
-        target.twist[3 + i] = b[2, i] + R[i, 0] * old[2, 0] + R[i, 1] * old[2, 1] + R[i, 2] * old[2, 2]
-    rx, ry, rz = (target.position[0] - b[0, 0], target.position[1] - b[0, 1], target.position[2] - b[0, 2])
-    target.twist[0] += b[1, 0] + b[2, 1] * rz - b[2, 2] * ry
-    target.twist[1] += b[1, 1] + b[2, 2] * rx - b[2, 0] * rz
-    target.twist[2] += b[1, 2] + b[2, 0] * ry - b[2, 1] * rx
+    R, flange, place, twist, frame = (
+        carrier.R_moved, carrier.believed, target.position, target.twist, target.rotation,
+    )  # fmt: skip
+    set_to(place, plus_matvec(carrier.p_moved, R, place))
+    set_to(twist, matvec(R, twist))
+    set_to(twist[3:6], plus_matvec(flange[2], R, twist[3:6]))
+    add_to(twist, plus_cross(flange[1], flange[2], minus(place, flange[0])))
     for j in range(3):
-        x, y, z = frame[0, j], frame[1, j], frame[2, j]
-        for i in range(3):
-            frame[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+        set_to(frame[:, j], matvec(R, frame[:, j]))
 
 
 @kernel
@@ -367,14 +366,10 @@ def see_tool_on_part(
     """Write the tool point [m] in the nominal work frame as carried, and as far as the part has slipped with
     it."""
     R_flange, p_flange = e.xmat[carrier.flange_body].reshape((3, 3)), e.xpos[carrier.flange_body]
-    on_flange, tool, R = carrier.work[0], e.site_xpos[e.tool_site], carrier.R_work
-    for i in range(3):
-        on_flange[i] = -carrier.p_work[i]
-        for j in range(3):
-            slip = part.position[j] - motion.place[j]
-            on_flange[i] += R_flange[j, i] * (tool[j] - p_flange[j] - slip)
-    for i in range(3):
-        out[i] = R[0, i] * on_flange[0] + R[1, i] * on_flange[1] + R[2, i] * on_flange[2]
+    slip = minus(part.position, motion.place)
+    tool = minus(minus(e.site_xpos[e.tool_site], p_flange), slip)
+    on_flange = plus_matvec(scaled(-1.0, carrier.p_work), R_flange.T, tool)
+    set_to(out, matvec(carrier.R_work.T, on_flange))
 
 
 @kernel
@@ -387,25 +382,17 @@ def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Ar
     B, b, work, R = carrier.R_belief, carrier.p_belief, carrier.work, carrier.R_moved
     turn, R_B = work[0:3], work[3:6]
     multiply(R_flange, carrier.R_rest.T, turn)
-    shift = work[6]
-    for i in range(3):
-        shift[i] = p_flange[i] - (
-            dot(turn[i], carrier.p_rest)
-        )  # fmt: skip
+    shift = minus(p_flange, matvec(turn, carrier.p_rest))
     multiply(B, turn, R_B)
     multiply(R_B, B.T, R)
-    seen = carrier.believed
-    for i in range(3):
-        carrier.p_moved[i] = b[i] - (dot(R[i], b))
-        carrier.p_moved[i] += dot(B[i], shift)
-        seen[0, i] = b[i] + B[i, 0] * p_flange[0] + B[i, 1] * p_flange[1] + B[i, 2] * p_flange[2]
-        seen[1, i] = dot(B[i], v)
-        seen[2, i] = dot(B[i], w)
+    set_to(carrier.p_moved, plus(minus(b, matvec(R, b)), matvec(B, shift)))
+    set_to(carrier.believed[0], plus_matvec(b, B, p_flange))
+    set_to(carrier.believed[1], matvec(B, v))
+    set_to(carrier.believed[2], matvec(B, w))
 
 
 @kernel
 def multiply(A: Array, B: Array, out: Array) -> None:
     """``A @ B`` of two (3, 3) into a third."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+    for j in range(3):
+        set_to(out[:, j], matvec(A, B[:, j]))

@@ -24,7 +24,7 @@ from polish_sim.cell.stroke import FEEDING, RETRACT
 from polish_sim.control import hybrid, signals
 from polish_sim.control.loops import rotation_error
 from polish_sim.kernel_cache import cfunc, njit, structref
-from polish_sim.kernels import Record, Vector3, Vector6, dot, kernel
+from polish_sim.kernels import Record, Vector3, Vector6, kernel, matvec, minus, set_to
 from polish_sim.log import APPROACH_PHASE, PROCESS_PHASE, RETRACT_PHASE
 
 if TYPE_CHECKING:
@@ -73,22 +73,10 @@ _CONTEXT = ActionContext.dtype
 
 
 @kernel
-def _to_base(R: Array, vector: Array, out: Array) -> None:
-    for i in range(3):
-        out[i] = dot(R[i], vector)
-
-
-@kernel
-def _to_tool(R: Array, vector: Array, out: Array) -> None:
-    for i in range(3):
-        out[i] = R[0, i] * vector[0] + R[1, i] * vector[1] + R[2, i] * vector[2]
-
-
-@kernel
 def _offset_plan(c: ActionContext, t: signals.Target, offset: Array, planned: Array) -> None:
     """Add to a planned velocity what keeps the loops of eq. 6 and 7 an ``offset`` in tool axes off the
     planned pose."""
-    _to_base(t.rotation, offset, c.turn)
+    set_to(c.turn, matvec(t.rotation, offset))
     for i in range(3):
         planned[i] += c.turn[i] / c.gains.orientation.look_ahead
 
@@ -97,8 +85,8 @@ def _offset_plan(c: ActionContext, t: signals.Target, offset: Array, planned: Ar
 def _twist_law(context, _course, measurement, _target, answer):  # type: ignore[no-untyped-def]
     c, out = carray(context, 1, _CONTEXT)[0], carray(answer, 1, signals.ANSWER)[0]
     m = carray(measurement, 1, signals.MEASUREMENT)[0]
-    _to_base(m.rotation, c.command[0:3], out.twist[0:3])
-    _to_base(m.rotation, c.command[3:6], out.twist[3:6])
+    set_to(out.twist[0:3], matvec(m.rotation, c.command[0:3]))
+    set_to(out.twist[3:6], matvec(m.rotation, c.command[3:6]))
     out.feed = c.feed
 
 
@@ -161,15 +149,13 @@ def observe(m: signals.Measurement, t: signals.Target, c: ActionContext) -> None
     for i in range(6):
         seen[i] = m.wrench[i]
     seen[6], seen[7], seen[8] = t.force - m.wrench[2], t.force, t.contact
-    for i in range(3):
-        c.turn[i] = t.position[i] - m.position[i]
-    _to_tool(m.rotation, c.turn, seen[9:12])
+    set_to(seen[9:12], matvec(m.rotation.T, minus(t.position, m.position)))
     rotation_error(m.rotation, t.rotation, c.turn)
-    _to_tool(m.rotation, c.turn, seen[12:15])
-    _to_tool(m.rotation, m.twist[0:3], seen[15:18])
-    _to_tool(m.rotation, m.twist[3:6], seen[18:21])
-    _to_tool(m.rotation, t.twist[0:3], seen[21:24])
-    _to_tool(m.rotation, t.twist[3:6], seen[24:27])
+    set_to(seen[12:15], matvec(m.rotation.T, c.turn))
+    set_to(seen[15:18], matvec(m.rotation.T, m.twist[0:3]))
+    set_to(seen[18:21], matvec(m.rotation.T, m.twist[3:6]))
+    set_to(seen[21:24], matvec(m.rotation.T, t.twist[0:3]))
+    set_to(seen[24:27], matvec(m.rotation.T, t.twist[3:6]))
     seen[27] = t.curvature
     for i in range(SEEN):
         value = seen[i] / _SCALES[i]

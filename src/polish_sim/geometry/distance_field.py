@@ -107,7 +107,7 @@ def _point_and_normal(patch, u, v):  # type: ignore[no-untyped-def]
     px, ax, bx = _component(patch, 0, u, v, w)
     py, ay, by = _component(patch, 1, u, v, w)
     pz, az, bz = _component(patch, 2, u, v, w)
-    nx, ny, nz = cross(ax, ay, az, bx, by, bz)
+    nx, ny, nz = cross((ax, ay, az), (bx, by, bz))
     size = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
     return px, py, pz, nx / size, ny / size, nz / size
 

@@ -9,7 +9,7 @@ import numpy as np
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.errors import MeshError
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross
+from polish_sim.kernels import cross, dot, minus, plus
 
 MOST_CORNERS = 1000  #: Hollow polygons with more corners than this are not split
 LARGEST_CUT = 64  #: Convex polygons with more corners than this are split as a fan
@@ -91,28 +91,23 @@ def _cut_ears(points, ring, triangles, done):  # type: ignore[no-untyped-def]
 @njit
 def _normal(points, ring):  # type: ignore[no-untyped-def]
     """Area vector of a closed polygon."""
-    x = y = z = 0.0
-    o = ring[0]
+    area = 0.0, 0.0, 0.0
     for i in range(1, len(ring) - 1):
-        vx, vy, vz = _cross(points, o, ring[i], ring[i + 1])
-        x, y, z = x + vx, y + vy, z + vz
-    size = max(np.sqrt(x * x + y * y + z * z), 1e-300)
-    return x / size, y / size, z / size
+        area = plus(area, _cross(points, ring[0], ring[i], ring[i + 1]))
+    size = max(np.sqrt(dot(area, area)), 1e-300)
+    return area[0] / size, area[1] / size, area[2] / size
 
 
 @njit
 def _cross(points, a, b, c):  # type: ignore[no-untyped-def]
     """Twice the area vector of a triangle."""
-    ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
-    vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
-    return cross(ux, uy, uz, vx, vy, vz)
+    return cross(minus(points[b], points[a]), minus(points[c], points[a]))
 
 
 @njit
 def _area(points, a, b, c, normal):  # type: ignore[no-untyped-def]
     """Twice the area of a triangle seen along a normal."""
-    x, y, z = _cross(points, a, b, c)
-    return x * normal[0] + y * normal[1] + z * normal[2]
+    return dot(_cross(points, a, b, c), normal)
 
 
 @njit

@@ -41,7 +41,19 @@ from polish_sim.hand_guiding.law import (
     watch_guiding,
 )
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Matrix3, Record, Vector3, Vector6, kernel
+from polish_sim.kernels import (
+    Matrix3,
+    Record,
+    Vector3,
+    Vector6,
+    cross,
+    kernel,
+    minus,
+    plus,
+    plus_cross,
+    scaled,
+    set_to,
+)
 
 # The simulated hand: a spring and a damper between where it wants the tool and where the tool is.
 
@@ -67,11 +79,8 @@ class HandMotion(NamedTuple):
 @kernel
 def tool_velocity(e: EngineViews, out: Array) -> None:
     """Velocity of the tool point, which moves with the housing, base frame [m/s], shape (3,)."""
-    w, com, tool = e.cvel[e.mount_body], e.subtree_com[e.root_body], e.site_xpos[e.tool_site]
-    rx, ry, rz = tool[0] - com[0], tool[1] - com[1], tool[2] - com[2]
-    out[0] = w[3] + w[1] * rz - w[2] * ry
-    out[1] = w[4] + w[2] * rx - w[0] * rz
-    out[2] = w[5] + w[0] * ry - w[1] * rx
+    w, arm = e.cvel[e.mount_body], minus(e.site_xpos[e.tool_site], e.subtree_com[e.root_body])
+    set_to(out, plus_cross(w[3:6], w, arm))
 
 
 @kernel
@@ -83,20 +92,18 @@ def pull_by_hand(
     ``row``: this step; ``velocity``: of the tool point [m/s]; ``force``, written: the hand's on the tool,
     base frame [N].
     """
-    grip, tool, R = motion.grip[row], e.site_xpos[e.tool_site], e.site_xmat[e.tool_site]
+    grip, tool, R = motion.grip[row], e.site_xpos[e.tool_site], e.site_xmat[e.tool_site].reshape((3, 3))
     wanted, applied = motion.rotations[row], e.xfrc_applied[e.mount_body]
-    for i in range(3):
-        lag = hand.stiffness * (motion.positions[row, i] - tool[i])
-        force[i] = grip * (lag + hand.damping * (motion.velocities[row, i] - velocity[i]))
-        applied[i] = force[i]
-    at = e.xipos[e.mount_body]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        turned = 0.0
-        for axis in range(3):
-            turned += 0.5 * (R[3 * j + axis] * wanted[k, axis] - R[3 * k + axis] * wanted[j, axis])
-        turning = hand.turn_stiffness * turned - hand.turn_damping * e.cvel[e.mount_body, i]
-        applied[3 + i] = grip * turning + (tool[j] - at[j]) * force[k] - (tool[k] - at[k]) * force[j]
+    lag = scaled(hand.stiffness, minus(motion.positions[row], tool))
+    slow = scaled(hand.damping, minus(motion.velocities[row], velocity))
+    set_to(force, scaled(grip, plus(lag, slow)))
+    set_to(applied, force)
+    turned = 0.0, 0.0, 0.0
+    for axis in range(3):
+        turned = plus(turned, scaled(0.5, cross(R[:, axis], wanted[:, axis])))
+    slow = scaled(hand.turn_damping, e.cvel[e.mount_body])
+    turning = scaled(grip, minus(scaled(hand.turn_stiffness, turned), slow))
+    set_to(applied[3:6], plus_cross(turning, minus(tool, e.xipos[e.mount_body]), force))
 
 
 BRAKED_S = 0.5  #: After a protective stop the arm is braked and recorded for this long [s]

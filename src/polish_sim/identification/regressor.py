@@ -19,7 +19,19 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import unknown_name
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot
+from polish_sim.kernels import (
+    add_to,
+    cross,
+    dot,
+    matvec,
+    minus,
+    plus,
+    plus_cross,
+    scaled,
+    second_by_turning,
+    set_to,
+    turn_about,
+)
 from polish_sim.motion.serial_chain import HINGE, LINK_PARAMETERS, LINK_UNITS, ChainGeometry, SerialChain
 
 STEP = 1e-30  #: Size of the complex step: its square vanishes beside one
@@ -81,93 +93,47 @@ def _step_outward(  # type: ignore[no-untyped-def]
     """Carry motion and the joints' screws from link j - 1 to link j."""
     w, dw, a = motion[0], motion[1], motion[2]
     hinge = chain.kind[j] == HINGE
-    zx, zy, zz = chain.axis[j, 0], chain.axis[j, 1], chain.axis[j, 2]
-    fixed = chain.rotation[j]
+    z, fixed = chain.axis[j], chain.rotation[j]
     # Where the new origin lies, seen from the old one, in the old axes.
-    px, py, pz = (
-        chain.position[j, 0] + 0.0 * q,
-        chain.position[j, 1] + 0.0 * q,
-        chain.position[j, 2] + 0.0 * q,
-    )
-    if not hinge:
-        px += q * (fixed[0, 0] * zx + fixed[0, 1] * zy + fixed[0, 2] * zz)
-        py += q * (fixed[1, 0] * zx + fixed[1, 1] * zy + fixed[1, 2] * zz)
-        pz += q * (fixed[2, 0] * zx + fixed[2, 1] * zy + fixed[2, 2] * zz)
+    p = plus(chain.position[j], scaled(0.0 * q if hinge else q, matvec(fixed, z)))
     # Acceleration of the new origin.
-    ux, uy, uz = cross(w[0], w[1], w[2], px, py, pz)
-    a[0] += dw[1] * pz - dw[2] * py + w[1] * uz - w[2] * uy
-    a[1] += dw[2] * px - dw[0] * pz + w[2] * ux - w[0] * uz
-    a[2] += dw[0] * py - dw[1] * px + w[0] * uy - w[1] * ux
+    add_to(a, second_by_turning(w, dw, p))
     # Turn back, v -> R^T v: a row of R is that of the fixed turn, turned back about the axis.
     c, s = (np.cos(q), np.sin(q)) if hinge else (1.0 + 0.0 * q, 0.0 * q)
     for x in range(3):
-        _turn_about(zx, zy, zz, c, s, fixed[x], motion[3 + x])
-    R = motion[3:6]
-    _turn(R, w)
-    _turn(R, dw)
-    _turn(R, a)
+        set_to(motion[3 + x], turn_about(z, c, -s, 1.0 - c, fixed[x]))
+    back = motion[3:6].T
+    for x in range(3):
+        set_to(motion[x], matvec(back, motion[x]))
     for k in range(j):
-        arm = screws[1, k]
-        arm[0] += px
-        arm[1] += py
-        arm[2] += pz
-        _turn(R, arm)
-        _turn(R, screws[0, k])
-    screws[0, j, 0], screws[0, j, 1], screws[0, j, 2] = zx + 0.0 * q, zy + 0.0 * q, zz + 0.0 * q
-    screws[1, j, 0], screws[1, j, 1], screws[1, j, 2] = 0.0 * q, 0.0 * q, 0.0 * q
+        add_to(screws[1, k], p)
+        for x in range(2):
+            set_to(screws[x, k], matvec(back, screws[x, k]))
+    set_to(screws[0, j], z)
+    set_to(screws[1, j], (0.0, 0.0, 0.0))
     # What the joint's own motion adds.
-    gx, gy, gz = cross(w[0], w[1], w[2], zx, zy, zz)
+    across = cross(w, z)
     if hinge:
-        dw[0] += gx * qd + zx * qdd
-        dw[1] += gy * qd + zy * qdd
-        dw[2] += gz * qd + zz * qdd
-        w[0] += zx * qd
-        w[1] += zy * qd
-        w[2] += zz * qd
+        add_to(dw, plus(scaled(qd, across), scaled(qdd, z)))
+        add_to(w, scaled(qd, z))
     else:
-        a[0] += 2.0 * gx * qd + zx * qdd
-        a[1] += 2.0 * gy * qd + zy * qdd
-        a[2] += 2.0 * gz * qd + zz * qdd
-
-
-@njit(forceinline=True, _nrt=False)
-def _turn_about(  # type: ignore[no-untyped-def]
-    zx: float, zy: float, zz: float, c: Any, s: Any, v: Array, out
-) -> None:
-    """Turn v back about the axis by the angle whose cosine and sine are c and s."""
-    x, y, z = v[0], v[1], v[2]
-    along = (1.0 - c) * (zx * x + zy * y + zz * z)
-    out[0] = c * x - s * (zy * z - zz * y) + zx * along
-    out[1] = c * y - s * (zz * x - zx * z) + zy * along
-    out[2] = c * z - s * (zx * y - zy * x) + zz * along
-
-
-@njit(forceinline=True, _nrt=False)
-def _turn(R, v) -> None:  # type: ignore[no-untyped-def]
-    """v in the old axes becomes v in the new ones, the columns of R in the old axes."""
-    x, y, z = v[0], v[1], v[2]
-    v[0] = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
-    v[1] = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
-    v[2] = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+        add_to(a, plus(scaled(2.0 * qd, across), scaled(qdd, z)))
 
 
 @njit(forceinline=True, _nrt=False)
 def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ignore[no-untyped-def]
     """Torque at a joint (axis z, arm from its origin to the link's) by the ten parameters of a link."""
     if kind == HINGE:
-        nx, ny, nz = z[0], z[1], z[2]
-        lx, ly, lz = cross(nx, ny, nz, arm[0], arm[1], arm[2])
+        n, lever = scaled(1.0, z), cross(z, arm)
     else:
-        nx, ny, nz = 0.0 * z[0], 0.0 * z[0], 0.0 * z[0]
-        lx, ly, lz = z[0], z[1], z[2]
-    Y[first] = lx * a[0] + ly * a[1] + lz * a[2]
-    # First moment: l . (dw x c + w x (w x c)) - n . (a x c).
-    along, w2 = lx * w[0] + ly * w[1] + lz * w[2], dot(w, w)
-    Y[first + 1] = ly * dw[2] - lz * dw[1] + along * w[0] - w2 * lx + a[1] * nz - a[2] * ny
-    Y[first + 2] = lz * dw[0] - lx * dw[2] + along * w[1] - w2 * ly + a[2] * nx - a[0] * nz
-    Y[first + 3] = lx * dw[1] - ly * dw[0] + along * w[2] - w2 * lz + a[0] * ny - a[1] * nx
+        n, lever = scaled(0.0, z), scaled(1.0, z)
+    Y[first] = dot(lever, a)
+    # First moment: lever . (dw x c + w x (w x c)) - n . (a x c).
+    turned = minus(plus(cross(lever, dw), scaled(dot(lever, w), w)), scaled(dot(w, w), lever))
+    set_to(Y[first + 1 :], plus_cross(turned, a, n))
     # Inertia: n . (I dw + w x I w) = n . I dw + (n x w) . I w.
-    px, py, pz = cross(nx, ny, nz, w[0], w[1], w[2])
+    nx, ny, nz = n
+    px, py, pz = cross(n, w)
     Y[first + 4] = nx * dw[0] + px * w[0]
     Y[first + 5] = nx * dw[1] + ny * dw[0] + px * w[1] + py * w[0]
     Y[first + 6] = ny * dw[1] + py * w[1]

@@ -11,7 +11,22 @@ from typing import Annotated
 
 from polish_sim.arrays import Array
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Matrix4, Matrix6, Record, Vector6, cross
+from polish_sim.kernels import (
+    Matrix4,
+    Matrix6,
+    Record,
+    Triple,
+    Vector6,
+    add_to,
+    cross,
+    matvec,
+    minus,
+    plus,
+    scaled,
+    second_by_turning,
+    set_to,
+    third_by_turning,
+)
 from polish_sim.motion.kinematics import advance_frame
 
 Links = Annotated[Array, (6, 3)]
@@ -59,38 +74,34 @@ def _fill_links(state: ArmState, rows: Array, T_flange_tool: Array) -> None:
         advance_frame(T, rows[k], state.q[k])
         for i in range(3):
             state.links[k, i] = T[i, 3]
-    x, y, z = T_flange_tool[0, 3], T_flange_tool[1, 3], T_flange_tool[2, 3]
-    for i in range(3):
-        state.links[5, i] += T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
+    add_to(state.links[5], matvec(T, T_flange_tool[:, 3]))
 
 
 @njit(_nrt=False, inline="always")
 def _fill_jacobian(state: ArmState) -> None:
     """Columns z x (tool point - joint); z."""
     J, axes, links = state.jacobian, state.axes, state.links
-    rx, ry, rz = 0.0, 0.0, 0.0
+    arm = 0.0, 0.0, 0.0
     for i in range(5, -1, -1):
-        rx, ry, rz = rx + links[i, 0], ry + links[i, 1], rz + links[i, 2]
-        x, y, z = axes[i, 0], axes[i, 1], axes[i, 2]
-        J[0, i], J[1, i], J[2, i] = cross(x, y, z, rx, ry, rz)
-        J[3, i], J[4, i], J[5, i] = x, y, z
+        arm = plus(arm, links[i])
+        set_to(J[:, i], cross(axes[i], arm))
+        set_to(J[3:, i], axes[i])
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def solve_rates(state: ArmState) -> None:
     """Write the three derivatives of q that give the tool the motion in ``twists``."""
-    _solve(state, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    _solve(state, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     _solve_second(state)
     _solve_third(state)
 
 
 @njit(_nrt=False, inline="always")
-def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b: float, c: float) -> None:
-    """rates[row] = inverse (twists[row] - (x, y, z; a, b, c))."""
-    t = state.twists
-    x, y, z = t[row, 0] - x, t[row, 1] - y, t[row, 2] - z
-    a, b, c = t[row, 3] - a, t[row, 4] - b, t[row, 5] - c
-    m = state.inverse
+def _solve(state: ArmState, row: int, linear: Triple, angular: Triple) -> None:
+    """rates[row] = inverse (twists[row] - (linear; angular))."""
+    m, twist = state.inverse, state.twists[row]
+    x, y, z = minus(twist, linear)
+    a, b, c = minus(twist[3:], angular)
     for i in range(6):
         state.rates[row, i] = (
             m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3] * a + m[i, 4] * b + m[i, 5] * c
@@ -101,46 +112,27 @@ def _solve(state: ArmState, row: int, x: float, y: float, z: float, a: float, b:
 def _solve_second(state: ArmState) -> None:
     """q'' after q': every link's turning w and its derivative e without q'', from the base outwards."""
     axes, links, q1 = state.axes, state.links, state.rates[0]
-    wx, wy, wz, ex, ey, ez = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    lx, ly, lz = 0.0, 0.0, 0.0
+    w = e = linear = 0.0, 0.0, 0.0
     for k in range(6):
-        x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
-        ex += q1[k] * (wy * z - wz * y)
-        ey += q1[k] * (wz * x - wx * z)
-        ez += q1[k] * (wx * y - wy * x)
-        wx, wy, wz = wx + q1[k] * x, wy + q1[k] * y, wz + q1[k] * z
-        x, y, z = links[k, 0], links[k, 1], links[k, 2]
-        ux, uy, uz = cross(wx, wy, wz, x, y, z)
-        lx += ey * z - ez * y + wy * uz - wz * uy
-        ly += ez * x - ex * z + wz * ux - wx * uz
-        lz += ex * y - ey * x + wx * uy - wy * ux
-    _solve(state, 1, lx, ly, lz, ex, ey, ez)
+        e = plus(e, scaled(q1[k], cross(w, axes[k])))
+        w = plus(w, scaled(q1[k], axes[k]))
+        linear = plus(linear, second_by_turning(w, e, links[k]))
+    _solve(state, 1, linear, e)
 
 
 @njit(_nrt=False, inline="always")
 def _solve_third(state: ArmState) -> None:
     """q''' after q' and q'': turning w, its derivative e with q'', its second derivative f without q'''."""
     axes, links, q1, q2 = state.axes, state.links, state.rates[0], state.rates[1]
-    wx, wy, wz, ex, ey, ez = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    fx, fy, fz, lx, ly, lz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    w = e = f = linear = 0.0, 0.0, 0.0
     for k in range(6):
-        x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
-        ux, uy, uz = cross(wx, wy, wz, x, y, z)
-        a, b = q1[k], 2.0 * q2[k]
-        fx += b * ux + a * (ey * z - ez * y + wy * uz - wz * uy)
-        fy += b * uy + a * (ez * x - ex * z + wz * ux - wx * uz)
-        fz += b * uz + a * (ex * y - ey * x + wx * uy - wy * ux)
-        ex, ey, ez = ex + q2[k] * x + a * ux, ey + q2[k] * y + a * uy, ez + q2[k] * z + a * uz
-        wx, wy, wz = wx + a * x, wy + a * y, wz + a * z
-        x, y, z = links[k, 0], links[k, 1], links[k, 2]
-        ux, uy, uz = cross(wx, wy, wz, x, y, z)
-        vx = ey * z - ez * y + wy * uz - wz * uy
-        vy = ez * x - ex * z + wz * ux - wx * uz
-        vz = ex * y - ey * x + wx * uy - wy * ux
-        lx += fy * z - fz * y + 2.0 * (ey * uz - ez * uy) + wy * vz - wz * vy
-        ly += fz * x - fx * z + 2.0 * (ez * ux - ex * uz) + wz * vx - wx * vz
-        lz += fx * y - fy * x + 2.0 * (ex * uy - ey * ux) + wx * vy - wy * vx
-    _solve(state, 2, lx, ly, lz, fx, fy, fz)
+        z, a, b = axes[k], q1[k], q2[k]
+        u = cross(w, z)
+        f = plus(f, plus(scaled(2.0 * b, u), scaled(a, second_by_turning(w, e, z))))
+        e = plus(plus(e, scaled(b, z)), scaled(a, u))
+        w = plus(w, scaled(a, z))
+        linear = plus(linear, third_by_turning(w, e, f, links[k]))
+    _solve(state, 2, linear, f)
 
 
 @njit(_nrt=False, inline="always")

@@ -10,7 +10,20 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import Matrix3, Record, Vector3, kernel
+from polish_sim.kernels import (
+    Matrix3,
+    Record,
+    Vector3,
+    add_to,
+    cross,
+    kernel,
+    matvec,
+    minus,
+    plus,
+    scaled,
+    set_to,
+    turn_about,
+)
 from polish_sim.motion.joint_rates import ArmState, place_arm, solve_rates
 from polish_sim.motion.kinematics import JOINT_LIMITS, solve_on_branch
 from polish_sim.motion.rules.chain import Chain
@@ -47,21 +60,12 @@ def _tool_pose(segment: Segment, u: float, T: Array) -> None:
     R, n = segment.rotation, segment.turn_axis
     c, s = math.cos(u * segment.roll), math.sin(u * segment.roll)
     ct, st = math.cos(u * segment.angle), math.sin(u * segment.angle)
-    for column in range(3):
-        if column == 0:
-            x, y, z = c * R[0, 0] + s * R[0, 1], c * R[1, 0] + s * R[1, 1], c * R[2, 0] + s * R[2, 1]
-        elif column == 1:
-            x, y, z = c * R[0, 1] - s * R[0, 0], c * R[1, 1] - s * R[1, 0], c * R[2, 1] - s * R[2, 0]
-        else:
-            x, y, z = R[0, 2], R[1, 2], R[2, 2]
-        along = (1.0 - ct) * (n[0] * x + n[1] * y + n[2] * z)
-        T[0, column] = ct * x + st * (n[1] * z - n[2] * y) + along * n[0]
-        T[1, column] = ct * y + st * (n[2] * x - n[0] * z) + along * n[1]
-        T[2, column] = ct * z + st * (n[0] * y - n[1] * x) + along * n[2]
-    way = u * segment.length
-    for i in range(3):
-        T[i, 3] = segment.tip[i] + way * segment.direction[i]
-        T[3, i] = 0.0
+    x, y = R[:, 0], R[:, 1]
+    set_to(T[:, 0], turn_about(n, ct, st, 1.0 - ct, plus(scaled(c, x), scaled(s, y))))
+    set_to(T[:, 1], turn_about(n, ct, st, 1.0 - ct, minus(scaled(c, y), scaled(s, x))))
+    set_to(T[:, 2], turn_about(n, ct, st, 1.0 - ct, R[:, 2]))
+    set_to(T[:, 3], plus(segment.tip, scaled(u * segment.length, segment.direction)))
+    set_to(T[3], (0.0, 0.0, 0.0))
     T[3, 3] = 1.0
 
 
@@ -69,22 +73,14 @@ def _tool_pose(segment: Segment, u: float, T: Array) -> None:
 def _segment_twists(segment: Segment, T_base_tool: Array, twists: Array) -> None:
     """Write first to third derivative of the tool's pose by u, as twists (3, 6): only the roll's axis
     turns."""
-    n, a, roll = segment.turn_axis, segment.angle, segment.roll
-    ox, oy, oz = T_base_tool[0, 2], T_base_tool[1, 2], T_base_tool[2, 2]
-    px, py, pz = a * (n[1] * oz - n[2] * oy), a * (n[2] * ox - n[0] * oz), a * (n[0] * oy - n[1] * ox)
-    for i in range(3):
-        twists[0, i] = segment.length * segment.direction[i]
-        twists[1, i] = 0.0
-        twists[2, i] = 0.0
-    twists[0, 3], twists[0, 4], twists[0, 5] = (
-        a * n[0] + roll * ox,
-        a * n[1] + roll * oy,
-        a * n[2] + roll * oz,
-    )
-    twists[1, 3], twists[1, 4], twists[1, 5] = roll * px, roll * py, roll * pz
-    twists[2, 3] = roll * a * (n[1] * pz - n[2] * py)
-    twists[2, 4] = roll * a * (n[2] * px - n[0] * pz)
-    twists[2, 5] = roll * a * (n[0] * py - n[1] * px)
+    n, a, roll, o = segment.turn_axis, segment.angle, segment.roll, T_base_tool[:, 2]
+    along = scaled(a, cross(n, o))
+    set_to(twists[0], scaled(segment.length, segment.direction))
+    set_to(twists[1], (0.0, 0.0, 0.0))
+    set_to(twists[2], (0.0, 0.0, 0.0))
+    set_to(twists[0, 3:], plus(scaled(a, n), scaled(roll, o)))
+    set_to(twists[1, 3:], scaled(roll, along))
+    set_to(twists[2, 3:], scaled(roll * a, cross(n, along)))
 
 
 @kernel
@@ -103,11 +99,9 @@ def reach_pose(state: ArmState, arm: Arm) -> int:
     Returns REACHED, UNREACHABLE or SINGULAR.
     """
     flange, T_base_tool, T = state.scratch, state.T, arm.T_tool_flange
-    for i in range(3):
-        a, b, c = T_base_tool[i, 0], T_base_tool[i, 1], T_base_tool[i, 2]
-        for j in range(4):
-            flange[i, j] = a * T[0, j] + b * T[1, j] + c * T[2, j]
-        flange[i, 3] += T_base_tool[i, 3]
+    for j in range(4):
+        set_to(flange[:, j], matvec(T_base_tool, T[:, j]))
+    add_to(flange[:, 3], T_base_tool[:, 3])
     if not solve_on_branch(arm.lengths, flange, state.q, state.q):
         return UNREACHABLE
     return REACHED if place_arm(state, arm.rows, arm.T_flange_tool) else SINGULAR

@@ -13,7 +13,18 @@ import numpy as np
 from polish_sim.arrays import Array, Indices
 from polish_sim.errors import InputError
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot, kernel
+from polish_sim.kernels import (
+    add_to,
+    cross,
+    dot,
+    kernel,
+    matvec,
+    plus,
+    plus_cross,
+    scaled,
+    set_to,
+    turn_about,
+)
 
 HINGE = 0
 SLIDE = 1
@@ -131,37 +142,20 @@ def _turn_link(model: ChainModel, j: int, angle: float) -> None:
     z, fixed, R = model.geometry.axis[j], model.geometry.rotation[j], model.turns[j]
     c, s = np.cos(angle), np.sin(angle)
     for i in range(3):
-        along = (1.0 - c) * (dot(fixed[i], z))
-        R[i, 0] = c * fixed[i, 0] + s * (fixed[i, 1] * z[2] - fixed[i, 2] * z[1]) + along * z[0]
-        R[i, 1] = c * fixed[i, 1] + s * (fixed[i, 2] * z[0] - fixed[i, 0] * z[2]) + along * z[1]
-        R[i, 2] = c * fixed[i, 2] + s * (fixed[i, 0] * z[1] - fixed[i, 1] * z[0]) + along * z[2]
-
-
-@kernel
-def _cross(a: Array, b: Array, i: int) -> float:
-    """Element i of a x b."""
-    j, k = (i + 1) % 3, (i + 2) % 3
-    return a[j] * b[k] - a[k] * b[j]
+        set_to(R[i], turn_about(z, c, -s, 1.0 - c, fixed[i]))
 
 
 @kernel
 def _carry_motion(model: ChainModel, j: int, qd: float, qdd: float) -> None:
     """Carry the motion from link j - 1 to link j."""
     before, after = model.motion[j], model.motion[j + 1]
-    R, z, p = model.turns[j], model.geometry.axis[j], model.geometry.position[j]
+    R, z, p = model.turns[j].T, model.geometry.axis[j], model.geometry.position[j]
     w, dw, a = before[0], before[1], before[2]
-    u0, u1, u2 = _cross(w, p, 0), _cross(w, p, 1), _cross(w, p, 2)
-    b0 = a[0] + _cross(dw, p, 0) + w[1] * u2 - w[2] * u1
-    b1 = a[1] + _cross(dw, p, 1) + w[2] * u0 - w[0] * u2
-    b2 = a[2] + _cross(dw, p, 2) + w[0] * u1 - w[1] * u0
-    for i in range(3):
-        after[0, i] = R[0, i] * w[0] + R[1, i] * w[1] + R[2, i] * w[2]
-        after[1, i] = R[0, i] * dw[0] + R[1, i] * dw[1] + R[2, i] * dw[2]
-        after[2, i] = R[0, i] * b0 + R[1, i] * b1 + R[2, i] * b2
-    for i in range(3):
-        after[1, i] += _cross(after[0], z, i) * qd + z[i] * qdd
-    for i in range(3):
-        after[0, i] += z[i] * qd
+    set_to(after[0], matvec(R, w))
+    set_to(after[1], matvec(R, dw))
+    set_to(after[2], matvec(R, plus_cross(plus(a, cross(dw, p)), w, cross(w, p))))
+    add_to(after[1], plus(scaled(qd, cross(after[0], z)), scaled(qdd, z)))
+    add_to(after[0], scaled(qd, z))
 
 
 @kernel
@@ -171,32 +165,16 @@ def _link_wrench(parameters: Array, motion: Array, wrench: Array) -> None:
     xx, xy, yy, xz, yz, zz = (
         parameters[4], parameters[5], parameters[6], parameters[7], parameters[8], parameters[9],
     )  # fmt: skip
-    u0, u1, u2 = _cross(w, mc, 0), _cross(w, mc, 1), _cross(w, mc, 2)
-    h0 = xx * w[0] + xy * w[1] + xz * w[2]
-    h1 = xy * w[0] + yy * w[1] + yz * w[2]
-    h2 = xz * w[0] + yz * w[1] + zz * w[2]
-    force, moment = wrench[0], wrench[1]
-    for i in range(3):
-        force[i] = parameters[0] * a[i] + _cross(dw, mc, i)
-        moment[i] = _cross(mc, a, i)
-    force[0] += w[1] * u2 - w[2] * u1
-    force[1] += w[2] * u0 - w[0] * u2
-    force[2] += w[0] * u1 - w[1] * u0
-    moment[0] += xx * dw[0] + xy * dw[1] + xz * dw[2] + w[1] * h2 - w[2] * h1
-    moment[1] += xy * dw[0] + yy * dw[1] + yz * dw[2] + w[2] * h0 - w[0] * h2
-    moment[2] += xz * dw[0] + yz * dw[1] + zz * dw[2] + w[0] * h1 - w[1] * h0
+    inertia = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+    set_to(wrench[0], plus(plus(scaled(parameters[0], a), cross(dw, mc)), cross(w, cross(w, mc))))
+    set_to(wrench[1], plus(cross(mc, a), plus_cross(matvec(inertia, dw), w, matvec(inertia, w))))
 
 
 @kernel
 def _carry_wrench(model: ChainModel, j: int) -> None:
     """Add the wrench of link j to that of link j - 1."""
     R, p, need, below = model.turns[j], model.geometry.position[j], model.wrench[j + 1], model.wrench[j]
-    f0 = dot(R[0], need[0])
-    f1 = dot(R[1], need[0])
-    f2 = dot(R[2], need[0])
-    for i in range(3):
-        below[1, i] += dot(R[i], need[1])
-    below[0, 0], below[0, 1], below[0, 2] = below[0, 0] + f0, below[0, 1] + f1, below[0, 2] + f2
-    below[1, 0] += p[1] * f2 - p[2] * f1
-    below[1, 1] += p[2] * f0 - p[0] * f2
-    below[1, 2] += p[0] * f1 - p[1] * f0
+    force = matvec(R, need[0])
+    add_to(below[0], force)
+    add_to(below[1], matvec(R, need[1]))
+    add_to(below[1], cross(p, force))

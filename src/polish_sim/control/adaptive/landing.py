@@ -20,7 +20,7 @@ import math
 from polish_sim.control.adaptive.gains import AdaptiveGains, PressMemory
 from polish_sim.control.loops import BRAKING, low_pass_step
 from polish_sim.control.signals import Measurement
-from polish_sim.kernels import kernel
+from polish_sim.kernels import cross, dot, kernel
 
 _FAST_HZ, _SLOW_HZ = 30.0, 5.0
 _FAST_SHARE, _SLOW_SHARE = 0.58, 0.25  # of a reading's deviation (80 Hz) that these low-passes let through
@@ -228,9 +228,6 @@ def own_force(
 @kernel
 def round_a_bend(g: AdaptiveGains, m: Measurement) -> float:
     """Acceleration of the carried mass along tool z by turning: -(w x z).v + l (w^2 - (w.z)^2) [m/s^2]."""
-    v, w, R = m.twist[0:3], m.twist[3:6], m.rotation
-    x, y, z = R[0, 2], R[1, 2], R[2, 2]
-    about = w[0] * x + w[1] * y + w[2] * z
-    across = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - about * about
-    sideways = (w[1] * z - w[2] * y) * v[0] + (w[2] * x - w[0] * z) * v[1] + (w[0] * y - w[1] * x) * v[2]
-    return float(g.mass_height * across - sideways)
+    w, z = m.twist[3:6], m.rotation[:, 2]
+    across = dot(w, w) - dot(w, z) * dot(w, z)
+    return float(g.mass_height * across - dot(cross(w, z), m.twist))

@@ -10,7 +10,7 @@ import numpy as np
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross, dot
+from polish_sim.kernels import cross, dot, minus, scaled, set_to
 from polish_sim.spatial import rotation_to_axis, unit
 
 
@@ -191,8 +191,7 @@ def _fill_turn(chain: Chain, k: int) -> None:
     """Angle and axis between both ends' tool axes."""
     a, b, n = chain.axes[k], chain.axes[k + 1], chain.turn_axes[k]
     # From the difference, square to their middle by construction: accurate for the smallest turns.
-    dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    n[0], n[1], n[2] = cross(a[0], a[1], a[2], dx, dy, dz)
+    set_to(n, cross(a, minus(b, a)))
     sine = math.sqrt(dot(n, n))
     angle = math.atan2(sine, dot(a, b))
     chain.angles[k] = angle if angle > SAME_AXIS else 0.0
@@ -226,11 +225,9 @@ def tip_distance(raw: Chain, first: int, stop: int, tip: Array) -> float:
     """Distance of a point to segments ``first`` to ``stop - 1`` [m]."""
     best = np.inf
     for k in range(first, stop):
-        x, y, z = tip[0] - raw.tips[k, 0], tip[1] - raw.tips[k, 1], tip[2] - raw.tips[k, 2]
-        d = raw.directions[k]
-        along = min(max(x * d[0] + y * d[1] + z * d[2], 0.0), raw.lengths[k])
-        x, y, z = x - along * d[0], y - along * d[1], z - along * d[2]
-        best = min(best, x * x + y * y + z * z)
+        offset, d = minus(tip, raw.tips[k]), raw.directions[k]
+        aside = minus(offset, scaled(min(max(dot(offset, d), 0.0), raw.lengths[k]), d))
+        best = min(best, dot(aside, aside))
     return math.sqrt(best)
 
 
@@ -241,12 +238,7 @@ def axis_distance(raw: Chain, first: int, stop: int, axis: Array) -> float:
     for k in range(first, stop):
         best = min(best, angle_between(raw.axes[k], axis), angle_between(raw.axes[k + 1], axis))
         n, a = raw.turn_axes[k], raw.axes[k]
-        x = dot(axis, a)
-        y = (
-            axis[0] * (n[1] * a[2] - n[2] * a[1])
-            + axis[1] * (n[2] * a[0] - n[0] * a[2])
-            + axis[2] * (n[0] * a[1] - n[1] * a[0])
-        )
+        x, y = dot(axis, a), dot(axis, cross(n, a))
         if raw.angles[k] > 0.0 and 0.0 <= math.atan2(y, x) <= raw.angles[k]:
             out = dot(axis, n)
             best = min(best, abs(math.atan2(out, math.sqrt(x * x + y * y))))
@@ -256,5 +248,5 @@ def axis_distance(raw: Chain, first: int, stop: int, axis: Array) -> float:
 @njit
 def angle_between(a: Array, b: Array) -> float:
     """Angle of two unit vectors [rad], accurate near zero too."""
-    x, y, z = cross(a[0], a[1], a[2], b[0], b[1], b[2])
-    return math.atan2(math.sqrt(x * x + y * y + z * z), dot(a, b))
+    across = cross(a, b)
+    return math.atan2(math.sqrt(dot(across, across)), dot(a, b))

@@ -12,7 +12,16 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross
+from polish_sim.kernels import (
+    add_to,
+    cross,
+    plus,
+    scaled,
+    second_by_turning,
+    set_to,
+    third_by_turning,
+    turn_about,
+)
 from polish_sim.motion.rules.chain import Chain
 
 
@@ -245,59 +254,24 @@ def turn_on(n: Array, angle: float, rates: Array, R: Array, spin: Array) -> None
     """Put one more turn about ``n`` on the left of frame ``R`` and of its angular velocity and
     derivatives."""
     phi, phi_1, phi_2, phi_3 = angle * rates[0], angle * rates[1], angle * rates[2], angle * rates[3]
-    cosine, sine = math.cos(phi), math.sin(phi)
-    rest = 2.0 * math.sin(0.5 * phi) ** 2
-    n0, n1, n2 = n[0], n[1], n[2]
+    cosine, sine, rest = math.cos(phi), math.sin(phi), 2.0 * math.sin(0.5 * phi) ** 2
     for j in range(3):
-        x, y, z = R[0, j], R[1, j], R[2, j]
-        along = rest * (n0 * x + n1 * y + n2 * z)
-        R[0, j] = cosine * x + sine * (n1 * z - n2 * y) + along * n0
-        R[1, j] = cosine * y + sine * (n2 * x - n0 * z) + along * n1
-        R[2, j] = cosine * z + sine * (n0 * y - n1 * x) + along * n2
-    for j in range(3):
-        x, y, z = spin[j, 0], spin[j, 1], spin[j, 2]
-        along = rest * (n0 * x + n1 * y + n2 * z)
-        spin[j, 0] = cosine * x + sine * (n1 * z - n2 * y) + along * n0
-        spin[j, 1] = cosine * y + sine * (n2 * x - n0 * z) + along * n1
-        spin[j, 2] = cosine * z + sine * (n0 * y - n1 * x) + along * n2
+        set_to(R[:, j], turn_about(n, cosine, sine, rest, R[:, j]))
+        set_to(spin[j], turn_about(n, cosine, sine, rest, spin[j]))
     # (A w)' = phi' n x A w + A w', and once more.
-    a0, a1, a2 = spin[0, 0], spin[0, 1], spin[0, 2]
-    b0, b1, b2 = spin[1, 0], spin[1, 1], spin[1, 2]
-    u0, u1, u2 = cross(n0, n1, n2, a0, a1, a2)
-    d0, d1, d2 = phi_1 * u0 + 2.0 * b0, phi_1 * u1 + 2.0 * b1, phi_1 * u2 + 2.0 * b2
-    spin[2, 0] += n0 * phi_3 + phi_2 * u0 + phi_1 * (n1 * d2 - n2 * d1)
-    spin[2, 1] += n1 * phi_3 + phi_2 * u1 + phi_1 * (n2 * d0 - n0 * d2)
-    spin[2, 2] += n2 * phi_3 + phi_2 * u2 + phi_1 * (n0 * d1 - n1 * d0)
-    for i in range(3):
-        spin[1, i] += n[i] * phi_2
-        spin[0, i] += n[i] * phi_1
-    spin[1, 0] += phi_1 * u0
-    spin[1, 1] += phi_1 * u1
-    spin[1, 2] += phi_1 * u2
+    u = cross(n, spin[0])
+    across = cross(n, plus(scaled(phi_1, u), scaled(2.0, spin[1])))
+    add_to(spin[2], plus(plus(scaled(phi_3, n), scaled(phi_2, u)), scaled(phi_1, across)))
+    add_to(spin[1], scaled(phi_2, n))
+    add_to(spin[1], scaled(phi_1, u))
+    add_to(spin[0], scaled(phi_1, n))
 
 
 @njit(_nrt=False, inline="always")
 def follow_axis(R: Array, spin: Array, axis: Array) -> None:
     """Axis and derivatives from the angular velocity w: o' = w x o and so on."""
-    for i in range(3):
-        axis[0, i] = R[i, 2]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        axis[1, i] = spin[0, j] * axis[0, k] - spin[0, k] * axis[0, j]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        axis[2, i] = (
-            spin[1, j] * axis[0, k]
-            - spin[1, k] * axis[0, j]
-            + spin[0, j] * axis[1, k]
-            - spin[0, k] * axis[1, j]
-        )
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        axis[3, i] = (
-            spin[2, j] * axis[0, k]
-            - spin[2, k] * axis[0, j]
-            + 2.0 * (spin[1, j] * axis[1, k] - spin[1, k] * axis[1, j])
-            + spin[0, j] * axis[2, k]
-            - spin[0, k] * axis[2, j]
-        )
+    w, dw, ddw, o = spin[0], spin[1], spin[2], axis[0]
+    set_to(o, R[:, 2])
+    set_to(axis[1], cross(w, o))
+    set_to(axis[2], second_by_turning(w, dw, o))
+    set_to(axis[3], third_by_turning(w, dw, ddw, o))

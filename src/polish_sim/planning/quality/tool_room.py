@@ -17,7 +17,7 @@ from polish_sim.geometry.closest import box_distance2
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.geometry.fixture import Fixture
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import cross
+from polish_sim.kernels import cross, dot, minus
 from polish_sim.planning.quality.coverage import rows_apart
 from polish_sim.planning.quality.located import PathOnSurface
 from polish_sim.planning.toolpath import arc_length
@@ -441,11 +441,9 @@ def _depth_behind(corner, radius):  # type: ignore[no-untyped-def]
     """How deep the disc can be in the part at a face [m]: not deeper than the face is high, nor than its
     slope lets."""
     highest = max(corner[0, 2], corner[1, 2], corner[2, 2])
-    ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
-    bx, by, bz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
-    nx, ny, nz = cross(ax, ay, az, bx, by, bz)
-    size = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-300)
-    offset = (corner[0, 0] * nx + corner[0, 1] * ny + corner[0, 2] * nz) / size
+    n = nx, ny, nz = cross(minus(corner[1], corner[0]), minus(corner[2], corner[0]))
+    size = max(np.sqrt(dot(n, n)), 1e-300)
+    offset = dot(corner[0], n) / size
     # The rim's deepest point behind the plane of a face that looks up or to the side, towards the disc.
     behind = radius * np.sqrt(nx * nx + ny * ny) / size + offset
     if nz >= -1e-9 * size and behind > 0.0:
