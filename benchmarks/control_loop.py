@@ -110,7 +110,7 @@ def _pressing_cell(controller: str, arm: str = "ideal") -> Cell:
         controller=replace(scenario.controller, name=law),
         robot=replace(scenario.robot, arm=arm),
     )
-    cell = prepare_force(scenario).cell
+    cell = prepare_force(scenario)[1]
     if controller == "wrapped":
         cell.use_controller(_Wrapped(cell.controller))
     cell.run()

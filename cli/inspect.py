@@ -46,6 +46,7 @@ def inspect(path: PathFile, given: Given) -> None:
     from polish_sim.exchange import read_path
     from polish_sim.experiments.cycle import cycle_strokes, time_figures
     from polish_sim.experiments.report import save_plots
+    from polish_sim.experiments.stroke_motion import check_stroke_rule
     from polish_sim.planning import guessed_stepover, inspect_path
 
     tool_path = read_path(path)
@@ -60,6 +61,7 @@ def inspect(path: PathFile, given: Given) -> None:
     else:  # the step-over is guessed unless something sets it
         base = Scenario(plan=PlanConfig(stepover_m=math.nan))
     scenario = build_scenario(base, given)
+    check_stroke_rule(scenario.smoothing)
     if facts:
         check_part(path, scenario.part.file, facts["part"])
     plan, notes = scenario.plan, list[str]()

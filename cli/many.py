@@ -20,7 +20,7 @@ from polish_sim.cli import console
 from polish_sim.cli.options import Given
 from polish_sim.cli.outcome import Outcome, other_conditions
 from polish_sim.cli.output_folder import rows_folder
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, count_text, number_text
 from polish_sim.row_file import ROWS, Row, Rows
 
@@ -239,7 +239,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def run_many(scenario: Scenario, plan: ToolPath | None, given: Given) -> int:
+def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:
     """Run a scenario with each seed, each with its run folder; the path is planned once."""
     from polish_sim.cli.run import plan_to_run
     from polish_sim.experiments.assembly import config_hash
@@ -258,7 +258,7 @@ def run_many(scenario: Scenario, plan: ToolPath | None, given: Given) -> int:
     return run_seeds(many, given, partial(_finish_runs, scenario))
 
 
-def _run_one(scenario: Scenario, way: PlanResult | None, folder: Path, seed: int) -> Figures:
+def _run_one(scenario: Checked, way: PlanResult | None, folder: Path, seed: int) -> Figures:
     from polish_sim.cli.run import simulate
 
     with whole_folder(seed_folder(folder, seed)) as own:

@@ -23,7 +23,7 @@ from polish_sim.cli.options import (
     takes,
 )
 from polish_sim.cli.output_folder import claimed, put, refuse_taken
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, PlanError, ReachError, place_in_mm
 from polish_sim.experiments.registry import PATH_OPTIONS, check_flange, experiment, refuse_idle_options
 from polish_sim.page import PAGE
@@ -83,16 +83,15 @@ def plan(part: PartFile, given: Given) -> int:
             raise InputError("--reach-map shows one robot: leave it or --dual out.")
     elif idle := [name for name in named if name in PAIR_OPTIONS]:
         raise InputError(f"{', '.join(idle)} is for two robots: give --dual as well, or leave it out.")
-    scenario = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
+    asked = build_scenario(Scenario(experiment="dual" if dual else "surface"), given)
     # Lazy: --help must not wait for the numerical libraries.
     from polish_sim.exchange import check_formats
-    from polish_sim.experiments.assembly import check_force, check_settings
+    from polish_sim.experiments.assembly import check
     from polish_sim.planning import PATTERNS
 
-    refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
+    refuse_idle_on_path(asked, {name: known.listens for name, known in PATTERNS.items()}, given)
     wanted = Wanted(tuple(check_formats(given["--export"] or [])), bool(given["--reach-map"]))
-    check_settings(scenario)
-    check_force(scenario, None)
+    scenario = check(asked)
     if "urscript" in wanted.formats:
         check_flange(scenario, "--export urscript")
     with claimed(given, "plan") as folder, console.progress() as observer:
@@ -116,7 +115,7 @@ class Wanted(NamedTuple):
 
 
 def plan_once(
-    scenario: Scenario, folder: Path, wanted: Wanted, observer: Observer, forced: bool = True
+    scenario: Checked, folder: Path, wanted: Wanted, observer: Observer, forced: bool = True
 ) -> tuple[PlanResult, str]:
     """Plan one path into a folder; it and why the robot cannot do it: nothing is written then unless
     ``forced``."""
@@ -177,7 +176,7 @@ def _show_plan(result: PlanResult, unreached: str, dual: bool) -> None:
     console.table(f"plan of {result.mesh.name}", ["figure", "unit", "value"], _rows(result.figures))
 
 
-def plan_setups(scenario: Scenario, folder: Path, wanted: Wanted, observer: Observer) -> Callable[[], None]:
+def plan_setups(scenario: Checked, folder: Path, wanted: Wanted, observer: Observer) -> Callable[[], None]:
     """Split all of a part into setups and plan each into a folder of its own, ``setup_1`` and so on, beside a
     table.
 
@@ -268,7 +267,7 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
 
 
 def place(
-    scenario: Scenario, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer
+    scenario: Checked, result: PlanResult, plots: dict[str, Figure], reach_map: bool, observer: Observer
 ) -> tuple[Reach | None, str]:
     """Find where the part stands and add it to a plan's figures, and the reach map to its pictures if asked
     for.
@@ -293,7 +292,7 @@ def place(
     return reach, why
 
 
-def plan_for_two(scenario: Scenario, observer: Observer) -> PlanResult:
+def plan_for_two(scenario: Checked, observer: Observer) -> PlanResult:
     """Plan once around a part's rim for two robots, or an even removal, and check that both arms can do it.
 
     The plan's figures say where the part is held and how both arms start.

@@ -29,7 +29,7 @@ from polish_sim.cli.options import (
 from polish_sim.cli.output_folder import claimed, put, refuse_taken
 from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell
 from polish_sim.cli.view import live_address
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, place_in_mm
 from polish_sim.experiments.registry import (
     PATH_OPTIONS,
@@ -152,7 +152,9 @@ def run(row: Experiment, given: Given) -> int:
 @takes(*OUTPUT_OPTIONS)
 def demo(given: Given) -> int:
     """Plan a path on a shipped part and polish it under force control, with a short report."""
-    scenario = merge(default_scenario("surface"), DEMO, "")
+    from polish_sim.experiments.assembly import check
+
+    scenario = check(merge(default_scenario("surface"), DEMO, ""))
     console.note(
         f"demo: polish the shipped part '{scenario.part.file}' at {scenario.process.contact_force_n:g} N"
     )
@@ -164,7 +166,7 @@ def demo(given: Given) -> int:
 def run_into(
     kind: str,
     given: Given,
-    scenario: Scenario,
+    scenario: Checked,
     plan: ToolPath | None,
     sinks: Sequence[FrameSink],
 ) -> int:
@@ -177,14 +179,13 @@ def run_into(
         return outcome.finish(folder.final, given.get("--check"))
 
 
-def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario]:
+def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Checked]:
     """Refuse what cannot be run before anything is planned, and take the plan of a given path."""
-    from polish_sim.experiments.assembly import check_force, check_settings
+    from polish_sim.experiments.assembly import check
     from polish_sim.planning import PATTERNS
 
     row = experiment(scenario.experiment)
     source = Path(scenario.plan.file) if scenario.plan.file else None
-    check_settings(scenario)
     path = None
     if row.along_plan and source is not None:
         path, scenario = take_plan(source, scenario, given)
@@ -194,12 +195,11 @@ def checked(scenario: Scenario, given: Given) -> tuple[ToolPath | None, Scenario
         scenario = merge(scenario, {"plan": {"file": str(source.resolve())}}, "")
     elif row.plans:
         refuse_idle_on_path(scenario, {name: known.listens for name, known in PATTERNS.items()}, given)
-    check_force(scenario, path)
-    return path, scenario
+    return path, check(scenario, path)
 
 
 def run_once(
-    scenario: Scenario,
+    scenario: Checked,
     plan: ToolPath | None,
     draft: Path,
     again: Interrupt,
@@ -276,7 +276,7 @@ def run_once(
 
 
 def simulate(
-    scenario: Scenario,
+    scenario: Checked,
     plan: PlanResult | None,
     folder: Path,
     observer: Observer | None = None,
@@ -309,7 +309,7 @@ def draw_run(record: RunRecord, folder: Path) -> None:
         write_removal_mesh(folder / REMOVAL_MESH, record.removal)
 
 
-def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
+def check_reach(scenario: Checked, plan: ToolPath | None) -> None:
     """Plan and check the reach of a run, and say where the part stands; nothing is simulated or written.
 
     Raises:
@@ -328,8 +328,8 @@ def check_reach(scenario: Scenario, plan: ToolPath | None) -> None:
 
 
 def plan_to_run(
-    scenario: Scenario, given: ToolPath | None, observer: Observer, folder: Path | None
-) -> tuple[PlanResult | None, Scenario]:
+    scenario: Checked, given: ToolPath | None, observer: Observer, folder: Path | None
+) -> tuple[PlanResult | None, Checked]:
     """Plan the path of a run, or measure the one that is given, and prove it where it was not; None once
     around a rim.
 

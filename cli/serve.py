@@ -199,12 +199,12 @@ def _case(given: Given) -> Task | None:
 
 def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     from polish_sim.cli.run import checked, plan_to_run
-    from polish_sim.experiments.assembly import build_part
+    from polish_sim.experiments.assembly import build_part, check
     from polish_sim.experiments.force import measure_hold, place_force
     from polish_sim.experiments.surface import measure_run, prepare_surface
 
     if task is not None and not task.case.moving:
-        scenario = task.scenario
+        scenario = check(task.scenario)
         place = place_force(scenario, observer)
         return _Job(
             scenario,

@@ -99,5 +99,5 @@ FIRST = next(iter(ARMS))
 
 
 def arm_table(name: str) -> ArmTable:
-    """The arm that a word of ``robot.arm`` names; `check_arm` refuses unknown words."""
+    """The arm that a word of ``robot.arm`` names; `take_arm` refuses unknown words."""
     return ARMS.get(name, ARMS[FIRST])

@@ -4,6 +4,7 @@ limit."""
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -21,7 +22,7 @@ def accepted(*changes: str) -> None:
     force, pad, dt = scenario.process.contact_force_n, scenario.pad, scenario.simulation.timestep_s
     check_contact_settings(pad, scenario.head, scenario.safety, dt, force)
     check_friction(pad, dt, force, TANGENTIAL_MASS)
-    check_depth(pad, scenario.head, force, modelled_depth(scenario, force))
+    check_depth(pad, scenario.head, force, modelled_depth(scenario.head, pad, force))
     check_rates(scenario)
 
 
@@ -77,6 +78,7 @@ def test_a_controller_that_cannot_be_reset_is_named() -> None:
 
 
 def test_the_part_is_modelled_as_deep_as_a_soft_pad_goes() -> None:
-    assert modelled_depth(ideal("force"), 20.0) == 0.008
+    usual = ideal("force")
+    assert modelled_depth(usual.head, usual.pad, 20.0) == 0.008
     # 2 x 20 N / 4000 N/m
-    assert modelled_depth(ideal("force", "head.spring_scale=0.2"), 20.0) == pytest.approx(0.010)
+    assert modelled_depth(replace(usual.head, spring_scale=0.2), usual.pad, 20.0) == pytest.approx(0.010)

@@ -61,8 +61,8 @@ def test_a_steady_drift_is_found_where_it_is_asked_for() -> None:
 def test_the_plan_spreads_gravity_close_to_the_best_and_touches_nothing_on_the_way(count: int) -> None:
     assert plan_payload_poses(count).condition < np.sqrt(1.5) * 1.1
     scenario = default_scenario("force")
-    place = prepare_force(scenario)
-    model, data = place.cell.model, mujoco.MjData(place.cell.model)  # the part's cell has the table
+    model = prepare_force(scenario)[1].model  # the part's cell has the table
+    data = mujoco.MjData(model)
     q = plan_payload_poses(count).q
     for start, end in zip(q, np.roll(q, -1, axis=0), strict=True):
         for joints in move(start, end, np.linspace(0.0, 1.0, 30)):
@@ -129,7 +129,7 @@ def test_a_file_that_is_no_calibration_is_refused(tmp_path: Path, text: str, sai
 def test_the_noise_of_a_run_does_not_hang_on_its_calibration() -> None:
     """A generator of its own: the sensor's bias and noise stay what they are."""
     asked = [override(default_scenario("force"), [f"payload.poses={count}"]) for count in (4, 20)]
-    one, two = (prepare_force(scenario).cell for scenario in asked)
+    one, two = (prepare_force(scenario)[1] for scenario in asked)
     np.testing.assert_array_equal(one.sensor.bias, two.sensor.bias)
     assert one.rng.standard_normal() == two.rng.standard_normal()
     assert one.state.payload.mass != two.state.payload.mass

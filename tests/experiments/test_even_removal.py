@@ -17,6 +17,7 @@ from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import even_removal
 from polish_sim.experiments.even_removal import SMOOTH, _Problem, axis_kept, even_out, plan_removal
+from polish_sim.experiments.surface import prepare_surface
 from polish_sim.log import RemovalMap
 from polish_sim.planning import PlanResult, plan_part
 
@@ -155,3 +156,12 @@ def test_with_less_force_and_a_slower_feed_somewhere_the_dwell_is_found_again(pl
     left = slope @ (found - np.where(slope > 0.0, low, high))
     assert left < 0.05 * gained
     assert sum(note.startswith("removal planned") for note in again.notes) == 1
+
+
+def test_another_feed_in_the_same_process_is_planned_anew():
+    asked = replace(EVEN, plan=replace(EVEN.plan, stepover_m=0.02))
+    slow, fast = (
+        prepare_surface(replace(asked, process=replace(asked.process, feed_m_s=feed))).plan.path.feed
+        for feed in (0.02, 0.04)
+    )
+    assert slow.mean() < 0.7 * fast.mean()

@@ -80,7 +80,7 @@ def test_the_drawing_given_as_the_real_part_changes_nothing() -> None:
 
 def test_the_drawn_mesh_is_that_of_the_real_part_and_figures_say_how_far_it_lies_from_the_drawing() -> None:
     scenario = on_plate("part.real_file=plate_ramp")
-    model = prepare_force(scenario).cell.model
+    model = prepare_force(scenario)[1].model
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     geom, number = model.geom("part").id, model.mesh("part").id

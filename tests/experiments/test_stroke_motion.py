@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from polish_sim.cell import Stroke
-from polish_sim.config import PartConfig, PlanConfig, Scenario
+from polish_sim.config import PartConfig, PlanConfig, Scenario, SmoothingConfig
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import check_experiment
 from polish_sim.experiments.part_setup import placed_strokes, placed_tool
@@ -39,7 +39,7 @@ def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise() -> None
     )
     times = []
     for noise in (NOISELESS, Noise(5e-5, math.radians(1.0))):
-        motion = stroke_motion(within_noise(Scenario(), noise), stroke, None)
+        motion = stroke_motion(within_noise(Scenario(), noise).smoothing, stroke, None)
         assert motion is not None
         times.append(motion.duration)
     assert within_noise(Scenario(), NOISELESS) == Scenario()
@@ -57,9 +57,8 @@ def bend(radius: float) -> StrokePath:
 
 
 def follow(rule: str, radius: float, **smoothing: float) -> TimedPath:
-    scenario = Scenario()
-    asked = replace(scenario.smoothing, rule=rule, **smoothing)  # type: ignore[arg-type]
-    motion = stroke_motion(replace(scenario, smoothing=asked), bend(radius), None)
+    asked = SmoothingConfig(rule=rule, **smoothing)  # type: ignore[arg-type]
+    motion = stroke_motion(asked, bend(radius), None)
     assert motion is not None
     return motion
 

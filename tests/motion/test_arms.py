@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 from polish_sim.arms import ARMS, FIRST
-from polish_sim.cell.scene import build_scene
+from polish_sim.cell.scene import build_scene, tool_on_flange
 from polish_sim.config import Scenario
 from polish_sim.errors import InputError
-from polish_sim.experiments import default_scenario
+from polish_sim.experiments import (
+    PAYLOAD_SCENARIO,
+    check_experiment,
+    default_scenario,
+    run_payload_calibration,
+)
 from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution
 from polish_sim.motion.makes import use_arm, used_arm
 from polish_sim.scenario_file import load_scenario, override, to_toml
@@ -86,3 +91,23 @@ def test_an_unknown_make_is_refused_with_the_known_ones() -> None:
 def test_the_table_of_the_arm_in_use_cannot_be_written_to() -> None:
     with pytest.raises(ValueError, match="read-only"):
         NOMINAL[1, 0] = 0.2
+
+
+def test_an_arm_after_another_in_one_process_gets_its_own_joints() -> None:
+    """A sweep over ``robot.arm`` has both in one process."""
+    for name in ("arc", "force"):
+        starts = []
+        for arm in ("ur5e", "ur10e", "ur5e"):
+            checked = check_experiment(override(default_scenario(name), [f"robot.arm={arm}"]))
+            path, reach, _ = checked
+            tip = reach.T_base_work @ np.append(path.positions_work[0], 1.0)
+            tool = forward(reach.q_start) @ tool_on_flange()
+            assert np.linalg.norm(tool[:3, 3] - tip[:3]) < 0.012  # lifted, or pressed in
+            starts.append(reach.q_start)
+        assert np.abs(starts[0] - starts[1]).max() > 0.1
+        np.testing.assert_array_equal(starts[0], starts[2])
+
+
+def test_the_payload_of_another_make_is_found() -> None:
+    found = run_payload_calibration(override(PAYLOAD_SCENARIO, ["robot.arm=ur10e", "payload.poses=6"]))
+    assert found.figures["mass_error_relative"] < 0.01

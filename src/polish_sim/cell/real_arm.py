@@ -20,6 +20,7 @@ from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.config.cell import ARM_PRESETS
 from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.motion.kinematics import NOMINAL, link_frames, table_slopes
+from polish_sim.motion.makes import use_arm
 
 SIDES = ("motor", "link")
 TABLES = ("calibrated", "uncalibrated", "exact")
@@ -56,8 +57,9 @@ class ArmPlace(NamedTuple):
 LONE = ArmPlace()
 
 
-def check_arm(robot: RobotConfig) -> None:
-    """Refuse words of a robot's settings that are not known, and knees in the wrong order.
+def take_arm(robot: RobotConfig) -> None:
+    """Refuse words of a robot's settings that are not known, and knees in the wrong order; the process
+    computes with this robot's arm from here on.
 
     Raises:
         PolishSimError: Naming the key.
@@ -70,6 +72,7 @@ def check_arm(robot: RobotConfig) -> None:
             raise unknown_name(key, word, known)
     if np.any(np.array(real.knee_2_nm) <= real.knee_1_nm):
         raise ConfigError("robot.real.knee_2_nm must be above robot.real.knee_1_nm in every joint.")
+    use_arm(robot.arm)
 
 
 def gear_twists(real: RealArmConfig, torque: Array) -> Array:

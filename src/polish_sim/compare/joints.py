@@ -9,7 +9,7 @@ import numpy as np
 
 from polish_sim.arms import arm_table
 from polish_sim.arrays import Array
-from polish_sim.cell.real_arm import check_arm
+from polish_sim.cell.real_arm import take_arm
 from polish_sim.compare.figures import SPEEDS, delay, fit_friction, friction_curve, nrms, ripple
 from polish_sim.compare.replay import Payload, commands_of, replay, rigid_torques, warm
 from polish_sim.config import RobotConfig
@@ -33,7 +33,7 @@ class JointComparison(NamedTuple):
 
 def compare_joints(robot: RobotConfig, log: RobotRecording, payload: Payload) -> JointComparison:
     """Replay a log and measure both sides alike; raises as `replay`."""
-    check_arm(robot)
+    take_arm(robot)
     robot = warm(robot)
     played = replay(robot, log, payload)
     measured = log.torques(arm_table(robot.arm).torque_constants)

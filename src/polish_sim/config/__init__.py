@@ -8,6 +8,7 @@ come from here.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NewType
 
 from polish_sim.config.branches import DragConfig, DualConfig, GuideConfig, HandConfig
 from polish_sim.config.cell import (
@@ -54,3 +55,10 @@ class Scenario:
     dual: DualConfig = field(default_factory=DualConfig)
     drag: DragConfig = field(default_factory=DragConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
+
+
+Checked = NewType("Checked", Scenario)
+"""A scenario that `experiments.assembly.check` has passed: what plans, proves, runs or measures asks for one.
+
+What `dataclasses.replace` makes of one counts as one: seed, part and values may vary, not words.
+"""

@@ -12,7 +12,7 @@ from polish_sim.analysis.metrics import measure_removal, measure_surface
 from polish_sim.arrays import Array, rms
 from polish_sim.cell import SILENT, CellRun, Observer, RealPart, Stroke, build_real_part
 from polish_sim.cell.gears import build_host_arm
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.control import build_controller
 from polish_sim.dual.cell import PairCell
 from polish_sim.dual.frames import settled_bases
@@ -38,15 +38,13 @@ from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import apply, inverse
 
 
-def check_dual(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT
-) -> CheckedPath:
+def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> CheckedPath:
     """The path on the held part and how the follower reaches all of it; PolishSimError if it does not."""
     task = prepare_dual(*planned(scenario, plan, observer), observer)
     return CheckedPath(task.place.path, task.place.reach, seat_text(task.seat.T_gripper_work))
 
 
-def run_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT) -> RunResult:
+def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> RunResult:
     """Let the follower run along the part the master moves, pressing on it or, with ``dual.standoff_m``, just
     above it.
 
@@ -88,7 +86,7 @@ class DualCell(NamedTuple):
     part: RealPart  #: At the start
 
 
-def build_dual_cell(scenario: Scenario, task: DualTask) -> DualCell:
+def build_dual_cell(scenario: Checked, task: DualTask) -> DualCell:
     """Set the cell up: the scene from the true frames, the plan from the believed ones."""
     streams, place = random_streams(scenario.seed), task.place
     pressing = scenario.dual.standoff_m == 0.0

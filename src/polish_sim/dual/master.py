@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from polish_sim.arrays import Array
 from polish_sim.calibration.tables import Measured
-from polish_sim.config import DualConfig, Scenario
+from polish_sim.config import Checked, DualConfig
 from polish_sim.dual.arms import ClosedChain
 from polish_sim.dual.carrier import RAMP_PEAK
 from polish_sim.errors import ConfigError, InputError
@@ -175,7 +175,7 @@ class MasterMotion(NamedTuple):
     T_start: Array = np.empty((0, 4, 4))
 
 
-def master_motion(scenario: Scenario, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
+def master_motion(scenario: Checked, path: ToolPath, up: Array, chain: ClosedChain) -> MasterMotion:
     """The motion a scenario asks for along the follower's path, on the side ``up`` of the part, in the
     believed chain.
 

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from polish_sim.arrays import Array
-from polish_sim.config import Scenario
 from polish_sim.dual.arms import COMFORTABLE, ClosedChain, limit_margin
 from polish_sim.dual.master import MasterMotion, MasterPath, PartWay
 from polish_sim.dual.strokes import Visits
@@ -86,11 +85,11 @@ def default_poses(chain: ClosedChain, up: Array, middle_of_way: Array) -> Iterat
                     yield transform(R, middle - middle_of_way - R @ seat_work)
 
 
-def held_poses(scenario: Scenario, work: Work, motion: MasterMotion, up: Array) -> Iterator[Array]:
-    """Where the part may be held at the start, base of the master, each (4, 4): as configured, else
+def held_poses(pose: tuple[float, ...], work: Work, motion: MasterMotion, up: Array) -> Iterator[Array]:
+    """Where the part may be held at the start, base of the master, each (4, 4): at ``part.pose``, else
     candidates."""
-    if scenario.part.pose:
-        return (work.chain.T_master_follower @ T for T in given_placement(scenario.part.pose))
+    if pose:
+        return (work.chain.T_master_follower @ T for T in given_placement(pose))
     return default_poses(work.chain, up, work.middle) if motion.file is None else iter(motion.T_start)
 
 

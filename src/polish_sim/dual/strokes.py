@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.cell import Stroke
 from polish_sim.cell.stroke import RETRACT_SPEED, TOUCH_DOWN_TIME, feed_pace
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, ProcessConfig
 from polish_sim.dual.carrier import RAMP_S, time_held, time_let_go
 from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, points_before, travel_to
@@ -32,14 +32,14 @@ BEYOND_S = 1.0  # of the master's motion, as long as a feed takes to come to res
 ON_THE_WAY = -1  # to a stroke or from it
 
 
-def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list[Stroke]:
+def pair_strokes(scenario: Checked, path: ToolPath, placed: PlacedTool) -> list[Stroke]:
     """The strokes of a path as ``run dual`` does them; with ``dual.standoff_m`` above 0 nothing is touched.
 
     Raises SmoothingError if the tool's motion is impossible; of the follower's arm it also says what to
     change.
     """
     strokes = placed_strokes if scenario.dual.standoff_m == 0.0 else free_strokes
-    kept = _fed_at_most(scenario, path)
+    kept = _fed_at_most(scenario.process, path)
     placed = placed._replace(rotations=placed.rotations[kept])
     try:
         return strokes(scenario, path.rows(kept), placed, 0.0, scenario.plan.clearance_m)
@@ -52,9 +52,8 @@ def pair_strokes(scenario: Scenario, path: ToolPath, placed: PlacedTool) -> list
         ) from error
 
 
-def _fed_at_most(scenario: Scenario, path: ToolPath) -> Bools:
+def _fed_at_most(process: ProcessConfig, path: ToolPath) -> Bools:
     """Points of a path the tool may reach in ``process.max_feed_s``, and a little beyond, mask (n,)."""
-    process = scenario.process
     if process.max_feed_s == 0.0:
         return np.ones(len(path.s), dtype=bool)
     top = process.feed_m_s if path.feed is None else float(path.feed.max())
@@ -98,7 +97,7 @@ def is_gentle(motion: TimedPath, limits: SmoothingLimits) -> bool:
 
 
 def free_strokes(
-    scenario: Scenario, path: ToolPath, placed: PlacedTool, hold: float, lift: float
+    scenario: Checked, path: ToolPath, placed: PlacedTool, hold: float, lift: float
 ) -> list[Stroke]:
     """Every stretch of a path followed where it is, without touching anything; between two the tool is
     lifted.
@@ -121,7 +120,7 @@ def free_strokes(
         along = StrokePath(points[during], rotations[during], path.s[during] - path.s[first], feed, limits)
         motion = time_path(table, pace)
         if scenario.smoothing.limits_file or not is_gentle(motion, limits):
-            motion = stroke_motion(scenario, along, placed.arm) or motion
+            motion = stroke_motion(scenario.smoothing, along, placed.arm) or motion
         start = build_path_table(points[first][None], rotations[first][None])
         more = number + 1 < len(in_contact) and left > motion.playing_time
         stroke = Stroke(

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer, Stroke, tool_on_flange
 from polish_sim.cell.stroke import expected_duration
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joints, pair_arms, real_arms
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
@@ -71,15 +71,15 @@ class DualTask:
 
 
 def planned(
-    scenario: Scenario, plan: PlanResult | None, observer: Observer
-) -> tuple[Scenario, PlanResult | None]:
+    scenario: Checked, plan: PlanResult | None, observer: Observer
+) -> tuple[Checked, PlanResult | None]:
     """The plan that was given, or that of an even removal if the scenario asks for one, and its pad."""
     if plan is None and scenario.plan.removal:
         plan = plan_removal(scenario, observer)
     return scenario if plan is None else replace(scenario, pad=plan.tool.pad), plan
 
 
-def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT) -> DualTask:
+def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> DualTask:
     """Plan the path, or take a plan, calibrate, and check that both arms can do all of it without touching
     each other.
 
@@ -99,7 +99,7 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
     marks = marks_on(region, surface, scenario.dual.marks)
     made, drawn = NOMINAL_ARMS, None
     work, motion = _asked_of_both(job, true)
-    site = Site(_half_way(work, next(held_poses(scenario, work, motion, region.up))), marks)
+    site = Site(_half_way(work, next(held_poses(scenario.part.pose, work, motion, region.up))), marks)
     if scenario.robot.elastic:
         # Gears err by pose: arms are calibrated as they will stand at work.
         drawn = _find_way(job, true, observer)[2]
@@ -128,7 +128,7 @@ def prepare_dual(scenario: Scenario, plan: PlanResult | None = None, observer: O
 class Job(NamedTuple):
     """What both arms are to do."""
 
-    scenario: Scenario
+    scenario: Checked
     mesh: PartMesh
     path: ToolPath
     visits: Visits
@@ -144,7 +144,8 @@ def _find_way(
     observer.stage("check the reach of both robots")
     work, motion = _asked_of_both(job, chain)
     collides = _contacts(job, chain)
-    held = held_poses(job.scenario, work, motion, job.up) if like is None else iter([like.T_master_work])
+    pose = job.scenario.part.pose
+    held = held_poses(pose, work, motion, job.up) if like is None else iter([like.T_master_work])
     return work, motion, find_pair_reach(work, held, collides, motion.file, like), collides
 
 
@@ -161,7 +162,7 @@ def _scene(job: Job, chain: ClosedChain, clearances: Clearances | None = None) -
     return build_pair_scene(job.scenario, inverse(chain.T_master_follower), held)
 
 
-def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Visits:
+def _visits(scenario: Checked, path: ToolPath, step: float | None = None) -> Visits:
     """Moments of the work, in the work frame, every so often [s]; the tool's limits alone decide how fast it
     goes."""
     placed = PlacedTool(np.eye(4), tool_rotations(path.axes_work, 0.0), None)
@@ -170,7 +171,7 @@ def _visits(scenario: Scenario, path: ToolPath, step: float | None = None) -> Vi
     return plan_visits(strokes, step or min(lasts / SAMPLES, SAMPLE_M / scenario.process.feed_m_s))
 
 
-def _given_or_rim(scenario: Scenario, plan: PlanResult | None) -> tuple[PartMesh, Surface, Region, ToolPath]:
+def _given_or_rim(scenario: Checked, plan: PlanResult | None) -> tuple[PartMesh, Surface, Region, ToolPath]:
     """The path that was given, else once around the part's rim; and what it is on."""
     if plan is not None:
         return plan.mesh, plan.surface, plan.region, plan.path
@@ -196,7 +197,7 @@ def _half_way(work: Work, T_master_work: Array) -> Array:
 
 
 def _master_rows(
-    scenario: Scenario, frames: PairFrames, arms: PairArms, reach: PairReach, work: Work
+    scenario: Checked, frames: PairFrames, arms: PairArms, reach: PairReach, work: Work
 ) -> MasterRows:
     """Joints of the master along its way; the loop lets their time begin and end gently."""
     believed, true = frames.believed, frames.true

@@ -19,17 +19,16 @@ from polish_sim.cell.cell import Cell
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.limits import check_contact_settings
-from polish_sim.cell.real_arm import check_arm
 from polish_sim.cell.real_part import PartFields, displacement_of, place_part
 from polish_sim.cell.recorder import TraceStep, build_recorder, trace_from
 from polish_sim.cell.set_points import FORCE
 from polish_sim.cell.stroke import FEEDING, RETRACT, TARE_START, TARE_TIME, begin_next_stroke, cycle_time
 from polish_sim.cell.wrist_sensor import DRAWS
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
 from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.envs.stepping import ACTIONS, LARGEST, SPARE, EnvState, SteppedCell
 from polish_sim.errors import ConfigError, InputError, unknown_name
-from polish_sim.experiments.assembly import Workplace, build_part, cell_for, course_for, strokes_for
+from polish_sim.experiments.assembly import Workplace, build_part, cell_for, check, course_for, strokes_for
 from polish_sim.experiments.force import place_force
 from polish_sim.experiments.registry import default_scenario, experiment
 from polish_sim.experiments.surface import prepare_surface
@@ -78,7 +77,7 @@ class Episode(NamedTuple):
     it."""
 
     drawn: dict[str, float]  #: Values of the ranges
-    scenario: Scenario
+    scenario: Checked
     part: RealPart
     noise: int
 
@@ -86,7 +85,7 @@ class Episode(NamedTuple):
 class Stage:
     """What all episodes share: part, planned path, and the arms and deformed parts they draw from."""
 
-    def __init__(self, scenario: Scenario, ranges: Ranges, bodies: int) -> None:
+    def __init__(self, scenario: Checked, ranges: Ranges, bodies: int) -> None:
         self.scenario, self.ranges = scenario, ranges
         self._forms: dict[int, RealPart] = {}
         self.bodies = bodies
@@ -96,7 +95,7 @@ class Stage:
                     f"'{key}' cannot change from episode to episode: make an environment for each value."
                 )
             for value in (low, high):
-                override(scenario, [f"{key}={value!r}"])
+                check(override(scenario, [f"{key}={value!r}"]))
         self.rebuilds = any(not key.startswith(_LIVE) for key in ranges)
         self.moving = not experiment(scenario.experiment).holds
         self.place: Workplace = prepare_surface(scenario).place if self.moving else place_force(scenario)
@@ -104,14 +103,14 @@ class Stage:
         surface = self.place.region.surface
         self.middle: Array = surface.vertices[surface.faces].mean(axis=(0, 1))
 
-    def form(self, scenario: Scenario) -> RealPart:
+    def form(self, scenario: Checked) -> RealPart:
         """The part as bent by a scenario's seed, where it should be."""
         if scenario.seed not in self._forms or "part.form_error_m" in self.ranges:
             straight = replace(scenario.part, displacement_m=0.0, rotation_rad=0.0)
             self._forms[scenario.seed] = build_part(replace(scenario, part=straight), self.place)
         return self._forms[scenario.seed]
 
-    def build(self, scenario: Scenario, part: RealPart) -> Cell:
+    def build(self, scenario: Checked, part: RealPart) -> Cell:
         """A cell that follows the path on a part."""
         strokes = strokes_for(scenario, self.place) if self.rebuilds else self.strokes
         return cell_for(scenario, self.place, part, strokes)
@@ -123,21 +122,20 @@ class Stage:
         return place_part(PartFields(form.field, form.coarse), shift, self.place.reach.T_base_work, normal)
 
 
-def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Sequence[str]) -> Scenario:
+def scenario_of(task: str, scenario: Scenario | str | Path | None, settings: Sequence[str]) -> Checked:
     """The scenario of an environment: the experiment's default with `USUAL`, a file or a scenario; and
     settings."""
     usual = override(default_scenario(task), USUAL)
     if scenario is not None and not isinstance(scenario, Scenario):
         scenario = load_scenario(Path(scenario), usual)
     chosen = override(scenario or usual, list(settings))
-    check_arm(chosen.robot)
     if chosen.process.changes:
         raise ConfigError(
             "process.changes is for runs: an environment changes the set force with force_steps."
         )
     if chosen.experiment != task:
         raise ConfigError(f"the scenario is one of '{chosen.experiment}', the environment of '{task}'.")
-    return chosen
+    return check(chosen)
 
 
 def ranges_of(ranges: Ranges | str | Path | None) -> Ranges:
@@ -227,7 +225,7 @@ class PolishEnv(gym.Env[Numbers, Numbers]):
         stage = self._stage
         drawn = {key: float(rng.uniform(*bounds)) for key, bounds in stage.ranges.items()}
         body, noise = int(rng.integers(stage.bodies)), int(rng.integers(2**63))
-        scenario = override(stage.scenario, [f"{key}={value!r}" for key, value in drawn.items()])
+        scenario = Checked(override(stage.scenario, [f"{key}={value!r}" for key, value in drawn.items()]))
         scenario = replace(scenario, seed=scenario.seed + body)
         part = stage.displaced(stage.form(scenario), scenario.part, rng)
         if stage.rebuilds or body not in self._cells:

@@ -10,7 +10,7 @@ import numpy as np
 
 from polish_sim.analysis.metrics import PAPER_ARC, measure_arc
 from polish_sim.cell import SILENT, Observer, tool_on_flange
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, random_streams
 from polish_sim.experiments.payload import believe_tool
@@ -42,17 +42,17 @@ def arc_path() -> ToolPath:
     )
 
 
-def prepare_arc(scenario: Scenario | None = None, observer: Observer = SILENT) -> CheckedPath:
+def prepare_arc(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     """Check that the arm can do the circle, which is the same in every scenario.
 
     Raises:
         ReachError: If it cannot; names the first bad point.
     """
-    return _circle()
+    return _circle(scenario.robot.arm)
 
 
 @cache
-def _circle() -> CheckedPath:
+def _circle(arm: str) -> CheckedPath:
     path, T_flange_tool = arc_path(), tool_on_flange()
     reach = find_reach(
         path.positions_work, path.axes_work, iter([np.eye(4)]), T_flange_tool, above_table=False
@@ -61,13 +61,13 @@ def _circle() -> CheckedPath:
     return CheckedPath(path, reach)
 
 
-def run_arc(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
+def run_arc(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     """Follow the circle and measure speed and distance from it; part, plan, pad and spindle play no role.
 
     Raises:
         ReachError: If the arm cannot do the circle.
     """
-    path, reach, _ = prepare_arc()
+    path, reach, _ = prepare_arc(scenario)
     table = build_path_table(path.positions_work, tool_rotations(path.axes_work, reach.spin))
     start = build_path_table(path.positions_work[:1], tool_rotations(path.axes_work[:1], reach.spin))
     free = replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))

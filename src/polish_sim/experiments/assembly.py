@@ -16,10 +16,11 @@ from polish_sim.cell import Cell, Stroke, build_course, build_real_part, build_s
 from polish_sim.cell.cell import NO_LESSON
 from polish_sim.cell.faults import parse_changes, planned_events
 from polish_sim.cell.limits import check_contact_settings, check_rates
-from polish_sim.cell.real_arm import check_arm
+from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.real_part import PartFields, Touch, build_fixture, build_part_fields, depth_for
 from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.cell.set_points import FORCE
+from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.compensation import check_compensation, knowing_host
@@ -29,7 +30,6 @@ from polish_sim.experiments.part_setup import (
     PAYLOAD_STREAM,
     SENSOR_STREAM,
     RealShape,
-    largest_force,
     placed_strokes,
     placed_tool,
     random_streams,
@@ -44,7 +44,7 @@ from polish_sim.scenario_file import FILE_KEYS
 
 if TYPE_CHECKING:
     from polish_sim.cell.contact import RealPart
-    from polish_sim.config import Scenario
+    from polish_sim.config import HeadConfig, PadConfig, Scenario
     from polish_sim.experiments.placement import Reach
     from polish_sim.geometry import PartMesh, Region, Surface
     from polish_sim.geometry.fixture import Fixture
@@ -65,11 +65,11 @@ class Workplace:
     fixture: Fixture | None = None
     _kept: dict[tuple[bool, float, float], PartFields] = field(default_factory=dict, init=False, repr=False)
 
-    def drawn(self, scenario: Scenario) -> PartFields:
+    def drawn(self, scenario: Checked) -> PartFields:
         """Distances of the nominal part where a scenario's pad goes; sampled at first use and kept."""
         return self._fields(RealShape(self.mesh, self.surface, given=False), scenario)
 
-    def actual(self, scenario: Scenario) -> PartFields:
+    def actual(self, scenario: Checked) -> PartFields:
         """Distances of the part as it is, before it is displaced and bent; sampled at first use and kept."""
         return self._fields(self.shape, scenario)
 
@@ -78,8 +78,9 @@ class Workplace:
         further."""
         self._kept.update(other._kept)
 
-    def _fields(self, shape: RealShape, scenario: Scenario) -> PartFields:
-        depth = modelled_depth(scenario, largest_force(scenario, self.path))
+    def _fields(self, shape: RealShape, scenario: Checked) -> PartFields:
+        force = self.path.largest_force(scenario.process.contact_force_n)
+        depth = modelled_depth(scenario.head, scenario.pad, force)
         key = (shape.given, scenario.pad.radius_m, depth)
         if key not in self._kept:
             self._kept[key] = build_part_fields(
@@ -88,7 +89,7 @@ class Workplace:
         return self._kept[key]
 
 
-def build_part(scenario: Scenario, place: Workplace) -> RealPart:
+def build_part(scenario: Checked, place: Workplace) -> RealPart:
     """The part as it really is, displaced and bent as the scenario's seed draws it; kept for the next run
     with it."""
     part, fields = scenario.part, place.actual(scenario)
@@ -141,20 +142,22 @@ PLACES, PARTS = Memory(), Memory()
 
 
 def place_key(scenario: Scenario) -> Hashable:
-    """What plan and reach depend on, with the files' dates; feed, approach and what a seed draws do not
-    change them."""
+    """What plan and reach depend on, with the files' dates; approach and what a seed draws do not change
+    them, the feed changes an even removal alone."""
     part = replace(
         scenario.part, displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0, motion_hz=0.0
     )  # fmt: skip
     files = [part_path(name) for name in (part.file, part.real_file, part.fixture_file) if name]
     files.append(Path(scenario.plan.region.partition(":")[2]))
     dates = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
-    forces = (
-        scenario.process.contact_force_n,
-        *(scenario.head.stiffness_n_m, scenario.head.travel_m, scenario.head.flange),
-        scenario.safety.singular_value_limit,
+    head, safety = scenario.head, scenario.safety
+    settings = (
+        *(scenario.robot.arm, scenario.smoothing.rule, scenario.process.contact_force_n),
+        *(head.stiffness_n_m, head.travel_m, head.flange),
+        *(safety.singular_value_limit, safety.tool_in_part),
     )
-    return scenario.experiment, part, scenario.plan, scenario.pad, scenario.smoothing.rule, forces, dates
+    dwell = scenario.plan.removal and (scenario.process, head, scenario.spindle, safety)
+    return scenario.experiment, part, scenario.plan, scenario.pad, settings, dates, dwell
 
 
 def user_files(scenario: Scenario) -> list[Path]:
@@ -185,18 +188,18 @@ def config_hash(scenario: Scenario, hashes: dict[Path, str]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-def modelled_depth(scenario: Scenario, force: float) -> float:
-    """How deep the real part is modelled for a force [N] on a scenario's pad [m]."""
-    return depth_for(force, scenario.pad.stiffness_n_m * scenario.head.spring_scale)
+def modelled_depth(head: HeadConfig, pad: PadConfig, force: float) -> float:
+    """How deep the real part is modelled for a force [N] on a pad [m]."""
+    return depth_for(force, pad.stiffness_n_m * head.spring_scale)
 
 
-def build_cell(scenario: Scenario, place: Workplace, part: RealPart) -> Cell:
+def build_cell(scenario: Checked, place: Workplace, part: RealPart) -> Cell:
     """Set the cell up for a path on a part of ``build_part``, not yet run; its host believes its calibrated
     payload."""
     return cell_for(scenario, place, part, strokes_for(scenario, place))
 
 
-def strokes_for(scenario: Scenario, place: Workplace) -> list[Stroke]:
+def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:
     """The strokes of a cell on the nominal part; the tool holds at the end of the last one, or it is
     lifted."""
     holds = experiment(scenario.experiment).holds
@@ -205,7 +208,7 @@ def strokes_for(scenario: Scenario, place: Workplace) -> list[Stroke]:
     return placed_strokes(within_noise(scenario, place.mesh.noise), place.path, placed, hold, lift)
 
 
-def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequence[Stroke]) -> Cell:
+def cell_for(scenario: Checked, place: Workplace, part: RealPart, strokes: Sequence[Stroke]) -> Cell:
     """`build_cell` with strokes made before."""
     streams = random_streams(scenario.seed)
     controller = build_controller(scenario.controller)
@@ -218,7 +221,7 @@ def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequ
         )
     held_behind, fixture = (
         works_below(place.reach.T_base_work, place.path.axes_work),
-        standing_fixture(scenario, place),
+        standing_fixture(scenario.pad.radius_m, place),
     )
     cell = Cell(
         scenario,
@@ -237,16 +240,16 @@ def cell_for(scenario: Scenario, place: Workplace, part: RealPart, strokes: Sequ
     return cell
 
 
-def standing_fixture(scenario: Scenario, place: Workplace) -> Drawn | None:
+def standing_fixture(pad_radius: float, place: Workplace) -> Drawn | None:
     """What holds the part, before the robot; it stands as drawn, however the part lies in it."""
     if place.fixture is None:
         return None
-    way = Touch(place.path.positions_work, place.path.axes_work, scenario.pad.radius_m)
+    way = Touch(place.path.positions_work, place.path.axes_work, pad_radius)
     return Drawn(place.fixture.mesh, build_fixture(place.fixture.surface, way, place.reach.T_base_work))
 
 
 def course_for(
-    controller: Controller, scenario: Scenario, place: Workplace, strokes: Sequence[Stroke]
+    controller: Controller, scenario: Checked, place: Workplace, strokes: Sequence[Stroke]
 ) -> Course | None:
     """What lies ahead on the path, for a controller that prepares for it; None for the others."""
     if not callable(getattr(controller, "prepare", None)):
@@ -268,7 +271,7 @@ def check_settings(scenario: Scenario) -> None:
     if scenario.payload.file:
         read_calibrated_tool(Path(scenario.payload.file))
     parse_events(scenario.faults.events)
-    check_arm(scenario.robot)
+    take_arm(scenario.robot)
     row = experiment(scenario.experiment)
     check_flange(scenario)
     check_compensation(scenario, row.controlled, row.carried)
@@ -278,7 +281,7 @@ def check_settings(scenario: Scenario) -> None:
         raise InputError(
             f"part.fixture_file is for 'plan' and 'run surface': leave it out of '{scenario.experiment}'."
         )
-    check_stroke_rule(scenario)
+    check_stroke_rule(scenario.smoothing)
     controller = build_controller(scenario.controller)
     if not row.controlled:
         return
@@ -298,17 +301,16 @@ def check_settings(scenario: Scenario) -> None:
         check_learning(scenario, controller)
 
 
-def check_force(scenario: Scenario, path: ToolPath | None) -> None:
-    """Refuse a force that pad, head and guards cannot bear; a ``path`` made before may say its own forces.
-
-    Raises:
-        ConfigError: Naming the limit that is broken.
-    """
+def check(scenario: Scenario, path: ToolPath | None = None) -> Checked:
+    """`check_settings`, and refuse a force that pad, head and guards cannot bear; a ``path`` made before may
+    say its own forces."""
+    check_settings(scenario)
     if experiment(scenario.experiment).controlled:
         usual = scenario.process.contact_force_n
-        force = usual if path is None else largest_force(scenario, path)
+        force = usual if path is None else path.largest_force(usual)
         raised = [
             change.value or 0.0 for change in parse_changes(scenario.process.changes) if change.name == FORCE
         ]
         pad, head, dt = scenario.pad, scenario.head, scenario.simulation.timestep_s
         check_contact_settings(pad, head, scenario.safety, dt, force / usual * max([usual, *raised]))
+    return Checked(scenario)

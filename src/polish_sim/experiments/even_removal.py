@@ -25,7 +25,7 @@ from polish_sim.cell import Touch
 from polish_sim.cell.dwell import Dwelling, PadPoses, exposure_rates
 from polish_sim.cell.removal import Nodes, PressedNodes, surroundings
 from polish_sim.cell.stroke import TOUCH_DOWN_TIME
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.errors import ConfigError, InputError
 from polish_sim.experiments.stroke_motion import CELL_LIMITS
 from polish_sim.geometry.ply_file import read_vertex_column
@@ -55,7 +55,7 @@ SMOOTH = 1e-4  #: Weight of changes from knot to knot beside the deviation's
 QUICK = 0.008
 
 
-def plan_removal(scenario: Scenario, observer: PlanObserver = UNSEEN) -> PlanResult:
+def plan_removal(scenario: Checked, observer: PlanObserver = UNSEEN) -> PlanResult:
     """Plan a part's path; if the plan asks for an even removal, or a map of it, with its feed and force.
 
     Raises:
@@ -76,7 +76,7 @@ def plan_removal(scenario: Scenario, observer: PlanObserver = UNSEEN) -> PlanRes
     return even_out(scenario, plan, observer) if asked.removal else plan
 
 
-def axis_kept(scenario: Scenario) -> Scenario:
+def axis_kept(scenario: Checked) -> Checked:
     """The scenario of an even removal: the tool keeps its planned axis.
 
     Where the pad hangs over an edge the moment loop would turn the tool by up to 2 deg, and the map with it.
@@ -87,7 +87,7 @@ def axis_kept(scenario: Scenario) -> Scenario:
 
 
 def even_out(
-    scenario: Scenario, plan: PlanResult, observer: PlanObserver = UNSEEN, most: Array | None = None
+    scenario: Checked, plan: PlanResult, observer: PlanObserver = UNSEEN, most: Array | None = None
 ) -> PlanResult:
     """Give a plan the feed and the force with which its removal comes nearest to what is asked for.
 
@@ -127,7 +127,7 @@ def even_out(
 class _Problem:
     """Rates, knots and the goal along one path."""
 
-    def __init__(self, scenario: Scenario, plan: PlanResult, again: bool = False) -> None:
+    def __init__(self, scenario: Checked, plan: PlanResult, again: bool = False) -> None:
         self.path, self.pad, process = plan.path, plan.tool.pad, scenario.process
         self.nodes = drawn_nodes(plan)
         self.s, self.steps = _places(self.path, POSES * self.pad.radius_m)
@@ -154,7 +154,7 @@ class _Problem:
         shape = _shape_of(scenario.plan.removal, self.nodes.mesh)
         self.goal = shape * float(self.weights @ at_feed) / float(self.weights @ shape)
 
-    def _spacing(self, scenario: Scenario) -> float:
+    def _spacing(self, scenario: Checked) -> float:
         """Between knots [m]: between the limits of the feed a = v^3 d(1/v)/ds stays below the tool's."""
         least, most = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)
         return max(
@@ -168,7 +168,7 @@ class _Problem:
         near = np.abs(np.subtract.outer(self.knot_s, self.s)) <= 1.5 * self.spacing
         self.force = np.where(near, eased, math.inf).min(axis=1)
 
-    def limits(self, scenario: Scenario, most: Array) -> tuple[Array, Array]:
+    def limits(self, scenario: Checked, most: Array) -> tuple[Array, Array]:
         """Least and largest slowness at the knots [s/m], (m,), that keep within the plan's limits of the feed
         and below the ``most`` feed at the points of the path [m/s], (n,)."""
         least, largest = (share * scenario.process.feed_m_s for share in scenario.plan.removal_feed)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from polish_sim.analysis.metrics import measure_force
 from polish_sim.cell import SILENT, Cell, CellRun, Observer
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
 from polish_sim.experiments.assembly import PLACES, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_pose import reach_path
@@ -40,15 +40,7 @@ def touch_path(region: Region) -> ToolPath:
     )
 
 
-class ForceTask(NamedTuple):
-    """A cell ready to press on one point."""
-
-    cell: Cell
-    path: ToolPath
-    reach: Reach
-
-
-def place_force(scenario: Scenario, observer: Observer = SILENT) -> Workplace:
+def place_force(scenario: Checked, observer: Observer = SILENT) -> Workplace:
     """Load the part, choose the point to press on and check the reach; the path is one point with the way
     down to it.
 
@@ -60,7 +52,7 @@ def place_force(scenario: Scenario, observer: Observer = SILENT) -> Workplace:
     return PLACES.get(place_key(scenario), lambda: _place(scenario, observer))
 
 
-def _place(scenario: Scenario, observer: Observer) -> Workplace:
+def _place(scenario: Checked, observer: Observer) -> Workplace:
     observer.stage("fit the surface")
     mesh = load_mesh(scenario.part)
     angle = scenario.plan.feature_angle_rad
@@ -71,36 +63,40 @@ def _place(scenario: Scenario, observer: Observer) -> Workplace:
     return Workplace(mesh, surface, region, path, reach, real_shape(scenario, mesh, surface, path))
 
 
-def prepare_force(scenario: Scenario, observer: Observer = SILENT) -> ForceTask:
+def prepare_force(scenario: Checked, observer: Observer = SILENT) -> tuple[Workplace, Cell]:
     """Load the part, choose the point, check the reach and set the cell up, not yet run; raises as
     `place_force`."""
     place = place_force(scenario, observer)
     observer.stage("prepare the cell")
-    cell = build_cell(scenario, place, build_part(scenario, place))
-    return ForceTask(cell, place.path, place.reach)
+    return place, build_cell(scenario, place, build_part(scenario, place))
 
 
-def check_force_point(scenario: Scenario, observer: Observer = SILENT) -> CheckedPath:
+def check_force_point(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     """The point to press on and how the arm reaches it, the cell set up but not run; raises as
     `place_force`."""
-    task = prepare_force(scenario, observer)
-    return CheckedPath(task.path, task.reach)
+    place, _ = prepare_force(scenario, observer)
+    return CheckedPath(place.path, place.reach)
 
 
-def run_force(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
+def run_force(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     """Press on one point, hold, and measure the step response from first contact; raises as `place_force`.
 
     The path's pattern and feed play no role. The default leaves the spindle off.
     """
-    task = prepare_force(scenario, observer)
+    place, cell = prepare_force(scenario, observer)
     observer.stage("simulate")
-    return measure_hold(scenario, task.path, task.reach, task.cell.run(observer))
+    return measure_hold(scenario, place.path, place.reach, cell.run(observer))
 
 
-def measure_hold(scenario: Scenario, path: ToolPath, reach: Reach, run: CellRun) -> RunResult:
+def measure_hold(scenario: Checked, path: ToolPath, reach: Reach, run: CellRun) -> RunResult:
     """How well a ``run`` has pressed on its point."""
     figures: dict[str, Any] = dict(measure_force(run.trace, scenario.process.contact_force_n))
-    figures |= common_figures(run, scenario, hold_done(scenario, run), reach.T_base_work)
+    figures |= common_figures(
+        run,
+        scenario,
+        hold_done(scenario, run),
+        reach.T_base_work,
+    )
     return RunResult(
         scenario, run.log, run.trace, figures, run.stop_reason, run.interrupted, path, None,
         arm_file(scenario, reach.q_start),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.log import RunLog, Trace, from_rows, row_layout, row_width, with_column
 
 
@@ -47,7 +47,7 @@ class ToolMotion(NamedTuple):
 
 
 def free_log(
-    scenario: Scenario, played: Sequence[Any], columns_of: Callable[[Any, int, int, bool], dict[str, Array]]
+    scenario: Checked, played: Sequence[Any], columns_of: Callable[[Any, int, int, bool], dict[str, Array]]
 ) -> RunLog:
     """One log of what was ``played``, one after the other, each at its own time from 0.
 
@@ -70,7 +70,7 @@ def free_log(
 
 
 def free_figures(
-    scenario: Scenario, T_base_work: Array | None, steps: int, simulated: float, wall: float
+    seed: int, T_base_work: Array | None, steps: int, simulated: float, wall: float
 ) -> dict[str, Any]:
     """The figures every experiment reports, of a run that went to its end; times in s."""
     return {
@@ -83,5 +83,5 @@ def free_figures(
         "wall_s": wall,
         "real_time_factor": simulated / wall if wall else 0.0,
         "steps": steps,
-        "seed": scenario.seed,
+        "seed": seed,
     }

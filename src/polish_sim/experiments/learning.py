@@ -20,7 +20,7 @@ import numpy as np
 from polish_sim.analysis.metrics import numbers
 from polish_sim.analysis.run_record import differences, read_record
 from polish_sim.cell.kernel import Lesson
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
 from polish_sim.control import Controller
 from polish_sim.errors import InputError
 from polish_sim.experiments.placement import Reach
@@ -55,7 +55,7 @@ def check_learning(scenario: Scenario, controller: Controller) -> None:
         )
 
 
-def read_lesson(scenario: Scenario, path: ToolPath, reach: Reach) -> Lesson:
+def read_lesson(scenario: Checked, path: ToolPath, reach: Reach) -> Lesson:
     """Read what the run ``process.learn`` learned about this path on this part.
 
     Raises:

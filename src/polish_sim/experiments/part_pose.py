@@ -15,7 +15,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell import tool_on_flange
 from polish_sim.cell.arm_check import ArmCheck, standing_fault
 from polish_sim.cell.scene import robot_with_tool
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.errors import ReachError
 from polish_sim.experiments.part_setup import pressing_depths
 from polish_sim.experiments.placement import (
@@ -29,7 +29,6 @@ from polish_sim.experiments.placement import (
 )
 from polish_sim.experiments.reach_map import ReachMap, map_reach
 from polish_sim.motion import JointPath
-from polish_sim.motion.makes import use_arm
 from polish_sim.planning.toolpath import ToolPath, pressed
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ class PartPlacing:
     """
 
     def __init__(
-        self, scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
+        self, scenario: Checked, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
     ) -> None:
         self.scenario, self.mesh = scenario, mesh
         followed = pressed(path, pressing_depths(scenario, path)) if pressed_in else path
@@ -151,12 +150,11 @@ class PartPlacing:
 
 
 def reach_path(
-    scenario: Scenario, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
+    scenario: Checked, mesh: PartMesh, surface: Surface, path: ToolPath, pressed_in: bool = True
 ) -> Reach:
     """Place the part and check that the arm does the whole path, ``pressed_in`` or as given, and lifted off.
 
     Raises:
         ReachError: Naming the first point that cannot be done.
     """
-    use_arm(scenario.robot.arm)
     return PartPlacing(scenario, mesh, surface, path, pressed_in).reach()

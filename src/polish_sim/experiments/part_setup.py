@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from polish_sim.arrays import Array
 from polish_sim.cell import Stroke, Touch, tool_on_flange
 from polish_sim.cell.stroke import TRAVEL_PACE, TRAVEL_SPEED, air_length, feed_pace
-from polish_sim.config import PartConfig, ProcessConfig, Scenario
+from polish_sim.config import HeadConfig, PadConfig, PartConfig, ProcessConfig, Scenario
 from polish_sim.errors import MeshError, PlanError, place_in_mm, unknown_name
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.stroke_motion import StrokePath, stroke_motion
@@ -37,21 +37,15 @@ def random_streams(seed: int) -> list[np.random.Generator]:
 
 def pressing_depths(scenario: Scenario, path: ToolPath) -> Array:
     """How far the tool is pressed in at every point, (n,) [m]."""
-    return sunk_under(scenario, path.force_at(path.s, scenario.process.contact_force_n))
+    return sunk_under(scenario.head, scenario.pad, path.force_at(path.s, scenario.process.contact_force_n))
 
 
-def sunk_under(scenario: Scenario, force: Array) -> Array:
+def sunk_under(head: HeadConfig, pad: PadConfig, force: Array) -> Array:
     """Depth of the tool under a force [N], shape (n,) [m]: D = F / k, head spring and pad in series (paper 1,
     section 1.5); an active flange is held at mid stroke."""
-    head, pad = scenario.head, scenario.pad
     if head.flange.bandwidth_hz:
         return 0.5 * head.travel_m * (force > 0.0) + force / pad.stiffness_n_m
     return force / (1.0 / (1.0 / head.stiffness_n_m + 1.0 / pad.stiffness_n_m))
-
-
-def largest_force(scenario: Scenario, path: ToolPath) -> float:
-    """The largest force a path asks for, which limits and part must bear [N]."""
-    return float(path.force_at(path.s[path.process], scenario.process.contact_force_n).max())
 
 
 def check_set_points(path: ToolPath) -> None:
@@ -131,7 +125,7 @@ def placed_strokes(
             table = with_feed_share(table, path.s[during], path.feed[during] / process.feed_m_s)
         feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
         along = StrokePath(pressed_in[during], rotations[during], path.s[during] - path.s[first], feed)
-        motion = stroke_motion(scenario, along, placed.arm)
+        motion = stroke_motion(scenario.smoothing, along, placed.arm)
         if motion is None:
             motion = time_path(table, feed_pace(process.feed_m_s))
         strokes.append(

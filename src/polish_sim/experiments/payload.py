@@ -13,7 +13,7 @@ from polish_sim import calibration
 from polish_sim.arrays import Array, rms_length
 from polish_sim.calibration.payload import refuse_doubtful, refuse_swapped_columns
 from polish_sim.cell import SILENT, Cell, Observer, weight_of
-from polish_sim.cell.real_arm import check_arm
+from polish_sim.cell.real_arm import take_arm
 from polish_sim.cell.stroke import TARE_TIME
 from polish_sim.errors import CalibrationError
 from polish_sim.experiments.part_setup import PAYLOAD_STREAM, SENSOR_STREAM, random_streams
@@ -73,7 +73,7 @@ def run_payload_calibration(
         CalibrationError: If the readings do not determine the tool.
         ProtectiveStop: If the robot stopped itself on the way.
     """
-    check_arm(scenario.robot)
+    take_arm(scenario.robot)
     observer.stage("plan the poses")
     streams, payload = random_streams(scenario.seed), scenario.payload
     poses = calibration.plan_payload_poses(payload.poses)

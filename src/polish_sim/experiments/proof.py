@@ -28,7 +28,7 @@ from polish_sim.cell import guards as guard
 from polish_sim.cell.guards import NO_STOP
 from polish_sim.cell.real_part import NORMAL_SHARE
 from polish_sim.cell.support import would_sink
-from polish_sim.config import FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
+from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import InputError, PlanError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
@@ -39,7 +39,6 @@ from polish_sim.experiments.assembly import (
     place_key,
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal
-from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, MARGIN, Failure, Play
 from polish_sim.experiments.surface import TOOL_IN_PART, SurfaceTask, prepare_surface
@@ -86,7 +85,7 @@ class Proven(NamedTuple):
     """A plan as it was played to its end, and the scenario it runs in."""
 
     plan: PlanResult  #: Its path slowed and cut, its ``proof`` says what was played
-    scenario: Scenario  #: Its part stands where it was played
+    scenario: Checked  #: Its part stands where it was played
 
 
 def settings_key(scenario: Scenario) -> str:
@@ -107,7 +106,7 @@ def settings_key(scenario: Scenario) -> str:
     return config_hash(bare, {})
 
 
-def proof_seeds(scenario: Scenario) -> int:
+def proof_seeds(scenario: Checked) -> int:
     """How many drawn parts a plan is proven on besides the part as drawn.
 
     Raises:
@@ -124,7 +123,7 @@ def proof_seeds(scenario: Scenario) -> int:
     return int(word)
 
 
-def prove(scenario: Scenario, plan: PlanResult, observer: Observer = SILENT) -> Proven:
+def prove(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> Proven:
     """Play a plan on the part as drawn, and on as many drawn parts as ``safety.proof`` says; mend what fails.
 
     Raises:
@@ -144,7 +143,7 @@ def prove(scenario: Scenario, plan: PlanResult, observer: Observer = SILENT) -> 
     return prover.result()
 
 
-def prove_with_a_pad_that_fits(scenario: Scenario, plan: PlanResult, observer: Observer = SILENT) -> Proven:
+def prove_with_a_pad_that_fits(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> Proven:
     """As `prove`; where playing it leaves out much, smaller pads are tried, unless the user asked for this
     one.
 
@@ -191,7 +190,7 @@ def refuse_almost_nothing(plan: PlanResult) -> None:
     )
 
 
-def _pads_from(scenario: Scenario, pad: PadConfig) -> Iterator[tuple[PadConfig, PlanConfig]]:
+def _pads_from(scenario: Checked, pad: PadConfig) -> Iterator[tuple[PadConfig, PlanConfig]]:
     """The pad a plan has, then smaller ones with the step-over in proportion, each with what is to be
     planned."""
     yield scenario.pad, scenario.plan
@@ -231,7 +230,7 @@ class _Begun(NamedTuple):
 class _Prover:
     """A plan on its way to its proof."""
 
-    def __init__(self, scenario: Scenario, plan: PlanResult, observer: Observer) -> None:
+    def __init__(self, scenario: Checked, plan: PlanResult, observer: Observer) -> None:
         self.task = prepare_surface(scenario, plan, observer)
         self.plan, self.path, self.observer = plan, plan.path, observer
         planned = replace(scenario.plan, stepover_m=plan.plan.stepover_m)
@@ -269,7 +268,9 @@ class _Prover:
             scenario.part.displacement_m * math.sqrt(1.0 - NORMAL_SHARE**2)
             + scenario.part.rotation_rad * extent
         )
-        depth = modelled_depth(scenario, largest_force(scenario, path))
+        depth = modelled_depth(
+            scenario.head, scenario.pad, path.largest_force(scenario.process.contact_force_n)
+        )
         fields, axes = self.task.place.drawn(scenario), path.axes_work[rows]
 
         def sinking(share: float) -> Bools:
@@ -512,7 +513,7 @@ class _Prover:
         proof = {
             "arm": scenario.robot.arm, "controller": scenario.controller.label,
             "feed_m_s": scenario.process.feed_m_s if feed is None else feed[whole.process].max(),
-            "contact_force_n": largest_force(scenario, whole),
+            "contact_force_n": whole.largest_force(scenario.process.contact_force_n),
             "seed": scenario.seed, "proof": scenario.safety.proof,
             "margin": MARGIN, "settings": settings_key(scenario), "path": path_key(task.plan.path),
             "slowed": any(mend.what == SLOWED for mend in self.mends), "pose": pose,
@@ -575,7 +576,7 @@ def path_key(path: ToolPath) -> str:
     return hashlib.sha256(content).hexdigest()[:24]
 
 
-def is_proven(scenario: Scenario, path: ToolPath, proof: Mapping[str, Any] | None) -> bool:
+def is_proven(scenario: Checked, path: ToolPath, proof: Mapping[str, Any] | None) -> bool:
     """Whether a plan folder's ``proof`` is of this path and these settings."""
     return (
         proof is not None

@@ -20,9 +20,8 @@ from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
 from polish_sim.cell.guards import NO_STOP, forget_shares, guard_shares
 from polish_sim.cell.stroke import FEEDING, cycle_time
-from polish_sim.config import FaultsConfig, Scenario
+from polish_sim.config import Checked, FaultsConfig
 from polish_sim.experiments.assembly import build_part, cell_for, course_for, strokes_for
-from polish_sim.experiments.part_setup import largest_force
 from polish_sim.experiments.surface import SurfaceTask
 from polish_sim.log import PROCESS_PHASE
 
@@ -67,7 +66,7 @@ class Play:
     """
 
     def __init__(
-        self, usual: Scenario, seed: int | None, task: SurfaceTask, may_be_slowed: Callable[[Failure], bool]
+        self, usual: Checked, seed: int | None, task: SurfaceTask, may_be_slowed: Callable[[Failure], bool]
     ) -> None:
         part, nominal = usual.part, seed is None
         if nominal:
@@ -188,7 +187,7 @@ class Play:
     def _most(self) -> dict[str, float]:
         """Largest shares of their limits that are allowed to the guards a slower feed keeps quiet."""
         kept, limit = 1.0 - self.margin, self.scenario.safety.force_limit_n
-        asked = largest_force(self.scenario, self.task.plan.path)
+        asked = self.task.plan.path.largest_force(self.scenario.process.contact_force_n)
         return {
             "force": (asked + kept * (limit - asked)) / limit,
             "torque": kept,

@@ -226,15 +226,10 @@ def run_experiment(
 def _call(
     row: Experiment, name: str, scenario: Scenario, plan: PlanResult | None, observer: Observer | None
 ) -> Any:
-    from polish_sim.motion.makes import use_arm  # compiled code is slow to import
-
-    use_arm(scenario.robot.arm)
-    checks = import_module("polish_sim.experiments.assembly")
-    checks.check_settings(scenario)
-    checks.check_force(scenario, plan and plan.path)
+    checked = load("polish_sim.experiments.assembly:check")(scenario, plan and plan.path)
     function = load(name)
     looking_on = () if observer is None else (observer,)
-    return function(scenario, plan, *looking_on) if row.along_plan else function(scenario, *looking_on)
+    return function(checked, plan, *looking_on) if row.along_plan else function(checked, *looking_on)
 
 
 def check_flange(scenario: Scenario, where: str = "") -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import Observer
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.errors import PlanError
 from polish_sim.experiments.part_pose import PartPlacing
 from polish_sim.experiments.reach_map import outermost
@@ -59,14 +59,14 @@ class Setup(NamedTuple):
 
     up: Array  #: Unit vector, shape (3,)
     patches: tuple[Patch, ...]
-    scenario: Scenario  #: That plans it
+    scenario: Checked  #: That plans it
 
 
 class SetupSearch:
     """Finds setups one after another, all for one pad; what turns out not to be done in one is looked at
     again."""
 
-    def __init__(self, scenario: Scenario, observer: Observer) -> None:
+    def __init__(self, scenario: Checked, observer: Observer) -> None:
         check_asked(scenario.part, scenario.plan, scenario.pad)
         self._observer = observer
         mesh = load_mesh(scenario.part, observer)

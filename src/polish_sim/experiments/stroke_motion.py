@@ -14,7 +14,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.stroke import feed_pace
-from polish_sim.config import Scenario
+from polish_sim.config import Scenario, SmoothingConfig
 from polish_sim.kernels import memory_of
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, load_limits, six
@@ -58,11 +58,11 @@ class StrokePath(NamedTuple):
     limits: SmoothingLimits = CELL_LIMITS  #: Where the scenario's file sets no others
 
 
-def check_stroke_rule(scenario: Scenario) -> None:
+def check_stroke_rule(asked: SmoothingConfig) -> None:
     """Refuse an unknown rule (InputError) and a file of limits that cannot be used (ConfigError) before
     planning."""
-    check_rule("smoothing.rule", scenario.smoothing.rule, STROKE_RULES)
-    cell_limits(scenario, CELL_LIMITS, math.inf)
+    check_rule("smoothing.rule", asked.rule, STROKE_RULES)
+    cell_limits(asked, CELL_LIMITS, math.inf)
 
 
 _MOTIONS: dict[bytes, TimedPath | None] = {}
@@ -71,28 +71,21 @@ MOST_ROWS = 200_000
 its plan."""
 
 
-def stroke_motion(scenario: Scenario, stroke: StrokePath, arm: Arm | None) -> TimedPath | None:
-    """Smooth a stroke with the scenario's rule; None if the stroke stays at one place.
+def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -> TimedPath | None:
+    """Smooth a stroke with the rule that is ``asked`` for; None if the stroke stays at one place.
 
-    Without an arm only the tool's limits count.
+    Without an arm only the tool's limits count. See `check_stroke_rule`.
 
     Raises:
-        InputError: The rule is not known.
         SmoothingError: There is no such motion; names the place.
     """
-    check_stroke_rule(scenario)
-    limits = cell_limits(scenario, stroke.limits, math.inf)
-    asked = repr((scenario.smoothing, limits)).encode()
+    settings = repr((asked, cell_limits(asked, stroke.limits, math.inf))).encode()
     robot = b"" if arm is None else memory_of(arm).tobytes()
     content = b"".join(np.ascontiguousarray(column).tobytes() for column in stroke[:4])
-    key = hashlib.sha256(asked + robot + content).digest()
+    key = hashlib.sha256(settings + robot + content).digest()
     if key not in _MOTIONS:
         chain = build_chain(stroke.tips, stroke.rotations)
-        _MOTIONS[key] = (
-            STROKE_RULES[scenario.smoothing.rule](scenario, stroke, chain, arm)
-            if len(chain.lengths)
-            else None
-        )
+        _MOTIONS[key] = STROKE_RULES[asked.rule](asked, stroke, chain, arm) if len(chain.lengths) else None
     motion = _MOTIONS[key] = _MOTIONS.pop(key)  # the last one used is dropped last
     while (
         sum(0 if kept is None else len(kept.places) for kept in _MOTIONS.values()) > MOST_ROWS
@@ -110,35 +103,33 @@ def within_noise(scenario: Scenario, noise: Noise) -> Scenario:
     return replace(scenario, smoothing=replace(asked, tolerance_m=tip, axis_tolerance_rad=axis))
 
 
-def along_a_curve(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
+def along_a_curve(asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow a smooth curve within the tolerances; the contact on the part keeps the feed wherever limits
     allow it."""
     from polish_sim.motion.spline.motion import Feed, plan_spline  # slow to import
 
-    asked = scenario.smoothing
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
-    limits, tolerances = (
-        cell_limits(scenario, stroke.limits, math.inf),
-        (asked.tolerance_m, asked.axis_tolerance_rad),
-    )
+    limits = cell_limits(asked, stroke.limits, math.inf)
+    tolerances = asked.tolerance_m, asked.axis_tolerance_rad
     return time_schedule(
         plan_spline(chain, marks, Feed(stroke.s, stroke.feed), limits, tolerances, arm), marks
     )
 
 
-def by_rule(plan: Rule, scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
+def by_rule(
+    plan: Rule, asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm: Arm | None
+) -> TimedPath:
     """Follow the way points by a rule of `smooth`.
 
     Limits of the tool are planned for; where a row of the motion would break one of a joint, the axis is
     turned more gently, and if that does not help, joints are planned for as well.
     The feed is that of the contact on the part: pressed in on a bend the tool point is faster or slower.
     """
-    asked = scenario.smoothing
     marks = marks_on(chain, stroke.tips, stroke.rotations, stroke.s)
     top = float(stroke.feed.max())
     # At one speed short chords may be joined; the motion's clock then keeps the contact at the feed.
     stretch = np.percentile(chain.lengths / np.maximum(np.diff(marks), 1e-9), 99)
-    limits = cell_limits(scenario, stroke.limits, top * stretch)
+    limits = cell_limits(asked, stroke.limits, top * stretch)
     for share in AXIS_SHARES:
         tool = replace(
             limits, axis_acceleration=share * limits.axis_acceleration, axis_jerk=share**2 * limits.axis_jerk
@@ -153,7 +144,7 @@ def by_rule(plan: Rule, scenario: Scenario, stroke: StrokePath, chain: Chain, ar
     return with_feed(motion, feed, feed_pace(top).acceleration / top)
 
 
-def at_the_feed(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
+def at_the_feed(asked: SmoothingConfig, stroke: StrokePath, chain: Chain, arm: Arm | None) -> TimedPath:
     """Follow the way points' chords at the feed, whatever acceleration that takes: no time law, to compare
     with."""
     top = float(stroke.feed.max())
@@ -161,7 +152,7 @@ def at_the_feed(scenario: Scenario, stroke: StrokePath, chain: Chain, arm: Arm |
     return time_path(with_feed_share(table, stroke.s, stroke.feed / top), feed_pace(top))
 
 
-StrokeRule = Callable[[Scenario, StrokePath, Chain, Arm | None], TimedPath]
+StrokeRule = Callable[[SmoothingConfig, StrokePath, Chain, Arm | None], TimedPath]
 STROKE_RULES: Mapping[str, StrokeRule] = {
     **{name: partial(by_rule, plan) for name, plan in RULES.items()},
     SPLINE: along_a_curve,
@@ -179,11 +170,10 @@ def joints_keep(limits: SmoothingLimits, motion: SmoothMotion, arm: Arm) -> bool
     return kept and bool(np.all(np.abs(joints.third) <= np.array(limits.joint_jerk)))
 
 
-def cell_limits(scenario: Scenario, otherwise: SmoothingLimits, feed: float) -> SmoothingLimits:
-    """Limits of a stroke: those of the scenario's file, else the given ones; the tip's speed is the feed
+def cell_limits(asked: SmoothingConfig, otherwise: SmoothingLimits, feed: float) -> SmoothingLimits:
+    """Limits of a stroke: those of the file asked for, else the given ones; the tip's speed is the feed
     [m/s]."""
-    file = scenario.smoothing.limits_file
-    limits = load_limits(Path(file), otherwise) if file else otherwise
+    limits = load_limits(Path(asked.limits_file), otherwise) if asked.limits_file else otherwise
     return replace(limits, tip_speed=feed if feed > 0.0 else math.inf)
 
 

@@ -13,7 +13,7 @@ from polish_sim.analysis.metrics import AREAS, measure_removal, measure_surface,
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
 from polish_sim.experiments.compensation import arm_file
@@ -23,7 +23,6 @@ from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import (
     RealShape,
     check_set_points,
-    largest_force,
     path_done,
     real_shape,
     shape_figures,
@@ -50,7 +49,7 @@ class Removal(NamedTuple):
 
 
 def remove_material(
-    scenario: Scenario, place: Workplace, part: RealPart, run: CellRun, part_turns: Array | None = None
+    scenario: Checked, place: Workplace, part: RealPart, run: CellRun, part_turns: Array | None = None
 ) -> Removal:
     """Sum Preston's law up over a finished run; the loop is not slowed down by it.
 
@@ -112,7 +111,7 @@ class SurfaceTask:
 
 
 def prepare_surface(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT
+    scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT
 ) -> SurfaceTask:
     """Plan the part's path, unless a ``plan`` was made before, and check that the arm can do all of it.
 
@@ -122,31 +121,29 @@ def prepare_surface(
     Raises:
         PolishSimError: If the part cannot be used, planned or reached.
     """
-    task = PLACES.get((place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer))
-    refuse_collision(scenario, task.plan)
-    return task
+    return PLACES.get((place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer))
 
 
-def _prepare(scenario: Scenario, plan: PlanResult | None, observer: Observer) -> SurfaceTask:
+def _prepare(scenario: Checked, plan: PlanResult | None, observer: Observer) -> SurfaceTask:
     if plan is None:
         plan = plan_removal(scenario, observer)
     check_set_points(plan.path)
-    refuse_collision(scenario, plan)
+    refuse_collision(scenario.safety.tool_in_part, plan)
     observer.stage("check the reach")
     reach = reach_path(scenario, *plan.standing, plan.path)
-    return SurfaceTask(plan, reach, real_shape(scenario, plan.mesh, plan.surface, plan.path))
+    return SurfaceTask(plan, reach, real_shape(scenario, *plan.standing, plan.path))
 
 
-def refuse_collision(scenario: Scenario, plan: PlanResult) -> None:
-    """Refuse a path on which the tool runs into the part, unless that is allowed.
+def refuse_collision(answer: str, plan: PlanResult) -> None:
+    """Refuse a path on which the tool runs into the part, unless ``safety.tool_in_part`` allows it.
 
     Raises:
         PlanError: Saying where, how deep and what to do.
     """
-    if scenario.safety.tool_in_part not in TOOL_IN_PART:
-        raise unknown_name("answer to a tool in the part", scenario.safety.tool_in_part, TOOL_IN_PART)
+    if answer not in TOOL_IN_PART:
+        raise unknown_name("answer to a tool in the part", answer, TOOL_IN_PART)
     warning = pad_in_part_warning(plan.figures)
-    if warning and scenario.safety.tool_in_part == TOOL_IN_PART[0]:
+    if warning and answer == TOOL_IN_PART[0]:
         raise PlanError(
             f"{warning}. Plan the path on this part with this pad, which leaves out what it does not reach, "
             "take a smaller --pad-diameter, or run it all the same with --allow-contact."
@@ -154,14 +151,14 @@ def refuse_collision(scenario: Scenario, plan: PlanResult) -> None:
 
 
 def check_surface(
-    scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT
+    scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT
 ) -> CheckedPath:
     """The path of a run and how the arm reaches all of it; raises as `prepare_surface`."""
     task = prepare_surface(scenario, plan, observer)
     return CheckedPath(task.plan.path, task.reach)
 
 
-def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Observer = SILENT) -> RunResult:
+def run_surface(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> RunResult:
     """Polish a part and measure how well the force was held; plan and errors as of `prepare_surface`."""
     task = prepare_surface(scenario, plan, observer)
     plan, place = task.plan, task.place
@@ -175,7 +172,7 @@ def run_surface(scenario: Scenario, plan: PlanResult | None = None, observer: Ob
     return measure_run(scenario, task, cell, part, cell.run(observer))
 
 
-def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPart, run: CellRun) -> RunResult:
+def measure_run(scenario: Checked, task: SurfaceTask, cell: Cell, part: RealPart, run: CellRun) -> RunResult:
     """How well a ``run`` of a ``cell`` has polished the task's part."""
     plan, reach, place, path = task.plan, task.reach, task.place, task.plan.path
     fed = run.trace.path_s_m[run.trace.fed]
@@ -189,7 +186,7 @@ def measure_run(scenario: Scenario, task: SurfaceTask, cell: Cell, part: RealPar
     figures |= feed_figures(cell.strokes)
     figures[FIGURE] = cell.lesson.runs
     figures |= {name: plan.figures[name] for name in AREAS if name in plan.figures}
-    figures["bad_figures"] = shortcomings(figures, largest_force(scenario, path))
+    figures["bad_figures"] = shortcomings(figures, path.largest_force(scenario.process.contact_force_n))
     return RunResult(
         scenario, removal.log, run.trace, figures, run.stop_reason, run.interrupted, path, removal.map,
         arm_file(scenario, reach.q_start),

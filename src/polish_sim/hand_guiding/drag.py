@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer, tool_on_flange
-from polish_sim.config import DragConfig, HandConfig, Scenario
+from polish_sim.config import Checked, DragConfig, HandConfig
 from polish_sim.errors import PlanError
 from polish_sim.exchange import path_csv, read_path
 from polish_sim.experiments.free_space import free_log
@@ -145,7 +145,7 @@ class DragTask(NamedTuple):
         return tool_rotations(self.path.axes_work @ self.reach.T_base_work[:3, :3].T, self.reach.spin)
 
 
-def prepare_drag(scenario: Scenario) -> DragTask:
+def prepare_drag(scenario: Checked) -> DragTask:
     """Load the part and the path to teach, and check that the arm can follow it; PolishSimError if not."""
     part, plan = scenario.part, scenario.plan
     mesh = load_mesh(part)
@@ -172,12 +172,12 @@ def _rim(surface: Surface, loop: Array) -> ToolPath:
 MODE = "assist"  #: The mode a path is taught in, unless another is asked for
 
 
-def run_guiding(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
+def run_guiding(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     """Guide the arm along a path where the scenario names one, else through the moves of the trial."""
     return run_drag(scenario, observer) if scenario.drag.follow else run_teach(scenario, observer)
 
 
-def run_drag(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
+def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     """Let a hand drag the tool along a part's rim or a path, and make a path of the recording.
 
     The part is not touched: contact is not simulated. Returns no path if the arm stopped itself or was
@@ -221,7 +221,7 @@ def run_drag(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
 
 
 def _teach(
-    scenario: Scenario, task: DragTask, dragged: DragTable, read: Array
+    scenario: Checked, task: DragTask, dragged: DragTable, read: Array
 ) -> tuple[Taught, dict[str, Any]]:
     """The recording at the log's rate as a path, and how near it came."""
     drag, every = scenario.drag, scenario.simulation.log_every

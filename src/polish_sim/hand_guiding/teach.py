@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer
-from polish_sim.config import GuideConfig, HandConfig, Scenario
+from polish_sim.config import Checked, GuideConfig, HandConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log
 from polish_sim.experiments.result import PartOf, RunResult
@@ -158,7 +158,7 @@ def move_columns(play: PlayedMove, case: int, every: int, real: bool) -> dict[st
 
 
 def figures_of_moves(
-    scenario: Scenario, played: Sequence[PlayedMove], asked: int, wall: float
+    scenario: Checked, played: Sequence[PlayedMove], asked: int, wall: float
 ) -> dict[str, Any]:
     """Figures of every move under its name, of the last mode as a whole, of the modes beside each other, of
     the run."""
@@ -183,7 +183,7 @@ def figures_of_moves(
         if play.run.stop_reason
     ]
     whole = [play.run.stop_reason is None and len(play.run.rows) == len(play.table.servos) for play in played]
-    figures |= free_figures(scenario, None, steps, steps * scenario.simulation.timestep_s, wall)
+    figures |= free_figures(scenario.seed, None, steps, steps * scenario.simulation.timestep_s, wall)
     return figures | {
         "path_done": sum(whole) / asked,
         "protective_stop": "; ".join(stops) or None,
@@ -206,7 +206,7 @@ def _name(move: Move) -> str:
     return f"{move.mode}_{move.direction}_{move.pace}"
 
 
-def run_teach(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
+def run_teach(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     """Let a hand move the arm in every mode, direction and pace asked for, and measure its force.
 
     Returns one log of all moves, their figures, and the modes beside each other; part, plan and controller

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from polish_sim.analysis.claim import Claim
-from polish_sim.cell.real_arm import check_arm
+from polish_sim.cell.real_arm import take_arm
 from polish_sim.config import RobotConfig, Scenario, SimulationConfig, SpindleConfig
 from polish_sim.errors import InputError
 from polish_sim.identification.regressor import FULL
@@ -44,7 +44,7 @@ class IdentifySettings:
         return self.robot.real.encoder_rad if self.robot.elastic else self.encoder
 
     def __post_init__(self) -> None:
-        check_arm(self.robot)
+        take_arm(self.robot)
         if not 0.0 <= self.payload <= LARGEST_PAYLOAD:
             raise InputError(
                 f"--payload {self.payload:g}: wanted 0 to {LARGEST_PAYLOAD:g} kg, what the arm carries "

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
 from polish_sim.config.key import key
 from polish_sim.errors import ConfigError, unknown_name
-from polish_sim.experiments.assembly import check_force, check_settings
+from polish_sim.experiments.assembly import check
 from polish_sim.experiments.even_removal import axis_kept
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.job.lines import at, naming_line
@@ -77,7 +77,7 @@ class Pass(NamedTuple):
     head: PassHead
     tool: Tool
     zones: tuple[Zone, ...]
-    scenario: Scenario
+    scenario: Checked
 
     @property
     def folder(self) -> str:
@@ -149,16 +149,14 @@ def _pass(
         raise unknown_name("tool", head.tool, tools)
     tool = tools[head.tool]
     scenario = merge(merge(base, tool.settings(), "tool."), {k: inner[k] for k in SECTIONS if k in inner}, "")
-    scenario = axis_kept(with_files(merge(scenario, {"plan": {"region": region}}, ""), folder))
+    scenario = with_files(merge(scenario, {"plan": {"region": region}}, ""), folder)
     zones = inner.get("zone", [])
     if not isinstance(zones, list):
         raise ConfigError("'zone' is a list: write [[setup.pass.zone]].")
     tool.check_force(head.tool, scenario.process.contact_force_n)
-    check_settings(scenario)
-    check_force(scenario, None)
     read = (_split(zone, Zone(), ())[0] for zone in zones)
     placed = (replace(zone, region=region_with_file(zone.region, folder)) for zone in read)
-    return Pass(*number, setup, head, tool, tuple(placed), scenario)
+    return Pass(*number, setup, head, tool, tuple(placed), axis_kept(check(scenario)))
 
 
 def _split(table: Any, default: T, inner: tuple[str, ...]) -> tuple[T, dict[str, Any]]:

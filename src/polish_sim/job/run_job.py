@@ -22,7 +22,7 @@ from polish_sim.analysis.run_record import METRICS, RunRecord, read_json, write_
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
 from polish_sim.cell.stroke import cycle_time
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.errors import InputError
 from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.experiments.assembly import build_cell, build_part
@@ -142,7 +142,7 @@ def run_pass(one: Pass, folder: Path, worn: float, observer: Observer) -> None:
     _write(one, folder, parts, worn, left, planned_s)
 
 
-def _planned(one: Pass, scenario: Scenario, folder: Path, observer: Observer) -> tuple[PlanResult, Scenario]:
+def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> tuple[PlanResult, Checked]:
     """The plan on disk, or a new one; and the scenario with the part where it was proven."""
     done = folder / "plan"
     if done.is_dir():
@@ -180,7 +180,7 @@ def _whole_folder(folder: Path) -> Iterator[Path]:
     draft.rename(folder)
 
 
-def zoned(one: Pass, scenario: Scenario, plan: PlanResult) -> PlanResult:
+def zoned(one: Pass, scenario: Checked, plan: PlanResult) -> PlanResult:
     """The plan with less force near the region's border, and the zones' own force and feed."""
     path, process, asked = plan.path, scenario.process, plan.plan
     force = path.force_at(path.s, process.contact_force_n)

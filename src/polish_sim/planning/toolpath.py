@@ -54,6 +54,10 @@ class ToolPath:
         """Force to hold at arc lengths [m], (k,) -> (k,) [N]; the usual one where the path names none."""
         return np.full(len(s), usual) if self.force is None else np.interp(s, self.s, self.force)
 
+    def largest_force(self, usual: float) -> float:
+        """The largest force to hold [N], which limits and part must bear; ``usual`` as of `force_at`."""
+        return float(self.force_at(self.s[self.process], usual).max())
+
     @property
     def process(self) -> Bools:
         """Mask of the points at which the tool is pressed on the part, shape (n,)."""

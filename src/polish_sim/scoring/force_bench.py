@@ -10,9 +10,9 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell import RealPart
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
 from polish_sim.control import Controller, Course, Measurement, Target, build_controller
-from polish_sim.experiments.assembly import Workplace, build_cell, build_part
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part, check
 from polish_sim.experiments.force import place_force
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.scenario_file import override
@@ -87,15 +87,12 @@ class Bench(NamedTuple):
     part: RealPart
 
 
-def quiet(scenario: Scenario) -> Scenario:
+def quiet(scenario: Scenario) -> Checked:
     """A scenario of ``force`` without noise, on the part as drawn, come down to slowly; forces stop nothing
     early."""
     calm = override(scenario, list(QUIET))
-    return replace(
-        calm,
-        process=replace(calm.process, approach_speed_m_s=APPROACH_SPEED),
-        safety=replace(calm.safety, force_limit_n=FORCE_LIMIT_N),
-    )
+    process = replace(calm.process, approach_speed_m_s=APPROACH_SPEED)
+    return check(replace(calm, process=process, safety=replace(calm.safety, force_limit_n=FORCE_LIMIT_N)))
 
 
 def build_bench(scenario: Scenario) -> Bench:

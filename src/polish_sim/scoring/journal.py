@@ -23,6 +23,7 @@ from polish_sim.experiments.assembly import (
     Workplace,
     build_cell,
     build_part,
+    check,
     config_hash,
     modelled_depth,
     place_key,
@@ -75,13 +76,13 @@ def setup_key(task: Task) -> Hashable:
     return (
         place_key(scenario),
         scenario.part,
-        modelled_depth(scenario, scenario.process.contact_force_n),
+        modelled_depth(scenario.head, scenario.pad, scenario.process.contact_force_n),
         scenario.seed,
     )
 
 
 def _measure(task: Task) -> Row:
-    scenario = task.scenario
+    scenario = check(task.scenario)
     place = prepare_surface(scenario).place if task.case.moving else place_force(scenario)
     run = build_cell(scenario, place, build_part(scenario, place)).run()
     if run.interrupted:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from polish_sim.cell.real_arm import check_arm
+from polish_sim.cell.real_arm import take_arm
 from polish_sim.control import build_controller
 from polish_sim.control.laws import file_of, tell_error
 from polish_sim.errors import InputError
@@ -72,7 +72,7 @@ def check_entries(cases: Sequence[Case], entries: Sequence[Entry]) -> None:
     for entry in entries:
         for case in cases:
             scenario = case.scenario(entry, 0)
-        check_arm(scenario.robot)
+        take_arm(scenario.robot)
         controller = build_controller(scenario.controller)
         cycle = scenario.simulation.timestep_s * scenario.simulation.control_every
         try:

@@ -20,9 +20,8 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from polish_sim.arrays import Array
-from polish_sim.cell.real_arm import check_arm
-from polish_sim.config import Scenario
-from polish_sim.experiments.assembly import build_cell, build_part
+from polish_sim.config import Checked, Scenario
+from polish_sim.experiments.assembly import build_cell, build_part, check
 from polish_sim.experiments.registry import default_scenario
 from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.scenario_file import merge
@@ -52,7 +51,7 @@ class Found(NamedTuple):
     """The worst of one figure."""
 
     value: float
-    scenario: Scenario
+    scenario: Checked
     stopped: str  #: Why the robot stopped itself in that run; empty if it did not
 
 
@@ -71,7 +70,6 @@ class _Enough(Exception):
 def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], None]) -> Worst:
     """Search with a number of runs of a ``scenario``'s controller and settings; Ctrl-C returns what was
     found."""
-    check_arm(scenario.robot)
     tasks: dict[str, SurfaceTask] = {}
     found: dict[str, Found] = {}
     done, stops = 0, 0
@@ -80,7 +78,7 @@ def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], N
         nonlocal done, stops
         if done >= runs:
             raise _Enough
-        drawn = drawn_scenario(scenario, x)
+        drawn = check(drawn_scenario(scenario, x))
         figures, stopped = _measure(drawn, tasks)
         done, stops = done + 1, stops + bool(stopped)
         for name, value in zip(FIGURES, figures, strict=True):
@@ -133,7 +131,7 @@ def drawn_scenario(scenario: Scenario, x: Array) -> Scenario:
     return replace(merge(scenario, table, ""), seed=seed)
 
 
-def _measure(scenario: Scenario, tasks: dict[str, SurfaceTask]) -> tuple[tuple[float, float, float], str]:
+def _measure(scenario: Checked, tasks: dict[str, SurfaceTask]) -> tuple[tuple[float, float, float], str]:
     part = scenario.part.file
     if part not in tasks:
         tasks[part] = prepare_surface(scenario)

@@ -12,7 +12,7 @@ from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell.playback import JointTargets, Played, play_joints
 from polish_sim.cell.scene import build_scene
-from polish_sim.config import Scenario
+from polish_sim.config import Checked
 from polish_sim.errors import ReachError, place_in_mm
 from polish_sim.exchange import read_way_points
 from polish_sim.experiments.free_space import ToolMotion, free_figures, free_log
@@ -47,7 +47,7 @@ class SmoothTask(NamedTuple):
     limits: SmoothingLimits
 
 
-def prepare_smooth(scenario: Scenario) -> SmoothTask:
+def prepare_smooth(scenario: Checked) -> SmoothTask:
     """Take the scenario's path, or that of the paper's trial, and lay it before the robot."""
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), TRIAL_LIMITS) if file else TRIAL_LIMITS
@@ -58,7 +58,7 @@ def prepare_smooth(scenario: Scenario) -> SmoothTask:
     return SmoothTask(chain, marks_along(chain), arm, limits)
 
 
-def check_smooth(scenario: Scenario, observer: Observer = SILENT) -> CheckedPath:
+def check_smooth(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     """The path of a run, work frame, and how the arm reaches all of it; PolishSimError if it does not."""
     task = prepare_smooth(scenario)
     chain, arm, n = task.chain, task.arm, len(task.chain.tips)
@@ -76,7 +76,7 @@ def marks_along(chain: Chain) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.maximum(chain.lengths, 1e-9))])
 
 
-def _given(scenario: Scenario) -> tuple[Chain, Arm]:
+def _given(scenario: Checked) -> tuple[Chain, Arm]:
     placed = place_path(read_way_points(Path(scenario.plan.file)), None, scenario.part.pose)
     assert placed.arm is not None  # place_path lays every path before the robot
     return placed.chain, placed.arm
@@ -131,7 +131,7 @@ def _tool(q: Array, table: Array = NOMINAL) -> tuple[Array, Array]:
     return T_base_tool[:, :3, 3], T_base_tool[:, :3, :3]
 
 
-def run_smooth(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
+def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     """Play a path with every rule on the robot's joint servos, in free space, and compare how far the joints
     lag.
 
@@ -169,13 +169,13 @@ def run_smooth(scenario: Scenario, observer: Observer = SILENT) -> RunResult:
         sum(float(play.seen.time[-1]) for play in plays),
         sum(len(play.seen.time) for play in plays),
     )
-    figures |= free_figures(scenario, task.arm.T_base_work, steps, simulated, wall)
+    figures |= free_figures(scenario.seed, task.arm.T_base_work, steps, simulated, wall)
     return RunResult(
         scenario, free_log(scenario, own, _columns), trace_of_rule(own[-1]), figures, None, False
     )
 
 
-def play_rule(scenario: Scenario, task: SmoothTask, rule: str, motion: SmoothMotion) -> RulePlay:
+def play_rule(scenario: Checked, task: SmoothTask, rule: str, motion: SmoothMotion) -> RulePlay:
     """Play one rule's motion: joint angles and speeds to the servos, one pair a step."""
     clock = np.arange(0.0, motion.end + AFTER_S, scenario.simulation.timestep_s)
     targets = sampled_joints(motion.sample(clock), task.arm)
