@@ -39,7 +39,7 @@ from polish_sim.compare.contact import (
     measure_step,
 )
 from polish_sim.compare.joints import compare_joints
-from polish_sim.compare.replay import SCENARIO, Payload, commands_of, rigid_torques, warm
+from polish_sim.compare.replay import SCENARIO, CarriedPayload, commands_of, rigid_torques, warm
 from polish_sim.compare.show import plot_steps
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.errors import PolishSimError
@@ -58,7 +58,7 @@ FITTED: Final = ("ident_50s_12harm", "ident_20_01_31_unload")
 #: Not used for the gears' error; friction was fitted on all unloaded logs, these among them.
 HELD_OUT: Final = ("ident_30s_12harm", "ident_50s_14harm", "validation_ptp_10_points")
 MOVES_S: Final = (6.4, 35.0)  #: In which the first of the logs held out moves [s]
-LOADED: Final = ("ident_50s_14harm_load", Payload(2.805, (0.0, 0.0, 0.05)))
+LOADED: Final = ("ident_50s_14harm_load", CarriedPayload(2.805, (0.0, 0.0, 0.05)))
 """The log with a load, its mass as published; where its centre is was not: 50 mm before the flange."""
 
 
@@ -104,7 +104,7 @@ def joint_rows(data: Path) -> Iterator[Row]:
     """Measured beside simulated, by joint, and the largest deviations on logs kept from the gears' fit."""
     robot = override(SCENARIO, [UR10E]).robot
     for names, what in ((FITTED, "fitted on"), (HELD_OUT, "held out")):
-        found = {name: compare_joints(robot, _log(data, name), Payload()).figures for name in names}
+        found = {name: compare_joints(robot, _log(data, name), CarriedPayload()).figures for name in names}
         for name, figures in found.items():
             yield Row(f"{name} ({what}): torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-")
         for key, unit in (("ripple_cycles", "1/turn"), ("ripple_nm", "N m")):
@@ -119,7 +119,7 @@ def joint_rows(data: Path) -> Iterator[Row]:
         delays = ", ".join(f"{1e3 * f['motion_delay_s']:.1f}" for f in found.values())
         yield Row(f"{what}: motion, measured behind simulated [ms]", delays, "-")
     yield _own_torques(robot, data, HELD_OUT[0])
-    for payload, named in ((LOADED[1], "2.805 kg"), (Payload(), "none")):
+    for payload, named in ((LOADED[1], "2.805 kg"), (CarriedPayload(), "none")):
         figures = compare_joints(robot, _log(data, LOADED[0]), payload).figures
         yield Row(
             f"{LOADED[0]}, payload {named}: torque NRMS [%]", _six(100.0 * np.array(figures["nrms"])), "-"
@@ -166,7 +166,7 @@ def _own_torques(robot: RobotConfig, data: Path, name: str) -> Row:
     log = _log(data, name)
     commands, theirs = commands_of(log), log.values["torque_desired_nm"]
     states = (commands(log.time, order) for order in range(3))
-    off = theirs - rigid_torques(warm(robot), *states, Payload())
+    off = theirs - rigid_torques(warm(robot), *states, CarriedPayload())
     moving = (log.time > MOVES_S[0]) & (log.time < MOVES_S[1])
     rms = np.sqrt(np.mean(np.array([off, theirs])[:, moving] ** 2, axis=1))
     return Row(

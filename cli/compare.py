@@ -43,7 +43,7 @@ LOG_OPTIONS = (
 """What a robot's log is read by."""
 
 
-def read_log(file: Path, given: Given, need: Sequence[str]) -> RobotRecording:
+def read_measured_log(file: Path, given: Given, need: Sequence[str]) -> RobotRecording:
     """Read a robot's log by `LOG_OPTIONS`, with the quantities it needs; raises as `read_robot_recording`."""
     from polish_sim.exchange.robot_log import ColumnMap, read_column_map, read_robot_recording
 
@@ -82,7 +82,7 @@ def compare(real: LogFile, given: Given) -> int:
     beside = given["--beside"]
     refuse_beside(given, "--beside", *REPLAY)
     refuse_without(given, "--beside", "--asked")
-    log = read_log(real, given, () if beside else ("q_rad",))
+    log = read_measured_log(real, given, () if beside else ("q_rad",))
     with claimed(given, "compare") as folder:
         if beside is not None:
             _forces(real, log, beside, given, folder.draft)
@@ -96,8 +96,8 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
     from polish_sim.analysis.run_record import write_json
     from polish_sim.cell.scene import build_scene
     from polish_sim.compare.joints import compare_joints
-    from polish_sim.compare.replay import SCENARIO, Payload
-    from polish_sim.compare.show import FIGURES, PICTURE, joint_page, joint_rows, plot_joints
+    from polish_sim.compare.replay import SCENARIO, CarriedPayload
+    from polish_sim.compare.show import FIGURES, PICTURE, joint_page, joint_table, plot_joint_torques
     from polish_sim.scenario_file import override, to_toml
 
     settings = list(given["--set"] or [])
@@ -107,7 +107,7 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
                 f"--set {text} would change nothing in 'compare': it takes robot.KEY and robot.real.KEY."
             )
     scenario = override(SCENARIO, [*([f"robot.arm={given['--arm']}"] if given["--arm"] else []), *settings])
-    payload = Payload(given["--payload"] or 0.0, _center(given["--payload-center"]))
+    payload = CarriedPayload(given["--payload"] or 0.0, _center(given["--payload-center"]))
     with console.progress() as observer:
         observer.stage("replay")
         found = compare_joints(scenario.robot, log, payload)
@@ -115,14 +115,14 @@ def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
         title = f"{real.name} beside {scenario.robot.arm}"
         put(draft, "config.toml", to_toml(scenario))
         write_json(draft / FIGURES, found.figures)
-        plot_joints(found, title).savefig(draft / PICTURE)
+        plot_joint_torques(found, title).savefig(draft / PICTURE)
         put(draft, PAGE, joint_page(found, build_scene(scenario), title))
     delays = (f"{name} {console.number_or_dash(found.figures[key], '.1f', 1e3)} ms" for name, key in
               (("motion", "motion_delay_s"), ("torque", "delay_s")) if key in found.figures)  # fmt: skip
     console.table(
         f"compare: {title}",
         ["figure", "unit", "side", *(f"joint {j}" for j in range(1, 7))],
-        joint_rows(found.figures),
+        joint_table(found.figures),
         left=3,
         caption=f"measured behind simulated: {', '.join(delays)}",
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from polish_sim.cli import console
-from polish_sim.cli.compare import LOG_OPTIONS, read_log
+from polish_sim.cli.compare import LOG_OPTIONS, read_measured_log
 from polish_sim.cli.console import number_or_dash as dash
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.output_folder import claimed
@@ -275,7 +275,7 @@ def _reader(given: Given) -> RunReader:
     def read(file: Path, robot: LoggedRobot) -> tuple[RobotLog, States]:
         chain = robot.model.chain
         if arm is not None:
-            log = log_of_arm(file, arm, read_log(file, given, ("q_rad",)))
+            log = log_of_arm(file, arm, read_measured_log(file, given, ("q_rad",)))
         else:
             joints = () if robot.source is None else chain.joints
             log = read_robot_log(file, chain.geometry.kind.tolist(), period, joints)

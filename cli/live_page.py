@@ -109,7 +109,7 @@ class Worked:
         return np.stack([np.interp(share, at, column) for column in MARKS.T], axis=1).astype(np.uint8)
 
 
-class Page:
+class LivePage:
     """A page with a scene, its numbers and plot, and buttons for time and camera."""
 
     def __init__(self, asked: Address, title: str) -> None:

@@ -15,7 +15,7 @@ from polish_sim.cell.faults import FAULTS, as_planned, lacking_for
 from polish_sim.cell.observer import STOPPING
 from polish_sim.cell.set_points import FEED, FORCE
 from polish_sim.cell.stroke import cycle_time
-from polish_sim.cli.live_page import PLOT_S, Moment, Page, block
+from polish_sim.cli.live_page import PLOT_S, LivePage, Moment, block
 from polish_sim.cli.pictures import FrameSink
 from polish_sim.cli.view import Address
 from polish_sim.experiments.run_page import part_body, scene_solids
@@ -55,7 +55,7 @@ class LiveView(FrameSink):
         self._next = 0.0  # when the next moment is due
 
     def __enter__(self) -> LiveView:
-        self.page = Page(self._asked, self._title)
+        self.page = LivePage(self._asked, self._title)
         return self
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:

@@ -51,7 +51,7 @@ class FrameSink(AbstractContextManager[Any], Protocol):
         return scenario
 
 
-class Quality(NamedTuple):
+class PictureQuality(NamedTuple):
     """Size of a picture and what is spent on it; without a graphics card that is most of a film's time."""
 
     width: int
@@ -63,7 +63,7 @@ class Quality(NamedTuple):
 LIBRARIES = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}  #: By the values of MUJOCO_GL
 CROSS = 11.0  #: Half the size of the cross at a protective stop [pixels]
 STOP_COLOR = "#E00020"
-CELL = Quality(720, 640, 4, 2048)
+CELL = PictureQuality(720, 640, 4, 2048)
 PAD_WIDTH = 560  #: Of the picture of the pad on the part, from near
 LOOK_AT = (0.0, -0.32, 0.28)
 DISTANCE = 1.5
@@ -102,7 +102,7 @@ def _loads(name: str) -> bool:
 class Picture:
     """Renders a model's moments from one camera: the whole cell, or the pad on the part from near."""
 
-    def __init__(self, model: Any, quality: Quality, near: bool = False) -> None:
+    def __init__(self, model: Any, quality: PictureQuality, near: bool = False) -> None:
         """Open a renderer; what a missing OpenGL raises depends on the platform."""
         import mujoco
 
@@ -144,7 +144,7 @@ class Snapshot(FrameSink):
         self.model = model
 
 
-def save_cell(file: Path, record: RunRecord, model: Any) -> bool:
+def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     """Render the cell and the pad from near, in the middle of a run or at its stop; whether there is OpenGL
     for it."""
     import mujoco

@@ -238,7 +238,7 @@ def _missed_notes(missed: Sequence[tuple[Patch, str]]) -> list[str]:
 
 
 def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: Sequence[str]) -> None:
-    from polish_sim.geometry.orientation import describe
+    from polish_sim.geometry.orientation import name_direction
 
     for note in notes:
         console.note(f"note: {note}")
@@ -249,7 +249,13 @@ def _show_setups(done: Sequence[PlanResult], area: Mapping[str, float], notes: S
         shares = f"{100.0 * m['coverage']:.1f}", str(m["retracts"]), f"{m['path_length_m']:.2f}"
         cycle = console.number_or_dash(m["cycle_time_s"], ".1f")
         rows.append(
-            [f"setup_{number}", describe(result.mesh.up), *(f"{size:.1f}" for size in sizes), *shares, cycle]
+            [
+                f"setup_{number}",
+                name_direction(result.mesh.up),
+                *(f"{size:.1f}" for size in sizes),
+                *shares,
+                cycle,
+            ]
         )
     headings = [
         "setup",

@@ -10,7 +10,7 @@ import typer
 from polish_sim.cli import console
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, takes
 from polish_sim.cli.output_folder import claimed, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, save_cell
+from polish_sim.cli.pictures import CELL_PICTURE, save_cell_picture
 from polish_sim.errors import count_text
 
 Runs = Annotated[
@@ -37,7 +37,7 @@ def report(runs: Runs, given: Given) -> None:
         if alone:
             draw_run(first, folder.draft)
             if remade(first) and not (runs[0] / CELL_PICTURE).exists():
-                save_cell(folder.draft / CELL_PICTURE, first, cell_model(first))
+                save_cell_picture(folder.draft / CELL_PICTURE, first, cell_model(first))
         else:
             save_plots(folder.draft, draw_comparison(records))
         write_saved_page(folder.draft, runs, records)

@@ -27,7 +27,7 @@ from polish_sim.cli.options import (
     takes,
 )
 from polish_sim.cli.output_folder import claimed, put, refuse_taken
-from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell
+from polish_sim.cli.pictures import CELL_PICTURE, FrameSink, Snapshot, Viewer, save_cell_picture
 from polish_sim.cli.view import live_address
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, place_in_mm
@@ -236,7 +236,9 @@ def run_once(
             if stop and planned is not None:
                 save_plots(draft, {"path.png": plot_plan(planned, stop=stop)})
             rendered = (
-                bool(len(record.log)) and model is not None and save_cell(draft / CELL_PICTURE, record, model)
+                bool(len(record.log))
+                and model is not None
+                and save_cell_picture(draft / CELL_PICTURE, record, model)
             )
             if video and rendered:
                 from polish_sim.cli.film import write_film

@@ -17,9 +17,9 @@ from polish_sim.errors import InputError, count_text
 from polish_sim.page import PAGE
 
 if TYPE_CHECKING:
-    from polish_sim.scoring import Entry, Score, Verdict
+    from polish_sim.scoring import Entry, JudgedFigure, Score
 
-    Verdicts = Sequence[tuple[Entry, Sequence[Verdict]]]
+    Verdicts = Sequence[tuple[Entry, Sequence[JudgedFigure]]]
 
 SEEDS = 5
 SEEDS_OF_REACH = 20

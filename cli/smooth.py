@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from polish_sim.motion.rules.chain import Chain
     from polish_sim.motion.rules.limits import Arm, SmoothingLimits
     from polish_sim.planning import PlanObserver
-    from polish_sim.smoothing.figures import Measured
+    from polish_sim.smoothing.figures import MeasuredMotion
     from polish_sim.smoothing.place import SmoothingTask
     from polish_sim.smoothing.plots import Curves
 
@@ -244,7 +244,7 @@ def _prepare(
     return SmoothingTask(placed, limits, request.tolerance, request.axis_tolerance, feeds)
 
 
-def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> Measured:
+def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> MeasuredMotion:
     """Smooth by a rule, compiled before its time is taken, and measure the motion."""
     from polish_sim.smoothing.figures import measure_smoothing
     from polish_sim.smoothing.place import prepare_rule, smooth_path
@@ -259,7 +259,7 @@ def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> Measured:
 
 
 def _times_by_rule(
-    task: SmoothingTask, motions: Sequence[Measured], observer: PlanObserver, notes: list[str]
+    task: SmoothingTask, motions: Sequence[MeasuredMotion], observer: PlanObserver, notes: list[str]
 ) -> dict[str, float | None]:
     """Cycle time of every rule [s]; none where a rule finds no motion, with a note why."""
     from polish_sim.motion.rules.rule import RULES
@@ -316,9 +316,9 @@ def _rows() -> list[tuple[str, str, Any]]:
     ]
 
 
-def draw_smoothing(task: SmoothingTask, motions: Sequence[Measured], name: str) -> dict[str, Figure]:
+def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str) -> dict[str, Figure]:
     """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
-    from polish_sim.smoothing.plots import plot_deviation, plot_joints, plot_tool
+    from polish_sim.smoothing.plots import plot_deviation, plot_joints, plot_tool_rates
 
     raw, limits, arm = task.placed.chain, task.limits.values(), task.placed.arm
     curves = [_curves(motion, raw, arm) for motion in motions]
@@ -327,7 +327,7 @@ def draw_smoothing(task: SmoothingTask, motions: Sequence[Measured], name: str) 
     tolerances = f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°"
     allowed = (task.tolerance, task.axis_tolerance)
     plots = {
-        "tool.png": plot_tool(curves, limits, f"Tool along {name}", [*facts, tolerances]),
+        "tool.png": plot_tool_rates(curves, limits, f"Tool along {name}", [*facts, tolerances]),
         "deviation.png": plot_deviation(curves, allowed, f"Deviation from {name}", [*facts, tolerances]),
     }
     if arm is not None:
@@ -335,22 +335,22 @@ def draw_smoothing(task: SmoothingTask, motions: Sequence[Measured], name: str) 
     return plots | _corners(task, motions, name, [*facts, tolerances])
 
 
-def _curves(measured: Measured, raw: Chain, arm: Arm | None) -> Curves:
+def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
     import numpy as np
 
     from polish_sim.motion.rules.deviation import deviation_curve
-    from polish_sim.smoothing.figures import sample_motion
+    from polish_sim.smoothing.figures import motion_at
     from polish_sim.smoothing.plots import Curves
 
     motion, end = measured.motion, measured.motion.end
     times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
-    seen = sample_motion(motion, times, arm)
+    seen = motion_at(motion, times, arm)
     strays = deviation_curve(motion, raw, times)
     return Curves(measured.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:], strays)
 
 
 def _corners(
-    task: SmoothingTask, motions: Sequence[Measured], name: str, facts: list[str]
+    task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str, facts: list[str]
 ) -> dict[str, Figure]:
     from polish_sim.smoothing.plots import chosen_corners, path_turns, plot_corners, view_corner, way_past
 

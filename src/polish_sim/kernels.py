@@ -134,8 +134,8 @@ def second_by_turning(w: Vector, dw: Vector, v: Vector) -> Triple:
 @kernel
 def third_by_turning(w: Vector, dw: Vector, ddw: Vector, v: Vector) -> Triple:
     """Its third derivative: ddw x v + 2 dw x v' + w x v''."""
-    twice = scaled(2.0, cross(dw, cross(w, v)))
-    return plus_cross(plus(cross(ddw, v), twice), w, second_by_turning(w, dw, v))  # type: ignore[no-any-return]
+    first = plus(cross(ddw, v), scaled(2.0, cross(dw, cross(w, v))))
+    return plus_cross(first, w, second_by_turning(w, dw, v))  # type: ignore[no-any-return]
 
 
 @kernel

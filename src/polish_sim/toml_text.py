@@ -24,7 +24,7 @@ def read_toml(file: Path, what: str, error: type[PolishSimError]) -> dict[str, A
         raise error(f"the {what} '{file}' is not valid TOML: {why}.") from caught
 
 
-def value_text(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """A single value as TOML writes it, and ``--set`` takes it."""
     return toml_text({"v": value}).partition("= ")[2].strip()
 

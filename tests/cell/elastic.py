@@ -11,7 +11,7 @@ from scipy.linalg import eig
 
 from polish_sim.cell import build_scene
 from polish_sim.cell.engine import engine_views, mj_step1, mj_step2, register_engine
-from polish_sim.cell.gears import drive_joints, elastic_torque, follow_joints, hear_joints
+from polish_sim.cell.gears import drive_joints, elastic_torque, follow_rotors, hear_joints
 from polish_sim.cell.real_arm import build_real_arm
 from polish_sim.experiments import default_scenario
 from polish_sim.kernels import Record, Vector3, Vector6
@@ -53,7 +53,7 @@ def _go(e, arm, steps, tool):  # type: ignore[no-untyped-def]
             row.tool[i] = e.site_xpos[tool, i]
         drive_joints(arm, e, 0.0)
         mj_step2(e.model, e.data)
-        follow_joints(arm, e)
+        follow_rotors(arm, e)
 
 
 class Joints(NamedTuple):

@@ -73,9 +73,9 @@ def test_pages_of_other_servers_are_refused() -> None:
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
-    from polish_sim.cli.live_page import Page
+    from polish_sim.cli.live_page import LivePage
 
-    page = Page(Address("127.0.0.1", port := free_port()), "a run")
+    page = LivePage(Address("127.0.0.1", port := free_port()), "a run")
     here, url = f"http://127.0.0.1:{port}", f"ws://127.0.0.1:{port}"
     for headers in ({"Origin": "http://evil.example"}, {"Origin": f"http://localhost:{port}"}):
         with pytest.raises(InvalidStatus, match="403"):

@@ -12,7 +12,7 @@ import pytest
 from polish_sim.compare.contact import compare_steps, from_contact, measure_step
 from polish_sim.compare.figures import delay, fit_friction, friction_curve, nrms, ripple
 from polish_sim.compare.joints import compare_joints
-from polish_sim.compare.replay import SCENARIO, Payload, bare_arm, replay, rigid_torques, warm
+from polish_sim.compare.replay import SCENARIO, CarriedPayload, bare_arm, replay, rigid_torques, warm
 from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
 from polish_sim.motion.makes import use_arm
 from polish_sim.scenario_file import override
@@ -45,7 +45,7 @@ def sines(seconds: float, rate: float = 250.0) -> RobotRecording:
 def logged() -> dict[str, np.ndarray]:
     """What a recorder would have of a simulated run with a payload."""
     log = sines(4.0)
-    played = replay(UR10E, log, Payload(2.0, (0.0, 0.0, 0.05)))
+    played = replay(UR10E, log, CarriedPayload(2.0, (0.0, 0.0, 0.05)))
     use_arm("ur5e")
     return {
         "time_s": 100.0 + log.time,
@@ -59,8 +59,8 @@ def logged() -> dict[str, np.ndarray]:
 
 def test_a_simulated_log_is_its_own_replay_if_its_payload_is_named(logged, tmp_path: Path) -> None:
     log = read_robot_recording(write_csv(tmp_path / "log.csv", logged, ",", NAMES), ("q_rad",))
-    assert compare_joints(UR10E, log, Payload()).figures["nrms"][1] > 0.02
-    found = compare_joints(UR10E, log, Payload(2.0, (0.0, 0.0, 0.05)))
+    assert compare_joints(UR10E, log, CarriedPayload()).figures["nrms"][1] > 0.02
+    found = compare_joints(UR10E, log, CarriedPayload(2.0, (0.0, 0.0, 0.05)))
     assert max(found.figures["nrms"]) < 1e-3
     assert max(found.figures["motion_rms_rad"]) < 1e-6
     assert abs(found.figures["delay_s"]) < 1e-5
@@ -73,7 +73,7 @@ def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path: Path) -> Non
     """It holds no commands: what the servos lag behind and the low-pass are left."""
     pytest.importorskip("rosbags")
     log = read_robot_recording(write_bag(tmp_path / "bag", logged, "mcap"))
-    found = compare_joints(UR10E, log, Payload(2.0, (0.0, 0.0, 0.05)))
+    found = compare_joints(UR10E, log, CarriedPayload(2.0, (0.0, 0.0, 0.05)))
     # The servos are 2 ms behind their commands, which the log does not hold, and again behind the replay's.
     assert max(found.figures["motion_rms_rad"]) < 0.002 * np.abs(logged["qd_rad_s"]).max()
     assert max(found.figures["nrms"]) < 0.1
@@ -81,14 +81,14 @@ def test_a_bag_is_replayed_by_its_measured_motion(logged, tmp_path: Path) -> Non
 
 def test_rigid_torques_hold_a_payload_at_its_lever() -> None:
     still = np.zeros((1, 6))
-    with_load = rigid_torques(UR10E, still, still, still, Payload(5.0, (0.0, 0.0, 0.1)))
-    without = rigid_torques(UR10E, still, still, still, Payload())
+    with_load = rigid_torques(UR10E, still, still, still, CarriedPayload(5.0, (0.0, 0.0, 0.1)))
+    without = rigid_torques(UR10E, still, still, still, CarriedPayload())
     lever = 1.18425  # all joints at zero: the flange is level with the shoulder, its z axis across the arm
     assert abs((with_load - without)[0, 1]) == pytest.approx(5.0 * 9.81 * lever, rel=2e-3)
 
 
 def test_the_flange_carries_what_is_named() -> None:
-    model = bare_arm(UR10E, Payload(3.0, (0.01, 0.0, 0.02)))
+    model = bare_arm(UR10E, CarriedPayload(3.0, (0.01, 0.0, 0.02)))
     assert model.body("tool_mount").mass[0] == pytest.approx(3.0)
     np.testing.assert_allclose(model.body("tool_mount").ipos, [0.01, 0.0, 0.02])
 

@@ -31,7 +31,7 @@ from polish_sim.dual.calibrate_bases import (
 from polish_sim.dual.calibration.arm import held_out_rms
 from polish_sim.dual.calibration.circle import (
     BaseFrame,
-    Circle,
+    SweptCircle,
     base_from_circles,
     base_from_meeting_axes,
     fit_circle,
@@ -77,7 +77,7 @@ def test_exact_arcs_give_the_base_wherever_the_other_joints_stand(offsets: Array
 
 
 @cache
-def drawn_circles() -> list[tuple[Circle, Circle]]:
+def drawn_circles() -> list[tuple[SweptCircle, SweptCircle]]:
     """Of both axes, with noise, 300 times."""
     rng, exact = np.random.default_rng(1), (arc(0), arc(1))
     return [tuple(fit_circle(noisy(points, rng), SIGMA) for points in exact) for _ in range(300)]

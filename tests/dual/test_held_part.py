@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.dual.arms import ClosedChain, follow_joints, limit_margin
-from polish_sim.dual.frames import marks_on
+from polish_sim.dual.frames import spread_marks
 from polish_sim.dual.gripper import seat_part
 from polish_sim.dual.rim import fit_closed_spline, length_of
 from polish_sim.errors import PlanError, ReachError, SmoothingError
@@ -142,13 +142,13 @@ def part(name: str, choice: str = "auto") -> tuple[Region, Surface]:
 def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it(name: str) -> None:
     region, surface = part(name)
     for count in (3, 7):
-        T = marks_on(region, surface, count)
+        T = spread_marks(region, surface, count)
         there = region.surface.closest(T[:, :3, 3])
         np.testing.assert_allclose(there.positions, T[:, :3, 3], atol=1e-9)
         np.testing.assert_allclose(T[:, :3, 2], -there.normals, atol=1e-6)
         turned = np.swapaxes(T[:, :3, :3], 1, 2) @ T[:, :3, :3]
         np.testing.assert_allclose(turned, np.tile(np.eye(3), (count, 1, 1)), atol=1e-12)
-    points = marks_on(region, surface, 3)[:, :3, 3]
+    points = spread_marks(region, surface, 3)[:, :3, 3]
     size = np.ptp(region.surface.vertices[np.unique(region.surface.faces)], axis=0).max()
     assert np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).min() > 0.4 * size
     # Their triangle is not much narrower than what they lie on.
@@ -161,7 +161,7 @@ def test_marks_lie_on_the_region_with_the_tool_into_the_part_and_span_much_of_it
 
 def test_a_narrow_strip_is_found_by_marks_all_over_the_part() -> None:
     region, surface = part("plate", "box:-100,-2,-50,100,2,50")
-    points = marks_on(region, surface, 3)[:, :3, 3]
+    points = spread_marks(region, surface, 3)[:, :3, 3]
     assert np.ptp(points[:, 1]) > 0.03
 
 

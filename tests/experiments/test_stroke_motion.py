@@ -18,7 +18,7 @@ from polish_sim.experiments import check_experiment
 from polish_sim.experiments.part_setup import placed_strokes, placed_tool
 from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.stroke_motion import STROKE_RULES, StrokePath, stroke_motion, within_noise
-from polish_sim.geometry.repair.skin import NOISELESS, Noise
+from polish_sim.geometry.repair.skin import NOISELESS, ScanNoise
 from polish_sim.motion.timed_path import TimedPath
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.toolpath import arc_length
@@ -38,7 +38,7 @@ def test_a_stroke_over_noisy_normals_keeps_the_feed_within_their_noise() -> None
         np.outer(s, [1.0, 0, 0]), rotation_to_axis(axes, np.array([1.0, 0, 0])), s, np.full(201, 0.02)
     )
     times = []
-    for noise in (NOISELESS, Noise(5e-5, math.radians(1.0))):
+    for noise in (NOISELESS, ScanNoise(5e-5, math.radians(1.0))):
         motion = stroke_motion(within_noise(Scenario(), noise).smoothing, stroke, None)
         assert motion is not None
         times.append(motion.duration)

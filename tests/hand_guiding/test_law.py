@@ -22,7 +22,7 @@ from polish_sim.hand_guiding.law import (
     fade_out,
     gains_of,
     guide_by_hand,
-    read_encoders,
+    quantize_encoders,
     watch_guiding,
 )
 from polish_sim.motion.serial_chain import HINGE, ChainGeometry, SerialChain, chain_model, link_parameters
@@ -79,7 +79,7 @@ def pushed(
     """A joint under the law and a hand's constant torque [N m], with friction by its speed."""
     memory, q, qd, reached = build_memory(1), 0.0, 0.0, []
     for step in range(steps):
-        read_encoders(law, memory, np.array([q]), DT, step == 0)
+        quantize_encoders(law, memory, np.array([q]), DT, step == 0)
         guide_by_hand(belief, law, memory, 1.0, DT)
         weight = MASS * 9.81 * ARM * math.cos(q)
         qd += DT * (memory.torque[0] + hand - weight - rubbing(qd)) / INERTIA

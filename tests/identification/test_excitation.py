@@ -12,8 +12,8 @@ from polish_sim.cell import tool_on_flange
 from polish_sim.errors import InputError
 from polish_sim.identification.excitation import (
     Excitation,
+    ExcitationCost,
     ExcitationTask,
-    Search,
     allowed_motions,
     design,
     mean_information,
@@ -34,7 +34,7 @@ TASK = ExcitationTask(KNOWN.model, KNOWN.base, KNOWN.model.truth(), SIGMA, LIMIT
 
 
 def test_gradients_are_the_slopes_of_the_cost() -> None:
-    search = Search(replace(TASK, clearance=ROBOT.measure))
+    search = ExcitationCost(replace(TASK, clearance=ROBOT.measure))
     x, rng = 1.2 * KNOWN.motion.coefficients.ravel(), np.random.default_rng(0)
     _, gradient = search.cost(x)
     way, step = rng.normal(size=x.size), 1e-6

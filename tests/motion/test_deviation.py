@@ -7,7 +7,7 @@ import pytest
 
 from polish_sim.motion.rules.chain import Chain, build_chain, chain_from_axes
 from polish_sim.motion.rules.deviation import measure_deviation, vertex_distances
-from polish_sim.motion.rules.fir import box_progress, corner_overlap, corner_speed, fir_schedule, rise_time
+from polish_sim.motion.rules.fir import box_progress, corner_overlap, corner_speed, filter_rise, fir_schedule
 from polish_sim.motion.rules.schedule import Schedule, Smoothed, sample_schedule
 
 MM = 1e-3
@@ -56,8 +56,10 @@ def test_symmetric_corners_use_their_tolerance_and_no_more_to_1e_12_mm() -> None
 @pytest.mark.parametrize(("t2", "t3"), [(0.07, 0.03), (0.05, 0.05), (0.07, 0.0)])
 def test_the_time_of_a_rise_is_the_inverse_of_the_papers_error(t2: float, t3: float) -> None:
     for overlap in np.linspace(0.001, t2 + t3, 40):
-        assert 2.0 * rise_time(t2, t3, vertex_error(overlap, t2, t3, 1.0)) == pytest.approx(overlap, rel=1e-9)
-    assert rise_time(t2, t3, 100.0) == pytest.approx(0.5 * (t2 + t3))
+        assert 2.0 * filter_rise(t2, t3, vertex_error(overlap, t2, t3, 1.0)) == pytest.approx(
+            overlap, rel=1e-9
+        )
+    assert filter_rise(t2, t3, 100.0) == pytest.approx(0.5 * (t2 + t3))
 
 
 @pytest.mark.parametrize("turn", [0.05, 1.5, 3.1])

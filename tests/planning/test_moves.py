@@ -14,14 +14,14 @@ from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.moves.leads import (
     LEADS,
-    Air,
+    AirSpace,
     Move,
     choose_leads,
     normal_lead,
     tangent_lead,
     with_leads,
 )
-from polish_sim.planning.moves.leave_out import leave_out
+from polish_sim.planning.moves.leave_out import lift_over
 from polish_sim.planning.moves.travel import nearest_neighbours, order_blocks, travel
 from polish_sim.planning.moves.way_out import RIM_POINTS, rim_depths
 from polish_sim.planning.toolpath import PROCESS, stretches
@@ -58,7 +58,7 @@ def test_the_pad_s_rim_is_seen_in_a_wall_its_middle_is_clear_of(tmp_path):
 def test_travels_rise_over_a_wall_and_no_higher_than_what_lies_between_makes_them(tmp_path, height, ahead):
     part = slab_with_wall(tmp_path, height)
     first, second = (with_leads(stroke(a, a + 0.02), normal_lead, CLEARANCE) for a in (-0.06, ahead))
-    way, clear = travel(first[-1], second[0], Air(part, 0.0, CLEARANCE, UP))
+    way, clear = travel(first[-1], second[0], AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert way.positions[:, 2].max() <= 1e-3 * height * (ahead > 0.0) + CLEARANCE + 1e-9
@@ -70,7 +70,7 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
     top = stroke(-0.02, 0.02)._replace(positions=stroke(-0.02, 0.02).positions + [0.0, 0.0, 0.005])
     below = top._replace(positions=top.positions * [1.0, 1.0, -1.0], axes=-top.axes)
     first, second = (with_leads(move, normal_lead, CLEARANCE) for move in (top, below))
-    way, clear = travel(first[-1], second[0], Air(part, 0.0, CLEARANCE, UP))
+    way, clear = travel(first[-1], second[0], AirSpace(part, 0.0, CLEARANCE, UP))
     assert clear
     assert signed_distances(part, way.positions).min() >= 0.69 * CLEARANCE
     assert np.linalg.norm(way.axes, axis=1) == pytest.approx(np.ones(len(way.axes)))
@@ -79,12 +79,12 @@ def test_from_one_side_of_a_plate_to_the_other_the_tool_goes_round(tmp_path):
 def test_a_ramp_that_would_cut_a_wall_becomes_a_straight_landing_and_free_leads_are_kept(tmp_path):
     part = slab_with_wall(tmp_path)
     # Half the pad and a little: next to the wall, heading away from it, the ramp would come through it.
-    leads = choose_leads(stroke(0.032, 0.07), "tangent", Air(part, 0.025, CLEARANCE, UP), STEPOVER)
+    leads = choose_leads(stroke(0.032, 0.07), "tangent", AirSpace(part, 0.025, CLEARANCE, UP), STEPOVER)
     assert leads.start.shape is normal_lead
     assert leads.end.shape is tangent_lead
     part = surface_of(moved(trimesh.creation.box((200.0, 200.0, 10.0)), 0, 0, -5), tmp_path)
     for name, shape in LEADS.items():
-        leads = choose_leads(stroke(-0.05, 0.05), name, Air(part, 0.025, CLEARANCE, UP), STEPOVER)
+        leads = choose_leads(stroke(-0.05, 0.05), name, AirSpace(part, 0.025, CLEARANCE, UP), STEPOVER)
         assert leads.start.shape is leads.end.shape is shape
 
 
@@ -97,7 +97,7 @@ def test_in_a_tight_bowl_a_tangent_ramp_would_leave_through_the_side(tmp_path):
     angle = np.linspace(-0.1, 0.1, 40)
     normal = np.stack([-np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)
     move = Move(-0.03 * normal, normal, PROCESS, np.zeros(40, dtype=np.int64))
-    chosen = choose_leads(move, "tangent", Air(part, 0.0, CLEARANCE, UP), STEPOVER)
+    chosen = choose_leads(move, "tangent", AirSpace(part, 0.0, CLEARANCE, UP), STEPOVER)
     assert chosen.start.shape is not tangent_lead
 
 
@@ -193,7 +193,7 @@ def plan() -> PlanResult:
 def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhere(plan: PlanResult) -> None:
     path = plan.path
     gone = path.process & (path.s > 0.4) & (path.s < 0.5)
-    left = leave_out(path, gone, plan.plan, plan.ready.air)
+    left = lift_over(path, gone, plan.plan, plan.ready.air)
     assert left is not None
     np.testing.assert_array_equal(left.lost, gone)
     assert len(stretches(left.path.process)) == len(stretches(path.process)) + 1
@@ -205,7 +205,7 @@ def test_a_stroke_cut_in_two_lands_and_leaves_at_the_cut_and_is_the_same_elsewhe
     assert between.max() - between.min() == pytest.approx(plan.plan.clearance_m, abs=1e-6)
     # Strokes before the first that changes keep every row.
     once = left.path
-    again = leave_out(once, once.process & (once.s > once.s[first] + 0.1), plan.plan, plan.ready.air)
+    again = lift_over(once, once.process & (once.s > once.s[first] + 0.1), plan.plan, plan.ready.air)
     assert again is not None
     np.testing.assert_array_equal(again.path.s[: last + 1], once.s[: last + 1])
 
@@ -214,7 +214,7 @@ def test_what_is_left_of_a_stroke_is_longer_than_a_step_over_or_nothing(plan: Pl
     path = plan.path
     begin = path.s[path.process][0]
     gone = path.process & (path.s > begin + 0.015)
-    assert leave_out(path, gone, plan.plan, plan.ready.air) is None
+    assert lift_over(path, gone, plan.plan, plan.ready.air) is None
 
 
 def test_a_plan_from_a_place_on_lands_there_and_raises_its_force_gradually(plan: PlanResult) -> None:

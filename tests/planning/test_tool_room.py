@@ -18,7 +18,7 @@ from polish_sim.geometry import fit_surface, load_part, select_region
 from polish_sim.models import robot_model_path
 from polish_sim.planning import PlanResult, measure_given_path, plan_part
 from polish_sim.planning.ground.ground import prepare_ground
-from polish_sim.planning.moves.leads import Air
+from polish_sim.planning.moves.leads import AirSpace
 from polish_sim.planning.planner import plan_on
 from polish_sim.planning.quality.tool_room import BEHIND_PAD, Tool
 from tests.planning.shapes import moved, pocket, surface_of
@@ -240,7 +240,7 @@ def test_the_tool_has_room_in_the_air_or_not_whatever_the_lead_looks_at_of_the_p
     part = surface_of(boss(), tmp_path)
     tool = Tool(PadConfig(radius_m=0.010), 20.0)
     for radius in (0.0, 0.010):
-        air = Air(part, radius, 0.03, np.array([0.0, 0.0, 1.0]), tool)
+        air = AirSpace(part, radius, 0.03, np.array([0.0, 0.0, 1.0]), tool)
         for away, free in ((0.024, True), (0.017, False)):
             line = np.array([[0.005 + away, 0.003, z] for z in (0.005, 0.02)])
             assert air.has_room(line, np.tile([0.0, 0.0, 1.0], (2, 1))) == free

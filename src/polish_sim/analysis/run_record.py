@@ -21,7 +21,7 @@ from polish_sim.log import UNREADABLE, RemovalMap, RunLog, read_log, read_remova
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.row_file import plain
 from polish_sim.scenario_file import leaves, load_scenario, override, to_toml
-from polish_sim.toml_text import value_text
+from polish_sim.toml_text import toml_value
 
 CONFIG, METRICS, LOG, PATH = "config.toml", "metrics.json", "log.npz", "path.npz"
 REMOVAL = "removal.npz"
@@ -213,7 +213,7 @@ def once_more(scenario: Scenario, usual: Scenario) -> str:
 def changed_words(scenario: Scenario, usual: Scenario) -> list[str]:
     """``KEY=VALUE`` of every setting in which a scenario differs from another."""
     theirs = dict(_flat(usual))
-    return [f"{name}={value_text(value)}" for name, value in _flat(scenario) if value != theirs.get(name)]
+    return [f"{name}={toml_value(value)}" for name, value in _flat(scenario) if value != theirs.get(name)]
 
 
 def _text(value: Any) -> str:

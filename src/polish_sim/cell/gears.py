@@ -284,7 +284,7 @@ def turn_rotors(arm: RealArm, e: EngineViews, t: float) -> None:
 
 
 @kernel
-def follow_joints(arm: RealArm, e: EngineViews) -> None:
+def follow_rotors(arm: RealArm, e: EngineViews) -> None:
     """Rotors, twists and hysteresis after the engine's step; the motors' torques where the engine has its
     own."""
     for j in range(6):

@@ -17,7 +17,7 @@ from polish_sim.cell.gears import (
     RealArm,
     compensate,
     drive_joints,
-    follow_joints,
+    follow_rotors,
     hear_joints,
     host_hears,
     read_encoders,
@@ -316,9 +316,9 @@ def finish_step(  # type: ignore[no-untyped-def]
     mj_step2(e.model, e.data)
     correct_reading(e)
     if arm.elastic:
-        follow_joints(arm, e)
+        follow_rotors(arm, e)
     if other is not None and other.elastic:
-        follow_joints(other, e)
+        follow_rotors(other, e)
     record_reading(recorder, status.steps, e.sensordata, e.qfrc_actuator)
     status.steps += 1
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews, engine_views, mj_step1, mj_step2, register_engine
-from polish_sim.cell.gears import RealArm, drive_joints, follow_joints, hear_joints
+from polish_sim.cell.gears import RealArm, drive_joints, follow_rotors, hear_joints
 from polish_sim.cell.real_arm import build_real_arm, built_table
 from polish_sim.cell.scene import touching
 from polish_sim.config import RobotConfig
@@ -102,7 +102,7 @@ def _play(arm: RealArm, e: EngineViews, targets: JointTargets, played: Played, s
             drive_joints(arm, e, (still + step) * e.dt)
         mj_step2(e.model, e.data)
         if arm.elastic:
-            follow_joints(arm, e)
+            follow_rotors(arm, e)
         if step >= 0:
             for j in range(JOINTS):
                 played.torque[row, j] = e.qfrc_actuator[j]

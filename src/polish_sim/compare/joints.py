@@ -11,7 +11,7 @@ from polish_sim.arms import arm_table
 from polish_sim.arrays import Array
 from polish_sim.cell.real_arm import take_arm
 from polish_sim.compare.figures import SPEEDS, delay, fit_friction, friction_curve, nrms, ripple
-from polish_sim.compare.replay import Payload, commands_of, replay, rigid_torques, warm
+from polish_sim.compare.replay import CarriedPayload, commands_of, replay, rigid_torques, warm
 from polish_sim.config import RobotConfig
 from polish_sim.exchange.robot_log import RobotRecording
 
@@ -31,7 +31,7 @@ class JointComparison(NamedTuple):
     figures: dict[str, Any]
 
 
-def compare_joints(robot: RobotConfig, log: RobotRecording, payload: Payload) -> JointComparison:
+def compare_joints(robot: RobotConfig, log: RobotRecording, payload: CarriedPayload) -> JointComparison:
     """Replay a log and measure both sides alike; raises as `replay`."""
     take_arm(robot)
     robot = warm(robot)

@@ -23,7 +23,7 @@ LEAD_S = 0.5  #: In which the arm gets up to the speed a log begins with [s]
 _NO_TOOL = 1e-3  #: Mass of a tool that is not there [kg]
 
 
-class Payload(NamedTuple):
+class CarriedPayload(NamedTuple):
     """What the real arm carried."""
 
     mass: float = 0.0  #: [kg]
@@ -38,7 +38,7 @@ class Replay(NamedTuple):
     torque: Array  #: Of the motors, the arm's weight included [N m]
 
 
-def replay(robot: RobotConfig, log: RobotRecording, payload: Payload) -> Replay:
+def replay(robot: RobotConfig, log: RobotRecording, payload: CarriedPayload) -> Replay:
     """Play a log's commanded joints, or its measured ones, on the servos of an arm.
 
     The arm is bare but for the ``payload``, which its controller does not know. A log that begins in
@@ -84,7 +84,7 @@ def commands_of(log: RobotRecording) -> CubicSpline:
     )
 
 
-def rigid_torques(robot: RobotConfig, q: Array, qd: Array, qdd: Array, payload: Payload) -> Array:
+def rigid_torques(robot: RobotConfig, q: Array, qd: Array, qdd: Array, payload: CarriedPayload) -> Array:
     """Torques the bare arm with its rotors and payload takes without friction, (n, 6) [N m]."""
     model = bare_arm(robot, payload)
     model.body_gravcomp[:] = model.dof_frictionloss[:] = model.dof_damping[:] = 0.0
@@ -98,7 +98,7 @@ def rigid_torques(robot: RobotConfig, q: Array, qd: Array, qdd: Array, payload: 
     return torques
 
 
-def bare_arm(robot: RobotConfig, payload: Payload) -> mujoco.MjModel:
+def bare_arm(robot: RobotConfig, payload: CarriedPayload) -> mujoco.MjModel:
     """Compile an arm in free space, a payload on its flange for its tool; the robot compensates neither."""
     model = build_scene(replace(SCENARIO, robot=robot))
     mount, head = model.body("tool_mount").id, model.body("head").id

@@ -31,7 +31,7 @@ _LABELS = {
 }
 
 
-def joint_rows(figures: dict[str, Any]) -> list[list[str]]:
+def joint_table(figures: dict[str, Any]) -> list[list[str]]:
     """A table of measured beside simulated by joint: label, unit, side, six values."""
     rows = []
     for name, (label, unit, scale) in _LABELS.items():
@@ -64,7 +64,7 @@ def _text(value: float) -> str:
 
 
 @styled
-def plot_joints(found: JointComparison, title: str) -> Figure:
+def plot_joint_torques(found: JointComparison, title: str) -> Figure:
     """Torque over time and friction by speed of each joint, measured and simulated."""
     figure = new_figure(12.0, 14.0)
     grid = figure.subplots(6, 2, width_ratios=(2.2, 1.0))
@@ -122,7 +122,7 @@ def joint_page(found: JointComparison, model: mujoco.MjModel, title: str) -> str
     ]
     head_row = ["figure", "unit", "side", *(f"joint {j + 1}" for j in JOINTS)]
     page = tables_page(
-        title, "a robot's log beside its replay", {"By joint": [head_row, *joint_rows(found.figures)]}, []
+        title, "a robot's log beside its replay", {"By joint": [head_row, *joint_table(found.figures)]}, []
     )
     return page_html(page._replace(
         bodies=scene_bodies(model), solids=scene_solids(model), plots=plots,

@@ -11,7 +11,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import RobotConfig
 from polish_sim.dual.carrier import RAMP_PEAK, MasterRows
 from polish_sim.dual.master import MasterMotion
-from polish_sim.dual.placement import Collides, PairReach, Work, sampled
+from polish_sim.dual.placement import Collides, PairReach, PairWork, sampled
 from polish_sim.dual.strokes import ON_THE_WAY, Visits
 from polish_sim.errors import InputError, ReachError
 from polish_sim.experiments.placement import failure_of
@@ -24,7 +24,7 @@ DIFFERENCE_S = 0.01  # of the master's time, for derivatives [s]
 class MotionCheck(NamedTuple):
     """The planned motion of both arms, at close moments."""
 
-    work: Work
+    work: PairWork
     reach: PairReach
     motion: MasterMotion
     visits: Visits  #: Closer together than those the work was planned with

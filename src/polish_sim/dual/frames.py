@@ -52,7 +52,7 @@ INSIDE = 0.9  #: Share of the way from the middle to the edge: a pointer does no
 NARROW = 0.1
 
 
-def marks_on(region: Region, surface: Surface, count: int) -> Array:
+def spread_marks(region: Region, surface: Surface, count: int) -> Array:
     """Marks on a part that are touched to find it: far apart, in directions evenly spread about the region's
     middle.
 

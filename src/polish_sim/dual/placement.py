@@ -34,7 +34,7 @@ SAME_WAY = 0.1  #: Joints of one way with a chain that calibration has changed d
 Collides = Callable[[Array, Array], str]
 
 
-class Work(NamedTuple):
+class PairWork(NamedTuple):
     """The work of both robots."""
 
     chain: ClosedChain
@@ -85,7 +85,7 @@ def default_poses(chain: ClosedChain, up: Array, middle_of_way: Array) -> Iterat
                     yield transform(R, middle - middle_of_way - R @ seat_work)
 
 
-def held_poses(pose: tuple[float, ...], work: Work, motion: MasterMotion, up: Array) -> Iterator[Array]:
+def held_poses(pose: tuple[float, ...], work: PairWork, motion: MasterMotion, up: Array) -> Iterator[Array]:
     """Where the part may be held at the start, base of the master, each (4, 4): at ``part.pose``, else
     candidates."""
     if pose:
@@ -108,7 +108,7 @@ class Sampled(NamedTuple):
     tools: Array  #: Poses of the tool in the follower's base, shape (n, 4, 4)
 
 
-def sampled(work: Work, T_master_work: Array, spin: float, visits: Visits | None = None) -> Sampled:
+def sampled(work: PairWork, T_master_work: Array, spin: float, visits: Visits | None = None) -> Sampled:
     """Where part and tool are at the moments of the work, or at other visits.
 
     ``T_master_work``: the part at the start; ``spin``: turn of the tool about its axis [rad].
@@ -121,7 +121,7 @@ def sampled(work: Work, T_master_work: Array, spin: float, visits: Visits | None
     return Sampled(parts, transform(turned, points))
 
 
-def tool_on_start(work: Work, reach: PairReach, axes: Array, clock: Array) -> Array:
+def tool_on_start(work: PairWork, reach: PairReach, axes: Array, clock: Array) -> Array:
     """R_follower_tool (n, 3, 3) at points of the part, turned back with the part to where it is at the start.
 
     ``axes``: of the tool there, from the part to the tool, work frame, (n, 3); ``clock``: time of the
@@ -131,7 +131,7 @@ def tool_on_start(work: Work, reach: PairReach, axes: Array, clock: Array) -> Ar
     return R_follower_start @ _work_to_tool(work, reach.T_master_work, reach.spin, axes, clock)
 
 
-def _work_to_tool(work: Work, T_master_work: Array, spin: float, axes: Array, clock: Array) -> Array:
+def _work_to_tool(work: PairWork, T_master_work: Array, spin: float, axes: Array, clock: Array) -> Array:
     """R_work_tool (n, 3, 3) with axes (n, 3) such that the tool keeps its turn in the follower's base at a
     clock."""
     R_follower_master = work.chain.T_master_follower[:3, :3].T
@@ -151,7 +151,7 @@ class Failed(NamedTuple):
 
 
 def find_pair_reach(
-    work: Work,
+    work: PairWork,
     poses: Iterable[Array],
     collides: Collides,
     file: MasterPath | None = None,
@@ -181,7 +181,7 @@ def find_pair_reach(
     return best
 
 
-def _what_to_change(work: Work, failed: Failed, file: MasterPath | None) -> str:
+def _what_to_change(work: PairWork, failed: Failed, file: MasterPath | None) -> str:
     if file is None:
         return (
             ". Hold the part elsewhere with --part-pose (follower's base), place the follower elsewhere "
@@ -197,7 +197,7 @@ def _what_to_change(work: Work, failed: Failed, file: MasterPath | None) -> str:
 
 
 def _try_pose(
-    work: Work, T_master_work: Array, collides: Collides, like: PairReach | None
+    work: PairWork, T_master_work: Array, collides: Collides, like: PairReach | None
 ) -> PairReach | Failed:
     """The best way with one pose of the part; else how far it came, and why no further."""
     parts = work.way(T_master_work, work.visits.clock)

@@ -18,13 +18,13 @@ from polish_sim.dual.arms import NOMINAL_ARMS, ClosedChain, PairArms, follow_joi
 from polish_sim.dual.calibration.bases import ROBOTS
 from polish_sim.dual.carrier import MasterRows
 from polish_sim.dual.checks import MotionCheck, check_length, check_motion
-from polish_sim.dual.frames import PairFrames, Site, calibrated_frames, marks_on, tracker_sees, true_chain
+from polish_sim.dual.frames import PairFrames, Site, calibrated_frames, spread_marks, tracker_sees, true_chain
 from polish_sim.dual.gripper import Seat, check_load, seat_part
 from polish_sim.dual.master import MasterMotion, master_motion
 from polish_sim.dual.placement import (
     Collides,
     PairReach,
-    Work,
+    PairWork,
     find_pair_reach,
     held_poses,
     sampled,
@@ -64,7 +64,7 @@ class DualTask:
     arms: PairArms
     seat: Seat
     reach: PairReach
-    work: Work  #: As the host believes it
+    work: PairWork  #: As the host believes it
     strokes: list[Stroke]  #: What the tool does, base of the follower, the part at its start
     master: MasterRows
     residual: float  #: Of the closed chain, over the planned joints [m] or [rad]
@@ -95,8 +95,8 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     seat = seat_part(surface, region.up, scenario.dual.part_on_gripper)
     visits = _visits(scenario, path)
     true = true_chain(scenario.dual, seat.T_gripper_work)
-    job = Job(scenario, mesh, path, visits, region.up, seat.nose)
-    marks = marks_on(region, surface, scenario.dual.marks)
+    job = PairJob(scenario, mesh, path, visits, region.up, seat.nose)
+    marks = spread_marks(region, surface, scenario.dual.marks)
     made, drawn = NOMINAL_ARMS, None
     work, motion = _asked_of_both(job, true)
     site = Site(_half_way(work, next(held_poses(scenario.part.pose, work, motion, region.up))), marks)
@@ -125,7 +125,7 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     return DualTask(place, frames, arms, seat, reach, work, strokes, master, _residual(work, reach, arms))
 
 
-class Job(NamedTuple):
+class PairJob(NamedTuple):
     """What both arms are to do."""
 
     scenario: Checked
@@ -137,8 +137,8 @@ class Job(NamedTuple):
 
 
 def _find_way(
-    job: Job, chain: ClosedChain, observer: Observer, like: PairReach | None = None
-) -> tuple[Work, MasterMotion, PairReach, Collides]:
+    job: PairJob, chain: ClosedChain, observer: Observer, like: PairReach | None = None
+) -> tuple[PairWork, MasterMotion, PairReach, Collides]:
     """A way to do it with a chain, ``like`` one found before for another chain close to it; else
     ReachError."""
     observer.stage("check the reach of both robots")
@@ -149,14 +149,14 @@ def _find_way(
     return work, motion, find_pair_reach(work, held, collides, motion.file, like), collides
 
 
-def _contacts(job: Job, chain: ClosedChain) -> Collides:
+def _contacts(job: PairJob, chain: ClosedChain) -> Collides:
     """The check for collisions in the scene by a chain."""
     dual = job.scenario.dual
     clearances = Clearances(dual.clearance_m, dual.pad_clearance_m)
     return PairContacts(_scene(job, chain, clearances), clearances).first
 
 
-def _scene(job: Job, chain: ClosedChain, clearances: Clearances | None = None) -> mujoco.MjModel:
+def _scene(job: PairJob, chain: ClosedChain, clearances: Clearances | None = None) -> mujoco.MjModel:
     """The scene by a chain, nominal arms."""
     held = Held(job.mesh, job.scenario.dual.density_kg_m3, chain.T_flange_work, job.nose, clearances)
     return build_pair_scene(job.scenario, inverse(chain.T_master_follower), held)
@@ -182,14 +182,14 @@ def _given_or_rim(scenario: Checked, plan: PlanResult | None) -> tuple[PartMesh,
     return mesh, surface, region, rim_path(surface, region, scenario.plan.clearance_m)
 
 
-def _asked_of_both(job: Job, chain: ClosedChain) -> tuple[Work, MasterMotion]:
+def _asked_of_both(job: PairJob, chain: ClosedChain) -> tuple[PairWork, MasterMotion]:
     """The work of both robots with a chain, and the master's motion in it."""
     motion = master_motion(job.scenario, job.path, job.up, chain)
     check_length(job.visits, motion)
-    return Work(chain, job.visits, motion.way), motion
+    return PairWork(chain, job.visits, motion.way), motion
 
 
-def _half_way(work: Work, T_master_work: Array) -> Array:
+def _half_way(work: PairWork, T_master_work: Array) -> Array:
     """Half way from where the part is held, base of the master, shape (4, 4)."""
     T_half = T_master_work.copy()
     T_half[:3, 3] += work.middle
@@ -197,7 +197,7 @@ def _half_way(work: Work, T_master_work: Array) -> Array:
 
 
 def _master_rows(
-    scenario: Checked, frames: PairFrames, arms: PairArms, reach: PairReach, work: Work
+    scenario: Checked, frames: PairFrames, arms: PairArms, reach: PairReach, work: PairWork
 ) -> MasterRows:
     """Joints of the master along its way; the loop lets their time begin and end gently."""
     believed, true = frames.believed, frames.true
@@ -220,7 +220,7 @@ def _master_rows(
     )
 
 
-def _residual(work: Work, reach: PairReach, arms: PairArms) -> float:
+def _residual(work: PairWork, reach: PairReach, arms: PairArms) -> float:
     """How far the closed chain of the planned joints is from closing, by the host's tables [m] or [rad]."""
     parts, tools = sampled(work, reach.T_master_work, reach.spin)
     T_work_tool = inverse(parts) @ work.chain.T_master_follower @ tools

@@ -82,14 +82,14 @@ class Word(NamedTuple):
         return f"{self.letter}{self.value:g}"
 
 
-class Block(NamedTuple):
+class GcodeLine(NamedTuple):
     """The words of one line."""
 
     line: int
     words: tuple[Word, ...]
 
 
-def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[Block]:
+def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[GcodeLine]:
     """Take a G-code text apart, line by line up to the end of the program; lines without a word are left out.
 
     ( ) and ; enclose comments, % lines are marks of the file; ``unknown`` is called with characters that
@@ -103,7 +103,7 @@ def blocks(file: Path, text: str, unknown: Unknown) -> Iterator[Block]:
             code = _without_comments(file, number, code)
         words = tuple(_words(file, number, code, unknown))
         if words:
-            yield Block(number, words)
+            yield GcodeLine(number, words)
         if any(word.name in ENDS for word in words):
             return
 
@@ -165,11 +165,11 @@ class _Machine(CamPoints):
     vector: tuple[float, float, float] | None = None
     turned: bool = False
 
-    def error(self, block: Block, word: Word, text: str) -> InputError:
+    def error(self, block: GcodeLine, word: Word, text: str) -> InputError:
         """An error that names its word's place."""
         return InputError(f"'{self.file}', line {block.line}, column {word.column}: {text}")
 
-    def take_unknown(self, block: Block, word: Word) -> None:
+    def take_unknown(self, block: GcodeLine, word: Word) -> None:
         """Refuse or note an unknown word."""
         self.unknown(self.error(block, word, f"unknown word '{word.name}'. Read are {KNOWN}."))
 
@@ -193,7 +193,7 @@ def read_gcode(file: Path, text: str, unknown: Unknown) -> WayPoints:
     return WayPoints(path, file, machine.place, assumed)
 
 
-def _obey(machine: _Machine, block: Block) -> None:
+def _obey(machine: _Machine, block: GcodeLine) -> None:
     """Modes first, whatever their place in the line, then the feed, then the move."""
     axes: dict[str, Word] = {}
     feed: Word | None = None
@@ -217,7 +217,7 @@ def _obey(machine: _Machine, block: Block) -> None:
         _move(machine, block, axes)
 
 
-def _set_mode(machine: _Machine, block: Block, word: Word) -> None:
+def _set_mode(machine: _Machine, block: GcodeLine, word: Word) -> None:
     name = word.name
     if name in ("G0", "G1"):
         machine.rapid = name == "G0"
@@ -236,13 +236,13 @@ def _set_mode(machine: _Machine, block: Block, word: Word) -> None:
         machine.take_unknown(block, word)
 
 
-def _set_feed(machine: _Machine, block: Block, word: Word) -> None:
+def _set_feed(machine: _Machine, block: GcodeLine, word: Word) -> None:
     if word.value <= 0.0:
         raise machine.error(block, word, f"{word.name} is no feed. Wanted: a positive number per minute.")
     machine.feed = word.value * machine.unit * PER_MINUTE
 
 
-def _move(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
+def _move(machine: _Machine, block: GcodeLine, axes: Mapping[str, Word]) -> None:
     first = next(iter(axes.values()))
     if machine.rapid is None:
         raise machine.error(
@@ -266,7 +266,7 @@ def _move(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
         machine.add(block.line, segment, x, y, z, *_axis(machine), machine.feed, math.nan, math.nan)
 
 
-def _turn(machine: _Machine, block: Block, axes: Mapping[str, Word]) -> None:
+def _turn(machine: _Machine, block: GcodeLine, axes: Mapping[str, Word]) -> None:
     """Take up the tool axis of a line, if it says one."""
     vector = [axes[letter] for letter in VECTOR if letter in axes]
     angles = [axes[letter] for letter in ANGLES if letter in axes]

@@ -62,7 +62,7 @@ def read_csv(file: Path, text: str, unknown: Unknown) -> WayPoints:
     return _path_of(Table(file, columns.texts, lambda row: f"{columns.place(row)}, point {row + 1}"))
 
 
-def read_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
+def read_path_json(file: Path, text: str, unknown: Unknown) -> WayPoints:
     """Read a path.json; InputError for no JSON, or no path in it."""
     try:
         document = json.loads(text)

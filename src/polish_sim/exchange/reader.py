@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from polish_sim.errors import InputError, near_file
 from polish_sim.exchange.apt import read_apt
 from polish_sim.exchange.gcode import read_gcode
-from polish_sim.exchange.plan_folder import PATH_JSON, read_csv, read_json
+from polish_sim.exchange.plan_folder import PATH_JSON, read_csv, read_path_json
 from polish_sim.exchange.way_points import Unknown, WayPoints, refuse_repeats, refuse_unknown
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ Reader = Callable[[Path, str, Unknown], WayPoints]
 
 READERS: Mapping[str, Reader] = {
     **dict.fromkeys((".csv", ".txt"), read_csv),
-    ".json": read_json,
+    ".json": read_path_json,
     **dict.fromkeys((".apt", ".aptsource", ".cls", ".cl", ".ncl"), read_apt),
     **dict.fromkeys((".nc", ".ngc", ".gcode", ".cnc", ".tap"), read_gcode),
 }

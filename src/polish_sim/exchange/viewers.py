@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 from polish_sim.arrays import Array, Indices, Ints
 from polish_sim.exchange.strokes import ExportSetup, feeds_of, forces_of, needed_rows
 from polish_sim.geometry.mesh import lighter_mesh
-from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, cylinder, free_tool, page_html
+from polish_sim.page.page import (
+    Line,
+    Motion,
+    Page,
+    PageBody,
+    Plot,
+    Solid,
+    Wear,
+    cylinder,
+    free_tool,
+    page_html,
+)
 from polish_sim.planning import PlanResult, ToolPath
 from polish_sim.planning.ground.triangulation import triangulate
 from polish_sim.planning.part_plan import EASED, SLOWED
@@ -156,7 +167,7 @@ def html_text(result: PlanResult, setup: ExportSetup) -> str:
 def path_page(result: PlanResult, setup: ExportSetup) -> Page:
     """The plan as a page: in contact at the feed, through the air at a usual speed."""
     path, (up,) = result.path, rotation_to_axis(result.mesh.up[None], perpendicular(result.mesh.up[None])[0])
-    standing = Body(-1, transform(up.T, np.zeros(3)).tolist())
+    standing = PageBody(-1, transform(up.T, np.zeros(3)).tolist())
     bodies, joints = free_tool(path.positions_work, path.axes_work, parent=0)
     pace = np.where(path.process, feeds_of(path, setup), AIR_SPEED)
     time = np.concatenate([[0.0], np.cumsum(np.diff(path.s) / np.minimum(pace[1:], pace[:-1]))])

@@ -25,7 +25,7 @@ from polish_sim.errors import SmoothingError
 from polish_sim.experiments.part_setup import PlacedTool, placed_strokes, placed_tool
 from polish_sim.experiments.placement import Reach, tool_rotations
 from polish_sim.experiments.stroke_motion import feed_figures, within_noise
-from polish_sim.geometry.repair.skin import Noise
+from polish_sim.geometry.repair.skin import ScanNoise
 from polish_sim.motion.timed_path import TimedPath
 from polish_sim.planning.toolpath import ToolPath
 from polish_sim.spatial import unit
@@ -36,7 +36,7 @@ OWN = ("cycle_time_s", "smoothed_off_max_m", "smoothed_axis_off_max_rad")
 def cycle_strokes(
     scenario: Scenario,
     path: ToolPath,
-    noise: Noise,
+    noise: ScanNoise,
     progress: Callable[[float, float], None],
     reach: Reach | None = None,
 ) -> list[Stroke]:

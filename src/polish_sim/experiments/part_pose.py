@@ -20,8 +20,8 @@ from polish_sim.errors import ReachError
 from polish_sim.experiments.part_setup import pressing_depths
 from polish_sim.experiments.placement import (
     SPINS,
-    Failure,
     Reach,
+    ReachFailure,
     check_whole_path,
     default_placements,
     find_reach,
@@ -126,17 +126,17 @@ class PartPlacing:
         joints = check_whole_path(reach, self.positions, self.axes, tool)
         return reach._replace(q_start=np.array(joints.q[0]))
 
-    def hindrance(self, T_base_work: Array, joints: JointPath) -> Failure | None:
+    def hindrance(self, T_base_work: Array, joints: JointPath) -> ReachFailure | None:
         """Why the arm cannot follow joints that are within its range; None if it can."""
         least = SINGULAR_SHARE * self.scenario.safety.singular_value_limit
         if joints.smallest_singular_value < least:
-            return Failure(joints.smallest_singular_index, "the arm is near a singularity")
+            return ReachFailure(joints.smallest_singular_index, "the arm is near a singularity")
         fault = standing_fault(self.mesh, self._surface, T_base_work)
         if fault:
-            return Failure(0, f"the part cannot stand there: {fault}")
+            return ReachFailure(0, f"the part cannot stand there: {fault}")
         every = max(1, len(joints.q) // LOOKED_AT)
         touch = self._arm.first_touch(T_base_work, joints.q[::every])
-        return None if touch is None else Failure(touch.row * every, f"{touch.names} would touch")
+        return None if touch is None else ReachFailure(touch.row * every, f"{touch.names} would touch")
 
     def _advice(self) -> str:
         """A pose the arm reaches, as the option takes it."""

@@ -41,7 +41,7 @@ class Reach(NamedTuple):
     smallest_singular_value: float  #: Over the path [-]
 
 
-class Failure(NamedTuple):
+class ReachFailure(NamedTuple):
     """The furthest a tried way got."""
 
     point: int  #: The first pose it does not do
@@ -87,7 +87,7 @@ def find_reach(
     above_table: bool,
     otherwise: str = "or polish a smaller --region",
     spins: Sequence[float] = SPINS,
-    hindrance: Callable[[Array, JointPath], Failure | None] | None = None,
+    hindrance: Callable[[Array, JointPath], ReachFailure | None] | None = None,
 ) -> Reach:
     """Find a placement, tool spin and arm configuration that do a whole path.
 
@@ -109,7 +109,7 @@ def find_reach(
         ReachError: If no way does the whole path; names the first bad point of the one that came furthest.
     """
     best: Reach | None = None
-    furthest, unturnable = Failure(-1, ""), None
+    furthest, unturnable = ReachFailure(-1, ""), None
     samples = np.unique(np.linspace(0, len(positions) - 1, _SAMPLES).astype(int))
     for T_base_work in placements:
         for spin in spins:
@@ -203,22 +203,22 @@ def _starts(T_base_flange: Array) -> Array:
     return (found + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def failure_of(joints: JointPath, above_table: bool) -> Failure | None:
+def failure_of(joints: JointPath, above_table: bool) -> ReachFailure | None:
     """Why the arm does not do a sequence of poses; None if it does."""
     if joints.first_unreachable is not None:
-        return Failure(joints.first_unreachable, "the pose is out of reach")
+        return ReachFailure(joints.first_unreachable, "the pose is out of reach")
     if joints.first_beyond_limit is not None:
-        return Failure(
+        return ReachFailure(
             joints.first_beyond_limit, f"joint {(joints.limit_joint or 0) + 1} is beyond its range"
         )
     if joints.largest_step > _LARGEST_JUMP:
-        return Failure(joints.largest_step_index, "the arm would have to jump between configurations")
+        return ReachFailure(joints.largest_step_index, "the arm would have to jump between configurations")
     if above_table:
         heights = np.array(
             [link_frames(q)[1:6, 2, 3].min() for q in joints.q[:: max(1, len(joints.q) // 10)]]
         )
         if heights.min() < LOWEST_JOINT:
-            return Failure(0, "elbow or wrist would touch the table")
+            return ReachFailure(0, "elbow or wrist would touch the table")
     return None
 
 

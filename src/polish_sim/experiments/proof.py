@@ -43,7 +43,7 @@ from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, MARGIN, Failure, Play
 from polish_sim.experiments.surface import TOOL_IN_PART, SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
-from polish_sim.planning.moves.leave_out import Remaining, leave_out
+from polish_sim.planning.moves.leave_out import Remaining, lift_over
 from polish_sim.planning.part_plan import (
     EASED,
     IN_PART,
@@ -290,7 +290,7 @@ class _Prover:
             gone &= ~eased
         if not gone.any():
             return
-        remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
+        remaining = lift_over(path, gone, self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
                 f"the region does not carry a pad of {2e3 * scenario.pad.radius_m:.3g} mm under "
@@ -485,7 +485,7 @@ class _Prover:
         )
         half = math.inf if len(earlier) > MOST_MENDS else 0.5 * pad * 2.0**near
         gone = self._stroke_of(row) & (np.abs(s - s[row]) <= half)
-        remaining = leave_out(path, gone, self.plan.plan, self.plan.ready.air)
+        remaining = lift_over(path, gone, self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
                 "nothing of the path can be polished: played in the cell, every stroke fails, the last at "

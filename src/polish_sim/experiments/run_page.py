@@ -24,7 +24,7 @@ from polish_sim.experiments.registry import claims_shown, experiment
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.log import PROCESS_PHASE, TOUCH_PHASE, RemovalMap, RunLog
 from polish_sim.motion import track
-from polish_sim.page.page import Body, Line, Motion, Page, Plot, Solid, Wear, box, cylinder
+from polish_sim.page.page import Line, Motion, Page, PageBody, Plot, Solid, Wear, box, cylinder
 from polish_sim.spatial import apply, transform
 
 if TYPE_CHECKING:
@@ -108,12 +108,12 @@ def shown_rows(time: Array, q: Array) -> Indices:
 # The scene: bodies and what is drawn of them, from a compiled model.
 
 
-def scene_bodies(model: Any) -> list[Body]:
+def scene_bodies(model: Any) -> list[PageBody]:
     """The bodies of a model; joints are numbered as in ``qpos``."""
     bodies = []
     for number in range(1, model.nbody):
         rest = transform(_matrix(model.body_quat[number]), model.body_pos[number]).tolist()
-        body, first = Body(int(model.body_parentid[number]) - 1, rest), int(model.body_jntadr[number])
+        body, first = PageBody(int(model.body_parentid[number]) - 1, rest), int(model.body_jntadr[number])
         if first >= 0:
             axis, anchor = model.jnt_axis[first].tolist(), model.jnt_pos[first].tolist()
             slide = str(model.joint(first).name).endswith("slide")

@@ -26,7 +26,7 @@ from polish_sim.motion.trajectory import build_path_table, with_feed_share
 
 if TYPE_CHECKING:
     from polish_sim.cell import Stroke
-    from polish_sim.geometry.repair.skin import Noise
+    from polish_sim.geometry.repair.skin import ScanNoise
     from polish_sim.motion.rules.rule import Rule
 
 
@@ -95,7 +95,7 @@ def stroke_motion(asked: SmoothingConfig, stroke: StrokePath, arm: Arm | None) -
     return motion
 
 
-def within_noise(scenario: Scenario, noise: Noise) -> Scenario:
+def within_noise(scenario: Scenario, noise: ScanNoise) -> Scenario:
     """The scenario for a surface that is known within a noise only: its strokes may be as far from the path
     as that."""
     asked = scenario.smoothing

@@ -28,7 +28,7 @@ class Clipped(NamedTuple):
     parents: Ints  #: Facet of the original each facet was cut from, shape (k,)
 
 
-class Cut(NamedTuple):
+class CutFacets(NamedTuple):
     """Triangles in the parameter domain of their parents."""
 
     parents: Ints  #: Parent facet, shape (k,)
@@ -72,9 +72,9 @@ def _cut_apart(
     if len(crossed) == 0:
         return Clipped(surface if len(kept) == len(surface.faces) else surface.restrict(kept), kept)
     cut_at, cut_vertex, count = _edge_cuts(surface, values, sides[0])
-    untouched = Cut(kept, np.broadcast_to(np.eye(3), (len(kept), 3, 3)), surface.faces[kept])
+    untouched = CutFacets(kept, np.broadcast_to(np.eye(3), (len(kept), 3, 3)), surface.faces[kept])
     pieces = (_cut_facets(surface, crossed, side, cut_at, cut_vertex) for side in sides)
-    cut = Cut(*(np.concatenate(arrays) for arrays in zip(untouched, *pieces, strict=True)))
+    cut = CutFacets(*(np.concatenate(arrays) for arrays in zip(untouched, *pieces, strict=True)))
     return Clipped(build_cut(surface, cut, len(surface.vertices) + count), cut.parents)
 
 
@@ -106,7 +106,7 @@ def _root(start: Array, middle: Array, end: Array) -> Array:
 
 def _cut_facets(
     surface: Surface, facets: Indices, sign: NDArray[np.int8], cut_at: Array, cut_vertex: Ints
-) -> Cut:
+) -> CutFacets:
     parents: list[int] = []
     corners: list[list[Array]] = []
     faces: list[list[int]] = []
@@ -126,7 +126,7 @@ def _cut_facets(
             parents.append(int(facet))
             corners.append([points[i] for i in triangle])
             faces.append([numbers[i] for i in triangle])
-    return Cut(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int32))
+    return CutFacets(np.array(parents, np.int32), np.array(corners), np.array(faces, np.int32))
 
 
 def _fan(triangle: Array, points: list[Array]) -> list[tuple[int, int, int]]:
@@ -139,7 +139,7 @@ def _fan(triangle: Array, points: list[Array]) -> list[tuple[int, int, int]]:
     return [(0, 1, 3), (1, 2, 3)]
 
 
-def build_cut(surface: Surface, cut: Cut, count: int) -> Surface:
+def build_cut(surface: Surface, cut: CutFacets, count: int) -> Surface:
     """Cut control nets to the pieces' corners and number the vertices, ``count`` at most, anew."""
     control, normal_control = surface.control[cut.parents], surface.normal_control[cut.parents]
     smaller = np.flatnonzero((cut.barycentric != np.eye(3)).any(axis=(1, 2)))
@@ -173,7 +173,7 @@ def _sub_patches(control: Array, barycentric: Array) -> Array:
     return np.concatenate([np.matmul(barycentric[:, b, None], half[:, a]) for a, b in pairs], axis=1)
 
 
-def _inherited_smooth(surface: Surface, cut: Cut) -> Bools:
+def _inherited_smooth(surface: Surface, cut: CutFacets) -> Bools:
     """Edges inside a parent are smooth; edges on a parent's edge are as smooth as that."""
     smooth = np.ones((len(cut.parents), 3), dtype=bool)
     for edge, (a, b) in enumerate(_EDGE_PAIRS):
@@ -215,7 +215,7 @@ def spread_to_longest(edges: Edges, lengths: Array, marked: Bools) -> Bools:
         marked[longest[touched]] = True
 
 
-def halve_edges(cut: Cut, places: Array, edges: Edges, marked: Bools) -> tuple[Cut, Indices]:
+def halve_edges(cut: CutFacets, places: Array, edges: Edges, marked: Bools) -> tuple[CutFacets, Indices]:
     """Halve the marked edges (e,) and split the triangles beside them.
 
     ``places`` (n, 3) [m] are the vertices' positions, which decide between diagonals. Returns the triangles,
@@ -240,7 +240,7 @@ def halve_edges(cut: Cut, places: Array, edges: Edges, marked: Bools) -> tuple[C
     corners.append(_HALVED_THREE)
     facets = np.concatenate([np.repeat(r, len(c)) for r, c in zip(rows, corners, strict=True)])
     local = np.concatenate([np.tile(c, (len(r), 1)) for r, c in zip(rows, corners, strict=True)])
-    parts = Cut(
+    parts = CutFacets(
         cut.parents[facets],
         nodes[facets[:, None], local],
         ids[facets[:, None], local].astype(cut.faces.dtype),
@@ -262,7 +262,7 @@ def _turned(fan: Indices, turn: int) -> Indices:
     return np.where(fan < 3, (fan + turn) % 3, 3 + (fan + turn) % 3)
 
 
-def _first_diagonal(places: Array, cut: Cut, facets: Indices, turn: int) -> Bools:
+def _first_diagonal(places: Array, cut: CutFacets, facets: Indices, turn: int) -> Bools:
     """Whether the diagonal from corner 0 to the middle of edge 1 is the shorter one."""
     corner = places[cut.faces[facets][:, [turn, (turn + 1) % 3, (turn + 2) % 3]]]
     one = np.linalg.norm(corner[:, 0] - 0.5 * (corner[:, 1] + corner[:, 2]), axis=1)

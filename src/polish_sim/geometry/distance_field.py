@@ -26,7 +26,7 @@ _MOST_NODES = 400_000_000
 _BATCH = 256
 
 
-class Skin(NamedTuple):
+class SkinArrays(NamedTuple):
     """A surface's arrays as the distance kernels take them."""
 
     control: Array  #: Control points [m], shape (m, 6, 3)
@@ -37,10 +37,10 @@ class Skin(NamedTuple):
     tree: BoxTree
 
 
-def _build_skin(surface: Surface) -> Skin:
+def _build_skin(surface: Surface) -> SkinArrays:
     """Gather a surface's arrays, with the pseudo-normals of its vertices."""
     normals = surface.vertex_normal_sums
-    return Skin(surface.control, surface.faces, *surface.adjacency, normals, surface.tree)
+    return SkinArrays(surface.control, surface.faces, *surface.adjacency, normals, surface.tree)
 
 
 def signed_distances(surface: Surface, points: Array) -> Array:
@@ -181,7 +181,7 @@ def bend_field(field: DistanceField, shift_at: Callable[[Array, Array], Array]) 
 
 
 def _find_near_bricks(
-    skin: Skin, origin: Array, side: float, shape: Indices, band: float
+    skin: SkinArrays, origin: Array, side: float, shape: Indices, band: float
 ) -> tuple[Indices, Ints]:
     """Bricks that meet the band, shape (k, 3), and a facet near each, shape (k,)."""
     first = np.floor((skin.control.min(axis=1) - band - origin) / side).astype(np.int64)
@@ -204,7 +204,7 @@ def _mark_boxes(first, last, marked):  # type: ignore[no-untyped-def]
                     marked[i, j, k] = True
 
 
-def _sign_empty_bricks(skin: Skin, table: Ints, origin: Array, side: float) -> None:
+def _sign_empty_bricks(skin: SkinArrays, table: Ints, origin: Array, side: float) -> None:
     """Mark the empty bricks inside a closed surface; each connected group is on one side."""
     from scipy.ndimage import label  # slow to import
 

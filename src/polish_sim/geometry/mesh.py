@@ -27,7 +27,7 @@ from polish_sim.geometry.repair.shells import (
     turn_outward,
     wind_alike,
 )
-from polish_sim.geometry.repair.skin import NOISELESS, Noise, Skin, merge_vertices
+from polish_sim.geometry.repair.skin import NOISELESS, ScanNoise, Skin, merge_vertices
 from polish_sim.geometry.topology import find_adjacency
 
 METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 0.0254}  #: Length of one file unit [m]
@@ -111,7 +111,7 @@ class PartMesh:
     unit: str  #: Unit the file was read in
     stl_facets: Ints  #: Number of each facet in the file, -1 where it closes a hole, shape (m,)
     notes: tuple[str, ...]  #: What was assumed or repaired, for the user
-    noise: Noise = NOISELESS  #: Of a scan, what smoothing left of it
+    noise: ScanNoise = NOISELESS  #: Of a scan, what smoothing left of it
 
 
 def load_part(path: str | Path, unit: str = AUTO_UNIT, up: str = "auto") -> PartMesh:

@@ -183,12 +183,12 @@ def choose_up(vertices: Array, faces: Ints, up: str) -> tuple[Array, str]:
     """
     named = check_up(up)
     if named is not None:
-        return named, f"up is {describe(named)} (as asked)"
+        return named, f"up is {name_direction(named)} (as asked)"
     graph = _facet_graph(vertices, faces)
     direction = _snap(_stand_straight(vertices, faces, graph))
     return (
         direction,
-        f"up is {describe(direction)} (assumed: the side with the largest smooth face; --up sets it)",
+        f"up is {name_direction(direction)} (assumed: the side with the largest smooth face; --up sets it)",
     )
 
 
@@ -222,7 +222,7 @@ def _stand_straight(vertices: Array, faces: Ints, graph: FacetGraph) -> Array:
     return sides[best]
 
 
-def describe(direction: Array) -> str:
+def name_direction(direction: Array) -> str:
     """Name of a direction: a side's, or the vector."""
     return _side_of(direction) or "(" + ", ".join(f"{value:.4g}" for value in direction + 0.0) + ")"
 

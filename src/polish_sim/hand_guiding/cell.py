@@ -20,7 +20,7 @@ from polish_sim.cell.engine import (
     mj_step2,
     register_engine,
 )
-from polish_sim.cell.gears import RealArm, follow_joints, hear_joints, turn_rotors
+from polish_sim.cell.gears import RealArm, follow_rotors, hear_joints, turn_rotors
 from polish_sim.cell.observer import SILENT, Observer, interrupts_noted
 from polish_sim.cell.real_arm import build_real_arm
 from polish_sim.config import RealArmConfig
@@ -37,7 +37,7 @@ from polish_sim.hand_guiding.law import (
     build_memory,
     fade_out,
     guide_by_hand,
-    read_encoders,
+    quantize_encoders,
     watch_guiding,
 )
 from polish_sim.kernel_cache import njit
@@ -252,9 +252,9 @@ def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
         speed = math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
         if arm.elastic:
             hear_joints(arm, e)
-            read_encoders(k.gains, memory, arm.read, e.dt, step == 0)
+            quantize_encoders(k.gains, memory, arm.read, e.dt, step == 0)
         else:
-            read_encoders(k.gains, memory, e.qpos, e.dt, step == 0)
+            quantize_encoders(k.gains, memory, e.qpos, e.dt, step == 0)
         granted = (1.0 - k.servos[step]) * fade_out(k.limits, memory.qd, speed)
         guide_by_hand(k.belief, k.gains, memory, granted, e.dt)
         if status.stop == 0:
@@ -278,7 +278,7 @@ def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
             turn_rotors(arm, e, step * e.dt)
         mj_step2(e.model, e.data)
         if arm.elastic:
-            follow_joints(arm, e)
+            follow_rotors(arm, e)
         correct_reading(e)
         for i in range(6):
             rows[step].raw[i] = e.sensordata[i]

@@ -83,7 +83,7 @@ def build_memory(joints: int) -> GuidingMemory:
 
 
 @kernel
-def read_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: float, first: bool) -> None:
+def quantize_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: float, first: bool) -> None:
     """Quantise positions [rad], difference them to speeds, these to filtered accelerations; ``first``: none
     before."""
     for j in range(memory.q.shape[0]):

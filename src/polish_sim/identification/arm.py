@@ -19,7 +19,7 @@ from polish_sim.config import RealArmConfig, RobotConfig
 from polish_sim.errors import InputError, unknown_name
 from polish_sim.identification.elastic import KnownArm, SprungHead
 from polish_sim.identification.fourier import FourierMotion, MotionLimits, started_and_stopped
-from polish_sim.identification.log_file import Gears, RobotLog, read_by
+from polish_sim.identification.log_file import LoggedGears, RobotLog, read_by
 from polish_sim.identification.model_file import RobotSource, read_robot_model
 from polish_sim.identification.physical import Drawing
 from polish_sim.identification.regressor import FULL, WAVES, States, TorqueModel
@@ -43,7 +43,7 @@ _LINK_DOUBT, _FRICTION_DOUBT = 0.15, 0.3
 
 
 @dataclass(frozen=True)
-class Arm:
+class SimulatedArm:
     """The simulated arm."""
 
     robot: RobotConfig
@@ -69,7 +69,7 @@ def build_arm(
     seed: int = 0,
     load: CarriedLoad | None = None,
     warm_at: float = math.inf,
-) -> Arm:
+) -> SimulatedArm:
     """Compile the cell in free space and read its arm; the robot's gravity compensation must be exact.
 
     ``terms``: of the torque model; ``load``: what is bolted to the last link besides. Elastic joints have for
@@ -88,7 +88,9 @@ def build_arm(
     gains = -model.actuator_biasprm[:, 2]
     clearance = RobotClearance(model, 6, also=("head_pad",))
     head, bent = (_head_of(model), _bent(model, real)) if robot.elastic else (None, ())
-    return Arm(robot, seed, TorqueModel(chain, terms), carried, gains.copy(), clearance, load, head, bent)
+    return SimulatedArm(
+        robot, seed, TorqueModel(chain, terms), carried, gains.copy(), clearance, load, head, bent
+    )
 
 
 def _free_arm(robot: RobotConfig, load: CarriedLoad | None) -> mujoco.MjModel:
@@ -128,7 +130,7 @@ def motion_limits() -> MotionLimits:
     return MotionLimits(np.array(turns) * np.pi, np.full(6, 3.0), np.full(6, 12.0), 0.9 * _TORQUE)
 
 
-def believe(arm: Arm, rng: np.random.Generator) -> Drawing:
+def believe(arm: SimulatedArm, rng: np.random.Generator) -> Drawing:
     """A plausible drawing of the arm: links some 15% off as a whole, friction and rotors 30% off, the tool
     known."""
     chain, n = arm.truth.chain, 6
@@ -138,7 +140,7 @@ def believe(arm: Arm, rng: np.random.Generator) -> Drawing:
     return Drawing(np.concatenate([(own + arm.carried).ravel(), guessed]), arm.carried)
 
 
-def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> RobotLog:
+def play_motion(arm: SimulatedArm, motion: FourierMotion, periods: int, rate: float) -> RobotLog:
     """Play a periodic motion, entered and left along its own path, on the servos and log whole periods
     without noise.
 
@@ -155,7 +157,7 @@ def play_motion(arm: Arm, motion: FourierMotion, periods: int, rate: float) -> R
     )
 
 
-def play_states(arm: Arm, states: States) -> RobotLog:
+def play_states(arm: SimulatedArm, states: States) -> RobotLog:
     """Play joint targets, one a physics step, and log positions and torques, gravity included.
 
     The engine's step is implicit in speed: the torque that moves the robot is the servo's at the end of the
@@ -169,14 +171,17 @@ def play_states(arm: Arm, states: States) -> RobotLog:
     if arm.robot.elastic:
         step = arm.robot.real.encoder_rad
         return RobotLog(
-            time, played.read, played.torque, Gears(read_by(played.motor, step), read_by(played.q, step))
+            time,
+            played.read,
+            played.torque,
+            LoggedGears(read_by(played.motor, step), read_by(played.q, step)),
         )
     change = np.diff(played.qd, axis=0, append=played.qd[-1:])
     given = played.torque - arm.servo_damping * change
     return RobotLog(time, played.q, given + _gravity(arm, played.q))
 
 
-def _gravity(arm: Arm, q: Array) -> Array:
+def _gravity(arm: SimulatedArm, q: Array) -> Array:
     links = np.concatenate([arm.truth.chain.parameters.ravel(), np.zeros(6 * len(arm.truth.terms))])
     still = np.zeros_like(q)
     return arm.truth.torque_of_base(States(q, still, still), slice(None), links)

@@ -35,7 +35,7 @@ from polish_sim.identification.estimate import (
     spread_of_sums,
 )
 from polish_sim.identification.gear_fit import GearFit, slope_of
-from polish_sim.identification.log_file import Gears, RobotLog
+from polish_sim.identification.log_file import LoggedGears, RobotLog
 from polish_sim.identification.regressor import FULL, States, TorqueModel, random_states, rigid_regressor
 from polish_sim.motion.kinematics import jacobian, link_frames
 from polish_sim.motion.serial_chain import ChainGeometry
@@ -100,7 +100,7 @@ def one_period(log: RobotLog, period: float) -> RobotLog:
         )
 
     return RobotLog(
-        log.time[:rows], mean(log.q), mean(log.torque), Gears(*(mean(side) for side in log.gears))
+        log.time[:rows], mean(log.q), mean(log.torque), LoggedGears(*(mean(side) for side in log.gears))
     )
 
 
@@ -156,7 +156,7 @@ class ElasticMotion:
         self.bends: Array = np.stack(bent, axis=-1)
         self.quick = None
         if sprung:
-            springs = gears.torques(arm.real, Gears(motor.q, link.q), self.dt)
+            springs = gears.torques(arm.real, LoggedGears(motor.q, link.q), self.dt)
             self.quick = springs - filtered(springs, self.dt, LOW_PASS_HZ)
         waves = 2.0 * arm.real.gear_ratio
         self.slope = waves * np.einsum("mjk,jk->mj", slope_of(waves * motor.q), gears.errors())

@@ -137,7 +137,7 @@ def design(
     ``starts``: random motions to begin from; ``iterations``: of the search from each. Raises
     IdentificationError if no start led to a motion within the limits.
     """
-    search = Search(task)
+    search = ExcitationCost(task)
     best: Excitation | None = None
     first = allowed_motions(task, rng)
     for _start in range(starts):
@@ -163,7 +163,7 @@ def mean_information(task: ExcitationTask, motion: FourierMotion) -> Array:
     return flat.T @ flat / FINE
 
 
-class Search:
+class ExcitationCost:
     """Cost and gradient by the coefficients, with the basis kept between calls."""
 
     def __init__(self, task: ExcitationTask) -> None:

@@ -21,7 +21,7 @@ from scipy.signal import butter, sosfiltfilt
 from polish_sim.arrays import Array, Bools
 from polish_sim.config import RealArmConfig
 from polish_sim.identification.estimate import INTERVAL_95, TURNING, inverse_of, spread_of_sums
-from polish_sim.identification.log_file import Gears, RobotLog
+from polish_sim.identification.log_file import LoggedGears, RobotLog
 from polish_sim.identification.physical import ParameterRow
 
 LOW_PASS_HZ = 30.0
@@ -88,7 +88,7 @@ class GearFit(NamedTuple):
         D, std = self.values[:, 5], self.std[:, 5]
         return np.where(INTERVAL_95 * std < D, D, 0.0)
 
-    def torques(self, real: RealArmConfig, sides: Gears, dt: float) -> Array:
+    def torques(self, real: RealArmConfig, sides: LoggedGears, dt: float) -> Array:
         """What the gears' springs, hysteresis and damping pass on, (m, n) [N m]; NaN where no slope is
         known."""
         torques = np.full(sides.motor.shape, np.nan)

@@ -13,7 +13,14 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Observer
 from polish_sim.errors import IdentificationError
-from polish_sim.identification.arm import Arm, LoggedRobot, believe, build_arm, motion_limits, play_motion
+from polish_sim.identification.arm import (
+    LoggedRobot,
+    SimulatedArm,
+    believe,
+    build_arm,
+    motion_limits,
+    play_motion,
+)
 from polish_sim.identification.elastic import (
     BAND_HZ,
     PREDICTED_HZ,
@@ -162,7 +169,7 @@ def run_identification(
 
 
 def _design(
-    arm: Arm,
+    arm: SimulatedArm,
     base: BaseParameters,
     drawing: Drawing,
     settings: IdentifySettings,
@@ -199,7 +206,7 @@ class _FittedArm(NamedTuple):
 
 
 def _fit_elastic(
-    arm: Arm, log: RobotLog, other: RobotLog, drawing: Drawing, settings: IdentifySettings
+    arm: SimulatedArm, log: RobotLog, other: RobotLog, drawing: Drawing, settings: IdentifySettings
 ) -> _FittedArm:
     """First the gears, whose error separates friction by load from the links' size; then links, rotors and
     friction."""

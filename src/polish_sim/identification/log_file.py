@@ -26,15 +26,15 @@ KNOTS_S = 0.05  #: Between two knots of a spline [s]
 HARMONICS_FITTED = 20  #: Of the measured positions: four times what is commanded, for what the servos add
 
 
-class Gears(NamedTuple):
+class LoggedGears(NamedTuple):
     """Both sides of elastic joints as their encoders read them, shape (m, n)."""
 
     motor: Array  #: [rad]
     link: Array  #: [rad]
 
-    def rows(self, which: Indices | slice) -> Gears:
+    def rows(self, which: Indices | slice) -> LoggedGears:
         """Some of the samples."""
-        return Gears(self.motor[which], self.link[which])
+        return LoggedGears(self.motor[which], self.link[which])
 
 
 class RobotLog(NamedTuple):
@@ -43,7 +43,7 @@ class RobotLog(NamedTuple):
     time: Array  #: [s], shape (m,)
     q: Array  #: Measured positions [rad], shape (m, n)
     torque: Array  #: Torques of the joints, gravity included [N m], shape (m, n)
-    gears: Gears | None = None  #: Where both sides of the gears are read
+    gears: LoggedGears | None = None  #: Where both sides of the gears are read
 
 
 def periodic_states(log: RobotLog, period: float) -> States:

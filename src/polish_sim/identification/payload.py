@@ -40,7 +40,7 @@ BODY_NAMES = ("mass", "center_x", "center_y", "center_z", "Ixx", "Ixy", "Iyy", "
 BODY_UNITS = ("kg", "m", "m", "m", *["kg m^2"] * 6)
 
 
-class Body(NamedTuple):
+class LinkBody(NamedTuple):
     """Mass, centre and inertia about the centre in the last link's own frame, as `BODY_NAMES`; shape (10,)
     each."""
 
@@ -49,7 +49,7 @@ class Body(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Payload:
+class FoundPayload:
     """What a robot carries, about the origin of its last joint and in the axes of its last link."""
 
     parameters: Array  #: As `LINK_PARAMETERS`, shape (10,)
@@ -61,12 +61,12 @@ class Payload:
         """Standard deviations, shape (10,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    def body(self) -> Body:
+    def body(self) -> LinkBody:
         """Mass, centre and inertia about the centre, the deviations carried over to first order."""
         step = 1e-30
         slopes = [body_of(self.parameters + 1j * step * unit, self.origin).imag / step for unit in np.eye(10)]
         J = np.stack(slopes, axis=1)
-        return Body(body_of(self.parameters, self.origin), np.sqrt(np.diag(J @ self.covariance @ J.T)))
+        return LinkBody(body_of(self.parameters, self.origin), np.sqrt(np.diag(J @ self.covariance @ J.T)))
 
     def nearest_body(self) -> Array:
         """The nearest parameters, in the estimate's own covariance, that a body can have, shape (10,)."""
@@ -86,9 +86,9 @@ def body_of(parameters: Array, origin: Array) -> Array:
     )
 
 
-def fit_payload(
+def fit_link_payload(
     model: TorqueModel, base: BaseParameters, empty: JointSums, states: States, torque: Array
-) -> Payload:  # fmt: skip
+) -> FoundPayload:  # fmt: skip
     """Estimate a payload from two runs, arm and payload at once.
 
     ``empty``: normal equations of the run without payload, in the base; ``states`` and ``torque`` [N m], (m,
@@ -101,22 +101,22 @@ def fit_payload(
 
 def fit_payload_on_known_arm(
     model: TorqueModel, base: BaseParameters, theta: Array, states: States, torque: Array
-) -> Payload:
+) -> FoundPayload:
     """Estimate a payload from one run of an arm whose base parameters ``theta`` (r,) are known.
 
     The intervals count noise only, as if the arm were known exactly. Arguments and errors else as in
-    `fit_payload`.
+    `fit_link_payload`.
     """
     alone = BaseParameters(_last_link(model), np.zeros((0, 0)))
     left = torque - model.torque_of_base(states, base.columns, theta)
     return _payload_of(model, [], sum_samples(model, alone, states, left))
 
 
-def _payload_of(model: TorqueModel, others: list[str], sums: JointSums) -> Payload:
+def _payload_of(model: TorqueModel, others: list[str], sums: JointSums) -> FoundPayload:
     """Estimate other parameters, by name, and the payload's ten behind them."""
     require_excited(sums, others + [f"payload {name}" for name in LINK_PARAMETERS], model)
     found = estimate(sums)
-    return Payload(found.theta[-10:], found.covariance[-10:, -10:], model.chain.origins[-1])
+    return FoundPayload(found.theta[-10:], found.covariance[-10:, -10:], model.chain.origins[-1])
 
 
 def _last_link(model: TorqueModel) -> Indices:
@@ -136,7 +136,7 @@ _AHEAD = 0.05  #: Of the last link's origin, where a block begins [m]
 class Weighed(NamedTuple):
     """A payload that was found, its true ten parameters (None for a real one), and its figures."""
 
-    payload: Payload
+    payload: FoundPayload
     truth: Array | None
     figures: dict[str, Any]
 
@@ -172,7 +172,7 @@ def weigh_block(
     sigma = np.array(settings.sigma)
     log = play_motion(arm, motion, settings.periods, settings.rate)
     log = with_noise(log, settings.encoder_step, sigma, rng)
-    payload = fit_payload(arm.truth, base, empty, periodic_states(log, motion.period), log.torque)
+    payload = fit_link_payload(arm.truth, base, empty, periodic_states(log, motion.period), log.torque)
     truth = link_parameters(load.mass, load.center - payload.origin, load.inertia)
     return Weighed(payload, truth, payload_figures(payload, truth))
 
@@ -189,11 +189,11 @@ def weigh_from_logs(
         payload = fit_payload_on_known_arm(model, base, theta, states, log.torque)
     else:
         sums = sum_samples(model, base, empty[1], empty[0].torque)
-        payload = fit_payload(model, base, sums, states, log.torque)
+        payload = fit_link_payload(model, base, sums, states, log.torque)
     return Weighed(payload, None, payload_figures(payload, None))
 
 
-def payload_figures(payload: Payload, truth: Array | None) -> dict[str, Any]:
+def payload_figures(payload: FoundPayload, truth: Array | None) -> dict[str, Any]:
     """Keys of metrics.json; errors where the truth is known."""
     values, std = payload.body()
     figures: dict[str, Any] = {

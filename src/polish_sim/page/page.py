@@ -28,7 +28,7 @@ SCRIPTS = ("scene.js", "plots.js", "page.js")
 LEVELS = 65534  #: Of a rounded number; one more stands for what is undefined
 
 
-class Body(NamedTuple):
+class PageBody(NamedTuple):
     """A rigid body; it moves with its parent, and about or along an axis of its own."""
 
     parent: int  #: Its number in the list, smaller than this body's; -1: the world
@@ -109,7 +109,7 @@ class Page(NamedTuple):
     about: str  #: What it is, in a sentence
     stop: str  #: Why and when the run stopped itself; empty if it did not
     stop_time: float | None  #: [s]
-    bodies: Sequence[Body]
+    bodies: Sequence[PageBody]
     solids: Sequence[Solid]
     part_body: int  #: The body that carries path and removal; -1: the world
     motion: Motion
@@ -156,7 +156,7 @@ def cylinder(radius: float, length: float, start: float) -> tuple[Array, Ints]:
     return vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]).astype(np.int32)
 
 
-def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[Body], Array]:
+def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[PageBody], Array]:
     """Bodies and joints (n, 5) that carry a tool through points (n, 3) [m] by its unit axes away from the
     part (n, 3).
 
@@ -166,9 +166,9 @@ def free_tool(positions: Array, axes: Array, parent: int) -> tuple[list[Body], A
     tilt = np.arccos(np.clip(axes[:, 2], -1.0, 1.0))
     turn = np.unwrap(np.where(np.sin(tilt) > 1e-6, np.arctan2(axes[:, 1], axes[:, 0]), 0.0))
     rest = np.eye(4).tolist()
-    along = [Body(parent + k, rest, np.eye(3)[k].tolist(), slide=True, joint=k) for k in range(3)]
-    hinges = [Body(parent + 3 + k, rest, np.eye(3)[2 - k].tolist(), joint=3 + k) for k in range(2)]
-    over = Body(parent + 5, np.diag([1.0, -1.0, -1.0, 1.0]).tolist())
+    along = [PageBody(parent + k, rest, np.eye(3)[k].tolist(), slide=True, joint=k) for k in range(3)]
+    hinges = [PageBody(parent + 3 + k, rest, np.eye(3)[2 - k].tolist(), joint=3 + k) for k in range(2)]
+    over = PageBody(parent + 5, np.diag([1.0, -1.0, -1.0, 1.0]).tolist())
     return [*along, *hinges, over], np.column_stack([positions, turn, tilt])
 
 
@@ -287,7 +287,7 @@ def read_page(file: Path) -> Page:
             block[4:start], object_hook=lambda entry: _values(entry, block, start) if "$" in entry else entry
         )
         data["motion"] = Motion(**data["motion"])
-        data["bodies"] = [Body(**body) for body in data["bodies"]]
+        data["bodies"] = [PageBody(**body) for body in data["bodies"]]
         data["solids"] = [Solid(**solid) for solid in data["solids"]]
         data["wear"] = data["wear"] and Wear(**data["wear"])
         data["plots"] = [

@@ -31,8 +31,8 @@ from polish_sim.planning.feasibility import (
     width_between_borders,
 )
 from polish_sim.planning.ground.ground import Ground, prepare_ground
-from polish_sim.planning.moves.leads import Air
-from polish_sim.planning.moves.leave_out import Remaining, leave_out
+from polish_sim.planning.moves.leads import AirSpace
+from polish_sim.planning.moves.leave_out import Remaining, lift_over
 from polish_sim.planning.planner import Planned, plan_on
 from polish_sim.planning.quality.access import Access, find_access
 from polish_sim.planning.quality.areas import MARGIN, NARROW, AreaAccount, AskedRegion, CutOut
@@ -131,7 +131,7 @@ class PlanResult:
             PlanError: Nothing of the path in contact is left behind it.
         """
         path = self.path
-        remaining = leave_out(path, path.process & (path.s < s), self.plan, self.ready.air)
+        remaining = lift_over(path, path.process & (path.s < s), self.plan, self.ready.air)
         if remaining is None:
             end = path.s[path.process][-1]
             raise PlanError(
@@ -231,7 +231,7 @@ def out_of_part(ready: PreparedRegion, path: ToolPath, inside: Array, wider: flo
     as wide as the tool is checked apart times ``wider``; None if nothing stays."""
     far, _ = cKDTree(inside).query(path.positions_work)
     gone = path.process & (far < wider * CHECKED_APART * ready.tool.pad.radius_m)
-    return leave_out(path, gone, ready.plan, ready.air)
+    return lift_over(path, gone, ready.plan, ready.air)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,11 +256,11 @@ class PreparedRegion:
         return (*self.mesh.notes, *(fixture.notes if fixture else ()), *self.region.notes)
 
     @property
-    def air(self) -> Air:
+    def air(self) -> AirSpace:
         """What the lifted tool keeps clear of."""
         tool, part = self.tool, self.surface
         obstacle = joined_surfaces(part, tool.fixture)
-        return Air(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.region.up, tool, part)
+        return AirSpace(obstacle, tool.pad.radius_m, self.plan.clearance_m, self.region.up, tool, part)
 
     def measure(self, path: ToolPath, cuts: Sequence[CutOut] = ()) -> Quality:
         """Measure a path with ``cuts`` in it."""

@@ -17,7 +17,7 @@ from polish_sim.planning.feasibility import check_plan_words
 from polish_sim.planning.ground.ground import Ground, prepare_ground
 from polish_sim.planning.moves.leads import (
     LEADS,
-    Air,
+    AirSpace,
     Move,
     choose_leads,
     concatenate,
@@ -115,7 +115,7 @@ def plan_on(
     alone = ground.region.surface if part is None else part
     obstacle = joined_surfaces(alone, tool.fixture if tool else None)
     radius = 0.0 if tool is None else tool.pad.radius_m
-    air = Air(obstacle, radius, plan.clearance_m, ground.region.up, tool, alone)
+    air = AirSpace(obstacle, radius, plan.clearance_m, ground.region.up, tool, alone)
     return assemble(runs, plan, air, cuts, leaning)
 
 
@@ -149,7 +149,7 @@ def _in_order(runs: Sequence[SurfaceRun], one_way: bool, start: tuple[float, ...
 def assemble(
     runs: Sequence[SurfaceRun],
     plan: PlanConfig,
-    air: Air,
+    air: AirSpace,
     cuts: Sequence[CutOut],
     leaning: Leaning | None,
 ) -> Planned:
@@ -192,7 +192,7 @@ def assemble(
 
 
 def _clear_of_part(
-    run: SurfaceRun, whole: ContactRun, plan: PlanConfig, air: Air, cuts: list[CutOut]
+    run: SurfaceRun, whole: ContactRun, plan: PlanConfig, air: AirSpace, cuts: list[CutOut]
 ) -> Sequence[ContactRun]:
     """The stretches of a stroke on which no body of the tool is in the part; appends the others to
     ``cuts``."""
@@ -221,7 +221,7 @@ def _clear_of_part(
     ]
 
 
-def _place(whole: ContactRun, previous: Move | None, plan: PlanConfig, air: Air) -> Placed | None:
+def _place(whole: ContactRun, previous: Move | None, plan: PlanConfig, air: AirSpace) -> Placed | None:
     """Leads for a stroke, shortened if need be, and the way to it; None if it cannot be reached."""
     chosen = choose_leads(whole.process, plan.lead_in, air, plan.stepover_m)
     if chosen is None:

@@ -25,7 +25,7 @@ from polish_sim.config import Scenario
 Complex = NDArray[np.complex128]
 
 
-class Arm(NamedTuple):
+class LoopArm(NamedTuple):
     """The arm along the tool axis: n coordinates whose springs and dampers pull a tool, and a drive that
     moves them."""
 
@@ -41,17 +41,17 @@ class Arm(NamedTuple):
     mount_mass: float = 1.7  #: Mass the sensor carries before the head's spring [kg]
 
 
-def one_mass(mount_mass: float = 1.7) -> Arm:
+def one_mass(mount_mass: float = 1.7) -> LoopArm:
     """The ideal arm as one mass on its servos; the numbers are those of ``force``'s pose.
 
     Reduced from the compiled model's six joints (mass matrix, kp and kv of the servos): velocity and felt
     inertia agree with them within 5% from 1 to 150 Hz (1.5% rms); a chirp in the cell agrees with the six
-    joints within 1%. ``mount_mass``: see `Arm`.
+    joints within 1%. ``mount_mass``: see `LoopArm`.
     """
     mass = 8.26  # of arm and tool mount along the tool axis [kg]
     omega, damping = 213.0, 0.976  # of the servos: sqrt(kp / inertia) [rad/s], damping ratio [-]
     k, d, unit = mass * omega**2, 2.0 * damping * omega * mass, np.ones(1)
-    return Arm(
+    return LoopArm(
         mass * np.eye(1), k * np.eye(1), d * np.eye(1), k * unit, d * unit, unit, unit, unit, 1.0, mount_mass
     )
 
@@ -60,7 +60,7 @@ FORCE_POSE: Final = np.array([1.3009, -1.5168, 1.9295, -1.9834, -1.5708, 2.8717]
 """Joints in the experiment ``force`` [rad], shape (6,)."""
 
 
-def elastic_arm(scenario: Scenario, swing: float = 0.0, q: Array = FORCE_POSE) -> Arm:
+def elastic_arm(scenario: Scenario, swing: float = 0.0, q: Array = FORCE_POSE) -> LoopArm:
     """The arm with gears and rotors about a pose (6,) [rad], that of ``force`` if not given, loaded by its
     weight and the contact force.
 
@@ -79,13 +79,13 @@ def elastic_arm(scenario: Scenario, swing: float = 0.0, q: Array = FORCE_POSE) -
     at_links, at_rotors = np.concatenate([tool, nothing]), np.concatenate([nothing, tool])
     pull, drag = np.concatenate([nothing, arm.kp * way]), np.concatenate([nothing, arm.kv * way])
     host, path = at_links if arm.on_link else at_rotors, np.concatenate([way, way])
-    return Arm(mass, stiffness, damping, pull, drag, at_links, host, path, float(arm.lag))
+    return LoopArm(mass, stiffness, damping, pull, drag, at_links, host, path, float(arm.lag))
 
 
 class LoopSetup(NamedTuple):
     """What the loop consists of besides its control law."""
 
-    arm: Arm
+    arm: LoopArm
     head_stiffness: float  #: [N/m]
     head_damping: float  #: [N s/m]
     head_mass: float  #: [kg]
@@ -102,7 +102,7 @@ class LoopSetup(NamedTuple):
         return 1.0 / (1.0 / self.head_stiffness + 1.0 / self.pad_stiffness)
 
 
-def setup_of(scenario: Scenario, arm: Arm | None = None) -> LoopSetup:
+def setup_of(scenario: Scenario, arm: LoopArm | None = None) -> LoopSetup:
     """The force loop of a scenario, the whole pad touching a plane; law and sensor at the physics' rate.
 
     ``arm``: in its pose; that of ``force`` if not given, elastic joints swinging by next to nothing.

@@ -125,7 +125,7 @@ BATTERY_ASKED = (
 """The same asked of the cases of the battery."""
 
 
-class Verdict(NamedTuple):
+class JudgedFigure(NamedTuple):
     """A figure that was asked, measured."""
 
     asked: Asked
@@ -136,7 +136,7 @@ class Verdict(NamedTuple):
     met: bool
 
 
-def judge(asked: Sequence[Asked], rows: Sequence[Row]) -> list[Verdict]:
+def judge(asked: Sequence[Asked], rows: Sequence[Row]) -> list[JudgedFigure]:
     """Compare rows of one controller with what is asked of them; what no row speaks of is left out."""
     verdicts = []
     for one in asked:
@@ -145,7 +145,7 @@ def judge(asked: Sequence[Asked], rows: Sequence[Row]) -> list[Verdict]:
             mean, worst = spread([row[one.figure] for row in fitting]).mean, one.worst(fitting)
             least_good = max(fitting, key=lambda row: _badness(one, row))
             where = f"{least_good['case']}, seed {least_good['seed']}"
-            verdicts.append(Verdict(one, len(fitting), mean, worst, where, one.met_by(worst)))
+            verdicts.append(JudgedFigure(one, len(fitting), mean, worst, where, one.met_by(worst)))
     return verdicts
 
 

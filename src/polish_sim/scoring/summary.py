@@ -13,7 +13,7 @@ from polish_sim.row_file import Row
 from polish_sim.scenario_file import override
 from polish_sim.scoring.battery import Case, Entry
 from polish_sim.scoring.figures import DEFINITIONS, Spread, spread
-from polish_sim.scoring.reach import Verdict
+from polish_sim.scoring.reach import JudgedFigure
 from polish_sim.scoring.score import Score
 from polish_sim.tables import Table
 
@@ -132,7 +132,7 @@ def breaking(summaries: Sequence[Summary], entry: Entry) -> list[str]:
     return lines
 
 
-def verdict_table(verdicts: Sequence[Verdict]) -> Table:
+def verdict_table(verdicts: Sequence[JudgedFigure]) -> Table:
     """What was asked and what was measured: worst and mean over all runs, where the worst was."""
     headings = ["figure", "unit", "published", "asked", "worst", "mean", "runs", "least good run", "met"]
     rows = []
@@ -160,7 +160,9 @@ def worst_line(score: Score, entry: Entry) -> str:
     return f"{entry.label}: {worst['case']} (seed {worst['seed']}{error}{how})"
 
 
-def markdown(score: Score, verdicts: Sequence[tuple[Entry, Sequence[Verdict]]], ablated: bool = False) -> str:
+def markdown(
+    score: Score, verdicts: Sequence[tuple[Entry, Sequence[JudgedFigure]]], ablated: bool = False
+) -> str:
     """The whole score as a Markdown page; ``ablated``: every controller but the first lacks one of its
     laws."""
     summaries = summarize(score.cases, score.entries, score.rows)

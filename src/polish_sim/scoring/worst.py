@@ -47,7 +47,7 @@ FIGURES = ("worst_peak_force_n", "worst_contact_lost_s", "worst_error_n")
 SETTLED_S = 0.3  #: After the feed begins, before errors count [s]
 
 
-class Found(NamedTuple):
+class WorstRun(NamedTuple):
     """The worst of one figure."""
 
     value: float
@@ -58,7 +58,7 @@ class Found(NamedTuple):
 class Worst(NamedTuple):
     """What a search found."""
 
-    found: Mapping[str, Found]  #: By the names of ``FIGURES``
+    found: Mapping[str, WorstRun]  #: By the names of ``FIGURES``
     runs: int
     stops: int  #: Runs that ended in a protective stop
 
@@ -71,7 +71,7 @@ def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], N
     """Search with a number of runs of a ``scenario``'s controller and settings; Ctrl-C returns what was
     found."""
     tasks: dict[str, SurfaceTask] = {}
-    found: dict[str, Found] = {}
+    found: dict[str, WorstRun] = {}
     done, stops = 0, 0
 
     def run(x: Array) -> tuple[float, float, float]:
@@ -83,7 +83,7 @@ def search_worst(scenario: Scenario, runs: int, progress: Callable[[int, int], N
         done, stops = done + 1, stops + bool(stopped)
         for name, value in zip(FIGURES, figures, strict=True):
             if name not in found or value > found[name].value:
-                found[name] = Found(value, drawn, stopped)
+                found[name] = WorstRun(value, drawn, stopped)
         progress(done, runs)
         return figures
 

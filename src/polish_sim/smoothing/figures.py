@@ -31,7 +31,7 @@ TURN_UNITS = ("rad_s", "rad_s2", "rad_s3")
 Locate = Callable[[float], dict[str, Any]]  #: From a time [s] to the tool's place
 
 
-class Peak(NamedTuple):
+class TimedPeak(NamedTuple):
     """A largest value (SI) and its time [s]."""
 
     value: float
@@ -41,13 +41,15 @@ class Peak(NamedTuple):
 class MotionPeaks(NamedTuple):
     """Largest values of a motion; each a row of speed, acceleration, jerk."""
 
-    tip: tuple[Peak, ...]  #: Norms of the tip's derivatives [m/s..]
-    axis: tuple[Peak, ...]  #: Norms of the axis' angular velocity without spin and its derivatives [rad/s..]
+    tip: tuple[TimedPeak, ...]  #: Norms of the tip's derivatives [m/s..]
+    axis: tuple[
+        TimedPeak, ...
+    ]  #: Norms of the axis' angular velocity without spin and its derivatives [rad/s..]
     #: Of each order the six joints, without sign [rad/s..]; empty without a robot
-    joints: tuple[tuple[Peak, ...], ...]
+    joints: tuple[tuple[TimedPeak, ...], ...]
 
 
-class Motion(NamedTuple):
+class SampledMotion(NamedTuple):
     """A motion at n times."""
 
     times: Array  #: [s], shape (n,)
@@ -66,7 +68,7 @@ class Motion(NamedTuple):
         return np.linalg.norm(turning(self.tool.axes), axis=2).T
 
 
-def sample_motion(motion: SmoothMotion, times: Array, arm: Arm | None) -> Motion:
+def motion_at(motion: SmoothMotion, times: Array, arm: Arm | None) -> SampledMotion:
     """Tool and joints at rising times [s], exact at every one, dense enough for the arm, if there is one, to
     be followed.
 
@@ -74,15 +76,17 @@ def sample_motion(motion: SmoothMotion, times: Array, arm: Arm | None) -> Motion
     """
     tool = motion.sample(times)
     if arm is None:
-        return Motion(times, tool, np.empty((4, len(times), 0)))
-    return Motion(times, tool, np.stack(sampled_joints(tool, arm)))
+        return SampledMotion(times, tool, np.empty((4, len(times), 0)))
+    return SampledMotion(times, tool, np.stack(sampled_joints(tool, arm)))
 
 
-def sample_in_blocks(motion: SmoothMotion, times: Iterator[Array], arm: Arm | None) -> Iterator[Motion]:
-    """`sample_motion` block by block, so that long motions need little memory; each begins where the last
+def sample_in_blocks(
+    motion: SmoothMotion, times: Iterator[Array], arm: Arm | None
+) -> Iterator[SampledMotion]:
+    """`motion_at` block by block, so that long motions need little memory; each begins where the last
     ended."""
     for block in times:
-        seen = sample_motion(motion, block, arm)
+        seen = motion_at(motion, block, arm)
         yield seen
         arm = None if arm is None else build_arm(arm.T_base_work, arm.T_flange_tool, seen.q[0, -1])
 
@@ -122,12 +126,12 @@ def find_peaks(motion: SmoothMotion, arm: Arm | None) -> MotionPeaks:
         value = np.take_along_axis(rates, row[:, None], axis=1)[:, 0]
         better = value > best
         best, at = np.where(better, value, best), np.where(better, seen.times[row], at)
-    peaks = [[Peak(float(best[d, c]), float(at[d, c])) for c in range(columns)] for d in range(3)]
+    peaks = [[TimedPeak(float(best[d, c]), float(at[d, c])) for c in range(columns)] for d in range(3)]
     joints = tuple(tuple(row[2:]) for row in peaks) if arm is not None else ()
     return MotionPeaks(tuple(row[0] for row in peaks), tuple(row[1] for row in peaks), joints)
 
 
-class Measured(NamedTuple):
+class MeasuredMotion(NamedTuple):
     """A smoothed motion and its measures."""
 
     rule: str
@@ -140,13 +144,17 @@ class Measured(NamedTuple):
 
 def measure_smoothing(
     rule: str, motion: SmoothMotion, raw: Chain, arm: Arm | None, limits: SmoothingLimits, plan_s: float
-) -> Measured:
+) -> MeasuredMotion:
     """Measure a motion, planned by a rule in ``plan_s`` [s], against its path ``raw`` and limits; or
     ReachError."""
-    return Measured(rule, motion, find_peaks(motion, arm), measure_deviation(motion, raw), limits, plan_s)
+    return MeasuredMotion(
+        rule, motion, find_peaks(motion, arm), measure_deviation(motion, raw), limits, plan_s
+    )
 
 
-def smoothing_figures(measured: Measured, raw: Chain, points: WayPoints, rows: Indices) -> dict[str, Any]:
+def smoothing_figures(
+    measured: MeasuredMotion, raw: Chain, points: WayPoints, rows: Indices
+) -> dict[str, Any]:
     """The figures of metrics.json; ``rows``: the file's row of each way point, shape (segments + 1,)."""
     segments, deviation, limits = len(raw.lengths), measured.deviation, measured.limits.values()
     locate = _locator(measured.motion, points, rows)
@@ -198,7 +206,7 @@ def _ratio_figures(peaks: MotionPeaks, limits: LimitValues) -> dict[str, Any]:
 def _peak_figures(peaks: MotionPeaks, limits: LimitValues, locate: Locate) -> dict[str, Any]:
     """Every peak with its limit, time and place: ``tip_speed``, ..., ``joint_6_jerk``."""
 
-    def figures_of(peak: Peak, limit: float, unit: str) -> dict[str, Any]:
+    def figures_of(peak: TimedPeak, limit: float, unit: str) -> dict[str, Any]:
         ratio = {"ratio": peak.value / limit, "time_s": peak.time}
         return {f"value_{unit}": peak.value, f"limit_{unit}": limit} | ratio | locate(peak.time)
 
@@ -238,7 +246,7 @@ def even_times(end: float, rate: float) -> Iterator[Array]:
         yield np.minimum(times, end)
 
 
-def write_trajectory(folder: Path, motions: Iterable[Motion]) -> int:
+def write_trajectory(folder: Path, motions: Iterable[SampledMotion]) -> int:
     """Write a motion, block by block, as NPZ (to the last bit) and CSV (to 1e-9 m and rad); returns the
     number of samples.
 

@@ -46,7 +46,9 @@ class Curves(NamedTuple):
 
 
 @styled
-def plot_tool(curves: Sequence[Curves], limits: LimitValues, title: str, facts: Sequence[str]) -> Figure:
+def plot_tool_rates(
+    curves: Sequence[Curves], limits: LimitValues, title: str, facts: Sequence[str]
+) -> Figure:
     """Speed, acceleration and jerk of tip and tool axis over time, with limits; one curve a rule."""
     figure = new_figure(11.0, 7.0)
     grid = figure.subplots(3, 2, sharex=True)
@@ -141,7 +143,7 @@ class CornerView(NamedTuple):
     turn: float  #: Angle the path turns by [rad]
 
 
-class Way(NamedTuple):
+class DrawnWay(NamedTuple):
     """One rule's motion, with when it is nearest to each way point of the path."""
 
     motion: SmoothMotion
@@ -149,9 +151,9 @@ class Way(NamedTuple):
     times: Array  #: [s], shape (n + 1,)
 
 
-def way_past(raw: Chain, motion: SmoothMotion) -> Way:
+def way_past(raw: Chain, motion: SmoothMotion) -> DrawnWay:
     """A motion, and when it is nearest to each of the path's way points."""
-    return Way(motion, *vertex_distances(motion, raw))
+    return DrawnWay(motion, *vertex_distances(motion, raw))
 
 
 def path_turns(raw: Chain) -> Array:
@@ -163,7 +165,7 @@ def path_turns(raw: Chain) -> Array:
     return np.concatenate([[0.0], turns, [0.0]])
 
 
-def chosen_corners(turns: Array, way: Way, deviation: Deviation) -> list[tuple[int, str]]:
+def chosen_corners(turns: Array, way: DrawnWay, deviation: Deviation) -> list[tuple[int, str]]:
     """Up to six way points to be shown with what is special about them: the worst, then typical ones by their
     turn.
 
@@ -183,7 +185,12 @@ def chosen_corners(turns: Array, way: Way, deviation: Deviation) -> list[tuple[i
 
 
 def view_corner(
-    raw: Chain, rows: Indices, ways: Sequence[Way], corner: tuple[int, str], turn: float, tolerance: float
+    raw: Chain,
+    rows: Indices,
+    ways: Sequence[DrawnWay],
+    corner: tuple[int, str],
+    turn: float,
+    tolerance: float,
 ) -> CornerView:
     """See a corner (way point and what is special about it) from near, in the plane of its two segments.
 
@@ -215,7 +222,7 @@ def _flat_frame(points: Array, corner: int) -> Array:
     return np.stack([along, across / size])
 
 
-def _tips_near(way: Way, corner: int, radius: float) -> Array:
+def _tips_near(way: DrawnWay, corner: int, radius: float) -> Array:
     """The tip's way [m] within a distance of a corner, shape (m, 3)."""
     at, span = float(way.times[corner]), 1e-3
     place = way.motion.sample(np.array([at])).tips[0, 0]

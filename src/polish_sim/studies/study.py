@@ -17,7 +17,7 @@ from polish_sim.config import Scenario
 from polish_sim.errors import ConfigError, InputError, unknown_name
 from polish_sim.experiments.registry import ROWS, default_scenario
 from polish_sim.scenario_file import override, parse_value
-from polish_sim.toml_text import read_toml, toml_text, value_text
+from polish_sim.toml_text import read_toml, toml_text, toml_value
 
 STUDY = "study.toml"
 SAMPLES = ("grid", "random", "sobol", "lhs")
@@ -80,12 +80,12 @@ class Study:
         Raises:
             ConfigError: If a value does not fit its key.
         """
-        sets = [f"{axis.key}={value_text(value)}" for axis, value in zip(self.axes, run.values, strict=True)]
+        sets = [f"{axis.key}={toml_value(value)}" for axis, value in zip(self.axes, run.values, strict=True)]
         return replace(override(self.base, sets), seed=run.seed)
 
     def with_value(self, axis: Axis, value: Any) -> Scenario:
         """The base with one value of one axis; ConfigError if it does not fit its key."""
-        return override(self.base, [f"{axis.key}={value_text(value)}"])
+        return override(self.base, [f"{axis.key}={toml_value(value)}"])
 
     def check(self) -> None:
         """Refuse what no run could be made of, before any is.
@@ -242,7 +242,7 @@ def read_study(file: Path) -> Study:
     for name in ("settings", "vary"):
         if not isinstance(table.get(name, {}), dict):
             raise ConfigError(f"'{name}' in '{file}' must be a section: write [{name}] and keys below.")
-    settings = [f"{key}={value_text(value)}" for key, value in _flat(table.get("settings", {}))]
+    settings = [f"{key}={toml_value(value)}" for key, value in _flat(table.get("settings", {}))]
     base = override(default_scenario(table["experiment"]), settings)
     axes = tuple(_axis_of(key, value, file) for key, value in _flat(table.get("vary", {})))
     return Study(
@@ -261,7 +261,7 @@ def _axis_of(key: str, value: Any, file: Path) -> Axis:
         raise ConfigError(
             f"'{key}' under [vary] in '{file}' must be a list of values or a text such as '0.1:1:log5'."
         )
-    return Axis(key, value_text(value), _frozen(value))
+    return Axis(key, toml_value(value), _frozen(value))
 
 
 def _flat(table: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:

@@ -143,7 +143,7 @@ class RunTable(Rows):
     def write(self) -> None:
         """Write `RUNS` from all rows; the file is replaced when it is whole."""
         begun = time.monotonic()
-        write_table(self.path, self.folder / RUNS)
+        write_parquet(self.path, self.folder / RUNS)
         self._written_at, self._took_s = time.monotonic(), time.monotonic() - begun
 
     def note(self, key: str, row: Row) -> None:
@@ -159,7 +159,7 @@ class RunTable(Rows):
         return statistics.median(self._times) if self._times else None
 
 
-def write_table(rows: Path, table: Path) -> None:
+def write_parquet(rows: Path, table: Path) -> None:
     """Turn lines of rows into a Parquet file, one row a key, the last one."""
     import pyarrow as pa
     import pyarrow.json as lines

@@ -128,7 +128,7 @@ class _Client:
 
 
 @dataclass
-class Pace:
+class TickClock:
     """How well the clock was kept."""
 
     ticks: int = 0
@@ -157,7 +157,7 @@ class Server:
     """A controller at an address; ``offset`` is added to every port."""
 
     def __init__(self, controller: Controller, address: str, real_time: bool = True, offset: int = 0) -> None:
-        self._controller, self._real_time, self.pace = controller, real_time, Pace()
+        self._controller, self._real_time, self.pace = controller, real_time, TickClock()
         self._selector = selectors.DefaultSelector()
         self._clients: list[_Client] = []
         self._listening: list[socket.socket] = []

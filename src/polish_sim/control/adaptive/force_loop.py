@@ -29,7 +29,7 @@ _FIRST_CORNER = 100.0  # of the observer at first touch [rad/s]
 _FIRST_TIME = 0.03  # in which it comes down [s]
 
 
-class Pace(NamedTuple):
+class LoopSpeed(NamedTuple):
     """How fast the loop may be."""
 
     crossover: float  #: w_c [rad/s]
@@ -37,7 +37,7 @@ class Pace(NamedTuple):
 
 
 @kernel
-def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age: float) -> Pace:
+def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age: float) -> LoopSpeed:
     """Crossover and observer corner the loop can afford.
 
     w_c delay <= ``delay_share``; 2 w_c w_o m / k <= 1/2 for a mass m that may be unaccounted for; w_o falls
@@ -53,7 +53,7 @@ def pace_of(g: AdaptiveGains, stiffness: float, delay: float, noise: float, age:
     crossover, observer = slower * crossover, slower * observer
     if g.touch_down:
         observer += (slower * _FIRST_CORNER - observer) * math.exp(-age / _FIRST_TIME)
-    return Pace(crossover, observer)
+    return LoopSpeed(crossover, observer)
 
 
 @kernel

@@ -109,7 +109,7 @@ class SensorCopy(Record):
     force: float  #: Filtered own force [N]
 
 
-class ToolMotion(Record):
+class SpeedAlongZ(Record):
     """The tool's speed along z."""
 
     last_speed: float  #: Of the last cycle [m/s]
@@ -169,7 +169,7 @@ class PressMemory(Record):
     """Memory of the laws along tool z."""
 
     sensed: SensorCopy
-    motion: ToolMotion
+    motion: SpeedAlongZ
     delay: CommandDelay
     air: Air
     fit: SpringFit

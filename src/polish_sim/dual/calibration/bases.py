@@ -15,7 +15,7 @@ from polish_sim.calibration.matched_points import relative_frame
 from polish_sim.calibration.tables import XYZ_MM, Kind, Measured, mm_texts, read_table, write_table
 from polish_sim.dual.calibration.circle import (
     BaseFrame,
-    Circle,
+    SweptCircle,
     base_from_meeting_axes,
     fit_circle_without_outliers,
 )
@@ -56,7 +56,7 @@ class BaseCalibration(NamedTuple):
     covariance: Array  #: Of its origin [m] and rotation [rad], master axes, shape (6, 6)
     noise: float  #: Standard deviation of one coordinate of one measurement [m]
     groups: tuple[Group, ...]
-    circles: Mapping[str, tuple[Circle, ...]]  #: Circles of axes 1 and 2, robot by robot
+    circles: Mapping[str, tuple[SweptCircle, ...]]  #: Circles of axes 1 and 2, robot by robot
     #: The bases seen by the tracker, with the gap between their axes, robot by robot
     frames: Mapping[str, BaseFrame]
 
@@ -87,7 +87,7 @@ class AxisArcs:
 
         Raises CalibrationError if they are undetermined.
         """
-        circles: dict[str, tuple[Circle, ...]] = {}
+        circles: dict[str, tuple[SweptCircle, ...]] = {}
         frames: dict[str, BaseFrame] = {}
         for robot in ROBOTS:
             circles[robot] = tuple(

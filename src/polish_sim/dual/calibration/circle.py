@@ -35,7 +35,7 @@ _STEP = 1e-5
 
 
 @dataclass(frozen=True)
-class Circle:
+class SweptCircle:
     """A circle in space and the axis it was run about."""
 
     center: Array  #: [m], shape (3,)
@@ -68,7 +68,7 @@ class _Shape(NamedTuple):
         return _Shape(self.center + self.frame @ step[:3], frame, self.radius + float(step[5]))
 
 
-def fit_circle(points: Array, noise: float | None = None, used: Bools | None = None) -> Circle:
+def fit_circle(points: Array, noise: float | None = None, used: Bools | None = None) -> SweptCircle:
     """Circle through points in the order they were run, least squares of their distances along radius and
     axis.
 
@@ -95,10 +95,10 @@ def fit_circle(points: Array, noise: float | None = None, used: Bools | None = N
     turn = np.eye(6)
     turn[:3, :3] = frame
     covariance = (turn @ found.covariance @ turn.T)[:5, :5]
-    return Circle(center, frame, radius, covariance, float(found.noise[0]), found.residuals, used, arc)
+    return SweptCircle(center, frame, radius, covariance, float(found.noise[0]), found.residuals, used, arc)
 
 
-def fit_circle_without_outliers(points: Array, noise: float | None = None) -> Circle:
+def fit_circle_without_outliers(points: Array, noise: float | None = None) -> SweptCircle:
     """The same, leaving out points too far off to be noise; CalibrationError also if those are more than a
     quarter."""
     check_arc_points(points)
@@ -170,7 +170,7 @@ class BaseFrame(NamedTuple):
     meets: bool  #: Whether it was used that the axes meet and are square
 
 
-def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
+def base_from_circles(first: SweptCircle, second: SweptCircle) -> BaseFrame:
     """Base frame of an arm and its covariance, to first order in the noise of the circles of joints 1 and 2.
 
     Joint 2 turns with joint 1 at zero, all others are at zero, points in rising order. Raises
@@ -180,7 +180,7 @@ def base_from_circles(first: Circle, second: Circle) -> BaseFrame:
     return _base(first, second, np.zeros(10), block_diag(first.covariance, second.covariance), meets=False)
 
 
-def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
+def base_from_meeting_axes(first: SweptCircle, second: SweptCircle) -> BaseFrame:
     """The same, with what the arm's table says: axes 1 and 2 meet and are square.
 
     Both circles are adjusted to that by their covariances. Where they contradict the table by more than noise
@@ -204,7 +204,7 @@ def base_from_meeting_axes(first: Circle, second: Circle) -> BaseFrame:
     return _base(first, second, -gain @ off, C - gain @ G @ C, meets=True)
 
 
-def _base(first: Circle, second: Circle, step: Array, covariance: Array, meets: bool) -> BaseFrame:
+def _base(first: SweptCircle, second: SweptCircle, step: Array, covariance: Array, meets: bool) -> BaseFrame:
     """The frame after a step of both axes, with the covariance of the step, shape (10, 10)."""
     T = _frame(first, second, step)
 
@@ -224,7 +224,7 @@ def _differences(function: Callable[[Array], Array], at: Array) -> Array:
     return np.stack(columns, axis=1) / (2.0 * _STEP)
 
 
-def _off_table(first: Circle, second: Circle, step: Array) -> Array:
+def _off_table(first: SweptCircle, second: SweptCircle, step: Array) -> Array:
     """Signed distance between both axes [m] and their angle less 90 deg [rad], after a step, shape (2,)."""
     (c1, z1), (c2, z2) = _axes(first, second, step)
     normal = unit(np.cross(z1, z2))
@@ -235,14 +235,16 @@ def _angle(a: Array, b: Array) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
-def _axes(first: Circle, second: Circle, step: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def _axes(
+    first: SweptCircle, second: SweptCircle, step: Array
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Both axes, a point and a direction each, after a step of centre (3) and tilt (2) of both."""
     c1, z1 = first.center + step[:3], unit(first.frame @ np.array([step[3], step[4], 1.0]))
     c2, z2 = second.center + step[5:8], unit(second.frame @ np.array([step[8], step[9], 1.0]))
     return (c1, z1), (c2, z2)
 
 
-def _frame(first: Circle, second: Circle, step: Array) -> Array:
+def _frame(first: SweptCircle, second: SweptCircle, step: Array) -> Array:
     """The frame from both axes, each moved by its share of a step."""
     (c1, z1), (c2, z2) = _axes(first, second, step)
     across = np.cross(z1, z2)
@@ -252,7 +254,7 @@ def _frame(first: Circle, second: Circle, step: Array) -> Array:
     return transform(np.column_stack([x, np.cross(z1, x), z1]), foot - NOMINAL[1, 0] * z1)
 
 
-def _check_axes(first: Circle, second: Circle) -> None:
+def _check_axes(first: SweptCircle, second: SweptCircle) -> None:
     """Refuse circles that are not those of the arm's axes 1 and 2.
 
     Radii are compared with those of the stretched arm, give or take the target's place on the flange: a wrong

@@ -14,7 +14,7 @@ from polish_sim.errors import PlanError
 from polish_sim.geometry.bezier import EDGE_MIDDLES, edge_points
 from polish_sim.geometry.cut import (
     Clipped,
-    Cut,
+    CutFacets,
     build_cut,
     clip,
     find_edges,
@@ -199,7 +199,7 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
     """The same surface with small facets where the new border runs."""
     longest = max(margin / _FACETS_PER_MARGIN, distance.length / _FACETS_ALONG)
     count = len(surface.faces)
-    cut = Cut(
+    cut = CutFacets(
         np.arange(count, dtype=np.int32),
         np.broadcast_to(np.eye(3), (count, 3, 3)),
         surface.faces.astype(np.int32),
@@ -231,7 +231,7 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
     return Clipped(build_cut(surface, cut, len(places)), cut.parents)
 
 
-def _bends(surface: Surface, cut: Cut, values: Array, facets: Indices, distance: Room) -> Array:
+def _bends(surface: Surface, cut: CutFacets, values: Array, facets: Indices, distance: Room) -> Array:
     """How far the distance is from linear over facets (k,), in the middle of edges and of the facet [m],
     shape (k,)."""
     worst = np.zeros(len(facets))

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Ints
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.jets import solve_symmetric, tangent_frames
-from polish_sim.geometry.repair.skin import Noise, Skin
+from polish_sim.geometry.repair.skin import ScanNoise, Skin
 from polish_sim.geometry.topology import find_adjacency
 from polish_sim.spatial import unit
 
@@ -63,7 +63,7 @@ def smooth_noise(skin: Skin) -> Skin:
         vertices = moved
     shift = np.linalg.norm(vertices - skin.vertices, axis=1)[used]
     reach = 0.5 * edge * np.sqrt(neighbours)
-    left = Noise(noise * np.sqrt(6.0 / neighbours), SLOPE_LEFT * noise / (reach * np.sqrt(neighbours)))
+    left = ScanNoise(noise * np.sqrt(6.0 / neighbours), SLOPE_LEFT * noise / (reach * np.sqrt(neighbours)))
     note = (
         f"scanned noise of {1e3 * noise:.2g} mm (rms, facet edges {1e3 * edge:.2g} mm): smoothed over about "
         f"{1e3 * reach:.2g} mm, vertices moved by {1e3 * np.sqrt(np.mean(shift**2)):.2g} mm rms, at most "

@@ -16,14 +16,14 @@ from polish_sim.geometry.topology import find_edge_faults, label_pieces
 WELD = 1e-5  #: Gaps up to this share of the part's size are closed when exact merging leaves the mesh open
 
 
-class Noise(NamedTuple):
+class ScanNoise(NamedTuple):
     """What a scan leaves unknown of a surface after smoothing, rms; 0 of one that is not scanned."""
 
     offset: float = 0.0  #: Of its places along the normal [m]
     slope: float = 0.0  #: Of its normals [rad]
 
 
-NOISELESS = Noise()
+NOISELESS = ScanNoise()
 
 
 class Skin(NamedTuple):
@@ -34,7 +34,7 @@ class Skin(NamedTuple):
     #: The triangle of the file each facet stems from, -1 for facets that close holes, shape (m,)
     source: Ints
     notes: tuple[str, ...] = ()  #: What was repaired, for the user
-    noise: Noise = NOISELESS  #: Of a scan, what smoothing left of it
+    noise: ScanNoise = NOISELESS  #: Of a scan, what smoothing left of it
 
     @property
     def size(self) -> float:

@@ -180,7 +180,7 @@ def stop_times(length: float, speed: float, acceleration: float, jerk: float) ->
 
 
 @njit
-def rise_time(b: float, c: float, way: float) -> float:
+def filter_rise(b: float, c: float, way: float) -> float:
     """When H reaches a way [s], capped at (b + c) / 2 [s]: half the overlap of eq. 13."""
     time = (6.0 * b * c * way) ** (1.0 / 3.0)
     if 6.0 * b * way > c * c:
@@ -207,4 +207,4 @@ def corner_overlap(tolerance: float, change: float, b1: float, c1: float, b2: fl
     if change <= 0.0:
         return whole
     way = tolerance / change
-    return min(whole, rise_time(b1, c1, way) + rise_time(b2, c2, way))
+    return min(whole, filter_rise(b1, c1, way) + filter_rise(b2, c2, way))

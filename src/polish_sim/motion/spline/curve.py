@@ -56,7 +56,7 @@ def cross(f: Array, g: Array, sign: float, out: Array) -> None:
 
 
 @njit(_nrt=False)
-def normalize(f: Array, room: Array, out: Array) -> None:
+def normalize_orders(f: Array, room: Array, out: Array) -> None:
     """A vector over its length; ``room`` is (2, 4). With s its square, g = s^-1/2 follows from 2 s g' = -g
     s'."""
     s, g = room[0], room[1]
@@ -80,13 +80,13 @@ def _frames(jets: Array, room: Array, axes: Array, rotations: Array, spins: Arra
     x, y, part, numbers = room[0], room[1], room[2], room[3].reshape(3, 4)
     for n in range(jets.shape[0]):
         z = axes[n]
-        normalize(jets[n, :, 6:9], numbers[:2], z)
+        normalize_orders(jets[n, :, 6:9], numbers[:2], z)
         for m in range(4):
             for i in range(3):
                 part[m, i], y[m, i] = jets[n, m, 3 + i], 0.0
         dot(part, z, numbers[2])
         add_scaled(z, numbers[2], -1.0, part)
-        normalize(part, numbers[:2], x)
+        normalize_orders(part, numbers[:2], x)
         cross(z, x, 1.0, y)
         for i in range(3):
             rotations[n, i, 0], rotations[n, i, 1], rotations[n, i, 2] = x[0, i], y[0, i], z[0, i]

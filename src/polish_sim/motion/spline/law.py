@@ -116,7 +116,7 @@ class Programme(NamedTuple):
     fixed: Bools  #: Which unknowns stay 1, shape (n + 2,)
 
 
-class Work(NamedTuple):
+class LawRoom(NamedTuple):
     """Room for rows (n, 25) and unknowns (n + 2,)."""
 
     value: Array
@@ -163,7 +163,7 @@ def plan_law(
     share, weight = FIRST if near is None else FIRST_NEAR
     unknowns, (r, m) = np.where(fixed, 1.0, share), ((n, ROWS), n + 2)
     shapes = (r, (n, ROWS, 3), r, r, r, r, r, (m, 3), m, m, m, m)
-    work = Work(*(np.zeros(shape) for shape in shapes))
+    work = LawRoom(*(np.zeros(shape) for shape in shapes))
     found = _solve(programme, work, unknowns, weight)
     return Law(squares, (unknowns * size)[:-1], launch, launch) if found else None
 
@@ -199,7 +199,7 @@ def _outer(stencils: Array, rates: Array) -> Array:
 
 
 @njit(_nrt=False)
-def _solve(programme: Programme, work: Work, y: Array, weight: float) -> bool:
+def _solve(programme: Programme, work: LawRoom, y: Array, weight: float) -> bool:
     """Bring the unknowns ``y`` (n + 2,) to the least time; whether that was reached."""
     n = programme.caps.shape[0]
     time = _evaluate(programme, work, y)
@@ -248,7 +248,7 @@ def _solve(programme: Programme, work: Work, y: Array, weight: float) -> bool:
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _evaluate(programme: Programme, work: Work, y: Array) -> float:
+def _evaluate(programme: Programme, work: LawRoom, y: Array) -> float:
     """Write rows, their rates, slope and curvature of time and rows; the time."""
     n, H, time = programme.caps.shape[0], work.bands, 0.0
     for k in range(n + 2):
@@ -287,7 +287,7 @@ def _add(H: Array, k: int, h00: float, h01: float, h02: float, h11: float, h12: 
 
 
 @njit(cache=False, _nrt=False, forceinline=True)
-def _add_time(programme: Programme, work: Work, y: Array, k: int) -> float:
+def _add_time(programme: Programme, work: LawRoom, y: Array, k: int) -> float:
     """Time of span k, twice its way over the sum of both ends' speeds; add its slope and curvature, convex in
     b."""
     a0, a1, a2 = programme.squares[k, 1]
@@ -314,7 +314,7 @@ def _add_time(programme: Programme, work: Work, y: Array, k: int) -> float:
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _weigh(programme: Programme, work: Work, y: Array) -> None:
+def _weigh(programme: Programme, work: LawRoom, y: Array) -> None:
     """Add the rows' weights over their slacks to the curvature."""
     n, H = programme.caps.shape[0], work.bands
     for k in range(n):
@@ -340,7 +340,7 @@ def _factor(H: Array) -> None:
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _direct(programme: Programme, work: Work, y: Array, target: float, corrected: float) -> None:
+def _direct(programme: Programme, work: LawRoom, y: Array, target: float, corrected: float) -> None:
     """Write the steps of unknowns, slacks and weights towards products of slack and weight of ``target``."""
     n, H, r = programme.caps.shape[0], work.bands, work.step
     m = n + 2
@@ -383,7 +383,7 @@ def _direct(programme: Programme, work: Work, y: Array, target: float, corrected
 
 
 @njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _longest(programme: Programme, work: Work, y: Array, part: float) -> tuple[float, float]:
+def _longest(programme: Programme, work: LawRoom, y: Array, part: float) -> tuple[float, float]:
     """Largest shares, up to 1, of the steps of unknowns and of weights that keep ``part`` of what is
     positive."""
     by_y, by_weight = 1.0 / part, 1.0 / part

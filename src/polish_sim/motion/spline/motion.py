@@ -203,7 +203,7 @@ class Feed(NamedTuple):
         return np.minimum(np.interp(places - 1e-9, *self), np.interp(places + 1e-9, *self))
 
 
-class Task(NamedTuple):
+class SplineTask(NamedTuple):
     """What all stretches have in common."""
 
     feed: Feed
@@ -268,7 +268,7 @@ def plan_spline(
         ReachError: The arm cannot follow it; names a place.
         SmoothingError: No speed keeps the joints' limits; names a segment.
     """
-    task, n = Task(feed, limits, tolerances, arm, of_tip), len(chain.lengths)
+    task, n = SplineTask(feed, limits, tolerances, arm, of_tip), len(chain.lengths)
     slowest = np.minimum(feed.at(places[:-1] + 1e-6), feed.at(places[1:] - 1e-6))
     steps = np.diff(places)
     feeds = np.where(steps > 0.0, slowest * chain.lengths / np.where(steps > 0.0, steps, 1.0), np.inf)
@@ -314,7 +314,7 @@ def _slower(stretch: Stretch | None, lasting: Array, turns: Array) -> Indices:
     return np.flatnonzero((lost[1:-1] > 0.0) & (lost[1:-1] >= np.maximum(lost[:-2], lost[2:])))
 
 
-def _stretch(task: Task, chain: Chain, places: Array, a: int, b: int, stops: Stops) -> Stretch | None:
+def _stretch(task: SplineTask, chain: Chain, places: Array, a: int, b: int, stops: Stops) -> Stretch | None:
     """The fastest motion along a smooth curve near some segments; None where there is none."""
     line = polyline_of(part_of(chain, slice(a, b)), places[a : b + 1])
     try:
@@ -352,7 +352,7 @@ def _stretch(task: Task, chain: Chain, places: Array, a: int, b: int, stops: Sto
     return Stretch(line, curve, _within_limits(task, curve, slowed(passage, max(1.0, found[1])), stops.q[a]))
 
 
-def _stop(task: Task, chain: Chain, places: Array, k: int, stops: Stops) -> Stretch:
+def _stop(task: SplineTask, chain: Chain, places: Array, k: int, stops: Stops) -> Stretch:
     """One segment from rest to rest."""
     line = polyline_of(part_of(chain, slice(k, k + 1)), places[k : k + 2])
     length = float(line.u[-1])
@@ -370,7 +370,9 @@ def _stop(task: Task, chain: Chain, places: Array, k: int, stops: Stops) -> Stre
     return Stretch(line, curve, _within_limits(task, curve, passage, stops.q[k], 1.0))
 
 
-def _within_limits(task: Task, curve: Curve, passage: Passage, q: Array, spare: float = SPARE) -> Passage:
+def _within_limits(
+    task: SplineTask, curve: Curve, passage: Passage, q: Array, spare: float = SPARE
+) -> Passage:
     """A passage slowed as a whole by as much as any place of it needs; joints near ``q`` (6,) at its
     start."""
     u, *moved = passage_at(

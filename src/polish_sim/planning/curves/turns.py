@@ -151,7 +151,7 @@ class Turn:
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class OpenPiece:
     """A connected part of the region not yet covered, and the turns around it."""
 
     turns: tuple[Turn, ...]
@@ -197,7 +197,7 @@ def grow_turns(
     """
     roots = [Turn(curve) for curve in borders]
     front = Front(mesh, first, stepover)
-    pieces, number = [Piece(tuple(roots), {0: [np.arange(len(mesh.vertices))]})], 0
+    pieces, number = [OpenPiece(tuple(roots), {0: [np.arange(len(mesh.vertices))]})], 0
     area = total = mesh.areas.sum()
     while pieces:
         inner, covered = zip(*[_shrink(surface, front, piece, number) for piece in pieces], strict=True)
@@ -243,7 +243,9 @@ def ring_turns(
     return RingTurns(0.5 * pitch, pitch)
 
 
-def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> tuple[list[Piece], Indices]:
+def _shrink(
+    surface: SurfaceQuery, front: Front, piece: OpenPiece, number: int
+) -> tuple[list[OpenPiece], Indices]:
     """One step inwards: the pieces left, their new turns hung below those they come from; and the vertices
     covered."""
     step, curves = front.step(number), CurveSet(tuple(turn.curve for turn in piece.turns))
@@ -263,7 +265,7 @@ def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> t
             continue
         turns = tuple(_new_turn(surface, front, piece, curves, line, step) for line in own if line.closed)
         if turns:
-            pieces.append(Piece(turns, rest))
+            pieces.append(OpenPiece(turns, rest))
     for turn in piece.turns:
         if not turn.children:
             turn.inside = _all_rows(piece.waiting)
@@ -271,7 +273,7 @@ def _shrink(surface: SurfaceQuery, front: Front, piece: Piece, number: int) -> t
 
 
 def _parts(
-    front: Front, piece: Piece, lines: Sequence[LevelLine], waiting: Waiting
+    front: Front, piece: OpenPiece, lines: Sequence[LevelLine], waiting: Waiting
 ) -> Iterator[tuple[Sequence[LevelLine], Waiting]]:
     """What is left of a piece part by part: the lines around each, and its vertices."""
     if len(lines) <= 1 or _follow_one_by_one(front, piece, lines):
@@ -286,7 +288,7 @@ def _parts(
             yield own, _select_rows(waiting, labels == label)
 
 
-def _follow_one_by_one(front: Front, piece: Piece, lines: Sequence[LevelLine]) -> bool:
+def _follow_one_by_one(front: Front, piece: OpenPiece, lines: Sequence[LevelLine]) -> bool:
     """Whether each line follows another turn all the way round: then what is left is still in one part."""
     followed = [np.unique(front.which[line.vertices]) for line in lines]
     pure = all(line.closed and len(found) == 1 for line, found in zip(lines, followed, strict=True))
@@ -294,7 +296,7 @@ def _follow_one_by_one(front: Front, piece: Piece, lines: Sequence[LevelLine]) -
 
 
 def _new_turn(
-    surface: SurfaceQuery, front: Front, piece: Piece, curves: CurveSet, line: LevelLine, step: float
+    surface: SurfaceQuery, front: Front, piece: OpenPiece, curves: CurveSet, line: LevelLine, step: float
 ) -> Turn:
     turn = Turn(offset_curve(surface, curves.curves, line, step))
     nearest = front.which[line.vertices]

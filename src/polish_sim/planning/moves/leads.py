@@ -126,7 +126,7 @@ NEAR = 3  #: Points tried when only the pad's rim touches
 LONGEST_CUT = 0.45  #: No end of a stroke is shortened by more than this share of it
 
 
-class Air(NamedTuple):
+class AirSpace(NamedTuple):
     """What the lifted tool must keep clear of."""
 
     part: Surface  #: The whole part, in its fixture if it has one
@@ -162,7 +162,7 @@ class ChosenLeads(NamedTuple):
     end: Landing
 
 
-def choose_leads(process: Move, name: str, air: Air, stepover: float) -> ChosenLeads | None:
+def choose_leads(process: Move, name: str, air: AirSpace, stepover: float) -> ChosenLeads | None:
     """Keep the lead asked for unless the pad would run into the part on it; then come straight along the
     axis.
 
@@ -183,7 +183,7 @@ def choose_leads(process: Move, name: str, air: Air, stepover: float) -> ChosenL
 
 
 def _choose(
-    process: Move, at_start: bool, name: str, air: Air, ball: Ball, stepover: float
+    process: Move, at_start: bool, name: str, air: AirSpace, ball: Ball, stepover: float
 ) -> Landing | None:
     """The first landing that is clear: as asked, straight, from lower, further along; last with the pad in a
     wall."""
@@ -191,7 +191,7 @@ def _choose(
     straight: list[tuple[LeadShape, float]] = [(normal_lead, share * air.clearance) for share in LOWER]
     point_only = air._replace(pad_radius=0.0)
     last = 0 if at_start else len(process.positions) - 1
-    tries: list[tuple[Air, list[tuple[LeadShape, float]], list[int]]] = [
+    tries: list[tuple[AirSpace, list[tuple[LeadShape, float]], list[int]]] = [
         (air, [(LEADS[name], air.clearance), *straight], [last]),
         (air, straight, rows[:NEAR]),
         (point_only, straight, [last, *rows]),
@@ -216,7 +216,7 @@ def _rows_along(process: Move, at_start: bool, stepover: float) -> list[int]:
 
 
 def _is_clear(
-    process: Move, at_start: bool, shape: LeadShape, clearance: float, air: Air, ball: Ball
+    process: Move, at_start: bool, shape: LeadShape, clearance: float, air: AirSpace, ball: Ball
 ) -> bool:
     """Whether neither the lead nor the way out from it runs into the part."""
     end = slice(0, 1) if at_start else slice(-1, None)
@@ -236,7 +236,7 @@ def _is_clear(
     return way_out(air.part, ball, top, process.axes[end][0], air.up, kept) is not None
 
 
-def _pressed_at(position: Array, axis: Array, air: Air) -> Places | None:
+def _pressed_at(position: Array, axis: Array, air: AirSpace) -> Places | None:
     """The tool pressed on the part at a place (1, 3); None without a tool."""
     if air.tool is None:
         return None

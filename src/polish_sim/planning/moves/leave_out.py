@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.config import PlanConfig
-from polish_sim.planning.moves.leads import Air, Move, choose_leads, concatenate, with_leads
+from polish_sim.planning.moves.leads import AirSpace, Move, choose_leads, concatenate, with_leads
 from polish_sim.planning.moves.travel import travel
 from polish_sim.planning.toolpath import LEAD_OUT, PROCESS, RETRACT, ToolPath, arc_length, stretches
 
@@ -32,7 +32,7 @@ class _Block(NamedTuple):
     source: Indices
 
 
-def leave_out(path: ToolPath, gone: Bools, plan: PlanConfig, air: Air) -> Remaining | None:
+def lift_over(path: ToolPath, gone: Bools, plan: PlanConfig, air: AirSpace) -> Remaining | None:
     """Lift the tool over rows of a path (m,) in contact; stretches shorter than a step-over go with them.
 
     Strokes before the first that changes stay as they are. Every other stretch that stays gets leads clear of
@@ -72,7 +72,7 @@ def leave_out(path: ToolPath, gone: Bools, plan: PlanConfig, air: Air) -> Remain
 
 
 def _placed(
-    path: ToolPath, first: int, last: int, plan: PlanConfig, air: Air, previous: _Block | None
+    path: ToolPath, first: int, last: int, plan: PlanConfig, air: AirSpace, previous: _Block | None
 ) -> _Block | None:
     """A stretch of a path with leads, and the way to it from the stroke before; None if it has none."""
     rows = np.arange(first, last + 1)

@@ -12,7 +12,7 @@ from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.moves.leads import Air, Move, evenly
+from polish_sim.planning.moves.leads import AirSpace, Move, evenly
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
 from polish_sim.planning.toolpath import APPROACH
 from polish_sim.spatial import perpendicular, unit
@@ -21,7 +21,7 @@ LEVELS = 5  #: Heights tried between the lifted tool's own and one above everyth
 ROUND = 24  #: Corners of a way round the part
 
 
-def travel(first: Move, second: Move, air: Air) -> tuple[Move, bool]:
+def travel(first: Move, second: Move, air: AirSpace) -> tuple[Move, bool]:
     """Carry the lifted tool from one run to the next, no higher than the part between makes it.
 
     Returns the points between, as approach to the second run, and whether they keep clear of the part.

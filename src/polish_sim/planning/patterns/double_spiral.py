@@ -25,7 +25,7 @@ from polish_sim.planning.patterns.fermat import connect
 from polish_sim.planning.patterns.leftover import finish_middle
 from polish_sim.planning.patterns.nested import all_turns, with_loops
 from polish_sim.planning.patterns.run import PatternRequest, Run, averaged_twice, dense
-from polish_sim.planning.quality.located import Samples, Strands
+from polish_sim.planning.quality.located import RunSamples, Strands
 from polish_sim.planning.quality.spacing import along, neighbours_beside
 from polish_sim.planning.toolpath import arc_length
 from polish_sim.spatial import unit
@@ -53,13 +53,13 @@ def double_spirals(request: PatternRequest, roots: Sequence[Turn]) -> list[Run]:
     if not turns:
         return []
     joined = connect([turn.curve for turn in turns], stepover, request.plan.start)
-    lines = even_out(request, joined, ROUNDS)
+    lines = even_spacing(request, joined, ROUNDS)
     finished = finish_middle(mesh, lines, stepover)
     strokes = sorted(finished[len(lines) :], key=lambda run: -len(dense(run.positions, SPACING * stepover)))
-    return even_out(request, finished[: len(lines)] + strokes[:MOST_STROKES], AFTERWARDS)
+    return even_spacing(request, finished[: len(lines)] + strokes[:MOST_STROKES], AFTERWARDS)
 
 
-def even_out(request: PatternRequest, runs: Sequence[Run], rounds: int) -> list[Run]:
+def even_spacing(request: PatternRequest, runs: Sequence[Run], rounds: int) -> list[Run]:
     """Spread the gaps between strands evenly in a number of ``rounds``; strands that follow a border stay."""
     surface, mesh, stepover = request.region.surface, request.mesh, request.stepover
     lines = [run.positions for run in runs]
@@ -72,7 +72,7 @@ def even_out(request: PatternRequest, runs: Sequence[Run], rounds: int) -> list[
     return [Run(line, _passes(run, line)) for run, line in zip(runs, lines, strict=True)]
 
 
-def _sampled(surface: Surface, lines: Sequence[Array], stepover: float) -> Samples:
+def _sampled(surface: Surface, lines: Sequence[Array], stepover: float) -> RunSamples:
     """Evenly spaced points of all lines with the normals of the surface below."""
     lines = [dense(line, SPACING * stepover) for line in lines]
     ends = np.cumsum([len(line) for line in lines])[:-1]
@@ -83,7 +83,7 @@ def _sampled(surface: Surface, lines: Sequence[Array], stepover: float) -> Sampl
     )
 
 
-def _moved(mesh: Triangulation, path: Samples, free: Bools, stepover: float) -> list[Array]:
+def _moved(mesh: Triangulation, path: RunSamples, free: Bools, stepover: float) -> list[Array]:
     """The lines after one round."""
     tangents = unit(along(path))
     sides = np.cross(path.normals, tangents)
@@ -104,7 +104,7 @@ def _moved(mesh: Triangulation, path: Samples, free: Bools, stepover: float) -> 
     return out
 
 
-def _gaps(path: Samples, tangents: Array, beside: Indices, stepover: float) -> Array:
+def _gaps(path: RunSamples, tangents: Array, beside: Indices, stepover: float) -> Array:
     """Distance to the neighbour on one side as far as it counts; a step-over where there is none [m], shape
     (n,)."""
     gap = np.linalg.norm(path.points[beside] - path.points, axis=1)
@@ -113,7 +113,7 @@ def _gaps(path: Samples, tangents: Array, beside: Indices, stepover: float) -> A
     return np.where(beside >= 0, gap, stepover)
 
 
-def _drawn(mesh: Triangulation, path: Samples, sides: Array, stepover: float) -> tuple[Array, Array]:
+def _drawn(mesh: Triangulation, path: RunSamples, sides: Array, stepover: float) -> tuple[Array, Array]:
     """How far what is not covered lies off to the left of each point, summed [m], and how many places that
     are."""
     distance, nearest = cKDTree(path.points).query(mesh.vertices)

@@ -45,7 +45,7 @@ class End(NamedTuple):
     onwards: bool  #: Whether the turn continues from here with growing arc length, not against it
 
 
-class Link(NamedTuple):
+class JoinedEnds(NamedTuple):
     """Two ends joined."""
 
     first: End
@@ -56,7 +56,7 @@ class Link(NamedTuple):
 class Seam(NamedTuple):
     """How the turns of a pocket are joined."""
 
-    links: tuple[Link, ...]
+    links: tuple[JoinedEnds, ...]
     free: tuple[End, ...]  #: Ends where the whole path begins and ends: two, or none
 
 
@@ -108,7 +108,7 @@ def _levels(curves: Sequence[Curve], pocket: Pocket, stepover: float) -> Levels:
     return Levels(row, pocket.turns, pocket.s, tuple(signs), pocket.bands)
 
 
-def _crossing(levels: Levels, level: int) -> Link:
+def _crossing(levels: Levels, level: int) -> JoinedEnds:
     """From the left end at a level straight down to the right end two levels further in."""
     u = np.linspace(0.0, 1.0, LINE_POINTS)
     outer, middle, inner = (levels.at(level + k, (u - 0.5) * levels.bands[level + k]) for k in range(3))
@@ -116,7 +116,7 @@ def _crossing(levels: Levels, level: int) -> Link:
     line = 0.5 * (depth - 1.0) * (depth - 2.0) * outer + depth * (2.0 - depth) * middle
     line += 0.5 * depth * (depth - 1.0) * inner
     left = levels.end(level, -0.5 * levels.bands[level], False)
-    return Link(left, levels.end(level + 2, 0.5 * levels.bands[level + 2], True), line[1:-1])
+    return JoinedEnds(left, levels.end(level + 2, 0.5 * levels.bands[level + 2], True), line[1:-1])
 
 
 class _Bow(NamedTuple):
@@ -148,7 +148,7 @@ def _bow(tip: float, width: float, reach: float, begin: float) -> _Bow:
     return _Bow(np.append(u[on], begin), np.append(depth[on], 1.0))
 
 
-def _u_turn(levels: Levels, straight: int, bent: int, bow: _Bow) -> Link:
+def _u_turn(levels: Levels, straight: int, bent: int, bow: _Bow) -> JoinedEnds:
     """A U-turn between two levels; on the left of the seam's middle it is turned by half a turn."""
     right = straight < bent
     u = bow.u if right else 1.0 - bow.u
@@ -156,7 +156,7 @@ def _u_turn(levels: Levels, straight: int, bent: int, bow: _Bow) -> Link:
     depth = bow.depth[:, None]
     line = (1.0 - depth) * levels.at(straight, first) + depth * levels.at(bent, second)
     ends = levels.end(straight, float(first[0]), right), levels.end(bent, float(second[-1]), right)
-    return Link(*ends, line[1:-1])
+    return JoinedEnds(*ends, line[1:-1])
 
 
 def _free_ends(levels: Levels, stepover: float) -> tuple[End, End]:
@@ -236,7 +236,7 @@ def connect(curves: Sequence[Curve], stepover: float, start: Sequence[float] = (
     return runs
 
 
-def _walk(curves: Sequence[Curve], links: Sequence[Link], begin: End, end: End) -> Run:
+def _walk(curves: Sequence[Curve], links: Sequence[JoinedEnds], begin: End, end: End) -> Run:
     """Follow turns and links from one free end to the other."""
     partner: dict[End, tuple[End, Array]] = {}
     ends: dict[int, list[End]] = {}

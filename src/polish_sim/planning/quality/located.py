@@ -115,7 +115,7 @@ def with_points_between(path: ToolPath) -> ToolPath:
 _BETWEEN = 1.0  #: Length left between runs on the common scale [m], so that none reads into the next
 
 
-class Samples(NamedTuple):
+class RunSamples(NamedTuple):
     """Evenly spaced points of all runs, run after run."""
 
     run: Indices  #: Which run, shape (n,)
@@ -154,14 +154,14 @@ class Strands:
             self._normals[index] + share * (self._normals[index + 1] - self._normals[index])
         )
 
-    def sample(self, spacing: float) -> Samples:
+    def sample(self, spacing: float) -> RunSamples:
         """Points no further apart than a spacing [m], three or more of each run, both ends among them."""
         counts = np.maximum(np.ceil(self.lengths / spacing).astype(np.int64), 2) + 1
         first = np.concatenate([[0], np.cumsum(counts)])
         run = np.repeat(np.arange(len(counts)), counts)
         s = (np.arange(first[-1]) - first[run]) * (self.lengths / (counts - 1))[run]
         points, normals = self.at(run, s)
-        return Samples(run, s, points, normals, first)
+        return RunSamples(run, s, points, normals, first)
 
 
 # The chords of a path, each with its normals: what crossings are looked for among (runs -> Segments).

@@ -14,7 +14,7 @@ from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, foot_on_chord
 from polish_sim.planning.ground.points import build_point_grid, cells_between
-from polish_sim.planning.quality.located import Samples, Strands
+from polish_sim.planning.quality.located import RunSamples, Strands
 from polish_sim.planning.toolpath import ToolPath, stretches
 from polish_sim.spatial import unit
 
@@ -62,7 +62,7 @@ def stepover_of(kept: Array, excluded: float) -> Stepover:
     return Stepover(float(kept.min()), p5, float(kept.mean()), p95, float(kept.max()), excluded, kept)
 
 
-def along(path: Samples) -> Array:
+def along(path: RunSamples) -> Array:
     """Central differences along each run, shape (n, 3)."""
     rows = np.arange(len(path.run))
     before = np.maximum(rows - 1, path.first[path.run])
@@ -70,7 +70,7 @@ def along(path: Samples) -> Array:
     return path.points[after] - path.points[before]
 
 
-def _corners(path: Samples) -> Bools:
+def _corners(path: RunSamples) -> Bools:
     """Points within half a step-over of a place where the path turns by more than 60 deg within one."""
     half = SAMPLES // 2
     index = np.arange(len(path.run))
@@ -82,7 +82,7 @@ def _corners(path: Samples) -> Bools:
     return binary_dilation(sharp, iterations=half)
 
 
-def neighbours_beside(path: Samples, sides: Array, stepover: float) -> tuple[Indices, Indices]:
+def neighbours_beside(path: RunSamples, sides: Array, stepover: float) -> tuple[Indices, Indices]:
     """The nearest sample of another turn on the left and on the right of each sample, -1 where there is
     none."""
     reach = FURTHEST * stepover
@@ -123,7 +123,7 @@ def _nearest_beside(points, sides, run, s, grid, reach, own):  # type: ignore[no
     return found
 
 
-def _last_half_turns(path: Samples, sides: tuple[Indices, Indices]) -> Bools:
+def _last_half_turns(path: RunSamples, sides: tuple[Indices, Indices]) -> Bools:
     """The second half of the turn that a run closes around its own end, as a spiral does in the middle."""
     out = np.zeros(len(path.s), dtype=bool)
     for first, last in zip(path.first[:-1], path.first[1:] - 1, strict=True):
@@ -134,7 +134,7 @@ def _last_half_turns(path: Samples, sides: tuple[Indices, Indices]) -> Bools:
     return out
 
 
-def _is_one_turn(path: Samples, first: int, last: int) -> bool:
+def _is_one_turn(path: RunSamples, first: int, last: int) -> bool:
     """Whether a run goes round about once between two of its samples: not to and fro, not round and round."""
     rows = np.arange(first, last + 1, SAMPLES // 2)
     ways, normals = np.diff(path.points[rows], axis=0), path.normals[rows[1:-1]]
@@ -143,7 +143,7 @@ def _is_one_turn(path: Samples, first: int, last: int) -> bool:
     return bool(abs(turns.sum()) > 1.5 * np.pi and np.abs(turns).sum() < 4.0 * np.pi)
 
 
-def _refine(strands: Strands, path: Samples, beside: Indices, wanted: Bools, stepover: float) -> Array:
+def _refine(strands: Strands, path: RunSamples, beside: Indices, wanted: Bools, stepover: float) -> Array:
     """Distances to the neighbouring turn itself instead of its nearest sample."""
     rows = np.flatnonzero(wanted)
     run, s, points = path.run[beside[rows]], path.s[beside[rows]], path.points[rows]
@@ -204,7 +204,7 @@ def _refined_guess(strands: Strands, total: float, spacing: float) -> float | No
     return guess
 
 
-def _guess(path: Samples) -> float | None:
+def _guess(path: RunSamples) -> float | None:
     """Median distance from some samples to the nearest one of another turn."""
     asked = np.unique(np.linspace(0, len(path.s) - 1, ASKED).astype(np.int64))
     low, high = path.first[path.run[asked]], path.first[path.run[asked] + 1] - 1
