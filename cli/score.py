@@ -219,7 +219,7 @@ def _write(folder: Path, given: Given, score: Score, verdicts: Verdicts) -> None
 def _facts(score: Score) -> dict[str, Any]:
     from polish_sim.scoring import breaking, summarize, worst_case
 
-    summaries = summarize(score.cases, score.entries, score.rows)
+    summaries = summarize(score)
     return {
         "controllers": [entry.label for entry in score.entries],
         "cases": [case.name for case in score.cases],
@@ -234,7 +234,7 @@ def _facts(score: Score) -> dict[str, Any]:
 def _show(given: Given, score: Score, verdicts: Verdicts) -> None:
     from polish_sim.scoring import ablation_table, breaking, overview, summarize, verdict_table, worst_line
 
-    summaries = summarize(score.cases, score.entries, score.rows)
+    summaries = summarize(score)
     left = 2 if len(score.entries) > 1 else 1
     seeds = f"worst of {score.seeds} seeds (means in score.md)" if score.seeds > 1 else "one seed"
     console.table(f"score [s, N], {seeds}", *overview(summaries, means=False), left=left)
@@ -259,7 +259,7 @@ def _page(score: Score, verdicts: Verdicts) -> str:
     from polish_sim.page.page import page_html, tables_page
     from polish_sim.scoring import breaking, overview, summarize, verdict_table, worst_case, worst_line
 
-    summaries = summarize(score.cases, score.entries, score.rows)
+    summaries = summarize(score)
     tables: dict[str, list[Sequence[str]]] = {
         f"Asked of {entry.label}": verdict_table(own).lines for entry, own in verdicts if own
     }

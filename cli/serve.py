@@ -389,9 +389,9 @@ def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
 
 def _score(task: Task, place: Workplace, run: CellRun, folder: Path) -> None:
     from polish_sim.analysis.run_record import write_json
-    from polish_sim.scoring import measured, overview, summarize
+    from polish_sim.scoring import Score, measured, overview, summarize
 
     row = measured(task, place, run)
     write_json(folder / SCORE, {"rows": [row]})
-    summaries = summarize([task.case], [task.entry], [row])
+    summaries = summarize(Score((task.case,), (task.entry,), 1, (row,), 1, interrupted=False))
     console.table(f"{CLIENT} [s, N], seed {task.seed}", *overview(summaries, means=False))

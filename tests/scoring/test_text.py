@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -57,7 +58,7 @@ BOTH = score_of(
 
 
 def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_that_falls_short() -> None:
-    headings, rows = overview(summarize(BOTH.cases, BOTH.entries, BOTH.rows), means=False)
+    headings, rows = overview(summarize(BOTH), means=False)
     settling = headings.index("settling")
     assert [line[settling] for line in rows] == ["0.2", "never", "-", "-"]
     assert [line[0] for line in rows] == ["approach-20", "", "freeform-60", ""]
@@ -67,7 +68,7 @@ def test_tables_say_never_only_where_settling_is_defined_and_no_with_the_run_tha
 
 
 def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error() -> None:
-    summaries = summarize(BOTH.cases, BOTH.entries, BOTH.rows)
+    summaries = summarize(BOTH)
     worst = worst_case(summaries, B)
     assert worst is not None
     assert (worst["case"], worst["seed"], worst["stable"]) == ("approach-20", 1, False)
@@ -78,7 +79,7 @@ def test_the_worst_case_is_the_unstable_one_and_else_the_largest_error() -> None
     (line,) = breaking(summaries, B)
     assert line.startswith("approach-20: 1 of 2 runs, contact lost for 0.75 s")
     stopped = row(HOLD, A, 0, stable=False, protective_stop="force above the limit", max_error_n=None)
-    assert breaking(summarize((HOLD,), (A,), [stopped]), A) == [
+    assert breaking(summarize(replace(BOTH, cases=(HOLD,), entries=(A,), rows=(stopped,))), A) == [
         "approach-20: 1 of 1 runs, force above the limit"
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from polish_sim.errors import InputError, count_text
@@ -59,14 +59,14 @@ class Summary:
         return tuple(dict.fromkeys(row["protective_stop"] for row in self.rows if row["protective_stop"]))
 
 
-def summarize(cases: Sequence[Case], entries: Sequence[Entry], rows: Sequence[Row]) -> list[Summary]:
+def summarize(score: Score) -> list[Summary]:
     """Summaries in the order of the cases, then of the controllers; what has no row is left out."""
     found: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
+    for row in score.rows:
         found.setdefault((row["case"], row["controller"]), []).append(row)
     summaries = []
-    for case in cases:
-        for entry in entries:
+    for case in score.cases:
+        for entry in score.entries:
             own = found.get((case.name, entry.label))
             if own:
                 figures = {name: spread([row[name] for row in own]) for name in own[0] if name in _FIGURES}
@@ -152,7 +152,7 @@ def verdict_table(verdicts: Sequence[JudgedFigure]) -> Table:
 
 def worst_line(score: Score, entry: Entry) -> str:
     """The worst case of a controller in one line."""
-    worst = worst_case(summarize(score.cases, score.entries, score.rows), entry)
+    worst = worst_case(summarize(score), entry)
     if worst is None:
         return f"{entry.label}: no rows"
     how = "" if worst["stable"] else f", {worst['protective_stop'] or 'not stable'}"
@@ -165,7 +165,7 @@ def markdown(
 ) -> str:
     """The whole score as a Markdown page; ``ablated``: every controller but the first lacks one of its
     laws."""
-    summaries = summarize(score.cases, score.entries, score.rows)
+    summaries = summarize(score)
     names = " and ".join(f"`{entry.label}`" for entry in score.entries)
     parts = [f"# Score of {names}", _intro(score)]
     parts += [f"Worst case of {worst_line(score, entry)}." for entry in score.entries]
@@ -310,7 +310,7 @@ def ablation_ratios(score: Score) -> dict[str, dict[str, dict[str, float]]]:
 
 def _laws_left_out(score: Score) -> Iterator[tuple[str, list[tuple[Summary, Summary]]]]:
     """Each law, and the cases measured with and without it."""
-    whole, *without = (summarize(score.cases, [entry], score.rows) for entry in score.entries)
+    whole, *without = (summarize(replace(score, entries=(entry,))) for entry in score.entries)
     with_it = {summary.case.name: summary for summary in whole}
     for entry, own in zip(score.entries[1:], without, strict=True):
         pairs = [(with_it[summary.case.name], summary) for summary in own if summary.case.name in with_it]
