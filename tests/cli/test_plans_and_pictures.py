@@ -161,7 +161,7 @@ def test_an_interrupt_leaves_no_half_of_a_film(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(film, "check_film", lambda: None)
-    monkeypatch.setattr(run, "save_cell", lambda *_: True)
+    monkeypatch.setattr(run, "save_cell_picture", lambda *_: True)
     monkeypatch.setattr(film, "_frames", interrupted)
     code, _, err = polish_sim("run", "arc", *QUICK, "--video", "--out", "run")
     assert code == 130
