@@ -171,4 +171,4 @@ def set_to(out: Array, v: Vector) -> None:
 @kernel
 def add_to(out: Array, v: Vector) -> None:
     """Add a vector to an array (3,)."""
-    set_to(out, plus(out, v))
+    out[0], out[1], out[2] = out[0] + v[0], out[1] + v[1], out[2] + v[2]

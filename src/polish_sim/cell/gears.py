@@ -24,19 +24,7 @@ import numpy as np
 from polish_sim.arrays import Array
 from polish_sim.cell.engine import EngineViews
 from polish_sim.control.signals import Measurement
-from polish_sim.kernels import (
-    Matrix4,
-    Record,
-    Vector3,
-    Vector6,
-    cross,
-    dot,
-    kernel,
-    matvec,
-    minus,
-    plus_matvec,
-    set_to,
-)
+from polish_sim.kernels import Matrix4, Record, Vector3, Vector6, cross, dot, kernel, minus
 from polish_sim.motion.kinematics import advance_frame, joint_rows
 
 PRESSED_S = 0.2  #: In which the host believes a force to stay [s]
@@ -78,13 +66,14 @@ def read_encoders(arm: HostArm, q: Array, first: int) -> None:
         for j in range(4):
             T[i, j] = arm.T_world_base[i, j]
     for k in range(6):
-        set_to(arm.anchors[k], T[:, 3])
-        set_to(arm.axes[k], T[:, 2])
+        for i in range(3):
+            arm.anchors[k, i], arm.axes[k, i] = T[i, 3], T[i, 2]
         advance_frame(T, arm.table[k], q[first + k])
-    E, turn = arm.T_flange_end, arm.turn.reshape((3, 3))
-    set_to(arm.place, plus_matvec(T[:, 3], T, E[:, 3]))
-    for j in range(3):
-        set_to(turn[:, j], matvec(T, E[:, j]))
+    E = arm.T_flange_end
+    for i in range(3):
+        arm.place[i] = T[i, 3] + T[i, 0] * E[0, 3] + T[i, 1] * E[1, 3] + T[i, 2] * E[2, 3]
+        for j in range(3):
+            arm.turn[3 * i + j] = T[i, 0] * E[0, j] + T[i, 1] * E[1, j] + T[i, 2] * E[2, j]
 
 
 # The joints.

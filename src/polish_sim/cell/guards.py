@@ -23,7 +23,7 @@ from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.stroke import FEEDING, TARE, TOUCH_DOWN
 from polish_sim.config import SafetyConfig, SensorConfig
 from polish_sim.geometry.field_lookup import DistanceField, field_distance
-from polish_sim.kernels import Record, Vector3, kernel, matvec, minus, plus_matvec
+from polish_sim.kernels import Record, Vector3, kernel, matvec, minus, plus
 from polish_sim.models import robot_model_path
 
 if TYPE_CHECKING:
@@ -398,7 +398,7 @@ def _crashed(
     near = 0.5 * field.spacing
     for i in range(first, end, _CRASH_ROUNDS):
         body, p = crash.bodies[i], crash.points[i]
-        place = plus_matvec(e.xpos[body], e.xmat[body].reshape((3, 3)), p)
+        place = plus(e.xpos[body], matvec(e.xmat[body].reshape((3, 3)), p))
         x, y, z = matvec(part.rotation.T, minus(place, part.position))
         if field_distance(field, x, y, z) < near:
             return True

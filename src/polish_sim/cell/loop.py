@@ -134,8 +134,8 @@ def press_on_part(e: EngineViews, state: CellState, pad: Pad, part: RealPart) ->
         e.xfrc_applied[head, 3 + i] = moment[i]
     moment_at(force, torque, center, tool, moment)
     R_tool_base = e.site_xmat[e.tool_site].reshape((3, 3)).T
-    set_to(wrench, scaled(-1.0, matvec(R_tool_base, force)))
-    set_to(wrench[3:], scaled(-1.0, matvec(R_tool_base, moment)))
+    set_to(wrench[0:3], scaled(-1.0, matvec(R_tool_base, force)))
+    set_to(wrench[3:6], scaled(-1.0, matvec(R_tool_base, moment)))
     pull_of_imbalance(state.spindle, e.xmat[head], e.xfrc_applied[head])
 
 

@@ -12,7 +12,7 @@ from polish_sim.arrays import Array, Ints
 from polish_sim.cell.engine import EngineViews
 from polish_sim.cell.kernel import CellState
 from polish_sim.control.signals import Target
-from polish_sim.kernels import Record, Vector2, Vector3, dot, kernel, minus, set_to
+from polish_sim.kernels import Record, Vector2, Vector3, kernel
 from polish_sim.log import Trace, row_layout, row_width
 from polish_sim.spatial import quaternion_from_rotation, rotation_angle
 
@@ -148,12 +148,15 @@ def record_exact(recorder: Recorder, e: EngineViews, state: CellState, speed: fl
 @kernel
 def _trace_errors(step: TraceStep, position: Array, rotation: Array, target: Target) -> None:
     """Errors of the tool's pose, base frame: ``position`` (3,) [m], ``rotation`` (3, 3)."""
-    error = minus(target.position, position)
-    along, total = dot(error, target.rotation[:, 2]), dot(error, error)
+    ex = target.position[0] - position[0]
+    ey = target.position[1] - position[1]
+    ez = target.position[2] - position[2]
+    along = ex * target.rotation[0, 2] + ey * target.rotation[1, 2] + ez * target.rotation[2, 2]
+    total = ex * ex + ey * ey + ez * ez
     step.position_error_m = math.sqrt(total)
     step.tangential_error_m = math.sqrt(max(total - along * along, 0.0))
     step.orientation_error_rad = rotation_angle(rotation, target.rotation)
-    set_to(step.target_error_m, error)
+    step.target_error_m[0], step.target_error_m[1], step.target_error_m[2] = ex, ey, ez
 
 
 @kernel

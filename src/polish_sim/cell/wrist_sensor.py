@@ -158,9 +158,9 @@ def tool_wrench(payload: Payload, sensor: WristSensor, R_base_tool: Array, out: 
     """
     reading, tare = sensor.reading, sensor.tare
     weight = scaled(payload.mass * GRAVITY, R_base_tool[2])
-    force = minus(reading, weight)
+    force = minus(reading[0:3], weight)
     moment = minus(reading[3:6], cross(payload.center, weight))
-    set_to(out, minus(force, tare))
+    set_to(out[0:3], minus(force, tare[0:3]))
     set_to(out[3:6], minus(minus(moment, cross(payload.lever, force)), tare[3:6]))
 
 

@@ -125,7 +125,7 @@ def turn_to_target(
 @kernel
 def along_z(m: Measurement, twist: Array) -> float:
     """Speed along tool z [m/s]."""
-    return float(dot(m.rotation[:, 2], twist))
+    return float(dot(m.rotation[:, 2], twist[0:3]))
 
 
 @kernel
