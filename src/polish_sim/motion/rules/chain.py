@@ -174,14 +174,12 @@ def _fill_segments(chain: Chain) -> None:
 @njit
 def fill_segment(chain: Chain, k: int) -> None:
     """Write length, direction, angle, turn axis and roll of segment ``k`` from its two way points."""
-    square = 0.0
-    for i in range(3):
-        chain.directions[k, i] = chain.tips[k + 1, i] - chain.tips[k, i]
-        square += chain.directions[k, i] ** 2
-    length = math.sqrt(square)
+    direction = chain.directions[k]
+    set_to(direction, minus(chain.tips[k + 1], chain.tips[k]))
+    length = math.sqrt(dot(direction, direction))
     chain.lengths[k] = length if length > SAME_PLACE else 0.0
     for i in range(3):
-        chain.directions[k, i] = chain.directions[k, i] / length if length > SAME_PLACE else 0.0
+        direction[i] = direction[i] / length if length > SAME_PLACE else 0.0
     _fill_turn(chain, k)
     chain.rolls[k] = _roll(chain, k)
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot, minus
 from polish_sim.motion.rules.chain import Chain, axis_distance, tip_distance
 from polish_sim.motion.rules.schedule import SmoothMotion
 
@@ -158,8 +159,8 @@ def _nearest(
     beside."""
     for i in range(tips.shape[0]):
         for r in range(first[i], min(stop[i] + 1, points.shape[0])):
-            x, y, z = tips[i, 0] - points[r, 0], tips[i, 1] - points[r, 1], tips[i, 2] - points[r, 2]
-            square = x * x + y * y + z * z
+            gap = minus(tips[i], points[r])
+            square = dot(gap, gap)
             if square < best[r]:
                 best[r], low[r], high[r] = square, times[max(i - 1, 0)], times[min(i + 1, tips.shape[0] - 1)]
 

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Indices
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot, minus
 
 MOST_ACROSS = 96  #: Cells along the longest side: with more the table itself would cost more than it saves
 
@@ -83,9 +84,8 @@ def _keep(points, cells, size, spacing):  # type: ignore[no-untyped-def]
                 for c in range(max(cells[i, 2] - 1, 0), min(cells[i, 2] + 2, size[2])):
                     j = last[(a * size[1] + b) * size[2] + c]
                     while j >= 0 and free:
-                        dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
-                        dz = points[i, 2] - points[j, 2]
-                        free = dx * dx + dy * dy + dz * dz >= spacing * spacing
+                        gap = minus(points[i], points[j])
+                        free = dot(gap, gap) >= spacing * spacing
                         j = before[j]
         if free:
             kept[i] = True

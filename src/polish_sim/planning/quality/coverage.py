@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
-from polish_sim.kernels import dot
+from polish_sim.kernels import dot, minus, scaled
 from polish_sim.planning.curves.curve import Curve, foot_on_chord
 from polish_sim.planning.ground.ground import Ground
 from polish_sim.planning.ground.points import build_point_grid, cells_between, thin
@@ -226,18 +226,11 @@ def _share_under(point, normal, a, b, axis, depth, radius):  # type: ignore[no-u
     """Share of a step during which a point is under the pad's compressed area."""
     if dot(normal, axis) <= 0.0:
         return 0.0
-    height = rise = 0.0
-    for d in range(3):
-        height += (point[d] - a[d]) * axis[d]
-        rise += (b[d] - a[d]) * axis[d]
+    offset, step = minus(point, a), minus(b, a)
+    height, rise = dot(offset, axis), dot(step, axis)
     # In the plane across the axis: |r - t e|^2 < R^2.
-    ee = re = rr = 0.0
-    for d in range(3):
-        r = point[d] - a[d] - height * axis[d]
-        e = b[d] - a[d] - rise * axis[d]
-        ee += e * e
-        re += r * e
-        rr += r * r
+    r, e = minus(offset, scaled(height, axis)), minus(step, scaled(rise, axis))
+    ee, re, rr = dot(e, e), dot(r, e), dot(r, r)
     first, last = 0.0, 1.0
     under = re * re - ee * (rr - radius * radius)
     if ee <= 1e-24:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from polish_sim.arrays import Array, Bools, Indices
 from polish_sim.kernel_cache import njit
+from polish_sim.kernels import dot, minus
 from polish_sim.planning.curves.curve import Curve, foot_on_chord
 from polish_sim.planning.ground.points import build_point_grid, cells_between
 from polish_sim.planning.quality.located import RunSamples, Strands
@@ -108,11 +109,11 @@ def _nearest_beside(points, sides, run, s, grid, reach, own):  # type: ignore[no
                     j = grid.items[q]
                     if run[j] == run[i] and abs(s[j] - s[i]) <= own:
                         continue
-                    dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
-                    far2 = dx * dx + dy * dy + dz * dz
+                    gap = minus(points[j], points[i])
+                    far2 = dot(gap, gap)
                     if far2 >= left and far2 >= right:
                         continue
-                    towards = dx * sides[i, 0] + dy * sides[i, 1] + dz * sides[i, 2]
+                    towards = dot(gap, sides[i])
                     beside = 0.25 * np.sqrt(far2)
                     if towards > beside and far2 < left:
                         left = far2
