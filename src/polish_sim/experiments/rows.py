@@ -24,8 +24,8 @@ def arc_claims(scenario: Scenario) -> tuple[Claim, ...]:
     Its slope, 202 / rad times 1.45e-4 rad in a large joint, makes up to 9% of the feed where the joints add
     up.
     """
-    ideal, feed = scenario.robot.arm == "ideal", scenario.process.feed_m_s
-    error, deviation = (1e-4, 0.01 * feed) if ideal else (3e-4, 0.09 * feed)
+    elastic, feed = scenario.robot.elastic, scenario.process.feed_m_s
+    error, deviation = (3e-4, 0.09 * feed) if elastic else (1e-4, 0.01 * feed)
     return (
         Claim("tracking_error_max_m", "tracking error, max", "mm", "< 0.3", high=error),
         Claim("tracking_error_rms_m", "tracking error, rms", "mm"),
@@ -53,7 +53,7 @@ def surface_claims(scenario: Scenario) -> tuple[Claim, ...]:
     The tool of an arm with gears strays from its path by what the host does not see of them: as far as the
     accuracy of arms of its class on a path, 0.65 mm (Slamani 2012, IRB 1600).
     """
-    strays = 3e-4 if scenario.robot.arm == "ideal" else 6.5e-4
+    strays = 6.5e-4 if scenario.robot.elastic else 3e-4
     stroke = Claim("flange_stroke_used", "stroke of the flange used", "%")
     return (
         Claim("force_within_4n", "force in ±4 N", "%", "100, six dips", low=0.995, more_is_better=True),
