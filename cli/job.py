@@ -62,6 +62,7 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
         with console.progress() as observer:
             if not (fresh or given["--resume"]):
                 shutil.rmtree(draft, ignore_errors=True)
+                draft.mkdir()
                 _replace(folder, draft, next(run_job(asked, draft, observer)).folder)
             folder.mkdir(parents=True, exist_ok=True)
             put(folder, COPY, copy)

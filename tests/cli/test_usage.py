@@ -59,6 +59,8 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("run force --config gone.toml", "gone.toml"),
         ("run force --calibration gone.toml", "cannot read the calibration 'gone.toml'"),
         ("run force --out .", "the output folder '.' exists"),
+        ("run force --set safety.tool_in_part=x", "Known: allow, refuse"),
+        ("plan freeform --proof foo", "none, nominal, or the number"),
         ("run dual --region faces:gone.txt", "gone.txt: cannot be read"),
         (f"run dual {FLANGED}", "leave it out of 'dual'"),
         ("run dual --master-path way.csv --master-turn 3", "leave --master-turn out"),

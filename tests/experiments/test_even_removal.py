@@ -16,6 +16,7 @@ from polish_sim.arrays import Array
 from polish_sim.config import PlanConfig, Scenario
 from polish_sim.errors import PolishSimError
 from polish_sim.experiments import even_removal
+from polish_sim.experiments.assembly import place_key
 from polish_sim.experiments.even_removal import SMOOTH, _Problem, axis_kept, even_out, plan_removal
 from polish_sim.experiments.surface import prepare_surface
 from polish_sim.log import RemovalMap
@@ -165,3 +166,12 @@ def test_another_feed_in_the_same_process_is_planned_anew():
         for feed in (0.02, 0.04)
     )
     assert slow.mean() < 0.7 * fast.mean()
+
+
+def test_a_changed_map_is_another_place(tmp_path: Path):
+    asked = replace(EVEN, plan=replace(EVEN.plan, removal=str(tmp_path / "map.ply")))
+    keys = []
+    for text in ("one", "two more"):
+        (tmp_path / "map.ply").write_text(text, encoding="utf-8")
+        keys.append(place_key(asked))
+    assert keys[0] != keys[1]

@@ -130,6 +130,7 @@ def test_a_pass_with_a_flange_is_left_to_its_own_programme(
         ("damaged run/removal.npz", "whole run/removal.npz"),
         ("damaged run/log.npz", "whole run/log.npz"),
         ("plan/pass.json", "whole plan/pass.json"),
+        ("null plan/pass.json", "whole plan/pass.json"),
     ],
 )
 def test_a_pass_that_is_no_longer_whole_is_named(
@@ -147,9 +148,12 @@ def test_a_pass_that_is_no_longer_whole_is_named(
         middle = len(content) // 2
         file.write_bytes(content[:middle] + bytes(40) + content[middle + 40 :])
     else:
-        if gone == "plan/pass.json":
+        if gone.endswith("pass.json"):
             shutil.rmtree(here / "run")
-        (here / gone).unlink()
+        if gone.startswith("null"):
+            (here / gone.split()[1]).write_text('{"pose": null}')
+        else:
+            (here / gone).unlink()
 
     def resumed() -> list[tuple[int, str]]:
         list(run_job(job, tmp_path, Silent()))

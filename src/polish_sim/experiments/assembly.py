@@ -22,7 +22,7 @@ from polish_sim.cell.scene import Drawn, works_below
 from polish_sim.cell.set_points import FORCE
 from polish_sim.config import Checked
 from polish_sim.control import Controller, Course, build_controller
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, unknown_name
 from polish_sim.experiments.compensation import check_compensation, knowing_host
 from polish_sim.experiments.learning import check_learning, read_lesson
 from polish_sim.experiments.part_setup import (
@@ -148,7 +148,7 @@ def place_key(scenario: Scenario) -> Hashable:
         scenario.part, displacement_m=0.0, rotation_rad=0.0, form_error_m=0.0, motion_m=0.0, motion_hz=0.0
     )  # fmt: skip
     files = [part_path(name) for name in (part.file, part.real_file, part.fixture_file) if name]
-    files.append(Path(scenario.plan.region.partition(":")[2]))
+    files += [Path(scenario.plan.region.partition(":")[2]), Path(scenario.plan.removal)]
     dates = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
     head, safety = scenario.head, scenario.safety
     settings = (
@@ -261,6 +261,26 @@ def course_for(
 
 # Settings that are wrong for any part are refused before anything is loaded, planned or simulated.
 
+TOOL_IN_PART = ("refuse", "allow")
+PROOFS = ("none", "nominal")
+MOST_SEEDS = 1000
+
+
+def proof_seeds(word: str) -> int:
+    """How many drawn parts a plan is proven on besides the part as drawn, by ``safety.proof``.
+
+    Raises:
+        InputError: It is neither none, nominal nor a count.
+    """
+    if word in PROOFS:
+        return 0
+    if not word.isdecimal() or not 1 <= int(word) <= MOST_SEEDS:
+        raise InputError(
+            f"--proof '{word}' is not known: give none, nominal, or the number of drawn parts, 1 to "
+            f"{MOST_SEEDS}."
+        )
+    return int(word)
+
 
 def check_settings(scenario: Scenario) -> None:
     """Refuse a scenario that could not be run on any part, or whose path could not be planned on any.
@@ -272,6 +292,9 @@ def check_settings(scenario: Scenario) -> None:
         read_calibrated_tool(Path(scenario.payload.file))
     parse_events(scenario.faults.events)
     take_arm(scenario.robot)
+    proof_seeds(scenario.safety.proof)
+    if scenario.safety.tool_in_part not in TOOL_IN_PART:
+        raise unknown_name("answer to a tool in the part", scenario.safety.tool_in_part, TOOL_IN_PART)
     row = experiment(scenario.experiment)
     check_flange(scenario)
     check_compensation(scenario, row.controlled, row.carried)

@@ -30,18 +30,20 @@ from polish_sim.cell.real_part import NORMAL_SHARE
 from polish_sim.cell.support import would_sink
 from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, PlanConfig, Scenario
 from polish_sim.control.signals import CompiledController
-from polish_sim.errors import InputError, PlanError, count_text, place_in_mm
+from polish_sim.errors import PlanError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
     PLACES,
+    TOOL_IN_PART,
     Same,
     config_hash,
     modelled_depth,
     place_key,
+    proof_seeds,
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal
 from polish_sim.experiments.placement import Reach, check_whole_path
 from polish_sim.experiments.proof_play import DYNAMIC, MARGIN, Failure, Play
-from polish_sim.experiments.surface import TOOL_IN_PART, SurfaceTask, prepare_surface
+from polish_sim.experiments.surface import SurfaceTask, prepare_surface
 from polish_sim.planning import PlanResult
 from polish_sim.planning.moves.leave_out import Remaining, lift_over
 from polish_sim.planning.part_plan import (
@@ -66,8 +68,6 @@ MUCH = 0.05  #: Share of the region from which a smaller pad is tried for what f
 MUCH_SMALLER, MOST_PADS = 0.7, 2  #: Share of the pad's size from which on others are tried, and how many
 LEAST_POLISHED = 0.1  #: Share of the region below which a plan is refused
 WORTH_A_PAD = 1.02  #: Times as much it has to polish
-PROOFS = ("none", "nominal")
-MOST_SEEDS = 1000
 EASIER = 0.5  #: A stretch that fails is pressed with this share of its force
 EASIEST = 0.25  #: Share of the force below which easing is given up by an even removal; else `EASIER`
 MOST_EASED = 10  #: Places eased after playing, after which such places are left out
@@ -106,23 +106,6 @@ def settings_key(scenario: Scenario) -> str:
     return config_hash(bare, {})
 
 
-def proof_seeds(scenario: Checked) -> int:
-    """How many drawn parts a plan is proven on besides the part as drawn.
-
-    Raises:
-        InputError: ``safety.proof`` is neither none, nominal nor a count.
-    """
-    word = scenario.safety.proof
-    if word in PROOFS:
-        return 0
-    if not word.isdecimal() or not 1 <= int(word) <= MOST_SEEDS:
-        raise InputError(
-            f"--proof '{word}' is not known: give none, nominal, or the number of drawn parts, 1 to "
-            f"{MOST_SEEDS}."
-        )
-    return int(word)
-
-
 def prove(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> Proven:
     """Play a plan on the part as drawn, and on as many drawn parts as ``safety.proof`` says; mend what fails.
 
@@ -131,7 +114,7 @@ def prove(scenario: Checked, plan: PlanResult, observer: Observer = SILENT) -> P
         PolishSimError: As of `prepare_surface`.
     """
     prover = _Prover(scenario, plan, observer)
-    seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario))
+    seeds = range(scenario.seed + 1, scenario.seed + 1 + proof_seeds(scenario.safety.proof))
     begun = prover.pass_drawn(seeds[0]) if seeds else None
     before = len(prover.mends)
     for seed in seeds or (None,):

@@ -14,8 +14,16 @@ from polish_sim.arrays import Array
 from polish_sim.cell import SILENT, Cell, CellRun, Observer, RealPart
 from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion, place_nodes
 from polish_sim.config import Checked
-from polish_sim.errors import PlanError, unknown_name
-from polish_sim.experiments.assembly import PLACES, Same, Workplace, build_cell, build_part, place_key
+from polish_sim.errors import PlanError
+from polish_sim.experiments.assembly import (
+    PLACES,
+    TOOL_IN_PART,
+    Same,
+    Workplace,
+    build_cell,
+    build_part,
+    place_key,
+)
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.learning import FIGURE
@@ -35,8 +43,6 @@ from polish_sim.experiments.stroke_motion import feed_figures
 from polish_sim.log import RemovalMap, RunLog, with_column
 from polish_sim.planning import PlanResult, coverage_until
 from polish_sim.planning.quality.tool_room import pad_in_part_warning
-
-TOOL_IN_PART = ("refuse", "allow")
 
 # What a run of ``surface`` or ``dual`` took off the part, by Preston's law.
 
@@ -140,8 +146,6 @@ def refuse_collision(answer: str, plan: PlanResult) -> None:
     Raises:
         PlanError: Saying where, how deep and what to do.
     """
-    if answer not in TOOL_IN_PART:
-        raise unknown_name("answer to a tool in the part", answer, TOOL_IN_PART)
     warning = pad_in_part_warning(plan.figures)
     if warning and answer == TOOL_IN_PART[0]:
         raise PlanError(

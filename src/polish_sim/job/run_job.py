@@ -23,7 +23,7 @@ from polish_sim.cell import Cell, Observer
 from polish_sim.cell.cell import Played
 from polish_sim.cell.stroke import cycle_time
 from polish_sim.config import Checked
-from polish_sim.errors import InputError
+from polish_sim.errors import InputError, PolishSimError
 from polish_sim.exchange import ExportSetup, export_plan, read_path, write_plan
 from polish_sim.experiments.assembly import build_cell, build_part
 from polish_sim.experiments.even_removal import plan_removal
@@ -38,6 +38,7 @@ from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import stretches
 from polish_sim.row_file import whole_file
+from polish_sim.scenario_file import merge
 from polish_sim.spatial import to_pose
 
 PIECE_S = 1.0  #: Of simulated time between pieces on disk
@@ -147,10 +148,10 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
     done = folder / "plan"
     if done.is_dir():
         try:
-            pose = tuple(read_json(done / "pass.json")["pose"])
-        except (InputError, KeyError):
+            part = merge(scenario.part, {"pose": read_json(done / "pass.json")["pose"]}, "part.")
+        except (PolishSimError, KeyError):
             raise _no_longer_whole(folder, "whole plan/pass.json") from None
-        scenario = replace(scenario, part=replace(scenario.part, pose=pose))
+        scenario = replace(scenario, part=part)
         return (
             measure_given_path(read_path(done), scenario.part, scenario.plan, scenario.process, scenario.pad),
             scenario,
