@@ -13,6 +13,7 @@ from polish_sim.config import Scenario
 from polish_sim.scoring.border import linear_law_of
 from polish_sim.scoring.loop_model import Complex, elastic_arm, setup_of
 from polish_sim.scoring.margins import Loop, contour, force_loop, turns_about_minus_one
+from polish_sim.scoring.measured_law import MeasuredLaw
 
 SWINGS = (0.0, 2e-5, 5e-5, 1e-4, 2e-4)  #: Amplitudes of the gears' twist to linearise at [rad]
 NYQUIST = 3141.0  #: Highest frequency a host at 1 kHz can act at [rad/s]
@@ -72,11 +73,11 @@ def response_of(loop: Loop, dt: float) -> Response:
     return lambda omega: loop(np.exp(1j * omega * dt))
 
 
-def linear_loop(scenario: Scenario, swing: float = 0.0) -> Loop:
-    """Open loop L(z) of a scenario, the law settled on its springs; elastic gears swing by ``swing``
+def linear_loop(scenario: Scenario, swing: float = 0.0, law: MeasuredLaw | None = None) -> Loop:
+    """Open loop L(z) of a scenario, the ``law`` settled on its springs; elastic gears swing by ``swing``
     [rad]."""
     setup = setup_of(scenario, elastic_arm(scenario, swing=swing) if scenario.robot.elastic else None)
-    return force_loop(setup, linear_law_of(scenario, scenario.head.spring_scale))
+    return force_loop(setup, law or linear_law_of(scenario, scenario.head.spring_scale))
 
 
 def analytic_margins(scenario: Scenario) -> Margins:
@@ -85,8 +86,9 @@ def analytic_margins(scenario: Scenario) -> Margins:
     Of elastic joints the least at any of the `SWINGS`; all zero where the loop is unstable at one.
     """
     dt, found = scenario.simulation.timestep_s, []
+    law = linear_law_of(scenario, scenario.head.spring_scale)
     for swing in SWINGS if scenario.robot.elastic else SWINGS[:1]:
-        loop = linear_loop(scenario, swing)
+        loop = linear_loop(scenario, swing, law)
         if turns_about_minus_one(loop(contour(dt))) > 0:
             return Margins(0.0, 0.0, 0.0, math.nan, math.nan)
         found.append(margins(response_of(loop, dt)))

@@ -1,36 +1,39 @@
 """What many tests need and none changes: it is made once.
 
-The processes of a test session share distance fields on disk: one of the freeform part takes ten times as
-long as a short run on it. What is kept there is known by its inputs and by the package's source, as a row of
-a sweep is. Shipped parts and the surfaces fitted to them are kept in each process.
+The processes of a test session share distance fields, plans of shipped parts and the run on the freeform
+part on disk. What is kept there is known by its inputs, the package's source and the versions of the
+libraries that compute. Shipped parts and the surfaces fitted to them are kept in each process.
 """
 
 from __future__ import annotations
 
+import copyreg
 import hashlib
 import os
 import pickle
 import shutil
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields
 from functools import cache, wraps
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import trimesh
 
 from polish_sim.geometry import distance_field, fit, mesh
 from polish_sim.models import workpiece_path
-from polish_sim.source_stamp import package_hash
+from polish_sim.workers import versions_here
 
 try:
     import fcntl
 except ImportError:  # Windows: what two processes need at once is made twice
     fcntl = None  # type: ignore[assignment]
 
-FOLDER = Path(__file__).parents[1] / ".pytest_cache" / "kept" / package_hash()[:16]
-
+KEY = hashlib.sha256(repr((versions_here(), __file__)).encode()).hexdigest()[:16]
+FOLDER = Path(__file__).parents[1] / ".pytest_cache" / "kept" / KEY
 KEPT_S = 24.0 * 3600.0  #: What another source made is removed after this time
 
 
@@ -44,7 +47,7 @@ def share_fields() -> None:
 
     def kept(surface: Any, spacing: float, band: float, bounds: Any = None) -> Any:
         arrays = [getattr(surface, field.name) for field in fields(surface)]
-        return keep((arrays, spacing, band, bounds), lambda: made(surface, spacing, band, bounds))
+        return keep(("field", arrays, spacing, band, bounds), lambda: made(surface, spacing, band, bounds))
 
     distance_field.build_distance_field = kept
 
@@ -82,16 +85,24 @@ def plate_file() -> Path:
 
 
 def keep(inputs: Any, make: Callable[[], Any]) -> Any:
-    """What was made of the same inputs by the same source before, or made now."""
+    """What was made of the same inputs, which begin with its kind, by the same source before, or made now."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     file = FOLDER / hashlib.sha256(pickle.dumps(inputs)).hexdigest()[:24]
     with file.with_suffix(".lock").open("ab") as lock:
         if fcntl is not None:
             fcntl.flock(lock.fileno(), fcntl.LOCK_EX)
-        if file.exists():
+        with suppress(FileNotFoundError, EOFError, pickle.UnpicklingError):  # not there yet, or damaged
             return pickle.loads(file.read_bytes())
         result = make()
         draft = file.with_suffix(f".{os.getpid()}")
         draft.write_bytes(pickle.dumps(result))
         draft.replace(file)
         return result
+
+
+def _columns(named: dict[str, Any]) -> MappingProxyType[str, Any]:
+    """The columns of a run's log, read back."""
+    return MappingProxyType(named)
+
+
+copyreg.pickle(MappingProxyType, lambda columns: (_columns, (dict(columns),)))

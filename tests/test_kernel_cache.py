@@ -75,9 +75,7 @@ def _cache(package: Path) -> Path:
     return package.parents[1] / "cache" / "polish-sim" / "kernels"
 
 
-def test_only_dependents_of_an_edited_file_compile_again(
-    package: Path,
-) -> None:
+def test_only_dependents_of_an_edited_file_compile_again(package: Path) -> None:
     long_unused = _cache(package) / "stiffness-of-last-year"
     long_unused.mkdir(parents=True)
     _cache(package).chmod(0o700)
@@ -104,9 +102,7 @@ def test_a_part_of_kernels_compiles_once_for_all_numbers_and_can_be_called_from_
     assert _run(package, script)[0] == [6.0, 2, 8.0, 3]
 
 
-def test_kernels_of_other_packages_stay_where_numba_keeps_them(
-    package: Path,
-) -> None:
+def test_kernels_of_other_packages_stay_where_numba_keeps_them(package: Path) -> None:
     own = package.parent / "own.py"
     kernel = KERNEL.format(imports="from polish_sim.gains import gain", name="mine", value="gain(x)")
     own.write_text(kernel.replace("polish_sim.kernel_cache", "numba"))
@@ -181,9 +177,7 @@ def shipped(wheel: Path, tmp_path: Path) -> Path:
     return shutil.copytree(wheel, tmp_path / "installed elsewhere" / wheel.name)
 
 
-def test_kernels_of_a_wheel_are_used_and_others_go_to_the_users_folder(
-    shipped: Path,
-) -> None:
+def test_kernels_of_a_wheel_are_used_and_others_go_to_the_users_folder(shipped: Path) -> None:
     assert _run(shipped) == ([20.0, -2.0, 0], "")
     assert not any(_cache(shipped).iterdir())
     _write_gain(shipped, 30.0)
@@ -229,9 +223,7 @@ def test_one_file_uses_what_numba_and_llvmlite_do_not_promise_to_keep_and_their_
     assert users == {"kernel_cache.py"}
 
 
-def test_a_numba_that_was_not_tested_is_refused_with_range_and_cure(
-    package: Path,
-) -> None:
+def test_a_numba_that_was_not_tested_is_refused_with_range_and_cure(package: Path) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     assert "numba>={},<{}".format(*kernel_cache.NUMBA) in project["dependencies"]
     (package.parent / "numba").mkdir()

@@ -66,9 +66,7 @@ def test_every_task_is_done_once_and_one_process_keeps_to_a_group_while_it_lasts
         assert workers > 1 or [r.task for r in results] == [0, 2, 4, 6, 1, 3, 5]
 
 
-def test_a_task_of_a_killed_process_is_done_once_more_and_then_left_out(
-    tmp_path: Path,
-) -> None:
+def test_a_task_of_a_killed_process_is_done_once_more_and_then_left_out(tmp_path: Path) -> None:
     tasks = [(str(tmp_path), number) for number in range(3)]
     results = list(work_off(tasks, die_once, lambda task: task[1], 2))
     assert sorted(r.value for r in results if r.trouble is None) == [0, 1, 2]

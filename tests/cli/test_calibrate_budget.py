@@ -67,22 +67,8 @@ def test_worse_instruments_fall_short(
     polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("polish_sim.dual.budget.draw_errors", drawn_cheaply)
-    noise = ("--tracker-noise", "0", "--touch-noise", "0.2")
-    words = (
-        "--draws",
-        "30",
-        *noise,
-        "--marks",
-        "4",
-        "--closing",
-        "0",
-        "--on",
-        "here",
-        "--check",
-        "--out",
-        "bad",
-    )
-    assert polish_sim("calibrate", "budget", *words).code == 1
+    words = "calibrate budget --draws 30 --tracker-noise 0 --touch-noise 0.2 --marks 4 --closing 0"
+    assert polish_sim(*words.split(), "--on", "here", "--check", "--out", "bad").code == 1
     figures = metrics_of(tmp_path / "bad")
     assert figures["settings"]["marks"] == 4
     assert figures["settings"]["closing_touches"] == 0

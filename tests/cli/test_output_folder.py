@@ -141,9 +141,7 @@ with claimed({"--out": Path(sys.argv[1]), "--overwrite": None}, "run-force") as 
 """
 
 
-def test_drafts_of_killed_commands_are_swept_those_of_running_ones_stay(
-    tmp_path: Path,
-) -> None:
+def test_drafts_of_killed_commands_are_swept_those_of_running_ones_stay(tmp_path: Path) -> None:
     (tmp_path / ".mine.part").mkdir()
     program = [sys.executable, "-c", KILLED]
     dead = subprocess.run([*program, str(tmp_path / "dead"), "die"], check=False)

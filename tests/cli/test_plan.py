@@ -127,9 +127,7 @@ def test_on_a_face_narrower_than_the_default_pad_plan_and_run_use_one_that_fits(
     assert seen["stepover_mean_m"] == pytest.approx(metrics["stepover_mean_m"], rel=1e-9)
 
 
-def test_a_chosen_pad_does_not_sink_off_corners_and_fits_the_force(
-    polish_sim: Tool,
-) -> None:
+def test_a_chosen_pad_does_not_sink_off_corners_and_fits_the_force(polish_sim: Tool) -> None:
     for side, name in ((20.0, "cube.stl"), (6.0, "tiny.stl")):
         trimesh.creation.box((side, side, 20.0)).export(name)
     words = "--part cube.stl --up z --feed 30 --out run"

@@ -57,9 +57,7 @@ def test_the_config_of_a_run_gives_the_same_log_again(polish_sim: Tool) -> None:
         np.testing.assert_array_equal(first[name], again[name])
 
 
-def test_check_is_1_when_a_figure_falls_short_of_its_conditions(
-    polish_sim: Tool,
-) -> None:
+def test_check_is_1_when_a_figure_falls_short_of_its_conditions(polish_sim: Tool) -> None:
     assert polish_sim(*FORCE, "--check", "--out", "good")[0] == 0
     code, out, _ = polish_sim(*FORCE, *DEAF, "--check", "--out", "deaf")
     assert code == 1

@@ -52,9 +52,7 @@ def test_every_option_lands_in_its_key_in_si() -> None:
     assert [values[key] for _, _, key, _ in landed] == [pytest.approx(value) for *_, value in landed]
 
 
-def test_set_beats_options_and_options_beat_the_file(
-    tmp_path: Path,
-) -> None:
+def test_set_beats_options_and_options_beat_the_file(tmp_path: Path) -> None:
     assert build_scenario(Scenario(), {"--feed": None, "--part": None}) == Scenario()
     file = tmp_path / "mine.toml"
     file.write_text("[process]\nfeed_m_s = 0.002\ncontact_force_n = 5.0\n[pad]\npoints = 50\n")

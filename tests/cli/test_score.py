@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 import time
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from polish_sim.scoring.journal import Row, Task, measure_row
 from tests.cli.conftest import PROGRAM, Tool, metrics_of
 
 HERE = ["--on", "here"]
@@ -51,28 +51,32 @@ def test_two_controllers_stand_side_by_side(polish_sim: Tool) -> None:
     assert Path("s/rows.jsonl").read_text() == lines
 
 
-def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(polish_sim: Tool, tmp_path: Path) -> None:
-    words = ["score", "--case", "noise-1", *SHORT]
-    for name, seeds, ended_by in (("killed", "3", signal.SIGKILL), ("cut", "60", signal.SIGINT)):
-        run = subprocess.Popen(
-            [*PROGRAM, *words, "--seeds", seeds, "--workers", "1", "--out", name], cwd=tmp_path, text=True,
-            stderr=subprocess.PIPE, stdout=subprocess.PIPE,
-        )  # fmt: skip
-        file = tmp_path / name / "rows.jsonl"
+def test_an_ended_score_is_summed_up_and_goes_on_to_the_same_rows(
+    polish_sim: Tool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["score", "--case", "noise-1", *SHORT, *HERE]
+    with subprocess.Popen([*PROGRAM, *words, "--seeds", "3", "--out", "killed"], cwd=tmp_path) as run:
+        file = tmp_path / "killed" / "rows.jsonl"
         while not file.exists() or not file.read_bytes().count(b"\n"):
-            assert run.poll() is None, run.communicate()[1]
+            assert run.poll() is None
             time.sleep(0.02)
-        run.send_signal(ended_by)
-        out, err = run.communicate()
-    assert run.returncode == 130, err
-    assert "Traceback" not in err
+        run.kill()
+
+    def interrupted(task: Task) -> Row:
+        if task.seed == 2:
+            raise KeyboardInterrupt
+        return measure_row(task)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("polish_sim.scoring.score.measure_row", interrupted)
+        code, out, err = polish_sim(*words, "--seeds", "60", "--out", "cut")
+    assert code == 130, err
     assert "--out cut" in err
     assert "worst case of hybrid-pi with --set" in out
     figures = metrics_of(tmp_path / "cut")
-    assert 1 <= figures["runs"] < 60
-    assert figures["runs_missing"] == 60 - figures["runs"]
+    assert (figures["runs"], figures["runs_missing"]) == (2, 58)
     for name in ("killed", "whole"):
-        code, _, err = polish_sim(*words, "--seeds", "3", *HERE, "--out", name)
+        code, _, err = polish_sim(*words, "--seeds", "3", "--out", name)
         assert code == 0, err
     assert read(tmp_path / "killed/score.json")["rows"] == read(tmp_path / "whole/score.json")["rows"]
 

@@ -15,9 +15,10 @@ PLAN = ("--region", "all", "--stepover", "40", *UNPROVEN, "--out", "all")
 
 
 @pytest.fixture(autouse=True)
-def _few_turns(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parts with square sides are turned by 90 deg at a time, a sixth of the reach map's places."""
+def _few_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parts with square sides are turned by 90 deg at a time and moved by 100 mm, a twelfth of the places."""
     monkeypatch.setattr("polish_sim.experiments.reach_map.TURNS", np.radians(np.arange(0.0, 360.0, 90.0)))
+    monkeypatch.setattr("polish_sim.experiments.reach_map.DISTANCES", np.arange(0.25, 0.96, 0.1))
 
 
 @pytest.fixture

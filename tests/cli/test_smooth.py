@@ -52,9 +52,7 @@ def test_spline_keeps_tolerances_and_limits(smoothed: Path) -> None:
         assert written == pytest.approx(default)
 
 
-def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(
-    smoothed: Path,
-) -> None:
+def test_the_trajectory_is_sampled_evenly_with_the_speeds_of_its_joints(smoothed: Path) -> None:
     archive = np.load(smoothed / "trajectory.npz")
     time, count = archive["time_s"], len(archive["time_s"])
     shapes = {"tip_m": (count, 3), "axis": (count, 3), "q_rad": (count, 6), "qd_rad_s": (count, 6)}

@@ -71,9 +71,9 @@ def test_a_sweep_of_an_own_gain_is_one_folder_that_is_added_to(polish_sim: Tool)
 
 def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim: Tool, tmp_path: Path) -> None:
     asked = ["sweep", "arc", "--vary", "sensor.force_noise_n=0.1:0.5:lin12", *SHORT]
-    rows, begin = tmp_path / "s" / "rows.jsonl", [*PROGRAM, *asked, *ONE, "--out", "s"]
-    for ended_by, least in ((signal.SIGKILL, 2), (signal.SIGINT, 4)):
-        with subprocess.Popen(begin, cwd=tmp_path, start_new_session=True) as command:
+    rows, begin = tmp_path / "s" / "rows.jsonl", [*PROGRAM, *asked, "--out", "s"]
+    for ended_by, least, where in ((signal.SIGKILL, 2, ONE), (signal.SIGINT, 4, HERE)):
+        with subprocess.Popen([*begin, *where], cwd=tmp_path, start_new_session=True) as command:
             while not rows.exists() or rows.read_bytes().count(b"\n") < least:
                 assert command.poll() is None
                 time.sleep(0.02)
@@ -86,9 +86,7 @@ def test_a_killed_sweep_goes_on_to_the_same_rows(polish_sim: Tool, tmp_path: Pat
     assert len(rows_of(tmp_path / "s")) == 12
 
 
-def test_a_sweep_judges_values_together_and_says_why_no_run_was_done(
-    polish_sim: Tool,
-) -> None:
+def test_a_sweep_judges_values_together_and_says_why_no_run_was_done(polish_sim: Tool) -> None:
     force, limit = Axis("process.contact_force_n", "60", (60.0,)), Axis("safety.force_limit_n", "80", (80.0,))
     check_values(Study(default_scenario("force"), (force, limit)))
     with pytest.raises(PolishSimError):

@@ -74,10 +74,7 @@ def test_help_and_version_are_on_stdout_and_without_a_command_all_are_listed(pol
         ("score --against hybrid-pi", "compared with itself"),
         ("score --ablate", "--ablate ... 'hybrid-adaptive'"),
         ("score --ablate --against position", "leave --against out"),
-        (
-            "score --worst 30 --on dask --list --check",
-            "--list, --check, --on ... --worst",
-        ),
+        ("score --worst 30 --on dask --list --check", "--list, --check, --on ... --worst"),
         ("score --worst 30 --workers 2 --border", "--workers, --border ... --worst"),
         ("score --border --seeds 3 --workers 2 --set a=1", "--seeds, --workers, --set would"),
         ("sweep ark", "Did you mean 'arc'?"),
@@ -182,9 +179,7 @@ def test_a_file_of_something_else_is_named_and_left_alone(polish_sim: Tool, word
     assert [path.name for path in Path("other").iterdir()] == ["notes.txt"]
 
 
-def test_list_says_what_ships_and_what_each_is(
-    polish_sim: Tool,
-) -> None:
+def test_list_says_what_ships_and_what_each_is(polish_sim: Tool) -> None:
     code, out, _ = polish_sim("list")
     assert code == 0
     for name in ("freeform", "hybrid-pi", "position", "arc", "force", "surface", "spiral", "raster"):

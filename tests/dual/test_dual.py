@@ -308,9 +308,7 @@ def test_what_nominal_arms_measured_is_not_taken_beside_their_tables(changes: li
         pair_arms(dual(*changes).dual, "none", {}, np.random.default_rng(0))
 
 
-def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(
-    pressed: RunResult,
-) -> None:
+def test_arms_with_gears_hold_the_force_and_err_by_what_their_gears_do(pressed: RunResult) -> None:
     task, run = task_and_run(dual("robot.arm=ur5e", f"process.max_feed_s={PRESSED_S}"))
     figures = run.figures
     assert figures["protective_stop"] is None

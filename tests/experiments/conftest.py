@@ -8,6 +8,7 @@ from polish_sim.config import Scenario
 from polish_sim.experiments import RunResult, default_scenario, run_experiment
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.scenario_file import override
+from tests.kept import keep
 
 FREEFORM = ["plan.stepover_m=0.016", "process.max_feed_s=8"]
 
@@ -21,7 +22,9 @@ def short_arc() -> RunResult:
 @pytest.fixture(scope="session")
 def freeform() -> RunResult:
     """Eight seconds of feed on the freeform part, every error on."""
-    return run_experiment(override(default_scenario("surface"), FREEFORM))
+    scenario = override(default_scenario("surface"), FREEFORM)
+    run: RunResult = keep(("run", scenario), lambda: run_experiment(scenario))
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -102,9 +102,7 @@ def test_the_same_job_gives_the_same_bytes(job: Job, whole: tuple[Path, list[Row
     assert digests(tmp_path) == digests(whole[0])
 
 
-def test_a_pass_with_a_flange_is_left_to_its_own_programme(
-    tmp_path: Path,
-) -> None:
+def test_a_pass_with_a_flange_is_left_to_its_own_programme(tmp_path: Path) -> None:
     """URScript would press with the robot's force mode."""
     file = tmp_path / "job.toml"
     text = 'part = "plate"\n[[setup]]\n[[setup.pass]]\ntool = "active-flange"\n'

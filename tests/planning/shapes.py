@@ -17,6 +17,7 @@ from polish_sim.models import workpiece_path
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from tests.kept import keep
 
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
@@ -127,12 +128,13 @@ def plan_of(mesh: trimesh.Trimesh, file: Path, plan: PlanConfig) -> PlanResult:
 
 def shipped_plan(name: str, pattern: str = "spiral") -> PlanResult:
     """The plan of a shipped part with 8 mm step-over; made once for all tests."""
-    return _made_once(name, pattern)
+    return _made_once(PartConfig(name), PlanConfig(pattern=pattern, stepover_m=0.008))
 
 
 @cache
-def _made_once(name: str, pattern: str) -> PlanResult:
-    return plan_part(PartConfig(name), PlanConfig(pattern=pattern, stepover_m=0.008))
+def _made_once(part: PartConfig, plan: PlanConfig) -> PlanResult:
+    made: PlanResult = keep(("plan", part, plan), lambda: plan_part(part, plan))
+    return made
 
 
 def with_wishes(plan: PlanResult) -> PlanResult:

@@ -40,10 +40,7 @@ def test_slow_motion_presses_head_and_arm_in_series() -> None:
     assert 10e-6 < softer < 60e-6
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [["controller.name=hybrid-pi"], [ADAPTIVE]],
-)
+@pytest.mark.parametrize("settings", [["controller.name=hybrid-pi"], [ADAPTIVE]])
 def test_the_border_of_stability_is_where_the_linear_model_says(settings: list[str]) -> None:
     """Within 8% of gain, on springs alone: what hysteresis and friction damp is left out on both sides."""
     scenario = override(FORCE, [*SPRINGS_ONLY, *HELD, *settings])

@@ -76,9 +76,7 @@ def silent(_number: int, _text: str) -> None:
 
 
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes"])
-def test_the_search_finds_planted_gains_and_runs_paths_where_holds_are_good(
-    sampler: str,
-) -> None:
+def test_the_search_finds_planted_gains_and_runs_paths_where_holds_are_good(sampler: str) -> None:
     scorer = Planted()
     best = search_best(search(sampler=sampler), 60, scorer, silent)  # type: ignore[arg-type]
     assert best["controller.force_p_m_sn"] == pytest.approx(BEST_P, rel=0.3)

@@ -89,9 +89,7 @@ def test_a_line_is_straight_and_as_quick_as_asked(robot: SimulatedRobot) -> None
     assert robot.actual_tcp_pose[:3] == pytest.approx(goal[:3], abs=5e-4)
 
 
-def test_streamed_goals_act_after_the_arm_s_latency_and_a_stop_is_waited_for(
-    robot: SimulatedRobot,
-) -> None:
+def test_streamed_goals_act_after_the_arm_s_latency_and_a_stop_is_waited_for(robot: SimulatedRobot) -> None:
     late = round(robot.cell.scenario.robot.command_latency_s / TICK_S)
     robot.speedl(moving(0.0, 0.0, 0.02), 0.5, None)
     speeds = []
@@ -201,9 +199,7 @@ def test_a_stop_holds_the_arm_until_it_is_unlocked(robot: SimulatedRobot) -> Non
     go(robot, robot.move_done)
 
 
-def test_an_arm_that_hit_the_part_may_leave_it_unlocked_and_is_watched_again(
-    robot: SimulatedRobot,
-) -> None:
+def test_an_arm_that_hit_the_part_may_leave_it_unlocked_and_is_watched_again(robot: SimulatedRobot) -> None:
     place = robot.cell.state.motion.place
     place[2] += 0.06  # the part is around the tool's shaft
     stand(robot, 0.1)
@@ -260,9 +256,7 @@ def test_coriolis_torques_are_those_of_the_mass_matrix(robot: SimulatedRobot) ->
     assert robot.coriolis(q, np.zeros(6)) == pytest.approx(np.zeros(6), abs=1e-12)
 
 
-def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(
-    robot: SimulatedRobot,
-) -> None:
+def test_a_contact_is_seen_from_its_direction_until_force_stops_the_arm(robot: SimulatedRobot) -> None:
     stand(robot, 0.5)
     robot.zero_ftsensor()
     down, any_way, aside = np.array([0.0, 0.0, -1.0]), np.zeros(3), np.array([1.0, 0.0, 0.0])
@@ -316,9 +310,7 @@ def test_a_long_gap_is_a_lift_and_a_short_one_lost_contact() -> None:
     assert _lifted(seated, touching).tolist() == [False, False, False, True, False]
 
 
-def test_inverse_kinematics_give_back_where_the_arm_stands(
-    robot: SimulatedRobot,
-) -> None:
+def test_inverse_kinematics_give_back_where_the_arm_stands(robot: SimulatedRobot) -> None:
     q = robot.inverse_kin(robot.actual_tcp_pose, robot.actual_q, robot.tcp_offset)
     assert q == pytest.approx(robot.actual_q, abs=1e-9)
     assert robot.inverse_kin(np.array([3.0, 0, 0, 0, 0, 0]), robot.actual_q, robot.tcp_offset) is None
