@@ -38,7 +38,7 @@ def circle(*changes: str) -> RunResult:
 def test_the_arm_found_is_the_arm_built() -> None:
     scenario = arc(KNOWN)
     use_arm(scenario.robot.arm)
-    start = prepare_arc().reach.q_start
+    start = prepare_arc(scenario).reach.q_start
     found = find_arm(scenario, start)
     assert found is not None
     model = robot_with_tool(scenario.robot, scenario.head, scenario.pad).compile()
