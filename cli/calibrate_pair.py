@@ -139,7 +139,8 @@ def base(given: Given) -> int:
         gears = _gears(given, seed)
         return run_base_calibration(replace(trial, seed=seed, flanges=gears and gears[0].standing(gears[1])))
 
-    claims, write = "base-gears" if _elastic(given) else "base", partial(_write_base, _pair(given))
+    claims = "base-gears" if _elastic(given) else "base"
+    write = partial(_write_base, _pair(given))
     means = Means(
         "base", "bases", claims, run, read_base_measurements, calibrate_base_from, _base_notes, write
     )
@@ -224,10 +225,12 @@ def _pair(given: Given) -> str:
 def carry_out(given: Given, means: Means, trial: object) -> int:
     """Calibrate from a file, once, or with many seeds of a ``trial``, write the folder and show the
     outcome."""
-    data, first = given["--data"], given["--seed"] or 0
+    data = given["--data"]
+    first = given["--seed"] or 0
     refuse_without(given, "--seeds", "--workers", "--on")
     if given["--seeds"] is not None:
-        kind, claims = f"calibrate-{means.kind}", CALIBRATIONS[means.claims]
+        kind = f"calibrate-{means.kind}"
+        claims = CALIBRATIONS[means.claims]
         prepare = partial(_each, means)
         many = Many(kind, means.what, f"{trial} {given.get('--arm')}", prepare, claims, means.mean, "here")
         return run_seeds(many, given)
@@ -274,7 +277,8 @@ def _write_tcp(done: TcpCalibration, folder: Path) -> None:
 
 
 def _tcp_notes(done: TcpCalibration) -> tuple[str, ...]:
-    tip, outliers = done.found.tip, done.figures["outliers"]
+    tip = done.found.tip
+    outliers = done.figures["outliers"]
     notes = [f"note: touch {number} does not fit the others and was left out." for number in outliers]
     if done.found.orientation is None:
         notes.append("note: no moves were measured: the tool's axes are taken to be the flange's.")
@@ -333,7 +337,8 @@ def _arm_notes(done: ArmsFound) -> tuple[str, ...]:
     notes = []
     for robot, table in done.found.tables.items():
         off = np.abs(table - NOMINAL)
-        lengths, angles = 1e3 * off[1:3].max(), np.degrees(off[[0, 3]].max())
+        lengths = 1e3 * off[1:3].max()
+        angles = np.degrees(off[[0, 3]].max())
         notes.append(f"{robot}: off its table by up to {lengths:.2f} mm and {angles:.3f} deg")
     return tuple(notes)
 

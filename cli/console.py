@@ -33,7 +33,8 @@ def say(text: str = "") -> None:
 def say_names(label: str, names: Sequence[str]) -> None:
     """Print names beside their label on stdout; on a terminal they wrap there, else they are one line."""
     width = shutil.get_terminal_size().columns if sys.stdout and sys.stdout.isatty() else sys.maxsize
-    head, margin = f"{label:<{LABEL_WIDTH}}", " " * LABEL_WIDTH
+    head = f"{label:<{LABEL_WIDTH}}"
+    margin = " " * LABEL_WIDTH
     say(
         textwrap.fill(
             ", ".join(names), width, initial_indent=head, subsequent_indent=margin, break_on_hyphens=False

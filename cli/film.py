@@ -86,7 +86,8 @@ class GrowingPlot:
 def plot_curve(record: RunRecord, model: Any) -> Figure:
     """Draw what a run is about over its time: its force and the band it is held in, or else the first of its
     curves."""
-    time, band = clock(record.log), FORCE_BANDS_N.get(record.scenario.experiment)
+    time = clock(record.log)
+    band = FORCE_BANDS_N.get(record.scenario.experiment)
     kept = shown_rows(time, numbers(record.log, "q_rad"))
     plot = run_plots(record, run_motion(record, model, kept), kept)[0]
     figure = new_figure(*CURVE_INCH)
@@ -138,16 +139,17 @@ def _frames(record: RunRecord, model: Any) -> Iterator[tuple[int, int, Image]]:
     """Images of a run, each with its number and how many there are."""
     import mujoco
 
-    time, q, pads = clock(record.log), joint_columns(record, model), numbers(record.log, "tcp_position_m")
+    time = clock(record.log)
+    q = joint_columns(record, model)
+    pads = numbers(record.log, "tcp_position_m")
     length = float(time[-1] - time[0])
     speed = next((speed for speed in SPEEDS if length <= LONGEST_S * speed), SPEEDS[-1])
     moments = time[0] + np.arange(0.0, length + speed / FRAMES_PER_S, speed / FRAMES_PER_S)
-    data, curve, stop = (
-        mujoco.MjData(model),
-        GrowingPlot(plot_curve(record, model)),
-        stop_mark(record.metrics),
-    )
-    cell, pad = Picture(model, CELL), Picture(model, PAD, near=True)
+    data = mujoco.MjData(model)
+    curve = GrowingPlot(plot_curve(record, model))
+    stop = stop_mark(record.metrics)
+    cell = Picture(model, CELL)
+    pad = Picture(model, PAD, near=True)
     for number, moment in enumerate(moments, 1):
         row = min(int(np.searchsorted(time, moment)), len(time) - 1)
         data.qpos[:] = q[row]

@@ -64,7 +64,8 @@ def inspect(path: PathFile, given: Given) -> None:
     check_stroke_rule(scenario.smoothing)
     if facts:
         check_part(path, scenario.part.file, facts["part"])
-    plan, notes = scenario.plan, list[str]()
+    plan = scenario.plan
+    notes = list[str]()
     if math.isnan(plan.stepover_m):
         plan = replace(plan, stepover_m=guessed_stepover(tool_path, scenario.pad, notes))
     with claimed(given, "inspect") as folder, console.progress() as observer:
@@ -84,7 +85,9 @@ def inspect(path: PathFile, given: Given) -> None:
 
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
-    mm, percent, mm2 = 1e3, 1e2, 1e6
+    mm = 1e3
+    percent = 1e2
+    mm2 = 1e6
     names = ("min", "p5", "mean", "p95", "max")
     spread = " / ".join(console.number_or_dash(m[f"stepover_{name}_m"], ".2f", mm) for name in names)
     return [

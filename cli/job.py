@@ -52,10 +52,12 @@ def job(what: What, given: Given, part: PartFile = None) -> int:
     copy = file.read_bytes()
     folder = _folder(copy, given)
     # For the first pass, while those of another job are there.
-    draft, fresh = folder / ".part-job", not folder.exists()
+    draft = folder / ".part-job"
+    fresh = not folder.exists()
     if given["--resume"]:
         for plan in _passes(folder, "plan/path.json"):
-            made_on, again = plan_facts(plan)["part"], "Do the job anew with --overwrite."
+            made_on = plan_facts(plan)["part"]
+            again = "Do the job anew with --overwrite."
             check_part(plan, asked.passes[0].scenario.part.file, made_on, again)
     rows: list[Row] = []
     try:

@@ -52,17 +52,17 @@ class Worked:
     """Dots on a part, coloured by how long and how hard the pad has been over them, and the pad's trace."""
 
     def __init__(self, server: Any, node: str, solids: Sequence[Any], path: Array, radius: float) -> None:
-        self._radius, self._trace = radius, list[Array]()
+        self._radius = radius
+        self._trace = list[Array]()
         part = next(solid for solid in solids if solid.kind == "part")
         mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
         dots, facets = trimesh.sample.sample_surface(mesh, DOTS, seed=0)
         near = cKDTree(path).query(dots)[0] < 1.5 * radius
-        self._tree, self._normals, self._done = (
-            cKDTree(dots[near]),
-            mesh.face_normals[facets[near]],
-            np.zeros(near.sum()),
-        )
-        add, size = server.scene, 1.3 * math.sqrt(mesh.area / DOTS)
+        self._tree = cKDTree(dots[near])
+        self._normals = mesh.face_normals[facets[near]]
+        self._done = np.zeros(near.sum())
+        add = server.scene
+        size = 1.3 * math.sqrt(mesh.area / DOTS)
         self._above = DOTS_M + 0.7 * size  # of lines: dots always face the camera
         self._cloud = add.add_point_cloud(
             f"{node}/worked", dots[near] + DOTS_M * self._normals, self._colors(),
@@ -115,11 +115,15 @@ class LivePage:
     def __init__(self, asked: Address, title: str) -> None:
         self.server, self.address = open_server(asked)
         say_address(asked, self.address)
-        self.paused, self.speed, self.steps = False, 1.0, 0
-        self.built, self.part = False, -1
+        self.paused = False
+        self.speed = 1.0
+        self.steps = 0
+        self.built = False
+        self.part = -1
         self.worked: Worked | None = None
         self.shown = 0  #: Moments sent
-        self._title, self._looks = title, dict[str, tuple[Array, float]]()
+        self._title = title
+        self._looks = dict[str, tuple[Array, float]]()
         self._shown_at = self._drawn_at = 0.0
         gui = self.server.gui
         self.text = gui.add_html("")
@@ -143,7 +147,8 @@ class LivePage:
     def _look(self, client: Any, what: str) -> None:
         if what in self._looks and client is not None:
             at, far = self._looks[what]
-            client.camera.look_at, client.camera.position = at, at + far * FROM
+            client.camera.look_at = at
+            client.camera.position = at + far * FROM
 
     def say(self, what: str) -> None:
         """Show what is happening where there are no numbers yet, or any more."""
@@ -151,7 +156,9 @@ class LivePage:
 
     def build(self, bodies: int, solids: Sequence[Any], part: int, path: Array, radius: float) -> None:
         """Draw ``bodies`` and what is on them; ``path`` (n, 3) [m] lies on body ``part``, -1: the world."""
-        add, self.part, self._solids = self.server.scene, part, solids
+        add = self.server.scene
+        self.part = part
+        self._solids = solids
         # Shadows and reflections take a browser without a graphics card down to a frame in several seconds.
         add.configure_default_lights(cast_shadow=False)
         add.configure_environment_map(hdri=None)
@@ -166,7 +173,8 @@ class LivePage:
         node = f"/body{part}" if part >= 0 else ""
         if len(path) and any(solid.kind == "part" for solid in solids):
             self.worked = Worked(self.server, node, solids, path, radius)
-            self._middle, self._size = path.mean(axis=0), float(np.ptp(path, axis=0).max()) + 2.0 * radius
+            self._middle = path.mean(axis=0)
+            self._size = float(np.ptp(path, axis=0).max()) + 2.0 * radius
         self.built = True
 
     def scale(self, top: float) -> None:
@@ -197,7 +205,8 @@ class LivePage:
         with self.server.atomic():
             turns = Rotation.from_matrix(moment.poses[:, :3, :3]).as_quat(scalar_first=True)
             for frame, pose, turn in zip(self._frames, moment.poses, turns, strict=True):
-                frame.position, frame.wxyz = pose[:3, 3], turn
+                frame.position = pose[:3, 3]
+                frame.wxyz = turn
         if now - self._drawn_at < 1.0 / GAUGES_HZ:
             return
         self._drawn_at = now
@@ -230,7 +239,8 @@ class LivePage:
             1.2 * max(1.0, float(np.linalg.norm(most - least))),
         )
         start = self.server.initial_camera
-        start.look_at, start.position = at, at + far * FROM
+        start.look_at = at
+        start.position = at + far * FROM
         for client in self.server.get_clients().values():
             self._look(client, CELL)
 

@@ -45,7 +45,9 @@ class LiveView(FrameSink):
 
     def __init__(self, asked: Address, title: str, steered: bool = True) -> None:
         """``steered``: whether force and feed are ours to change."""
-        self._asked, self._title, self._steered = asked, title, steered
+        self._asked = asked
+        self._title = title
+        self._steered = steered
         self._cell: Any = None
         self._stopping = False
         # set points under a hand: value and when it was moved
@@ -72,7 +74,9 @@ class LiveView(FrameSink):
     def start(self, cell: Any) -> None:
         """Offer what can be changed in the cell that is about to run."""
         self._cell, gui, process = cell, self.page.server.gui, cell.scenario.process
-        self._total, force, feed = cycle_time(cell.strokes), process.contact_force_n, 1e3 * process.feed_m_s
+        self._total = cycle_time(cell.strokes)
+        force = process.contact_force_n
+        feed = 1e3 * process.feed_m_s
         if self._steered and cell.on_part and cell.scenario.controller.name != "position":
             top = max(force, min(2.0 * force, 0.8 * cell.scenario.safety.force_limit_n))
             self._slider(gui, "Force [N]", FORCE, (min(1.0, force), top, 0.5, force), 1.0)
@@ -129,25 +133,31 @@ class LiveView(FrameSink):
             self._changed.content = block(f"<b>changed by hand</b>, kept in config.toml<br>{said}")
 
     def _build(self, model: Any, data: Any) -> None:
-        part, path, cell, radius = part_body(model), np.empty((0, 3)), self._cell, 0.0
+        part = part_body(model)
+        path = np.empty((0, 3))
+        cell = self._cell
+        radius = 0.0
         if cell is not None and cell.on_part:
-            path, radius = (
-                np.concatenate([on_surface(each) for each in cell.strokes]),
-                cell.scenario.pad.radius_m,
-            )
+            path = np.concatenate([on_surface(each) for each in cell.strokes])
+            radius = cell.scenario.pad.radius_m
             if part >= 0:
                 path = apply(inverse(poses_of(data)[part]), path)
         self.page.build(model.nbody - 1, scene_solids(model), part, path, radius)
         self.page.plot.visible = cell is not None and cell.on_part
 
     def _moment(self, data: Any) -> Moment:
-        cell, poses, none = self._cell, poses_of(data), math.nan
+        cell = self._cell
+        poses = poses_of(data)
+        none = math.nan
         if cell is None:
             return Moment(data.time, none, "", poses, data.site("tool").xpos, none, none, none)
-        state, e, part = cell.state, cell.kernel.engine, self.page.part
+        state = cell.state
+        e = cell.kernel.engine
+        part = self.page.part
         if part >= 0 and not cell.arm:
             poses[part, :3, 3] += cell.kernel.part.position - state.motion.rest
-        force, stop = float(state.wrench[2]), int(state.status.stop)
+        force = float(state.wrench[2])
+        stop = int(state.status.stop)
         sunk = e.qpos[6] + force / cell.scenario.pad.stiffness_n_m
         return Moment(
             time=float(state.status.steps) * e.dt,

@@ -189,7 +189,9 @@ class Key(NamedTuple):
             InputError: It cannot be understood.
             ConfigError: It is out of range; in the option's unit.
         """
-        unit, low, high = self.option.unit, self.spec["low"], self.spec["high"]
+        unit = self.option.unit
+        low = self.spec["low"]
+        high = self.spec["high"]
         if isinstance(self.default, tuple):
             return _read_list(self, text)
         if isinstance(unit, Unit):
@@ -271,12 +273,20 @@ def _parameter(option: Own | Key) -> str:
 
 def _declared(option: Own | Key) -> inspect.Parameter:
     """An option as a parameter Typer understands."""
-    name, switch, many, default = _name(option), False, False, None
+    name = _name(option)
+    switch = False
+    many = False
+    default = None
     if isinstance(option, Own):
-        switch, many, default = option.kind is bool, option.kind is list, option.default
-        metavar, text = option.metavar, option.text
+        switch = option.kind is bool
+        many = option.kind is list
+        default = option.default
+        metavar = option.metavar
+        text = option.text
     else:
-        many, metavar, text = option.option.repeat, option.option.metavar, _help(option)
+        many = option.option.repeat
+        metavar = option.option.metavar
+        text = _help(option)
     kind: Any = bool if switch else list[str] | None if many else str | None
     parser = None if switch else option.read
     declared = typer.Option(
@@ -295,7 +305,8 @@ def _declared(option: Own | Key) -> inspect.Parameter:
 
 def _help(key: Key) -> str:
     """Meaning, unit and default of an option."""
-    meaning, unit = key.meaning, key.option.unit
+    meaning = key.meaning
+    unit = key.option.unit
     word = "empty" if key.default == "" else AUTO
     text, _, empty = meaning.partition(f"; {word} = ")
     if isinstance(unit, Unit) and unit.name and f"({unit.name})" not in text:
@@ -344,7 +355,8 @@ def _how_to_write(word: str, unit: Unit) -> str:
     if not found:
         return plain
     try:
-        number, suffix = float(found[1]), found[2].strip().lower()
+        number = float(found[1])
+        suffix = found[2].strip().lower()
     except ValueError:
         return plain
     if suffix == unit.name.lower():
@@ -375,7 +387,8 @@ def _read_list(key: Key, text: str) -> list[float]:
     """Read X,Y,Z or X,Y,Z,RX,RY,RZ (rotation vector, as the robot shows it) into SI."""
     if text.strip() == AUTO and key.default == ():
         return []
-    count, unit = key.spec["length"], key.option.unit
+    count = key.spec["length"]
+    unit = key.option.unit
     units: Sequence[Unit] = (
         unit if isinstance(unit, tuple) and not isinstance(unit, Unit) else [unit or PURE] * count
     )
@@ -405,7 +418,8 @@ def build_scenario(base: Scenario, given: Given) -> Scenario:
         ConfigError: If a key or value is wrong; the message names the file, option or key.
         InputError: If an option cannot be understood.
     """
-    config, presets = given.get("--config"), presets_in(given.get("--set") or [])
+    config = given.get("--config")
+    presets = presets_in(given.get("--set") or [])
     scenario = override(base, presets)
     if config is not None:
         scenario = override(load_scenario(config, scenario), presets)
@@ -509,7 +523,8 @@ def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]]
     Raises:
         InputError: Naming the first one and where it counts.
     """
-    plan, keys = scenario.plan, config_keys(Scenario())
+    plan = scenario.plan
+    keys = config_keys(Scenario())
     some = {name for names in listens.values() for name in names}
     for option, key in keys.items():
         if (

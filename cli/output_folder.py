@@ -133,7 +133,8 @@ def _publish(draft: Path, final: Path) -> None:
 def unused(kind: Path) -> Path:
     """A new folder named by the time, or with -2, -3, ... when others of the same second took the name."""
     folder = kind / datetime.now().strftime("%Y%m%d-%H%M%S")
-    candidate, count = folder, 1
+    candidate = folder
+    count = 1
     while candidate.exists() or _draft_of(candidate).exists():
         count += 1
         candidate = folder.with_name(f"{folder.name}-{count}")

@@ -106,12 +106,16 @@ class Picture:
         """Open a renderer; what a missing OpenGL raises depends on the platform."""
         import mujoco
 
-        model.vis.global_.offwidth, model.vis.global_.offheight = quality.width, quality.height
-        model.vis.quality.offsamples, model.vis.quality.shadowsize = quality.samples, quality.shadow
+        model.vis.global_.offwidth = quality.width
+        model.vis.global_.offheight = quality.height
+        model.vis.quality.offsamples = quality.samples
+        model.vis.quality.shadowsize = quality.shadow
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a missing display is reported by who catches the error
             self._renderer = mujoco.Renderer(model, quality.height, quality.width)
-        self._camera, self._model, self._near = mujoco.MjvCamera(), model, near
+        self._camera = mujoco.MjvCamera()
+        self._model = model
+        self._near = near
         self._pair = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "master_base") >= 0
 
     def render(self, data: Any, pad: NDArray[np.float64], near: bool = False) -> Image:
@@ -119,7 +123,9 @@ class Picture:
         3)."""
         import numpy as np
 
-        camera, pair, near = self._camera, self._pair, near or self._near
+        camera = self._camera
+        pair = self._pair
+        near = near or self._near
         camera.lookat[:] = pad if near else self._model.stat.center if pair else LOOK_AT
         camera.distance = NEAR if near else PAIR_DISTANCE if pair else DISTANCE
         camera.azimuth, camera.elevation = (PAIR_AZIMUTH, PAIR_ELEVATION) if pair else (AZIMUTH, ELEVATION)
@@ -156,7 +162,8 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     from polish_sim.analysis.run_record import stop_mark
     from polish_sim.experiments.run_page import clock, joint_columns
 
-    stop, data = stop_mark(record.metrics), mujoco.MjData(model)
+    stop = stop_mark(record.metrics)
+    data = mujoco.MjData(model)
     row = min(
         int(np.searchsorted(clock(record.log), stop.time)) if stop else len(record.log) // 2,
         len(record.log) - 1,
@@ -174,7 +181,9 @@ def save_cell_picture(file: Path, record: RunRecord, model: Any) -> bool:
     picture.close()
     whole = Pillow.fromarray(np.hstack(images))
     if stop:
-        draw, x, y = ImageDraw.Draw(whole), CELL.width + PAD_WIDTH // 2, CELL.height // 2
+        draw = ImageDraw.Draw(whole)
+        x = CELL.width + PAD_WIDTH // 2
+        y = CELL.height // 2
         for color, line in (("white", 9), (STOP_COLOR, 5)):
             for way in (-CROSS, CROSS):
                 draw.line((x - CROSS, y - way, x + CROSS, y + way), fill=color, width=line)
@@ -230,7 +239,8 @@ class Viewer(FrameSink):
             return
         import mujoco.viewer
 
-        before, self._shown = set(threading.enumerate()), mujoco.MjData(model)
+        before = set(threading.enumerate())
+        self._shown = mujoco.MjData(model)
         mujoco.mj_copyData(self._shown, model, data)
         self._window = mujoco.viewer.launch_passive(
             model, self._shown, show_left_ui=False, show_right_ui=False

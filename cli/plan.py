@@ -74,7 +74,8 @@ def plan(part: PartFile, given: Given) -> int:
 
     With --region all every side is planned, in as few setups as possible: a folder each, and a table.
     """
-    dual, given = bool(given["--dual"]), {**given, "--part": part}
+    dual = bool(given["--dual"])
+    given = {**given, "--part": part}
     refuse_taken(given)
     named = [name for name in (*PATH_OPTIONS, *PAIR_OPTIONS, "--fixture") if given[name] is not None]
     if dual:
@@ -96,7 +97,8 @@ def plan(part: PartFile, given: Given) -> int:
         check_flange(scenario, "--export urscript")
     with claimed(given, "plan") as folder, console.progress() as observer:
         if scenario.plan.region == ALL and not dual and not scenario.part.pose:
-            show, unreached = plan_setups(scenario, folder.draft, wanted, observer), ""
+            show = plan_setups(scenario, folder.draft, wanted, observer)
+            unreached = ""
         else:
             result, unreached = plan_once(scenario, folder.draft, wanted, observer)
             show = partial(_show_plan, result, unreached, dual)
@@ -134,7 +136,8 @@ def plan_once(
     result = plan_for_two(scenario, observer) if dual else plan_removal(scenario, observer)
     plots: dict[str, Figure] = {}
     begin = time.perf_counter()
-    reach, unreached = None, ""
+    reach = None
+    unreached = ""
     if not dual:
         reach, unreached = place(scenario, result, plots, wanted.reach_map, observer)
     if unreached and not forced:
@@ -283,7 +286,9 @@ def place(
     from polish_sim.experiments.part_pose import PartPlacing
 
     observer.stage("place the part")
-    placing, reach, why = PartPlacing(scenario, *result.standing, result.path), None, ""
+    placing = PartPlacing(scenario, *result.standing, result.path)
+    reach = None
+    why = ""
     try:
         reach = placing.reach()
         result.figures["T_base_work"] = reach.T_base_work.tolist()
@@ -332,7 +337,10 @@ def plan_for_two(scenario: Checked, observer: Observer) -> PlanResult:
 
 
 def _rows(m: Mapping[str, Any]) -> list[list[str]]:
-    mm, cm2, percent, dash = 1e3, 1e4, 1e2, console.number_or_dash
+    mm = 1e3
+    cm2 = 1e4
+    percent = 1e2
+    dash = console.number_or_dash
     stands = "out of reach" if "smallest_singular_value" in m else "see metrics.json"
     if "T_base_work" in m:
         stands = place_in_mm(row[3] for row in m["T_base_work"][:3])

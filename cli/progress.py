@@ -36,7 +36,10 @@ class ProgressObserver:
         sinks: Sequence[FrameSink],
         quiet_s: float | None = None,
     ) -> None:
-        self._bar, self._quiet_s, self._stage, self._told_at = bar, quiet_s, "", 0.0
+        self._bar = bar
+        self._quiet_s = quiet_s
+        self._stage = ""
+        self._told_at = 0.0
         self._say = say
         self._sinks = sinks
         self.frame_every_s = min([IDLE_FRAME_S, *(sink.every_s for sink in sinks)])
@@ -65,7 +68,8 @@ class ProgressObserver:
     def stage(self, text: str) -> None:
         """Begin a stage: its bar starts anew."""
         self._say(text)
-        self._stage, self._told_at = text, time.monotonic()
+        self._stage = text
+        self._told_at = time.monotonic()
         self._bar.reset(self._task, total=None, description=text)
         for sink in self._sinks:
             sink.stage(text)

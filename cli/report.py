@@ -31,7 +31,8 @@ def report(runs: Runs, given: Given) -> None:
     from polish_sim.experiments.report import draw_comparison, save_plots, write_saved_page
 
     records = read_records(runs)
-    first, alone = records[0], len(records) == 1
+    first = records[0]
+    alone = len(records) == 1
     name = first.scenario.experiment
     with claimed(given, f"report-{name}") as folder:
         if alone:

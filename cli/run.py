@@ -120,7 +120,8 @@ def _command_of(row: Experiment) -> Callable[..., int]:
 
 def run(row: Experiment, given: Given) -> int:
     """Simulate an experiment with the options given."""
-    view, seeds = given.get("--view"), given.get("--seeds")
+    view = given.get("--view")
+    seeds = given.get("--seeds")
     of_one = [option for option in ("--view", "--live", "--video", "--learn") if given.get(option)]
     if seeds is not None and of_one:
         raise InputError(f"{of_one[0]} is for one run, of one arm on one part: leave --seeds out.")
@@ -215,7 +216,9 @@ def run_once(
     from polish_sim.cli.outcome import Outcome, other_conditions
     from polish_sim.experiments.report import save_plots, write_page
 
-    row, record, undrawn = experiment(scenario.experiment), None, ""
+    row = experiment(scenario.experiment)
+    record = None
+    undrawn = ""
     try:
         with ExitStack() as stack:
             observer = stack.enter_context(console.progress(sinks))
@@ -291,7 +294,8 @@ def simulate(
     from polish_sim.analysis.run_record import RunRecord, package_versions, write_record
 
     result = run_experiment(scenario, plan, observer)
-    figures, ran = {**result.figures, "versions": package_versions()}, result.scenario
+    figures = {**result.figures, "versions": package_versions()}
+    ran = result.scenario
     for sink in sinks:
         ran = sink.as_run(ran)
     record = RunRecord(scenario.experiment, ran, figures, result.log, result.path, result.removal)
@@ -397,7 +401,8 @@ def take_plan(source: Path, scenario: Scenario, given: Given) -> tuple[ToolPath,
     if not chosen:
         scenario = merge(scenario, {"part": {"file": planned_part(source, facts["part"])}}, "")
     check_part(source, scenario.part.file, facts["part"])
-    settings, proof = planned_settings(source, facts, given), facts["proof"]
+    settings = planned_settings(source, facts, given)
+    proof = facts["proof"]
     if given.get("--contact-force") is not None:
         settings["process"].pop("contact_force_n", None)
         path = replace(path, force=None) if proof and proof.get("eased") else path

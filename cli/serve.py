@@ -117,7 +117,8 @@ def _robot(given: Given, addresses: Sequence[str], folders: Sequence[Path]) -> i
     of them."""
     from polish_sim.cell.observer import results_kept
 
-    code, real_time = DONE, given["--speed"] != SPEEDS[1]
+    code = DONE
+    real_time = given["--speed"] != SPEEDS[1]
     beside = [
         multiprocessing.get_context("spawn").Process(target=_beside, args=(given, *own), name=own[0])
         for own in list(zip(addresses, folders, strict=True))[1:]
@@ -221,7 +222,8 @@ def _prepared(given: Given, task: Task | None, observer: Any) -> _Job:
     with observer.compiling.ahead(scenario):
         plan, scenario = plan_to_run(scenario, path, observer, None)  # not proven: the law is the client's
     surface = prepare_surface(scenario, plan, observer)
-    part, notes = build_part(scenario, surface.place), surface.plan.notes
+    part = build_part(scenario, surface.place)
+    notes = surface.plan.notes
     most_s = (task and scenario.process.max_feed_s) or math.inf
     return _Job(
         scenario,
@@ -284,7 +286,8 @@ def _serve(
     robot, asked = controller.robot, threading.Event()
     server = Server(controller, address, real_time, given["--port-offset"] or 0)
     signal.signal(signal.SIGTERM, lambda *_: asked.set())  # in the background Ctrl-C does not reach it
-    started, most = time.perf_counter(), (given["--for"] or math.inf) / TICK_S
+    started = time.perf_counter()
+    most = (given["--for"] or math.inf) / TICK_S
     sys.setswitchinterval(SWITCH_S)
     gc.freeze()  # what is here stays: collecting looks at what comes later only
 
@@ -366,7 +369,8 @@ def _write_run(job: _Job, controller: Controller, folder: Path) -> None:
     from polish_sim.experiments.report import write_page
     from polish_sim.spatial import apply
 
-    rig, path = controller.robot.rig, job.place.path
+    rig = controller.robot.rig
+    path = job.place.path
     if not rig.recorded:
         console.note("nothing was recorded: no programme ran.")
         return

@@ -132,7 +132,8 @@ def smooth(path: PathFile, given: Given) -> None:
     if given["--no-joints"] and pose is not None:
         raise InputError("--part-pose would change nothing with --no-joints: leave it out.")
     refuse_taken(given)
-    rule, against = given["--rule"] or "spline", given["--against"]
+    rule = given["--rule"] or "spline"
+    against = given["--against"]
     request = SmoothRequest(
         path,
         (rule,) if against is None else (rule, against),
@@ -231,7 +232,8 @@ def _prepare(
     if repeated:
         notes.append(f"{count_text(repeated, 'repeated point')} left out")
     if request.feed is not None:
-        limits, feeds = replace(limits, tip_speed=request.feed), None
+        limits = replace(limits, tip_speed=request.feed)
+        feeds = None
     else:
         feeds = feeds_on_way(points.path, placed.rows)
     speed = limits.tip_speed if feeds is None else np.minimum(feeds, limits.tip_speed)
@@ -320,7 +322,9 @@ def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name:
     """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
     from polish_sim.smoothing.plots import plot_deviation, plot_joints, plot_tool_rates
 
-    raw, limits, arm = task.placed.chain, task.limits.values(), task.placed.arm
+    raw = task.placed.chain
+    limits = task.limits.values()
+    arm = task.placed.arm
     curves = [_curves(motion, raw, arm) for motion in motions]
     times = ", ".join(f"{each.rule} {each.motion.end:.4g} s" for each in motions)
     facts = [f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm", times]
@@ -342,7 +346,8 @@ def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
     from polish_sim.smoothing.figures import motion_at
     from polish_sim.smoothing.plots import Curves
 
-    motion, end = measured.motion, measured.motion.end
+    motion = measured.motion
+    end = measured.motion.end
     times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
     seen = motion_at(motion, times, arm)
     strays = deviation_curve(motion, raw, times)

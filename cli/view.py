@@ -76,7 +76,8 @@ def free_address(asked: Address) -> Address:
     Raises:
         InputError: There is none.
     """
-    ports, problem = [asked.port] if asked.port else list(range(PORT, PORT + PORTS)), ""
+    ports = [asked.port] if asked.port else list(range(PORT, PORT + PORTS))
+    problem = ""
     for port in ports:
         try:
             family = socket.getaddrinfo(asked.host, port, type=socket.SOCK_STREAM)[0][0]

@@ -47,7 +47,8 @@ COMMENT = "lengths in mm; exposure_s: seconds under the pad; strict: within 0.55
 
 def write_coverage_mesh(file: Path, found: Inspection) -> None:
     """Write the region as binary PLY: x, y, z in mm, colour, and per vertex exposure_s and strict."""
-    mesh, times = found.ground.mesh, found.quality.exposure.times
+    mesh = found.ground.mesh
+    times = found.quality.exposure.times
     columns: Columns = {"exposure_s": ("<f4", times), "strict": ("u1", found.strict)}
     write_ply(file, COMMENT, (mesh.vertices, mesh.normals, mesh.triangles), _colors(times), columns)
 
@@ -75,7 +76,8 @@ def write_ply(
     for name, (_, values) in every.items():
         vertices[name] = values
     triangles = np.zeros(len(corners), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
-    triangles["count"], triangles["corners"] = 3, corners
+    triangles["count"] = 3
+    triangles["corners"] = corners
     kinds = {"f": "float", "u": "uchar"}
     lines = [
         "ply",
@@ -187,7 +189,8 @@ def _image(view: _View, values: Array) -> Array:
 
 
 def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> None:
-    m, times = found.figures, found.quality.exposure.times
+    m = found.figures
+    times = found.quality.exposure.times
     top = max(np.percentile(times, 99.5), 1e-9)
     drawn = axes.imshow(
         _image(view, times),
@@ -204,7 +207,8 @@ def _draw_time(figure: Figure, axes: Axes, found: Inspection, view: _View) -> No
 
 
 def _draw_cover(axes: Axes, found: Inspection, view: _View) -> list[Artist]:
-    m, quality = found.figures, found.quality
+    m = found.figures
+    quality = found.quality
     level = np.where(quality.exposure.times > 0.0, np.where(found.strict, 2.0, 1.0), 0.0)
     colors = ListedColormap(list(LEVELS.values()))
     axes.imshow(_image(view, level), extent=view.extent, origin="lower", cmap=colors, vmin=-0.5, vmax=2.5)
@@ -230,7 +234,8 @@ def _draw_cover(axes: Axes, found: Inspection, view: _View) -> list[Artist]:
 
 
 def _draw_spacing(axes: Axes, found: Inspection) -> None:
-    spacing, expected = found.quality.spacing, MM * found.plan.stepover_m
+    spacing = found.quality.spacing
+    expected = MM * found.plan.stepover_m
     axes.set(xlabel="distance to the turn beside [mm]", ylabel="share of the path [%]")
     apart = MM * spacing.distances_m
     if len(apart) == 0:
@@ -251,7 +256,8 @@ def _draw_spacing(axes: Axes, found: Inspection) -> None:
 
 
 def _draw_rate(axes: Axes, found: Inspection) -> None:
-    along, largest = found.quality.axis_rate, DEG_MM * found.figures["max_axis_rate_rad_m"]
+    along = found.quality.axis_rate
+    largest = DEG_MM * found.figures["max_axis_rate_rad_m"]
     axes.plot(along.s, DEG_MM * along.rate, color=BLUE, lw=0.8)
     axes.axhline(largest, color=ORANGE, lw=0.9, ls="--", label=f"largest {largest:.3g} deg/mm")
     axes.set(xlabel="along the path in contact [m]", ylabel="turn of the tool axis [deg/mm]")
@@ -259,7 +265,8 @@ def _draw_rate(axes: Axes, found: Inspection) -> None:
 
 
 def _draw_times(axes: Axes, found: Inspection) -> None:
-    times, median = found.quality.exposure.times, found.figures["exposure_median_s"]
+    times = found.quality.exposure.times
+    median = found.figures["exposure_median_s"]
     areas = found.ground.mesh.part_areas(found.ground.part_facets)
     axes.hist(times, bins=60, weights=100.0 * areas / areas.sum(), color=BLUE)
     axes.axvline(median, color=GREY, lw=1.0, ls="--", label=f"median {median:.3g} s")

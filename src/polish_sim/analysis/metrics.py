@@ -152,7 +152,9 @@ LEFT_OUT = 0.01  #: Share of the region that may be left out without a word
 
 def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
     """What is bad about a run of ``surface``, in sentences; ``contact_force`` is the largest one set [N]."""
-    found, lost, within = [], figures["contact_lost_s"], figures["force_within_4n"]
+    found = []
+    lost = figures["contact_lost_s"]
+    within = figures["force_within_4n"]
     if lost > 0.0:
         found.append(f"contact was lost for {lost:.3g} s")
     if within < WITHIN_BAND:
@@ -170,7 +172,8 @@ def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
 
 def much_left_out(figures: Mapping[str, Any]) -> list[str]:
     """What a plan or run leaves out of its region, in a sentence, if it is more than a hundredth of it."""
-    region, left = figures.get("region_area_m2", 0.0), figures.get("left_out_area_m2", 0.0)
+    region = figures.get("region_area_m2", 0.0)
+    left = figures.get("left_out_area_m2", 0.0)
     if left <= LEFT_OUT * region:
         return []
     why = "; ".join(f"{1e4 * area:.3g} cm^2 {reason}" for reason, area in figures["left_out"].items())
@@ -198,7 +201,8 @@ def measure_arc(trace: Trace) -> Figures:
     the commanded feed; orientation_error_max_rad.
     """
     part = steady_feed(trace.fed, trace.time_s, trace.path_s_m)
-    time, speed = trace.time_s[part], trace.tcp_speed_m_s[part]
+    time = trace.time_s[part]
+    speed = trace.tcp_speed_m_s[part]
     distance = distance_to_circle(trace.tcp_position_m[part], PAPER_ARC)
     # The median leaves ramps at the ends out.
     feed = _reduce(np.median, np.diff(trace.path_s_m[part]) / np.diff(time))
@@ -222,10 +226,12 @@ def measure_force(trace: Trace, contact_force: float) -> Figures:
     none; steady_*: from 0.5 s after contact on.
     """
     held = trace.phase < RETRACT_PHASE
-    time, force = trace.time_s[held], trace.normal_force_n[held]
+    time = trace.time_s[held]
+    force = trace.normal_force_n[held]
     contact = first_contact(force)
     start = len(time) if contact is None else contact
-    time, error = time[start:], force[start:] - contact_force
+    time = time[start:]
+    error = force[start:] - contact_force
     steady = error[time >= time[0] + STEADY_AFTER_S] if len(time) else error
     return {
         "contact_time_s": float(time[0]) if len(time) else math.nan,
@@ -251,7 +257,9 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
     15 mm of the peak; force_error_between_peaks_n: the same for equally long stretches away from them.
     """
     part = trace.fed
-    time, force, path_s = trace.time_s[part], trace.normal_force_n[part], trace.path_s_m[part]
+    time = trace.time_s[part]
+    force = trace.normal_force_n[part]
+    path_s = trace.path_s_m[part]
     error = force - plan.force_at(path_s, contact_force)
     passed = peaks_passed(plan, path_s)
     peak_errors = errors_at_peaks(path_s, error, passed)

@@ -99,7 +99,9 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
     figure = new_figure(12.0, 5.8)
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     flat = figure.add_subplot(1, 2, 2)
-    path, mesh, fixture = result.path, result.mesh, result.tool.fixture
+    path = result.path
+    mesh = result.mesh
+    fixture = result.tool.fixture
     views = views_of(path.axes_work[path.process], mesh.up)
     frame = views.space
     shown = path.positions_work @ frame.T * MM
@@ -135,7 +137,8 @@ def plot_plan(result: PlanResult, name: str = "", stop: StopMark | None = None) 
 def _in_small_facets(vertices: Array, faces: Ints) -> Array:
     """Corners of facets without long edges, shape (m, 3, 3): long facets cannot be drawn in order of their
     distance."""
-    corners, longest = vertices[faces], LONGEST_EDGE * float(np.ptp(vertices, axis=0).max())
+    corners = vertices[faces]
+    longest = LONGEST_EDGE * float(np.ptp(vertices, axis=0).max())
     while True:
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         long = edges.max(axis=1) > longest
@@ -149,13 +152,16 @@ def _in_small_facets(vertices: Array, faces: Ints) -> Array:
 
 def _look(solid: Any, corners: Array, path: ToolPath, shown: Array, views: Views) -> _Seen:
     """Find what the part hides, in the view in space and in the flat one."""
-    projection, towards, turn = solid.get_proj(), path.axes_work @ views.space.T, views.flat @ views.space.T
+    projection = solid.get_proj()
+    towards = path.axes_work @ views.space.T
+    turn = views.flat @ views.space.T
 
     def in_space(points: Array) -> Array:
         across, up, away = proj3d.proj_transform(*points.T, projection)
         return np.column_stack([across, up, -np.asarray(away)])
 
-    space, above = depth_picture(corners, in_space), depth_picture(corners, lambda points: points @ turn.T)
+    space = depth_picture(corners, in_space)
+    above = depth_picture(corners, lambda points: points @ turn.T)
     from_above = seen_in(above, shown, towards)
     facing = from_above & (towards @ turn[2] > EDGE_ON)
     # A path on walls alone is better seen edge-on than not at all.
@@ -302,7 +308,8 @@ def fill_view(solid: Any, points: Array) -> None:
     solid.view_init(elev=ELEVATION, azim=AZIMUTH)
     solid.set_axis_off()
     across = np.array(proj3d.proj_transform(*points.T, solid.get_proj())[:2])
-    middle, half = 0.5 * (across.max(axis=1) + across.min(axis=1)), 0.52 * np.ptp(across, axis=1).max()
+    middle = 0.5 * (across.max(axis=1) + across.min(axis=1))
+    half = 0.52 * np.ptp(across, axis=1).max()
     # The view is a square; its limits across are those of the picture plane, not of the part.
     for axis, place in zip(("intervalx", "intervaly"), middle, strict=True):
         setattr(solid.viewLim, axis, (place - half, place + half))

@@ -34,7 +34,8 @@ def plot_residuals(
     number = np.arange(1, len(time) + 1)
     groups = ((slice(0, 3), 1.0, "force residual [N]"), (slice(3, 6), 1e3, "torque residual [mN m]"))
     for (bars, over_time), (rows, scale, label) in zip(grid, groups, strict=True):
-        values, deviation = residuals[:, rows] * scale, noise[rows][0] * scale
+        values = residuals[:, rows] * scale
+        deviation = noise[rows][0] * scale
         for axes in (bars, over_time):
             _noise_band(axes, deviation)
         for axis in range(3):

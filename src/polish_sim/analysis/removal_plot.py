@@ -86,7 +86,8 @@ def plot_removal_runs(records: Sequence[RunRecord], path_words: Callable[[Scenar
     grid = maps.subplots(rows, columns, squeeze=False).ravel()
     share = side.subplots()
     for index, (record, flat) in enumerate(zip(records, grid, strict=False)):
-        removal, color = _of(record), SERIES[index % len(SERIES)]
+        removal = _of(record)
+        color = SERIES[index % len(SERIES)]
         _draw_flat(flat, removal, views_of(removal.normals, removal.up))
         run = f"{record.scenario.controller.label}, {path_words(record.scenario)} ({record.name})"
         flat.set_title(f"{run}\n{_spread(record)}", fontsize=9.0, color=color)
@@ -151,7 +152,8 @@ def _bare(removal: RemovalMap) -> bool:
 
 
 def _draw_shares(axes: Axes, record: RunRecord) -> None:
-    removal, m = _of(record), record.metrics
+    removal = _of(record)
+    m = record.metrics
     edges, shares = _histogram(removal)
     axes.stairs(shares, edges, fill=True, color=GREY, alpha=0.75)
     _mark_bands(axes)
@@ -201,7 +203,8 @@ def _spread(record: RunRecord) -> str:
 
 
 def _facts(record: RunRecord) -> tuple[str, ...]:
-    m, removal = record.metrics, _of(record)
+    m = record.metrics
+    removal = _of(record)
     if removal.absolute:
         amount = f"mean {MICRO * m['removal_mean_m']:.3g} µm, {1e9 * m['removal_volume_m3']:.3g} mm³"
     else:

@@ -48,7 +48,8 @@ def plot_arc(record: RunRecord) -> Figure:
     """Draw speed, tracking error and the tool point's way round the commanded circle."""
     figure = new_figure(10.0, 5.0)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
-    speed, error = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
+    speed = figure.add_subplot(grid[0, 0])
+    error = figure.add_subplot(grid[1, 0])
     process = record.log.fed
     time = numbers(record.log, "time_s")[process]
     positions = numbers(record.log, "tcp_position_m")[process]
@@ -147,14 +148,17 @@ def _draw_error(axes: Axes, time: Array, distance: Array, counted: Bools) -> Non
 
 def _draw_plane(axes: Axes, positions: Array) -> None:
     """The circle's plane seen along its normal, the distance from the circle exaggerated."""
-    center, normal, wanted = np.asarray(PAPER_ARC.center), np.asarray(PAPER_ARC.normal), PAPER_ARC.radius
+    center = np.asarray(PAPER_ARC.center)
+    normal = np.asarray(PAPER_ARC.normal)
+    wanted = PAPER_ARC.radius
     across = np.cross([0.0, 0.0, 1.0], normal)
     offset = positions - center
     u, v = (
         offset @ (across / np.linalg.norm(across)),
         offset @ np.cross(normal, across / np.linalg.norm(across)),
     )
-    angle, radius = np.arctan2(v, u), np.hypot(u, v)
+    angle = np.arctan2(v, u)
+    radius = np.hypot(u, v)
     exaggeration = _exaggeration(float(np.abs(radius - wanted).max(initial=0.0)), wanted)
     shown = wanted + exaggeration * (radius - wanted)
     ideal = np.linspace(0.0, 2.0 * np.pi, 361)

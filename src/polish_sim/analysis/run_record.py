@@ -87,7 +87,9 @@ def read_record(folder: Path) -> RunRecord:
     scenario = load_scenario(folder / CONFIG, Scenario())
     path = _read_path(folder / PATH) if (folder / PATH).is_file() else None
     removal = read_removal(folder / REMOVAL) if (folder / REMOVAL).is_file() else None
-    name, metrics, log = folder.resolve().name, read_json(folder / METRICS), read_log(folder / LOG)
+    name = folder.resolve().name
+    metrics = read_json(folder / METRICS)
+    log = read_log(folder / LOG)
     return RunRecord(name, scenario, metrics, log, path, removal)
 
 

@@ -228,11 +228,14 @@ def views_of(normals: Array, up: Array) -> Views:
     level = facing - (facing @ up) * up
     if np.linalg.norm(level) < max(STEEP, 1.5 * abs(facing @ up)):
         frame = view_frame(-up if below else up)
-        name, flat, upwards = "from below" if below else "from above", frame, "to the back"
+        name = "from below" if below else "from above"
+        flat = frame
+        upwards = "to the back"
     else:
         frame = np.stack([np.cross(-unit(level), up), -unit(level), up])
         flat = np.stack([frame[0], np.cross(unit(facing), frame[0]), unit(facing)])
-        name, upwards = f"along its face, from {axis_name(flat[2])}", "up"
+        name = f"along its face, from {axis_name(flat[2])}"
+        upwards = "up"
     labels = f"to the right ({axis_name(flat[0])}) [mm]", f"{upwards} ({axis_name(flat[1])}) [mm]"
     return Views(frame, flat, name, labels)
 

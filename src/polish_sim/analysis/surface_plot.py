@@ -59,7 +59,8 @@ def plot_surface_force(record: RunRecord) -> Figure:
         _draw_curvature(bend, record.path)
         _mark_peaks((force, bend), record.path)
     bend.set(xlabel="along the path [m]", ylabel="curvature [1/m]")
-    stop, m = stop_mark(record.metrics), record.metrics
+    stop = stop_mark(record.metrics)
+    m = record.metrics
     if stop:
         mark_stop((force, bend), stop.s)
     facts = facts_of(
@@ -89,7 +90,8 @@ def plot_surface_runs(records: Sequence[RunRecord]) -> Figure:
     )
     below, above = _error_limits(records)
     for index, (record, (along, share)) in enumerate(zip(records, grid, strict=True)):
-        color, target = SERIES[index % len(SERIES)], _set_force(record)
+        color = SERIES[index % len(SERIES)]
+        target = _set_force(record)
         # Every run about its own set force, all on one scale.
         low, high = max(target + below, -2.0), target + above
         _draw_force(along, record, color, None)
@@ -198,7 +200,8 @@ def _error_limits(records: Sequence[RunRecord]) -> tuple[float, float]:
 
 def _title(record: RunRecord) -> str:
     """Who ran, and what was asked; how it ended if it is not whole."""
-    label, end = record.scenario.controller.label, ending(record)
+    label = record.scenario.controller.label
+    end = ending(record)
     name = label if record.name == label else f"{label} ({record.name})"
     asked = f"{_set_force(record):g} N at {1e3 * record.scenario.process.feed_m_s:g} mm/s"
     return f"{name}, {asked}{'' if end == WHOLE else f', {end}'}"

@@ -85,8 +85,10 @@ class ArmEstimate(NamedTuple):
 def gear_columns(q: Array, weight: Array, catalogue: RealArmConfig) -> Array:
     """What turns the links off their encoders: torque by parts between the knees, error once and twice, (n,
     6, 7)."""
-    size, way = np.abs(weight), -np.sign(weight)
-    first, second = np.array(catalogue.knee_1_nm), np.array(catalogue.knee_2_nm)
+    size = np.abs(weight)
+    way = -np.sign(weight)
+    first = np.array(catalogue.knee_1_nm)
+    second = np.array(catalogue.knee_2_nm)
     parts = (np.minimum(size, first), np.clip(size, first, second) - first, np.maximum(size - second, 0.0))
     phase = 2.0 * catalogue.gear_ratio * q
     waves = (np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase))
@@ -172,7 +174,8 @@ def _slopes(arm: ArmEstimate, tracked: TrackedArm) -> Array:
     frames = arm.T_tracker_base @ link_frames(arm.links_at(tracked.q, tracked.weight), arm.table)
     R = frames[:, 6, :3, :3]
     points = R @ arm.target + frames[:, 6, :3, 3]
-    table, gears = table_slopes(frames, points), np.zeros((len(points), 3, 6, 7))
+    table = table_slopes(frames, points)
+    gears = np.zeros((len(points), 3, 6, 7))
     if tracked.weight is not None:
         gears = table[:, :, :6, None] * gear_columns(tracked.q, tracked.weight, tracked.catalogue)[:, None]
     by_gears = gears.reshape(len(points), 3, _GEARS)

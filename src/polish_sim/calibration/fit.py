@@ -64,7 +64,8 @@ def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools |
     ``noise``: standard deviation of a coordinate, None takes that of each kind from the residuals; ``used``:
     measurements to use, (n,), None uses all.
     """
-    x, scale = start, _columns(problem, start, "start")
+    x = start
+    scale = _columns(problem, start, "start")
     used = np.ones(len(problem.residuals(start)), dtype=bool) if used is None else used
     settled = False
     for _ in range(_NOISE_ROUNDS):
@@ -76,12 +77,15 @@ def fit(problem: Problem[X], start: X, noise: float | None = None, used: Bools |
             break
         # Each kind's share of the degrees of freedom the fit has used up.
         taken = np.einsum("nap,pq,naq->a", rows, covariance, rows)
-        previous, scale = scale, np.maximum(_noise(problem, e[used], taken), SMALLEST_NOISE)
+        previous = scale
+        scale = np.maximum(_noise(problem, e[used], taken), SMALLEST_NOISE)
         settled = np.allclose(scale, previous, rtol=1e-6)
     if len(problem.noises) == 1:
-        size, unknowns = e[used].size, J.shape[2]
+        size = e[used].size
+        unknowns = J.shape[2]
         level = float(np.sqrt(np.sum(e[used] ** 2) / (size - unknowns))) if noise is None else noise
-        covariance, scale = level**2 * covariance, np.full(e.shape[1], level)
+        covariance = level**2 * covariance
+        scale = np.full(e.shape[1], level)
     return Fit(x, covariance, e, used, scale)
 
 
@@ -190,18 +194,22 @@ def _screened(problem: Problem[X], x: X) -> tuple[X, Bools]:
 def _near(problem: Problem[X], x: X, used: Bools) -> tuple[X, Bools]:
     """The fit of the measurements used, and all measurements within what noise explains of the fit of the
     others."""
-    scale, floors, e = _columns(problem, x, "start"), _columns(problem, x, "floor"), problem.residuals(x)
+    scale = _columns(problem, x, "start")
+    floors = _columns(problem, x, "floor")
+    e = problem.residuals(x)
     if len(problem.noises) > 1:
         taken = np.full(e.shape[1], problem.slopes(x).shape[2] / e.shape[1])
         scale = np.maximum(_noise(problem, e[used], taken), floors)
     x = solve(problem, x, used[:, None] / scale**2)
     e, J = problem.residuals(x) / scale, problem.slopes(x) / scale[:, None]
-    k, unknowns = e.shape[1], J.shape[2]
+    k = e.shape[1]
+    unknowns = J.shape[2]
     leverage = J @ _covariance(J[used].reshape(-1, unknowns)) @ np.swapaxes(J, 1, 2)
     expected = np.eye(k) + np.where(used, -1.0, 1.0)[:, None, None] * leverage
     distance = np.einsum("na,na->n", e, np.linalg.solve(expected + 1e-12 * np.eye(k), e[:, :, None])[:, :, 0])
     # The noise each is judged by comes from the other measurements alone.
-    total, freedom = float(np.sum(e[used] ** 2)), k * int(used.sum()) - unknowns
+    total = float(np.sum(e[used] ** 2))
+    freedom = k * int(used.sum()) - unknowns
     own = used.astype(float)
     others = np.maximum(total - own * distance, 0.0) / np.maximum(freedom - own * k, 1.0)
     noise = np.maximum(others, float((floors / scale).max()) ** 2)

@@ -191,8 +191,10 @@ def payload_regressor(up_sensor: Array, time: Array | None = None, gravity: floa
     X[:, :3, MASS] = gravity * up_sensor
     x, y, z = gravity * up_sensor.T
     X[:, 3, 2], X[:, 3, 3] = z, -y  # (m c) x u g
-    X[:, 4, 1], X[:, 4, 3] = -z, x
-    X[:, 5, 1], X[:, 5, 2] = y, -x
+    X[:, 4, 1] = -z
+    X[:, 4, 3] = x
+    X[:, 5, 1] = y
+    X[:, 5, 2] = -x
     X[:, :, BIAS] = np.eye(6)
     if time is not None:
         X[:, :, DRIFT] = time[:, None, None] * np.eye(6)
@@ -260,7 +262,8 @@ def refuse_swapped_columns(readings: PayloadReadings) -> None:
     which."""
     check_identifiable(readings.up_sensor)
     X = payload_regressor(readings.up_sensor)
-    forces, torques = [MASS, *range(BIAS.start, BIAS.start + 3)], [1, 2, 3, *range(BIAS.start + 3, BIAS.stop)]
+    forces = [MASS, *range(BIAS.start, BIAS.start + 3)]
+    torques = [1, 2, 3, *range(BIAS.start + 3, BIAS.stop)]
     _refuse_swapped(X[:, :3, forces], readings.wrenches[:, :3], "f", lambda theta: theta[0] > 0.0)
     _refuse_swapped(X[:, 3:, torques], readings.wrenches[:, 3:], "t", lambda _: True)
 

@@ -76,7 +76,8 @@ def plan_payload_poses(count: int) -> PosePlan:
 
 def _short_way(places: Array) -> Indices:
     """Order in which to visit joint angles (n, 2): from the first always to the nearest not yet seen."""
-    order, left = [0], list(range(1, len(places)))
+    order = [0]
+    left = list(range(1, len(places)))
     while left:
         ways = np.abs(places[left] - places[order[-1]]).max(axis=1)
         order.append(left.pop(int(np.argmin(ways))))

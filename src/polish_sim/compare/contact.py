@@ -36,7 +36,8 @@ def measure_step(step: ForceStep) -> dict[str, float]:
     The mean error is that of |force - asked| from first contact on.
     """
     inside = (step.time >= 0.0) & (step.time <= WINDOW_S)
-    time, off = step.time[inside], step.force[inside] - step.asked
+    time = step.time[inside]
+    off = step.force[inside] - step.asked
     outside = np.flatnonzero(np.abs(off) > BAND_N)
     settled = float(time[outside[-1]]) if len(outside) else 0.0
     late = time > 2.0 / 3.0 * WINDOW_S

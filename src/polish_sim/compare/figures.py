@@ -35,7 +35,8 @@ def delay(time: Array, measured: Array, simulated: Array) -> float:
     The shift of the least squared difference, columns in shares of their deviation, those that hardly change
     left out; NaN if none is within.
     """
-    t, count = np.arange(time[0], time[-1], _CLOCK_S), round(MOST_S / _CLOCK_S)
+    t = np.arange(time[0], time[-1], _CLOCK_S)
+    count = round(MOST_S / _CLOCK_S)
     if len(t) < 4 * count:
         return float("nan")
     scale = measured.std(axis=0)
@@ -65,7 +66,8 @@ def ripple(time: Array, q: Array, qd: Array, torque: Array) -> Ripple:
     t = np.arange(time[0], time[-1], 1.0 / RATE_HZ)
     angle, speed, value = (np.interp(t, time, x) for x in (q, qd, torque))
     value = sosfiltfilt(butter(3, _HIGH_PASS_HZ, "high", fs=RATE_HZ, output="sos"), value)
-    lines, count = np.zeros(len(CYCLES)), 0
+    lines = np.zeros(len(CYCLES))
+    count = 0
     for sign in (1.0, -1.0):
         moving = (sign * speed > _SLOW) & (np.abs(speed) < _FAST)
         if (n := int(moving.sum())) >= _LEAST:
@@ -83,7 +85,8 @@ def friction_curve(qd: Array, torque: Array, rigid: Array) -> Array:
 
     NaN where there are fewer than 30 samples.
     """
-    size, rubbing = np.abs(qd), (torque - rigid) * np.sign(qd)
+    size = np.abs(qd)
+    rubbing = (torque - rigid) * np.sign(qd)
     return np.array([
         rubbing[inside].mean() if (inside := (size > low) & (size <= high)).sum() >= 30 else np.nan
         for low, high in itertools.pairwise(SPEEDS)
@@ -102,7 +105,9 @@ class Friction(NamedTuple):
 def fit_friction(qd: Array, torque: Array, rigid: Array) -> Friction:
     """Fit friction by speed and load to a joint's torque, that without friction given, all (n,)."""
     moving = np.abs(qd) > _STILL
-    sign, speed, load = np.sign(qd[moving]), np.abs(qd[moving]), rigid[moving]
+    sign = np.sign(qd[moving])
+    speed = np.abs(qd[moving])
+    load = rigid[moving]
     drives = load * sign > 0.0
     base = np.column_stack([np.ones(len(sign)), speed, np.abs(load) * drives, np.abs(load) * ~drives])
     return Friction(*np.linalg.lstsq(base, (torque - rigid)[moving] * sign, rcond=None)[0].tolist())

@@ -45,7 +45,8 @@ def compare_joints(robot: RobotConfig, log: RobotRecording, payload: CarriedPayl
     curves = np.full((2, 6, len(SPEEDS) - 1), np.nan)
     if len(measured):
         commands = commands_of(log)
-        qd, qdd = commands(log.time, 1), commands(log.time, 2)
+        qd = commands(log.time, 1)
+        qdd = commands(log.time, 2)
         rigid = rigid_torques(robot, commands(log.time), qd, qdd, payload)
         figures |= {
             "nrms": nrms(measured, played.torque).tolist(),

@@ -49,12 +49,14 @@ def replay(robot: RobotConfig, log: RobotRecording, payload: CarriedPayload) -> 
         ProtectiveStop: The simulation ran away.
     """
     model = bare_arm(robot, payload)
-    dt, wanted = model.opt.timestep, commands_of(log)
+    dt = model.opt.timestep
+    wanted = commands_of(log)
     t = np.arange(-round(LEAD_S / dt), round(log.time[-1] / dt) + 1) * dt
     inside = np.maximum(t, 0.0)
     q, qd = wanted(inside), wanted(inside, 1)
     # From rest to the first speed at a constant acceleration.
-    lead, first = t < 0.0, qd[0]
+    lead = t < 0.0
+    first = qd[0]
     share = 1.0 + t[lead, None] / LEAD_S
     q[lead] = q[0] - first * LEAD_S * 0.5 * (1.0 - share**2)
     qd[lead] = first * share
@@ -90,9 +92,12 @@ def rigid_torques(robot: RobotConfig, q: Array, qd: Array, qdd: Array, payload: 
     model.body_gravcomp[:] = model.dof_frictionloss[:] = model.dof_damping[:] = 0.0
     model.dof_armature[:6] = robot.real.rotor_kg_m2
     model.jnt_stiffness[:] = 0.0
-    data, torques = mujoco.MjData(model), np.empty_like(q)
+    data = mujoco.MjData(model)
+    torques = np.empty_like(q)
     for k in range(len(q)):
-        data.qpos[:6], data.qvel[:6], data.qacc[:6] = q[k], qd[k], qdd[k]
+        data.qpos[:6] = q[k]
+        data.qvel[:6] = qd[k]
+        data.qacc[:6] = qdd[k]
         mujoco.mj_inverse(model, data)
         torques[k] = data.qfrc_inverse[:6]
     return torques
@@ -101,7 +106,8 @@ def rigid_torques(robot: RobotConfig, q: Array, qd: Array, qdd: Array, payload: 
 def bare_arm(robot: RobotConfig, payload: CarriedPayload) -> mujoco.MjModel:
     """Compile an arm in free space, a payload on its flange for its tool; the robot compensates neither."""
     model = build_scene(replace(SCENARIO, robot=robot))
-    mount, head = model.body("tool_mount").id, model.body("head").id
+    mount = model.body("tool_mount").id
+    head = model.body("head").id
     mass = max(payload.mass, _NO_TOOL)
     for body in (mount, head):
         scale = (mass if body == mount else _NO_TOOL) / model.body_mass[body]

@@ -109,7 +109,8 @@ def joint_page(found: JointComparison, model: mujoco.MjModel, title: str) -> str
     """The replayed arm, drawn by a ``model``, in motion over its torques, measured and simulated, as one HTML
     file."""
     kept = shown_rows(found.time, found.simulated_q)
-    time, still = found.time[kept], np.full(len(kept), np.nan)
+    time = found.time[kept]
+    still = np.full(len(kept), np.nan)
     joints = np.column_stack([found.simulated_q[kept], np.zeros((len(kept), model.nq - 6))])
     pad = np.zeros((len(kept), 3))
     plots = [

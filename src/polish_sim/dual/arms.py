@@ -144,7 +144,9 @@ class PairArms(NamedTuple):
     def reading(self, robot: str, rng: np.random.Generator) -> Reading | None:
         """What the host reads when an arm is led until its flange really is where it should be; None: just
         that."""
-        true, believed, gears = self.true[robot], self.believed[robot], self.gears
+        true = self.true[robot]
+        believed = self.believed[robot]
+        gears = self.gears
         if is_nominal(true) and is_nominal(believed) and not gears:
             return None
 
@@ -153,7 +155,8 @@ class PairArms(NamedTuple):
             if gears is None:
                 return forward(links, believed)
             read = gears[robot].encoders(links, rng)
-            weight, real = gears[robot].weight(read), gears[robot].real
+            weight = gears[robot].weight(read)
+            real = gears[robot].real
             moved = gear_columns(read, weight, real) * self.known[robot]
             return forward(read + moved.sum(axis=2), believed)
 
@@ -236,9 +239,11 @@ def pair_arms(
 def _refuse_second_source(config: DualConfig) -> None:
     """Refuse settings beside a calibration of the arms that say the same, or that assume the nominal
     table."""
-    source, others = "dual.arm_poses", ["bases_file"]
+    source = "dual.arm_poses"
+    others = ["bases_file"]
     if config.arms_file:
-        source, others = "dual.arms_file", [*others, "arm_poses", "arm_length_error_m", "arm_angle_error_rad"]
+        source = "dual.arms_file"
+        others = [*others, "arm_poses", "arm_length_error_m", "arm_angle_error_rad"]
     given = [f"dual.{name}" for name in others if getattr(config, name)]
     if given:
         raise ConfigError(

@@ -132,7 +132,9 @@ class Prediction(NamedTuple):
 
 def predict(trial: PairBudgetTrial) -> Prediction:
     """Noise of the instruments to the tool on the part, to first order."""
-    dual, site, true = trial.dual, trial.site, true_chain(trial.dual)
+    dual = trial.dual
+    site = trial.site
+    true = true_chain(trial.dual)
     adjusted = [
         _adjusted_exactly(dual, true, site, np.random.default_rng([trial.seed, 16, k]))
         for k in range(DESIGNS)
@@ -152,7 +154,10 @@ def draw_errors(trial: PairBudgetTrial, number: int) -> dict[str, Array]:
     tool as it is, work frame [m], each (points, 3).
     """
     rng = np.random.default_rng([trial.seed, 15, number])
-    dual, site, true, noise = trial.dual, trial.site, true_chain(trial.dual), trial.dual.touch_noise_m
+    dual = trial.dual
+    site = trial.site
+    true = true_chain(trial.dual)
+    noise = trial.dual.touch_noise_m
     found, R_flange_tool = find_parts(dual, true, site, rng)
     exact = true_parts(found, true, site)
     touched = touch_marks(true, site, dual.closing_touches, noise, rng)
@@ -190,7 +195,8 @@ def budget_figures(
     ``errors``: together, draw by draw, work frame [m], (draws, points, 3); calibrations with an rms around
     the rim above ``asked_rms`` [m] are counted.
     """
-    whole, axes = shares[TOGETHER], trial.T_work_tool[:, :3, 2]
+    whole = shares[TOGETHER]
+    axes = trial.T_work_tool[:, :3, 2]
     across = errors - np.einsum("dnk,nk->dn", errors, axes)[..., None] * axes
     each = np.sqrt(np.mean(np.sum(errors**2, axis=2), axis=1))
     predicted = {
@@ -219,7 +225,8 @@ def _share(covariances: Array, errors: Array, axes: Array) -> Share:
     expected = np.mean(np.trace(covariances, axis1=1, axis2=2))
     expected_along = np.mean(np.einsum("nj,njk,nk->n", axes, covariances, axes))
     # The errors around one rim belong together: what is independent is the draws.
-    each, rms = whole.mean(axis=1), float(np.sqrt(whole.mean()))
+    each = whole.mean(axis=1)
+    rms = float(np.sqrt(whole.mean()))
     spread = np.std(each, ddof=1) / np.sqrt(len(each))
     return Share(
         float(np.sqrt(expected)),

@@ -128,7 +128,9 @@ def _target(T: Array) -> Array:
 def _stated(found: BaseCalibration) -> dict[str, Any]:
     """Stated deviations of the worse base, of its z axis and of a point a metre away along its axes, rms."""
     figures: dict[str, Any] = {"relative_origin_std_m": float(np.sqrt(np.trace(found.covariance[:3, :3])))}
-    origins, tilts, ends = [], [], []
+    origins = []
+    tilts = []
+    ends = []
     for base in found.frames.values():
         T, C = base.T, base.covariance
         across = np.eye(3) - np.outer(T[:3, 2], T[:3, 2])
@@ -144,7 +146,8 @@ def _stated(found: BaseCalibration) -> dict[str, Any]:
 
 def _errors(found: BaseCalibration, truth: Bases) -> dict[str, Any]:
     """Calibration minus truth: of each base as the tracker sees it, of one in the other, and a metre away."""
-    T, wanted = found.T_master_follower, inverse(truth[ROBOTS[0]]) @ truth[ROBOTS[1]]
+    T = found.T_master_follower
+    wanted = inverse(truth[ROBOTS[0]]) @ truth[ROBOTS[1]]
     figures = _frame_error("relative_", T, wanted)
     # Of a metre away in any direction: rms over the three axes of the follower's base.
     ends = np.concatenate([AWAY * np.eye(3), -AWAY * np.eye(3)])

@@ -185,7 +185,8 @@ def build_master(
     T_flange_base = inverse(transform(flange.xmat.reshape(3, 3).copy(), flange.xpos.copy()))
     T_flange_part = T_flange_base @ transform(part.rotation, part.position)
     host_arm, T_rest = _host_arm(data, rows)
-    delay, hold = round(rows.delay / model.opt.timestep), max(round(rows.period / model.opt.timestep), 1)
+    delay = round(rows.delay / model.opt.timestep)
+    hold = max(round(rows.period / model.opt.timestep), 1)
     span = max(round(SPAN_S / (hold * model.opt.timestep)), 1) * hold
     poses = {"rest": T_rest, "part": T_flange_part, "work": T_flange_base @ rows.T_base_work}
     poses["belief"], poses["moved"] = rows.T_believed_true, np.eye(4)
@@ -229,7 +230,8 @@ def drive_master(master: Master, going: bool, stopping: bool, dt: float, ctrl: A
     The rate at which their time passes rises and falls with limited jerk, as a feed does. When ``stopping``
     it falls as a protective stop brakes: the master keeps to its rows then as well.
     """
-    state, step = master.state, dt / RAMP_S
+    state = master.state
+    step = dt / RAMP_S
     state.pace += min(max(1.0 - state.slow - state.pace, -step), step)
     if stopping or state.halted:
         state.rate = max(state.rate - max(step, dt * state.rate * _firmness(state)), 0.0)
@@ -254,7 +256,9 @@ def drive_master(master: Master, going: bool, stopping: bool, dt: float, ctrl: A
 @kernel
 def _firmness(carrier: Carrier) -> float:
     """Share of the flange's motion that the brakes take in a second [1/s]."""
-    v, w, brakes = carrier.velocity, carrier.turning, carrier.brakes
+    v = carrier.velocity
+    w = carrier.turning
+    brakes = carrier.brakes
     moving = math.sqrt(dot(v, v)) / brakes[0]
     turning = math.sqrt(dot(w, w)) / brakes[1]
     return 1.0 / max(moving, turning, 1e-9)
@@ -274,7 +278,8 @@ def carry_part(
     ``said``: the master's encoders, ``heard`` unless the reading comes in a gap of the link. Written: what
     the master notes of this instant, the part's rotation, the motion's place and angular velocity.
     """
-    carrier, flange = master.state, master.state.flange_body
+    carrier = master.state
+    flange = master.state.flange_body
     R_flange, p_flange = e.xmat[flange].reshape((3, 3)), e.xpos[flange]
     w = carrier.turning
     _add_joints(p_flange, e.xanchor, e.xaxis, FIRST_JOINT, e.qvel, FIRST_JOINT, carrier.velocity, w)
@@ -303,16 +308,22 @@ def _hear(master: Master, said: Encoders, heard: bool, dt: float) -> None:
     the speeds read lately, not the plan's: a master that slows down or halts by itself does not keep to its
     plan.
     """
-    carrier, line, step = master.state, master.line, master.state.steps
+    carrier = master.state
+    line = master.line
+    step = master.state.steps
     carrier.steps += 1
     if heard:
         carrier.newest = max((step - carrier.delay) // carrier.hold * carrier.hold, 0)
     newest = carrier.newest
     before = max(newest - carrier.span, 0)
-    age, between = (step - newest) * dt, max(newest - before, 1) * dt
-    sent, come, last = step % line.shape[0], newest % line.shape[0], before % line.shape[0]
+    age = (step - newest) * dt
+    between = max(newest - before, 1) * dt
+    sent = step % line.shape[0]
+    come = newest % line.shape[0]
+    last = before % line.shape[0]
     for j in range(6):
-        line[sent, j], line[sent, 6 + j] = said.angles[said.first + j], said.speeds[said.first + j]
+        line[sent, j] = said.angles[said.first + j]
+        line[sent, 6 + j] = said.speeds[said.first + j]
     for j in range(6):
         speed = line[come, 6 + j]
         acceleration = (speed - line[last, 6 + j]) / between
@@ -333,7 +344,8 @@ def _add_joints(
     for i in range(3):
         v[i] = w[i] = 0.0
     for k in range(6):
-        j, speed = first + k, speeds[first_speed + k]
+        j = first + k
+        speed = speeds[first_speed + k]
         add_to(v, scaled(speed, cross(axes[j], minus(point, anchors[j]))))
         add_to(w, scaled(speed, axes[j]))
 
@@ -379,8 +391,12 @@ def _believe(carrier: Carrier, R_flange: Array, p_flange: Array, v: Array, w: Ar
 
     What it believes is moved by B from what is true, so that it takes the displacement for B D B^-1.
     """
-    B, b, work, R = carrier.R_belief, carrier.p_belief, carrier.work, carrier.R_moved
-    turn, R_B = work[0:3], work[3:6]
+    B = carrier.R_belief
+    b = carrier.p_belief
+    work = carrier.work
+    R = carrier.R_moved
+    turn = work[0:3]
+    R_B = work[3:6]
     multiply(R_flange, carrier.R_rest.T, turn)
     shift = minus(p_flange, matvec(turn, carrier.p_rest))
     multiply(B, turn, R_B)

@@ -77,7 +77,8 @@ class PairCell(Cell):
     more_columns = 6
 
     def __init__(self, master: MasterRows, host_arm: HostArm, scenario: Scenario, *cell: Any) -> None:
-        self._rows, self.host_arm = master, host_arm
+        self._rows = master
+        self.host_arm = host_arm
         self.master_arm = RealArm()
         super().__init__(scenario, *cell)
         self.master = build_master(
@@ -89,7 +90,8 @@ class PairCell(Cell):
         self.data.qpos[FIRST_JOINT:] = self.data.ctrl[FIRST_CONTROL::2] = self._rows.q[0]
 
     def _build_real_arm(self, q_start: Array) -> RealArm:
-        real, seed = self.scenario.robot.real, self.scenario.seed
+        real = self.scenario.robot.real
+        seed = self.scenario.seed
         # The scene is bent by both tables already; of the master's host the loop keeps its own account.
         self.master_arm, follower = (
             build_joints(real, seed, self.model, self.data, q, self.host_arm, place)
@@ -119,7 +121,8 @@ def advance_pair(  # type: ignore[no-untyped-def]
 
     ``arm`` and ``other``: joints of follower and master; ``host_arm`` as in `PairCell`, for rigid ones.
     """
-    e, state = cell.engine, cell.state
+    e = cell.engine
+    state = cell.state
     recorder.filled.rows = recorder.filled.steps = 0
     for k in range(steps):
         t = state.status.steps * e.dt
@@ -135,9 +138,11 @@ def advance_pair(  # type: ignore[no-untyped-def]
             read_encoders(host_arm, e.qpos, 0)
             see_tool(state, host_arm.place, host_arm.turn, host_arm.anchors, host_arm.axes, e.qvel)
         read_sensor(state, cell.samples, e.sensordata, e.dt, t, draws[k])
-        due, cycle = host_is_due(state.status, cell.control_every), e.dt * cell.control_every
+        due = host_is_due(state.status, cell.control_every)
+        cycle = e.dt * cell.control_every
         if arm.elastic:
-            due, cycle = host_hears(arm, due, state.status.steps), e.dt * arm.waited
+            due = host_hears(arm, due, state.status.steps)
+            cycle = e.dt * arm.waited
         if due:
             move_target(state, cell.stroke, cycle, t)
             carry_target(master.state, state.target)
@@ -179,7 +184,9 @@ def _place_part(  # type: ignore[no-untyped-def]
 def _push_back(e: EngineViews, state: CellState, held: int) -> None:
     """The pad's force on the part, applied to the body that is carried."""
     scratch = state.scratch
-    force, torque, moment = scratch[1], scratch[2], scratch[3]
+    force = scratch[1]
+    torque = scratch[2]
+    moment = scratch[3]
     moment_at(force, torque, e.site_xpos[e.pad_site], e.xipos[held], moment)
     for i in range(3):
         e.xfrc_applied[held, i] = -force[i]

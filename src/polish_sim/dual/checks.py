@@ -33,7 +33,8 @@ class MotionCheck(NamedTuple):
 
 def check_length(visits: Visits, motion: MasterMotion) -> None:
     """Refuse a motion that is over before the work; the InputError says by how much."""
-    needed, lasts = float(visits.clock[-1]), motion.way.lasts
+    needed = float(visits.clock[-1])
+    lasts = motion.way.lasts
     if motion.file is not None and lasts < needed:
         raise InputError(
             f"'{motion.file.columns.file}' lasts {lasts:.2f} s, the tool works on the part for {needed:.2f} "
@@ -65,7 +66,8 @@ def check_master(check: MotionCheck, rows: MasterRows) -> None:
     """Refuse a motion too fast for the master's joints; the ReachError names joint, moment and, of a file,
     the line."""
     times = rows.spacing * np.arange(len(rows.q), dtype=np.float64)
-    speed, change = np.abs(rows.qd), np.abs(np.gradient(rows.qd, rows.spacing, axis=0))
+    speed = np.abs(rows.qd)
+    change = np.abs(np.gradient(rows.qd, rows.spacing, axis=0))
     _refuse(check, speed, times, check.robot.joint_speed_limit_rad_s, "turn at", "deg/s")
     _refuse(check, change, times, JOINT_ACCELERATION, "be accelerated by", "deg/s^2")
     # Where it is released or brakes, its time does not pass evenly.
@@ -78,7 +80,9 @@ def check_master(check: MotionCheck, rows: MasterRows) -> None:
 def check_carried(check: MotionCheck) -> None:
     """Refuse a motion of the part that the follower's velocity interface cannot keep up with; names the
     moment."""
-    at, way, T = check.visits, check.work.way, check.reach.T_master_work
+    at = check.visits
+    way = check.work.way
+    T = check.reach.T_master_work
     # A file's motion has an end on either side.
     clock = np.clip(at.clock, DIFFERENCE_S, max(way.lasts - DIFFERENCE_S, DIFFERENCE_S))
     before, now, after = (way(T, clock + shift) for shift in (-DIFFERENCE_S, 0.0, DIFFERENCE_S))

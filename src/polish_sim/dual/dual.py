@@ -59,12 +59,14 @@ def run_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observ
     cell, strokes, part = build_dual_cell(scenario, task)
     observer.stage("simulate")
     run = cell.run(observer)
-    path, reach = task.place.path, task.place.reach
+    path = task.place.path
+    reach = task.place.reach
     fed = run.trace.path_s_m[run.trace.fed]
     turns = work_turns(run, task)
     errors = pair_errors(run.trace, wanted_on_part(strokes, reach.T_base_work), turns, pressing)
     figures: dict[str, Any] = measure_pair(run.trace, errors, turns)
-    log, removal = run.log, None
+    log = run.log
+    removal = None
     if pressing:
         force = measure_surface(run.trace, path, scenario.process.contact_force_n)
         figures |= {name: value for name, value in force.items() if name not in figures}
@@ -88,7 +90,8 @@ class DualCell(NamedTuple):
 
 def build_dual_cell(scenario: Checked, task: DualTask) -> DualCell:
     """Set the cell up: the scene from the true frames, the plan from the believed ones."""
-    streams, place = random_streams(scenario.seed), task.place
+    streams = random_streams(scenario.seed)
+    place = task.place
     pressing = scenario.dual.standoff_m == 0.0
     scenario = scenario if pressing else replace(scenario, spindle=replace(scenario.spindle, speed_rpm=0.0))
     strokes = task.strokes
@@ -138,7 +141,8 @@ def work_turns(run: CellRun, task: DualTask) -> Array:
     """How the work frame really stands in the follower's base at the steps of the process, shape (n, 3,
     3)."""
     R = carried_turns(run.log, task, task.frames.true.T_flange_work)
-    times, wanted = run.log["time_s"], run.trace.time_s[run.trace.fed]
+    times = run.log["time_s"]
+    wanted = run.trace.time_s[run.trace.fed]
     if len(times) < 2:
         return np.repeat(R[:1], len(wanted), axis=0)
     between = Slerp(times, Rotation.from_matrix(R))
@@ -159,7 +163,8 @@ def _part_on_flange(task: DualTask, part: RealPart) -> Array:
         "master", task.master.q[0]
     )
     T_base_part = np.eye(4)
-    T_base_part[:3, :3], T_base_part[:3, 3] = part.rotation, part.position
+    T_base_part[:3, :3] = part.rotation
+    T_base_part[:3, 3] = part.position
     return inverse(T_base_flange) @ T_base_part
 
 

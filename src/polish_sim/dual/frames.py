@@ -166,7 +166,8 @@ def touch_marks(
     such. Raises ReachError if an arm off its table cannot do it: then what it reads is not known.
     """
     marks = len(site.T_work_tool)
-    mark, rounds = np.arange(count) % marks, max(-(-count // marks), 1)
+    mark = np.arange(count) % marks
+    rounds = max(-(-count // marks), 1)
     spin = np.zeros((count, 3))
     spin[:, 2] = 2.0 * np.pi * (np.arange(count) // marks) / rounds
     T_work_tool = site.T_work_tool[mark] @ transform(Rotation.from_rotvec(spin).as_matrix(), np.zeros(3))
@@ -296,17 +297,17 @@ def _given(config: DualConfig, true: ClosedChain, found: tuple[PairParts, Array]
         T = read_base_calibration(Path(config.bases_file), config.pair).T_master_follower
         parts = parts._replace(T_master_follower=T)
     if config.bases_file or config.arms_file:
-        T, what = (
-            parts.T_master_follower,
-            f"'{config.bases_file or config.arms_file}' puts the follower's base",
-        )
+        T = parts.T_master_follower
+        what = f"'{config.bases_file or config.arms_file}' puts the follower's base"
         cure = f"set the cell up as it was: --set dual.follower_pose={_pose_text(T)}"
         _check_near(what, "dual.follower_pose", T, true.T_master_follower, cure)
     if config.tool_file:
-        T, what = read_tool_calibration(Path(config.tool_file)), f"'{config.tool_file}' puts the tool"
+        T = read_tool_calibration(Path(config.tool_file))
+        what = f"'{config.tool_file}' puts the tool"
         cure = "the one of `calibrate tcp --cell-tool`, or none: the run then finds its own"
         _check_near(what, "the cell's tool", T, true.T_flange_tool, cure)
-        parts, R_flange_tool = parts._replace(tip=T[:3, 3]), T[:3, :3]
+        parts = parts._replace(tip=T[:3, 3])
+        R_flange_tool = T[:3, :3]
     return parts, R_flange_tool
 
 

@@ -83,7 +83,8 @@ def _gap_to_part(surface: Surface, T_work_gripper: Array, depth: float) -> float
     line = np.arange(-GRIPPER_RADIUS, GRIPPER_RADIUS + 0.5 * _SPACING, _SPACING)
     x, y = (grid.ravel() for grid in np.meshgrid(line, line))
     inside = np.hypot(x, y) <= GRIPPER_RADIUS + 1e-12
-    face, way = np.stack([x[inside], y[inside], np.zeros(int(inside.sum()))], axis=1), 0.0
+    face = np.stack([x[inside], y[inside], np.zeros(int(inside.sum()))], axis=1)
+    way = 0.0
     for _ in range(_STEPS):
         gap = signed_distances(surface, apply(T_work_gripper, face)).min()
         if gap < TOUCHING:

@@ -221,7 +221,8 @@ def middle_of(path: ToolPath) -> Array:
 def _speed_and_bend(config: DualConfig) -> tuple[Array, float]:
     """Velocity at the start [m/s], (3,), and how fast its direction turns [rad/s]."""
     velocity = config.master_speed_m_s * _unit(config.master_direction, "dual.master_direction")
-    level, radius = float(np.linalg.norm(velocity[:2])), config.master_arc_radius_m
+    level = float(np.linalg.norm(velocity[:2]))
+    radius = config.master_arc_radius_m
     if radius != 0.0 and not level > 0.0:
         raise ConfigError(
             f"dual.master_arc_radius_m = {radius:g} bends a way that is level; dual.master_direction is "

@@ -231,7 +231,8 @@ def _configurations(poses: Array, T_flange_end: Array, arm: str) -> tuple[list[t
     """Joints (n, 6) of every configuration that follows all poses with its value, best first; how far others
     came."""
     found: list[tuple[float, Array]] = []
-    furthest, reason = 0.0, f"the {arm} does not reach the first pose"
+    furthest = 0.0
+    reason = f"the {arm} does not reach the first pose"
     solutions = inverse_all(np.ascontiguousarray(poses[0] @ inverse(T_flange_end)), 0.0)
     for q in solutions[~np.isnan(solutions).any(axis=1)]:
         joints = _tracked(poses, T_flange_end, q)

@@ -52,7 +52,8 @@ def plot_dual(record: RunRecord) -> Figure | None:
     """Draw the errors of the tool on the part over time, and the force if there is one; None before the
     feed."""
     pressing = record.scenario.dual.standoff_m == 0.0
-    rows, m = _from_first_feed_to_last(record), record.metrics
+    rows = _from_first_feed_to_last(record)
+    m = record.metrics
     if rows.stop - rows.start < 2:
         return None
     figure = new_figure(10.0, 5.8 if pressing else 3.8)
@@ -122,7 +123,8 @@ def _draw_force(axes: Axes, time: Array, record: RunRecord) -> None:
 @styled
 def plot_tool(done: TcpCalibration) -> Figure:
     """Flanges round the touched point with the tool drawn in, and how far each tip was from the fit."""
-    measured, tip = done.measured, done.found.tip
+    measured = done.measured
+    tip = done.found.tip
     flanges = measured.touches.T_base_flange
     figure, space, bars = _canvas()
     for k, T in enumerate(flanges):
@@ -151,7 +153,8 @@ def plot_tool(done: TcpCalibration) -> Figure:
 @styled
 def plot_bases(done: BasesFound) -> Figure:
     """Measured points, fitted circles, axes and bases in space, and how far each point was from the fit."""
-    found, m = done.found, done.figures
+    found = done.found
+    m = done.figures
     figure, space, bars = _canvas()
     turn = np.linspace(0.0, 2.0 * np.pi, 91)
     around = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
@@ -213,7 +216,8 @@ def plot_budget(
 
 
 def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
-    place, width = np.arange(len(shares)), 0.36
+    place = np.arange(len(shares))
+    width = 0.36
     columns = 1e3 * np.array(
         [
             [
@@ -227,7 +231,8 @@ def _draw_shares(axes: Axes, shares: Mapping[str, Share]) -> None:
         ]
     )
     for k, (colour, name) in enumerate(((BLUE, "analysis"), (ORANGE, "drawn"))):
-        at, across = place + (k - 0.5) * width, f"{name}, across the tool axis"
+        at = place + (k - 0.5) * width
+        across = f"{name}, across the tool axis"
         look: dict[str, Any] = {"color": colour, "hatch": HATCHES[k], "edgecolor": "white"}
         axes.bar(at, columns[:, 2 * k], width, alpha=0.4, label=name, **look)
         axes.bar(at, columns[:, 2 * k + 1], width, label=across, **look)
@@ -271,10 +276,8 @@ def _draw_frame(space: Any, T: Array, size: float, names: str = "") -> None:
 
 def _finish(space: Any, points: Array, frame: str) -> None:
     """Equal scales, labels with units."""
-    middle, reach = (
-        0.5 * (points.max(axis=0) + points.min(axis=0)),
-        0.55 * float(np.ptp(points, axis=0).max()),
-    )
+    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+    reach = 0.55 * float(np.ptp(points, axis=0).max())
     for axis, center in zip("xyz", middle, strict=True):
         getattr(space, f"set_{axis}lim")(center - reach, center + reach)
         getattr(space, f"set_{axis}label")(f"{axis}, {frame} [m]")

@@ -93,7 +93,8 @@ def _with_way_down(positions: Array, axes: Array, bend: Array, clearance: float)
         [positions[:1] + clearance * axes[:1], positions, positions[-1:] + clearance * axes[-1:]]
     )  # fmt: skip
     segment = np.full(len(points), PROCESS, np.int8)
-    segment[0], segment[-1] = APPROACH, RETRACT
+    segment[0] = APPROACH
+    segment[-1] = RETRACT
     framed = np.concatenate([axes[:1], axes, axes[-1:]])
     return ToolPath(
         points,

@@ -64,7 +64,8 @@ def build_pair_scene(
         tables: Denavit-Hartenberg parameters of ``master`` and ``follower`` as built, (4, 6) each; None:
             nominal.
     """
-    scene, master = arm_spec(scenario.robot.arm), arm_spec(scenario.robot.arm)
+    scene = arm_spec(scenario.robot.arm)
+    master = arm_spec(scenario.robot.arm)
     follower = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
     for spec in (scene, follower, master):
         spec.option.timestep = scenario.simulation.timestep_s
@@ -105,7 +106,10 @@ def _add_gripper(master: Any, held: Held) -> Any:
     volume, center = volume_and_center(held.mesh)
     mass = held.density * volume
     size = np.ptp(held.mesh.vertices, axis=0)
-    part.gravcomp, part.mass, part.ipos, part.explicitinertial = 1.0, mass, center, True
+    part.gravcomp = 1.0
+    part.mass = mass
+    part.ipos = center
+    part.explicitinertial = True
     part.inertia = mass / 12.0 * np.maximum((size**2).sum() - size**2, 1e-6)
     return part
 
@@ -136,7 +140,9 @@ def _set_contacts(follower: Any, master: Any, part: Any, clearances: Clearances 
             geom.conaffinity |= PAD_GROUP | SHELLS | PART
             geom.margin = reach
     hull = part.geoms[0]
-    hull.contype, hull.conaffinity, hull.margin = CAPSULES | PART, CAPSULES | SHELLS, reach
+    hull.contype = CAPSULES | PART
+    hull.conaffinity = CAPSULES | SHELLS
+    hull.margin = reach
 
 
 def _is_solid(geom: Any) -> bool:
@@ -154,7 +160,9 @@ class PairContacts:
 
     def __init__(self, model: mujoco.MjModel, clearances: Clearances) -> None:
         """Take a scene that was built with the same clearances, see ``Held``."""
-        self._model, self._data, self._clearances = model, mujoco.MjData(model), clearances
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._clearances = clearances
         names = [model.geom(g).name for g in range(model.ngeom)]
         self._pad = np.array([name.endswith(PAD) for name in names])
         self._part = model.geom_bodyid == model.body(f"{MASTER}part").id
@@ -164,7 +172,8 @@ class PairContacts:
         """The first two things too close with joints of both arms [rad], (n, 6) each; empty if there are
         none."""
         for master, follower in zip(q_master, q_follower, strict=True):
-            self._data.qpos[:6], self._data.qpos[FIRST_JOINT:] = follower, master
+            self._data.qpos[:6] = follower
+            self._data.qpos[FIRST_JOINT:] = master
             mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_collision(self._model, self._data)
             contacts = self._data.contact

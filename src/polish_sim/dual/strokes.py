@@ -106,14 +106,17 @@ def free_strokes(
     ``hold``: time to stay at the end of a stretch [s]; ``lift``: height of the retract between two stretches
     [m].
     """
-    process, in_contact = scenario.process, stretches(path.process)
+    process = scenario.process
+    in_contact = stretches(path.process)
     limits = air_limits(process.feed_m_s)
-    points, rotations = apply(placed.T_base_work, path.positions_work), placed.rotations
+    points = apply(placed.T_base_work, path.positions_work)
+    rotations = placed.rotations
     pace = feed_pace(process.feed_m_s)
     strokes: list[Stroke] = []
     left = process.max_feed_s or math.inf
     for number, (first, last) in enumerate(in_contact):
-        during, down = slice(first, last + 1), slice(first - points_before(path, first), first + 1)
+        during = slice(first, last + 1)
+        down = slice(first - points_before(path, first), first + 1)
         table = build_path_table(points[during], rotations[during], path.s[during])
         feed = np.full(last + 1 - first, process.feed_m_s) if path.feed is None else path.feed[during]
         table = with_feed_share(table, path.s[during], feed / process.feed_m_s)
@@ -164,7 +167,8 @@ class Visits(NamedTuple):
         Beyond a feed that is cut short it continues as before: the tool's turn has no bend there.
         """
         fed = np.flatnonzero(self.stroke != ON_THE_WAY)
-        s_fed, clock = self.s[fed], self.clock[fed]
+        s_fed = self.s[fed]
+        clock = self.clock[fed]
         slowness = (clock[-1] - clock[-2]) / max(s_fed[-1] - s_fed[-2], 1e-9)
         beyond = np.minimum(slowness * np.maximum(s - s_fed[-1], 0.0), BEYOND_S)
         return np.interp(s, s_fed, clock) + beyond
@@ -183,7 +187,8 @@ def plan_visits(strokes: Sequence[Stroke], step: float) -> Visits:
                 )
             )
             time = done[-1].time[-1]
-        clock, meant = float(done[-1].clock[-1]), float(done[-1].meant[-1])
+        clock = float(done[-1].clock[-1])
+        meant = float(done[-1].meant[-1])
     return Visits(*(np.concatenate(columns) for columns in zip(*done, strict=True)))
 
 
@@ -236,7 +241,8 @@ def _fed(stroke: Stroke, number: int, step: float, touch_down: float) -> Visits:
 
 def _resting(points: Array, axes: Array, s: float, times: Array) -> Visits:
     """A move in the air, the master at rest."""
-    n, still = len(times), np.zeros(len(times))
+    n = len(times)
+    still = np.zeros(len(times))
     return Visits(points, axes, np.full(n, s), times, still, still, still, np.full(n, ON_THE_WAY))
 
 

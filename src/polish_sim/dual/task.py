@@ -97,7 +97,8 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     true = true_chain(scenario.dual, seat.T_gripper_work)
     job = PairJob(scenario, mesh, path, visits, region.up, seat.nose)
     marks = spread_marks(region, surface, scenario.dual.marks)
-    made, drawn = NOMINAL_ARMS, None
+    made = NOMINAL_ARMS
+    drawn = None
     work, motion = _asked_of_both(job, true)
     site = Site(_half_way(work, next(held_poses(scenario.part.pose, work, motion, region.up))), marks)
     if scenario.robot.elastic:
@@ -200,7 +201,8 @@ def _master_rows(
     scenario: Checked, frames: PairFrames, arms: PairArms, reach: PairReach, work: PairWork
 ) -> MasterRows:
     """Joints of the master along its way; the loop lets their time begin and end gently."""
-    believed, true = frames.believed, frames.true
+    believed = frames.believed
+    true = frames.true
     duration = min(float(work.visits.clock[-1]) + SPARE_S, work.way.lasts)
     time = np.linspace(0.0, duration, math.ceil(duration / ROW_S) + 1)
     T_base_flange = believed.master_flange(work.way(reach.T_master_work, time))

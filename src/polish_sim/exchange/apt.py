@@ -104,7 +104,9 @@ class Statement(NamedTuple):
 
 def statements(file: Path, text: str) -> Iterator[Statement]:
     """Take an APT text apart; $$ begins a comment, a single $ continues a statement other than prose."""
-    pending, begin, remarked = "", 0, False
+    pending = ""
+    begin = 0
+    remarked = False
     for number, raw in enumerate(text.splitlines(), start=1):
         code, _, comment = raw.partition("$$")
         # Creo writes frames as remarks ("$$->") that continue over lines; they are remarks all the way.

@@ -39,7 +39,8 @@ def yaml_text(result: PlanResult, setup: ExportSetup) -> str:
     pose. Straight moves in the air have a pose at either end. ``setup``: frame's name, force and feed.
     """
     kept = rows_without_straight_air(result.path)
-    path, inside = result.path.rows(kept), moves_in_part(result, kept)
+    path = result.path.rows(kept)
+    inside = moves_in_part(result, kept)
     return "\n".join([*_head(result, setup), *_poses(path, inside), *_lists(path, setup), ""])
 
 
@@ -60,7 +61,8 @@ def _head(result: PlanResult, setup: ExportSetup) -> list[str]:
 
 def _poses(path: ToolPath, inside: Bools) -> Iterator[str]:
     yield "poses:"
-    turns, before = Rotation.from_matrix(feed_frames(path)).as_quat(), False
+    turns = Rotation.from_matrix(feed_frames(path)).as_quat()
+    before = False
     for p, q, now in zip(path.positions_work, turns, inside, strict=True):
         if remark := in_part_remark(now, before):
             yield f"# {remark}"

@@ -215,7 +215,8 @@ class BagSource:
     row = "message"
 
     def __init__(self, file: Path) -> None:
-        self.file, wide = file, ["position", "velocity", "effort"]
+        self.file = file
+        wide = ["position", "velocity", "effort"]
         with self._reader() as reader:
             self.topics = {kind: name for name, topic in reader.topics.items() if (kind := topic.msgtype)}
         if _STATE not in self.topics:
@@ -242,24 +243,29 @@ class BagSource:
 
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
         """Rows of some columns."""
-        columns, kept, first = [self.names.index(name) for name in names], [], 1
+        columns = [self.names.index(name) for name in names]
+        kept = []
+        first = 1
         for row in self._rows():
             kept.append(row[columns])
             if len(kept) == BLOCK:
                 yield Block(np.array(kept), first)
-                kept, first = [], first + BLOCK
+                kept = []
+                first = first + BLOCK
         if kept:
             yield Block(np.array(kept), first)
 
     def _rows(self) -> Iterator[Array]:
-        wrench, wanted = np.full(6, np.nan), {self.topics.get(_STATE), self.topics.get(_WRENCH)}
+        wrench = np.full(6, np.nan)
+        wanted = {self.topics.get(_STATE), self.topics.get(_WRENCH)}
         with self._reader() as reader:
             connections = [c for c in reader.connections if c.topic in wanted]
             try:
                 for connection, stamp, raw in reader.messages(connections=connections):
                     message = reader.deserialize(raw, connection.msgtype)
                     if connection.msgtype == _WRENCH:
-                        force, torque = message.wrench.force, message.wrench.torque
+                        force = message.wrench.force
+                        torque = message.wrench.torque
                         wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
                     elif wrench[0] == wrench[0] or _WRENCH not in self.topics:
                         yield self._row(message, stamp, wrench)

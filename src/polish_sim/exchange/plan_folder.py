@@ -152,7 +152,8 @@ def _pass_numbers(table: Table) -> Indices:
     values = table.numbers("pass_index")[:, 0]
     wrong = np.flatnonzero((values != np.round(values)) | (np.abs(values) > 2**31))
     if len(wrong):
-        where, text = table.place(int(wrong[0])), table.columns["pass_index"][wrong[0]]
+        where = table.place(int(wrong[0]))
+        text = table.columns["pass_index"][wrong[0]]
         raise InputError(f"'{table.file}', {where}: pass_index is '{text}', wanted a whole number.")
     return values.astype(np.int64)
 
@@ -221,7 +222,10 @@ def _file_facts(mesh: PartMesh) -> dict[str, str]:
 def _metadata(result: PlanResult) -> dict[str, Any]:
     from polish_sim.planning.ground.points import thin
 
-    mesh, plan, pad, fixture = result.mesh, result.plan, result.tool.pad, result.tool.fixture
+    mesh = result.mesh
+    plan = result.plan
+    pad = result.tool.pad
+    fixture = result.tool.fixture
     return {
         "part": {"name": mesh.name, **_file_facts(mesh), "unit": mesh.unit},
         "fixture": None if fixture is None else _file_facts(fixture.mesh),

@@ -129,7 +129,8 @@ def read_column_map(file: Path) -> ColumnMap:
         InputError: A quantity or unit that is not known, or a number of columns that does not fit.
     """
     table = read_toml(file, "mapping", InputError)
-    columns, units = table.get("columns", {}), table.get("units", {})
+    columns = table.get("columns", {})
+    units = table.get("units", {})
     known = (TIME, *WIDTHS)
     for name in (*table, *columns, *units):
         if name not in (*known, "columns", "units"):
@@ -177,7 +178,9 @@ def read_robot_recording(
     scale = (columns or ColumnMap()).scale
     factors = np.concatenate([np.full(len(theirs), scale.get(name, 1.0)) for name, theirs in plan.items()])
     kept, start, whole = _gather(file, source, plan, factors, window)
-    time, values, first = kept[:, 0], {}, 1
+    time = kept[:, 0]
+    values = {}
+    first = 1
     for name in list(plan)[1:]:
         values[name] = kept[:, first : first + WIDTHS[name]]
         first += WIDTHS[name]
@@ -231,7 +234,12 @@ def _gather(
     window: tuple[float, float],
 ) -> tuple[Array, float, bool]:
     """Rows of the window, its begin from the log's first row [s], and whether the log ends with it."""
-    kept, begin, last, count, whole, usual = list[Array](), math.nan, math.nan, 0, True, 0.0
+    kept = list[Array]()
+    begin = math.nan
+    last = math.nan
+    count = 0
+    whole = True
+    usual = 0.0
     for rows, first in _scaled(source, plan, factors):
         begin = rows[0, 0] if math.isnan(begin) else begin
         steps = np.diff(rows[:, 0], prepend=rows[0, 0] - 1e-9 if math.isnan(last) else last)

@@ -71,7 +71,8 @@ def moves_in_part(result: PlanResult, kept: Bools) -> Bools:
 
     Only of a path that was made elsewhere: a plan keeps clear.
     """
-    path, inside = result.path, np.zeros(len(result.path.s), dtype=np.bool_)
+    path = result.path
+    inside = np.zeros(len(result.path.s), dtype=np.bool_)
     if len(result.in_part):
         apart = 0.5 * CHECKED_APART * result.tool.pad.radius_m  # places are looked at twice as far apart
         inside = path.process & (cKDTree(result.in_part).query(path.positions_work)[0] <= apart)
@@ -101,7 +102,8 @@ def strokes_of(path: ToolPath) -> list[StrokeRows]:
     if not len(pressed):
         raise PlanError("the path has no process point: nothing to press on. Plan it again.")
     pieces = np.split(pressed, np.flatnonzero(np.diff(pressed) > 1) + 1)
-    strokes, free = [], 0
+    strokes = []
+    free = 0
     for number, contact in enumerate(pieces):
         if len(contact) < 2:
             raise PlanError(

@@ -160,7 +160,8 @@ def closing(calls: Sequence[str], result: PlanResult) -> list[str]:
 
 
 def _settings(setup: ExportSetup) -> list[str]:
-    process, tool = setup.process, setup.tool
+    process = setup.process
+    tool = setup.tool
     way = process.search_depth_m + 3e-3
     timeout = PATIENCE * way / process.approach_speed_m_s
     limits = [SIDEWAYS_M, SIDEWAYS_M, process.approach_speed_m_s, ANGLE_RAD, ANGLE_RAD, ANGLE_RAD]
@@ -237,7 +238,8 @@ def urscript_text(result: PlanResult, setup: ExportSetup) -> str:
     name = "polish_" + (re.sub(r"[^0-9a-z]+", "_", result.mesh.name.lower()).strip("_") or "part")
     kept = np.zeros(len(result.path.s), dtype=np.bool_)
     kept[needed_rows(result.path, CHORD_M, float(AXIS_RAD), LONGEST_M)] = True
-    path, inside = result.path.rows(kept), moves_in_part(result, kept)
+    path = result.path.rows(kept)
+    inside = moves_in_part(result, kept)
     poses = np.concatenate(
         [path.positions_work, Rotation.from_matrix(steady_frames(path)).as_rotvec()], axis=1
     )
@@ -268,7 +270,8 @@ def _down(path: ToolPath, poses: Array, stroke: StrokeRows) -> tuple[list[_Move]
     if not moves:
         moves = [_Move(_lifted(poses[first], axis), "travel_speed")]
     # The lead goes down from the last place above the standoff to the first below it.
-    above, below = moves[-1].pose, poses[low[0]]
+    above = moves[-1].pose
+    below = poses[low[0]]
     fall = (above[:3] - poses[first][:3]) @ axis - STANDOFF_M
     share = fall / max(float((above[:3] - below[:3]) @ axis), 1e-9)
     standoff = np.concatenate([above[:3] + min(share, 1.0) * (below[:3] - above[:3]), below[3:]])
@@ -295,7 +298,8 @@ def _contact(
 ) -> Iterator[str]:
     """Moves in contact; the force is set where it changes, remarks stand where the tool is in the part."""
     rows = stroke.contact
-    feed, force = feeds_of(path, setup), forces_of(path, setup)
+    feed = feeds_of(path, setup)
+    force = forces_of(path, setup)
     gap = np.linalg.norm(np.diff(path.positions_work[rows], axis=0), axis=1)
     blend = np.minimum(BLEND_SHARE * np.minimum(gap[:-1], gap[1:]), LARGEST_BLEND_M)
     for row, before, radius in zip(rows[1:], rows[:-1], [*blend, 0.0], strict=True):

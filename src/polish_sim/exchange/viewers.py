@@ -216,7 +216,8 @@ def part_solids(result: PlanResult) -> list[Solid]:
             _solid("fixture", *lighter_mesh(fixture.vertices, fixture.faces, MOST_FACETS), FIXTURE_COLOR)
         )
     out = np.concatenate([np.empty((0, 3, 3)), *(row.triangles for row in result.area.left_out.values())])
-    size, way = 0.3 * result.plan.stepover_m, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
+    size = 0.3 * result.plan.stepover_m
+    way = np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [0.0, -0.3, 0.9]])
     chips = result.in_part[:, None] + size * way
     nothing = np.empty((0, 3))
     mended = [
@@ -240,7 +241,8 @@ def _solid(kind: str, vertices: Array, faces: Ints, color: tuple[int, ...]) -> S
 
 def predicted_wear(result: PlanResult, setup: ExportSetup) -> Wear:
     """The mesh on which the page predicts the removal; the pad is not finer than a tenth of its radius."""
-    surface, radius = result.region.surface, result.tool.pad.radius_m
+    surface = result.region.surface
+    radius = result.tool.pad.radius_m
     longest = max(0.15 * radius, 2.0 * math.sqrt(float(surface.facet_areas.sum()) / MOST_NODES))
     nodes = triangulate(surface, longest)
     spin = setup.spindle.speed_rpm * 2.0 * math.pi / 60.0

@@ -48,7 +48,8 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
     Nothing holds its weight but the motors: the model file's balancing of the links is taken off. ``part``:
     what lies on the table before it, or None; its contact is not computed.
     """
-    guide, real = scenario.guide, scenario.robot.real
+    guide = scenario.guide
+    real = scenario.robot.real
     spec = robot_with_tool(scenario.robot, scenario.head, scenario.pad)
     spec.option.timestep = scenario.simulation.timestep_s
     friction = guide.coulomb_nm, guide.viscous_nm_s_rad
@@ -62,8 +63,10 @@ def torque_arm(scenario: Scenario, part: LaidPart | None = None) -> mujoco.MjMod
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     for name, coulomb, viscous in zip(ARM_JOINTS, *friction, strict=True):
-        joint, limit = spec.joint(name), limits[name]
-        joint.frictionloss, joint.damping[0] = coulomb, viscous
+        joint = spec.joint(name)
+        limit = limits[name]
+        joint.frictionloss = coulomb
+        joint.damping[0] = viscous
         motor = spec.add_actuator(
             name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, forcerange=[-limit, limit]
         )
@@ -124,9 +127,12 @@ def believe(scenario: Scenario) -> Belief:
     unloaded = torque_arm(replace(scenario, guide=replace(guide, payload_kg=0.0)))
     own = read_chain(unloaded, ARM_JOINTS)
     chain = chain_of_file(Path(guide.model_file)) if guide.model_file else own
-    real, rubbing, load = scenario.robot.real, own, np.zeros((2, 6))
+    real = scenario.robot.real
+    rubbing = own
+    load = np.zeros((2, 6))
     if scenario.robot.elastic:
-        rubbing, load = chain, np.tile([[real.coulomb_driving], [real.coulomb_driven]], 6)
+        rubbing = chain
+        load = np.tile([[real.coulomb_driving], [real.coulomb_driven]], 6)
         if guide.model_file:
             load = friction_by_load(Path(guide.model_file))
     return Belief(

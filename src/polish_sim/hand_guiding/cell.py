@@ -79,7 +79,8 @@ class HandMotion(NamedTuple):
 @kernel
 def tool_velocity(e: EngineViews, out: Array) -> None:
     """Velocity of the tool point, which moves with the housing, base frame [m/s], shape (3,)."""
-    w, arm = e.cvel[e.mount_body], minus(e.site_xpos[e.tool_site], e.subtree_com[e.root_body])
+    w = e.cvel[e.mount_body]
+    arm = minus(e.site_xpos[e.tool_site], e.subtree_com[e.root_body])
     set_to(out, plus_cross(w[3:6], w, arm))
 
 
@@ -92,8 +93,11 @@ def pull_by_hand(
     ``row``: this step; ``velocity``: of the tool point [m/s]; ``force``, written: the hand's on the tool,
     base frame [N].
     """
-    grip, tool, R = motion.grip[row], e.site_xpos[e.tool_site], e.site_xmat[e.tool_site].reshape((3, 3))
-    wanted, applied = motion.rotations[row], e.xfrc_applied[e.mount_body]
+    grip = motion.grip[row]
+    tool = e.site_xpos[e.tool_site]
+    R = e.site_xmat[e.tool_site].reshape((3, 3))
+    wanted = motion.rotations[row]
+    applied = e.xfrc_applied[e.mount_body]
     lag = scaled(hand.stiffness, minus(motion.positions[row], tool))
     slow = scaled(hand.damping, minus(motion.velocities[row], velocity))
     set_to(force, scaled(grip, plus(lag, slow)))
@@ -193,7 +197,8 @@ def run_guided(
         raise ReachError("the arm cannot be guided from here: its links touch. Choose another start.")
     kernel = _build(arm, data, q_start, motion, servos)
     steps = len(servos)
-    rows, touching = np.zeros(steps, GuidingRow.dtype), ""
+    rows = np.zeros(steps, GuidingRow.dtype)
+    touching = ""
     chunk = max(1, round(observer.frame_every_s / kernel.engine.dt))
     with interrupts_noted(observer) as interrupt:
         while kernel.status.step < steps and not interrupt.seen:
@@ -209,7 +214,8 @@ def run_guided(
                 and (kernel.status.step - kernel.status.stop_step) * kernel.engine.dt >= BRAKED_S
             ):
                 break
-    done, code = int(kernel.status.step), int(kernel.status.stop)
+    done = int(kernel.status.step)
+    code = int(kernel.status.stop)
     reason = GUARDS[code] + touching if code else None
     return GuidingRun(
         rows[:done], reason, int(kernel.status.stop_step), interrupt.seen, float(arm.limits.lent.most)
@@ -245,7 +251,11 @@ def _links_that_touch(model: mujoco.MjModel, data: mujoco.MjData) -> str:
 @njit(_nrt=False)
 def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
     """Run up to step ``last``; returns earlier when the arm stands after a stop or the simulation broke."""
-    e, memory, status, velocity, force = k.engine, k.memory, k.status, k.scratch[0], k.scratch[1]
+    e = k.engine
+    memory = k.memory
+    status = k.status
+    velocity = k.scratch[0]
+    force = k.scratch[1]
     for step in range(status.step, last):
         mj_step1(e.model, e.data)
         tool_velocity(e, velocity)
@@ -262,7 +272,8 @@ def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
             if code == 0 and not math.isfinite(np.sum(e.qvel[:6])):
                 code = UNSTABLE
             if code:
-                status.stop, status.stop_step = code, step
+                status.stop = code
+                status.stop_step = step
         if status.stop == 0:
             _hold(k, k.servos[step])
         else:
@@ -271,7 +282,8 @@ def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
         pull_by_hand(k.hand, k.motion, step, e, velocity, force)
         for j in range(6):
             e.ctrl[j] = memory.torque[j]
-            arm.push[j], arm.stiffened[j] = memory.torque[j], 0.0
+            arm.push[j] = memory.torque[j]
+            arm.stiffened[j] = 0.0
         _record(k, rows[step], step, speed)
         keep_speeds(e)
         if arm.elastic:
@@ -286,7 +298,8 @@ def _advance(k: _Kernel, arm: RealArm, rows: NDArray[Any], last: int) -> None:
         if status.stop == 0:
             code = _touches(e, k.ranges)
             if code:
-                status.stop, status.stop_step = code, step + 1
+                status.stop = code
+                status.stop_step = step + 1
                 return
         if status.stop == UNSTABLE or (status.stop and (step - status.stop_step) * e.dt >= BRAKED_S):
             return
@@ -321,18 +334,21 @@ def _brake(k: _Kernel) -> None:
 
 @kernel
 def _record(k: _Kernel, row: Any, step: int, speed: float) -> None:
-    e, memory, R = k.engine, k.memory, k.engine.site_xmat[k.engine.tool_site]
-    row.time, row.speed, row.lent = step * e.dt, speed, k.limits.lent.now
+    e = k.engine
+    memory = k.memory
+    R = k.engine.site_xmat[k.engine.tool_site]
+    row.time = step * e.dt
+    row.speed = speed
+    row.lent = k.limits.lent.now
     for j in range(6):
-        row.q[j], row.qd[j], row.torque[j], row.external[j] = (
-            e.qpos[j],
-            e.qvel[j],
-            memory.torque[j],
-            memory.external[j],
-        )
+        row.q[j] = e.qpos[j]
+        row.qd[j] = e.qvel[j]
+        row.torque[j] = memory.torque[j]
+        row.external[j] = memory.external[j]
         row.read[j] = memory.q[j]
     for i in range(3):
-        row.tool[i], row.force[i] = e.site_xpos[e.tool_site, i], k.scratch[1, i]
+        row.tool[i] = e.site_xpos[e.tool_site, i]
+        row.force[i] = k.scratch[1, i]
         for j in range(3):
             row.R_base_tool[i, j] = R[3 * i + j]
 

@@ -147,7 +147,8 @@ class DragTask(NamedTuple):
 
 def prepare_drag(scenario: Checked) -> DragTask:
     """Load the part and the path to teach, and check that the arm can follow it; PolishSimError if not."""
-    part, plan = scenario.part, scenario.plan
+    part = scenario.part
+    plan = scenario.plan
     mesh = load_mesh(part)
     surface = fit_surface(mesh, plan.feature_angle_rad)
     if scenario.drag.follow == RIM:
@@ -184,7 +185,8 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     interrupted. Raises PolishSimError if part or path cannot be used or reached, or the mode is unknown.
     """
     observer.stage("prepare the part")
-    task, mode = prepare_drag(scenario), scenario.guide.mode or MODE
+    task = prepare_drag(scenario)
+    mode = scenario.guide.mode or MODE
     grip = replace(
         scenario.hand, turn_stiffness_nm_rad=scenario.drag.turn_stiffness_nm_rad,
         turn_damping_nm_s_rad=scenario.drag.turn_damping_nm_s_rad,
@@ -206,7 +208,8 @@ def run_drag(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     path: ToolPath | None = None
     if run.stop_reason is None and not run.interrupted:
         taught, more = _teach(scenario, task, dragged, run.rows["read"])
-        path, figures = taught.path, figures | more
+        path = taught.path
+        figures = figures | more
     files = {} if path is None else {TAUGHT: path_csv(path)}
     return RunResult(
         scenario,
@@ -224,7 +227,8 @@ def _teach(
     scenario: Checked, task: DragTask, dragged: DragTable, read: Array
 ) -> tuple[Taught, dict[str, Any]]:
     """The recording at the log's rate as a path, and how near it came."""
-    drag, every = scenario.drag, scenario.simulation.log_every
+    drag = scenario.drag
+    every = scenario.simulation.log_every
     # What the encoders say is all that is known of the tool.
     read = np.ascontiguousarray(read[::every])
     T_work_tool = inverse(task.reach.T_base_work) @ forward(read) @ tool_on_flange()

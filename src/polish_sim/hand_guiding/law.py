@@ -91,7 +91,8 @@ def quantize_encoders(gains: GuidingGains, memory: GuidingMemory, q: Array, dt: 
         qd = 0.0 if first else (read - memory.q[j]) / dt
         rate = 0.0 if first else (qd - memory.qd[j]) / dt
         memory.qdd[j] += gains.acceleration_blend * (rate - memory.qdd[j])
-        memory.q[j], memory.qd[j] = read, qd
+        memory.q[j] = read
+        memory.qd[j] = qd
 
 
 @kernel
@@ -284,7 +285,8 @@ def watch_guiding(
 
     ``memory``: after the law's step; ``tool_speed``: of the tool point [m/s].
     """
-    power, code = 0.0, 0
+    power = 0.0
+    code = 0
     for j in range(memory.qd.shape[0]):
         qd = memory.qd[j]
         lost = dry_friction(belief, memory, j, qd) * math.tanh(qd / gains.sign_speed) + belief.viscous[j] * qd

@@ -116,10 +116,8 @@ def _curve(record: RunRecord, case: int) -> tuple[Array, Array]:
     """Time from the move's start and norm of the hand's force, from just before the move to just after."""
     log = record.log
     of_case = numbers(log, "case") == case
-    time, force = (
-        numbers(log, "time_s")[of_case],
-        np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1),
-    )
+    time = numbers(log, "time_s")[of_case]
+    force = np.linalg.norm(numbers(log, "hand_force_n")[of_case], axis=1)
     moving = log.fed[of_case]
     if not moving.any():
         return np.zeros(0), np.zeros(0)
@@ -144,7 +142,8 @@ def plot_taught(record: RunRecord) -> Figure:
     assert record.path is not None  # without one there is nothing to draw
     moving = record.log.fed
     T_base_work = np.array(record.metrics["T_base_work"])
-    R, origin = T_base_work[:3, :3], T_base_work[:3, 3]
+    R = T_base_work[:3, :3]
+    origin = T_base_work[:3, 3]
     meant = (numbers(record.log, "target_position_m")[moving] - origin) @ R
     recorded = (numbers(record.log, "tcp_position_m")[moving] - origin) @ R
     taught = record.path.positions_work

@@ -99,7 +99,8 @@ def minimum_jerk(share: Array) -> tuple[Array, Array]:
 
 def move_table(move: Move, hand: HandConfig, T_base_home: Array, dt: float) -> MoveTable:
     """Where the hand wants the tool at every step of a move, centred on the pose ``T_base_home``."""
-    begin, duration = HOLD_S + RELEASE_S + hand.before_s, move.duration
+    begin = HOLD_S + RELEASE_S + hand.before_s
+    duration = move.duration
     end = begin + duration + hand.after_s
     t: Array = np.arange(round((end + move.off) / dt)) * np.float64(dt)
     way, speed = minimum_jerk((t - begin) / duration)
@@ -128,12 +129,14 @@ class PlayedMove(NamedTuple):
 
 def trace_of_move(play: PlayedMove) -> Trace:
     """The exact trace of one move, with no contact."""
-    tool, rows = _motion(play, 1), play.run.rows
+    tool = _motion(play, 1)
+    rows = play.run.rows
     return tool.trace(rows["time"], play.table.phase[: len(rows)], arc_length(tool.tips))
 
 
 def _motion(play: PlayedMove, every: int) -> ToolMotion:
-    rows, motion = play.run.rows[::every], play.table.motion
+    rows = play.run.rows[::every]
+    motion = play.table.motion
     wanted = (each[: len(play.run.rows) : every] for each in (motion.positions, motion.rotations))
     return ToolMotion(rows["tool"], rows["R_base_tool"], rows["speed"], *wanted)
 
@@ -213,10 +216,13 @@ def run_teach(scenario: Checked, observer: Observer = SILENT) -> RunResult:
     play no role. Raises PolishSimError if a mode or direction is unknown, the model cannot be read, a move
     cannot be reached.
     """
-    moves, hand = moves_of(scenario.guide, scenario.hand), hand_of(scenario.hand)
+    moves = moves_of(scenario.guide, scenario.hand)
+    hand = hand_of(scenario.hand)
     observer.stage("guide by hand")
     started = time.perf_counter()
-    model, belief, T_base_home = torque_arm(scenario), believe(scenario), home_pose()
+    model = torque_arm(scenario)
+    belief = believe(scenario)
+    T_base_home = home_pose()
     played: list[PlayedMove] = []
     for count, move in enumerate(moves):
         table = move_table(move, scenario.hand, T_base_home, scenario.simulation.timestep_s)

@@ -73,7 +73,8 @@ def path_through(surface: Surface, found: ClosestPoints) -> ToolPath:
 def simplified(points: Array, tolerance: float) -> Indices:
     """Rising indices of a polyline (n, 3) within ``tolerance`` [m] of all its points (Douglas and
     Peucker)."""
-    kept, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
+    kept = {0, len(points) - 1}
+    stack = [(0, len(points) - 1)]
     while stack:
         first, last = stack.pop()
         if last - first < 2:
@@ -126,7 +127,9 @@ def _knots(s: Array, corners: Array) -> Array:
 
 def _path(positions: Array, axes: Array, curvature: Array) -> ToolPath:
     moved = np.concatenate([[True], np.linalg.norm(np.diff(positions, axis=0), axis=1) > 1e-6])
-    positions, axes, curvature = positions[moved], axes[moved], curvature[moved]
+    positions = positions[moved]
+    axes = axes[moved]
+    curvature = curvature[moved]
     n = len(positions)
     return ToolPath(
         positions.copy(),

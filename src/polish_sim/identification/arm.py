@@ -75,7 +75,8 @@ def build_arm(
     ``terms``: of the torque model; ``load``: what is bolted to the last link besides. Elastic joints have for
     truth their rotors and the friction of their motors without load, as warm as they are at ``warm_at`` [s].
     """
-    real, model = robot.real, _free_arm(replace(robot, payload_error=0.0), load)
+    real = robot.real
+    model = _free_arm(replace(robot, payload_error=0.0), load)
     if robot.elastic:
         warm = 1.0 + real.cold_friction * math.exp(-warm_at / real.warming_s)
         model.dof_armature[:6], model.dof_frictionloss[:6] = (
@@ -101,7 +102,8 @@ def _free_arm(robot: RobotConfig, load: CarriedLoad | None) -> mujoco.MjModel:
 
 
 def _head_of(model: mujoco.MjModel) -> SprungHead:
-    slide, head = model.joint("head_slide"), model.body("head")
+    slide = model.joint("head_slide")
+    head = model.body("head")
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     flange = data.site("flange")
@@ -115,7 +117,8 @@ def _bent(model: mujoco.MjModel, real: RealArmConfig) -> tuple[ChainGeometry, ..
         [real.angle_error_rad, real.length_error_m, real.length_error_m, real.angle_error_rad], 6
     )
     links = [model.body(f"link_{number}") for number in range(1, 7)]
-    joints, chains = [model.joint(name) for name in ARM_JOINTS], []
+    joints = [model.joint(name) for name in ARM_JOINTS]
+    chains = []
     for step in np.diag(sizes):
         bend_links(links, joints, NOMINAL + step.reshape(NOMINAL.shape))
         chains.append(read_chain(model, ARM_JOINTS).geometry)
@@ -133,7 +136,8 @@ def motion_limits() -> MotionLimits:
 def believe(arm: SimulatedArm, rng: np.random.Generator) -> Drawing:
     """A plausible drawing of the arm: links some 15% off as a whole, friction and rotors 30% off, the tool
     known."""
-    chain, n = arm.truth.chain, 6
+    chain = arm.truth.chain
+    n = 6
     own = (chain.parameters - arm.carried) * np.exp(_LINK_DOUBT * rng.normal(size=(n, 1)))
     friction = arm.truth.truth()[10 * n :]
     guessed = friction * np.exp(_FRICTION_DOUBT * rng.normal(size=len(friction)))
@@ -150,7 +154,8 @@ def play_motion(arm: SimulatedArm, motion: FourierMotion, periods: int, rate: fl
     t: Array = np.arange(round((span + 2.0 * RAMP_S) / STEP_S) + 1) * np.float64(STEP_S)
     states = started_and_stopped(motion, t, RAMP_S, float(t[-1]))
     log = play_states(arm, states)
-    first, every = round(RAMP_S / STEP_S), round(1.0 / (rate * STEP_S))
+    first = round(RAMP_S / STEP_S)
+    every = round(1.0 / (rate * STEP_S))
     rows = slice(first, first + round(span / STEP_S), every)
     return RobotLog(
         np.asarray(t[rows] - RAMP_S), log.q[rows], log.torque[rows], log.gears and log.gears.rows(rows)

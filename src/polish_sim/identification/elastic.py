@@ -68,7 +68,8 @@ class SprungHead(NamedTuple):
 
     def torques(self, link: States, dt: float, band: float) -> Array:
         """Torques of its motion on the spring (m, 6) [N m], the arm's motion periodic."""
-        axis, J = link_frames(link.q)[:, 6, :3, 2], jacobian(link.q, self.center)[:, :3]
+        axis = link_frames(link.q)[:, 6, :3, 2]
+        J = jacobian(link.q, self.center)[:, :3]
         place = link_frames(link.q)[:, 6, :3, 3] + self.center[2] * axis
         along = np.fft.rfft(np.sum(axis * filtered(place, dt, band, 2), axis=1))
         w = 2.0 * math.pi * np.fft.rfftfreq(len(axis), dt)
@@ -107,7 +108,8 @@ def one_period(log: RobotLog, period: float) -> RobotLog:
 def elastic_base(model: TorqueModel) -> BaseParameters:
     """Base parameters with both sides of the gears measured: rotors do not join the links."""
     assert model.terms == FULL
-    links, terms = 10 * model.joints, len(FULL) * model.joints
+    links = 10 * model.joints
+    terms = len(FULL) * model.joints
     states = random_states(model.joints, _SAMPLES, np.random.default_rng(0))
     rigid = base_of_rows(model.regressor(states)[:, :, :links].reshape(-1, links))
     combination = np.zeros((rigid.rank + terms, links + terms))
@@ -148,7 +150,8 @@ class ElasticMotion:
         model = arm.model
         self.dt = float(np.mean(np.diff(log.time)))
         motor, link = (States(*(filtered(side, self.dt, band, k) for k in range(3))) for side in log.gears)
-        self.model, self.motor = model, motor
+        self.model = model
+        self.motor = motor
         self.head = arm.head.torques(link, self.dt, band)
         self.Y = rigid_regressor(model.chain.geometry, *link)
         drawn = arm.drawn[: self.Y.shape[2]]
@@ -202,7 +205,8 @@ class ElasticFit(NamedTuple):
 
     def against(self, base: BaseParameters, full: Array, loads: Array) -> dict[str, float]:
         """Figures of base parameters and loads against the true ones, (p,) and (n, 2)."""
-        theta, std = self.estimate.theta, self.estimate.std
+        theta = self.estimate.theta
+        std = self.estimate.std
         off = np.concatenate([theta - base.combination @ full, (self.numbers.loads - loads).T.ravel()])
         held = np.abs(off) <= INTERVAL_95 * np.concatenate([std, self.loads_std.T.ravel()])
         over = np.sqrt(np.mean(off**2 / self.bound))
@@ -221,7 +225,8 @@ def fit_elastic(
         if number:
             fit.whiten(x)
         a, left = fit.linearised(x)
-        a, prior = a[:, known], fit.prior[known]
+        a = a[:, known]
+        prior = fit.prior[known]
         x[known] += inverse_of(a.T @ a + np.diag(prior)) @ (a.T @ left - prior * x[known])
     a, left = fit.linearised(x)
     H = a.T @ a + np.diag(fit.prior)
@@ -246,14 +251,17 @@ class _Fit:
     """Samples and columns of one fit, and the gains by frequency that make what is left white."""
 
     def __init__(self, motion: ElasticMotion, base: BaseParameters, torque: Array) -> None:
-        self.motion, self.base, self.dt = motion, base, motion.dt
+        self.motion = motion
+        self.base = base
+        self.dt = motion.dt
         n = motion.model.joints
         self.bends = base.rank + LOADS * n
         self.size = self.bends + motion.bends.shape[2]
         self.prior = (np.arange(self.size) >= self.bends).astype(float)
         self.prior[base.rank : self.bends] = 1.0 / LIKELY**2
         self.rigid = base.columns[base.columns < 10 * n]
-        self.torque, self.noise = torque, np.ones(n)
+        self.torque = torque
+        self.noise = np.ones(n)
         reach = round(0.5 / LOW_PASS_HZ / self.dt)
         slow = np.abs(filtered(motion.motor.qd, self.dt, LOW_PASS_HZ)) < TURNING
         self.moving = np.array([np.convolve(j, np.ones(2 * reach + 1), "same") < 0.5 for j in slow.T]).T
@@ -277,14 +285,16 @@ class _Fit:
 
     def columns(self, x: Array, j: int) -> Array:
         """Slopes of a joint's torque by all parameters, shape (m, size)."""
-        motion, n = self.motion, self.motion.model.joints
+        motion = self.motion
+        n = self.motion.model.joints
         T, shares = motion.passed(self.found(x))
         slopes = np.zeros((len(T), self.size))
         slopes[:, self.bends :] = shares[:, j, None] * motion.bends[:, j]
         first = len(self.rigid)
         slopes[:, :first] = shares[:, j, None] * motion.Y[:, j, self.rigid]
         slopes[:, first + j : self.base.rank : n] = motion.terms()[:, :, j].T
-        driving, T = motion.driving(T)[:, j], T - motion.damped
+        driving = motion.driving(T)[:, j]
+        T = T - motion.damped
         slopes[:, self.base.rank + j], slopes[:, self.base.rank + n + j] = (
             np.where(driving, T[:, j], 0.0), np.where(driving, 0.0, -T[:, j]),
         )  # fmt: skip
@@ -293,7 +303,8 @@ class _Fit:
     def linearised(self, x: Array) -> tuple[Array, Array]:
         """Columns of the samples of all joints, one after the other, and what the parameters leave of their
         torques, whitened."""
-        left, rows = self.torque - self.motion.torques(self.found(x)), []
+        left = self.torque - self.motion.torques(self.found(x))
+        rows = []
         for j, moving in enumerate(self.moving.T):
             both = np.column_stack([self.columns(x, j), left[:, j]])
             spectrum = np.fft.rfft(both, axis=0) * self.gains[:, j, None]

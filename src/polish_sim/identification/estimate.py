@@ -121,7 +121,8 @@ class JointSums(NamedTuple):
 def sum_samples(model: TorqueModel, base: BaseParameters, states: States, torque: Array) -> JointSums:
     """Gather the normal equations of measured states (m, n) and torques (m, n) [N m], joint by joint."""
     n, r = model.joints, base.rank
-    squares, products = np.zeros((n, r, r)), np.zeros((n, r))
+    squares = np.zeros((n, r, r))
+    products = np.zeros((n, r))
     moving = informative(states)
     for first in range(0, len(torque), PIECE):
         rows = slice(first, first + PIECE)

@@ -89,7 +89,8 @@ def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: 
 def random_motion(limits: MotionLimits, rng: np.random.Generator) -> FourierMotion:
     """A random series that keeps the limits of position, speed and acceleration."""
     n = len(limits.speed)
-    center, half = limits.position.mean(axis=1), 0.5 * np.ptp(limits.position, axis=1)
+    center = limits.position.mean(axis=1)
+    half = 0.5 * np.ptp(limits.position, axis=1)
     coefficients = rng.normal(size=(n, 1 + 2 * HARMONICS))
     coefficients[:, 0] = 0.0
     states = FourierMotion(coefficients)(np.arange(FINE) / (FINE * FREQUENCY))
@@ -167,13 +168,15 @@ class ExcitationCost:
     """Cost and gradient by the coefficients, with the basis kept between calls."""
 
     def __init__(self, task: ExcitationTask) -> None:
-        self.task, self.evaluations = task, 0
+        self.task = task
+        self.evaluations = 0
         self.basis = fourier_basis(np.arange(GRID) / (GRID * FREQUENCY))
 
     def cost(self, x: Array) -> tuple[float, Array]:
         """Objective plus penalties and its gradient, shape (n (1 + 2 k),)."""
         self.evaluations += 1
-        task, n = self.task, self.task.model.joints
+        task = self.task
+        n = self.task.model.joints
         coefficients = x.reshape(n, -1)
         states = States(*(part @ coefficients.T for part in self.basis))
         slopes = task.model.regressor_slopes(states)
@@ -200,18 +203,22 @@ class ExcitationCost:
                 method="L-BFGS-B",
                 options={"maxiter": iterations, "maxcor": 20, "ftol": 1e-6},
             )
-            x, gain, cost = found.x, cost - found.fun, float(found.fun)
+            x = found.x
+            gain = cost - found.fun
+            cost = float(found.fun)
             iterations -= int(found.nit)
             if iterations <= 0 or gain < 1e-2:
                 break
         return x
 
     def _judge(self, states: States, slopes: Array) -> tuple[float, Array]:
-        task, columns = self.task, self.task.base.columns
+        task = self.task
+        columns = self.task.base.columns
         # Near standstill rows fade out smoothly; the final weight is a step.
         u = (states.qd / STANDSTILL) ** 2
         certainty = 1.0 / (task.sigma**2 * GRID)
-        weight, weight_slope = certainty * u**2 / (1.0 + u**2), certainty * 2.0 * u / (1.0 + u**2) ** 2
+        weight = certainty * u**2 / (1.0 + u**2)
+        weight_slope = certainty * 2.0 * u / (1.0 + u**2) ** 2
         Y = task.model.regressor(states)[:, :, columns]
         flat = Y * np.sqrt(weight)[:, :, None]
         H = np.tensordot(flat, flat, axes=((0, 1), (0, 1)))

@@ -66,7 +66,8 @@ def _by_load(found: Identification, alike: Array | None) -> Array | None:
 
 def write_payload(folder: Path, weighed: Weighed) -> None:
     """Write ``payload.csv``: mass, centre and inertia about it in the last link's frame, with intervals."""
-    payload, rows = weighed.payload, []
+    payload = weighed.payload
+    rows = []
     values, std = payload.body()
     nearest = body_of(payload.nearest_body(), payload.origin)
     for k, (name, unit) in enumerate(zip(BODY_NAMES, BODY_UNITS, strict=True)):
@@ -81,7 +82,8 @@ def write_payload(folder: Path, weighed: Weighed) -> None:
 def plot_torques(found: Identification) -> Figure:
     """Torques held out, joint by joint: measured, the identified model's, the drawing's (paper's fig. 4)."""
     held = found.held_out
-    n, figures = held.measured.shape[1], found.figures
+    n = held.measured.shape[1]
+    figures = found.figures
     figure = new_figure(11.0, 1.1 + 2.2 * ((n + 1) // 2))
     grid = figure.subplots((n + 1) // 2, 2, sharex=True, squeeze=False).ravel()
     time = _broken(held.time, held.time)

@@ -80,7 +80,8 @@ def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float
     The clock runs at full speed from ``ramp``, the motion's time zero, to ``end - ramp``; at ``end`` [s] it
     stands.
     """
-    up, down = np.clip(t / ramp, 0.0, 1.0), np.clip((end - t) / ramp, 0.0, 1.0)
+    up = np.clip(t / ramp, 0.0, 1.0)
+    down = np.clip((end - t) / ramp, 0.0, 1.0)
     # The clock's speed rises as 3 x^2 - 2 x^3; its integral over the ramp is half the ramp.
     clock = np.where(
         t < ramp, ramp * (up**3 - 0.5 * up**4) - 0.5 * ramp,
@@ -91,7 +92,8 @@ def started_and_stopped(motion: FourierMotion, t: Array, ramp: float, end: float
         np.where(t < ramp, 6.0 * (up - up**2), np.where(t > end - ramp, -6.0 * (down - down**2), 0.0)) / ramp
     )
     states = motion(clock)
-    rate, rise = speed[:, None], change[:, None]
+    rate = speed[:, None]
+    rise = change[:, None]
     return States(states.q, states.qd * rate, states.qdd * rate**2 + states.qd * rise)
 
 
@@ -120,7 +122,8 @@ class MotionLimits:
     def excess(self, states: States) -> States:
         """By how much positions, speeds and accelerations go beyond, in shares of the limits, signed; 0
         inside."""
-        center, half = self.position.mean(axis=1), 0.5 * np.ptp(self.position, axis=1)
+        center = self.position.mean(axis=1)
+        half = 0.5 * np.ptp(self.position, axis=1)
         ratios = ((states.q - center) / half, states.qd / self.speed, states.qdd / self.acceleration)
         return States(*(np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0) for ratio in ratios))
 

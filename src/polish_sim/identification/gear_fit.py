@@ -85,7 +85,8 @@ class GearFit(NamedTuple):
 
     def damping(self) -> Array:
         """Damping of the gears [N m s/rad], shape (n,), 0 where it may be none."""
-        D, std = self.values[:, 5], self.std[:, 5]
+        D = self.values[:, 5]
+        std = self.std[:, 5]
         return np.where(INTERVAL_95 * std < D, D, 0.0)
 
     def torques(self, real: RealArmConfig, sides: LoggedGears, dt: float) -> Array:
@@ -104,8 +105,10 @@ class GearFit(NamedTuple):
 
     def with_loads(self, loads: Array, std: Array) -> GearFit:
         """The same with shares of friction by load found otherwise, shape (n, 2) each."""
-        values, deviations = self.values.copy(), self.std.copy()
-        values[:, _LOADS], deviations[:, _LOADS] = loads, std
+        values = self.values.copy()
+        deviations = self.std.copy()
+        values[:, _LOADS] = loads
+        deviations[:, _LOADS] = std
         return self._replace(values=values, std=deviations)
 
     def true_loads(self) -> Array:
@@ -115,7 +118,8 @@ class GearFit(NamedTuple):
     def loads_known(self) -> Array:
         """Shares of friction by load, shape (n, 2): of gears that bear too little to show theirs the others'
         mean."""
-        loads, std = self.values[:, _LOADS], self.std[:, _LOADS]
+        loads = self.values[:, _LOADS]
+        std = self.std[:, _LOADS]
         weights = np.where(std < SURE, 1.0 / std**2, 0.0)
         mean = (weights * loads).sum(axis=0) / (weights.sum(axis=0) + 1e-300)  # none where none shows them
         return np.where(std < SURE, loads, mean)
@@ -123,7 +127,8 @@ class GearFit(NamedTuple):
     def figures(self) -> dict[str, Any]:
         """Keys of metrics.json: slopes and friction by load."""
         K, std, true = (part[:, _FIRST:] for part in self)
-        off, found = np.abs(K - true), np.isfinite(K)
+        off = np.abs(K - true)
+        found = np.isfinite(K)
         return {
             "friction_by_load": _listed(self.values[:, _LOADS]),
             "friction_by_load_std": _listed(self.std[:, _LOADS]),
@@ -149,19 +154,22 @@ def fit_gears(log: RobotLog, real: RealArmConfig, period: float = 0.0) -> GearFi
     """
     assert log.gears is not None
     n = log.q.shape[1]
-    values, std = np.full((n, len(_NAMES)), np.nan), np.full((n, len(_NAMES)), np.nan)
+    values = np.full((n, len(_NAMES)), np.nan)
+    std = np.full((n, len(_NAMES)), np.nan)
     for j in range(n):
         gear = _Gear(log, real, period, j)
         x, deviation = gear.fit()
         slope = np.arange(len(x)) >= _FIRST
         known = np.isfinite(deviation) & (~slope | (deviation <= KNOWN * np.abs(x)))
-        values[j, : len(x)][known], std[j, : len(x)][known] = x[known], deviation[known]
+        values[j, : len(x)][known] = x[known]
+        std[j, : len(x)][known] = deviation[known]
     return GearFit(values, std, _truth(real, float(np.mean(log.time))))
 
 
 def _truth(real: RealArmConfig, t: float) -> Array:
     """The settings, friction as warm as it is at a time [s]."""
-    warm, n = 1.0 + real.cold_friction * math.exp(-t / real.warming_s), len(real.coulomb_nm)
+    warm = 1.0 + real.cold_friction * math.exp(-t / real.warming_s)
+    n = len(real.coulomb_nm)
     load = warm * np.array([real.coulomb_driving, real.coulomb_driven])
     slopes = np.array([real.stiffness_1_nm_rad, real.stiffness_2_nm_rad, real.stiffness_3_nm_rad])
     friction = warm * np.array([real.viscous_nm_s_rad, real.coulomb_nm])
@@ -186,7 +194,8 @@ class _Gear:
         self._acceleration = np.gradient(self._speed, self._dt)
         self._torque = self._low(log.torque[:, j])
         waves = 2.0 * real.gear_ratio
-        self._error, self._slope = _error_of(waves * angle), waves * slope_of(waves * angle)
+        self._error = _error_of(waves * angle)
+        self._slope = waves * slope_of(waves * angle)
         self._every = max(1, round(1.0 / (SAMPLED_HZ * self._dt)))
         self._counts = self._moving()
         self._phase = ((log.time % period) if period else log.time - log.time[0])[:: self._every][
@@ -199,7 +208,8 @@ class _Gear:
     def _moving(self) -> Bools:
         """Which of the samples that are fitted count: the motor does not reverse within the low-pass's
         reach."""
-        reach, ends = round(0.5 / LOW_PASS_HZ / self._dt), round(_ENDS_S / self._dt)
+        reach = round(0.5 / LOW_PASS_HZ / self._dt)
+        ends = round(_ENDS_S / self._dt)
         near = np.convolve(np.abs(self._speed) < TURNING, np.ones(2 * reach + 1), "same") < 0.5
         near[:ends] = near[-ends:] = False
         near &= np.cumsum(np.abs(np.diff(self._turned, prepend=self._turned[0]))) > FORGOTTEN * self._rise
@@ -222,7 +232,8 @@ class _Gear:
     def _deviations(self, slopes: Array, left: Array) -> Array:
         """Standard deviations of a fit whose residuals may be alike for ``BLOCK_S`` and from period to
         period."""
-        deviations, size = np.full(slopes.shape[1], np.inf), np.linalg.norm(slopes, axis=0)
+        deviations = np.full(slopes.shape[1], np.inf)
+        size = np.linalg.norm(slopes, axis=0)
         seen = size > 0.0
         if np.linalg.cond(slopes[:, seen] / size[seen]) > CONFOUNDED:
             return deviations
@@ -270,9 +281,11 @@ def _spring(twist: Array, slopes: Array, knees: tuple[float, float]) -> Array:
     """Torque of a spring [N m] whose slopes change at two torques; what slopes are not given are the last
     one's."""
     first, second, third = (slopes[min(k, len(slopes) - 1)] for k in range(3))
-    bend, size = knees[0] / first, np.abs(twist)
+    bend = knees[0] / first
+    size = np.abs(twist)
     width = (knees[1] - knees[0]) / second
-    between, above = np.clip(size - bend, 0.0, width), np.maximum(size - bend - width, 0.0)
+    between = np.clip(size - bend, 0.0, width)
+    above = np.maximum(size - bend - width, 0.0)
     return np.copysign(first * np.minimum(size, bend) + second * between + third * above, twist)
 
 
@@ -284,7 +297,8 @@ def _hysteresis(twist: Array, rise: float) -> Array:
     turns = np.flatnonzero(np.diff(np.sign(moves), prepend=0.0))
     sides = np.sign(moves[turns])
     begun = ways[np.maximum(turns - 1, 0)]
-    held, starts = 0.0, []
+    held = 0.0
+    starts = []
     for side, kept in zip(sides.tolist(), np.exp(-np.diff(begun, append=ways[-1])).tolist(), strict=True):
         starts.append(held)
         held = side + (held - side) * kept

@@ -106,7 +106,8 @@ def run_identification(
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(settings.seed).spawn(6)]
     observer.stage("read the arm")
     arm = build_arm(settings.terms, settings.robot, settings.seed, warm_at=0.5 * settings.periods * PERIOD)
-    base, sigma = base_of(arm.truth), np.array(settings.sigma)
+    base = base_of(arm.truth)
+    sigma = np.array(settings.sigma)
     drawing = believe(arm, streams[0])
     observer.stage("design a motion")
     started = time.process_time()
@@ -125,11 +126,16 @@ def run_identification(
     states = periodic_states(log, excitation.motion.period)
     sums = sum_samples(arm.truth, base, states, log.torque)
     require_rank(sums, base, arm.truth)
-    gears, truth = None, arm.truth.truth()
+    gears = None
+    truth = arm.truth.truth()
     if log.gears is not None and settings.terms == FULL:
         fitted = _fit_elastic(arm, log, other_log, drawing, settings)
-        found, full, base, gears = fitted.found, fitted.full, fitted.base, fitted.gears
-        against, predicted = fitted.against, fitted.predicted
+        found = fitted.found
+        full = fitted.full
+        base = fitted.base
+        gears = fitted.gears
+        against = fitted.against
+        predicted = fitted.predicted
     else:
         found = estimate_widened(arm.truth, base, sums, states, log.torque)
         full = fit_consistent(arm.truth, base, found, drawing)
@@ -178,7 +184,8 @@ def _design(
 ) -> tuple[ExcitationTask, FourierMotion, Excitation]:
     """The task of a motion, another random motion to be held out, and the motion designed for the task."""
     sigma = np.array(settings.sigma)
-    nothing, believed = np.eye(base.rank), drawing.parameters.copy()
+    nothing = np.eye(base.rank)
+    believed = drawing.parameters.copy()
     if settings.payload:
         last = 10 * arm.truth.joints
         believed[last - 10 : last] += guessed_load(settings.payload, arm.truth.chain.origins[-1])
@@ -211,7 +218,9 @@ def _fit_elastic(
     """First the gears, whose error separates friction by load from the links' size; then links, rotors and
     friction."""
     real = arm.robot.real
-    gears, base, known = fit_gears(log, real, PERIOD), elastic_base(arm.truth), arm.known(drawing)
+    gears = fit_gears(log, real, PERIOD)
+    base = elastic_base(arm.truth)
+    known = arm.known(drawing)
     mean = one_period(log, PERIOD)
     motion = ElasticMotion(known, gears, mean, BAND_HZ)
     fit = fit_elastic(motion, base, mean.torque, np.array(settings.sigma), settings.periods)
@@ -304,7 +313,8 @@ def identify_from_log(robot: LoggedRobot, log: RobotLog, states: States) -> Iden
     """
     started = time.process_time()
     cut = round(len(log.time) * (1.0 - HELD_OUT))
-    fitted, kept = slice(0, cut), slice(cut, None)
+    fitted = slice(0, cut)
+    kept = slice(cut, None)
     model, base, found = fit_samples(robot.model, states.rows(fitted), log.torque[fitted])
     _require_moving(model, states.rows(kept))
     drawing = Drawing(model.truth(), robot.carried)

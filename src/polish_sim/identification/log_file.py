@@ -117,7 +117,8 @@ def read_robot_log(
     """
     q_names, torque_names = log_columns(kinds)
     columns = Columns.read(file, "sample", "joint positions and torques over time")
-    lines, names = columns.lines, ["time_s", *q_names, *torque_names]
+    lines = columns.lines
+    names = ["time_s", *q_names, *torque_names]
     _check_joints(file, columns.texts, kinds, joints)
     columns.need(names)
     values = columns.numbers(names)
@@ -199,7 +200,8 @@ def _check_steps(file: Path, time: Array, lines: Sequence[int]) -> None:
 
 def _check_period(file: Path, time: Array, period: float) -> None:
     """A whole period in the log, and more samples in it than the series has coefficients."""
-    usual, span = float(np.median(np.diff(time))), float(time[-1] - time[0])
+    usual = float(np.median(np.diff(time)))
+    span = float(time[-1] - time[0])
     least = (2 * HARMONICS_FITTED + 1) * usual
     if period > span + _GAP * usual:
         raise InputError(

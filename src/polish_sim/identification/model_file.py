@@ -52,7 +52,8 @@ def write_portable(file: Path, xml: str) -> Path:
 
 def _copied(source: Path, folder: Path, taken: dict[str, Path]) -> str:
     """Copy a file under its own name, or with a number where another file has it."""
-    name, count = source.name, 1
+    name = source.name
+    count = 1
     while taken.get(name, source) != source:
         count += 1
         name = f"{source.stem}_{count}{source.suffix}"
@@ -151,7 +152,8 @@ def _write_inertia(body: mujoco.MjsBody, origin: Array, parameters: Array) -> No
         return
     center = parameters[1:4] / mass
     I = inertia_at_origin(parameters) - point_inertia(mass, center)  # noqa: E741
-    body.mass, body.ipos = mass, center + origin
+    body.mass = mass
+    body.ipos = center + origin
     body.inertia, body.iquat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
     body.explicitinertial = True

@@ -80,7 +80,8 @@ class FoundPayload:
 
 def body_of(parameters: Array, origin: Array) -> Array:
     """Mass, centre and inertia about the centre of ten parameters about an origin (3,), shape (10,)."""
-    mass, center = parameters[0], parameters[1:4] / parameters[0]
+    mass = parameters[0]
+    center = parameters[1:4] / parameters[0]
     return np.array(
         [mass, *(center + origin), *packed(inertia_at_origin(parameters) - point_inertia(mass, center))]
     )
@@ -182,7 +183,8 @@ def weigh_from_logs(
 ) -> Weighed:
     """Find what a robot carries from its logs; without a run ``empty`` the robot's model is taken as
     exact."""
-    model, base = robot.model, base_of(robot.model)
+    model = robot.model
+    base = base_of(robot.model)
     log, states = loaded
     if empty is None:
         theta = base.combination @ model.truth()

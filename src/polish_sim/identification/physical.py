@@ -62,7 +62,8 @@ def fit_consistent(model: TorqueModel, base: BaseParameters, found: Estimate, dr
     Raises:
         IdentificationError: The programme has no solution to working precision.
     """
-    n, believed = model.joints, drawing.parameters
+    n = model.joints
+    believed = drawing.parameters
     correlation = found.covariance / np.outer(found.std, found.std)
     whiten = np.linalg.cholesky(np.linalg.inv(correlation)).T / found.std
     size = _sizes(believed, n)
@@ -113,7 +114,8 @@ def nearest_bodies(
     quiet = clarabel.DefaultSettings()
     quiet.verbose = False
     cost = sparse.diags_array(np.repeat([0.0, 1.0], [free, count]), format="csc")
-    matrix, zero = sparse.csc_array(np.vstack(blocks)), np.zeros(free + count)
+    matrix = sparse.csc_array(np.vstack(blocks))
+    zero = np.zeros(free + count)
     solved = clarabel.DefaultSolver(cost, zero, matrix, np.concatenate(limits), cones, quiet).solve()
     if str(solved.status) not in ("Solved", "AlmostSolved"):
         raise IdentificationError(f"no bodies fit what was estimated: {solved.status}.")
@@ -157,7 +159,8 @@ def parameter_rows(
         ParameterRow(name, found.theta[k], model.units[base.columns[k]], found.std[k], "base", true_base[k])
         for k, name in enumerate(base_names(base, model.names))
     ]
-    kinds, std = identifiable(base), alone_std(base, found)
+    kinds = identifiable(base)
+    std = alone_std(base, found)
     for k, name in enumerate(model.names):
         own = std[k] if kinds[k] == "alone" else np.nan
         rows.append(ParameterRow(name, full[k], model.units[k], own, kinds[k], true_full[k]))

@@ -93,7 +93,8 @@ def _step_outward(  # type: ignore[no-untyped-def]
     """Carry motion and the joints' screws from link j - 1 to link j."""
     w, dw, a = motion[0], motion[1], motion[2]
     hinge = chain.kind[j] == HINGE
-    z, fixed = chain.axis[j], chain.rotation[j]
+    z = chain.axis[j]
+    fixed = chain.rotation[j]
     # Where the new origin lies, seen from the old one, in the old axes.
     p = plus(chain.position[j], scaled(0.0 * q if hinge else q, matvec(fixed, z)))
     # Acceleration of the new origin.
@@ -124,9 +125,11 @@ def _step_outward(  # type: ignore[no-untyped-def]
 def _fill_block(kind: int, z, arm, w, dw, a, Y, first: int) -> None:  # type: ignore[no-untyped-def]
     """Torque at a joint (axis z, arm from its origin to the link's) by the ten parameters of a link."""
     if kind == HINGE:
-        n, lever = scaled(1.0, z), cross(z, arm)
+        n = scaled(1.0, z)
+        lever = cross(z, arm)
     else:
-        n, lever = scaled(0.0, z), scaled(1.0, z)
+        n = scaled(0.0, z)
+        lever = scaled(1.0, z)
     Y[first] = dot(lever, a)
     # First moment: lever . (dw x c + w x (w x c)) - n . (a x c).
     turned = minus(plus(cross(lever, dw), scaled(dot(lever, w), w)), scaled(dot(w, w), lever))
@@ -210,7 +213,8 @@ def term_of(name: str) -> JointTerm:
     """A term by its name: of `TERMS`, or a wave of a gear's teeth, ``cos202``; InputError for others."""
     if name in TERMS:
         return TERMS[name]
-    wave, teeth = WAVES.get(name[:3]), name[3:]
+    wave = WAVES.get(name[:3])
+    teeth = name[3:]
     if wave is None or not teeth.isdecimal():
         raise unknown_name("torque term", name, TERMS)
     return JointTerm(f"{name}_", "N m", lambda x, _load: _sign(x) * wave(int(teeth) * x.q), None, _none)

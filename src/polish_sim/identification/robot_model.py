@@ -132,7 +132,9 @@ def _refuse_loops(model: mujoco.MjModel, chosen: Sequence[int]) -> None:
 
 def _geometry(model: mujoco.MjModel, data: mujoco.MjData, chosen: Sequence[int]) -> ChainGeometry:
     n = len(chosen)
-    position, rotation, axis = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
+    position = np.empty((n, 3))
+    rotation = np.empty((n, 3, 3))
+    axis = np.empty((n, 3))
     R_before, origin_before = np.eye(3), np.zeros(3)
     for i, joint in enumerate(chosen):
         R = data.xmat[model.jnt_bodyid[joint]].reshape(3, 3).copy()
@@ -174,7 +176,9 @@ class RobotClearance:
 
         ``also``: geoms that count although the engine lets them touch nothing, such as the head's pad.
         """
-        self._model, self._data, self._joints = model, mujoco.MjData(model), joints
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._joints = joints
         self._pairs = _pairs(model, also)
 
     def measure(self, q: Array) -> Clearance:
@@ -183,7 +187,9 @@ class RobotClearance:
         Joints beyond n stay where the model starts.
         """
         shape = (len(q), len(self._pairs))
-        distance, slope, ends = np.full(shape, FAR), np.zeros((*shape, self._joints)), np.empty(6)
+        distance = np.full(shape, FAR)
+        slope = np.zeros((*shape, self._joints))
+        ends = np.empty(6)
         for row, pose in enumerate(q):
             self._data.qpos[: self._joints] = pose
             mujoco.mj_kinematics(self._model, self._data)
@@ -214,11 +220,14 @@ class RobotClearance:
 
 def _pairs(model: mujoco.MjModel, also: Sequence[str]) -> list[tuple[int, int]]:
     """Pairs of geoms the engine would let touch: not on one body, not on neighbours, not excluded."""
-    weld, parent = model.body_weldid, model.body_parentid
+    weld = model.body_weldid
+    parent = model.body_parentid
     excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
-    type_, affinity = model.geom_contype.copy(), model.geom_conaffinity.copy()
+    type_ = model.geom_contype.copy()
+    affinity = model.geom_conaffinity.copy()
     for name in also:
-        type_[model.geom(name).id], affinity[model.geom(name).id] = 1, 1
+        type_[model.geom(name).id] = 1
+        affinity[model.geom(name).id] = 1
     pairs = []
     for one in range(model.ngeom):
         for two in range(one + 1, model.ngeom):
@@ -247,7 +256,8 @@ class CarriedLoad(NamedTuple):
 def carry(model: mujoco.MjModel, body: str, load: CarriedLoad) -> None:
     """Make a load part of a body of a compiled model, which is changed in place."""
     number = model.body(body).id
-    mass, center = float(model.body_mass[number]), model.body_ipos[number].copy()
+    mass = float(model.body_mass[number])
+    center = model.body_ipos[number].copy()
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.body_iquat[number])
     R = turn.reshape(3, 3)
@@ -259,6 +269,8 @@ def carry(model: mujoco.MjModel, body: str, load: CarriedLoad) -> None:
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(axes).ravel())
-    model.body_mass[number], model.body_ipos[number] = together, middle
-    model.body_inertia[number], model.body_iquat[number] = moments, quaternion
+    model.body_mass[number] = together
+    model.body_ipos[number] = middle
+    model.body_inertia[number] = moments
+    model.body_iquat[number] = quaternion
     mujoco.mj_setConst(model, mujoco.MjData(model))

@@ -82,7 +82,8 @@ def _joints_over_time(source: Path) -> tuple[Array, Array, Array]:
 def _from_npz(file: Path) -> tuple[Array, Array, Array]:
     try:
         with np.load(file, allow_pickle=False) as columns:
-            time, q = columns["time_s"].astype(np.float64), columns["q_rad"].astype(np.float64)
+            time = columns["time_s"].astype(np.float64)
+            q = columns["q_rad"].astype(np.float64)
             # A teaching run is several moves, the clock of each begins at 0.
             case = columns["case"].astype(np.float64) if "case" in columns else np.zeros(time.shape)
     except UNREADABLE as error:

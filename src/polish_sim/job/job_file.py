@@ -102,7 +102,8 @@ def read_job(file: Path) -> Job:
     """
     table = read_toml(file, "job file", ConfigError)
     with naming_line(file):
-        setups, cell = table.pop("setup", []), table.pop("cell", {})
+        setups = table.pop("setup", [])
+        cell = table.pop("cell", {})
         if not (isinstance(setups, list) and setups):
             raise ConfigError("a job has at least one [[setup]].")
         if not isinstance(cell, dict):
@@ -119,7 +120,8 @@ def _passes(base: Scenario, setups: list[Any], tools: Mapping[str, Tool], file: 
     for s, setup in enumerate(setups, 1):
         with at(f"setup {s}"):
             found, inner = _split(setup, SetupHead(), ("regions", "pass", "pose"))
-            regions, passes = inner.get("regions", ["auto"]), inner.get("pass", [])
+            regions = inner.get("regions", ["auto"])
+            passes = inner.get("pass", [])
             if not (
                 isinstance(regions, list) and regions and all(isinstance(region, str) for region in regions)
             ):

@@ -35,7 +35,8 @@ def line_of(message: str, text: str) -> int:
     """Where the key or word stands that a message names first; without one, where the table it names
     begins."""
     lines = [line.partition("#")[0] for line in text.splitlines()]
-    place, begin = re.search(r"setup[ _](\d+)(?:.{1,12}?pass[ _](\d+))?", message), 0
+    place = re.search(r"setup[ _](\d+)(?:.{1,12}?pass[ _](\d+))?", message)
+    begin = 0
     for head, count in zip(("[[setup]]", "[[setup.pass]]"), place.groups() if place else (), strict=False):
         heads = [number for number, line in enumerate(lines) if number >= begin and line.strip() == head]
         if count and len(heads) >= int(count):

@@ -183,7 +183,9 @@ def _whole_folder(folder: Path) -> Iterator[Path]:
 
 def zoned(one: Pass, scenario: Checked, plan: PlanResult) -> PlanResult:
     """The plan with less force near the region's border, and the zones' own force and feed."""
-    path, process, asked = plan.path, scenario.process, plan.plan
+    path = plan.path
+    process = scenario.process
+    asked = plan.plan
     force = path.force_at(path.s, process.contact_force_n)
     feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
     if one.head.edge_force < 1.0:
@@ -206,7 +208,9 @@ def _play(cell: Cell, folder: Path, observer: Observer) -> list[Played]:
     """Run a cell to its end, a piece on disk every second."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    dt, total, played = cell.kernel.engine.dt, cycle_time(cell.strokes), list[Played]()
+    dt = cell.kernel.engine.dt
+    total = cycle_time(cell.strokes)
+    played = list[Played]()
     while not cell.done:
         played.append(cell.play(round(PIECE_S / dt)))
         with whole_file(folder / f"{len(played):06}.npz") as draft, draft.open("wb") as stream:
@@ -234,8 +238,10 @@ def summed(maps: list[RemovalMap], left: float = 1.0) -> RemovalMap:
 def _write(
     one: Pass, folder: Path, parts: list[RunResult], worn: float, left: float, planned_s: float
 ) -> None:
-    last, maps = parts[-1], [result.removal for result in parts if result.removal is not None]
-    scenario, removal = last.scenario, summed(maps, left)
+    last = parts[-1]
+    maps = [result.removal for result in parts if result.removal is not None]
+    scenario = last.scenario
+    removal = summed(maps, left)
     simulated = sum(result.figures["simulated_s"] for result in parts)
     fed = sum(float(result.trace.fed.sum()) for result in parts) * scenario.simulation.timestep_s
     work = removal_work(maps)
@@ -269,7 +275,8 @@ def removal_work(maps: list[RemovalMap]) -> float:
 def job_figures(job: Job, folder: Path, rows: list[Row]) -> dict[str, Any]:
     """What job.json says: passes, times, and the removal of each region summed over its passes."""
     regions: dict[str, list[Row]] = {}
-    operator, before = 0.0, None
+    operator = 0.0
+    before = None
     for row in rows:
         one = row.work
         regions.setdefault(row.folder.rpartition("/")[0], []).append(row)
@@ -327,7 +334,9 @@ def programs(job: Job, folder: Path) -> Iterator[tuple[int, str]]:
     """A programme for each setup: its passes one after the other, a message wherever the operator acts."""
     for number in sorted({one.setup for one in job.passes}):
         those = [one for one in job.passes if one.setup == number]
-        lines, mounted, clamped = [], None, those[0].setup_head
+        lines = []
+        mounted = None
+        clamped = those[0].setup_head
         calls = [_say(f"Clamp the part: {clamped.name or clamped.up}.")]
         for k, one in enumerate(those, 1):
             abrasive = one.head.tool, one.head.grit

@@ -142,16 +142,15 @@ def box(half: Array) -> tuple[Array, Ints]:
 
 def cylinder(radius: float, length: float, start: float) -> tuple[Array, Ints]:
     """Vertices and faces of a cylinder along z from ``start`` on [m]."""
-    angle, k = 2.0 * np.pi * np.arange(SIDES) / SIDES, np.arange(SIDES)
+    angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    k = np.arange(SIDES)
     rings = [np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(SIDES, z)], axis=1)
              for z in (start, start + length)]  # fmt: skip
     vertices = np.concatenate([*rings, [[0.0, 0.0, start], [0.0, 0.0, start + length]]])
-    beside, top, low, high = (
-        (k + 1) % SIDES,
-        k + SIDES,
-        np.full(SIDES, 2 * SIDES),
-        np.full(SIDES, 2 * SIDES + 1),
-    )
+    beside = (k + 1) % SIDES
+    top = k + SIDES
+    low = np.full(SIDES, 2 * SIDES)
+    high = np.full(SIDES, 2 * SIDES + 1)
     faces = [(k, beside, top), (beside, beside + SIDES, top), (beside, k, low), (top, beside + SIDES, high)]
     return vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]).astype(np.int32)
 
@@ -248,7 +247,9 @@ def _packed(value: Any, blocks: list[bytes]) -> Any:
 
 def _array(table: NDArray[Any], size: int, blocks: list[bytes]) -> dict[str, Any]:
     """Where an array (n, k) is in the blocks, and what turns its ``size`` bytes a number back into values."""
-    low, step, levels = np.zeros(table.shape[1]), np.ones(table.shape[1]), table
+    low = np.zeros(table.shape[1])
+    step = np.ones(table.shape[1])
+    levels = table
     if table.dtype.kind not in "iu":
         known = np.isfinite(table)
         least = np.where(known, table, np.inf).min(axis=0, initial=np.inf)
@@ -303,12 +304,15 @@ def read_page(file: Path) -> Page:
 
 def _values(entry: Mapping[str, Any], block: bytes, start: int) -> NDArray[Any]:
     """An array as ``_array`` took it in, (n,) or (n, k)."""
-    n, k, size = entry["n"], entry["k"], entry["size"]
+    n = entry["n"]
+    k = entry["k"]
+    size = entry["size"]
     planes = (
         np.frombuffer(block, np.uint8, n * k * size, start + entry["$"]).reshape(size, k, n).astype(np.int64)
     )
     levels = np.cumsum(np.tensordot(256 ** np.arange(size), planes, axes=1), axis=1).T % 256**size
-    low, step = np.array(entry["low"]), np.array(entry["step"])
+    low = np.array(entry["low"])
+    step = np.array(entry["step"])
     if size == 4 and not low.any() and (step == 1.0).all():
         return levels.astype(np.int32)
     values = np.where((levels > LEVELS) & (size == 2), np.nan, low + step * levels)

@@ -95,7 +95,8 @@ def stretch_times(edges: Array) -> Iterator[Array]:
     """Times in every stretch between ``edges`` (n,) [s], in which all rates are smooth, blocks of rising
     times."""
     widths = np.diff(edges)
-    begins, widths = edges[:-1][widths > SHORTEST_S], widths[widths > SHORTEST_S]
+    begins = edges[:-1][widths > SHORTEST_S]
+    widths = widths[widths > SHORTEST_S]
     least = NODES if len(widths) <= MANY else FEWEST
     counts = np.maximum(least, np.ceil(widths / STEP_S).astype(np.int64) + 1)
     filled = np.cumsum(counts)
@@ -118,14 +119,16 @@ def _nodes(begins: Array, widths: Array, counts: Indices) -> Array:
 def find_peaks(motion: SmoothMotion, arm: Arm | None) -> MotionPeaks:
     """Peaks of a motion, looked for at both ends of every smooth stretch and between them."""
     columns = 2 if arm is None else 8
-    best, at = np.full((3, columns), -1.0), np.zeros((3, columns))
+    best = np.full((3, columns), -1.0)
+    at = np.zeros((3, columns))
     for seen in sample_in_blocks(motion, stretch_times(motion.edges), arm):
         tool = [seen.tip_rates[:, :, None], seen.axis_rates[:, :, None]]
         rates = np.concatenate([*tool, np.abs(seen.q[1:])], axis=2)
         row = rates.argmax(axis=1)
         value = np.take_along_axis(rates, row[:, None], axis=1)[:, 0]
         better = value > best
-        best, at = np.where(better, value, best), np.where(better, seen.times[row], at)
+        best = np.where(better, value, best)
+        at = np.where(better, seen.times[row], at)
     peaks = [[TimedPeak(float(best[d, c]), float(at[d, c])) for c in range(columns)] for d in range(3)]
     joints = tuple(tuple(row[2:]) for row in peaks) if arm is not None else ()
     return MotionPeaks(tuple(row[0] for row in peaks), tuple(row[1] for row in peaks), joints)
@@ -156,7 +159,9 @@ def smoothing_figures(
     measured: MeasuredMotion, raw: Chain, points: WayPoints, rows: Indices
 ) -> dict[str, Any]:
     """The figures of metrics.json; ``rows``: the file's row of each way point, shape (segments + 1,)."""
-    segments, deviation, limits = len(raw.lengths), measured.deviation, measured.limits.values()
+    segments = len(raw.lengths)
+    deviation = measured.deviation
+    limits = measured.limits.values()
     locate = _locator(measured.motion, points, rows)
     return {
         "rule": measured.rule,

@@ -54,7 +54,8 @@ def place_path(points: WayPoints, up: Array | None, pose: tuple[float, ...]) -> 
     work frame in the robot's base [m, rad], empty: chosen.
     """
     rows = distinct_rows(points)
-    positions, axes = points.path.positions_work[rows], points.path.axes_work[rows]
+    positions = points.path.positions_work[rows]
+    axes = points.path.axes_work[rows]
     side = _main_side(axes) if up is None else up
     placements = (
         given_placement(pose)
@@ -77,7 +78,8 @@ def distinct_rows(points: WayPoints) -> Indices:
     Raises:
         SmoothingError: As in `path_without_robot`.
     """
-    positions, axes = points.path.positions_work, points.path.axes_work
+    positions = points.path.positions_work
+    axes = points.path.axes_work
     moved = np.linalg.norm(np.diff(positions, axis=0), axis=1) > SAME_M
     turned = np.linalg.norm(np.diff(axes, axis=0), axis=1) > SAME_RAD
     rows = np.flatnonzero(np.concatenate([[True], moved | turned]))
@@ -113,7 +115,8 @@ def way_between(positions: Array, axes: Array) -> Way:
     Returns:
         The way, the first point included.
     """
-    turns, lengths = _turns(axes), np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    turns = _turns(axes)
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     counts = np.maximum(np.ceil(np.maximum(lengths / STEP_M, turns / STEP_RAD)), 1.0).astype(np.int64)
     k = np.repeat(np.arange(len(counts)), counts)
     u = (np.arange(len(k)) - (np.cumsum(counts) - counts)[k] + 1.0) / counts[k]
@@ -149,7 +152,8 @@ def follow_path(
         The reach, the way with points in between, and joint angles along it [rad], shape (m, 6); or a
         ReachError that names the first place out of reach.
     """
-    way, tool = way_between(points.path.positions_work[rows], points.path.axes_work[rows]), tool_on_flange()
+    way = way_between(points.path.positions_work[rows], points.path.axes_work[rows])
+    tool = tool_on_flange()
     reach = find_reach(way.positions, way.axes, placements, tool, above_table=True, otherwise=otherwise)
     rotations = tool_rotations(way.axes @ reach.T_base_work[:3, :3].T, reach.spin)
     joints = track(transform(rotations, apply(reach.T_base_work, way.positions)), tool, reach.q_start)
@@ -184,7 +188,8 @@ class SmoothingTask(NamedTuple):
 def smooth_path(task: SmoothingTask, rule: str) -> SmoothMotion:
     """Smooth a path by a rule of `RULES`; SmoothingError says where no motion keeps within the limits."""
     check_rule("rule", rule, RULES)
-    chain, arm = task.placed.chain, task.placed.arm
+    chain = task.placed.chain
+    arm = task.placed.arm
     return RULES[rule](chain, task.limits, task.tolerance, task.axis_tolerance, arm, task.feeds)
 
 

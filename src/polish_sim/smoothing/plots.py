@@ -73,7 +73,8 @@ def plot_deviation(
     for k, (scale, label) in enumerate(
         ((MICRO, "tip off the path [µm]"), (1e3 * DEGREES, "axis off its path [mdeg]"))
     ):
-        axes, tolerance = grid[k, 0], scale * tolerances[k]
+        axes = grid[k, 0]
+        tolerance = scale * tolerances[k]
         top = _draw(axes, curves, [scale * curve.deviation[k] for curve in curves], 0.9)
         axes.axhline(tolerance, color=GREEN, lw=1.0, ls="--", label="tolerance")
         axes.set_ylim(0.0, max(1.12 * tolerance, 1.12 * top, scale * 1e-9))
@@ -198,7 +199,8 @@ def view_corner(
     the tip's [m].
     """
     k, name = corner
-    frame, first = _flat_frame(raw.tips, k), ways[0]
+    frame = _flat_frame(raw.tips, k)
+    first = ways[0]
     near = slice(max(k - WINDOW, 0), k + WINDOW + 1)
     half = max(VIEW * max(first.distances[k], tolerance), LEAST_VIEW_M)
     tips = tuple((_tips_near(way, k, 1.5 * half) - raw.tips[k]) @ frame.T for way in ways)
@@ -206,7 +208,8 @@ def view_corner(
     before, at, after = first.times[k - 1 : k + 2]
     times = np.linspace(0.5 * (before + at), 0.5 * (at + after), SAMPLES)
     contour = float(deviation_curve(first.motion, raw, times).tip.max())
-    path, vertex = (raw.tips[near] - raw.tips[k]) @ frame.T, float(first.distances[k])
+    path = (raw.tips[near] - raw.tips[k]) @ frame.T
+    vertex = float(first.distances[k])
     return CornerView(f"{name}: point {rows[k] + 1}", path, tips, tolerance, vertex, contour, turn)
 
 
@@ -224,7 +227,8 @@ def _flat_frame(points: Array, corner: int) -> Array:
 
 def _tips_near(way: DrawnWay, corner: int, radius: float) -> Array:
     """The tip's way [m] within a distance of a corner, shape (m, 3)."""
-    at, span = float(way.times[corner]), 1e-3
+    at = float(way.times[corner])
+    span = 1e-3
     place = way.motion.sample(np.array([at])).tips[0, 0]
     # The tip is slow at sharp corners: the time it takes to leave the view is found by doubling.
     while True:

@@ -54,14 +54,17 @@ def prepare_smooth(scenario: Checked) -> SmoothTask:
     if scenario.plan.file:
         chain, arm = _given(scenario)
     else:
-        chain, arm = build_chain(*trial_path()), trial_arm(tool_on_flange(), _NEAR)
+        chain = build_chain(*trial_path())
+        arm = trial_arm(tool_on_flange(), _NEAR)
     return SmoothTask(chain, marks_along(chain), arm, limits)
 
 
 def check_smooth(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     """The path of a run, work frame, and how the arm reaches all of it; PolishSimError if it does not."""
     task = prepare_smooth(scenario)
-    chain, arm, n = task.chain, task.arm, len(task.chain.tips)
+    chain = task.chain
+    arm = task.arm
+    n = len(task.chain.tips)
     joints = track(arm.T_base_work @ transform(chain.rotations, chain.tips), arm.T_flange_tool, arm.q_start)
     if joints.first_unreachable is not None:
         place = place_in_mm(chain.tips[joints.first_unreachable])
@@ -92,15 +95,19 @@ class RulePlay(NamedTuple):
 
 def trace_of_rule(play: RulePlay) -> Trace:
     """The exact trace of one rule, with no contact."""
-    tool, time = _motion(play, 1), play.seen.time
-    off, axes = tool.wanted - tool.tips, tool.wanted_frames[:, :, 2]
+    tool = _motion(play, 1)
+    time = play.seen.time
+    off = tool.wanted - tool.tips
+    axes = tool.wanted_frames[:, :, 2]
     across = off - np.sum(off * axes, axis=1)[:, None] * axes
     return tool.trace(time, np.full(len(time), PROCESS_PHASE), play.seen.place, across)
 
 
 def _columns(play: RulePlay, number: int, every: int, real: bool) -> dict[str, Array]:
     """Columns of the log."""
-    time, played, targets = play.seen.time[::every], play.played, play.targets
+    time = play.seen.time[::every]
+    played = play.played
+    targets = play.targets
     read = {"encoder_q_rad": played.read[::every]} if real else {}
     return {
         "time_s": time,
@@ -164,11 +171,10 @@ def run_smooth(scenario: Checked, observer: Observer = SILENT) -> RunResult:
         "joint_jerk_limits_rad_s3": list(task.limits.joint_jerk),
         "equal_time_s": slowest,
     }
-    plays, wall = own + even, time.perf_counter() - started
-    simulated, steps = (
-        sum(float(play.seen.time[-1]) for play in plays),
-        sum(len(play.seen.time) for play in plays),
-    )
+    plays = own + even
+    wall = time.perf_counter() - started
+    simulated = sum(float(play.seen.time[-1]) for play in plays)
+    steps = sum(len(play.seen.time) for play in plays)
     figures |= free_figures(scenario.seed, task.arm.T_base_work, steps, simulated, wall)
     return RunResult(
         scenario, free_log(scenario, own, _columns), trace_of_rule(own[-1]), figures, None, False

@@ -80,7 +80,8 @@ def compare_tracking(play: PlayedRule, reference: PlayedRule, jerk_limits: Array
     found = list(at_peaks(play, reference, jerk_limits))
     shares = np.array([peak.reduction for peak in found])
     best = found[int(shares.argmax())] if found else None
-    own, other = measure_tracking(play), measure_tracking(reference)
+    own = measure_tracking(play)
+    other = measure_tracking(reference)
     return {
         "jerk_peaks": len(found),
         "reduction_largest": best.reduction if best else math.nan,
@@ -136,7 +137,8 @@ def plot_tracking(record: RunRecord) -> Figure | None:
 
     On the left the peak at which ``spline`` gains most, on the right all of them.
     """
-    played, limits = _played(record), record.metrics.get("joint_jerk_limits_rad_s3")
+    played = _played(record)
+    limits = record.metrics.get("joint_jerk_limits_rad_s3")
     peaks = {
         rule: [AtPeak(*row) for row in record.metrics.get(f"{_key(rule)}_at_peaks") or []] for rule in RULES
     }
@@ -199,7 +201,8 @@ def plot_tracking_runs(records: Sequence[RunRecord]) -> Figure:
 
 def _played(record: RunRecord) -> dict[str, PlayedRule]:
     """The rules a run has played, from its log, which counts them in the order the run names them."""
-    log, names = record.log, list(record.metrics.get("rules", RULES))
+    log = record.log
+    names = list(record.metrics.get("rules", RULES))
     read = numbers(log, "encoder_q_rad" if "encoder_q_rad" in log.columns else "q_rad")
     columns = [numbers(log, "time_s"), numbers(log, "path_s_m"), numbers(log, "target_q_rad") - read,
                numbers(log, "target_qddd_rad_s3")]  # fmt: skip

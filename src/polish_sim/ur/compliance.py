@@ -25,18 +25,19 @@ class Compliance:
     """Force mode as set by a programme."""
 
     def __init__(self, mass: float, damping: float, scaling: float) -> None:
-        self.mass, self.damping, self.scaling = mass, damping, scaling
+        self.mass = mass
+        self.damping = damping
+        self.scaling = scaling
         self.speed = np.zeros(6)  #: Along the task frame's axes
         self.free = False  #: Freedrive
 
     def set(self, frame: Array, selection: Array, wrench: Array, kind: int, limits: Array) -> None:
         """Take a task frame (a pose in the base frame) and what to press with there."""
-        self._frame, self.kind = matrix_of(frame), kind
-        self.selection, self.wrench, self.limits = (
-            np.asarray(selection) != 0,
-            np.asarray(wrench),
-            np.abs(limits),
-        )
+        self._frame = matrix_of(frame)
+        self.kind = kind
+        self.selection = np.asarray(selection) != 0
+        self.wrench = np.asarray(wrench)
+        self.limits = np.abs(limits)
 
     def axes(self, p: Array, twist: Array) -> Array:
         """The task frame's axes (3, 3) with the TCP at ``p`` moving with a ``twist``."""

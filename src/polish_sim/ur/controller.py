@@ -55,7 +55,10 @@ class Controller:
     ) -> None:
         """``reader`` reads programmes beside the clock, in a process; without one time stands while they are
         read."""
-        self.robot, self.version, self._start, self._reader = robot, VERSIONS[version], start, reader
+        self.robot = robot
+        self.version = VERSIONS[version]
+        self._start = start
+        self._reader = reader
         self.torque_constants = np.array(used_arm().torque_constants)  #: [N m/A]
         scenario = robot.cell.scenario
         self.link = Link(scenario.robot, scenario.seed)
@@ -65,10 +68,13 @@ class Controller:
         self.messages: deque[bytes] = deque(maxlen=KEPT)  #: For every client of the primary port
         self.machine: Machine | None = None
         self.secondary: list[Machine] = []
-        self.program, self.popups = "", 0
+        self.program = ""
+        self.popups = 0
         self.log: deque[str] = deque(maxlen=KEPT)
         self.line = 0
-        self._stopped_at, self._unlocking, self._safety = -UNLOCK_TICKS, False, NORMAL
+        self._stopped_at = -UNLOCK_TICKS
+        self._unlocking = False
+        self._safety = NORMAL
         self.changed_at = 0  #: Tick in which the safety mode changed last
         self._orphan: int | None = None
 
@@ -103,7 +109,8 @@ class Controller:
             self.unlock()
         if robot.safety == self._safety:
             return
-        self._safety, self.changed_at = robot.safety, robot.ticks
+        self._safety = robot.safety
+        self.changed_at = robot.ticks
         self._tell(SAFETY_MODE, struct.pack(">iiBII", 0, 0, robot.safety, 0, 0))
         if robot.safety == PROTECTIVE:
             self._stopped_at = robot.ticks
@@ -162,7 +169,8 @@ class Controller:
         if _beside(source):
             self.secondary.append(machine)
         else:
-            self.machine, self.robot.runtime = machine, PLAYING
+            self.machine = machine
+            self.robot.runtime = PLAYING
             self.robot.inputs_read.clear()
             self.robot.rig.recording = True
 
@@ -175,8 +183,12 @@ class Controller:
             self._ended()
 
     def _ended(self) -> None:
-        self.machine, self.program, self.line, self._orphan = None, "", 0, None
-        self.robot.runtime, self.robot.watchdog = STOPPED, None
+        self.machine = None
+        self.program = ""
+        self.line = 0
+        self._orphan = None
+        self.robot.runtime = STOPPED
+        self.robot.watchdog = None
         self.robot.let_go()
 
     def pause(self) -> None:
@@ -251,7 +263,8 @@ class Controller:
 
     def elbow(self) -> list[float]:
         """Position [m] and velocity [m/s] of the elbow, base axes."""
-        frames, qd = link_frames(self.robot.actual_q), self.robot.actual_qd
+        frames = link_frames(self.robot.actual_q)
+        qd = self.robot.actual_qd
         p = frames[2, :3, 3]
         speed = sum((np.cross(frames[j, :3, 2], p - frames[j, :3, 3]) * qd[j] for j in range(2)), np.zeros(3))
         return [*p, *speed]
@@ -303,8 +316,11 @@ class Programs:
     _number = itertools.count(1)
 
     def __init__(self, controller: Controller, client: str) -> None:
-        self._controller, self._client = controller, client
-        self._buffer, self._lines, self._size = b"", list[str](), 0
+        self._controller = controller
+        self._client = client
+        self._buffer = b""
+        self._lines = list[str]()
+        self._size = 0
 
     def feed(self, data: bytes) -> bool:
         """Take text; False where a programme is too long and the client is to be dropped."""
@@ -322,7 +338,9 @@ class Programs:
             self._lines.append(line)
             self._size += len(line)
             if line.rstrip() == "end":
-                source, self._lines, self._size = "\n".join(self._lines) + "\n", [], 0
+                source = "\n".join(self._lines) + "\n"
+                self._lines = []
+                self._size = 0
                 self._controller.run(source, self._client)
         elif line.strip() and not line.lstrip().startswith("#") and not self._command(line.strip().lower()):
             name = f"unnamed_program_{next(self._number)}"

@@ -33,9 +33,11 @@ def _matrix_of(pose: Array) -> Array:
 
 @njit
 def _pose_of(T: Array) -> Array:
-    pose, quaternion = np.empty(6), np.empty(4)
+    pose = np.empty(6)
+    quaternion = np.empty(4)
     quaternion_from_rotation(T[:3, :3], quaternion)
-    w, sine = quaternion[0], 0.0
+    w = quaternion[0]
+    sine = 0.0
     for i in range(3):
         sine += quaternion[1 + i] ** 2
     sine = math.sqrt(sine)
@@ -45,7 +47,8 @@ def _pose_of(T: Array) -> Array:
     if w < 0.0:
         share = -share
     for i in range(3):
-        pose[i], pose[3 + i] = T[i, 3], share * quaternion[1 + i]
+        pose[i] = T[i, 3]
+        pose[3 + i] = share * quaternion[1 + i]
     return pose
 
 

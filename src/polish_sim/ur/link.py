@@ -25,7 +25,8 @@ class Link:
     """
 
     def __init__(self, robot: RobotConfig, seed: int) -> None:
-        real, self._rng = robot.real, np.random.default_rng([seed, STREAM])
+        real = robot.real
+        self._rng = np.random.default_rng([seed, STREAM])
         self._apart = real.missed_every_s / TICK_S if robot.elastic else 0.0
         self._length = math.ceil(real.missed_s / TICK_S)
         self._coming: deque[Callable[[], None]] = deque()

@@ -42,7 +42,8 @@ class Profile(NamedTuple):
 
     def place(self, t: float) -> float:
         """Share of the way after ``t`` [s]."""
-        whole, ramp = self.duration, self.ramp
+        whole = self.duration
+        ramp = self.ramp
         if t >= whole or whole == 0.0:
             return 1.0
         speed = 1.0 / (whole - ramp)
@@ -81,7 +82,9 @@ class JointWay(Way):
     """All joints at once."""
 
     def __init__(self, start: Array, end: Array, reach: float) -> None:
-        self.start, self.end, self.reach = start, end.copy(), reach
+        self.start = start
+        self.end = end.copy()
+        self.reach = reach
         self.length = float(np.abs(end - start).max())
 
     def at(self, share: float) -> Array:
@@ -96,13 +99,14 @@ class ToolWay(Way):
         self, start: Array, first: Array, last: Array, tcp: Array, via: Array | None, fixed: bool
     ) -> None:
         """Start at joint angles, there the TCP is at a pose ``first``; poses are transforms (4, 4)."""
-        self._inverse, self._q = inverse(tcp), start.copy()
+        self._inverse = inverse(tcp)
+        self._q = start.copy()
         self._p, self._R = first[:3, 3].copy(), Rotation.from_matrix(first[:3, :3])
-        way, self._turn = (
-            last[:3, 3] - self._p,
-            (Rotation.from_matrix(last[:3, :3]) * self._R.inv()).as_rotvec(),
-        )
-        self._way, self._axis, self._angle = way, np.zeros(3), 0.0
+        way = last[:3, 3] - self._p
+        self._turn = (Rotation.from_matrix(last[:3, :3]) * self._R.inv()).as_rotvec()
+        self._way = way
+        self._axis = np.zeros(3)
+        self._angle = 0.0
         if via is not None:
             self._on_circle(via[:3, 3] - self._p, way, fixed)
         self.reach = (
@@ -142,7 +146,8 @@ class ToolWay(Way):
         if size < 1e-16:
             raise ValueError("movec: the three points lie on a line")
         center = (np.cross(axis, b) * (c @ c) + np.cross(c, axis) * (b @ b)) / (2.0 * size)
-        self._arm, self._axis = -center, axis / math.sqrt(size)
+        self._arm = -center
+        self._axis = axis / math.sqrt(size)
         last = c - center
         angle = math.atan2(float(self._axis @ np.cross(self._arm, last)), float(self._arm @ last))
         self._angle = angle % (2.0 * math.pi)
@@ -216,7 +221,8 @@ class Servo(Drive):
 
     def aim(self, goal: Array, lookahead: float) -> None:
         """Take a goal [rad] and the look-ahead time [s]."""
-        self.goal, self.lookahead = goal, lookahead
+        self.goal = goal
+        self.lookahead = lookahead
 
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """A step of the filter."""
@@ -237,7 +243,9 @@ class JointSpeeds(Drive):
 
     def aim(self, goal: Array, a: float) -> None:
         """Take joint speeds [rad/s] and the acceleration [rad/s^2]."""
-        self.goal, self.a, self._short = goal, a, True
+        self.goal = goal
+        self.a = a
+        self._short = True
 
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """The leading axis accelerates at the limit."""
@@ -255,18 +263,24 @@ class ToolSpeed(Drive):
     """Accelerates to a twist of the TCP and holds it; at rest it is the stop on the line."""
 
     def __init__(self, tcp: Array, goal: Array) -> None:
-        self._tcp, self.twist, self._started = tcp, np.zeros(6), False
+        self._tcp = tcp
+        self.twist = np.zeros(6)
+        self._started = False
         self.aim(goal.copy(), 1.0, 1.0)
 
     def aim(self, goal: Array, a: float, a_rot: float) -> None:
         """Take a twist [m/s, rad/s] and its accelerations [m/s^2], [rad/s^2]."""
-        self.goal, self.a, self.a_rot, self._short = goal, a, a_rot, True
+        self.goal = goal
+        self.a = a
+        self.a_rot = a_rot
+        self._short = True
 
     def advance(self, q: Array, qd: Array, dt: float) -> Array:
         """Linear and angular part accelerate at their limits."""
         J = tool_at(q, self._tcp)[1]
         if not self._started:
-            self.twist, self._started = J @ qd, True
+            self.twist = J @ qd
+            self._started = True
         self._short = False
         for part, a in ((slice(0, 3), self.a), (slice(3, 6), self.a_rot)):
             short = self.goal[part] - self.twist[part]

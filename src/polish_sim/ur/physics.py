@@ -70,7 +70,8 @@ def follow(  # type: ignore[no-untyped-def]
 
     A joint commanded by torque has its servo's set-point where the servo gives that torque.
     """
-    e, state = cell.engine, cell.state
+    e = cell.engine
+    state = cell.state
     recorder.filled.rows = recorder.filled.steps = 0
     for k in range(steps):
         t = state.status.steps * e.dt
@@ -88,13 +89,17 @@ def follow(  # type: ignore[no-untyped-def]
             place = order.begin[j] + (k + 1) / steps * (order.end[j] - order.begin[j])
             speed = order.speed[j]
             if order.by_torque:
-                place, speed = order.read[j] + order.torque[j] / order.kp[j], order.read_speed[j]
+                place = order.read[j] + order.torque[j] / order.kp[j]
+                speed = order.read_speed[j]
                 if arm.elastic:
                     seen = arm.angle[j] if arm.on_link else order.read[j]
-                    place, speed = seen + order.torque[j] / order.kp[j], arm.speed[j]
-                    arm.set_point[j], arm.set_speed[j] = place, speed
+                    place = seen + order.torque[j] / order.kp[j]
+                    speed = arm.speed[j]
+                    arm.set_point[j] = place
+                    arm.set_speed[j] = speed
                     arm.correction[j] = -arm.link_rate * (place - arm.read[j]) if arm.on_link else 0.0
-            e.ctrl[2 * j], e.ctrl[2 * j + 1] = place, speed
+            e.ctrl[2 * j] = place
+            e.ctrl[2 * j + 1] = speed
         finish_step(e, state, arm, None, recorder, cell.part.position, cell.stroke.process.pass_index, t)
         if arm.elastic:
             record_exact(recorder, e, state, arm.tool_speed)
@@ -119,16 +124,22 @@ class Rig:
     """
 
     def __init__(self, cell: Cell) -> None:
-        self.cell, state = cell, cell.state
+        self.cell = cell
+        state = cell.state
         self.steps = max(1, round(TICK_S / cell.kernel.engine.dt))
         cell.begin_stroke(0)
         guards = state.guards
-        guards.singular_value, guards.jump, guards.contact_lost = 0.0, math.inf, math.inf
-        self._force, self._torque = float(guards.force), float(guards.torque)
-        arm, model = cell.real_arm, cell.model
+        guards.singular_value = 0.0
+        guards.jump = math.inf
+        guards.contact_lost = math.inf
+        self._force = float(guards.force)
+        self._torque = float(guards.torque)
+        arm = cell.real_arm
+        model = cell.model
         kp = arm.kp if arm.elastic else -model.actuator_biasprm[:6, 1]
         self.order = Order(kp=kp)
-        self.recorder, self._status = build_recorder(self.steps, cell._every), state.status
+        self.recorder = build_recorder(self.steps, cell._every)
+        self._status = state.status
         self.files: list[Any] = [TemporaryFile() for _ in range(2)]  # noqa: SIM115 - closed with the rig
         for file in self.files:
             finalize(self, file.close)
@@ -152,7 +163,8 @@ class Rig:
 
     def unlock(self) -> None:
         """Let the arm move again after a stop of its own; see ``watch``."""
-        self._status.stop, self._status.stop_time = NO_STOP, 0.0
+        self._status.stop = NO_STOP
+        self._status.stop_time = 0.0
         self.watch(False)
 
     def watch(self, wanted: bool) -> None:
@@ -181,7 +193,8 @@ class Rig:
             contents.append(file.read())
         rows = np.frombuffer(contents[0]).reshape(-1, self.recorder.rows.shape[1]).copy()
         trace: NDArray[np.void] = np.frombuffer(contents[1], TraceStep.dtype).copy()
-        force, seconds = trace["normal_force_n"], trace["time_s"]
+        force = trace["normal_force_n"]
+        seconds = trace["time_s"]
         place = np.zeros(len(trace))
         pressing = force > FIRST_CONTACT_N
         if pressing.any():
@@ -196,7 +209,8 @@ class Rig:
         if len(seated):
             trace["phase"][seconds > seconds[seated[0]] + most_s] = RETRACT_PHASE
         trace["path_s_m"] = place
-        at, columns = np.searchsorted(seconds, rows[:, row_layout()["time_s"][0]] - 1e-9), row_layout()
+        at = np.searchsorted(seconds, rows[:, row_layout()["time_s"][0]] - 1e-9)
+        columns = row_layout()
         for name in ("path_s_m", "phase"):
             rows[:, columns[name][0]] = trace[name][np.minimum(at, len(trace) - 1)]
         return self.cell.result([Played(rows, trace)], False, wall_s)
@@ -213,5 +227,6 @@ def _lifted(seated: Array, touching: Array) -> NDArray[np.bool_]:
     """Whether the pad was off the part for `LIFTED_S` between each two times (n,) [s] it was seated; shape (n
     - 1,)."""
     gaps = np.diff(touching) >= LIFTED_S
-    begins, ends = touching[:-1][gaps], touching[1:][gaps]
+    begins = touching[:-1][gaps]
+    ends = touching[1:][gaps]
     return np.searchsorted(begins, seated[1:]) > np.searchsorted(ends, seated[:-1], side="right")

@@ -41,7 +41,8 @@ def version_message(controller: Controller) -> bytes:
 def robot_state(controller: Controller, configuration: bool) -> bytes:
     """The state of robot, joints, tool and boards; with kinematics and ``configuration``, which do not
     change."""
-    r, playing = controller.robot, controller.robot.runtime
+    r = controller.robot
+    playing = controller.robot.runtime
     stopped = r.safety != 1
     parts = [
         _part(
@@ -122,7 +123,8 @@ def robot_state(controller: Controller, configuration: bool) -> bytes:
 
 
 def _joints(controller: Controller) -> bytes:
-    r, joints = controller.robot, []
+    r = controller.robot
+    joints = []
     for q, target, qd, torque in zip(r.actual_q, r.target_q, r.actual_qd, r.joint_torques, strict=True):
         joints.append(
             struct.pack(">3d4fB", q, target, qd, torque / 10.0, 48.0, 30.0, 30.0, controller.joint_mode)
@@ -133,7 +135,8 @@ def _joints(controller: Controller) -> bytes:
 def realtime_state(controller: Controller) -> bytes:
     """The 1220 bytes of port 30003."""
     r = controller.robot
-    still, current = np.zeros(6), r.joint_torques / controller.torque_constants
+    still = np.zeros(6)
+    current = r.joint_torques / controller.torque_constants
     elbow = controller.elbow()
     values = [
         r.time_s, *r.target_q, *r.target_qd, *r.target_qdd, *current, *r.joint_torques,

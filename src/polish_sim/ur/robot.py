@@ -52,13 +52,21 @@ class SimulatedRobot:
     """
 
     def __init__(self, cell: Cell) -> None:
-        self.rig, self.cell, baselines = Rig(cell), cell, cell.scenario.controller.baselines
-        self.ticks, self.mode, self.safety, self.runtime = 0, RUNNING, NORMAL, STOPPED
+        self.rig = Rig(cell)
+        self.cell = cell
+        baselines = cell.scenario.controller.baselines
+        self.ticks = 0
+        self.mode = RUNNING
+        self.safety = NORMAL
+        self.runtime = STOPPED
         self.speed_fraction = 1.0
         self.stop_reason = ""  #: Of the last protective stop
         q = np.array(cell._start.q)
-        self.target_q, self._reference = q.copy(), q.copy()
-        self.target_qd, self.target_qdd, self._reference_qd = np.zeros(6), np.zeros(6), np.zeros(6)
+        self.target_q = q.copy()
+        self._reference = q.copy()
+        self.target_qd = np.zeros(6)
+        self.target_qdd = np.zeros(6)
+        self._reference_qd = np.zeros(6)
         self.tcp_offset = pose_of(tool_on_flange())
         self._tcp = matrix_of(self.tcp_offset)  # compiled before a programme counts its time
         payload = cell.state.payload
@@ -82,9 +90,13 @@ class SimulatedRobot:
         #: Input, ticks it may stay unwritten, and what then happens
         self.watchdog: tuple[str, int, str] | None = None
         self.digital_in, self.digital_out = 0, 0
-        self.analog_out, self.analog_domain, self.tool_voltage = [0.004, 0.004], [0, 0], 0
+        self.analog_out = [0.004, 0.004]
+        self.analog_domain = [0, 0]
+        self.tool_voltage = 0
         self.external: Array = np.zeros(6)
-        self._external_on, self._torque_left, self._unlocked_at = False, 0, -1
+        self._external_on = False
+        self._torque_left = 0
+        self._unlocked_at = -1
         self._data = mujoco.MjData(cell.model)
         # Views of what changes in every tick: to look up a record's field takes long.
         self._order = {
@@ -104,7 +116,8 @@ class SimulatedRobot:
 
     def step(self) -> None:
         """Move the set-points on by a tick and run the physics of it."""
-        before, order = self.target_q, self._order
+        before = self.target_q
+        order = self._order
         try:
             self._move_on()
         except (ValueError, ReachError) as error:
@@ -121,9 +134,13 @@ class SimulatedRobot:
         if by_torque:
             self._torque_left -= 1
             self.target_q = self._reference = self.actual_q.copy()
-        order["begin"][:], order["end"][:], order["speed"][:] = before, self.target_q, qd
+        order["begin"][:] = before
+        order["end"][:] = self.target_q
+        order["speed"][:] = qd
         place, turn, twist = self._asked
-        place[:], turn[:], twist[:] = self._target_T[:3, 3], self._target_T[:3, :3], self.target_tcp_speed
+        place[:] = self._target_T[:3, 3]
+        turn[:] = self._target_T[:3, :3]
+        twist[:] = self.target_tcp_speed
         reason = self.rig.run()
         self.ticks += 1
         self._see()
@@ -139,7 +156,8 @@ class SimulatedRobot:
 
     def _move_on(self) -> None:
         """The next set-points."""
-        before, speeds = self._reference, self._reference_qd
+        before = self._reference
+        speeds = self._reference_qd
         while self._coming and self._coming[0][0] <= self.ticks:
             self._coming.popleft()[1]()
         drive = self._drive
@@ -148,12 +166,14 @@ class SimulatedRobot:
         after = before if drive is None else drive.advance(before, speeds, TICK_S)
         if np.any(after < JOINT_LIMITS[:, 0]) or np.any(after > JOINT_LIMITS[:, 1]):
             raise ValueError("a joint's set-point is at the end of its range")
-        self._reference, self._reference_qd = after, (after - before) / TICK_S
+        self._reference = after
+        self._reference_qd = (after - before) / TICK_S
         if self.compliance is None:
             self.target_q = after.copy()
             return
         moved = tool_at(before, self._tcp)[1] @ self._reference_qd
-        pose, J = self._target_T, self._target_J
+        pose = self._target_T
+        J = self._target_J
         wanted = pose if drive is None else tool_at(after, self._tcp)[0]
         twist = self.compliance.twist(pose, moved, wanted, self.tcp_force, TICK_S)
         self.target_q = self.target_q + TICK_S * joint_speeds(J, twist)
@@ -191,7 +211,8 @@ class SimulatedRobot:
     # Motions.
 
     def _begin(self, drive: Drive) -> None:
-        self._drive, self._torque_left = drive, 0
+        self._drive = drive
+        self._torque_left = 0
         self._reference = self.target_q.copy()
         self._reference_qd = self.target_qd.copy() if self.compliance is None else np.zeros(6)
 
@@ -304,7 +325,9 @@ class SimulatedRobot:
         """Leave force mode and torques, and stop the joints from the speeds they are commanded now."""
         drive = JointSpeeds(np.zeros(6))
         self._coming.clear()
-        self.compliance, self._torque_left, drive.a = None, 0, a
+        self.compliance = None
+        self._torque_left = 0
+        drive.a = a
         self._drive, self._reference, self._reference_qd = drive, self.target_q.copy(), self.target_qd.copy()
 
     def freedrive(self, axes: Array, frame: Array) -> None:
@@ -331,13 +354,16 @@ class SimulatedRobot:
         Without elastic joints there is no friction to compensate.
         The arm carries itself and the tool it has; what is added is the weight of another payload than that.
         """
-        torque, on = np.array(tau, dtype=float), float(friction_comp)
+        torque = np.array(tau, dtype=float)
+        on = float(friction_comp)
         for mass, cog, sign in ((self.payload_mass, self.payload_cog, 1.0), (*self._own_payload, -1.0)):
             torque += sign * jacobian(self.actual_q, cog)[:3].T @ np.array([0.0, 0.0, 9.81 * mass])
         torque += self._friction(on if viscous is None else viscous, on if coulomb is None else coulomb)
         if not np.isfinite(torque).all():
             raise ValueError("direct_torque: a torque is not a number")
-        self._drive, self.rig.order.torque, self._torque_left = None, torque, 2
+        self._drive = None
+        self.rig.order.torque = torque
+        self._torque_left = 2
 
     def _friction(self, viscous: Array | float, coulomb: Array | float) -> Array:
         """What the joints rub at shares of the two kinds [N m]."""
@@ -356,7 +382,8 @@ class SimulatedRobot:
 
         Its client must feed it at `FEED_HZ` or the programme pauses, unless it set a watchdog of its own.
         """
-        self._external_on, name = enabled, "external_force_torque"
+        self._external_on = enabled
+        name = "external_force_torque"
         if self.watchdog is None or self.watchdog[0] == name:
             self.set_watchdog(name, FEED_HZ if enabled else 0.0, "pause")
 
@@ -367,7 +394,8 @@ class SimulatedRobot:
         last rose above `TOUCH_N`.
         """
         forces = np.array([force[:3] for _, force in list(self._past)[-500:]])
-        change, way = forces - np.median(forces, axis=0), np.asarray(direction, dtype=float)[:3]
+        change = forces - np.median(forces, axis=0)
+        way = np.asarray(direction, dtype=float)[:3]
         pressed = -change @ unit(way) if way.any() else np.linalg.norm(change, axis=1)
         free = np.flatnonzero(pressed < TOUCH_N)
         since = pressed[free[-1] + 1 :] if len(free) else pressed
@@ -411,7 +439,8 @@ class SimulatedRobot:
         """Stop the arm as a safety function would; the programme pauses."""
         if self.safety == PROTECTIVE:
             return
-        self.safety, self.stop_reason = PROTECTIVE, reason
+        self.safety = PROTECTIVE
+        self.stop_reason = reason
         self._coast(STOP_A)
 
     def unlock(self) -> None:
@@ -506,8 +535,10 @@ class SimulatedRobot:
 
     def mass_matrix(self, q: Array, rotors: bool) -> Array:
         """Joint-space inertia [kg m^2], shape (6, 6); with the tool."""
-        model, data = self.cell.model, self._data
-        data.qpos[:6], data.qvel[:] = q, 0.0
+        model = self.cell.model
+        data = self._data
+        data.qpos[:6] = q
+        data.qvel[:] = 0.0
         mujoco.mj_forward(model, data)
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
@@ -516,9 +547,12 @@ class SimulatedRobot:
 
     def coriolis(self, q: Array, qd: Array) -> Array:
         """Coriolis and centrifugal torques [N m]: what the speeds add to the forces at rest."""
-        model, data, forces = self.cell.model, self._data, []
+        model = self.cell.model
+        data = self._data
+        forces = []
         for speeds in (np.asarray(qd), np.zeros(6)):
-            data.qpos[:6], data.qvel[:6] = q, speeds
+            data.qpos[:6] = q
+            data.qvel[:6] = speeds
             mujoco.mj_forward(model, data)
             forces.append(data.qfrc_bias[:6].copy())
         return forces[0] - forces[1]

@@ -175,7 +175,9 @@ class Recipe:
 
     def unpack(self, data: bytes) -> dict[str, Any]:
         """Values by name."""
-        flat, at, values = self.packing.unpack_from(data), 0, {}
+        flat = self.packing.unpack_from(data)
+        at = 0
+        values = {}
         for name, width in zip(self.names, self.widths, strict=True):
             values[name] = flat[at] if width == 1 else flat[at : at + width]
             at += width
@@ -233,7 +235,8 @@ class RtdeSession:
                 raise ProtocolError(f"a package of {size} bytes")
             if len(self._buffer) < size:
                 return
-            body, self._buffer = self._buffer[3:size], self._buffer[size:]
+            body = self._buffer[3:size]
+            self._buffer = self._buffer[size:]
             self._take(kind, body)
 
     def _take(self, kind: int, body: bytes) -> None:
@@ -273,7 +276,8 @@ class RtdeSession:
         self._reply(OUTPUTS, (bytes([number]) if self.version == 2 else b"") + ",".join(types).encode())
 
     def _set_inputs(self, body: bytes) -> None:
-        names, number = _names(body), 0
+        names = _names(body)
+        number = 0
         claimed = self.controller.claimed
         types = [
             IN_USE
@@ -289,7 +293,8 @@ class RtdeSession:
         self._reply(INPUTS, bytes([number]) + ",".join(types).encode())
 
     def _take_data(self, body: bytes) -> None:
-        number, data = body[0], body[1:]
+        number = body[0]
+        data = body[1:]
         if number not in self.inputs:
             raise ProtocolError(f"data for recipe {number}, which there is not")
         if len(data) < (size := self.inputs[number].packing.size):

@@ -38,7 +38,9 @@ class Session:
 
 class _Dashboard(Session):
     def __init__(self, controller: Controller, send: Callable[[bytes], None], client: str) -> None:
-        self._controller, self._send, self._buffer = controller, send, b""
+        self._controller = controller
+        self._send = send
+        self._buffer = b""
         send(GREETING.encode() + b"\n")
 
     def feed(self, data: bytes) -> bool:
@@ -56,7 +58,9 @@ class _Script(Session):
     """A port that takes programmes."""
 
     def __init__(self, controller: Controller, send: Callable[[bytes], None], client: str) -> None:
-        self._controller, self._programs, self._states = controller, Programs(controller, client), 0
+        self._controller = controller
+        self._programs = Programs(controller, client)
+        self._states = 0
         self.begin(send)
 
     def begin(self, send: Callable[[bytes], None]) -> None:
@@ -78,7 +82,8 @@ class _Primary(_Script):
 
     def packages(self) -> Sequence[bytes]:
         """The state, ten times a second and when safety changes; the configuration at first and every few."""
-        found, now = self.news(), self._controller.robot.ticks
+        found = self.news()
+        now = self._controller.robot.ticks
         if now % EVERY == 0 or now == self._controller.changed_at or self._states == 0:
             found.append(robot_state(self._controller, self._states % CONFIGURED == 0))
             self._states += 1
@@ -157,7 +162,9 @@ class Server:
     """A controller at an address; ``offset`` is added to every port."""
 
     def __init__(self, controller: Controller, address: str, real_time: bool = True, offset: int = 0) -> None:
-        self._controller, self._real_time, self.pace = controller, real_time, TickClock()
+        self._controller = controller
+        self._real_time = real_time
+        self.pace = TickClock()
         self._selector = selectors.DefaultSelector()
         self._clients: list[_Client] = []
         self._listening: list[socket.socket] = []
@@ -186,7 +193,8 @@ class Server:
             time.sleep(max(wait, 0.0))
             self._attend(0.0)
             now = time.perf_counter()
-            late, pace = now - due, self.pace
+            late = now - due
+            pace = self.pace
             pace.ticks, pace.worst_s = pace.ticks + 1, max(pace.worst_s, late)
             pace.late += late > BEHIND_S
             self._tick()

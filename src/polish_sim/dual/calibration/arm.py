@@ -93,7 +93,8 @@ def held_out_rms(tracked: Mapping[str, TrackedArm], noise: float, tolerance: Tol
     for one in tracked.values():
         fold = np.arange(len(one.q)) % FOLDS
         for k in range(FOLDS):
-            found, left = fit_arm(one.rows(fold != k), noise, tolerance), one.rows(fold == k)
+            found = fit_arm(one.rows(fold != k), noise, tolerance)
+            left = one.rows(fold == k)
             squares.append(np.sum((left.seen - found.target_at(left.q, left.weight)) ** 2, axis=1))
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 

@@ -152,7 +152,8 @@ def _problem(points: Array) -> Problem[_Shape]:
     def slopes(shape: _Shape) -> Array:
         xi, eta, w = ((points - shape.center) @ shape.frame).T
         rho = np.maximum(np.hypot(xi, eta), 1e-12)
-        zero, one = np.zeros_like(xi), np.ones_like(xi)
+        zero = np.zeros_like(xi)
+        one = np.ones_like(xi)
         radial = np.stack([-xi / rho, -eta / rho, zero, -w * xi / rho, -w * eta / rho, -one], axis=1)
         axial = np.stack([zero, zero, -one, xi, eta, zero], axis=1)
         return np.stack([radial, axial], axis=1)

@@ -160,10 +160,13 @@ def _three_point_slopes(R: Array, length: float, across: Array) -> Array:
     y by what the second move shows less what x took along.
     """
     x, y, z = R.T
-    height, run = float(across @ z), float(across @ x)
+    height = float(across @ z)
+    run = float(across @ x)
     of_x, of_xz = np.zeros((3, 3)), np.zeros((3, 3))
-    of_x[2], of_x[1] = y / length, -z / length
-    of_xz[0], of_x[0] = -y / height, y * run / (height * length)
+    of_x[2] = y / length
+    of_x[1] = -z / length
+    of_xz[0] = -y / height
+    of_x[0] = y * run / (height * length)
     return np.concatenate([-of_x - of_xz, of_x, of_xz], axis=1)
 
 
@@ -212,7 +215,8 @@ def tool_figures(
     measured: ToolMeasurements, found: ToolFrameEstimate, noise: float | None = None
 ) -> dict[str, Any]:
     """An estimate under the names of calibration.toml and metrics.json; ``noise``: true one [m], if known."""
-    tip, orientation = found.tip, found.orientation
+    tip = found.tip
+    orientation = found.orientation
     figures: dict[str, Any] = {
         "position_m": tip.point.tolist(),
         "position_m_std": tip.std.tolist(),

@@ -73,7 +73,8 @@ class Machine:
         exec(self.program.code, space)
         self._threads = [_Thread(space["main"]())]
         self._current = self._threads[0]
-        self._left, self._until = 0, 0.0
+        self._left = 0
+        self._until = 0.0
         if not self.program.secondary:
             listener.started(self.program.name)
 
@@ -103,7 +104,8 @@ class Machine:
 
     def tick(self, robot: SimulatedRobot) -> None:
         """Run each thread to its next wait: once in 2 ms, before the robot's step."""
-        self.robot, self._until = robot, thread_time() + MOST_S
+        self.robot = robot
+        self._until = thread_time() + MOST_S
         for thread in self._threads:  # a thread that starts another lets it run in the same step
             if thread.alive:
                 self._advance(thread)
@@ -115,7 +117,8 @@ class Machine:
             self.stop()
 
     def _advance(self, thread: _Thread) -> None:
-        self._current, self._left = thread, MOST_WORK
+        self._current = thread
+        self._left = MOST_WORK
         try:
             next(thread.steps)
         except (StopIteration, GeneratorExit):

@@ -78,7 +78,10 @@ class ScriptError(InputError):
     def __init__(self, line: int, column: int, text: str, wire: str = "") -> None:
         """``wire``: what a robot says of it."""
         super().__init__(f"line {line}, column {column}: {text}")
-        self.line, self.column, self.text, self.wire = line, column, text, wire or text
+        self.line = line
+        self.column = column
+        self.text = text
+        self.wire = wire or text
 
     def __reduce__(self) -> tuple[type[ScriptError], tuple[Any, ...]]:
         """For another process."""
@@ -92,7 +95,8 @@ class _Lines:
     OPEN_ENDED = frozenset(("OR", "XOR", "AND", "PLUS", "MINUS", "TIMES", "COMPARE", "EQUAL", "NOT", "_NL"))
 
     def process(self, stream: Iterator[Any]) -> Iterator[Any]:
-        depth, before = 0, ""
+        depth = 0
+        before = ""
         for token in stream:
             if token in ("(", "["):
                 depth += 1

@@ -73,7 +73,9 @@ class _Translator:
 
     def translate(self, text: str) -> Program:
         tree = parse(text)
-        name, body, secondary = "", tree, False
+        name = ""
+        body = tree
+        secondary = False
         first = tree.children[0] if tree.children else None
         if first is not None and first.data == "routine":
             kind, named = first.children[:2]
@@ -81,7 +83,9 @@ class _Translator:
                 called = extra.children[0] if extra.data == "call_alone" else None
                 if getattr(called, "children", None) != [named]:  # many call what they send
                     raise _refusal(extra, "one programme at a time: this stands behind its 'end'")
-            name, body, secondary = str(named), first.children[-1], kind == "sec"
+            name = str(named)
+            body = first.children[-1]
+            secondary = kind == "sec"
         main = _Routine("", body, [], body)
         self._collect(main)
         for routine in self.routines.values():
@@ -188,7 +192,8 @@ class _Translator:
 
     def _write_assign(self, tree: Any, depth: int) -> None:
         *_, place, value = tree.children
-        name, text = self._variable(_target(tree)), self._expression(value)
+        name = self._variable(_target(tree))
+        text = self._expression(value)
         if getattr(place, "data", "") == "index":
             inside, *indices = place.children
             if getattr(inside, "data", "") == "index":
@@ -307,7 +312,8 @@ class _Translator:
     def _called(self, tree: Any) -> tuple[str, bool]:
         """The call, checked, and whether it waits."""
         word, *arguments = tree.children
-        name, routine = str(word), self.routines.get(str(word))
+        name = str(word)
+        routine = self.routines.get(str(word))
         placed = [argument for argument in arguments if getattr(argument, "data", "") != "named"]
         named = {str(argument.children[0]): argument.children[1] for argument in arguments[len(placed) :]}
         if any(getattr(argument, "data", "") == "named" for argument in arguments[: len(placed)]):
@@ -320,7 +326,9 @@ class _Translator:
             needed = [
                 str(parameter.children[0]) for parameter in routine.parameters if len(parameter.children) == 1
             ]
-            mark, prefix, waits = "l_", "f_", routine.waits
+            mark = "l_"
+            prefix = "f_"
+            waits = routine.waits
         else:
             if name not in self.built_ins:
                 known = {*self.built_ins, *self.routines}
@@ -330,7 +338,9 @@ class _Translator:
             signature = inspect.signature(called).parameters.values()
             parameters = [parameter.name for parameter in signature]
             needed = [parameter.name for parameter in signature if parameter.default is parameter.empty]
-            mark, prefix, waits = "", "b_", inspect.isgeneratorfunction(called)
+            mark = ""
+            prefix = "b_"
+            waits = inspect.isgeneratorfunction(called)
         given = [*parameters[: len(texts)], *named]
         wrong = len(texts) > len(parameters) or len(set(given)) < len(given)
         if wrong or set(given) - set(parameters) or set(needed) - set(given):

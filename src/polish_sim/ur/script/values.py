@@ -236,7 +236,9 @@ def pose_sub(p_to: Any, p_from: Any) -> Pose:
 
 def interpolate_pose(p_from: Any, p_to: Any, alpha: Any) -> Pose:
     """The pose at a share of the way between two."""
-    a, b, share = numbers(p_from, 6), numbers(p_to, 6), number(alpha)
+    a = numbers(p_from, 6)
+    b = numbers(p_to, 6)
+    share = number(alpha)
     turn = _after([-value for value in a[3:]], b[3:])
     place = (x + share * (y - x) for x, y in zip(a[:3], b[:3], strict=True))
     return Pose((*place, *_after(a[3:], [share * value for value in turn])))
