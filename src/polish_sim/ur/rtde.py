@@ -6,6 +6,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,51 +87,65 @@ def _still(value: Any) -> Callable[[Controller], Any]:
     return lambda c: value
 
 
+READ: Mapping[str, Mapping[str, str]] = {
+    "VECTOR6D": {
+        "target_q": "robot.target_q",
+        "target_qd": "robot.target_qd",
+        "target_qdd": "robot.target_qdd",
+        "target_moment": "robot.joint_torques",
+        "actual_q": "robot.actual_q",
+        "actual_qd": "robot.actual_qd",
+        "actual_current_as_torque": "robot.joint_torques",
+        "actual_TCP_pose": "robot.actual_tcp_pose",
+        "actual_TCP_speed": "robot.actual_tcp_speed",
+        "actual_TCP_force": "robot.tcp_force",
+        "target_TCP_pose": "robot.target_tcp_pose",
+        "target_TCP_speed": "robot.target_tcp_speed",
+        "tcp_offset": "robot.tcp_offset",
+        "payload_inertia": "robot.payload_inertia",
+        "ft_raw_wrench": "robot.raw_wrench",
+        "wrench_calc_from_currents": "robot.tcp_force",
+    },
+    "VECTOR3D": {"payload_cog": "robot.payload_cog"},
+    "DOUBLE": {
+        "timestamp": "robot.time_s",
+        "target_speed_fraction": "robot.speed_fraction",
+        "payload": "robot.payload_mass",
+    },
+    "UINT64": {
+        "actual_digital_input_bits": "robot.digital_in",
+        "actual_digital_output_bits": "robot.digital_out",
+    },
+    "INT32": {
+        "robot_mode": "robot.mode",
+        "safety_mode": "robot.safety",
+        "safety_status": "robot.safety",
+        "tool_output_voltage": "robot.tool_voltage",
+    },
+    "UINT32": {
+        "runtime_state": "robot.runtime",
+        "robot_status_bits": "status_bits",
+        "safety_status_bits": "safety_bits",
+        "tool_mode": "joint_mode",
+        "script_control_line": "line",
+    },
+}
+"""What the controller has as it is, by type."""
 FIELDS: Mapping[str, tuple[str, Callable[[Controller], Any]]] = {
-    "timestamp": ("DOUBLE", lambda c: c.robot.time_s),
-    "target_q": ("VECTOR6D", lambda c: c.robot.target_q),
-    "target_qd": ("VECTOR6D", lambda c: c.robot.target_qd),
-    "target_qdd": ("VECTOR6D", lambda c: c.robot.target_qdd),
-    "target_moment": ("VECTOR6D", lambda c: c.robot.joint_torques),
-    "actual_q": ("VECTOR6D", lambda c: c.robot.actual_q),
-    "actual_qd": ("VECTOR6D", lambda c: c.robot.actual_qd),
-    "actual_current_as_torque": ("VECTOR6D", lambda c: c.robot.joint_torques),
-    "actual_TCP_pose": ("VECTOR6D", lambda c: c.robot.actual_tcp_pose),
-    "actual_TCP_speed": ("VECTOR6D", lambda c: c.robot.actual_tcp_speed),
-    "actual_TCP_force": ("VECTOR6D", lambda c: c.robot.tcp_force),
-    "target_TCP_pose": ("VECTOR6D", lambda c: c.robot.target_tcp_pose),
-    "target_TCP_speed": ("VECTOR6D", lambda c: c.robot.target_tcp_speed),
-    "actual_digital_input_bits": ("UINT64", lambda c: c.robot.digital_in),
-    "robot_mode": ("INT32", lambda c: c.robot.mode),
     "joint_mode": ("VECTOR6INT32", lambda c: [c.joint_mode] * 6),
-    "safety_mode": ("INT32", lambda c: c.robot.safety),
-    "safety_status": ("INT32", lambda c: c.robot.safety),
     "speed_scaling": ("DOUBLE", lambda c: float(c.robot.runtime == 2)),
-    "target_speed_fraction": ("DOUBLE", lambda c: c.robot.speed_fraction),
     "actual_robot_voltage": ("DOUBLE", lambda c: 48.0 if c.powered else 0.0),
-    "actual_digital_output_bits": ("UINT64", lambda c: c.robot.digital_out),
-    "runtime_state": ("UINT32", lambda c: c.robot.runtime),
     "elbow_position": ("VECTOR3D", lambda c: c.elbow()[:3]),
     "elbow_velocity": ("VECTOR3D", lambda c: c.elbow()[3:]),
-    "robot_status_bits": ("UINT32", lambda c: c.status_bits),
-    "safety_status_bits": ("UINT32", lambda c: c.safety_bits),
     "analog_io_types": ("UINT32", lambda c: c.robot.analog_domain[0] << 2 | c.robot.analog_domain[1] << 3),
     "standard_analog_output0": ("DOUBLE", lambda c: c.robot.analog_out[0]),
     "standard_analog_output1": ("DOUBLE", lambda c: c.robot.analog_out[1]),
-    "tool_mode": ("UINT32", lambda c: c.joint_mode),
-    "tool_output_voltage": ("INT32", lambda c: c.robot.tool_voltage),
     "tcp_force_scalar": ("DOUBLE", lambda c: float(np.linalg.norm(c.robot.tcp_force[:3]))),
-    "tcp_offset": ("VECTOR6D", lambda c: c.robot.tcp_offset),
-    "payload": ("DOUBLE", lambda c: c.robot.payload_mass),
-    "payload_cog": ("VECTOR3D", lambda c: c.robot.payload_cog),
-    "payload_inertia": ("VECTOR6D", lambda c: c.robot.payload_inertia),
-    "ft_raw_wrench": ("VECTOR6D", lambda c: c.robot.raw_wrench),
-    "wrench_calc_from_currents": ("VECTOR6D", lambda c: c.robot.tcp_force),
-    "script_control_line": ("UINT32", lambda c: c.line),
     **dict.fromkeys(
         ("target_current", "actual_current", "joint_control_output"),
         ("VECTOR6D", lambda c: c.robot.joint_torques / c.torque_constants),
     ),
+    **{name: (kind, attrgetter(at)) for kind, some in READ.items() for name, at in some.items()},
     **{name: (kind, _still(value)) for kind, some in RESTING.items() for name, value in some.items()},
     **_registers("in"),
     **_registers("out"),
