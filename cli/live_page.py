@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from polish_sim.arrays import Array
 from polish_sim.cli.view import Address, close_server, open_server, say_address
+from polish_sim.planning.toolpath import interpolate
 from polish_sim.spatial import apply, inverse
 
 SHOWN_HZ = 30.0  #: Moments sent to the page per second, at most
@@ -106,7 +107,7 @@ class Worked:
         worked = self._done[self._done > 0.0]
         share = self._done / (2.0 * worked.mean()) if len(worked) else self._done
         at = np.linspace(0.0, 1.0, len(MARKS))
-        return np.stack([np.interp(share, at, column) for column in MARKS.T], axis=1).astype(np.uint8)
+        return interpolate(share, at, MARKS).astype(np.uint8)
 
 
 class LivePage:

@@ -505,16 +505,19 @@ def chosen(given: Given, *names: str) -> dict[str, Any]:
 
 def refuse_without(given: Given, needed: str, *options: str) -> None:
     """Refuse options that change nothing without another one, by name (InputError)."""
-    idle = [option for option in options if given.get(option) is not None]
-    if idle and given.get(needed) is None:
-        raise InputError(leave_out(idle, f"would change nothing without {needed}"))
+    if given.get(needed) is None:
+        _refuse_idle(given, options, f"without {needed}")
 
 
 def refuse_beside(given: Given, chosen: str, *options: str) -> None:
     """Refuse options that change nothing beside another one, by name (InputError)."""
-    idle = [option for option in options if given.get(option) is not None]
-    if idle and given.get(chosen) is not None:
-        raise InputError(leave_out(idle, f"would change nothing with {chosen}"))
+    if given.get(chosen) is not None:
+        _refuse_idle(given, options, f"with {chosen}")
+
+
+def _refuse_idle(given: Given, options: Sequence[str], why: str) -> None:
+    if idle := [option for option in options if given.get(option) is not None]:
+        raise InputError(leave_out(idle, f"would change nothing {why}"))
 
 
 def refuse_idle_on_path(scenario: Scenario, listens: Mapping[str, Sequence[str]], given: Given) -> None:

@@ -41,7 +41,16 @@ from polish_sim.geometry.features import facet_cross
 from polish_sim.geometry.mesh import lighter_mesh
 from polish_sim.planning.part_plan import EASED, SLOWED
 from polish_sim.planning.part_plan import LEFT_OUT as CUT
-from polish_sim.planning.toolpath import APPROACH, LEAD_IN, LEAD_OUT, RETRACT, ToolPath, arc_length, stretches
+from polish_sim.planning.toolpath import (
+    APPROACH,
+    LEAD_IN,
+    LEAD_OUT,
+    RETRACT,
+    ToolPath,
+    arc_length,
+    interpolate,
+    stretches,
+)
 from polish_sim.spatial import unit
 
 if TYPE_CHECKING:
@@ -254,8 +263,7 @@ def _finer(line: Array, off: Array) -> tuple[Array, Array]:
     """A line and its tool axes with points in between, so that it can go out of sight anywhere."""
     along = arc_length(line)
     places = np.union1d(along, np.linspace(0.0, along[-1], LEAD_POINTS))
-    finer = [np.column_stack([np.interp(places, along, column) for column in of.T]) for of in (line, off)]
-    return finer[0], finer[1]
+    return interpolate(places, along, line), interpolate(places, along, off)
 
 
 def _draw_axes(solid: Any, path: ToolPath, shown: Array, seen: _Seen) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from polish_sim.arrays import Array
+from polish_sim.planning.toolpath import interpolate
 
 RATE_HZ = 100.0  #: Both sides are looked at on this clock
 CYCLES = np.arange(20.0, 450.0, 0.1)  #: Of a turn of the joint, looked through for ripple
@@ -44,7 +45,7 @@ def delay(time: Array, measured: Array, simulated: Array) -> float:
     if not moving.any():
         return float("nan")
     both = (side[:, moving] / scale[moving] for side in (measured, simulated))
-    late, early = (np.stack([np.interp(t, time, x) for x in side.T], 1) for side in both)
+    late, early = (interpolate(t, time, side) for side in both)
     inside = late[count:-count]
     off = [np.mean((inside - early[count - k : len(t) - count - k]) ** 2) for k in range(-count, count + 1)]
     best = int(np.argmin(off))

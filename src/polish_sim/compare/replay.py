@@ -15,6 +15,7 @@ from polish_sim.cell.playback import JointTargets, play_joints
 from polish_sim.cell.scene import build_scene
 from polish_sim.config import RobotConfig, Scenario, SpindleConfig
 from polish_sim.exchange.robot_log import RobotRecording
+from polish_sim.planning.toolpath import interpolate
 
 SCENARIO = Scenario(experiment="compare", robot=RobotConfig(), spindle=SpindleConfig(speed_rpm=0.0))
 MOTION_HZ = 4.0  #: What of a measured motion was commanded [Hz]
@@ -65,7 +66,7 @@ def replay(robot: RobotConfig, log: RobotRecording, payload: CarriedPayload) -> 
     if not robot.elastic:
         played.torque[:] += rigid_torques(robot, played.q, still, still, payload)
     return Replay(*(
-        np.stack([np.interp(log.time, t, column) for column in values.T], 1)
+        interpolate(log.time, t, values)
         for values in (played.read, played.qd, played.torque)
     ))  # fmt: skip
 

@@ -107,6 +107,11 @@ class MasterRows(NamedTuple):
     period: float = 0.0  #: Between two readings of them, held in between [s]; 0: at every step
     lead: float = 0.0  #: From the host's request to the follower's motion, as far as the host knows [s]
 
+    @property
+    def times(self) -> Array:
+        """Of the rows [s], shape (n,)."""
+        return self.spacing * np.arange(len(self.q), dtype=np.float64)
+
 
 class Encoders(NamedTuple):
     """What an arm's encoders say at this instant."""

@@ -17,6 +17,7 @@ from polish_sim.errors import InputError, ReachError
 from polish_sim.experiments.placement import failure_of
 from polish_sim.motion import track
 from polish_sim.motion.rules.limits import JOINT_ACCELERATION
+from polish_sim.planning.toolpath import interpolate
 
 DIFFERENCE_S = 0.01  # of the master's time, for derivatives [s]
 
@@ -52,8 +53,7 @@ def check_motion(check: MotionCheck, rows: MasterRows, collides: Collides) -> No
     check_master(check, rows)
     check_carried(check)
     q_follower = _follow(check)
-    times = rows.spacing * np.arange(len(rows.q), dtype=np.float64)
-    q_master = np.stack([np.interp(check.visits.clock, times, rows.q[:, j]) for j in range(6)], axis=1)
+    q_master = interpolate(check.visits.clock, rows.times, rows.q)
     touching = collides(q_master, q_follower)
     if touching:
         raise ReachError(
@@ -65,7 +65,7 @@ def check_motion(check: MotionCheck, rows: MasterRows, collides: Collides) -> No
 def check_master(check: MotionCheck, rows: MasterRows) -> None:
     """Refuse a motion too fast for the master's joints; the ReachError names joint, moment and, of a file,
     the line."""
-    times = rows.spacing * np.arange(len(rows.q), dtype=np.float64)
+    times = rows.times
     speed = np.abs(rows.qd)
     change = np.abs(np.gradient(rows.qd, rows.spacing, axis=0))
     _refuse(check, speed, times, check.robot.joint_speed_limit_rad_s, "turn at", "deg/s")
@@ -73,7 +73,7 @@ def check_master(check: MotionCheck, rows: MasterRows) -> None:
     # Where it is released or brakes, its time does not pass evenly.
     at = check.visits.clock[check.visits.rate < 1.0]
     together = RAMP_PEAK * speed + change
-    ramps = np.stack([np.interp(at, times, together[:, j]) for j in range(6)], axis=1)
+    ramps = interpolate(at, times, together)
     _refuse(check, ramps, at, JOINT_ACCELERATION, "be accelerated, from rest or to rest, by", "deg/s^2")
 
 

@@ -35,7 +35,7 @@ from polish_sim.log import RunLog, Trace, with_column
 from polish_sim.motion import forward
 from polish_sim.planning import PlanResult
 from polish_sim.planning.toolpath import interpolate
-from polish_sim.spatial import apply, inverse
+from polish_sim.spatial import apply, inverse, transform
 
 
 def check_dual(scenario: Checked, plan: PlanResult | None = None, observer: Observer = SILENT) -> CheckedPath:
@@ -162,10 +162,7 @@ def _part_on_flange(task: DualTask, part: RealPart) -> Array:
     T_base_flange = inverse(task.frames.true.T_master_follower) @ task.arms.resting_flange(
         "master", task.master.q[0]
     )
-    T_base_part = np.eye(4)
-    T_base_part[:3, :3] = part.rotation
-    T_base_part[:3, 3] = part.position
-    return inverse(T_base_flange) @ T_base_part
+    return inverse(T_base_flange) @ transform(part.rotation, part.position)
 
 
 # How well the tool follows the part.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
 from collections.abc import Mapping
 
@@ -66,18 +67,11 @@ def compare_modes(moves: Mapping[str, Figures]) -> Figures:
             for what in ("peak", "rms"):
                 name = f"hand_force_{what}_n"
                 figures[f"{prefix}fast_{what}_ratio_{direction}"] = ours[name] / theirs[name]
-    for mode in ("none", "classical"):
-        forces = [
-            values["hand_force_peak_n"] for name, values in moves.items() if name.startswith(f"{mode}_")
-        ]
+    for figure, some in (("none", "none_*"), ("classical", "classical_*"), ("slow", "assist_[xy]_slow")):
+        forces = [moves[name]["hand_force_peak_n"] for name in fnmatch.filter(moves, some)]
         if forces:
-            figures[f"{mode}_peak_n"] = float(np.max(forces))
-    slow = [
-        values["hand_force_peak_n"]
-        for name, values in moves.items()
-        if name in ("assist_x_slow", "assist_y_slow")
-    ]
-    return figures | ({"slow_peak_n": float(np.max(slow))} if slow else {})
+            figures[f"{figure}_peak_n"] = float(np.max(forces))
+    return figures
 
 
 # How near a taught path is to what the hand meant to show.

@@ -15,7 +15,7 @@ from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
 from polish_sim.geometry.surface import ClosestPoints
 from polish_sim.hand_guiding.figures import distance_to_chord
-from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
+from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length, interpolate
 from polish_sim.spatial import unit
 
 DEGREE = 3
@@ -111,7 +111,7 @@ def _even(positions: Array) -> Array:
     s = arc_length(positions)
     rising = np.concatenate([[True], np.diff(s) > 0.0])
     at = np.linspace(0.0, s[-1], max(8 * (DEGREE + 1), math.ceil(s[-1] / EVEN_M)))
-    return np.stack([np.interp(at, s[rising], column) for column in positions[rising].T], axis=1)
+    return interpolate(at, s[rising], positions[rising])
 
 
 def _knots(s: Array, corners: Array) -> Array:

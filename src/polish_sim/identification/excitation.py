@@ -8,7 +8,7 @@ basis.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from polish_sim.identification.fourier import (
     ClearanceCheck,
     FourierMotion,
     MotionLimits,
+    beyond_one,
     fourier_basis,
 )
 from polish_sim.identification.regressor import States, TorqueModel
@@ -82,8 +83,7 @@ def use_matrix(model: TorqueModel, base: BaseParameters, states: States, sigma: 
     """G of a task: its mean information, so that trace(C G) is the predicted torques' summed variance in
     sigma^2."""
     Y = model.regressor(states)[:, :, base.columns] / sigma[:, None]
-    flat = Y.reshape(-1, base.rank)
-    return flat.T @ flat / len(states.q)
+    return _mean_of_sample(Y)
 
 
 def random_motion(limits: MotionLimits, rng: np.random.Generator) -> FourierMotion:
@@ -160,8 +160,13 @@ def mean_information(task: ExcitationTask, motion: FourierMotion) -> Array:
     """Information of one sample of all torques, averaged over a period, shape (r, r)."""
     states = motion(np.arange(FINE) / FINE * motion.period)
     Y = task.model.regressor(states)[:, :, task.base.columns] * (informative(states) / task.sigma)[:, :, None]
-    flat = Y.reshape(-1, task.base.rank)
-    return flat.T @ flat / FINE
+    return _mean_of_sample(Y)
+
+
+def _mean_of_sample(Y: Array) -> Array:
+    """Mean of Y^T Y over samples (m, n, r), shape (r, r)."""
+    flat = Y.reshape(-1, Y.shape[2])
+    return flat.T @ flat / len(Y)
 
 
 class ExcitationCost:
@@ -234,13 +239,7 @@ class ExcitationCost:
 
     def _motion_price(self, states: States) -> tuple[float, Array]:
         limits = self.task.limits
-        tight = MotionLimits(
-            limits.position,
-            _MARGIN * limits.speed,
-            _MARGIN * limits.acceleration,
-            limits.torque,
-            limits.clearance,
-        )
+        tight = replace(limits, speed=_MARGIN * limits.speed, acceleration=_MARGIN * limits.acceleration)
         over = tight.excess(states)
         unit = States(0.5 * np.ptp(tight.position, axis=1), tight.speed, tight.acceleration)
         price = _PENALTY * sum(float(np.sum(part**2)) for part in over)
@@ -249,7 +248,7 @@ class ExcitationCost:
     def _torque_price(self, states: States, slopes: Array) -> tuple[float, Array]:
         task = self.task
         ratio = task.model.torque(states, task.parameters) / (_MARGIN * task.limits.torque)
-        over = np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0)
+        over = beyond_one(ratio)
         by_state = slopes @ task.parameters / (_MARGIN * task.limits.torque)
         return _PENALTY * float(np.sum(over**2)), 2.0 * _PENALTY * np.einsum("mdj,mj->md", by_state, over)
 

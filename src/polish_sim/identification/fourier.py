@@ -109,6 +109,11 @@ class Clearance(NamedTuple):
 ClearanceCheck = Callable[[Array], Clearance]
 
 
+def beyond_one(ratio: Array) -> Array:
+    """By how much shares of a limit go beyond it, signed; 0 inside."""
+    return np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0)
+
+
 @dataclass(frozen=True)
 class MotionLimits:
     """Limits of position, speed, acceleration and torque of n joints, and of clearance."""
@@ -125,7 +130,7 @@ class MotionLimits:
         center = self.position.mean(axis=1)
         half = 0.5 * np.ptp(self.position, axis=1)
         ratios = ((states.q - center) / half, states.qd / self.speed, states.qdd / self.acceleration)
-        return States(*(np.sign(ratio) * np.maximum(np.abs(ratio) - 1.0, 0.0) for ratio in ratios))
+        return States(*map(beyond_one, ratios))
 
     def holds(self, states: States, torque: Array) -> bool:
         """Whether a motion respects position, speed, acceleration and torque at every sample."""

@@ -295,11 +295,11 @@ def _motion_figures(task: ExcitationTask, excitation: Excitation, samples: int) 
     """What the designed motion promises for a period of 10,000 samples, and its condition number in SI."""
     H = mean_information(task, excitation.motion)
     plain = mean_information(replace(task, sigma=np.ones_like(task.sigma)), excitation.motion)
-    n = task.model.joints
+    spread = np.trace(np.linalg.solve(H, task.use)) / task.model.joints
     poses = excitation.motion(np.linspace(0.0, excitation.motion.period, 500)).q
     return {
-        "predicted_error_sigma": float(np.sqrt(np.trace(np.linalg.solve(H, task.use)) / n / 1e4)),
-        "predicted_error_sigma_here": float(np.sqrt(np.trace(np.linalg.solve(H, task.use)) / n / samples)),
+        "predicted_error_sigma": float(np.sqrt(spread / 1e4)),
+        "predicted_error_sigma_here": float(np.sqrt(spread / samples)),
         "condition_motion": condition_number(plain),
         "clearance_min_m": float(task.clearance(poses).distance.min()) if task.clearance else None,
         "design_evaluations": excitation.evaluations,

@@ -15,6 +15,7 @@ from polish_sim.identification.log_file import RobotLog, log_columns, spline_sta
 from polish_sim.identification.regressor import States
 from polish_sim.log import UNREADABLE
 from polish_sim.motion.serial_chain import HINGE
+from polish_sim.planning.toolpath import interpolate
 from polish_sim.smoothing.place import distinct_rows, follow_path
 from polish_sim.tables import Columns
 
@@ -56,7 +57,7 @@ def _moves(source: Path) -> list[tuple[Array, Array]]:
 def _states_of(time: Array, q: Array) -> States:
     count = int(np.clip((time[-1] - time[0]) / _SAMPLE_S, _LEAST, _SAMPLES))
     even = np.linspace(time[0], time[-1], count)
-    between = np.stack([np.interp(even, time, joint) for joint in q.T], axis=1)
+    between = interpolate(even, time, q)
     knots = _KNOTS * float(even[1] - even[0])
     return spline_states(RobotLog(even, between, np.zeros_like(between)), knots)
 
