@@ -97,7 +97,8 @@ class BuiltIns(Sockets):
         """All functions by name."""
         hidden = {"table", "close_all"}
         words = {*vars(BuiltIns), *vars(Sockets)} - hidden
-        found = {word: getattr(self, word) for word in words if word[0] != "_"} | PLAIN | self._passed_on()
+        found = {word: getattr(self, word) for word in words if word[0] != "_"}
+        found |= {**PLAIN, **self._passed_on()}
         for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sqrt", "floor", "ceil", "exp"):
             found[name] = _of_number(getattr(math, name))
         for group in ("standard", "configurable", "tool"):

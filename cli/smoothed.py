@@ -1,0 +1,256 @@
+"""What `polish-sim smooth` does: motion, files, pictures and table; imported only inside it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from polish_sim.analysis.run_record import write_metrics
+from polish_sim.cli import console
+from polish_sim.cli.options import Given
+from polish_sim.cli.output_folder import put
+from polish_sim.cli.run import plan_facts
+from polish_sim.errors import InputError, PolishSimError, count_text
+from polish_sim.exchange import WayPoints, read_way_points, refuse_unknown
+from polish_sim.experiments.report import save_plots
+from polish_sim.motion.rules.chain import Chain
+from polish_sim.motion.rules.deviation import deviation_curve
+from polish_sim.motion.rules.limits import Arm, SmoothingLimits, limits_toml, load_limits
+from polish_sim.motion.rules.rule import RULES, check_rule
+from polish_sim.planning import PlanObserver
+from polish_sim.smoothing.figures import (
+    ORDERS,
+    MeasuredMotion,
+    even_times,
+    measure_smoothing,
+    motion_at,
+    sample_in_blocks,
+    smoothing_figures,
+    write_trajectory,
+)
+from polish_sim.smoothing.place import (
+    SmoothingTask,
+    feeds_on_way,
+    path_without_robot,
+    place_path,
+    prepare_rule,
+    smooth_path,
+)
+from polish_sim.smoothing.plots import (
+    Curves,
+    chosen_corners,
+    path_turns,
+    plot_corners,
+    plot_deviation,
+    plot_joints,
+    plot_tool_rates,
+    view_corner,
+    way_past,
+)
+
+LIMITS = "limits.toml"
+LONGEST_H = 2.0  #: Of a motion [h]: every hour of it takes about a minute and 3.5 GB of memory
+MANY = 20_000  #: A path of more segments is smoothed by the rules asked for only
+DRAWN = 20_000  #: Samples of a curve; motions of more than that many milliseconds are drawn with fewer
+
+
+def smooth_file(
+    path: Path, given: Given, folder: Path, observer: PlanObserver
+) -> tuple[dict[str, Any], list[str]]:
+    """Read and smooth a path, measure the motion, write all files into a folder; returns figures and
+    notes."""
+    rules = [rule for rule in (given["--rule"] or "spline", given["--against"]) if rule is not None]
+    _check_rules(rules)
+    notes: list[str] = []
+    limits = SmoothingLimits() if given["--limits"] is None else load_limits(given["--limits"])
+    observer.stage("read the path")
+    lenient = (lambda error: notes.append(f"left out: {error}")) if given["--lenient"] else refuse_unknown
+    points = read_way_points(path, lenient)
+    if points.assumed:
+        notes.append(points.assumed)
+    task = _prepare(path, given, points, limits, observer, notes)
+    motions = [_smooth(task, rule, observer) for rule in rules]
+    figures = smoothing_figures(motions[0], task.placed.chain, points, task.placed.rows)
+    figures |= {"tolerance_m": task.tolerance, "axis_tolerance_rad": task.axis_tolerance}
+    figures["cycle_time_by_rule_s"] = _times_by_rule(task, motions, observer, notes)
+    figures["T_base_work"] = None if task.placed.arm is None else task.placed.arm.T_base_work
+    for other in motions[1:]:
+        figures["against"] = smoothing_figures(other, task.placed.chain, points, task.placed.rows)
+    observer.stage("write")
+    first = motions[0]
+    times = even_times(first.motion.end, given["--rate"] or 500.0)
+    write_trajectory(folder, sample_in_blocks(first.motion, times, task.placed.arm))
+    put(folder, LIMITS, limits_toml(task.limits))
+    write_metrics(folder, {**figures, "notes": notes})
+    observer.stage("draw")
+    save_plots(folder, draw_smoothing(task, motions, path.name))
+    return figures, notes
+
+
+def _check_rules(rules: Sequence[str]) -> None:
+    """Refuse rules that do not exist, and one that would be compared with itself."""
+    for rule in rules:
+        check_rule("rule", rule, RULES)
+    if len(set(rules)) < len(rules):
+        raise InputError(
+            f"--against {rules[1]} is the rule itself: there would be nothing to compare. Name another."
+        )
+
+
+def _prepare(
+    path: Path,
+    given: Given,
+    points: WayPoints,
+    limits: SmoothingLimits,
+    observer: PlanObserver,
+    notes: list[str],
+) -> SmoothingTask:
+    """Place the path and collect what it is to be smoothed by."""
+    if given["--no-joints"]:
+        placed = path_without_robot(points)
+    else:
+        observer.stage("place it before the robot")
+        up = plan_facts(path).get("up")
+        placed = place_path(
+            points, None if up is None else np.array(up, dtype=float), tuple(given["--part-pose"] or ())
+        )
+    repeated = len(points.path.s) - len(placed.rows)
+    if repeated:
+        notes.append(f"{count_text(repeated, 'repeated point')} left out")
+    if given["--feed"] is not None:
+        limits = replace(limits, tip_speed=given["--feed"])
+        feeds = None
+    else:
+        feeds = feeds_on_way(points.path, placed.rows)
+    speed = limits.tip_speed if feeds is None else np.minimum(feeds, limits.tip_speed)
+    hours = (placed.chain.lengths / speed).sum() / 3600.0
+    if hours > LONGEST_H:
+        raise InputError(
+            f"'{path}' takes at least {hours:.3g} h at its feed; a motion of more than {LONGEST_H:g} "
+            "h is not smoothed in one piece. Set a higher --feed, or divide the path."
+        )
+    tolerance = _or(given["--tolerance"], 2e-5)
+    return SmoothingTask(placed, limits, tolerance, _or(given["--axis-tolerance"], math.radians(0.02)), feeds)
+
+
+def _or(value: Any, default: Any) -> Any:
+    return default if value is None else value
+
+
+def _smooth(task: SmoothingTask, rule: str, observer: PlanObserver) -> MeasuredMotion:
+    """Smooth by a rule, compiled before its time is taken, and measure the motion."""
+    observer.stage(f"smooth by {rule}")
+    prepare_rule(task, rule)
+    begin = time.perf_counter()
+    motion = smooth_path(task, rule)
+    took = time.perf_counter() - begin
+    observer.stage("measure")
+    return measure_smoothing(rule, motion, task.placed.chain, task.placed.arm, task.limits, took)
+
+
+def _times_by_rule(
+    task: SmoothingTask, motions: Sequence[MeasuredMotion], observer: PlanObserver, notes: list[str]
+) -> dict[str, float | None]:
+    """Cycle time of every rule [s]; none where a rule finds no motion, with a note why."""
+    times: dict[str, float | None] = {each.rule: each.motion.end for each in motions}
+    few = len(task.placed.chain.lengths) <= MANY
+    for rule in RULES:
+        if rule in times or not few:
+            continue
+        observer.stage(f"smooth by {rule}")
+        try:
+            times[rule] = smooth_path(task, rule).end
+        except PolishSimError as error:
+            times[rule] = None
+            notes.append(f"{rule} finds no motion: {error}")
+    return {rule: times[rule] for rule in RULES if rule in times}
+
+
+def show(name: str, figures: Mapping[str, Any]) -> None:
+    """Print the table of figures."""
+    columns = [figures] + ([figures["against"]] if "against" in figures else [])
+    rows = [[label, unit, *(text(m) for m in columns)] for label, unit, text in _rows()]
+    for rule, seconds in figures["cycle_time_by_rule_s"].items():
+        shown = console.number_or_dash(seconds, ".3f")
+        rows.append([f"cycle time by {rule}", "s", shown, *[""] * (len(columns) - 1)])
+    console.table(f"{name}, smoothed", ["figure", "unit", *(m["rule"] for m in columns)], rows)
+
+
+def _rows() -> list[tuple[str, str, Any]]:
+    def ratio(name: str) -> Any:
+        return lambda m: console.number_or_dash(m[name], ".4f")
+
+    shares = [
+        (f"{part} {order}, peak / limit", "", ratio(f"{part}_{order}_ratio_max"))
+        for part in ("tool", "axis", "joint")
+        for order in ORDERS
+    ]
+    return [
+        ("segments", "", lambda m: str(m["segments"])),
+        ("path length", "mm", lambda m: f"{1e3 * m['path_length_m']:.1f}"),
+        ("cycle time", "s", lambda m: f"{m['cycle_time_s']:.3f}"),
+        ("tip off the path, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_contour_max_m']:.2f}"),
+        ("corner off the tip's way, at most", "µm", lambda m: f"{1e6 * m['tip_deviation_vertex_max_m']:.2f}"),
+        (
+            "tool axis off its path, at most",
+            "deg",
+            lambda m: f"{math.degrees(m['axis_deviation_max_rad']):.4f}",
+        ),
+        *shares,
+        ("planned, segments per second", "1/s", lambda m: f"{m['segments_per_s']:.0f}"),
+    ]
+
+
+def draw_smoothing(task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str) -> dict[str, Figure]:
+    """Draw tool, joints, deviation and corners of a smoothed path, by file name; one curve a rule."""
+    raw = task.placed.chain
+    limits = task.limits.values()
+    arm = task.placed.arm
+    curves = [_curves(motion, raw, arm) for motion in motions]
+    times = ", ".join(f"{each.rule} {each.motion.end:.4g} s" for each in motions)
+    facts = [f"{len(raw.lengths)} segments, {1e3 * raw.lengths.sum():.4g} mm", times]
+    tolerances = f"tolerance {1e3 * task.tolerance:g} mm, {math.degrees(task.axis_tolerance):.3g}°"
+    allowed = (task.tolerance, task.axis_tolerance)
+    plots = {
+        "tool.png": plot_tool_rates(curves, limits, f"Tool along {name}", [*facts, tolerances]),
+        "deviation.png": plot_deviation(curves, allowed, f"Deviation from {name}", [*facts, tolerances]),
+    }
+    if arm is not None:
+        plots["joints.png"] = plot_joints(curves, limits, f"Joints along {name}", [*facts, tolerances])
+    return plots | _corners(task, motions, name, [*facts, tolerances])
+
+
+def _curves(measured: MeasuredMotion, raw: Chain, arm: Arm | None) -> Curves:
+
+    motion = measured.motion
+    end = measured.motion.end
+    times = np.linspace(0.0, end, int(min(DRAWN, max(1e3 * end, 500.0))) + 1)
+    seen = motion_at(motion, times, arm)
+    strays = deviation_curve(motion, raw, times)
+    return Curves(measured.rule, times, seen.tip_rates, seen.axis_rates, seen.q[1:], strays)
+
+
+def _corners(
+    task: SmoothingTask, motions: Sequence[MeasuredMotion], name: str, facts: list[str]
+) -> dict[str, Figure]:
+
+    raw = task.placed.chain
+    turns = path_turns(raw)
+    ways = [way_past(raw, each.motion) for each in motions]
+    chosen = chosen_corners(turns, ways[0], motions[0].deviation)
+    if not chosen:
+        return {}
+    views = [
+        view_corner(raw, task.placed.rows, ways, corner, float(turns[corner[0]]), task.tolerance)
+        for corner in chosen
+    ]
+    return {
+        "corners.png": plot_corners(views, [motion.rule for motion in motions], f"Corners of {name}", facts)
+    }
