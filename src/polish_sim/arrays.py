@@ -13,6 +13,22 @@ Bools = NDArray[np.bool_]
 SLICE = 16_384
 
 
+def norms(vectors: Array) -> Array:
+    """Lengths of vectors (..., k), shape (...)."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def dots(first: Array, second: Array) -> Array:
+    """Scalar products of vectors (..., k) and others, shape (...)."""
+    return np.asarray((first * second).sum(axis=-1))
+
+
+def running_sums(values: Any) -> Any:
+    """Sums of the first 0, 1 ... n of some values (n,), shape (n + 1,): arc lengths from chords, where parts
+    begin."""
+    return np.concatenate([[0], np.cumsum(values)])
+
+
 def rms(values: Any) -> float:
     """Root mean square of numbers."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, norms
 from polish_sim.cell.contact import build_pad
 from polish_sim.cell.linear_arm import arm_modes
 from polish_sim.cell.scene import tool_on_flange
@@ -119,7 +119,7 @@ def nearest_earlier(points: Array, spacing: float, reach: float) -> Indices:
 def _refined(points: Array, coarse: Indices, stride: int) -> Indices:
     """The nearest row within a stride of a guess, shape (n,)."""
     tried = np.clip(coarse[:, None] + np.arange(-2 * stride, 2 * stride + 1), 0, len(points) - 1)
-    distance = np.linalg.norm(points[tried] - points[:, None], axis=2)
+    distance = norms(points[tried] - points[:, None])
     best = tried[np.arange(len(points)), distance.argmin(axis=1)]
     return np.asarray(np.where(coarse < 0, -1, best), dtype=np.int64)
 
@@ -131,7 +131,7 @@ def _poses(stroke: Stroke, s: Array) -> _Poses:
     rows = np.clip(((s - stroke.start_s) / table.spacing).astype(np.int64), 0, len(tangents) - 1)
     feed = np.interp(s - stroke.start_s, stroke.motion.places, stroke.motion.speeds * stroke.motion.rates)
     poses = _Poses(
-        np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), np.linalg.norm(tangents, axis=1)[rows],
+        np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3)), norms(tangents)[rows],
         table.curvature[rows], np.empty(n), feed,
     )  # fmt: skip
     _sample(table, stroke.force, s - stroke.start_s, poses)

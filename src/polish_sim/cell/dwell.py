@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, running_sums
 from polish_sim.cell.removal import CELL, DEEPEST, PressedNodes, _find_near, _press_nodes
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import kernel
@@ -52,7 +52,7 @@ def exposure_rates(
     grid = build_point_grid(nodes.positions, CELL * pad_radius)
     ordered = PressedNodes(*(np.ascontiguousarray(column[grid.items]) for column in nodes))
     bedding = stiffness / (math.pi * pad_radius**2)
-    starts = np.concatenate([[0], np.cumsum(_count(ordered, poses, grid, pad_radius))])
+    starts = running_sums(_count(ordered, poses, grid, pad_radius))
     numbers, rates = np.zeros(starts[-1], dtype=np.int64), np.zeros(starts[-1])
     depths = _fill(ordered, poses, grid, pad_radius, bedding, slide, starts, numbers, rates)
     shape = len(poses.tips), len(nodes.areas)

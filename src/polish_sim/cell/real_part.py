@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, dots, norms
 from polish_sim.cell.contact import RealPart
 from polish_sim.config import PartConfig
 from polish_sim.config.cell import PAD_TOP
@@ -141,7 +141,7 @@ def spread_over(region: Surface) -> Array:
     Facets alone do not do: a plane may have two, which say nothing of the waves between them.
     """
     corners = region.vertices[region.faces]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    edges = norms(corners - np.roll(corners, 1, axis=1)).max(axis=1)
     cuts = np.maximum(np.ceil(4.0 * edges / WAVELENGTHS[0]), 1.0).astype(int)
     points = []
     for n in np.unique(cuts):
@@ -174,7 +174,7 @@ def facing_tool(surface: Surface, touch: Touch) -> Bools:
     """Which facets face the tool where it comes nearest to them, shape (m,)."""
     normals, _ = facet_normals(surface.vertices, surface.faces)
     _, nearest = cKDTree(touch.positions).query(surface.vertices[surface.faces].mean(axis=1))
-    return (normals * touch.axes[nearest]).sum(axis=1) > FACING
+    return dots(normals, touch.axes[nearest]) > FACING
 
 
 def touched_box(touch: Touch) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, norms, running_sums
 from polish_sim.cell.contact import RealPart
 from polish_sim.cell.real_part import Touch, facing_tool
 from polish_sim.geometry import Region, Surface
@@ -64,10 +64,10 @@ def pad_motion(
         return PadMotion(none, some, some, some, some, none, none)
     # The force of an instant acts until the next one.
     clock = np.append(time, 2.0 * time[-1] - time[-2])
-    impulse = np.concatenate([[0.0], np.cumsum(force * np.diff(clock))])
+    impulse = running_sums(force * np.diff(clock))
     speeds = trace.tcp_speed_m_s
     if part_turns is not None:
-        speeds = np.linalg.norm(np.gradient(trace.tool_on_part_m, time, axis=0), axis=1)
+        speeds = norms(np.gradient(trace.tool_on_part_m, time, axis=0))
     marks = _marks(clock[touching[0]], clock[touching[-1] + 1], speeds[touching], pad_radius)
     gained, times = np.diff(np.interp(marks, clock, impulse)), np.diff(marks)
     R_base_part = part.rotation[None] if part_turns is None else part_turns
@@ -184,7 +184,7 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
     while len(facets):
         places = surface.vertices[surface.faces[facets]]
         points = np.einsum("kca,kad->kcd", corners, places)
-        sides = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=2)
+        sides = norms(points - np.roll(points, -1, axis=1))
         away, _ = tree.query(points.mean(axis=1))
         near = away < REACH * touch.pad_radius + sides.max(axis=1)
         small = near & (sides.max(axis=1) <= limits[facets])
@@ -201,7 +201,7 @@ def surroundings(surface: Surface, region: Region, touch: Touch, longest: float)
     on_cut = cut[owners]
     if on_cut.any():
         closest = region.surface.closest(positions[on_cut]).positions
-        outside[on_cut] = np.linalg.norm(closest - positions[on_cut], axis=1) > ON_SURFACE
+        outside[on_cut] = norms(closest - positions[on_cut]) > ON_SURFACE
     return PressedNodes(positions[outside], normals[outside], areas[outside])
 
 

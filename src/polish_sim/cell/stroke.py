@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms, running_sums
 from polish_sim.control.signals import Target
 from polish_sim.kernels import Record, Vector2, Vector3, Vector4, kernel
 from polish_sim.motion.timed_path import Pace, TimedPath, sample_motion, sample_rate
@@ -122,8 +122,8 @@ def air_length(positions: Array, rotations: Array, speed: float) -> Array:
     The way's points are (n, 3) [m] and its tool frames (n, 3, 3).
     """
     turns = (Rotation.from_matrix(rotations[1:]) * Rotation.from_matrix(rotations[:-1]).inv()).magnitude()
-    ways = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(np.maximum(ways, speed / TURN_SPEED * turns))])
+    ways = norms(np.diff(positions, axis=0))
+    return running_sums(np.maximum(ways, speed / TURN_SPEED * turns))
 
 
 @kernel

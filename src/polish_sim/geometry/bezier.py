@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, dots, norms
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import unit
 
@@ -93,7 +93,7 @@ def patch_areas(control: Array) -> Array:
     areas = np.zeros(len(control))
     for k in range(3):
         u, v, w = ((4.0 if j == k else 1.0) / 6.0 for j in range(3))
-        areas += np.linalg.norm(area_elements(control, u, v, w), axis=1) / 6.0
+        areas += norms(area_elements(control, u, v, w)) / 6.0
     return areas
 
 
@@ -112,9 +112,9 @@ def quadratic_normals(corners: Array, normals: Array) -> Array:
     """
     edges = np.roll(corners, -1, axis=1) - corners
     both = normals + np.roll(normals, -1, axis=1)
-    lean = 2.0 * (edges * both).sum(axis=-1) / np.maximum((edges**2).sum(axis=-1), 1e-300)
+    lean = 2.0 * dots(edges, both) / np.maximum(dots(edges, edges), 1e-300)
     middle = unit(both - lean[..., None] * edges)
     # Where the ends' normals disagree wildly the mirror image means nothing.
-    agrees = (middle * both).sum(axis=-1) > _AGREEMENT * np.linalg.norm(both, axis=-1)
+    agrees = dots(middle, both) > _AGREEMENT * norms(both)
     middle = np.where(agrees[..., None], middle, 0.5 * both)
     return np.concatenate([normals, 2.0 * middle - 0.5 * both], axis=1)

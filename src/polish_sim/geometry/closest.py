@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Ints
+from polish_sim.arrays import Array, Ints, norms
 from polish_sim.geometry.closest_on_patch import closest_on_patch, flat_distance2
 from polish_sim.kernel_cache import njit
 
@@ -33,7 +33,7 @@ def build_box_tree(control: Array) -> BoxTree:
     these."""
     # P - flat = sum of 2 u v e with e an edge's control point beside its middle, and u v + v w + w u <= 1/3.
     middles = 0.5 * (control[:, :3] + np.roll(control[:, :3], -1, axis=1))
-    bulge = 2.0 / 3.0 * np.linalg.norm(control[:, 3:] - middles, axis=2).max(axis=1)
+    bulge = 2.0 / 3.0 * norms(control[:, 3:] - middles).max(axis=1)
     low, high, right, first, size, items = build_boxes(control.min(axis=1), control.max(axis=1))
     return BoxTree(low, high, right, first, size, items, bulge)
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, norms
 from polish_sim.geometry.surface import Surface, build_surface
 from polish_sim.geometry.topology import find_adjacency
 
@@ -265,6 +265,6 @@ def _turned(fan: Indices, turn: int) -> Indices:
 def _first_diagonal(places: Array, cut: CutFacets, facets: Indices, turn: int) -> Bools:
     """Whether the diagonal from corner 0 to the middle of edge 1 is the shorter one."""
     corner = places[cut.faces[facets][:, [turn, (turn + 1) % 3, (turn + 2) % 3]]]
-    one = np.linalg.norm(corner[:, 0] - 0.5 * (corner[:, 1] + corner[:, 2]), axis=1)
-    other = np.linalg.norm(corner[:, 2] - 0.5 * (corner[:, 0] + corner[:, 1]), axis=1)
+    one = norms(corner[:, 0] - 0.5 * (corner[:, 1] + corner[:, 2]))
+    other = norms(corner[:, 2] - 0.5 * (corner[:, 0] + corner[:, 1]))
     return one <= _EQUAL * other

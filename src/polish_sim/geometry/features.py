@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices
+from polish_sim.arrays import Array, Bools, Indices, Ints, by_slices, dots, norms
 from polish_sim.geometry.topology import Adjacency, corner_fans, extremes, facet_links, label_pieces
 from polish_sim.spatial import unit
 
@@ -29,7 +29,7 @@ class SmoothCorners(NamedTuple):
 def facet_normals(vertices: Array, faces: Ints | Indices) -> tuple[Array, Array]:
     """Return unit normals (m, 3) and areas (m,) [m^2] of flat facets."""
     cross = by_slices(lambda f: facet_cross(vertices[f]), faces)
-    length = np.linalg.norm(cross, axis=1)
+    length = norms(cross)
     cross /= np.maximum(length, 1e-300)[:, None]
     return cross, 0.5 * length
 
@@ -57,7 +57,7 @@ def smooth_corners(
     count, index = corner_fans(adjacency, smooth)
     normals = _sum_over(index, by_slices(lambda f: _max_weights(vertices[f]), faces), count)
     normals, flat = _keep_flat_faces(vertices, faces, adjacency, smooth, index, normals)
-    length = np.linalg.norm(normals, axis=1)
+    length = norms(normals)
     own, _ = facet_normals(vertices, faces)
     spare = np.empty((count, 3))
     spare[index.ravel()] = np.repeat(own, 3, axis=0)
@@ -66,7 +66,7 @@ def smooth_corners(
     # At a tip, as of a cone, no normal is near those of its facets, however smoothly they follow: each keeps
     # its own.
     tip = np.zeros(count, dtype=bool)
-    tip[index[(normals[index] * own[:, None]).sum(axis=2) < np.cos(feature_angle)]] = True
+    tip[index[dots(normals[index], own[:, None]) < np.cos(feature_angle)]] = True
     facet, corner = np.nonzero((tip & ~flat)[index])
     index[facet, corner] = count + np.arange(len(facet))
     return SmoothCorners(
@@ -78,7 +78,7 @@ def _max_weights(corners: Array) -> Array:
     """Weighted facet normals at each corner (m, 3, 3), n sin(angle) / (|e1| |e2|), shape (m, 3, 3)."""
     ahead = np.roll(corners, -1, axis=1) - corners
     behind = np.roll(corners, 1, axis=1) - corners
-    size = (ahead**2).sum(axis=2) * (behind**2).sum(axis=2)
+    size = dots(ahead, ahead) * dots(behind, behind)
     cross = np.cross(ahead[:, 0], behind[:, 0])
     return cross[:, None, :] / np.maximum(size, 1e-300)[:, :, None]
 
@@ -126,7 +126,7 @@ def _dominant(
 
 def _widths(vertices: Array, faces: Ints, adjacency: Adjacency, labels: Ints, areas: Array) -> Array:
     """Mean width of flat faces, area over half the length of the rim [m], shape (k,)."""
-    length = np.linalg.norm(np.roll(vertices[faces], -1, axis=1) - vertices[faces], axis=2)
+    length = norms(np.roll(vertices[faces], -1, axis=1) - vertices[faces])
     rim = (adjacency.facets < 0) | (labels[adjacency.facets] != labels[:, None])
     around = np.bincount(labels, weights=(length * rim).sum(axis=1), minlength=len(areas))
     return 2.0 * areas / np.maximum(around, 1e-300)
@@ -216,16 +216,16 @@ def sharp_lines(vertices: Array, faces: Ints, smooth: Bools) -> SharpLines:
     two = np.flatnonzero(degree == 2)
     before = vertices[two] - vertices[others[order[first[two]]]]
     after = vertices[others[order[first[two] + 1]]] - vertices[two]
-    size_before, size_after = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+    size_before, size_after = norms(before), norms(after)
     before, after = before / size_before[:, None], after / size_after[:, None]
     circle = before / size_before[:, None] + after / size_after[:, None]
     long_before = size_before > STRAIGHT_DOMINANCE * size_after
     long_after = size_after > STRAIGHT_DOMINANCE * size_before
     direction = np.where(long_before[:, None], before, np.where(long_after[:, None], after, circle))
     tangent = np.zeros((count, 3))
-    tangent[two] = direction / np.maximum(np.linalg.norm(direction, axis=1), 1e-300)[:, None]
+    tangent[two] = direction / np.maximum(norms(direction), 1e-300)[:, None]
     through = np.zeros(count, dtype=bool)
-    through[two] = (before * after).sum(axis=1) > np.cos(CORNER_ANGLE)
+    through[two] = dots(before, after) > np.cos(CORNER_ANGLE)
     return SharpLines(tangent, through)
 
 

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Ints, by_slices
+from polish_sim.arrays import Array, Bools, Ints, by_slices, dots, norms
 from polish_sim.geometry.bezier import area_elements, edge_control, into_plane, quadratic_normals
 from polish_sim.geometry.features import (
     FEATURE_ANGLE,
@@ -80,11 +80,9 @@ def _unfold(control: Array, normals: Array, adjacency: Adjacency) -> Array:
 
 def _folds(control: Array, normals: Array) -> Bools:
     """Patches whose normal turns over at a corner or in the middle of an edge, shape (m,)."""
-    least = FOLDED * np.linalg.norm(facet_cross(control[:, :3]), axis=1)
+    least = FOLDED * norms(facet_cross(control[:, :3]))
     places = [*np.eye(3), *(0.5 * (1.0 - np.eye(3)))]
-    return np.any(
-        [(area_elements(control, *place) * normals).sum(axis=1) < least for place in places], axis=0
-    )
+    return np.any([dots(area_elements(control, *place), normals) < least for place in places], axis=0)
 
 
 def _patches(
@@ -105,9 +103,7 @@ def _patches(
     turned = (smooth | (neighbours < 0))[..., None]
     start_way = unit(np.where(turned, into_plane(start_way, start_normal), start_way))
     end_way = unit(np.where(turned, into_plane(end_way, end_normal), end_way))
-    too_steep = np.minimum((start_way * unit_chord).sum(-1), (end_way * unit_chord).sum(-1)) < np.cos(
-        STEEPEST
-    )
+    too_steep = np.minimum(dots(start_way, unit_chord), dots(end_way, unit_chord)) < np.cos(STEEPEST)
     start_way = np.where(too_steep[..., None], unit_chord, start_way)
     end_way = np.where(too_steep[..., None], unit_chord, end_way)
     return np.concatenate([vertices[faces], edge_control(start, end, start_way, end_way)], axis=1)

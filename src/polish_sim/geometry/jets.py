@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, norms, running_sums
 from polish_sim.geometry.features import SmoothCorners, facet_normals
 from polish_sim.kernel_cache import njit
 from polish_sim.spatial import perpendicular, unit
@@ -66,7 +66,7 @@ def fit_vertex_jets(vertices: Array, faces: Ints, corners: SmoothCorners, smooth
         fitted, seen = _fit_heights(to_bent, normals, frames, trusted)
         able = (seen >= _TRUSTED_NEEDED) & bent & ~lonely
         tilted = unit(normals - np.einsum("kf,kfj->kj", fitted[:, :2], frames))
-        able &= np.linalg.norm(tilted - corners.normals, axis=1) <= room
+        able &= norms(tilted - corners.normals) <= room
         normals = np.where(able[:, None], tilted, normals)
         trusted = trusted | able
     frames = tangent_frames(normals)
@@ -120,7 +120,7 @@ def _find_links(vertices: Array, faces: Ints, corners: SmoothCorners, smooth: Bo
     there = np.concatenate([ahead_ids.ravel(), corners.ids[~smooth]])
     steps = np.concatenate([way.reshape(-1, 3), -way[~smooth]])
     count = np.maximum(np.bincount(here, minlength=len(corners.normals)), 1)
-    size = np.bincount(here, weights=np.linalg.norm(steps, axis=1), minlength=len(count)) / count
+    size = np.bincount(here, weights=norms(steps), minlength=len(count)) / count
     order = np.argsort(here, kind="stable")
     here, there, steps = (
         here[order],
@@ -136,7 +136,7 @@ def _chosen(links: _Links, which: Bools) -> _Links:
 
 
 def _firsts(here: Ints, count: int) -> Ints:
-    return np.concatenate([[0], np.cumsum(np.bincount(here, minlength=count))])
+    return running_sums(np.bincount(here, minlength=count))
 
 
 def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
@@ -150,7 +150,7 @@ def _at_rim(ids: Ints, smooth: Bools, count: int) -> Bools:
 def _widest_tilt_around(vertices: Array, faces: Ints, corners: SmoothCorners, links: _Links) -> Array:
     """How far first normals are from the facets' at a vertex and its neighbours, shape (k,)."""
     own, _ = facet_normals(vertices, faces)
-    tilt = np.linalg.norm(corners.normals[corners.ids] - own[:, None, :], axis=2)
+    tilt = norms(corners.normals[corners.ids] - own[:, None, :])
     widest = np.zeros(len(corners.normals))
     np.maximum.at(widest, corners.ids.ravel(), tilt.ravel())
     around = widest.copy()

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Ints, by_slices
+from polish_sim.arrays import Array, Bools, Ints, by_slices, dots, norms
 from polish_sim.geometry.bezier import blend, edge_points, patch_areas
 from polish_sim.geometry.closest import BoxTree, build_box_tree, closest_points
 from polish_sim.geometry.jets import unpack
@@ -98,7 +98,7 @@ class Surface:
     @cached_property
     def radius(self) -> float:
         """Radius of the ball around the middle that holds all vertices [m]."""
-        return float(np.linalg.norm(self.vertices - self.middle, axis=1).max())
+        return float(norms(self.vertices - self.middle).max())
 
     @cached_property
     def facet_areas(self) -> Array:
@@ -175,7 +175,7 @@ class Surface:
         operators = self.shape_operators(facets, barycentric)
         normals = self.evaluate(facets, barycentric).normals
         tangents = directions - (directions * normals).sum(axis=1, keepdims=True) * normals
-        length2 = np.maximum((tangents**2).sum(axis=1), 1e-300)
+        length2 = np.maximum(dots(tangents, tangents), 1e-300)
         return np.einsum("ni,nij,nj->n", tangents, operators, tangents) / length2
 
     def restrict(self, facets: Ints) -> Surface:
@@ -303,8 +303,8 @@ def _corner_normals(control: Array) -> Array:
     ahead = control[:, 3:] - corners
     behind = np.roll(control[:, 3:], 1, axis=1) - corners
     cross = np.cross(ahead, behind)
-    size = np.linalg.norm(cross, axis=2)
-    angle = np.arctan2(size, (ahead * behind).sum(axis=2))
+    size = norms(cross)
+    angle = np.arctan2(size, dots(ahead, behind))
     return cross * (angle / np.maximum(size, 1e-300))[:, :, None]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.arrays import Array, Indices, Ints, norms, running_sums
 from polish_sim.kernel_cache import njit
 
 
@@ -42,7 +42,7 @@ def build_path_table(
     points' own if not given. ``curvature`` (n,) [1/m] is the normal curvature along the path, ``pass_index``
     (n,) the turn of each point; zero if not given. Rows are about ``spacing`` [m] apart.
     """
-    own = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    own = running_sums(norms(np.diff(positions, axis=0)))
     place = own if s is None else s - s[0]
     kept = np.concatenate([[True], np.diff(place) > 1e-9])
     place, points, frames = place[kept], positions[kept], rotations[kept]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, dots, norms
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
@@ -67,20 +67,20 @@ def offset_from(surface: Surface, path: ToolPath, bridges: Sequence[Surface] = (
     surfaces = (surface, *bridges)
     feet, normals = _closest(surfaces, points)
     gap = points - feet
-    heights = (gap * axes).sum(axis=1)
-    turned = np.flatnonzero((axes * normals).sum(axis=1) <= 0.0)
+    heights = dots(gap, axes)
+    turned = np.flatnonzero(dots(axes, normals) <= 0.0)
     # On an edge the closest face may be the other one: the axis is turned if no face around looks its way.
     for way in product((-BESIDE_M, 0.0, BESIDE_M), repeat=3):
         around = _closest(surfaces, feet[turned] + way).normals
-        turned = turned[(axes[turned] * around).sum(axis=1) < SQUARE]
-    sideways = np.linalg.norm(gap - heights[:, None] * axes, axis=1)
+        turned = turned[dots(axes[turned], around) < SQUARE]
+    sideways = norms(gap - heights[:, None] * axes)
     return Offset(feet, heights, sideways, points[turned])
 
 
 def _closest(surfaces: Sequence[Surface], points: Array) -> SurfacePoints:
     """The closest of several surfaces' points to each of some (n, 3) [m]."""
     found = [each.closest(points) for each in surfaces]
-    apart = [np.linalg.norm(points - each.positions, axis=1) for each in found]
+    apart = [norms(points - each.positions) for each in found]
     nearest = np.argmin(apart, axis=0), np.arange(len(points))
     positions, normals = (np.stack(columns)[nearest] for columns in list(zip(*found, strict=True))[:2])
     return SurfacePoints(positions, normals)
@@ -322,7 +322,7 @@ def _share_on(region: Region, plan: PlanConfig, offset: Offset) -> float:
     """
     feet = offset.feet[offset.sideways <= max(OFF_PART_M, offset.sideways.min())]
     there = _closest((region.surface, *_bridges(region, plan)), feet).positions
-    return (np.linalg.norm(there - feet, axis=1) < OFF_PART_M).mean()
+    return (norms(there - feet) < OFF_PART_M).mean()
 
 
 def tool_notes(quality: Quality) -> list[str]:

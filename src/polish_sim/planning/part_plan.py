@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, norms
 from polish_sim.config import PadConfig, PartConfig, PlanConfig, ProcessConfig
 from polish_sim.errors import PlanError, unknown_name
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface, load_part, select_region
@@ -411,7 +411,7 @@ def accessible(
         within = access.region
     if wide is not region:
         places = whole.mesh.vertices
-        off = np.linalg.norm(wide.surface.closest(places).positions - places, axis=1) > ON_SURFACE_M
+        off = norms(wide.surface.closest(places).positions - places) > ON_SURFACE_M
         asked = asked.without(off, reason)
     return whole if within is region else prepare_ground(within, plan), asked, access
 

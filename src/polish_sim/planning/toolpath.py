@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
 from polish_sim.errors import PlanError
 
 SEGMENTS = ("approach", "lead_in", "process", "link", "lead_out", "retract")
@@ -71,8 +71,8 @@ class ToolPath:
 
 def arc_length(positions: Array) -> Array:
     """Length of a polyline (n, 3) [m] from its first point, along its chords [m], shape (n,)."""
-    chords = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(chords)])
+    chords = norms(np.diff(positions, axis=0))
+    return running_sums(chords)
 
 
 def interpolate(where: Array, s: Array, columns: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.control.signals import Course, Measurement, Target
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import Record, kernel
@@ -183,7 +183,7 @@ def followable_share(course: Course, can: Abilities) -> Array:
     width = SMOOTHING_M / course.spacing
     slope = np.gradient(gaussian_filter1d(course.surplus, width, mode="nearest"), course.spacing)
     turning = gaussian_filter1d(course.turning, width, axis=0, mode="nearest")
-    turning_change = np.linalg.norm(np.gradient(turning, course.spacing, axis=0), axis=1)
+    turning_change = norms(np.gradient(turning, course.spacing, axis=0))
     bending = gaussian_filter1d(course.bending, width, mode="nearest")
     push = np.hypot(np.abs(np.gradient(slope, course.spacing)), bending)
     with np.errstate(divide="ignore"):
@@ -192,7 +192,7 @@ def followable_share(course: Course, can: Abilities) -> Array:
             np.sqrt(OF_LIMIT * can.acceleration / push),
             np.sqrt(OF_LIMIT * can.angular_acceleration / turning_change),
             np.where(course.arm_mode > 0.0, 0.5 * course.arm_mode / can.gear_waves, math.inf)
-            / np.linalg.norm(turning, axis=1),
+            / norms(turning),
         ])  # fmt: skip
     speed, top = np.maximum(course.feed, 1e-6), max(float(course.feed.max()), 1e-6)
     rise = max(0.05 / top, 2.0)  # of the share, the sequence's own ramp [1/s]

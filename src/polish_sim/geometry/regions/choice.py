@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, norms
 from polish_sim.errors import InputError, PlanError, place_in_mm
 from polish_sim.geometry.bezier import from_corners
 from polish_sim.geometry.cut import Clipped, clip, split, then
@@ -354,7 +354,7 @@ def _plane_across(up: Array, corners: Array) -> Array:
     3)."""
     sides = np.roll(corners, -1, axis=0) - corners
     level = sides - (sides @ up)[:, None] * up
-    length = np.linalg.norm(level, axis=1)
+    length = norms(level)
     longest = int(length.argmax())
     if length[longest] <= _ON_OUTLINE:
         raise InputError(
@@ -396,7 +396,7 @@ def _first_crossing(flat: Array) -> tuple[int, int] | None:
 def _on_both_sides(a: Array, b: Array, p: Array, q: Array) -> Bools:
     """Whether the line through a and b parts p from q; points (2,) or (m, 2), result (m,)."""
     along = b - a
-    length = np.maximum(np.linalg.norm(along, axis=-1), _ON_OUTLINE)
+    length = np.maximum(norms(along), _ON_OUTLINE)
     low, high = np.sort(
         [(along[..., 0] * (r - a)[..., 1] - along[..., 1] * (r - a)[..., 0]) / length for r in (p, q)], axis=0
     )

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.arrays import Array, Indices, Ints, dots, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry.bezier import EDGE_MIDDLES, edge_points
 from polish_sim.geometry.cut import (
@@ -66,7 +66,7 @@ class BorderDistance(NamedTuple):
         places between which it is an arc; its length differs from the shortest way's in higher order only.
         """
         feet = self._nearest(points)
-        distances = np.linalg.norm(points - feet, axis=1)
+        distances = norms(points - feet)
         low, high = _NEAR
         near = np.flatnonzero((distances > low * self.reach) & (distances < high * self.reach))
         if len(near) and not self.flat:
@@ -75,7 +75,7 @@ class BorderDistance(NamedTuple):
 
     def straight(self, points: Array) -> Array:
         """Straight distances of points (n, 3) to the border [m], shape (n,)."""
-        return np.linalg.norm(points - self._nearest(points), axis=1)
+        return norms(points - self._nearest(points))
 
     def _nearest(self, points: Array) -> Array:
         """Nearest points of the border to points (n, 3) [m], shape (n, 3)."""
@@ -83,9 +83,9 @@ class BorderDistance(NamedTuple):
         _, pieces = self.tree.query(points, k=count)
         pieces = np.asarray(pieces).reshape(len(points), count)
         start, along = self.starts[pieces], self.ends[pieces] - self.starts[pieces]
-        share = ((points[:, None] - start) * along).sum(axis=2) / np.maximum((along**2).sum(axis=2), 1e-300)
+        share = dots(points[:, None] - start, along) / np.maximum(dots(along, along), 1e-300)
         feet = start + np.clip(share, 0.0, 1.0)[..., None] * along
-        best = np.linalg.norm(points[:, None] - feet, axis=2).argmin(axis=1)
+        best = norms(points[:, None] - feet).argmin(axis=1)
         return feet[np.arange(len(points)), best]
 
 
@@ -94,8 +94,8 @@ def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indi
     facets, edges = border
     a, b = surface.control[facets, edges], surface.control[facets, (edges + 1) % 3]
     c = surface.control[facets, 3 + edges]
-    chord = np.linalg.norm(b - a, axis=1)
-    sagitta = 0.5 * np.linalg.norm(c - 0.5 * (a + b), axis=1)
+    chord = norms(b - a)
+    sagitta = 0.5 * norms(c - 0.5 * (a + b))
     spacing = max(reach / _SAMPLES_PER_REACH, float(chord.sum()) / _MOST_SAMPLES)
     parts = np.maximum(np.ceil(chord / spacing), np.ceil(np.sqrt(sagitta / _CHORD_ERROR)))
     parts = np.maximum(parts, 1.0).astype(np.int64)
@@ -104,7 +104,7 @@ def _border_distance(surface: Surface, reach: float, border: tuple[Indices, Indi
     starts, ends = (
         edge_points(a[edge], c[edge], b[edge], ((step + k) / parts[edge])[:, None]) for k in (0, 1)
     )
-    tree, length = cKDTree(0.5 * (starts + ends)), float(np.linalg.norm(ends - starts, axis=1).sum())
+    tree, length = cKDTree(0.5 * (starts + ends)), float(norms(ends - starts).sum())
     return BorderDistance(starts, ends, tree, reach, _is_flat(surface), length, surface)
 
 
@@ -122,9 +122,9 @@ def _lengths_along(surface: Surface, starts: Array, ends: Array) -> Array:
     places = foot.positions.reshape(_ARCS + 1, -1, 3)
     normals = foot.normals.reshape(_ARCS + 1, -1, 3)
     chords = places[1:] - places[:-1]
-    length = np.linalg.norm(chords, axis=2)
+    length = norms(chords)
     # On an arc the normals' difference along the chord is twice the sine of half its angle.
-    turn = ((normals[1:] - normals[:-1]) * chords).sum(axis=2) / np.maximum(length, 1e-300)
+    turn = dots(normals[1:] - normals[:-1], chords) / np.maximum(length, 1e-300)
     half = np.arcsin(np.clip(0.5 * turn, -0.9, 0.9))
     stretch = np.where(np.abs(half) < 1e-6, 1.0, half / np.where(half == 0.0, 1.0, np.sin(half)))
     return (length * stretch).sum(axis=0)
@@ -208,7 +208,7 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
     places, values = surface.vertices, distance.straight(surface.vertices)
     for _ in range(_ROUNDS):
         corners = places[cut.faces]
-        size = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+        size = norms(np.roll(corners, -1, axis=1) - corners).max(axis=1)
         # No value changes faster than the distance: the new border may run where no corner is farther from
         # it.
         near = (np.abs(values[cut.faces] - margin).max(axis=1) <= size) & (size > longest)
@@ -216,7 +216,7 @@ def _refined(surface: Surface, distance: Room, margin: float) -> Clipped:
         if not near.any():
             break
         edges = find_edges(cut.faces)
-        lengths = np.linalg.norm(places[edges.ends[:, 0]] - places[edges.ends[:, 1]], axis=1)
+        lengths = norms(places[edges.ends[:, 0]] - places[edges.ends[:, 1]])
         marked = np.zeros(len(lengths), dtype=bool)
         marked[edges.of_facet[near]] = True
         marked = spread_to_longest(edges, lengths, marked & (lengths > longest))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Ints
+from polish_sim.arrays import Array, Bools, Ints, dots, norms
 from polish_sim.geometry.bezier import EDGE_MIDDLES
 from polish_sim.geometry.cut import Clipped, clip, then
 from polish_sim.geometry.surface import Surface, SurfacePoints, connected_facets, join_surfaces
@@ -107,7 +107,7 @@ def _gentle_edges(surface: Surface) -> Bools:
     normals = [surface.evaluate(facets, np.tile(middle, (count, 1))).normals for middle in EDGE_MIDDLES]
     here = np.stack(normals, axis=1)
     beyond = here[surface.neighbours, surface.neighbour_edges]
-    return (surface.neighbours >= 0) & (surface.smooth | ((here * beyond).sum(axis=2) > np.cos(SHARP_ANGLE)))
+    return (surface.neighbours >= 0) & (surface.smooth | (dots(here, beyond) > np.cos(SHARP_ANGLE)))
 
 
 def _charts(kept: Clipped, up: Array) -> list[Clipped]:
@@ -132,7 +132,7 @@ def _six_directions(surface: Surface, up: Array) -> Array:
     """Up, down and the four sides most of the surface looks to, turning with the part, shape (6, 3)."""
     normals, areas = middle_points(surface).normals, surface.facet_areas
     level = normals - (normals @ up)[:, None] * up
-    length = np.linalg.norm(level, axis=1)
+    length = norms(level)
     first = int((length > 0.5).argmax())
     right = level[first] / max(float(length[first]), 1e-300)
     back = np.cross(up, right)

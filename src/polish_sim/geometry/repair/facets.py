@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots, norms
 from polish_sim.errors import MeshError
 from polish_sim.geometry import topology
 from polish_sim.geometry.features import facet_normals
@@ -112,7 +112,7 @@ def _facet_heights(vertices: Array, faces: Ints) -> Array:
 
 
 def _edge_lengths(vertices: Array, faces: Ints) -> Array:
-    return np.linalg.norm(vertices[np.roll(faces, -1, axis=-1)] - vertices[faces], axis=-1)
+    return norms(vertices[np.roll(faces, -1, axis=-1)] - vertices[faces])
 
 
 def flip_needles(skin: Skin) -> Skin:
@@ -198,13 +198,13 @@ def _pass_closely(p: Array, q: Array, r: Array, s: Array) -> Bools:
     """Whether the lines p q and r s pass each other closely, compared to the length of p q."""
     along = q - p
     cross = np.cross(along, s - r)
-    apart2 = (cross * (r - p)).sum(axis=1) ** 2
-    return apart2 <= _DEEPEST**2 * (along**2).sum(axis=1) * (cross**2).sum(axis=1)
+    apart2 = dots(cross, r - p) ** 2
+    return apart2 <= _DEEPEST**2 * dots(along, along) * dots(cross, cross)
 
 
 def _bend(a: Array, b: Array) -> Array:
     """Angle between unit normals [rad]."""
-    return np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0))
+    return np.arccos(np.clip(dots(a, b), -1.0, 1.0))
 
 
 def split_t_junctions(skin: Skin) -> Skin:
@@ -237,7 +237,7 @@ def _vertices_on_edges(skin: Skin, first: Indices, last: Indices) -> tuple[Indic
     vertices, tolerance = skin.vertices, ON_EDGE * skin.size
     rim = np.unique(np.concatenate([first, last]))
     a, b = vertices[first], vertices[last]
-    length = np.linalg.norm(b - a, axis=1)
+    length = norms(b - a)
     tree = cKDTree(vertices[rim])
     middles, radii = 0.5 * (a + b), 0.5 * length + tolerance
     every = max(len(a) // _SAMPLE, 1)  # to count them all may itself take minutes
@@ -249,8 +249,8 @@ def _vertices_on_edges(skin: Skin, first: Indices, last: Indices) -> tuple[Indic
     vertex = rim[np.concatenate([np.asarray(found, dtype=np.int64) for found in near])]
     way = (b - a)[edge] / np.maximum(length[edge], 1e-300)[:, None]
     offset = vertices[vertex] - a[edge]
-    along = (offset * way).sum(axis=1)
-    off = np.linalg.norm(offset - along[:, None] * way, axis=1)
+    along = dots(offset, way)
+    off = norms(offset - along[:, None] * way)
     inside = (along > tolerance) & (along < length[edge] - tolerance)
     on = (off <= tolerance) & inside & (vertex != first[edge]) & (vertex != last[edge])
     return edge[on], vertex[on], along[on] / length[edge[on]]

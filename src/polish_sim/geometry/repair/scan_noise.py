@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Ints
+from polish_sim.arrays import Array, Ints, norms
 from polish_sim.geometry.features import facet_normals
 from polish_sim.geometry.jets import solve_symmetric, tangent_frames
 from polish_sim.geometry.repair.skin import ScanNoise, Skin
@@ -45,7 +45,7 @@ def smooth_noise(skin: Skin) -> Skin:
     if len(used) < FEWEST_VERTICES:
         return skin
     edges = skin.vertices[np.roll(skin.faces, -1, axis=1)] - skin.vertices[skin.faces]
-    edge = np.median(np.linalg.norm(edges, axis=2))
+    edge = np.median(norms(edges))
     normals = _vertex_normals(skin.vertices, skin.faces)
     noise = _noise(skin, used, normals, QUIET * edge)
     if noise <= NOISY * edge:
@@ -61,7 +61,7 @@ def smooth_noise(skin: Skin) -> Skin:
             0
         ]
         vertices = moved
-    shift = np.linalg.norm(vertices - skin.vertices, axis=1)[used]
+    shift = norms(vertices - skin.vertices)[used]
     reach = 0.5 * edge * np.sqrt(neighbours)
     left = ScanNoise(noise * np.sqrt(6.0 / neighbours), SLOPE_LEFT * noise / (reach * np.sqrt(neighbours)))
     note = (
@@ -128,7 +128,7 @@ def _fit(vertices: Array, normals: Array, wanted: Ints, near: Ints, noise: float
     scatter [m]."""
     normal = normals[wanted]
     offsets = vertices[near] - vertices[wanted][:, None]
-    reach = np.linalg.norm(offsets, axis=2).max(axis=1) + 1e-300
+    reach = norms(offsets).max(axis=1) + 1e-300
     u, v = np.einsum("kfj,kaj->fka", tangent_frames(normal) / reach[:, None, None], offsets)
     z = np.einsum("kaj,kj->ka", offsets, normal)
     rows = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v, z], axis=2)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots, norms
 from polish_sim.errors import MeshError, count_text
 from polish_sim.geometry.repair.skin import Skin, place
 from polish_sim.geometry.topology import (
@@ -143,9 +143,9 @@ def _depths(skin: Skin, shells: Shells) -> Ints:
 def _winding_number(corners: Array) -> float:
     """How often facets (m, 3, 3) enclose the origin (van Oosterom and Strackee's solid angles)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    la, lb, lc = np.linalg.norm(corners, axis=2).T
-    triple = (a * np.cross(b, c)).sum(axis=1)
-    below = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    la, lb, lc = norms(corners).T
+    triple = dots(a, np.cross(b, c))
+    below = la * lb * lc + dots(a, b) * lc + dots(b, c) * la + dots(c, a) * lb
     return float(np.arctan2(triple, below).sum() / (2.0 * np.pi))
 
 
@@ -239,4 +239,4 @@ def _pierced(a: Array, b: Array) -> Bools:
 
 def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
     """Six times the signed volume of tetrahedra, corners (k, 3)."""
-    return ((b - a) * np.cross(c - a, d - a)).sum(axis=-1)
+    return dots(b - a, np.cross(c - a, d - a))

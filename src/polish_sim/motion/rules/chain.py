@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.errors import SmoothingError, place_in_mm
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import cross, dot, minus, scaled, set_to
@@ -81,7 +81,7 @@ def chain_from_axes(tips: Array, axes: Array) -> Chain:
     axes = np.asarray(axes, dtype=float)
     if axes.ndim != 2 or axes.shape[1:] != (3,):
         raise SmoothingError(f"tool axes have shape {axes.shape}; (m, 3) is needed.")
-    sizes = np.linalg.norm(axes, axis=1)
+    sizes = norms(axes)
     if not np.all(sizes > 1e-9):
         raise SmoothingError(
             f"the tool axis of way point {int(np.argmin(sizes > 1e-9))} (counted from 0) is zero."
@@ -105,8 +105,8 @@ def repeated_points(tips: Array, rotations: Array) -> Bools:
     """Which way points repeat the one before them, in tip and tool axis, shape (m,); a turn about the axis is
     kept for the next one."""
     axes = unit(np.asarray(rotations, dtype=float)[:, :, 2])
-    moved = np.linalg.norm(np.diff(tips, axis=0), axis=1) > SAME_PLACE
-    turned = np.linalg.norm(np.diff(axes, axis=0), axis=1) > SAME_AXIS
+    moved = norms(np.diff(tips, axis=0)) > SAME_PLACE
+    turned = norms(np.diff(axes, axis=0)) > SAME_AXIS
     repeated: Bools = np.concatenate([[False], ~(moved | turned)])
     return repeated
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, norms
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
 from polish_sim.motion.rules.chain import Chain, axis_distance, tip_distance
@@ -104,7 +104,7 @@ def vertex_distances(motion: SmoothMotion, raw: Chain) -> VertexDistances:
         places = np.repeat(raw.tips[rows], ZOOM, axis=0)
 
         def nearness(t: Array, places: Array = places) -> Array:
-            return -np.linalg.norm(motion.sample(t).tips[:, 0] - places, axis=1)
+            return -norms(motion.sample(t).tips[:, 0] - places)
 
         values, nearest[rows] = _narrowed(nearness, low[rows], high[rows])
         distances[rows] = -values

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, running_sums
 from polish_sim.errors import SmoothingError
 from polish_sim.kernel_cache import njit
 from polish_sim.motion.rules.chain import Chain, part_of
@@ -143,7 +143,7 @@ def overlapped(chain: Chain, triples: Array, tolerance: float, axis_tolerance: f
     """
     overlaps = np.zeros(max(len(triples) - 1, 0))
     _fill_overlaps(chain, triples, tolerance, axis_tolerance, overlaps)
-    starts = np.concatenate([[0.0], np.cumsum(triples.sum(axis=1)[:-1] - overlaps)])[: len(triples)]
+    starts = running_sums(triples.sum(axis=1)[:-1] - overlaps)[: len(triples)]
     return fir_schedule(starts, triples)
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices, Ints
+from polish_sim.arrays import Array, Indices, Ints, dots, norms
 from polish_sim.geometry import ClosestPoints
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.toolpath import arc_length
@@ -57,7 +57,7 @@ def step_on_surface(
             break
         # How fast that gap changes when the trial swings along the circle of radius S.
         swing = normals - (height / np.maximum(along, 1e-12))[:, None] * tangents
-        rate = (swing * foot.normals).sum(axis=1)
+        rate = dots(swing, foot.normals)
         update = error / np.where(np.abs(rate) < 0.2, np.copysign(0.2, rate), rate)
         height = np.clip(height - update, -0.95 * step, 0.95 * step)
     assert foot is not None
@@ -69,8 +69,8 @@ def foot_on_chord(away: Array, chord: Array) -> tuple[Array, Array]:
 
     Returns shares of the chords, 0 to 1, and distances, shape (...).
     """
-    share = np.clip((away * chord).sum(axis=-1) / np.maximum((chord**2).sum(axis=-1), TINY), 0.0, 1.0)
-    return share, np.linalg.norm(away - share[..., None] * chord, axis=-1)
+    share = np.clip(dots(away, chord) / np.maximum(dots(chord, chord), TINY), 0.0, 1.0)
+    return share, norms(away - share[..., None] * chord)
 
 
 # Nearest points on the two chords that meet in a point of a polyline (curve and points -> feet); compiled.

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
 from polish_sim.kernel_cache import njit
 from polish_sim.planning.curves.curve import Curve, Nearest, SurfaceQuery, step_on_surface
 from polish_sim.planning.ground.triangulation import Triangulation
@@ -124,7 +124,7 @@ class CurveSet:
 
     @cached_property
     def _starts(self) -> Indices:
-        return np.cumsum([0] + [len(curve.positions) for curve in self.curves])
+        return running_sums([len(curve.positions) for curve in self.curves])
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -182,7 +182,7 @@ def adapted_spacing(curve: Curve, distance: float) -> Array:
         curve.tangents(curve.knots + 0.5 * reach, reach),
         curve.tangents(curve.knots - 0.5 * reach, reach),
     )
-    curvature = np.linalg.norm(ahead - behind, axis=1) / reach
+    curvature = norms(ahead - behind) / reach
     wanted = np.sqrt(8.0 * CHORD_ERROR * distance / np.maximum(curvature, 1e-9))
     wanted = np.clip(wanted, FINEST * distance, _coarsest(distance))
     return np.diff(stations(curve.knots, wanted))
@@ -193,7 +193,7 @@ def stations(s: Array, spacing: Array) -> Array:
     there."""
     # Chords per metre, summed along the curve, rise by one from point to point.
     rate = 1.0 / spacing
-    progress = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
+    progress = running_sums(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))
     count = max(int(np.ceil(progress[-1] - WHOLE)), 8)
     return np.interp(np.linspace(0.0, progress[-1], count + 1), progress, s)
 
@@ -205,7 +205,7 @@ def _coarsest(distance: float) -> float:
 
 
 def _resample(curve: Curve, chords: Array) -> Curve:
-    s = np.concatenate([[0.0], np.cumsum(chords)])
+    s = running_sums(chords)
     if curve.closed:
         s = s[:-1]
     positions, normals = curve.at(s)
@@ -217,7 +217,7 @@ def _on_offset(surface: SurfaceQuery, around: CurveSet, trial: Curve, distance: 
     feet = around.nearest(trial.positions)
     foot = surface.closest(feet.nearest.positions)
     # A foot off the surface lies on a line extended beyond the border.
-    on = (np.linalg.norm(foot.positions - feet.nearest.positions, axis=1) < OFF * distance)[:, None]
+    on = (norms(foot.positions - feet.nearest.positions) < OFF * distance)[:, None]
     start = np.where(on, foot.positions, feet.nearest.positions)
     normals = np.where(on, foot.normals, feet.nearest.normals)
     moved = step_on_surface(surface, start, normals, trial.positions - start, distance)

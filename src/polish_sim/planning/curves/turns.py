@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, dots, norms
 from polish_sim.planning.curves.curve import Curve, SurfaceQuery
 from polish_sim.planning.curves.offset_curve import (
     ROUNDING,
@@ -61,7 +61,7 @@ class Front:
         distances = self._at_least(rows, curves)
         near = np.flatnonzero(distances < reach)
         which, feet = curves.nearest(points[near], cap)
-        same_side = (feet.normals * self.mesh.normals[rows[near]]).sum(axis=1) > 0.0
+        same_side = dots(feet.normals, self.mesh.normals[rows[near]]) > 0.0
         exact = np.isfinite(feet.distances)
         distances[near] = np.where(exact & same_side, feet.distances, cap)
         self.which[rows] = -1
@@ -75,7 +75,7 @@ class Front:
         [m]."""
         scouts, which = np.unique(self._scouts[rows], return_inverse=True)
         points = self.mesh.vertices
-        away = np.linalg.norm(points[rows] - points[scouts][which], axis=1)
+        away = norms(points[rows] - points[scouts][which])
         return curves.at_least(points[scouts])[which] - away
 
     def triangles_around(self, rows: Indices) -> Indices:
@@ -177,7 +177,7 @@ def distance_to(mesh: Triangulation, rows: Indices, curves: Sequence[Curve], lim
     """Distance (k,) [m] of vertices ``rows`` to the nearest curve on the same side of the part; inf past the
     limit."""
     feet = nearest_of(curves, mesh.vertices[rows], limit).nearest
-    same_side = (feet.normals * mesh.normals[rows]).sum(axis=1) > 0.0
+    same_side = dots(feet.normals, mesh.normals[rows]) > 0.0
     return np.where(same_side, feet.distances, np.inf)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, norms, running_sums
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region
@@ -56,7 +56,7 @@ def bridge_holes(region: Region, widest: float) -> Bridged:
 
 def _diameter(surface: Surface, rim: _Rim) -> float:
     points = surface.control[rim.facet, rim.edge]
-    return 2.0 * float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+    return 2.0 * float(norms(points - points.mean(axis=0)).max())
 
 
 def _close(surface: Surface, rim: _Rim) -> Surface:
@@ -168,7 +168,7 @@ def prepare_ground(region: Region, plan: PlanConfig) -> Ground:
 def _together(region: Region, pieces: Sequence[Piece], holes: int) -> Ground:
     """Ground of several pieces: their surfaces and triangles side by side, facets that close holes last."""
     surfaces = [piece.region.surface for piece in pieces]
-    firsts = np.cumsum([0] + [len(surface.faces) for surface in surfaces])
+    firsts = running_sums([len(surface.faces) for surface in surfaces])
     own = [first + np.arange(piece.part_facets) for first, piece in zip(firsts, pieces, strict=False)]
     added = [
         np.arange(a + piece.part_facets, b) for a, b, piece in zip(firsts, firsts[1:], pieces, strict=False)
@@ -187,7 +187,7 @@ def _together(region: Region, pieces: Sequence[Piece], holes: int) -> Ground:
         up=region.up,
     )
     meshes = [piece.mesh for piece in pieces]
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    starts = running_sums([len(mesh.vertices) for mesh in meshes])
     mesh = Triangulation(
         vertices=np.concatenate([mesh.vertices for mesh in meshes]),
         normals=np.concatenate([mesh.normals for mesh in meshes]),

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms, running_sums
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Surface
 from polish_sim.geometry.features import facet_normals
@@ -46,7 +46,7 @@ class Triangulation:
         """Triangles vertex by vertex: where those around each vertex begin, (n + 1,), and they, (3 m,)."""
         counts = np.bincount(self.triangles.ravel(), minlength=len(self.vertices))
         members = counting_order(self.triangles.ravel(), len(self.vertices)) // 3
-        return np.concatenate([[0], np.cumsum(counts)]), members.astype(np.int64)
+        return running_sums(counts), members.astype(np.int64)
 
     @cached_property
     def vertex_areas(self) -> Array:
@@ -171,8 +171,8 @@ def _split_one(ids: Indices, vertices: Array) -> list[Indices]:
 
 def _split_two(ids: Indices, vertices: Array) -> list[Indices]:
     """Cut off the corner between both split edges; cut the rest along its shorter diagonal."""
-    one = np.linalg.norm(vertices[ids[:, 0]] - vertices[ids[:, 4]], axis=1)
-    other = np.linalg.norm(vertices[ids[:, 2]] - vertices[ids[:, 3]], axis=1)
+    one = norms(vertices[ids[:, 0]] - vertices[ids[:, 4]])
+    other = norms(vertices[ids[:, 2]] - vertices[ids[:, 3]])
     first = (one <= ALIKE * other)[:, None]
     corner, a, b = _rows(ids, (3, 1, 4), (0, 3, 4), (0, 4, 2))
     c, d = _rows(ids, (0, 3, 2), (3, 4, 2))

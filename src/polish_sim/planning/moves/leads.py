@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, dots
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, rim_depths, way_out
@@ -224,7 +224,7 @@ def _is_clear(
     lead, above = landing(process, at_start, shape, clearance)
     line = np.concatenate([lead.positions, above.positions])
     axes = np.concatenate([lead.axes, above.axes])
-    up = np.abs(((line - process.positions[end]) * process.axes[end]).sum(axis=1))
+    up = np.abs(dots(line - process.positions[end], process.axes[end]))
     if (signed_distances(air.part, line) < np.minimum(0.5 * up, APART_M) - ROUNDING_M).any():
         return False
     if rim_depths(air.part, line, axes, air.pad_radius).max() > landed + TOLERANCE_M:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, dots, norms
 from polish_sim.config import PlanConfig
 from polish_sim.planning.moves.leads import Move
 from polish_sim.planning.patterns.run import SurfaceRun
@@ -43,7 +43,7 @@ def soften_creases(normals: Array, s: Array, reach: float) -> Array:
 
     Along arc lengths ``s`` (n,) [m] the turn begins and ends ``reach`` [m] from the crease.
     """
-    turn = np.linalg.norm(np.diff(normals, axis=0), axis=1)
+    turn = norms(np.diff(normals, axis=0))
     jumps = 0.5 * (s[1:] + s[:-1])[turn > CREASE]
     if len(jumps) == 0:
         return normals
@@ -85,8 +85,8 @@ def _averaged(vectors: Array, s: Array, even: Array, window: int) -> Array:
 
 def angles_between(first: Array, second: Array) -> Array:
     """Angles between unit vectors, exact for small ones too, (n, 3) each -> (n,) [rad]."""
-    across = np.linalg.norm(np.cross(first, second), axis=1)
-    return np.arctan2(across, (first * second).sum(axis=1))
+    across = norms(np.cross(first, second))
+    return np.arctan2(across, dots(first, second))
 
 
 CREASE_REACH = 0.5  #: The tool axis turns over a crease within this many step-overs on either side

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
@@ -140,7 +140,7 @@ def nearest_neighbours(ends: Array, free: bool, start: Array | None) -> tuple[In
     order, flips = np.zeros(len(ends), np.int64), np.zeros(len(ends), np.int64)
     here = ends[0, 0] if start is None else start
     for k in range(len(ends)):
-        away = np.linalg.norm(ends - here, axis=2)
+        away = norms(ends - here)
         away[~waiting] = np.inf
         # The first block of all begins where it was meant to unless a start is asked for.
         if not free or (k == 0 and start is None):

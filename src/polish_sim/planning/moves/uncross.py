@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.geometry import ClosestPoints
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.patterns.run import SurfaceRun
@@ -71,11 +71,11 @@ def _choose_cuts(runs: Sequence[SurfaceRun], places: Array, stepover: float, hal
         rows = np.sort(np.array(tree.query_ball_point(place, AT_PLACE * stepover), dtype=np.int64))
         gap = np.flatnonzero((np.diff(rows) > 2) | (np.diff(samples.run[rows]) != 0)) + 1
         passes = [part for part in np.split(rows, gap) if len(part)]
-        passes.sort(key=lambda part: np.linalg.norm(samples.points[part] - place, axis=1).min())
+        passes.sort(key=lambda part: norms(samples.points[part] - place).min())
         options = []
         for part in passes[:2]:
             run, s = int(samples.run[part[0]]), samples.s[part]
-            nearest = s[np.linalg.norm(samples.points[part] - place, axis=1).argmin()]
+            nearest = s[norms(samples.points[part] - place).argmin()]
             # Where a strand passes twice without going away in between the whole loop is taken out.
             low, high = (nearest, nearest) if len(passes) > 1 else (s[0], s[-1])
             options.append(Cut(run, float(low) - half, float(high) + half))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, norms
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.spatial import perpendicular, unit
@@ -98,7 +98,7 @@ def _beside(surface: Surface, axes: Array) -> Array:
     """Unit vectors square to axes (n, 3) that turn with the part, as the coordinate axes would not."""
     ways = surface.vertices[:3] - surface.middle
     square = np.cross(axes[:, None], ways)
-    size = np.linalg.norm(square, axis=2)
+    size = norms(square)
     # The first that is long enough: rounding does not choose among equals.
     chosen = (size > 0.5 * size.max(axis=1, keepdims=True)).argmax(axis=1)
     rows = np.arange(len(axes))

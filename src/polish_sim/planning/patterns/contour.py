@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, dots, norms
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import Surface
 from polish_sim.planning.curves.curve import Curve
@@ -74,7 +74,7 @@ def _starts(loops: Sequence[Curve], stepover: float, outward: bool, plan: PlanCo
     if plan.start:
         begin = -1 if outward else 0
         places = loops[begin].at(lines[begin])[0]
-        cost = cost + CORNER * np.linalg.norm(places - np.array(plan.start), axis=1) / stepover
+        cost = cost + CORNER * norms(places - np.array(plan.start)) / stepover
     best = int(np.argmin(np.round(cost, 6)))
     return [float(line[best]) for line in lines]
 
@@ -106,7 +106,7 @@ def _step_length(inner: Curve, outer: Curve, stepover: float) -> float:
 def _sharpness(loop: Curve, s: Array, stepover: float) -> Array:
     """How much a loop turns within a step-over around places, beyond 30 deg [rad]."""
     ahead, behind = (loop.tangents(s + shift * stepover, 0.25 * stepover) for shift in (1.0, -1.0))
-    return np.maximum(np.arccos(np.clip((ahead * behind).sum(axis=1), -1.0, 1.0)) - np.radians(30.0), 0.0)
+    return np.maximum(np.arccos(np.clip(dots(ahead, behind), -1.0, 1.0)) - np.radians(30.0), 0.0)
 
 
 def _joined(

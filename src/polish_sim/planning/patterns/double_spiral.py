@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, dots, norms
 from polish_sim.geometry import Surface
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import Turn, border_curves
@@ -107,8 +107,8 @@ def _moved(mesh: Triangulation, path: RunSamples, free: Bools, stepover: float) 
 def _gaps(path: RunSamples, tangents: Array, beside: Indices, stepover: float) -> Array:
     """Distance to the neighbour on one side as far as it counts; a step-over where there is none [m], shape
     (n,)."""
-    gap = np.linalg.norm(path.points[beside] - path.points, axis=1)
-    alongside = np.abs((tangents[beside] * tangents).sum(axis=1)) > ALONGSIDE
+    gap = norms(path.points[beside] - path.points)
+    alongside = np.abs(dots(tangents[beside], tangents)) > ALONGSIDE
     gap = np.where(alongside, np.minimum(gap, WIDEST * stepover), np.minimum(gap, stepover))
     return np.where(beside >= 0, gap, stepover)
 
@@ -119,9 +119,9 @@ def _drawn(mesh: Triangulation, path: RunSamples, sides: Array, stepover: float)
     distance, nearest = cKDTree(path.points).query(mesh.vertices)
     far = np.flatnonzero(distance > UNCOVERED * stepover)
     at = nearest[far]
-    same_side = (path.normals[at] * mesh.normals[far]).sum(axis=1) > 0.0
+    same_side = dots(path.normals[at], mesh.normals[far]) > 0.0
     far, at = far[same_side], at[same_side]
-    offset = ((mesh.vertices[far] - path.points[at]) * sides[at]).sum(axis=1) / distance[far]
+    offset = dots(mesh.vertices[far] - path.points[at], sides[at]) / distance[far]
     weights = offset * (distance[far] - (UNCOVERED - DRAWN_MORE) * stepover)
     count = len(path.points)
     drawn: Array = np.bincount(at, weights, count).astype(np.float64)

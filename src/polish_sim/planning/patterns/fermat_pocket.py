@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, dots, norms
 from polish_sim.planning.curves.curve import Curve
 
 # How closed turns hang together: who is beside whom, and the tree of the longest of these contacts (turns ->
@@ -47,7 +47,7 @@ def find_contacts(curves: Sequence[Curve], stepover: float) -> list[Contact]:
     points, owner = sample_turns(curves, stepover)
     pairs = cKDTree(points).query_pairs(JOINABLE * stepover, output_type="ndarray")
     pairs = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]]
-    gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    gap = norms(points[pairs[:, 0]] - points[pairs[:, 1]])
     contacts = []
     low, high = np.sort(owner[pairs], axis=1).T
     key = low * len(curves) + high
@@ -177,7 +177,7 @@ def _follow(layout: Layout, tree: Tree, parent: int, first: int) -> Pocket:
     free = _use(layout, row[0], s, NARROW), _use(layout, row[0], s, STEEPEST)
     away = np.zeros(len(s))
     if parent < 0 and len(layout.start):
-        away = np.linalg.norm(curve.at(s)[0] - layout.start, axis=1) / layout.stepover
+        away = norms(curve.at(s)[0] - layout.start) / layout.stepover
     lines = _Lines(s[:, None], *free, away)
     best = lines.best(lines.narrow)
     following = [first] if parent >= 0 else list(tree.children[first])
@@ -248,7 +248,7 @@ def _step(layout: Layout, row: Sequence[int], child: int, lines: _Lines) -> _Lin
     if len(row) > 1:
         # The next turn must lie on the other side than the last.
         back = layout.curves[row[-2]].at(lines.s[:, -2])[0] - points
-        wide = wide + np.where(((foot.positions - points) * back).sum(axis=1) < 0.0, 0.0, np.inf)
+        wide = wide + np.where(dots(foot.positions - points, back) < 0.0, 0.0, np.inf)
     return _Lines(np.column_stack([lines.s, foot.s]), narrow, wide, lines.away)
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.geometry.topology import label_within
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import Turn, distance_to
@@ -142,7 +142,7 @@ def _middle_line(mesh: Triangulation, rest: Indices, place: Bools, distance: Arr
     edges = each_once(number[sides[place[sides].all(axis=1)]], len(rows))
     depth = np.minimum(distance[rows], DEEPEST * stepover)
     points = mesh.vertices[rows]
-    length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    length = norms(points[edges[:, 0]] - points[edges[:, 1]])
     cost = length * (depth.max() / np.minimum(depth[edges[:, 0]], depth[edges[:, 1]])) ** 4
     graph = coo_array((cost, (edges[:, 0], edges[:, 1])), shape=(len(rows), len(rows))).tocsr()
     deepest = _largest(depth)
@@ -213,7 +213,7 @@ def _swung_into(trace: Array, way: Array, stepover: float) -> Array:
 def _ways(line: Array, start: Array) -> list[tuple[Array, float]]:
     """Ways to follow a line: from either end, or from its nearest point to the further end; with a handicap
     [m]."""
-    nearest = int(np.linalg.norm(line - start, axis=1).argmin())
+    nearest = int(norms(line - start).argmin())
     ahead, back = line[nearest:], line[nearest::-1]
     part = ahead if len(ahead) > len(back) else back
     missed = _length(line) - _length(part)

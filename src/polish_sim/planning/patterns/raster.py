@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools
+from polish_sim.arrays import Array, Bools, norms
 from polish_sim.errors import PlanError
 from polish_sim.geometry import Region, Surface
 from polish_sim.planning.curves.curve import Curve
@@ -138,7 +138,7 @@ def _extended(surface: Surface, line: Curve, length: float) -> Curve:
         position, normal = line.at(np.array([s]))
         way = sign * line.tangents(np.array([s]), min(0.02 * line.length, 0.25 * length))
         more = position + np.linspace(0.0, length, 49)[1:, None] * way
-        off = np.linalg.norm(surface.closest(more).positions - more, axis=1)
+        off = norms(surface.closest(more).positions - more)
         back = off < 0.5 * np.maximum.accumulate(off) - ROUNDING * length
         if back.any():
             more = more[: int(off[: int(back.argmax())].argmax()) + 1]
@@ -263,7 +263,7 @@ def _turn_first(turn: Curve, positions: Array, stepover: float) -> Array:
 def _turn_between(turn: Curve, positions: Array, place: Array, stepover: float) -> Array:
     """Once round a turn that a stroke passes by: out through a gap, round the other way, and back."""
     along = arc_length(positions)
-    at = along[int(np.linalg.norm(positions - place, axis=1).argmin())]
+    at = along[int(norms(positions - place).argmin())]
     leave, come = (
         np.searchsorted(along, at - 0.5 * GAP * stepover) - 1,
         np.searchsorted(along, at + 0.5 * GAP * stepover),

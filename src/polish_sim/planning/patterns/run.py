@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, norms
 from polish_sim.config import PlanConfig
 from polish_sim.geometry import ClosestPoints, Region, Surface
 from polish_sim.planning.curves.curve import Curve
@@ -95,7 +95,7 @@ def finish_run(surface: Surface, run: Run, stepover: float) -> SurfaceRun:
     smooth = with_round_corners(positions, stepover)
     s = np.linspace(0.0, knots[-1], len(smooth))
     spline = CubicSpline(s, smooth)
-    curvature = np.maximum(np.linalg.norm(spline(s, 2), axis=1), 1e-9)
+    curvature = np.maximum(norms(spline(s, 2)), 1e-9)
     where = stations(s, np.clip(np.sqrt(8.0 * CHORD_ERROR_M / curvature), CLOSEST_M, FURTHEST_M))
     found = surface.closest(spline(where))
     index = passes[np.searchsorted(knots, where, side="right") - 1]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, dots, norms
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.curves.turns import border_curves
 from polish_sim.planning.patterns.double_spiral import double_spirals
@@ -67,7 +67,7 @@ def place_seams(curves: Sequence[Curve], stepover: float, goals: Array, outer: A
     places = [curve.at(s)[0] for curve, s in zip(curves, lines, strict=True)]
     price = (GOAL_PRICE * _away(places[-1], goals) + START_PRICE * _away(places[-1], inner)) / stepover
     for before, after in pairwise(places):
-        gap = np.linalg.norm(after - before, axis=1) / stepover
+        gap = norms(after - before) / stepover
         price += 10.0 * np.maximum(np.abs(gap - 1.0) - (OVER_CORNER if len(outer) else ODD), 0.0)
     rooms = []
     for curve, s, single in zip(curves, lines, _alone(curves, stepover), strict=True):
@@ -106,7 +106,7 @@ def _away(points: Array, goals: Array) -> Array:
     """Distance of points (n, 3) to the nearest goal (g, 3) [m]; 0 without goals."""
     if len(goals) == 0:
         return np.zeros(len(points))
-    return np.linalg.norm(points[:, None] - goals, axis=2).min(axis=1)
+    return norms(points[:, None] - goals).min(axis=1)
 
 
 def _alone(curves: Sequence[Curve], stepover: float) -> list[Array]:
@@ -135,7 +135,7 @@ def _corners(curve: Curve, stepover: float) -> Array:
     reach = 0.25 * stepover
     s = curve.even(0.25 * reach, 8)
     ahead, behind = curve.tangents(s + 0.5 * reach, 0.5 * reach), curve.tangents(s - 0.5 * reach, 0.5 * reach)
-    return s[(ahead * behind).sum(axis=1) < np.cos(CORNER)]
+    return s[dots(ahead, behind) < np.cos(CORNER)]
 
 
 # Nested turns joined to one line that winds inwards without a lift (turns and seams -> run; paper 1, fig. 6).

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.config import PlanConfig
 from polish_sim.errors import PlanError, place_in_mm
 from polish_sim.geometry import Region, Surface
@@ -153,7 +153,7 @@ def _reach(ground: Ground, room: ToolRoom, near: Bools) -> _Reach:
     hollow[near] = under.curvatures[:, 1] * hollow_radius(room.tool.pad) < -1.0
     least = rooms.min(axis=1)
     leans = np.zeros_like(mesh.vertices) if room.leaning is None else room.leaning.leans
-    leaned = np.linalg.norm(leans, axis=1) > 0.0
+    leaned = norms(leans) > 0.0
     touched = _touched(ground, np.where(leaned, -radius, least), radius)
     rows = np.flatnonzero((leaned & (least >= 0.0))[near])
     if len(rows):
@@ -171,7 +171,7 @@ def _leant(ground: Ground, room: ToolRoom, near: Bools, upright: _Reach) -> _Rea
     leaning = find_leaning(room, ground.mesh, rows, under, upright.rooms[rows], room.tool)
     if leaning is None:
         return upright
-    leaned = np.linalg.norm(leaning.leans, axis=1) > 0.0
+    leaned = norms(leaning.leans) > 0.0
     reach = _reach(ground, replace(room, leaning=leaning), near | leaned)
     return reach if reach.area(ground) > upright.area(ground) else upright
 

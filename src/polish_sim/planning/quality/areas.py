@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.config import PadConfig
 from polish_sim.errors import place_in_mm
 from polish_sim.planning.ground.ground import Ground
@@ -134,7 +134,7 @@ def _row(asked: AskedRegion, areas: Array, out: Bools) -> LeftOutRow:
     mesh = asked.ground.mesh
     shown = (out[mesh.triangles].sum(axis=1) >= 2) & (mesh.owners < asked.ground.part_facets)
     where = mesh.vertices[out]
-    middle = np.linalg.norm(where - where.mean(axis=0), axis=1).argmin()
+    middle = norms(where - where.mean(axis=0)).argmin()
     return LeftOutRow(float(areas[out].sum()), mesh.vertices[mesh.triangles[shown]], where[middle])
 
 

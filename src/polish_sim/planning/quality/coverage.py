@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, dots, norms, running_sums
 from polish_sim.config import PadConfig
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus, scaled
@@ -37,7 +37,7 @@ def strictly_covered(points: Array, normals: Array, runs: Sequence[Curve], stepo
     found, index = cKDTree(path.points).query(points, distance_upper_bound=reach)
     rows = np.flatnonzero(np.isfinite(found))
     near = index[rows]
-    same_side = (path.normals[near] * normals[rows]).sum(axis=1) > 0.0
+    same_side = dots(path.normals[near], normals[rows]) > 0.0
     rows, near = rows[same_side], near[same_side]
     distance = found[rows]
     low, high = path.first[path.run[near]], path.first[path.run[near] + 1] - 1
@@ -159,12 +159,12 @@ class PadSteps(NamedTuple):
 
 def pad_steps(on: PathOnSurface, pad: PadConfig) -> PadSteps:
     """Cut the path in contact into steps of about a tenth of the pad's radius."""
-    length = np.linalg.norm(np.diff(on.positions, axis=0), axis=1)
+    length = norms(np.diff(on.positions, axis=0))
     slowness = 0.5 * (1.0 / on.feeds[1:] + 1.0 / on.feeds[:-1])
-    s, t = (np.concatenate([[0.0], np.cumsum(way)]) for way in (length, length * slowness))
+    s, t = (running_sums(way) for way in (length, length * slowness))
     rows = rows_apart(on, s, STEP * pad.radius_m)
     second = np.cross(on.normals, on.principal)
-    tilts = np.stack([(on.axes * way).sum(axis=1) for way in (on.principal, second)], axis=1)
+    tilts = np.stack([dots(on.axes, way) for way in (on.principal, second)], axis=1)
     depths = pad_depths(on.curvatures[rows], pad, on.forces[rows], tilts[rows])
     joined = on.stretch_of[rows[1:]] == on.stretch_of[rows[:-1]]
     a, b = rows[:-1][joined], rows[1:][joined]
@@ -176,7 +176,7 @@ def rows_apart(on: PathOnSurface, s: Array, spacing: float) -> Indices:
     """Rows about a spacing apart; both ends of every stretch and its corners among them."""
     way = unit(np.diff(on.positions, axis=0))
     corner = np.zeros(len(s), dtype=bool)
-    corner[1:-1] = (way[1:] * way[:-1]).sum(axis=1) < np.cos(CORNER)
+    corner[1:-1] = dots(way[1:], way[:-1]) < np.cos(CORNER)
     rows = []
     for stretch in on.stretches:
         first, last = s[stretch[0]], s[stretch[-1]]

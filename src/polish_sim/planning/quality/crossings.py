@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots, norms
 from polish_sim.geometry.topology import label_pieces
 from polish_sim.planning.curves.curve import Curve
 from polish_sim.planning.quality.located import SAME_PLACE_M, Segments, segments_of
@@ -50,7 +50,7 @@ def _near_pairs(chords: Segments) -> tuple[Indices, Indices]:
     Long segments are cut into pieces of the mean length; pieces that meet have middles within one such
     length.
     """
-    length = np.linalg.norm(chords.end - chords.start, axis=1)
+    length = norms(chords.end - chords.start)
     piece = length.mean()
     counts = np.ceil(length / piece).astype(np.int64)
     owner = np.repeat(np.arange(len(length)), counts)
@@ -80,19 +80,17 @@ def _look_at(chords: Segments, i: Indices, j: Indices) -> _Pairs:
     mean_j = unit(chords.start_normals[j] + chords.end_normals[j])
     normal = unit(mean_i + mean_j)
     p, q = chords.start[i], chords.start[j]
-    u, v, w = (
-        a - (a * normal).sum(axis=1)[:, None] * normal for a in (chords.end[i] - p, chords.end[j] - q, q - p)
-    )
+    u, v, w = (a - dots(a, normal)[:, None] * normal for a in (chords.end[i] - p, chords.end[j] - q, q - p))
 
     def turn(a: Array, b: Array) -> Array:
-        return (np.cross(a, b) * normal).sum(axis=1)
+        return dots(np.cross(a, b), normal)
 
     lines = []
     for way, ends, aside in ((v, (-w, u - w), -ASIDE), (u, (w, w + v), ASIDE)):
-        long = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
+        long = np.maximum(norms(way), 1e-300)
         left = np.stack([turn(way, end) for end in ends]) / long
         on_line = np.abs(left) <= SAME_PLACE_M
-        along = np.stack([(way * end).sum(axis=1) for end in ends]) / long
+        along = np.stack([dots(way, end) for end in ends]) / long
         within = (along >= -SAME_PLACE_M) & (along <= long + SAME_PLACE_M)
         is_left = np.where(on_line, (np.cross(normal, way) @ aside) > 0.0, left > 0.0)
         crosses = is_left[0] != is_left[1]
@@ -101,7 +99,7 @@ def _look_at(chords: Segments, i: Indices, j: Indices) -> _Pairs:
     (meets_i, crossed_j, share_u), (meets_j, crossed_i, share_v) = lines
     on_u, on_v = p + share_u * (chords.end[i] - p), q + share_v * (chords.end[j] - q)
     room = SAME_PLACE_M + _sag(chords, i) + _sag(chords, j)
-    near = ((mean_i * mean_j).sum(axis=1) > 0.0) & (np.abs(((on_v - on_u) * normal).sum(axis=1)) <= room)
+    near = (dots(mean_i, mean_j) > 0.0) & (np.abs(dots(on_v - on_u, normal)) <= room)
     return _Pairs(
         0.5 * (on_u + on_v), near & crossed_i & crossed_j, near & np.concatenate([meets_i, meets_j])
     )
@@ -129,6 +127,6 @@ def _chains(chords: Segments, i: Indices, j: Indices, meets: Bools) -> Ints:
 def _sag(chords: Segments, index: Indices) -> Array:
     """How far a chord may stand off the surface: twice the arc's rise at the turn of its normals, and 5%
     [m]."""
-    length = np.linalg.norm(chords.end[index] - chords.start[index], axis=1)
-    bend = np.linalg.norm(chords.end_normals[index] - chords.start_normals[index], axis=1)
+    length = norms(chords.end[index] - chords.start[index])
+    bend = norms(chords.end_normals[index] - chords.start_normals[index])
     return length * (0.25 * bend + 0.05)

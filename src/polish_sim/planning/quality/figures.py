@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array
+from polish_sim.arrays import Array, dots, norms
 from polish_sim.config import PadConfig, ProcessConfig
 from polish_sim.geometry import PartMesh, Surface
 from polish_sim.geometry.features import facet_normals
@@ -56,8 +56,8 @@ def _sharpest_corner(runs: Sequence[Curve]) -> Peak:
             continue
         s, normals, here = curve.knots[inside], curve.normals[inside], curve.positions[inside]
         before, after = here - curve.at(s - CORNER_M)[0], curve.at(s + CORNER_M)[0] - here
-        before, after = (v - (v * normals).sum(axis=1)[:, None] * normals for v in (before, after))
-        turn = np.arctan2(np.linalg.norm(np.cross(before, after), axis=1), (before * after).sum(axis=1))
+        before, after = (v - dots(v, normals)[:, None] * normals for v in (before, after))
+        turn = np.arctan2(norms(np.cross(before, after)), dots(before, after))
         k = int(turn.argmax())
         if turn[k] > best.value:
             best = Peak(float(turn[k]), here[k])
@@ -75,7 +75,7 @@ def _measure_axis_rate(on: PathOnSurface) -> AxisRate:
         first = np.append(s[s < s[-1] - span], s[-1] - span)
         axes = Curve(on.positions[rows], on.axes[rows], False)
         before, after = axes.at(first)[1], axes.at(first + span)[1]
-        turn = 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(after - before, axis=1), 0.0, 1.0))
+        turn = 2.0 * np.arcsin(np.clip(0.5 * norms(after - before), 0.0, 1.0))
         along.append(begin + first + 0.5 * span)
         rates.append(turn / span)
         places.append(axes.at(first + 0.5 * span)[0])
@@ -173,7 +173,7 @@ def _path_times(path: ToolPath, process: ProcessConfig) -> dict[str, float]:
 
     And the way of the tool while it does not touch, leads included [m].
     """
-    chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
+    chords = norms(np.diff(path.positions_work, axis=0))
     pressing = path.process[1:] & path.process[:-1]
     feed = np.full(len(path.s), process.feed_m_s) if path.feed is None else path.feed
     slowness = np.where(pressing, 0.5 * (1.0 / feed[1:] + 1.0 / feed[:-1]), 1.0 / process.approach_speed_m_s)
@@ -207,9 +207,7 @@ def _coverage_figures(quality: Quality, strict: float) -> dict[str, Any]:
 
 def _sharpness_figures(on: PathOnSurface, quality: Quality) -> dict[str, Any]:
     corner, rate = _sharpest_corner(on.runs), quality.axis_rate.peak
-    lean = np.arctan2(
-        np.linalg.norm(np.cross(on.axes, on.normals), axis=1), (on.axes * on.normals).sum(axis=1)
-    )
+    lean = np.arctan2(norms(np.cross(on.axes, on.normals)), dots(on.axes, on.normals))
     return {
         "self_crossings": len(quality.crossings),
         "sharpest_corner_rad": corner.value,
@@ -241,5 +239,5 @@ def part_figures(mesh: PartMesh, surface: Surface) -> dict[str, Any]:
 def fit_rms(mesh: PartMesh, surface: Surface) -> float:
     """How far the smooth surface stands off the middles of the part's facets, weighted by area, rms [m]."""
     _, areas = facet_normals(mesh.vertices, mesh.faces)
-    gap = np.linalg.norm(middle_points(surface).positions - mesh.vertices[mesh.faces].mean(axis=1), axis=1)
+    gap = norms(middle_points(surface).positions - mesh.vertices[mesh.faces].mean(axis=1))
     return float(np.sqrt((areas * gap**2).sum() / areas.sum()))

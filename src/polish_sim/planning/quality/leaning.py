@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, dots, norms
 from polish_sim.planning.ground.points import thin
 from polish_sim.planning.ground.triangulation import Triangulation
 from polish_sim.planning.quality.coverage import pad_depths
@@ -48,13 +48,13 @@ class Leaning:
     @property
     def note(self) -> str:
         """How far it leans."""
-        slope = np.linalg.norm(self.leans, axis=1).max()
+        slope = norms(self.leans).max()
         return f"by up to {np.degrees(np.arctan(slope)):.3g} deg away from what stands beside it"
 
     def lean(self, points: Array, axes: Array) -> Array:
         """Unit axes (n, 3) at points (n, 3) [m], leaned."""
         away, index = self.mesh.tree.query(points, k=AROUND)
-        same_side = (self.mesh.normals[index] * axes[:, None]).sum(axis=2) > 0.0
+        same_side = dots(self.mesh.normals[index], axes[:, None]) > 0.0
         weights = same_side * (1.0 - away / away[:, -1:]) ** 2
         mean = (weights[:, :, None] * self.leans[index]).sum(axis=1)
         mean /= np.maximum(weights.sum(axis=1), 1e-300)[:, None]
@@ -132,7 +132,7 @@ def pressed_from(mesh: Triangulation, rows: Indices, leans: Array, under: UnderP
     kept = thin(mesh.vertices[rows], LEANED_APART * tool.pad.radius_m).kept
     rows, leans, under = rows[kept], leans[kept], _of(under, kept)
     tilts = np.stack(
-        [(leans * way).sum(axis=1) for way in (under.principal, np.cross(under.normals, under.principal))]
+        [dots(leans, way) for way in (under.principal, np.cross(under.normals, under.principal))]
     )
     depths = pad_depths(under.curvatures, tool.pad, tool.force, tilts.T)
     found = [np.empty(0, dtype=np.int64)]

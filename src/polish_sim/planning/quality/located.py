@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Indices
+from polish_sim.arrays import Array, Indices, dots, norms, running_sums
 from polish_sim.config import ProcessConfig
 from polish_sim.errors import PlanError
 from polish_sim.planning.curves.curve import Curve
@@ -49,7 +49,7 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None)
     path = with_points_between(path)
     surface = ground.region.surface
     index = np.flatnonzero(path.process)
-    stretch_of = np.concatenate([[0], np.cumsum(np.diff(index) > 1)])[: len(index)]
+    stretch_of = running_sums(np.diff(index) > 1)[: len(index)]
     every = np.split(np.arange(len(index)), np.flatnonzero(np.diff(index) > 1) + 1)
     stretches = tuple(rows for rows in every if len(rows) > 1)
     if not stretches:
@@ -68,8 +68,8 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None)
         normals=foot.normals,
         curvatures=np.stack([bend.k1, bend.k2], axis=1),
         principal=bend.directions,
-        distances=np.where(on_part, np.linalg.norm(gap, axis=1), 0.0),
-        heights=np.where(on_part, (gap * foot.normals).sum(axis=1), 0.0),
+        distances=np.where(on_part, norms(gap), 0.0),
+        heights=np.where(on_part, dots(gap, foot.normals), 0.0),
         forces=np.full(len(index), process.contact_force_n) if path.force is None else path.force[index],
         feeds=np.full(len(index), process.feed_m_s) if path.feed is None else path.feed[index],
         stretch_of=stretch_of,
@@ -80,7 +80,7 @@ def locate(ground: Ground, path: ToolPath, process: ProcessConfig | None = None)
 
 def with_points_between(path: ToolPath) -> ToolPath:
     """Put points into chords in contact that are longer than wanted [m]; the polyline stays what it is."""
-    chords = np.linalg.norm(np.diff(path.positions_work, axis=0), axis=1)
+    chords = norms(np.diff(path.positions_work, axis=0))
     pressing = path.process[1:] & path.process[:-1]
     counts = np.where(pressing, np.maximum(np.ceil(chords / LONGEST_M * (1.0 - 1e-9)), 1.0), 1.0).astype(
         np.int64
@@ -157,7 +157,7 @@ class Strands:
     def sample(self, spacing: float) -> RunSamples:
         """Points no further apart than a spacing [m], three or more of each run, both ends among them."""
         counts = np.maximum(np.ceil(self.lengths / spacing).astype(np.int64), 2) + 1
-        first = np.concatenate([[0], np.cumsum(counts)])
+        first = running_sums(counts)
         run = np.repeat(np.arange(len(counts)), counts)
         s = (np.arange(first[-1]) - first[run]) * (self.lengths / (counts - 1))[run]
         points, normals = self.at(run, s)
@@ -184,6 +184,6 @@ def segments_of(runs: Sequence[Curve]) -> Segments:
     start, end = (np.concatenate([curve.positions[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
     first, last = (np.concatenate([curve.normals[cut] for curve in runs]) for cut in (np.s_[:-1], np.s_[1:]))
     gap = np.repeat(2 * np.arange(len(runs)), [len(curve.positions) - 1 for curve in runs])
-    kept = np.linalg.norm(end - start, axis=1) > 0.0
+    kept = norms(end - start) > 0.0
     number = np.arange(len(start)) + gap
     return Segments(start[kept], end[kept], first[kept], last[kept], number[kept])

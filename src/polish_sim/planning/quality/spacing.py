@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Array, Bools, Indices
+from polish_sim.arrays import Array, Bools, Indices, dots
 from polish_sim.kernel_cache import njit
 from polish_sim.kernels import dot, minus
 from polish_sim.planning.curves.curve import Curve, foot_on_chord
@@ -78,7 +78,7 @@ def _corners(path: RunSamples) -> Bools:
     low, high = path.first[path.run], path.first[path.run + 1] - 1
     before = path.points - path.points[np.maximum(index - half, low)]
     after = path.points[np.minimum(index + half, high)] - path.points
-    sharp = (unit(before) * unit(after)).sum(axis=1) < np.cos(SHARP)
+    sharp = dots(unit(before), unit(after)) < np.cos(SHARP)
     sharp &= (index - half >= low) & (index + half <= high)
     return binary_dilation(sharp, iterations=half)
 
@@ -139,8 +139,8 @@ def _is_one_turn(path: RunSamples, first: int, last: int) -> bool:
     """Whether a run goes round about once between two of its samples: not to and fro, not round and round."""
     rows = np.arange(first, last + 1, SAMPLES // 2)
     ways, normals = np.diff(path.points[rows], axis=0), path.normals[rows[1:-1]]
-    across = (np.cross(ways[:-1], ways[1:]) * normals).sum(axis=1)
-    turns = np.arctan2(across, (ways[:-1] * ways[1:]).sum(axis=1))
+    across = dots(np.cross(ways[:-1], ways[1:]), normals)
+    turns = np.arctan2(across, dots(ways[:-1], ways[1:]))
     return bool(abs(turns.sum()) > 1.5 * np.pi and np.abs(turns).sum() < 4.0 * np.pi)
 
 
@@ -213,7 +213,7 @@ def _guess(path: RunSamples) -> float | None:
     count = min(NEIGHBOURS, len(path.s))
     distance, index = cKDTree(path.points).query(path.points[asked], k=count)
     towards = path.points[index] - path.points[asked, None]
-    along = np.abs((towards * tangents[:, None]).sum(axis=2))
+    along = np.abs(dots(towards, tangents[:, None]))
     far = np.abs(path.s[index] - path.s[asked, None]) > LOOP * distance
     other = (far | (path.run[index] != path.run[asked, None])) & (along < SIDEWAYS * distance)
     found = other.any(axis=1)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polish_sim.arrays import Array, Bools, Indices, Ints
+from polish_sim.arrays import Array, Bools, Indices, Ints, dots
 from polish_sim.config import HeadConfig, PadConfig
 from polish_sim.config.cell import PAD_TOP
 from polish_sim.errors import place_in_mm
@@ -194,7 +194,7 @@ def _own_heights(axes: Array, ground: UnderPad, pad: PadConfig) -> Array:
     second = np.cross(ground.normals, ground.principal)
     # A tool that lies along the part has no height of its own; it is in the part by its rim.
     lean = axes / np.maximum((axes * ground.normals).sum(axis=1, keepdims=True), FLATTEST)
-    tilt, beside = ((lean * way).sum(axis=1)[:, None] for way in (ground.principal, second))
+    tilt, beside = (dots(lean, way)[:, None] for way in (ground.principal, second))
     bend = np.maximum(ground.curvatures, -1.0 / hollow_radius(pad))
     angle = np.arange(RIM_POINTS) * (2.0 * np.pi / RIM_POINTS)
     highest = np.zeros(len(axes))
