@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder, whole_folder
+from polish_sim.cli.many import Figures, Many, run_seeds, seed_folder
 from polish_sim.cli.options import OUTPUT_OPTIONS, Given, Own, chosen, refuse_beside, refuse_without, takes
 from polish_sim.cli.outcome import Outcome
 from polish_sim.cli.output_folder import claimed, put
@@ -17,6 +17,7 @@ from polish_sim.config.key import DEG, MM
 from polish_sim.dual.experiment import CALIBRATIONS
 from polish_sim.errors import unknown_name
 from polish_sim.experiments.registry import SEED_OPTIONS
+from polish_sim.row_file import whole_folder
 
 if TYPE_CHECKING:
     import numpy as np

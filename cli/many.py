@@ -22,7 +22,7 @@ from polish_sim.cli.outcome import Outcome, other_conditions
 from polish_sim.cli.output_folder import rows_folder
 from polish_sim.config import Checked, Scenario
 from polish_sim.errors import InputError, count_text, number_text
-from polish_sim.row_file import ROWS, Row, Rows
+from polish_sim.row_file import ROWS, Row, Rows, whole_folder
 
 if TYPE_CHECKING:
     from polish_sim.planning import PlanResult, ToolPath
@@ -223,20 +223,6 @@ def aggregate(
 def seed_folder(folder: Path, seed: int) -> Path:
     """Where the files of one seed are."""
     return folder / f"seed-{seed:04d}"
-
-
-@contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
-    """A draft to fill in the block, instead of what was there; it gets the folder's name when it is whole."""
-    draft = folder.with_name(f".{folder.name}")
-    shutil.rmtree(draft, ignore_errors=True)
-    draft.mkdir()
-    try:
-        yield draft
-        shutil.rmtree(folder, ignore_errors=True)
-        draft.rename(folder)
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
 
 
 def run_many(scenario: Checked, plan: ToolPath | None, given: Given) -> int:

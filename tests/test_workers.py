@@ -8,12 +8,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from polish_sim import workers as module
+from polish_sim.errors import InputError, ProtectiveStop
+from polish_sim.row_file import whole_folder
 from polish_sim.workers import Result, WorkersError, local_copy, open_workers
 
 
@@ -90,6 +93,44 @@ def test_an_error_in_the_work_is_raised_with_its_traceback() -> None:
         list(work_off([5], fail, lambda task: 0, 1))
 
 
+def stop_at(place: str) -> None:
+    raise ProtectiveStop(f"stopped at {place}")
+
+
+@pytest.mark.parametrize("engine", ["here", "local"])
+def test_a_task_that_ends_with_an_error_of_ours_keeps_its_text_and_exit_code(engine: str) -> None:
+    with open_workers(engine, 1) as workers, pytest.raises(ProtectiveStop, match=r"^stopped at x$") as caught:
+        list(workers.results(["x"], stop_at, lambda task: 0))
+    assert caught.value.exit_code == 3
+
+
+def test_a_cluster_without_workers_is_given_up_and_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(module, "GONE_S", 0.5)
+    options = {"processes": False, "dashboard_address": "127.0.0.1:0"}
+    with distributed.LocalCluster(n_workers=0, **options) as cluster, distributed.Client(cluster) as client:
+        empty = module._Cluster(client, {}, "a cluster")
+        with pytest.raises(WorkersError, match=r"no worker .*a cluster.*Start one"):
+            list(empty.results([1], double, lambda task: 0))
+        cluster.scale(1)
+        client.wait_for_workers(1)
+        assert list(empty.results([1], double, lambda task: 0)) == [Result(1, 2, None)]
+
+
+def test_a_folder_changes_when_its_new_content_is_whole_and_needs_a_place_that_all_see(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "seed"
+    for text, fails in (("old", False), ("half", True)):
+        with suppress(ZeroDivisionError), whole_folder(folder) as draft:
+            (draft / "log").write_text(text)
+            _ = 1 / (not fails)
+    assert [file.read_text() for file in tmp_path.rglob("log")] == ["old"]
+    elsewhere = tmp_path / "of another machine" / "seed"
+    with pytest.raises(InputError, match=r"another machine.*share.*--out"), whole_folder(elsewhere):
+        pass
+
+
 def test_breaking_off_leaves_no_process_behind() -> None:
     with closing(work_off(range(100), double, lambda task: task, 2)) as results:
         next(iter(results))
@@ -104,7 +145,8 @@ def test_a_cluster_of_dask_does_every_task_and_leaves_out_the_one_that_kills_twi
     mine = tmp_path / "mine.txt"
     mine.write_text("gain 3")
     tasks = [(str(tmp_path), number) for number in range(3)]
-    with open_workers("dask", 2, [mine]) as workers:
+    with open_workers("dask", 3, [mine]) as workers:
+        assert workers.count == 3
         assert "http://127.0.0.1:" in workers.where
         killed = list(workers.results(tasks, die_once, lambda task: task[1]))
         assert sorted(r.value for r in killed if r.trouble is None) == [0, 1, 2]

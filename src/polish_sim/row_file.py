@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +29,29 @@ def whole_file(file: Path) -> Iterator[Path]:
         draft.replace(file)
     finally:
         draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A draft to fill in the block, instead of what was there; it gets the folder's name when it is whole.
+
+    Raises:
+        InputError: If the folder it goes into is not there, as on another machine.
+    """
+    draft = folder.with_name(f".part-{folder.name}")
+    shutil.rmtree(draft, ignore_errors=True)
+    try:
+        draft.mkdir()
+    except FileNotFoundError as error:
+        raise InputError(
+            f"no folder '{folder.parent}' where a worker is: name one that all machines share with --out."
+        ) from error
+    try:
+        yield draft
+        shutil.rmtree(folder, ignore_errors=True)
+        draft.rename(folder)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
 
 
 class Rows:

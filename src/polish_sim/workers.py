@@ -27,6 +27,7 @@ from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple, Protocol
 
 from polish_sim.errors import InputError, PolishSimError, did_you_mean
@@ -36,7 +37,8 @@ from polish_sim.source_stamp import package_hash
 TRIES = 2  #: A task at which this many processes died is left out
 MOST_DEATHS = 4  #: Deaths in a row, without a result between them, after which all is given up
 AHEAD = 2  #: Tasks a process is given: it does not wait for the way here and back
-JOIN_S = 20.0  #: How long a scheduler is waited for, and a worker of it [s]
+JOIN_S = 20.0  #: How long a scheduler is waited for, a worker of it, and a result that is done [s]
+GONE_S = 60.0  #: How long a cluster that has lost all its workers is waited for [s]
 ENGINES = ("local", "dask", "tcp://HOST:PORT", "tls://HOST:PORT")
 
 Work = Callable[[Any], Any]
@@ -70,8 +72,9 @@ class Workers(Protocol):
         that costs no waiting.
 
         Raises:
-            WorkersError: If processes die one after the other, or the cluster is gone.
-            RuntimeError: If the work itself raised, with its traceback.
+            WorkersError: If processes die one after the other, or the cluster or all its workers are gone.
+            PolishSimError: What the work itself raised.
+            RuntimeError: If it raised anything else, with its traceback.
         """
         ...
 
@@ -256,7 +259,7 @@ class _Local:
                             waiting.add(worker.group, task)
                         yield Result(task, None, _death(error, deaths, again))
                     else:
-                        raise RuntimeError(_in_task(task, error))
+                        raise _in_task(task, error)
         finally:  # what is still at work at an interrupt
             for worker in self._crew:
                 if worker.tasks:
@@ -267,8 +270,11 @@ class _Local:
             worker.stop()
 
 
-def _in_task(task: Any, error: BaseException) -> str:
-    return f"in {task}: {''.join(traceback.format_exception(error))}"
+def _in_task(task: Any, error: BaseException) -> BaseException:
+    """What to raise for an error in a task: the user's own, or one of ours with its traceback."""
+    if isinstance(error, PolishSimError):
+        return error
+    return RuntimeError(f"in {task}: {''.join(traceback.format_exception(error))}")
 
 
 def _death(error: BaseException, deaths: int, again: bool) -> str:
@@ -335,7 +341,7 @@ def _client(on: str, count: int) -> Iterator[Any]:
     with dask.config.set(quiet), _interrupts_blocked():
         if on == "dask":
             cluster = distributed.LocalCluster(
-                count, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
+                n_workers=count, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
             )  # fmt: skip
             client = distributed.Client(cluster)
@@ -414,23 +420,23 @@ class _Cluster:
         running: dict[Any, Any] = {}
         tries = dict.fromkeys(tasks, 0)
         doing = partial(_with_files, work, versions_here(), self._hashes)
-        done = distributed.as_completed()
+        done = SimpleQueue[Any]()
 
         def submit() -> None:
             task = waiting.popleft()
             future = self._client.submit(doing, task, pure=False)
             running[future] = task
-            done.add(future)
+            future.add_done_callback(done.put)
 
         try:
-            for _ in range(min(AHEAD * self.count, len(waiting))):
+            for _ in range(min(AHEAD * max(1, self.count), len(waiting))):
                 submit()
             while running:
-                future = next(done)
+                future = self._next(done)
                 task = running[future]
                 result = self._end_of(future, task, distributed)
                 if result is None:
-                    done.add(future)
+                    future.add_done_callback(done.put)
                     continue
                 del running[future]
                 if result.value == _FILES_MISSING:  # the worker came later
@@ -453,20 +459,35 @@ class _Cluster:
             if running and self._client.status == "running":
                 self._client.cancel(list(running), force=True)
 
+    def _next(self, done: SimpleQueue[Any]) -> Any:
+        """The next future that is done, as long as there are workers."""
+        there = time.monotonic()
+        while True:
+            with suppress(Empty):
+                return done.get(timeout=1.0)
+            with suppress(OSError):  # no scheduler: its futures are cancelled in a moment
+                there = time.monotonic() if self._client.nthreads() else there
+            if time.monotonic() - there > GONE_S:
+                raise WorkersError(
+                    f"no worker for {GONE_S:.0f} s ({self.where}). Start one; the same command resumes."
+                )
+
     def _end_of(self, future: Any, task: Any, distributed: Any) -> Result | None:
         """A task's result; None where its worker died with the result: the scheduler has it done again."""
         if future.status == "finished":
-            with suppress(distributed.scheduler.KilledWorker, CancelledError):  # while the result was fetched
-                return Result(task, future.result(), None)
+            # While the result was fetched its worker may die.
+            with suppress(distributed.scheduler.KilledWorker, CancelledError):
+                try:
+                    return Result(task, future.result(JOIN_S), None)
+                except TimeoutError:
+                    return Result(task, None, f"a worker gave no result within {JOIN_S:.0f} s")
         if future.status in ("lost", "pending"):
             return None
         error = future.exception() if future.status == "error" else None
         if isinstance(error, distributed.scheduler.KilledWorker):
             return Result(task, None, "worker processes died at a task")
-        if isinstance(error, PolishSimError):
-            raise error
         if error is not None:
-            raise RuntimeError(_in_task(task, error))
+            raise _in_task(task, error)
         raise WorkersError(f"the scheduler is gone ({self.where}). The same command resumes when it is back.")
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,7 +36,7 @@ from polish_sim.log import PROCESS_PHASE, RemovalMap, read_log, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh
 from polish_sim.planning.toolpath import stretches
-from polish_sim.row_file import whole_file
+from polish_sim.row_file import whole_file, whole_folder
 from polish_sim.scenario_file import merge
 from polish_sim.spatial import to_pose
 
@@ -163,22 +162,13 @@ def _planned(one: Pass, scenario: Checked, folder: Path, observer: Observer) -> 
     scenario = replace(scenario, part=replace(scenario.part, pose=pose))
     # A job is repeated byte for byte.
     plan = replace(plan, figures={**plan.figures, "plan_time_s": 0.0})
-    with _whole_folder(done) as draft:
+    folder.mkdir(parents=True, exist_ok=True)
+    with whole_folder(done) as draft:
         write_json(draft / "pass.json", {"pose": list(pose)})
         setup = ExportSetup(scenario.process, scenario.spindle, part_pose=pose)
         export_plan(draft, plan, () if one.tool.flange.bandwidth_hz else ("urscript",), setup)
         write_plan(draft, plan)
     return plan, scenario
-
-
-@contextmanager
-def _whole_folder(folder: Path) -> Iterator[Path]:
-    """A folder that appears under its name when its files are whole."""
-    draft = folder.with_name(f".part-{folder.name}")
-    shutil.rmtree(draft, ignore_errors=True)
-    draft.mkdir(parents=True)
-    yield draft
-    draft.rename(folder)
 
 
 def zoned(one: Pass, scenario: Checked, plan: PlanResult) -> PlanResult:
@@ -262,7 +252,7 @@ def _write(
         "wall_s": 0.0,
         "real_time_factor": 0.0,
     }
-    with _whole_folder(folder / "run") as draft:
+    with whole_folder(folder / "run") as draft:
         write_record(draft, RunRecord(scenario.experiment, scenario, figures, last.log, last.path, removal))
     shutil.rmtree(folder / "pieces")
 

@@ -19,7 +19,7 @@ from polish_sim.exchange import read_cuts, read_path
 from polish_sim.experiments.assembly import Memory, config_hash, place_key
 from polish_sim.experiments.registry import experiment, run_experiment
 from polish_sim.planning import PlanResult, measure_given_path
-from polish_sim.row_file import Row, Rows, whole_file
+from polish_sim.row_file import Row, Rows, whole_file, whole_folder
 from polish_sim.source_stamp import package_hash
 from polish_sim.studies.study import Run, Study
 from polish_sim.workers import Heard, Workers, fill_rows, local_copy
@@ -66,14 +66,11 @@ def run_row(study: Study, logs: Path | None, task: Task) -> Row:
             raise KeyboardInterrupt
         if logs is not None:
             figures = {**result.figures, "versions": package_versions()}
-            folder = logs / key
-            folder.mkdir(parents=True, exist_ok=True)
-            write_record(
-                folder,
-                RunRecord(
-                    scenario.experiment, result.scenario, figures, result.log, result.path, result.removal
-                ),
+            record = RunRecord(
+                scenario.experiment, result.scenario, figures, result.log, result.path, result.removal
             )
+            with whole_folder(logs / key) as folder:
+                write_record(folder, record)
         row |= {
             "outcome": STOPPED if result.stop_reason else DONE,
             "reason": result.figures["protective_stop"],
@@ -199,7 +196,10 @@ def run_study(
     Raises:
         WorkersError: If processes die one after the other, or the cluster is gone.
     """
-    work = partial(run_row, study, table.folder.resolve() / RUN_FOLDERS if logs else None)
+    folders = table.folder.resolve() / RUN_FOLDERS if logs else None
+    if folders is not None:
+        folders.mkdir(exist_ok=True)
+    work = partial(run_row, study, folders)
 
     @cache
     def group_of_point(values: tuple[Any, ...]) -> int:
