@@ -32,14 +32,20 @@ import numpy as np
 
 from benchmarks import real_flange
 from benchmarks.table import Row, print_rows
-from polish_sim.compare.contact import (
+from polish_sim.compare.figures import (
     ForceStep,
     compare_steps,
     from_contact,
     measure_step,
 )
-from polish_sim.compare.joints import compare_joints
-from polish_sim.compare.replay import SCENARIO, CarriedPayload, commands_of, rigid_torques, warm
+from polish_sim.compare.replay import (
+    SCENARIO,
+    CarriedPayload,
+    commands_of,
+    compare_joints,
+    rigid_torques,
+    warm,
+)
 from polish_sim.compare.show import plot_steps
 from polish_sim.config import RobotConfig, Scenario
 from polish_sim.errors import PolishSimError

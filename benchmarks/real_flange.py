@@ -21,7 +21,7 @@ import trimesh
 from benchmarks.table import Row
 from polish_sim.arrays import Array
 from polish_sim.cell import no_part
-from polish_sim.compare.contact import BAND_N, ForceStep, from_contact
+from polish_sim.compare.figures import BAND_N, ForceStep, from_contact
 from polish_sim.config import Scenario
 from polish_sim.errors import PlanError
 from polish_sim.exchange.robot_log import read_robot_recording

@@ -24,7 +24,7 @@ from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.segment_rates import sampled_joints
 from polish_sim.motion.spline.motion import smooth_by_spline
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
-from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
 
 Array = NDArray[np.float64]
 DIRECTIONS = 60

@@ -95,8 +95,7 @@ def compare(real: LogFile, given: Given) -> int:
 def _joints(real: Path, log: RobotRecording, given: Given, draft: Path) -> None:
     from polish_sim.analysis.run_record import write_json
     from polish_sim.cell.scene import build_scene
-    from polish_sim.compare.joints import compare_joints
-    from polish_sim.compare.replay import SCENARIO, CarriedPayload
+    from polish_sim.compare.replay import SCENARIO, CarriedPayload, compare_joints
     from polish_sim.compare.show import FIGURES, PICTURE, joint_page, joint_table, plot_joint_torques
     from polish_sim.scenario_file import override, to_toml
 
@@ -139,7 +138,7 @@ def _center(text: str | None) -> tuple[float, float, float]:
 def _forces(real: Path, log: RobotRecording, run: Path, given: Given, draft: Path) -> None:
     from polish_sim.analysis.metrics import numbers
     from polish_sim.analysis.run_record import read_record, write_json
-    from polish_sim.compare.contact import compare_steps, from_contact
+    from polish_sim.compare.figures import compare_steps, from_contact
     from polish_sim.compare.show import FIGURES, PICTURE, plot_steps, step_page, step_rows
     from polish_sim.page.page import page_html
 

@@ -9,10 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polish_sim.compare.contact import compare_steps, from_contact, measure_step
-from polish_sim.compare.figures import delay, fit_friction, friction_curve, nrms, ripple
-from polish_sim.compare.joints import compare_joints
-from polish_sim.compare.replay import SCENARIO, CarriedPayload, bare_arm, replay, rigid_torques, warm
+from polish_sim.compare.figures import (
+    compare_steps,
+    delay,
+    fit_friction,
+    friction_curve,
+    from_contact,
+    measure_step,
+    nrms,
+    ripple,
+)
+from polish_sim.compare.replay import (
+    SCENARIO,
+    CarriedPayload,
+    bare_arm,
+    compare_joints,
+    replay,
+    rigid_torques,
+    warm,
+)
 from polish_sim.exchange.robot_log import RobotRecording, read_robot_recording
 from polish_sim.motion.makes import use_arm
 from polish_sim.scenario_file import override

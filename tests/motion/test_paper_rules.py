@@ -25,7 +25,7 @@ from polish_sim.motion.rules.rule import RULES
 from polish_sim.motion.rules.schedule import SmoothMotion
 from polish_sim.motion.segment_rates import JointRates, sampled_joints
 from polish_sim.smoothing.experiment import AXIS_TOLERANCE, TOLERANCE
-from polish_sim.smoothing.trial import TRIAL_LIMITS, trial_arm, trial_path
+from polish_sim.smoothing.smooth import TRIAL_LIMITS, trial_arm, trial_path
 
 PAPER = (plan_joint_jerk, plan_joint_acceleration)
 TRIAL, ARM = build_chain(*trial_path()), trial_arm()

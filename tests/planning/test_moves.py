@@ -14,16 +14,17 @@ from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.planning import PlanResult, plan_part
 from polish_sim.planning.moves.leads import (
     LEADS,
+    RIM_POINTS,
     AirSpace,
     Move,
     choose_leads,
     normal_lead,
+    rim_depths,
     tangent_lead,
     with_leads,
 )
 from polish_sim.planning.moves.leave_out import lift_over
 from polish_sim.planning.moves.travel import nearest_neighbours, order_blocks, travel
-from polish_sim.planning.moves.way_out import RIM_POINTS, rim_depths
 from polish_sim.planning.toolpath import PROCESS, stretches
 from tests.planning.shapes import UP, moved, plan_of, surface_of
 

@@ -13,8 +13,8 @@ from polish_sim.motion.rules.schedule import Smoothed
 from polish_sim.scenario_file import override
 from polish_sim.smoothing.experiment import CLAIMS
 from polish_sim.smoothing.figures import find_peaks
+from polish_sim.smoothing.smooth import LENGTH
 from polish_sim.smoothing.tracking import PlayedRule, at_peaks, compare_tracking, jerk_peaks, measure_tracking
-from polish_sim.smoothing.trial import LENGTH
 
 
 @pytest.fixture(scope="module")

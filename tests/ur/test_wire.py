@@ -27,9 +27,8 @@ from polish_sim.errors import InputError
 from polish_sim.experiments import default_scenario
 from polish_sim.log import PROCESS_PHASE
 from polish_sim.scenario_file import override
-from polish_sim.ur.controller import Controller
+from polish_sim.ur.controller import Controller, Link
 from polish_sim.ur.dashboard import answer
-from polish_sim.ur.link import Link
 from polish_sim.ur.robot import SimulatedRobot
 from polish_sim.ur.script import Machine
 from polish_sim.ur.server import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Server

@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 
 from polish_sim.analysis.style import BLUE, ORANGE, head, new_figure, styled
 from polish_sim.arrays import Array
-from polish_sim.compare.contact import ForceStep
-from polish_sim.compare.figures import SPEEDS
-from polish_sim.compare.joints import JOINTS, JointComparison
+from polish_sim.compare.figures import SPEEDS, ForceStep
+from polish_sim.compare.replay import JOINTS, JointComparison
 from polish_sim.experiments.run_page import scene_bodies, scene_solids, shown_rows
 from polish_sim.page.page import Line, Motion, Page, Plot, page_html, tables_page
 

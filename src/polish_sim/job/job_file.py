@@ -15,8 +15,7 @@ from polish_sim.errors import ConfigError, unknown_name
 from polish_sim.experiments.assembly import check
 from polish_sim.experiments.even_removal import axis_kept
 from polish_sim.experiments.registry import default_scenario
-from polish_sim.job.lines import at, naming_line
-from polish_sim.job.tools import Tool, read_tools
+from polish_sim.job.tools import Tool, at, naming_line, read_tools
 from polish_sim.scenario_file import merge, region_with_file, with_files
 from polish_sim.toml_text import read_toml
 

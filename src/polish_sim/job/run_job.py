@@ -31,7 +31,7 @@ from polish_sim.experiments.result import RunResult
 from polish_sim.experiments.surface import measure_run, prepare_surface
 from polish_sim.geometry import PartMesh, Surface, fit_surface, select_region
 from polish_sim.job.job_file import Job, Pass
-from polish_sim.job.lines import at, naming_line
+from polish_sim.job.tools import at, naming_line
 from polish_sim.log import PROCESS_PHASE, RemovalMap, read_log, read_removal
 from polish_sim.planning import PlanResult, measure_given_path
 from polish_sim.planning.part_plan import choose_region, load_mesh

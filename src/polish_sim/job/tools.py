@@ -1,21 +1,68 @@
-"""The tool library: what turns on the arm's end, as settings of the scenario (tools.toml -> Tool ->
-table)."""
+"""The tool library: what turns on the arm's end, as settings of the scenario (tools.toml -> Tool -> table);
+and the line of a tool's or a job's file that an error is about."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from polish_sim.config import FlangeConfig
 from polish_sim.config.key import key
-from polish_sim.errors import ConfigError, number_text, unknown_name
+from polish_sim.errors import ConfigError, PolishSimError, number_text, unknown_name
 from polish_sim.experiments.registry import POSITION
-from polish_sim.job.lines import naming_line
 from polish_sim.scenario_file import merge
 from polish_sim.toml_text import read_toml
+
+
+@contextmanager
+def naming_line(file: Path) -> Iterator[None]:
+    """Put a file's name and the line before the errors of the block that have none yet."""
+    try:
+        yield
+    except PolishSimError as error:
+        if re.search(r"line \d+[,:)]", str(error)):
+            raise
+        text = file.read_text(encoding="utf-8", errors="replace")
+        raise type(error)(f"{file}, line {line_of(str(error), text)}: {error}") from error
+
+
+@contextmanager
+def at(place: str) -> Iterator[None]:
+    """Put a place of the job before the errors of the block."""
+    try:
+        yield
+    except PolishSimError as error:
+        raise type(error)(f"{place}: {error}") from error
+
+
+def line_of(message: str, text: str) -> int:
+    """Where the key or word stands that a message names first; without one, where the table it names
+    begins."""
+    lines = [line.partition("#")[0] for line in text.splitlines()]
+    place = re.search(r"setup[ _](\d+)(?:.{1,12}?pass[ _](\d+))?", message)
+    begin = 0
+    for head, count in zip(("[[setup]]", "[[setup.pass]]"), place.groups() if place else (), strict=False):
+        heads = [number for number, line in enumerate(lines) if number >= begin and line.strip() == head]
+        if count and len(heads) >= int(count):
+            begin = heads[int(count) - 1]
+    for word in re.findall(r"'([^']+)'", message) + re.findall(r"[a-z_]+\.[a-z_0-9]+", message):
+        *table, name = re.split(r"[.:] ?", word)
+        start = next(
+            (number for number, line in enumerate(lines) if line.strip() == f"[{'.'.join(table)}]"), begin
+        )
+        value = re.escape(Path(word).name)
+        known = rf"(^|[\s{{.\[]){re.escape(name)}\s*[=\].]|[\"']([^\"']*[/:])?{value}[\"']"
+        order = (*range(start, len(lines)), *range(start))
+        found = next((number for number in order if re.search(known, lines[number])), None)
+        if found is not None:
+            return found + 1
+    return begin + 1
+
 
 SHIPPED = Path(__file__).with_name("tools.toml")
 SPINDLE, ORBITAL, BELT = "spindle", "orbital", "belt"

@@ -17,9 +17,19 @@ from polish_sim.cell import Cell, tool_on_flange
 from polish_sim.errors import ReachError
 from polish_sim.motion import JOINT_LIMITS, inverse_near, jacobian
 from polish_sim.spatial import inverse, transform, unit
-from polish_sim.ur.compliance import FIXED, Compliance
 from polish_sim.ur.kinematics import joint_speeds, matrix_of, pose_of, tool_at
-from polish_sim.ur.motion import Drive, JointSpeeds, JointWay, Moves, Servo, ToolSpeed, Way, tool_way
+from polish_sim.ur.motion import (
+    FIXED,
+    Compliance,
+    Drive,
+    JointSpeeds,
+    JointWay,
+    Moves,
+    Servo,
+    ToolSpeed,
+    Way,
+    tool_way,
+)
 from polish_sim.ur.physics import TICK_S, Rig
 
 Side = Literal["in", "out"]

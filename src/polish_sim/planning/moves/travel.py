@@ -12,8 +12,7 @@ from polish_sim.arrays import Array, Bools, Indices, norms
 from polish_sim.geometry import Surface
 from polish_sim.geometry.distance_field import signed_distances
 from polish_sim.kernel_cache import njit
-from polish_sim.planning.moves.leads import AirSpace, Move, evenly
-from polish_sim.planning.moves.way_out import Ball, ball_around, height_to_keep, way_out
+from polish_sim.planning.moves.leads import AirSpace, Ball, Move, ball_around, evenly, height_to_keep, way_out
 from polish_sim.planning.toolpath import APPROACH
 from polish_sim.spatial import perpendicular, unit
 
