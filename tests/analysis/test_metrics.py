@@ -14,12 +14,14 @@ from polish_sim.analysis.metrics import (
     curvature_peaks,
     distance_to_circle,
     errors_at_peaks,
+    force_shares,
     measure_arc,
     measure_force,
     measure_surface,
     moving_average,
     rise_time,
     settling_time,
+    shortcomings,
     steady_feed,
 )
 from polish_sim.hand_guiding.figures import measure_taught
@@ -114,6 +116,19 @@ def test_noise_alone_gives_the_same_error_at_the_peaks_as_between_them() -> None
 
 
 TIME = np.arange(0.0, 3.0, 1e-3)
+
+
+def test_a_force_that_uses_all_it_may_be_off_is_where_the_run_begins_to_be_called_bad() -> None:
+    """A blow is a quarter above the set force, anywhere; the band and contact count where it is held."""
+    force = np.array([10.0, 24.0, 23.0, 0.5, 24.0, 0.5, 4.0])
+    wanted = np.array([8.0, 20.0, 20.0, 2.0, 20.0, 2.0, 8.0])
+    most = np.array([8.0, 20.0, 20.0, 8.0, 20.0, 8.0, 8.0])
+    held = np.array([False, True, True, True, False, False, True])
+    shares = [force_shares(*row) for row in zip(force, wanted, most, held, strict=True)]
+    np.testing.assert_allclose(shares, [1.0, 1.0, 0.75, 1.0, 0.8, 0.0, 1.0])
+    calm = {"contact_lost_s": 0.0, "force_within_4n": 1.0}
+    for peak, bad in ((9.99, 0), (10.01, 1)):
+        assert len(shortcomings({**calm, "peak_force_n": peak}, 8.0)) == bad
 
 
 def test_settling_counts_from_the_last_excursion_not_the_first_entry() -> None:

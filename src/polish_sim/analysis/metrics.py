@@ -150,6 +150,18 @@ MOST_FORCE = 1.25  #: Of the set force: more is a blow
 LEFT_OUT = 0.01  #: Share of the region that may be left out without a word
 
 
+def force_shares(force: Array, wanted: Array, most: float, held: Bools) -> Array:
+    """How much of what a run of ``surface`` may be off its force is used at each step (n,): 1 is bad.
+
+    Where it is ``held``: of the band about the force ``wanted`` and of the way to losing contact; anywhere:
+    of the way to a blow, ``MOST_FORCE`` times the ``most`` that is set [N].
+    """
+    error = force - wanted
+    off = np.maximum(np.abs(error) / FORCE_BANDS_N["surface"], -error / (wanted - CONTACT_N))
+    share: Array = np.maximum(error / (MOST_FORCE * most - wanted), np.where(held, off, 0.0))
+    return share
+
+
 def shortcomings(figures: Mapping[str, Any], contact_force: float) -> list[str]:
     """What is bad about a run of ``surface``, in sentences; ``contact_force`` is the largest one set [N]."""
     found = []
@@ -267,7 +279,7 @@ def measure_surface(trace: Trace, plan: ToolPath, contact_force: float) -> Figur
         "force_mean_n": _reduce(np.mean, force),
         "force_rms_error_n": _rms(error),
         "force_max_deviation_n": _reduce(np.max, np.abs(error)),
-        "force_within_4n": _share(error, 4.0),
+        "force_within_4n": _share(error, FORCE_BANDS_N["surface"]),
         "force_within_1n": _share(error, 1.0),
         "force_error_median_n": _reduce(np.median, np.abs(error)),
         "force_error_p95_n": float(np.percentile(np.abs(error), 95)) if len(error) else math.nan,

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from polish_sim.arrays import Bools
+from polish_sim.arrays import Bools, Indices, norms
 from polish_sim.cell import SILENT, Observer, tool_on_flange
 from polish_sim.cell import guards as guard
 from polish_sim.cell.guards import NO_STOP
@@ -70,12 +70,10 @@ LEAST_POLISHED = 0.1  #: Share of the region below which a plan is refused
 WORTH_A_PAD = 1.02  #: Times as much it has to polish
 EASIER = 0.5  #: A stretch that fails is pressed with this share of its force
 EASIEST = 0.25  #: Share of the force below which easing is given up by an even removal; else `EASIER`
-MOST_EASED = 10  #: Places eased after playing, after which such places are left out
 SLOWING_S = 0.5  #: Of the feed before a place that is mended may have changed too [s]
 AROUND_S = 0.5  #: A stretch is slowed for this long before and behind the place that fails [s]
 AROUND_M = 0.004  #: And for at least this far [m]
 MOST_SLOWED = 20  #: Times a stretch is slowed after which the rest of the path is, too
-MOST_MENDS = 60  #: Places left out, after which whole strokes that fail are
 MOST_ROUNDS = 4  #: A mended path is played whole at most so often
 HOPELESS = (guard.CONTROLLER_NAN, guard.CONTROLLER_ERROR, guard.UNSTABLE)
 """What no other path mends."""
@@ -362,7 +360,7 @@ class _Prover:
         self.evened = len(self.mends)
 
     def _play(self, seed: int | None) -> Play:
-        return Play(self.scenario, seed, self.task_now(), self._may_be_slowed)
+        return Play(self.scenario, seed, self.task_now())
 
     def task_now(self) -> SurfaceTask:
         """The task with the path as it is mended so far, on the same part and in the same place."""
@@ -394,11 +392,6 @@ class _Prover:
         process = np.flatnonzero(self.path.process)
         return int(process[np.abs(self.path.s[process] - failure.s).argmin()])
 
-    def _may_be_slowed(self, failure: Failure) -> bool:
-        """Whether a slower feed may help there."""
-        dynamic = failure.code in (NO_STOP, *DYNAMIC) and not failure.landing
-        return dynamic and SLOWER * self.share[self._row(failure)] >= SLOWEST
-
     def _stroke_of(self, row: int) -> Bools:
         """Rows of the stroke a row is in."""
         first, last = next(pair for pair in stretches(self.path.process) if pair[0] <= row <= pair[1])
@@ -406,25 +399,61 @@ class _Prover:
         return (rows >= first) & (rows <= last)
 
     def _mend(self, found: list[Failure]) -> None:
-        """Slow the path where that may help; press with less at the place of the last failure, or leave it
-        out, where it does not.
+        """Slow the path where that may help, press with less where it does not, and leave out what neither
+        helps; one mend for each cause.
 
         Raises:
             PlanError: Nothing is left to polish, or no path would help.
         """
         self.kept_until = math.inf
-        last = None if self._may_be_slowed(found[-1]) else found.pop()
-        self._slow(found)
-        if last is None:
-            return
-        row, pad = self._row(last), self.scenario.pad.radius_m
-        helps = last.code in (NO_STOP, guard.FALLEN, *DYNAMIC) and not last.landing
-        share = EASIER if self.pressed[row] > EASIER else self.easiest
-        if helps and self.pressed[row] > share and sum(m.what == EASED for m in self.mends) < MOST_EASED:
-            around = self._stroke_of(row) & (np.abs(self.path.s - self.path.s[row]) <= pad)
-            self._ease(around, last.why, share)
+        groups: dict[tuple[str, float, str], tuple[str, Bools]] = {}
+        for failure in found:
+            what, share, rows = self._remedy(failure)
+            key = what, share, failure.why.partition(":")[0]
+            why, before = groups.get(key, (failure.why, rows))
+            groups[key] = why, rows | before
+        kept = np.arange(len(self.path.s))  # rows of the path as it was played
+        for (what, share, _), (why, rows) in sorted(
+            groups.items(), key=lambda group: group[0][0] == LEFT_OUT
+        ):
+            rows = rows[kept] & self.path.process
+            if what == LEFT_OUT:
+                kept = kept[self._leave_out(rows, why)] if rows.any() else kept
+            else:
+                (self._slow if what == SLOWED else self._ease)(rows, why, share)
+
+    def _remedy(self, failure: Failure) -> tuple[str, float, Bools]:
+        """What is changed because of a failure: to which share of feed or force, and in which rows.
+
+        Raises:
+            PlanError: No other path would help.
+        """
+        path, s, row, pad = self.path, self.path.s, self._row(failure), self.scenario.pad.radius_m
+        code, pressed, slower = failure.code, float(self.pressed[row]), SLOWER * float(self.share[row])
+        if code in HOPELESS:
+            raise PlanError(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
+        what, share, reach = LEFT_OUT, 0.0, 0.5 * pad
+        if code in (NO_STOP, *DYNAMIC) and not failure.landing and slower >= SLOWEST:
+            what, share = SLOWED, slower
+            reach = max(AROUND_S * self._feed_at(row), AROUND_M)
+        elif pressed > self.easiest and (
+            code == NO_STOP or (code in (guard.FALLEN, *DYNAMIC) and not failure.landing)
+        ):
+            what, share, reach = EASED, EASIER if pressed > EASIER else self.easiest, pad
         else:
-            self._leave_out(last)
+            here, cuts = (
+                path.positions_work[row],
+                [mend.places for mend in self.mends if mend.what == LEFT_OUT],
+            )
+            reach *= 2.0 ** sum(float(norms(places - here).min()) < 2.0 * pad for places in cuts)
+        rows = self._stroke_of(row) & (np.abs(s - s[row]) <= reach)
+        if what == SLOWED and sum(mend.what == SLOWED for mend in self.mends) >= MOST_SLOWED:
+            # It fails everywhere: the rest of the path is slowed at once.
+            rows = path.process & (s >= s[rows].min())
+        return what, share, rows
+
+    def _feed_at(self, row: int) -> float:
+        return float(self.share[row]) * self.scenario.process.feed_m_s
 
     def _ease(self, rows: Bools, why: str, share: float) -> None:
         """Press with a share of the force along some rows of the path; it comes down before and rises behind
@@ -436,49 +465,28 @@ class _Prover:
         self.kept_until = min(self.kept_until, s[rows].min() - 2.0 * ramp)
         self.mends.append(mend_of(EASED, why, share, path, rows))
 
-    def _slow(self, found: list[Failure]) -> None:
-        """Slow the path to half around each failure; one mend for each cause."""
-        path, s, share = self.path, self.path.s, self.share.copy()
-        groups: dict[tuple[str, float], tuple[str, Bools]] = {}
-        for failure in found:
-            row = self._row(failure)
-            feed, slower = share[row] * self.scenario.process.feed_m_s, SLOWER * share[row]
-            around = self._stroke_of(row) & (np.abs(s - s[row]) <= max(AROUND_S * feed, AROUND_M))
-            if sum(mend.what == SLOWED for mend in self.mends) >= MOST_SLOWED:
-                # It fails everywhere: the rest of the path is slowed at once.
-                around = path.process & (s >= s[around].min())
-            self.share[around] = np.minimum(self.share[around], slower)
-            self.kept_until = min(self.kept_until, s[around].min() - SLOWING_S * feed)
-            why, rows = groups.get((failure.why.partition(":")[0], slower), (failure.why, around))
-            groups[failure.why.partition(":")[0], slower] = why, rows | around
-        self.mends += [
-            mend_of(SLOWED, why, slower, path, rows) for (_, slower), (why, rows) in groups.items()
-        ]
+    def _slow(self, rows: Bools, why: str, share: float) -> None:
+        """Feed the tool at a share of the planned feed along some rows of the path."""
+        first = int(np.flatnonzero(rows)[0])
+        self.kept_until = min(self.kept_until, self.path.s[first] - SLOWING_S * self._feed_at(first))
+        self.share[rows] = np.minimum(self.share[rows], share)
+        self.mends.append(mend_of(SLOWED, why, share, self.path, rows))
 
-    def _leave_out(self, failure: Failure) -> None:
-        """Lift the tool over a place; raises as `_mend`."""
-        path, s, row = self.path, self.path.s, self._row(failure)
-        if failure.code in HOPELESS:
-            raise PlanError(f"played in the cell the plan fails at {self._where(row)}: {failure.why}.")
-        pad = self.scenario.pad.radius_m
-        earlier = [mend for mend in self.mends if mend.what == LEFT_OUT]
-        near = sum(
-            float(np.linalg.norm(mend.places - path.positions_work[row], axis=1).min()) < 2.0 * pad
-            for mend in earlier
-        )
-        half = math.inf if len(earlier) > MOST_MENDS else 0.5 * pad * 2.0**near
-        gone = self._stroke_of(row) & (np.abs(s - s[row]) <= half)
-        remaining = lift_over(path, gone, self.plan.plan, self.plan.ready.air)
+    def _leave_out(self, rows: Bools, why: str) -> Indices:
+        """Lift the tool over some rows of the path; the rows that are kept. Raises as `_mend`."""
+        path, first = self.path, int(np.flatnonzero(rows)[0])
+        remaining = lift_over(path, rows, self.plan.plan, self.plan.ready.air)
         if remaining is None:
             raise PlanError(
                 "nothing of the path can be polished: played in the cell, every stroke fails, the last at "
-                f"{self._where(row)}: {failure.why}. Set a smaller --pad-diameter, a lower --contact-force "
-                "or another --region."
+                f"{self._where(first)}: {why}. Set a smaller --pad-diameter, a lower --contact-force or "
+                "another --region."
             )
-        lost, before = remaining.lost, SLOWING_S * self.share[row] * self.scenario.process.feed_m_s
-        self.mends.append(mend_of(LEFT_OUT, f"{PLAYED}{failure.why}", 0.0, path, lost))
-        self.kept_until = min(self.kept_until, s[lost].min() - before)
+        lost = remaining.lost
+        self.mends.append(mend_of(LEFT_OUT, f"{PLAYED}{why}", 0.0, path, lost))
+        self.kept_until = min(self.kept_until, path.s[lost].min() - SLOWING_S * self._feed_at(first))
         self._keep(remaining)
+        return remaining.source
 
     def _where(self, row: int) -> str:
         return f"{place_in_mm(self.path.positions_work[row])} of the part"

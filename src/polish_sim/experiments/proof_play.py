@@ -7,14 +7,13 @@ band.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polish_sim.analysis.metrics import FORCE_BANDS_N
+from polish_sim.analysis.metrics import force_shares
 from polish_sim.cell import Cell, Observer
 from polish_sim.cell import guards as guard
 from polish_sim.cell.cell import CellSnapshot
@@ -65,9 +64,7 @@ class Play:
         PolishSimError: As of `cell_for`.
     """
 
-    def __init__(
-        self, usual: Checked, seed: int | None, task: SurfaceTask, may_be_slowed: Callable[[Failure], bool]
-    ) -> None:
+    def __init__(self, usual: Checked, seed: int | None, task: SurfaceTask) -> None:
         part, nominal = usual.part, seed is None
         if nominal:
             part = replace(
@@ -75,7 +72,7 @@ class Play:
             )
         process = replace(usual.process, changes="", learn="")
         seed = usual.seed if seed is None else seed
-        self.usual, self.may_be_slowed = usual, may_be_slowed
+        self.usual = usual
         self.scenario = replace(usual, part=part, process=process, faults=FaultsConfig(), seed=seed)
         self.nominal, self.margin = nominal, MARGIN if nominal else DRAWN_MARGIN
         self.part = build_part(self.scenario, task.place)
@@ -126,8 +123,8 @@ class Play:
     def play_on(self, observer: Observer) -> list[Failure]:
         """Play on to the end, until it is not ``wanted`` any more, or to where the path has to be mended.
 
-        What a slower feed helps is looked for to the end of the stroke, all else ends it at once. States are
-        saved on the way to the first failure.
+        All of that is looked for to the end of the stroke or to a stop. States are saved on the way to the
+        first failure.
         """
         cell, saved = self.cell, self._saved
         total, dt = cycle_time(cell.strokes), cell.kernel.engine.dt
@@ -142,7 +139,7 @@ class Play:
             self._keep_shares()
             if failure is not None:
                 found.append(failure)
-                if not self.may_be_slowed(failure):
+                if status.stop != NO_STOP:
                     break
                 stroke = cell.stroke_number
             elif not found and (t >= next_save or status.arrived):
@@ -154,26 +151,25 @@ class Play:
     def _failure(self, steps: NDArray[np.void]) -> Failure | None:
         """What went wrong in the steps just played, if anything: the exact force left its band, a guard came
         nearer to its limit than the margin allows, or one tripped."""
-        cell, limit, s = self.cell, FORCE_BANDS_N["surface"], steps["path_s_m"]
-        status, path = cell.state.status, self.task.plan.path
-        wanted = path.force_at(s, self.scenario.process.contact_force_n)
+        cell, s, force = self.cell, steps["path_s_m"], steps["normal_force_n"]
+        status, path, usual = cell.state.status, self.task.plan.path, self.scenario.process.contact_force_n
+        wanted = path.force_at(s, usual)
         # After landing the force is given the time a step response takes to settle.
-        unsettled = np.where(
-            steps["phase"] == PROCESS_PHASE, self._unsettled_until, steps["time_s"] + SETTLED_S
-        )
+        fed = steps["phase"] == PROCESS_PHASE
+        unsettled = np.where(fed, self._unsettled_until, steps["time_s"] + SETTLED_S)
         unsettled = np.maximum.accumulate(unsettled)
         self._unsettled_until = float(unsettled[-1])
-        error = np.where(steps["time_s"] > unsettled, np.abs(steps["normal_force_n"] - wanted), 0.0)
-        worst = int(error.argmax())
-        self._note(BAND, float(error[worst]) / limit, float(s[worst]))
+        used = force_shares(force, wanted, path.largest_force(usual), steps["time_s"] > unsettled)
+        worst = int(used.argmax())
+        self._note(BAND, float(used[worst]), float(s[worst]))
         stage, at = cell.state.sequence.stage, float(cell.state.target.s)
         if status.stop != NO_STOP:
             return Failure(self._reason(int(status.stop)), at, int(status.stop), stage < FEEDING)
-        beyond = np.flatnonzero(error > (1.0 - self.margin) * limit)
+        beyond = np.flatnonzero(used > 1.0 - self.margin)
         if len(beyond):
             k = beyond[0]
-            said = f"the force leaves its band: {steps['normal_force_n'][k]:.1f} N of {wanted[k]:.3g} N asked"
-            return Failure(said, float(s[k]), NO_STOP, False)
+            said = f"the force leaves its band: {force[k]:.1f} N of {wanted[k]:.3g} N asked"
+            return Failure(said, float(s[k]), NO_STOP, not fed[k])
         shares = guard_shares(cell.state.guards)
         for name, most in self._most().items():
             if shares[name].share > most:
