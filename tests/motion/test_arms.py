@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from polish_sim.arms import ARMS, FIRST
+from polish_sim.cell import Silent
 from polish_sim.cell.scene import build_scene, tool_on_flange
-from polish_sim.config import Scenario
+from polish_sim.config import Checked, Scenario
+from polish_sim.dual.task import prepare_dual
 from polish_sim.errors import InputError
 from polish_sim.experiments import (
     PAYLOAD_SCENARIO,
@@ -18,9 +20,15 @@ from polish_sim.experiments import (
     default_scenario,
     run_payload_calibration,
 )
+from polish_sim.experiments.arc import prepare_arc
+from polish_sim.experiments.assembly import Workplace, check, strokes_for
+from polish_sim.experiments.force import place_force
+from polish_sim.experiments.surface import prepare_surface
 from polish_sim.motion.kinematics import NOMINAL, forward, inverse_all, nearest_solution
 from polish_sim.motion.makes import use_arm, used_arm
 from polish_sim.scenario_file import load_scenario, override, to_toml
+from polish_sim.smoothing.smooth import prepare_smooth
+from polish_sim.spatial import apply
 
 RNG = np.random.default_rng(500)
 
@@ -98,14 +106,63 @@ def test_an_arm_after_another_in_one_process_gets_its_own_joints() -> None:
     for name in ("arc", "force"):
         starts = []
         for arm in ("ur5e", "ur10e", "ur5e"):
-            checked = check_experiment(override(default_scenario(name), [f"robot.arm={arm}"]))
-            path, reach, _ = checked
+            found = check_experiment(override(default_scenario(name), [f"robot.arm={arm}"]))
+            path, reach, _ = found
             tip = reach.T_base_work @ np.append(path.positions_work[0], 1.0)
             tool = forward(reach.q_start) @ tool_on_flange()
             assert np.linalg.norm(tool[:3, 3] - tip[:3]) < 0.012  # lifted, or pressed in
             starts.append(reach.q_start)
         assert np.abs(starts[0] - starts[1]).max() > 0.1
         np.testing.assert_array_equal(starts[0], starts[2])
+
+
+def checked(name: str, arm: str, *changes: str) -> Checked:
+    return check(override(default_scenario(name), [f"robot.arm={arm}", *changes]))
+
+
+def test_what_takes_a_checked_scenario_computes_with_its_arm_whatever_was_used_before() -> None:
+    """Places and circles are kept: the second call of each finds what the first one worked out."""
+
+    def on_surface(scenario: Checked) -> Workplace:
+        return prepare_surface(scenario).place
+
+    for prepare, name in ((prepare_arc, "arc"), (place_force, "force"), (on_surface, "surface")):
+        scenarios = [checked(name, arm, "plan.stepover_m=0.05") for arm in ("ur5e", "ur10e")]
+        for scenario in (*scenarios, *scenarios):
+            found = prepare(scenario)
+            assert used_arm() is ARMS[scenario.robot.arm]
+            tip = apply(found.reach.T_base_work, found.path.positions_work[:1])[0]
+            tool = forward(found.reach.q_start) @ tool_on_flange()
+            assert np.linalg.norm(tool[:3, 3] - tip) < 0.012  # lifted, or pressed in
+
+
+def test_strokes_keep_the_joints_of_their_scenarios_arm() -> None:
+    scenario = checked("force", "ur10e")
+    place = place_force(scenario)
+    use_arm("ur5e")
+    strokes_for(scenario, place)
+    assert used_arm() is ARMS["ur10e"]
+
+
+def test_a_path_is_smoothed_for_its_scenarios_arm() -> None:
+    scenario = checked("smooth", "ur10e")
+    use_arm("ur5e")
+    prepare_smooth(scenario)
+    assert used_arm() is ARMS["ur10e"]
+
+
+def test_two_robots_are_of_their_scenarios_make_from_the_first_stage_on() -> None:
+    scenario, arms = checked("dual", "ur10e"), []
+
+    class Watching(Silent):
+        def stage(self, name: str) -> None:
+            arms.append(used_arm())
+            raise StopIteration
+
+    use_arm("ur5e")
+    with pytest.raises(StopIteration):
+        prepare_dual(scenario, None, Watching())
+    assert arms == [ARMS["ur10e"]]
 
 
 def test_the_payload_of_another_make_is_found() -> None:

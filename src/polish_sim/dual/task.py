@@ -38,7 +38,7 @@ from polish_sim.experiments.even_removal import plan_removal
 from polish_sim.experiments.part_setup import PlacedTool, check_set_points, real_shape
 from polish_sim.experiments.placement import Reach, check_shaft, tool_rotations
 from polish_sim.geometry import PartMesh, Region, Surface, fit_surface
-from polish_sim.motion import forward
+from polish_sim.motion import forward, use_arm
 from polish_sim.motion.rules.limits import build_arm
 from polish_sim.planning import PlanResult
 from polish_sim.planning.part_plan import choose_region, load_mesh
@@ -87,6 +87,7 @@ def prepare_dual(scenario: Checked, plan: PlanResult | None = None, observer: Ob
     Raises PolishSimError if the part cannot be used or planned, a calibration does not fit, or an arm cannot
     follow.
     """
+    use_arm(scenario.robot.arm)
     observer.stage("plan the path")
     mesh, surface, region, path = _given_or_rim(scenario, plan)
     check_load(mesh, scenario.dual.density_kg_m3)

@@ -18,6 +18,7 @@ from polish_sim.experiments.placement import check_whole_path, find_reach, tool_
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult, common_figures
 from polish_sim.experiments.standing_still import free_cell
+from polish_sim.motion import use_arm
 from polish_sim.motion.trajectory import build_path_table
 from polish_sim.planning.toolpath import PROCESS, ToolPath, arc_length
 
@@ -48,6 +49,7 @@ def prepare_arc(scenario: Checked, observer: Observer = SILENT) -> CheckedPath:
     Raises:
         ReachError: If it cannot; names the first bad point.
     """
+    use_arm(scenario.robot.arm)
     return _circle(scenario.robot.arm)
 
 

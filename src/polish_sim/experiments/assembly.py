@@ -40,6 +40,7 @@ from polish_sim.experiments.registry import check_flange, experiment
 from polish_sim.experiments.stroke_motion import check_stroke_rule, within_noise
 from polish_sim.geometry.regions.region import check_part_words
 from polish_sim.models import part_path
+from polish_sim.motion import use_arm
 from polish_sim.scenario_file import FILE_KEYS
 
 if TYPE_CHECKING:
@@ -141,6 +142,13 @@ class Same:
 PLACES, PARTS = Memory(), Memory()
 
 
+def kept_place(scenario: Scenario, make: Callable[[], T], *made_for: Same) -> T:
+    """What `make` finds for the plan and the reach of a scenario, or found before; the process computes with
+    the scenario's arm from here on."""
+    use_arm(scenario.robot.arm)
+    return PLACES.get((place_key(scenario), *made_for), make)
+
+
 def place_key(scenario: Scenario) -> Hashable:
     """What plan and reach depend on, with the files' dates; approach and what a seed draws do not change
     them, the feed changes an even removal alone."""
@@ -202,6 +210,7 @@ def build_cell(scenario: Checked, place: Workplace, part: RealPart) -> Cell:
 def strokes_for(scenario: Checked, place: Workplace) -> list[Stroke]:
     """The strokes of a cell on the nominal part; the tool holds at the end of the last one, or it is
     lifted."""
+    use_arm(scenario.robot.arm)
     holds = experiment(scenario.experiment).holds
     hold, lift = (scenario.process.hold_s, 0.0) if holds else (0.0, scenario.plan.clearance_m)
     placed = placed_tool(place.path, place.reach)

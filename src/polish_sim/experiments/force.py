@@ -9,7 +9,7 @@ import numpy as np
 from polish_sim.analysis.metrics import measure_force
 from polish_sim.cell import SILENT, Cell, CellRun, Observer
 from polish_sim.config import Checked, Scenario
-from polish_sim.experiments.assembly import PLACES, Workplace, build_cell, build_part, place_key
+from polish_sim.experiments.assembly import Workplace, build_cell, build_part, kept_place
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.part_pose import reach_path
 from polish_sim.experiments.part_setup import real_shape
@@ -49,7 +49,7 @@ def place_force(scenario: Checked, observer: Observer = SILENT) -> Workplace:
     Raises:
         PolishSimError: If the part cannot be used or the point not reached.
     """
-    return PLACES.get(place_key(scenario), lambda: _place(scenario, observer))
+    return kept_place(scenario, lambda: _place(scenario, observer))
 
 
 def _place(scenario: Checked, observer: Observer) -> Workplace:

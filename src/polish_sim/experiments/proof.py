@@ -32,12 +32,11 @@ from polish_sim.config import Checked, FaultsConfig, PadConfig, PartConfig, Plan
 from polish_sim.control.signals import CompiledController
 from polish_sim.errors import PlanError, count_text, place_in_mm
 from polish_sim.experiments.assembly import (
-    PLACES,
     TOOL_IN_PART,
     Same,
     config_hash,
+    kept_place,
     modelled_depth,
-    place_key,
     proof_seeds,
 )
 from polish_sim.experiments.even_removal import even_out, plan_removal
@@ -531,7 +530,7 @@ class _Prover:
         plan = replace(plan, path=task.plan.path, mends=mends, proof=proof, figures=figures, notes=notes)
         final = SurfaceTask(plan, task.reach, task.shape)
         final.place.keep_fields_of(self.task.place)
-        PLACES.get((place_key(scenario), Same(plan)), lambda: final)
+        kept_place(scenario, lambda: final, Same(plan))
         return Proven(plan, scenario)
 
 

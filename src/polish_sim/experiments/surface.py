@@ -16,13 +16,12 @@ from polish_sim.cell.removal import PadMotion, Removed, expose_nodes, pad_motion
 from polish_sim.config import Checked
 from polish_sim.errors import PlanError
 from polish_sim.experiments.assembly import (
-    PLACES,
     TOOL_IN_PART,
     Same,
     Workplace,
     build_cell,
     build_part,
-    place_key,
+    kept_place,
 )
 from polish_sim.experiments.compensation import arm_file
 from polish_sim.experiments.even_removal import plan_removal
@@ -127,7 +126,7 @@ def prepare_surface(
     Raises:
         PolishSimError: If the part cannot be used, planned or reached.
     """
-    return PLACES.get((place_key(scenario), Same(plan)), lambda: _prepare(scenario, plan, observer))
+    return kept_place(scenario, lambda: _prepare(scenario, plan, observer), Same(plan))
 
 
 def _prepare(scenario: Checked, plan: PlanResult | None, observer: Observer) -> SurfaceTask:

@@ -27,7 +27,7 @@ from polish_sim.experiments.placement import Reach
 from polish_sim.experiments.registry import CheckedPath
 from polish_sim.experiments.result import RunResult
 from polish_sim.log import PROCESS_PHASE, Trace
-from polish_sim.motion import forward, track
+from polish_sim.motion import forward, track, use_arm
 from polish_sim.motion.kinematics import NOMINAL, inverse_near
 from polish_sim.motion.rules.chain import Chain, build_chain
 from polish_sim.motion.rules.limits import Arm, SmoothingLimits, build_arm, load_limits, six
@@ -105,6 +105,7 @@ class SmoothTask(NamedTuple):
 
 def prepare_smooth(scenario: Checked) -> SmoothTask:
     """Take the scenario's path, or that of the paper's trial, and lay it before the robot."""
+    use_arm(scenario.robot.arm)
     file = scenario.smoothing.limits_file
     limits = load_limits(Path(file), TRIAL_LIMITS) if file else TRIAL_LIMITS
     if scenario.plan.file:
